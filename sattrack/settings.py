@@ -1,0 +1,88 @@
+"""`sattrack.toml` to frozen settings; every error names file, line and key."""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+
+import msgspec
+
+from sattrack.errors import BadInputError
+
+
+class SiteSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where the mount stands: WGS 84 geodetic degrees, metres above the ellipsoid."""
+
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float = 0.0
+
+
+class MountSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Which mount to drive; `url` is what `--mount` takes."""
+
+    url: str | None = None
+
+
+class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """All that a settings file can say; absent means the built-in value."""
+
+    site: SiteSettings | None = None
+    elements: tuple[str, ...] = ()
+    mount: MountSettings = MountSettings()
+    min_altitude_deg: float = 10.0
+
+
+FILE_NAME = "sattrack.toml"
+
+
+def user_settings_file() -> Path:
+    """Return the path of the user's own settings file, whether or not it exists."""
+    base = os.environ.get("XDG_CONFIG_HOME")
+    return (Path(base) if base else Path.home() / ".config") / "sattrack" / FILE_NAME
+
+
+def find_settings_file(explicit: Path | None) -> Path | None:
+    """Return the file to read: the one named, else the current folder's, else the user's, else none."""
+    if explicit is not None:
+        return explicit
+    for candidate in (Path(FILE_NAME), user_settings_file()):
+        if candidate.is_file():
+            return candidate
+    return None
+
+
+def load_settings(explicit: Path | None = None) -> Settings:
+    """Read the settings in force.
+
+    Raises BadInputError, naming file, line and key, where the file is missing, is no TOML, or says
+    something that is no setting.
+    """
+    path = find_settings_file(explicit)
+    if path is None:
+        return Settings()
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInputError(f"{path}: cannot read the settings: {error}") from error
+    try:
+        settings = msgspec.toml.decode(text, type=Settings)
+    except msgspec.ValidationError as error:
+        raise BadInputError(f"{path}{_line_of(text, str(error))}: {error}") from error
+    except msgspec.DecodeError as error:
+        raise BadInputError(f"{path}: not a TOML file: {error}") from error
+    here = path.parent
+    elements = tuple(s if "://" in s else str(here / s) for s in settings.elements)
+    return msgspec.structs.replace(settings, elements=elements)
+
+
+def _line_of(text: str, message: str) -> str:
+    """Return ':LINE' of the key that a validation message speaks of, or '' where it cannot be found."""
+    keys = re.findall(r"`\$?\.?([A-Za-z_.0-9]+)`", message)
+    for key in reversed(keys):
+        name = key.split(".")[-1]
+        for number, line in enumerate(text.splitlines(), start=1):
+            if re.match(rf"\s*\[?{re.escape(name)}\b", line):
+                return f":{number}"
+    return ""

@@ -1,0 +1,1 @@
+"""Orbital elements in, topocentric directions and rates out."""
