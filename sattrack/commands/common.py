@@ -1,0 +1,101 @@
+"""The options of every command, and what they resolve to."""
+
+from __future__ import annotations
+
+import functools
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sattrack.clock import Clock, SimulatedClock, SystemClock, parse_clock
+from sattrack.errors import BadInputError
+from sattrack.settings import Settings, load_settings
+from tle.earth import Site
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from tle.elements import Elements
+
+
+@dataclass(frozen=True, slots=True)
+class CommandContext:
+    """What the common options and the settings file say, options first."""
+
+    settings: Settings
+    site_option: str | None
+    element_sources: tuple[str, ...]
+    clock_option: str | None
+    json: bool
+    debug: bool
+
+    def has_site(self) -> bool:
+        """Tell whether a site was given anywhere."""
+        return self.site_option is not None or self.settings.site is not None
+
+    def site(self) -> Site:
+        """Return the site; raises BadInputError where none is set or it is out of range."""
+        if self.site_option is not None:
+            return Site.parse(self.site_option)
+        if self.settings.site is not None:
+            site = self.settings.site
+            return Site(site.latitude_deg, site.longitude_deg, site.height_m)
+        raise BadInputError("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
+
+    def sources(self) -> tuple[str, ...]:
+        """Return the element sources: the options', else the settings file's."""
+        return self.element_sources or self.settings.elements
+
+    def elements(self) -> list[Elements]:
+        """Read all element sources, the newest epoch of an object winning; raises BadInputError or TleError."""
+        from tle.sources import read_elements
+
+        sources = self.sources()
+        if not sources:
+            raise BadInputError("no elements: give --elements FILE or set elements in sattrack.toml")
+        return read_elements(*sources)
+
+    def clock(self) -> Clock:
+        """Return the clock to run by, the simulated one started now."""
+        if self.clock_option is None:
+            return SystemClock()
+        start, speed = parse_clock(self.clock_option)
+        return SimulatedClock(float(start.unix_s), time.monotonic(), speed)
+
+    def now(self) -> Utc:
+        """Return the instant that is now by the clock in force."""
+        if self.clock_option is None:
+            return Utc.of(time.time())
+        return parse_clock(self.clock_option)[0]
+
+
+def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of every command; the function's first argument becomes a CommandContext."""
+
+    @click.option("--config", type=click.Path(path_type=Path), help="Settings file.")
+    @click.option("--site", "site_option", metavar="LAT,LON,HEIGHT", help="Degrees north, degrees east, metres.")
+    @click.option("--elements", "element_sources", multiple=True, metavar="SRC", help="File or folder of elements.")
+    @click.option("--clock", "clock_option", metavar="UTC[xSPEED]", help="Run as if it were that instant now.")
+    @click.option("--json", "as_json", is_flag=True, help="JSON on standard output, messages on standard error.")
+    @click.option("--debug", is_flag=True, help="Show tracebacks.")
+    @functools.wraps(function)
+    def wrapper(
+        *,
+        config: Path | None,
+        site_option: str | None,
+        element_sources: tuple[str, ...],
+        clock_option: str | None,
+        as_json: bool,
+        debug: bool,
+        **rest: Any,
+    ) -> Any:
+        context = CommandContext(
+            load_settings(config), site_option, element_sources, clock_option, as_json, debug
+        )
+        return function(context, **rest)
+
+    return wrapper

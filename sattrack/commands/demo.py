@@ -1,0 +1,71 @@
+"""`sattrack demo`: an embedded simulated mount follows a real pass over UDP on loopback."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import click
+
+from sattrack import practice
+from sattrack.commands.common import CommandContext, common_options
+from sattrack.commands.running import Progress, finish, streamer, tui_possible, with_tui
+from sattrack.errors import BadInputError
+from sattrack.runtime.channel import StdinInbox
+from sattrack.runtime.facts import choose_pass
+from sattrack.runtime.fly import fly_live
+from sattrack.runtime.live import StopRequest
+from sattrack.runtime.prepare import RunRequest, prepare
+from tle.elements import Elements
+from tle.instants import Utc
+from tle.site import Site
+
+STOPPING_TAKES_S = 0.7
+SHORTEST_S = 5.0
+
+
+@click.command("demo")
+@click.option("--headless", is_flag=True, help="No terminal UI.")
+@click.option("--seconds", type=float, metavar="N", help="End after so many real seconds in all.")
+@click.option("--record", type=click.Path(), help="Write every input and output to a new MCAP file.")
+@click.option("--stream", is_flag=True, help="Views as JSON lines on standard output, ten a second.")
+@click.option("--control", is_flag=True, help="Take messages as JSON lines on standard input; its end stops the mount.")
+@common_options
+def command(context: CommandContext, seconds: float | None, **options: Any) -> int:
+    """Follow a real pass of the ISS with an embedded simulated mount, over UDP on loopback."""
+    begun_s = time.monotonic() - time.process_time()
+    if seconds is not None and not SHORTEST_S <= seconds < float("inf"):
+        raise BadInputError(f"--seconds {seconds:g}: give {SHORTEST_S:g} or more")
+    if not (options["headless"] or context.json or options["stream"] or options["control"]) and tui_possible():
+        return with_tui()
+    request = demo_request(context.clock_option, options["record"])
+    deadline_s = float("inf") if seconds is None else begun_s + seconds - STOPPING_TAKES_S
+    stop = StopRequest()
+    progress = Progress(quiet_off_terminal=False)
+    show = streamer() if options["stream"] else progress.show
+    inbox = StdinInbox() if options["control"] else None
+    summary = fly_live(prepare(request), show, stop, inbox, deadline_s)
+    progress.end()
+    return finish(summary, stop.asked, context.json or options["stream"])
+
+
+def demo_request(clock_option: str | None, record: str | None) -> RunRequest:
+    """Return what the demonstration asks for; its clock starts shortly before the satellite is high enough."""
+    from pathlib import Path  # noqa: PLC0415
+
+    elements = Elements.from_tle(practice.LINE_1, practice.LINE_2, practice.NAME)
+    where = practice.SITE
+    site = Site(where.latitude_deg, where.longitude_deg, where.height_m)
+    if clock_option is None:
+        rise = choose_pass(elements, site, Utc.parse(practice.BEFORE_PASS), 10.0).rise
+        assert rise is not None
+        clock_option = rise.plus(-practice.LEAD_S).isoformat()
+    return RunRequest(
+        satellite=str(elements.catalog_number),
+        mount_url="sim",
+        elements=[elements],
+        site=site,
+        clock_option=clock_option,
+        min_alt_deg=10.0,
+        record=None if record is None else Path(record),
+    )

@@ -1,0 +1,80 @@
+"""`sattrack sim`: the simulated mount alone, on UDP."""
+
+from __future__ import annotations
+
+import signal
+from typing import TYPE_CHECKING, Any
+
+import click
+import msgspec
+
+from sattrack import practice
+from sattrack.clock import SimulatedClock
+from sattrack.commands.common import CommandContext, common_options
+from sattrack.errors import BadInputError
+from sattrack.mount import MountProfile
+from sattrack.xerxes.client import DEFAULT_PORT
+from sattrack.xerxes.simulator.faults import parse_faults
+from sattrack.xerxes.simulator.mount import SimulatedSite
+from sattrack.xerxes.simulator.process import ClockSetting, SimulatorConfig, TruthLine, make_server
+
+if TYPE_CHECKING:
+    from sattrack.xerxes.simulator.mount import Truth
+
+
+@click.command("sim")
+@click.option("--port", default=DEFAULT_PORT, show_default=True, help="UDP port for commands; 0 takes a free one.")
+@click.option("--peer", type=int, metavar="PORT", help="Port to send statuses to; default: where commands come from.")
+@click.option("--faults", metavar="FAULT", help="silent:SECONDS: no status from then on, commands still obeyed.")
+@common_options
+def command(context: CommandContext, port: int, peer: int | None, faults: str | None) -> int:
+    """Run the simulated mount alone, on UDP, until interrupted.
+
+    With --json, one line a status: where the axes really are, in the frame that the mount reports.
+    """
+    for number in (port, peer):
+        if number is not None and not 0 <= number <= 65535:
+            raise BadInputError(f"port {number}: ports run from 1 to 65535")
+    where = context.site() if context.has_site() else None
+    site = SimulatedSite(practice.SITE.latitude_deg, practice.SITE.longitude_deg, practice.SITE.height_m)
+    if where is not None:
+        site = SimulatedSite(where.latitude_deg, where.longitude_deg, where.height_m)
+    config = SimulatorConfig(
+        site=site,
+        profile=MountProfile(),
+        start=practice.START,
+        port=port,
+        peer_port=peer,
+        clock=_setting(context),
+        silent_after_s=parse_faults(faults).silent_after_s,
+    )
+    server = make_server(config)
+    ended: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda got, _: ended.append(got))
+    click.echo(f"simulated mount on 127.0.0.1:{server.port}; Ctrl-C ends it", err=True)
+    if context.json:
+        click.echo(msgspec.json.encode({"listening": server.port}).decode())
+    try:
+        server.run(lambda: not ended, _teller(context.json), [])
+    finally:
+        server.close()
+    return 130 if ended == [signal.SIGINT] else 0
+
+
+def _setting(context: CommandContext) -> ClockSetting | None:
+    clock = context.clock()
+    if not isinstance(clock, SimulatedClock):
+        return None
+    return ClockSetting(clock.start_utc_s, clock.anchor_s, clock.speed)
+
+
+def _teller(as_json: bool) -> Any:
+    if not as_json:
+        return lambda _: None
+    names = TruthLine.__struct_fields__
+
+    def tell(truth: Truth) -> None:
+        click.echo(msgspec.json.encode({name: getattr(truth, name) for name in names}).decode())
+
+    return tell

@@ -1,0 +1,66 @@
+"""`sattrack track`: follow the pass now in progress, else the next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sattrack.commands.common import CommandContext, common_options
+from sattrack.commands.running import Progress, finish, streamer, tui_possible, with_tui
+from sattrack.runtime.channel import StdinInbox
+from sattrack.runtime.facts import REFRACTION_MODES
+from sattrack.runtime.fly import fly_live, fly_virtual
+from sattrack.runtime.live import StopRequest
+from sattrack.runtime.prepare import RunRequest, prepare
+
+
+@click.command("track")
+@click.argument("satellite")
+@click.option("--mount", "mount_url", metavar="URL", help="sim, or xerxes://HOST:PORT?listen=PORT.")
+@click.option("--headless", is_flag=True, help="No terminal UI.")
+@click.option("--record", type=click.Path(path_type=Path), help="Write every input and output to a new MCAP file.")
+@click.option("--refraction", type=click.Choice(REFRACTION_MODES), default="auto", show_default=True)
+@click.option("--bias-along", default=0.0, metavar="S", help="Seconds; positive leads.")
+@click.option("--bias-cross", default=0.0, metavar="DEG", help="Degrees; positive to the left, seen from below.")
+@click.option("--min-alt", type=float, metavar="DEG", help="Follow above this altitude (10, or as set).")
+@click.option("--virtual", is_flag=True, help="With --mount sim: in virtual time, as fast as it goes.")
+@click.option("--stream", is_flag=True, help="Views as JSON lines on standard output, ten a second.")
+@click.option("--control", is_flag=True, help="Take messages as JSON lines on standard input; its end stops the mount.")
+@common_options
+def command(context: CommandContext, satellite: str, **options: Any) -> int:
+    """Follow the pass now in progress, else the next.
+
+    SATELLITE is a catalogue number, an international designator or a name.
+    """
+    request = RunRequest(
+        satellite=satellite,
+        mount_url=options["mount_url"] or context.settings.mount.url,
+        elements=context.elements() if context.sources() else None,
+        site=context.site() if context.has_site() else None,
+        clock_option=context.clock_option,
+        min_alt_deg=context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"],
+        refraction=options["refraction"],
+        bias_along_s=options["bias_along"],
+        bias_cross_deg=options["bias_cross"],
+        virtual=options["virtual"],
+        record=options["record"],
+    )
+    streams = options["stream"] or options["control"]
+    if not (options["headless"] or options["virtual"] or context.json or streams) and tui_possible():
+        prepare(request)
+        return with_tui()
+    prepared = prepare(request)
+    if prepared.practising:
+        click.echo("no elements or site set: practising with the built-in ISS pass over Leiden", err=True)
+    progress = Progress(quiet_off_terminal=True)
+    stop = StopRequest()
+    if request.virtual:
+        summary = fly_virtual(prepared, progress.show)
+    else:
+        show = streamer() if options["stream"] else progress.show
+        inbox = StdinInbox() if options["control"] else None
+        summary = fly_live(prepared, show, stop, inbox)
+    progress.end()
+    return finish(summary, stop.asked, context.json or options["stream"])

@@ -1,0 +1,126 @@
+"""When a status was sampled: the mount's own clock related to ours by its fastest arrivals.
+
+Every status carries the mount's sidereal time. Arrival minus that time is the clocks' offset plus a delay
+that is never negative, so the offset is the lower envelope of what is seen, and its slope is the drift.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+SIDEREAL_SECONDS_PER_SECOND = 1.00273790935
+BUCKET_S = 1.0
+BUCKETS = 60
+SHORTEST_DRIFT_BASE_S = 15.0
+LARGEST_DRIFT = 200e-6
+"""Quartz clocks are better than this; a larger slope is delays, not drift."""
+PLAUSIBLE_RATE_ERROR = 0.01
+LARGEST_GAP_S = 3600.0
+
+
+@dataclass(frozen=True, slots=True)
+class Envelope:
+    """Our clock minus the mount's: `offset_s` at `at_s` of the mount's seconds, changing by `drift`."""
+
+    at_s: float
+    offset_s: float
+    drift: float = 0.0
+
+    def offset_at(self, mount_s: float) -> float:
+        """Return the offset at a time of the mount's clock."""
+        return self.offset_s + self.drift * (mount_s - self.at_s)
+
+
+def lower_envelope(points: list[tuple[float, float]]) -> Envelope:
+    """Return the line under all points (time, offset) that lies nearest to them on average.
+
+    That line runs along the edge of the lower convex hull over the points' mean time. Needs one point or
+    more, in order of time. The slope is bounded by what clocks do, and is zero over too short a base.
+    """
+    base_s = points[-1][0] - points[0][0]
+    if base_s < SHORTEST_DRIFT_BASE_S:
+        at_s, offset_s = min(points, key=lambda p: p[1])
+        return Envelope(at_s, offset_s)
+    hull: list[tuple[float, float]] = []
+    for point in points:
+        while len(hull) >= 2 and _turns_down(hull[-2], hull[-1], point):
+            hull.pop()
+        hull.append(point)
+    middle_s = sum(p[0] for p in points) / len(points)
+    for left, right in zip(hull, hull[1:], strict=False):
+        if right[0] >= middle_s:
+            slope = (right[1] - left[1]) / (right[0] - left[0])
+            bounded = max(-LARGEST_DRIFT, min(LARGEST_DRIFT, slope))
+            return Envelope(left[0], left[1], bounded)
+    raise AssertionError("the hull spans the points' mean time")
+
+
+def _turns_down(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
+    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) <= 0.0
+
+
+@dataclass(slots=True)
+class MountClock:
+    """Dates samples in UTC, POSIX seconds, from the mount's sidereal time and our arrival instants.
+
+    `status_delay_s` is the shortest delay of a status, from the profile. Where the mount's clock makes no
+    sense (it stands still, or runs at another rate), samples are dated by arrival.
+    """
+
+    status_delay_s: float
+    trusted: bool = True
+    _first_h: float | None = None
+    _last_h: float = 0.0
+    _turns: int = 0
+    _first_arrival_s: float = 0.0
+    _buckets: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=BUCKETS))
+    _envelope: Envelope | None = None
+
+    def date(self, sidereal_h: float, arrival_utc_s: float) -> float:
+        """Return the UTC instant of a sample; call once a sample, in the order of arrival."""
+        mount_s = self._mount_seconds(sidereal_h, arrival_utc_s)
+        elapsed_s = arrival_utc_s - self._first_arrival_s
+        if elapsed_s > 1.0:
+            self.trusted = abs(mount_s - elapsed_s) < PLAUSIBLE_RATE_ERROR * elapsed_s + 0.2
+        if not self.trusted:
+            return arrival_utc_s - self.status_delay_s
+        self._take(mount_s, arrival_utc_s - self._first_arrival_s - mount_s)
+        assert self._envelope is not None
+        since_first = mount_s + self._envelope.offset_at(mount_s)
+        return self._first_arrival_s + since_first - self.status_delay_s
+
+    @property
+    def drift(self) -> float:
+        """Our clock's rate against the mount's, less one."""
+        return 0.0 if self._envelope is None else self._envelope.drift
+
+    def _mount_seconds(self, sidereal_h: float, arrival_utc_s: float) -> float:
+        if self._first_h is None:
+            self._restart(sidereal_h, arrival_utc_s)
+        change = sidereal_h - self._last_h
+        if change < -12.0:
+            self._turns += 1
+        elif change > 12.0:
+            self._turns -= 1
+        self._last_h = sidereal_h
+        assert self._first_h is not None
+        hours = self._turns * 24.0 + sidereal_h - self._first_h
+        return hours * 3600.0 / SIDEREAL_SECONDS_PER_SECOND
+
+    def _restart(self, sidereal_h: float, arrival_utc_s: float) -> None:
+        self._first_h = self._last_h = sidereal_h
+        self._turns = 0
+        self._first_arrival_s = arrival_utc_s
+        self._buckets.clear()
+        self._envelope = None
+
+    def _take(self, mount_s: float, offset_s: float) -> None:
+        newest = self._buckets[-1] if self._buckets else None
+        if newest is not None and mount_s // BUCKET_S == newest[0] // BUCKET_S:
+            if offset_s >= newest[1]:
+                return
+            self._buckets[-1] = (mount_s, offset_s)
+        else:
+            self._buckets.append((mount_s, offset_s))
+        self._envelope = lower_envelope(list(self._buckets))

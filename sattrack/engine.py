@@ -1,0 +1,209 @@
+"""Session, tracker and safety as one thing without I/O: datagrams, messages and instants in, datagrams out.
+
+Live, a 20 Hz loop feeds it; in a test, a simulated mount in virtual time; in a replay, a recording.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sattrack.figures import RunningError, WindowedError
+from sattrack.safety import Safety, SafetyLimits
+from sattrack.tracker import Message, Phase, SkyError, StopNow, Tracker, TrackPlan, sky_error
+from sattrack.view import ErrorView, LinkView, TrackView
+from sattrack.xerxes.session import LinkState, Session, SlewState
+
+if TYPE_CHECKING:
+    from sattrack.mount import MountProfile
+    from tle.bias import Bias
+    from tle.propagator import Propagator
+
+NO_ANSWER_AFTER_S = 3.0
+STOP_WITHIN_S = 3.0
+"""How long a stop may wait for the mount's acknowledgement and rest."""
+RATE_WINDOW = 100
+
+
+@dataclass(frozen=True, slots=True)
+class RunSpec:
+    """What is followed, when, with what: everything that a replay needs besides the inputs."""
+
+    propagator: Propagator
+    """Gives the direction to feed to a mount that applies no refraction itself."""
+    if_mount_refracts: Propagator
+    """Gives the direction to feed to a mount that does."""
+    culminate_utc_s: float
+    max_alt_deg: float
+    plan: TrackPlan
+    profile: MountProfile
+    limits: SafetyLimits
+    bias: Bias
+    mount_name: str
+    started_utc_s: float
+    recording: str | None = None
+
+
+class Engine:
+    """One run with one mount, from the first datagram to the mount seen at rest."""
+
+    def __init__(self, spec: RunSpec) -> None:
+        self.spec = spec
+        self.session = Session(spec.profile)
+        self.tracker = Tracker(spec.propagator, spec.plan, spec.profile, spec.bias)
+        self.safety = Safety(spec.profile, spec.limits, spec.propagator.site.latitude_deg)
+        self.reported = RunningError()
+        self.on_target_s = 0.0
+        self.message: str | None = None
+        self.finished = False
+        self._recent = WindowedError()
+        self._arrivals: deque[float] = deque(maxlen=RATE_WINDOW)
+        self._stop_asked_s: float | None = None
+        self._counted: set[int] = set()
+
+    def receive(self, data: bytes, arrival_utc_s: float) -> None:
+        """Take one datagram from the mount."""
+        first = self.session.sample is None
+        sample = self.session.receive(data, arrival_utc_s)
+        if sample is None:
+            return
+        if first and sample.does_refraction:
+            self.tracker.use(self.spec.if_mount_refracts)
+        self._arrivals.append(arrival_utc_s)
+        error = self.tracker.take(sample)
+        if self.tracker.phase is not Phase.TRACKING:
+            self._recent.clear()
+            return
+        self._counted.add(sample.counter)
+        self.reported.add(error.total_arcsec)
+        self._recent.add(error.utc_s, error.total_arcsec)
+        if error.total_arcsec <= self.spec.plan.on_target_arcsec:
+            self.on_target_s += self.spec.profile.period_s
+
+    def operate(self, message: Message, now_utc_s: float) -> None:
+        """Obey the operator."""
+        self.tracker.operate(message, now_utc_s)
+
+    def tick(self, now_utc_s: float) -> bytes:
+        """Return the datagram to send now; call once a period."""
+        self._watch_link(now_utc_s)
+        motion = self.tracker.step(now_utc_s, self.session.slew_state is SlewState.DONE)
+        sample = self.session.sample
+        if sample is not None:
+            cleared = self.safety.clear(motion, sample.sidereal_h * 15.0, sample.ra_deg, sample.dec_deg)
+            self.session.apply(cleared)
+            self.tracker.note_sent(cleared.motion, now_utc_s)
+            if self.safety.tripped is not None and self.tracker.ended_by is None:
+                self._give_up(f"limit:{self.safety.tripped}", self._limit_words(), now_utc_s)
+        elif self.tracker.phase is Phase.STOPPING:
+            self.session.apply(self.safety.clear(motion, 0.0, 0.0, 0.0))
+        self._watch_stop(now_utc_s)
+        return self.session.compose()
+
+    @property
+    def link_state(self) -> LinkState:
+        """State of the link at the last tick."""
+        return self._link_state
+
+    _link_state = LinkState.SILENT
+
+    def _watch_link(self, now_utc_s: float) -> None:
+        self._link_state = state = self.session.link_state(now_utc_s)
+        if self.tracker.ended_by is not None:
+            return
+        if state is LinkState.LOST:
+            self._give_up("link", f"{self.spec.mount_name} fell silent; stop commands were sent", now_utc_s)
+        elif state is LinkState.SILENT and now_utc_s - self.spec.started_utc_s > NO_ANSWER_AFTER_S:
+            words = f"no status from {self.spec.mount_name} within {NO_ANSWER_AFTER_S:g} s; is it on, and set to send here?"
+            self._give_up("link", words, now_utc_s)
+
+    def _watch_stop(self, now_utc_s: float) -> None:
+        if self.tracker.phase is not Phase.STOPPING or self.finished:
+            return
+        if self._stop_asked_s is None:
+            self._stop_asked_s = now_utc_s
+        waited_s = now_utc_s - self._stop_asked_s
+        never_heard = self.session.sample is None and waited_s > 4 * self.spec.profile.period_s
+        self.finished = self.session.stopped or never_heard or waited_s > STOP_WITHIN_S
+
+    def _give_up(self, why: str, words: str, now_utc_s: float) -> None:
+        self.message = words
+        self.tracker.operate(StopNow(why), now_utc_s)
+
+    def _limit_words(self) -> str:
+        return f"safety stopped the mount: {self.safety.tripped} limit"
+
+    def true_error(self, counter: int, utc_s: float, ra_deg: float, dec_deg: float) -> SkyError | None:
+        """Return the error of a simulated mount's true axes; None outside the time that figures count."""
+        if counter not in self._counted:
+            return None
+        return sky_error(utc_s, ra_deg, dec_deg, self.tracker.direction_at(utc_s))
+
+    def view(self, now_utc_s: float) -> TrackView:
+        """Return what anyone who looks may see, as of an instant."""
+        spec, tracker, sample = self.spec, self.tracker, self.session.sample
+        target = tracker.direction_at(now_utc_s)
+        health = self.session.health
+        error = tracker.error
+        age_s = None if sample is None else max(0.0, now_utc_s - sample.arrival_utc_s)
+        return TrackView(
+            utc_s=now_utc_s,
+            phase=tracker.phase.value,
+            name=spec.propagator.elements.name or str(spec.propagator.elements.catalog_number),
+            catalog_number=spec.propagator.elements.catalog_number,
+            mount=spec.mount_name,
+            start_utc_s=spec.plan.start_utc_s,
+            culminate_utc_s=spec.culminate_utc_s,
+            end_utc_s=spec.plan.end_utc_s,
+            max_alt_deg=spec.max_alt_deg,
+            elements_age_s=now_utc_s - float(spec.propagator.elements.epoch.unix_s),
+            target_ra_deg=float(target.ra_deg),
+            target_dec_deg=float(target.dec_deg),
+            target_alt_deg=float(target.alt_deg),
+            target_az_deg=float(target.az_deg),
+            range_km=float(target.range_km),
+            mount_ra_deg=None if sample is None else sample.ra_deg,
+            mount_dec_deg=None if sample is None else sample.dec_deg,
+            error=None if error is None else ErrorView(*error),
+            rms_10s_arcsec=self._recent.rms_arcsec,
+            rms_pass_arcsec=self.reported.rms_arcsec,
+            ra_rate_deg_s=tracker.rates.ra_rate_deg_s,
+            dec_rate_deg_s=tracker.rates.dec_rate_deg_s,
+            max_ra_rate_deg_s=spec.profile.ra.max_rate_deg_s,
+            max_dec_rate_deg_s=spec.profile.dec.max_rate_deg_s,
+            bias_along_s=tracker.along.value(now_utc_s),
+            bias_cross_deg=tracker.cross.value(now_utc_s),
+            bias_along_goal_s=tracker.along.goal,
+            bias_cross_goal_deg=tracker.cross.goal,
+            link=LinkView(
+                state=self._link_state.value,
+                age_s=age_s,
+                sent=health.sent,
+                received=health.received,
+                lost=health.lost,
+                late=health.late,
+                duplicate=health.duplicate,
+                rejected=health.rejected,
+                rate_hz=self._status_rate_hz(),
+            ),
+            recording=spec.recording,
+            ended_by=tracker.ended_by,
+            warnings=self._warnings(),
+        )
+
+    def _status_rate_hz(self) -> float | None:
+        if len(self._arrivals) < 2 or self._arrivals[-1] == self._arrivals[0]:
+            return None
+        return (len(self._arrivals) - 1) / (self._arrivals[-1] - self._arrivals[0])
+
+    def _warnings(self) -> tuple[str, ...]:
+        warnings = []
+        if self._link_state is LinkState.STALE:
+            warnings.append("no fresh status from the mount: following by prediction")
+        if self.safety.clamped and self.tracker.phase is Phase.TRACKING and self.tracker.error is not None:
+            if self.tracker.error.total_arcsec > self.spec.plan.on_target_arcsec:
+                warnings.append("the mount's rate limit is reached")
+        if self.message:
+            warnings.append(self.message)
+        return tuple(warnings)

@@ -1,0 +1,39 @@
+"""The recording's layout: an MCAP file with one channel for each kind of input and output.
+
+Instants are UTC. MCAP counts them in integer nanoseconds of POSIX time, which is finer than the floats that
+the run computes with, so every instant comes back as the same float.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+FORMAT_VERSION = 1
+PROFILE = "sattrack"
+
+RUN = "run"
+STATUS = "status"
+COMMAND = "command"
+OPERATOR = "operator"
+VIEW = "view"
+CHANNELS = {RUN: "json", STATUS: "xerxes-status", COMMAND: "xerxes-command", OPERATOR: "json", VIEW: "json"}
+
+
+class RunHeader(msgspec.Struct, frozen=True):
+    """The first message: everything that makes the run besides its inputs."""
+
+    format_version: int
+    program_version: str
+    spec: msgspec.Raw
+    """The run's own facts, see `sattrack.runtime.plan.RunFacts`."""
+
+
+def to_ns(utc_s: float) -> int:
+    """Return an instant as integer nanoseconds, exact to one."""
+    whole = int(utc_s // 1.0)
+    return whole * 1_000_000_000 + round((utc_s - whole) * 1e9)
+
+
+def from_ns(ns: int) -> float:
+    """Return the float that `to_ns` was given."""
+    return ns / 1_000_000_000

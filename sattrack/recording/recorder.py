@@ -1,0 +1,194 @@
+"""Writing a recording: directly in virtual time, from a thread of its own where a loop must not wait."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import msgspec
+from mcap.writer import CompressionType, Writer
+
+from sattrack import __version__
+from sattrack.errors import BadInputError, SattrackError
+from sattrack.recording.format import (
+    CHANNELS,
+    COMMAND,
+    FORMAT_VERSION,
+    OPERATOR,
+    PROFILE,
+    RUN,
+    STATUS,
+    VIEW,
+    RunHeader,
+    to_ns,
+)
+
+if TYPE_CHECKING:
+    from io import RawIOBase
+
+    from sattrack.tracker import Message
+    from sattrack.view import TrackView
+
+CHUNK_BYTES = 8192
+"""A chunk is written when it holds this much: under a second of a run, so a killed process loses no more."""
+QUEUED_MOST = 20_000
+_JSON_SCHEMA = b'{"type":"object"}'
+
+
+class Sink(Protocol):
+    """What a loop tells of its inputs and outputs."""
+
+    @property
+    def wanted(self) -> bool:
+        """Whether anything is kept of what is told."""
+
+    def status(self, utc_s: float, data: bytes) -> None:
+        """Take a datagram from the mount, with its arrival."""
+
+    def command(self, utc_s: float, data: bytes) -> None:
+        """Take the datagram of a tick, with the tick's instant."""
+
+    def operator(self, utc_s: float, message: Message) -> None:
+        """Take the operator's word."""
+
+    def view(self, utc_s: float, view: TrackView) -> None:
+        """Take a state as it was shown."""
+
+
+class NoRecording:
+    """A sink that keeps nothing."""
+
+    wanted = False
+
+    def status(self, utc_s: float, data: bytes) -> None:
+        """See Sink."""
+
+    def command(self, utc_s: float, data: bytes) -> None:
+        """See Sink."""
+
+    def operator(self, utc_s: float, message: Message) -> None:
+        """See Sink."""
+
+    def view(self, utc_s: float, view: TrackView) -> None:
+        """See Sink."""
+
+
+def create(path: Path) -> RawIOBase:
+    """Open a new file for a recording; raises BadInputError where there is one already or it cannot be."""
+    try:
+        return path.open("xb", buffering=0)
+    except FileExistsError as error:
+        raise BadInputError(f"--record {path}: exists already; give another name") from error
+    except OSError as error:
+        raise BadInputError(f"--record {path}: cannot be written: {error.strerror}") from error
+
+
+class Recorder:
+    """A sink that writes an MCAP file as it is told."""
+
+    wanted = True
+
+    def __init__(self, stream: RawIOBase, spec: msgspec.Raw) -> None:
+        self._stream = stream
+        self._writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer.start(profile=PROFILE, library=f"sattrack {__version__}")
+        schema = self._writer.register_schema("json", "jsonschema", _JSON_SCHEMA)
+        self._channels = {
+            topic: self._writer.register_channel(topic, encoding, schema if encoding == "json" else 0)
+            for topic, encoding in CHANNELS.items()
+        }
+        self._sequence = 0
+        self._encoder = msgspec.json.Encoder()
+        header = RunHeader(FORMAT_VERSION, __version__, spec)
+        self.write(RUN, 0.0, self._encoder.encode(header))
+
+    def status(self, utc_s: float, data: bytes) -> None:
+        """See Sink."""
+        self.write(STATUS, utc_s, data)
+
+    def command(self, utc_s: float, data: bytes) -> None:
+        """See Sink."""
+        self.write(COMMAND, utc_s, data)
+
+    def operator(self, utc_s: float, message: Message) -> None:
+        """See Sink."""
+        self.write(OPERATOR, utc_s, self._encoder.encode(message))
+
+    def view(self, utc_s: float, view: TrackView) -> None:
+        """See Sink."""
+        self.write(VIEW, utc_s, self._encoder.encode(view))
+
+    def write(self, topic: str, utc_s: float, data: bytes) -> None:
+        """Append one message; raises OSError where the disk refuses."""
+        self._sequence += 1
+        at = to_ns(utc_s)
+        self._writer.add_message(self._channels[topic], at, data, at, self._sequence)
+
+    def close(self) -> None:
+        """Finish the file."""
+        try:
+            self._writer.finish()
+            self._stream.close()
+        except OSError as error:
+            raise SattrackError(f"the recording could not be finished: {error}") from error
+
+
+class BackgroundRecorder:
+    """A recorder behind a queue and a thread, so that a slow disk never holds the loop.
+
+    `trouble` says what went wrong, if anything did; the run goes on without its recording then.
+    """
+
+    wanted = True
+
+    def __init__(self, recorder: Recorder) -> None:
+        self._recorder = recorder
+        self._queue: queue.Queue[tuple[str, float, bytes | Message | TrackView] | None]
+        self._queue = queue.Queue(maxsize=QUEUED_MOST)
+        self.trouble: str | None = None
+        self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
+        self._thread.start()
+
+    def status(self, utc_s: float, data: bytes) -> None:
+        """See Sink."""
+        self._put((STATUS, utc_s, data))
+
+    def command(self, utc_s: float, data: bytes) -> None:
+        """See Sink."""
+        self._put((COMMAND, utc_s, data))
+
+    def operator(self, utc_s: float, message: Message) -> None:
+        """See Sink."""
+        self._put((OPERATOR, utc_s, message))
+
+    def view(self, utc_s: float, view: TrackView) -> None:
+        """See Sink."""
+        self._put((VIEW, utc_s, view))
+
+    def close(self) -> None:
+        """Write what is queued and finish the file."""
+        self._queue.put(None)
+        self._thread.join()
+        if self.trouble is None:
+            self._recorder.close()
+
+    def _put(self, item: tuple[str, float, bytes | Message | TrackView]) -> None:
+        if self.trouble is not None:
+            return
+        try:
+            self._queue.put_nowait(item)
+        except queue.Full:
+            self.trouble = "the disk is too slow; the recording ends here"
+
+    def _work(self) -> None:
+        encoder = msgspec.json.Encoder()
+        while (item := self._queue.get()) is not None:
+            if self.trouble is not None:
+                continue
+            topic, utc_s, what = item
+            try:
+                self._recorder.write(topic, utc_s, what if isinstance(what, bytes) else encoder.encode(what))
+            except OSError as error:
+                self.trouble = f"the recording cannot be written: {error}; it ends here"

@@ -1,0 +1,111 @@
+"""The facts of a run as plain data: what a recording keeps, and what an engine is built from."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
+
+from sattrack.engine import Engine, RunSpec
+from sattrack.errors import SattrackError
+from sattrack.mount import MountProfile
+from sattrack.safety import SafetyLimits
+from sattrack.settings import SiteSettings
+from sattrack.tracker import TrackPlan
+from tle.bias import Bias
+from tle.elements import Elements
+from tle.instants import Utc
+from tle.passes import Pass, find_passes
+from tle.propagator import Propagator
+from tle.refraction import Refraction
+from tle.site import Site
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+SEARCH_HOURS = 48.0
+REFRACTION_MODES = ("auto", "on", "off")
+
+
+class RunFacts(msgspec.Struct, frozen=True):
+    """Everything that makes a run besides its inputs; UTC as POSIX seconds."""
+
+    elements: Elements
+    site: SiteSettings
+    refraction: Literal["auto", "on", "off"]
+    pressure_hpa: float
+    temperature_c: float
+    plan: TrackPlan
+    culminate_utc_s: float
+    max_alt_deg: float
+    profile: MountProfile
+    limits: SafetyLimits
+    bias_along_s: float
+    bias_cross_deg: float
+    mount_name: str
+    started_utc_s: float
+    recording: str | None = None
+
+
+def encode_facts(facts: RunFacts) -> bytes:
+    """Return the facts as JSON; floats come back as they were."""
+    return msgspec.json.encode(facts, enc_hook=_encode_utc)
+
+
+def decode_facts(data: bytes | msgspec.Raw) -> RunFacts:
+    """Return the facts that JSON holds; raises msgspec.ValidationError."""
+    return msgspec.json.decode(data, type=RunFacts, dec_hook=_decode_utc)
+
+
+def build_engine(facts: RunFacts) -> Engine:
+    """Return a new engine for a run."""
+    site = Site(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
+    air = Refraction(facts.pressure_hpa, facts.temperature_c)
+    bent = Propagator(facts.elements, site, refraction=air)
+    airless = Propagator(facts.elements, site)
+    spec = RunSpec(
+        propagator=airless if facts.refraction == "off" else bent,
+        if_mount_refracts=bent if facts.refraction == "on" else airless,
+        culminate_utc_s=facts.culminate_utc_s,
+        max_alt_deg=facts.max_alt_deg,
+        plan=facts.plan,
+        profile=facts.profile,
+        limits=facts.limits,
+        bias=Bias(facts.bias_along_s, facts.bias_cross_deg),
+        mount_name=facts.mount_name,
+        started_utc_s=facts.started_utc_s,
+        recording=facts.recording,
+    )
+    return Engine(spec)
+
+
+def choose_pass(elements: Elements, site: Site, now: Utc, min_alt_deg: float) -> Pass:
+    """Return the pass in progress, else the next; raises SattrackError where there is none in two days."""
+    passes: Sequence[Pass] = find_passes(Propagator(elements, site), now, SEARCH_HOURS, min_alt_deg)
+    if not passes:
+        raise SattrackError(
+            f"{elements.label} does not rise above {min_alt_deg:g}° at this site within {SEARCH_HOURS:g} hours "
+            f"of {now.isoformat('seconds')}; try a lower --min-alt, or another satellite"
+        )
+    return passes[0]
+
+
+def plan_for(satellite_pass: Pass, now: Utc) -> TrackPlan:
+    """Return when to follow a pass: from its rise, or now where it is up already, to its set."""
+    rise = now if satellite_pass.rise is None else satellite_pass.rise
+    end_s = float(now.unix_s) + SEARCH_HOURS * 3600.0
+    if satellite_pass.set is not None:
+        end_s = float(satellite_pass.set.unix_s)
+    return TrackPlan(start_utc_s=max(float(rise.unix_s), float(now.unix_s)), end_utc_s=end_s)
+
+
+def _encode_utc(value: Any) -> Any:
+    if isinstance(value, Utc):
+        return float(value.unix_s)
+    raise NotImplementedError(type(value))
+
+
+def _decode_utc(kind: type, value: Any) -> Any:
+    if kind is Utc:
+        return Utc(float(value))
+    raise NotImplementedError(kind)

@@ -1,0 +1,119 @@
+"""Fly a prepared run, in real or in virtual time, from its first datagram to the mount at rest."""
+
+from __future__ import annotations
+
+import signal
+from contextlib import ExitStack, contextmanager
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from sattrack import practice
+from sattrack.clock import SimulatedClock
+from sattrack.recording.recorder import BackgroundRecorder, NoRecording, Recorder, Sink, create
+from sattrack.runtime.embedded import EmbeddedMount, start_embedded
+from sattrack.runtime.facts import build_engine, encode_facts
+from sattrack.runtime.live import LiveLoop, StopRequest
+from sattrack.runtime.outcome import summarise
+from sattrack.runtime.virtual import VirtualRun
+from sattrack.xerxes.client import Address, UdpLink
+from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite
+from sattrack.xerxes.simulator.process import ClockSetting, SimulatorConfig
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from sattrack.clock import Clock
+    from sattrack.runtime.facts import RunFacts
+    from sattrack.runtime.live import Inbox
+    from sattrack.runtime.prepare import Prepared
+    from sattrack.tracker import Message
+    from sattrack.view import Summary, TrackView
+
+STOPPING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def fly_virtual(
+    prepared: Prepared,
+    progress: Callable[[TrackView], None] | None = None,
+    messages: tuple[tuple[float, Message], ...] = (),
+) -> Summary:
+    """Run in virtual time with a simulated mount, as fast as it goes."""
+    facts = prepared.facts
+    with ExitStack() as stack:
+        sink = stack.enter_context(_recording(facts, background=False))
+        mount = SimulatedMount(facts.profile, _simulated_site(facts), practice.START)
+        run = VirtualRun(build_engine(facts), mount, facts.started_utc_s, sink, messages, progress)
+        ended_utc_s = run.run()
+    return summarise(run.engine, run.ledger, ended_utc_s)
+
+
+def fly_live(
+    prepared: Prepared,
+    show: Callable[[TrackView], None],
+    stop: StopRequest,
+    inbox: Inbox | None = None,
+    deadline_s: float = float("inf"),
+) -> Summary:
+    """Run in real time, over UDP; the simulated mount is started beside it where there is no other.
+
+    Raises SattrackError where a port or the simulated mount is not to be had.
+    """
+    facts = prepared.facts
+    with ExitStack() as stack:
+        sink = stack.enter_context(_recording(facts, background=True))
+        simulated: EmbeddedMount | None = None
+        address = prepared.address
+        if address is None:
+            simulated = start_embedded(_simulator_config(facts, prepared.clock))
+            stack.callback(simulated.close)
+            address = Address("127.0.0.1", simulated.port, 0)
+        link = UdpLink(address)
+        stack.callback(link.close)
+        loop = LiveLoop(
+            build_engine(facts), link, prepared.clock, sink, show, stop, simulated, inbox, deadline_s
+        )
+        stack.enter_context(_signals(stop))
+        ended_utc_s = loop.run()
+    summary = summarise(loop.engine, loop.ledger, ended_utc_s)
+    trouble = sink.trouble if isinstance(sink, BackgroundRecorder) else None
+    if trouble is not None:
+        summary = msgspec.structs.replace(summary, message=summary.message or trouble)
+    return summary
+
+
+def _simulated_site(facts: RunFacts) -> SimulatedSite:
+    return SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
+
+
+def _simulator_config(facts: RunFacts, clock: Clock) -> SimulatorConfig:
+    setting = None
+    if isinstance(clock, SimulatedClock):
+        setting = ClockSetting(clock.start_utc_s, clock.anchor_s, clock.speed)
+    return SimulatorConfig(_simulated_site(facts), facts.profile, practice.START, clock=setting)
+
+
+@contextmanager
+def _recording(facts: RunFacts, background: bool) -> Iterator[Sink]:
+    if facts.recording is None:
+        yield NoRecording()
+        return
+    from pathlib import Path  # noqa: PLC0415 - only where something is recorded
+
+    recorder = Recorder(create(Path(facts.recording)), msgspec.Raw(encode_facts(facts)))
+    sink: Recorder | BackgroundRecorder = BackgroundRecorder(recorder) if background else recorder
+    try:
+        yield sink
+    finally:
+        sink.close()
+
+
+@contextmanager
+def _signals(stop: StopRequest) -> Iterator[None]:
+    """Turn the signals that end programs into a stop of the mount first."""
+    before = {number: signal.signal(number, lambda *_: stop.ask()) for number in STOPPING_SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

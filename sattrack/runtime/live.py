@@ -1,0 +1,144 @@
+"""The loop that feeds a mount in real time: one thread, one `select`, absolute deadlines."""
+
+from __future__ import annotations
+
+import gc
+import select
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Protocol
+
+from sattrack.runtime.outcome import Ledger
+from sattrack.tracker import Message, StopNow
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from sattrack.clock import Clock
+    from sattrack.engine import Engine
+    from sattrack.recording.recorder import Sink
+    from sattrack.runtime.embedded import EmbeddedMount
+    from sattrack.view import TrackView
+    from sattrack.xerxes.client import UdpLink
+
+VIEW_EVERY_TICKS = 2
+RECORD_VIEW_EVERY_TICKS = 10
+LATE_ENOUGH_TO_SKIP_S = 0.5
+
+
+class Inbox(Protocol):
+    """Where the operator's messages come from."""
+
+    def fileno(self) -> int:
+        """Give the descriptor to wait on."""
+
+    def messages(self) -> Sequence[Message]:
+        """Return what has come, without waiting."""
+
+
+@dataclass(slots=True)
+class StopRequest:
+    """Set from a signal handler or another thread: the run is to stop the mount and end."""
+
+    asked: bool = False
+
+    def ask(self) -> None:
+        """Ask for the stop."""
+        self.asked = True
+
+
+@dataclass(slots=True)
+class LiveLoop:
+    """Feeds one engine from one socket until the mount is seen at rest.
+
+    `deadline_s` (monotonic) ends the run like an operator's stop; `show` gets views and must not block.
+    """
+
+    engine: Engine
+    link: UdpLink
+    clock: Clock
+    sink: Sink
+    show: Callable[[TrackView], None]
+    stop: StopRequest
+    simulated: EmbeddedMount | None = None
+    inbox: Inbox | None = None
+    deadline_s: float = float("inf")
+    ledger: Ledger = field(default_factory=Ledger)
+
+    def run(self) -> float:
+        """Run to the end; return the UTC instant of the end, POSIX seconds."""
+        with _quiet_memory():
+            period_s = self.engine.spec.profile.period_s / self.clock.speed
+            due_s = time.monotonic()
+            ticks = 0
+            while not self.engine.finished:
+                self._wait_until(due_s)
+                self._obey()
+                self._tick(ticks)
+                ticks += 1
+                due_s += period_s
+                if time.monotonic() - due_s > LATE_ENOUGH_TO_SKIP_S:
+                    due_s = time.monotonic()
+        self.ledger.strangers = self.link.strangers
+        self._gather_truth()
+        return self.clock.utc_s(time.monotonic())
+
+    def _wait_until(self, due_s: float) -> None:
+        """Wait for the deadline, taking datagrams as they come."""
+        while True:
+            left_s = due_s - time.monotonic()
+            readable, _, _ = select.select([self.link], [], [], max(0.0, left_s))
+            if readable:
+                self._take_datagrams()
+            if due_s - time.monotonic() <= 0.0:
+                return
+
+    def _take_datagrams(self) -> None:
+        for arrival in self.link.receive():
+            arrived_utc_s = self.clock.utc_s(arrival.monotonic_s)
+            self.sink.status(arrived_utc_s, arrival.data)
+            self.engine.receive(arrival.data, arrived_utc_s)
+
+    def _obey(self) -> None:
+        messages: list[Message] = list(self.inbox.messages()) if self.inbox is not None else []
+        if (self.stop.asked or time.monotonic() >= self.deadline_s) and self.engine.tracker.ended_by is None:
+            messages.append(StopNow())
+        now_utc_s = self.clock.utc_s(time.monotonic())
+        for message in messages:
+            self.sink.operator(now_utc_s, message)
+            self.engine.operate(message, now_utc_s)
+
+    def _tick(self, ticks: int) -> None:
+        now_s = time.monotonic()
+        now_utc_s = self.clock.utc_s(now_s)
+        datagram = self.engine.tick(now_utc_s)
+        self.link.send(datagram)
+        self.ledger.note_sent(now_s * self.clock.speed)
+        self.sink.command(now_utc_s, datagram)
+        if ticks % VIEW_EVERY_TICKS == 0:
+            view = self.engine.view(now_utc_s)
+            self.show(view)
+            if ticks % RECORD_VIEW_EVERY_TICKS == 0:
+                self.sink.view(now_utc_s, view)
+        self._gather_truth()
+
+    def _gather_truth(self) -> None:
+        if self.simulated is None:
+            return
+        for truth in self.simulated.truths():
+            self.ledger.note_truth(self.engine, truth.counter, truth.utc_s, truth.ra_deg, truth.dec_deg)
+
+
+@contextmanager
+def _quiet_memory() -> Iterator[None]:
+    # A collection of garbage would hold the loop for longer than its period allows; what the loop makes is
+    # free of cycles.
+    gc.collect()
+    gc.freeze()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        gc.unfreeze()

@@ -1,0 +1,107 @@
+"""What a run came to: figures from the engine, periods from the loop, truth from a simulated mount."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from sattrack.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
+from sattrack.figures import RunningError, quantile
+from sattrack.view import DatagramsView, PeriodView, Summary
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from sattrack.engine import Engine
+
+
+@dataclass(slots=True)
+class Ledger:
+    """What the loop gathers beside the engine."""
+
+    periods_s: list[float] = field(default_factory=list)
+    true_error: RunningError = field(default_factory=RunningError)
+    strangers: int = 0
+    _last_sent_s: float | None = None
+
+    def note_sent(self, at_s: float) -> None:
+        """Note the instant of a send, seconds of the run's clock."""
+        if self._last_sent_s is not None:
+            self.periods_s.append(at_s - self._last_sent_s)
+        self._last_sent_s = at_s
+
+    def note_truth(self, engine: Engine, counter: int, utc_s: float, ra_deg: float, dec_deg: float) -> None:
+        """Note where a simulated mount's axes really were."""
+        error = engine.true_error(counter, utc_s, ra_deg, dec_deg)
+        if error is not None:
+            self.true_error.add(error.total_arcsec)
+
+    def period(self) -> PeriodView | None:
+        """Return how regularly datagrams went out, milliseconds; None before the second one."""
+        if not self.periods_s:
+            return None
+        ordered = [round(1000.0 * p, 4) for p in sorted(self.periods_s)]
+        p50, p99, p999 = (quantile(ordered, share) for share in (0.5, 0.99, 0.999))
+        return PeriodView(p50=p50, p99=p99, p999=p999, max=ordered[-1])
+
+
+def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
+    """Return the summary of a finished run."""
+    spec, tracker, health = engine.spec, engine.tracker, engine.session.health
+    heard = engine.session.sample is not None
+    acquired = tracker.acquired_utc_s
+    followable = tracker.followable_utc_s
+    return Summary(
+        name=spec.propagator.elements.name or str(spec.propagator.elements.catalog_number),
+        catalog_number=spec.propagator.elements.catalog_number,
+        mount=spec.mount_name,
+        started_utc=Utc(spec.started_utc_s).isoformat("milliseconds"),
+        ended_utc=Utc(ended_utc_s).isoformat("milliseconds"),
+        ended_by=tracker.ended_by or "error",
+        samples=engine.reported.count,
+        on_target_s=round(engine.on_target_s, 3),
+        acquired_after_s=None if acquired is None or followable is None else max(0.0, acquired - followable),
+        reported_rms_arcsec=engine.reported.rms_arcsec,
+        reported_peak_arcsec=engine.reported.peak_arcsec,
+        true_rms_arcsec=ledger.true_error.rms_arcsec,
+        true_peak_arcsec=ledger.true_error.peak_arcsec,
+        period_ms=ledger.period(),
+        datagrams=DatagramsView(
+            sent=health.sent,
+            received=health.received,
+            lost=health.lost,
+            late=health.late,
+            duplicate=health.duplicate,
+            rejected=health.rejected + ledger.strangers,
+        ),
+        bias_along_s=tracker.along.goal,
+        bias_cross_deg=tracker.cross.goal,
+        recording=spec.recording,
+        mount_stopped=engine.session.stopped if heard else None,
+        message=engine.message,
+    )
+
+
+def failure(summary: Summary, interrupted: bool) -> SattrackError | None:
+    """Return the error whose exit code a run ends with; None where it went as planned."""
+    words = summary.message or f"the run ended: {summary.ended_by}"
+    if summary.mount_stopped is False:
+        words += "; THE MOUNT DID NOT CONFIRM THE STOP: stop it by hand"
+    if interrupted:
+        return InterruptedRunError(f"interrupted; {_stop_words(summary)}")
+    if summary.ended_by.startswith("limit:"):
+        return SafetyLimitError(words)
+    if summary.ended_by == "link":
+        return LinkLostError(words)
+    if summary.ended_by == "error" or summary.mount_stopped is False:
+        return SattrackError(words)
+    return None
+
+
+def _stop_words(summary: Summary) -> str:
+    match summary.mount_stopped:
+        case True:
+            return "the mount is stopped"
+        case False:
+            return "THE MOUNT DID NOT CONFIRM THE STOP: stop it by hand"
+        case None:
+            return "no mount was ever heard"

@@ -1,0 +1,140 @@
+"""From what the user asked for to the facts of a run: the satellite, its pass, the mount, the instant."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from sattrack import practice
+from sattrack.clock import Clock, SimulatedClock, SystemClock, parse_clock
+from sattrack.errors import BadInputError
+from sattrack.mount import MountProfile
+from sattrack.runtime.facts import RunFacts, choose_pass, plan_for
+from sattrack.safety import SafetyLimits
+from sattrack.settings import SiteSettings
+from sattrack.xerxes.client import Address, parse_address
+from tle.elements import Elements
+from tle.instants import Utc
+from tle.refraction import Refraction
+from tle.site import Site
+from tle.sources import find
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+NOT_YET = ("antenna", "alpaca")
+VIRTUAL_LEAD_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class RunRequest:
+    """What the user asked for; elements and site None where nothing was set anywhere."""
+
+    satellite: str
+    mount_url: str | None
+    elements: list[Elements] | None
+    site: Site | None
+    clock_option: str | None
+    min_alt_deg: float
+    refraction: Literal["auto", "on", "off"] = "auto"
+    bias_along_s: float = 0.0
+    bias_cross_deg: float = 0.0
+    virtual: bool = False
+    record: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A run ready to begin; `address` is None for the simulated mount."""
+
+    facts: RunFacts
+    clock: Clock
+    address: Address | None
+    practising: bool
+    """Whether the built-in pass stands in for elements and site that nobody set."""
+
+
+def prepare(request: RunRequest) -> Prepared:
+    """Resolve a request. Raises BadInputError, SattrackError or TleError, each in one line, moving nothing."""
+    address = mount_address(request.mount_url)
+    if address is not None and request.clock_option is not None:
+        raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
+    if address is not None and request.virtual:
+        raise BadInputError("--virtual goes with --mount sim only; a real mount needs real time")
+    _check_bias(request)
+    practising = address is None and request.elements is None and request.site is None
+    elements, site = _object_and_site(request, practising)
+    clock_text = request.clock_option
+    if clock_text is None and practising:
+        clock_text = practice.BEFORE_PASS
+    clock, now = _clock(clock_text)
+    satellite = find(elements, request.satellite)
+    satellite_pass = choose_pass(satellite, site, now, request.min_alt_deg)
+    plan = plan_for(satellite_pass, now)
+    started_s = float(now.unix_s)
+    if request.virtual:
+        started_s = max(started_s, plan.start_utc_s - plan.approach_s - VIRTUAL_LEAD_S)
+    air = Refraction.standard(site.height_m)
+    facts = RunFacts(
+        elements=satellite,
+        site=SiteSettings(site.latitude_deg, site.longitude_deg, site.height_m),
+        refraction=request.refraction,
+        pressure_hpa=air.pressure_hpa,
+        temperature_c=air.temperature_c,
+        plan=plan,
+        culminate_utc_s=float(satellite_pass.culminate.unix_s),
+        max_alt_deg=float(satellite_pass.max_alt_deg),
+        profile=MountProfile(),
+        limits=SafetyLimits(),
+        bias_along_s=request.bias_along_s,
+        bias_cross_deg=request.bias_cross_deg,
+        mount_name="sim" if address is None else str(address),
+        started_utc_s=started_s,
+        recording=None if request.record is None else str(request.record),
+    )
+    return Prepared(facts, clock, address, practising)
+
+
+def mount_address(url: str | None) -> Address | None:
+    """Read `--mount`: None for the simulated mount. Raises BadInputError."""
+    if url is None:
+        raise BadInputError(
+            "no mount: give --mount xerxes://HOST:PORT?listen=PORT or set [mount] url in sattrack.toml; "
+            "--mount sim is a simulated one for practice"
+        )
+    scheme = url.partition(":")[0]
+    if url == "sim":
+        return None
+    if scheme in NOT_YET:
+        raise BadInputError(f"--mount {url}: {scheme} mounts are not supported yet; use xerxes:// or sim")
+    if scheme != "xerxes":
+        raise BadInputError(f"--mount {url}: write sim or xerxes://HOST:PORT?listen=PORT")
+    return parse_address(url)
+
+
+def _check_bias(request: RunRequest) -> None:
+    if not math.isfinite(request.bias_along_s):
+        raise BadInputError(f"--bias-along {request.bias_along_s}: give seconds")
+    if not math.isfinite(request.bias_cross_deg):
+        raise BadInputError(f"--bias-cross {request.bias_cross_deg}: give degrees")
+
+
+def _object_and_site(request: RunRequest, practising: bool) -> tuple[list[Elements], Site]:
+    if practising:
+        elements = Elements.from_tle(practice.LINE_1, practice.LINE_2, practice.NAME)
+        where = practice.SITE
+        return [elements], Site(where.latitude_deg, where.longitude_deg, where.height_m)
+    if request.elements is None:
+        raise BadInputError("no elements: give --elements FILE or set elements in sattrack.toml")
+    if request.site is None:
+        raise BadInputError("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
+    return request.elements, request.site
+
+
+def _clock(text: str | None) -> tuple[Clock, Utc]:
+    if text is None:
+        return SystemClock(), Utc(time.time())
+    start, speed = parse_clock(text)
+    return SimulatedClock(float(start.unix_s), time.monotonic(), speed), start

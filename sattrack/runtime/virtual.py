@@ -1,0 +1,92 @@
+"""A run in virtual time: the same engine and the same simulated mount, joined without sockets or waiting."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from heapq import heappop, heappush
+from typing import TYPE_CHECKING, Any
+
+from sattrack.runtime.outcome import Ledger
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sattrack.engine import Engine
+    from sattrack.recording.recorder import Sink
+    from sattrack.tracker import Message
+    from sattrack.view import TrackView
+    from sattrack.xerxes.simulator.mount import SimulatedMount
+
+RECORD_VIEW_EVERY_TICKS = 10
+MOUNT_PHASE_S = 0.0217
+"""How far the mount's loop runs behind ours; two free-running loops have no reason to agree."""
+
+
+@dataclass(slots=True)
+class VirtualRun:
+    """An engine and a simulated mount, a fixed delay apart, run from `begin_utc_s` to the mount's rest.
+
+    `messages` are the operator's, each with its instant. `progress` hears views now and then.
+    """
+
+    engine: Engine
+    mount: SimulatedMount
+    begin_utc_s: float
+    sink: Sink
+    messages: tuple[tuple[float, Message], ...] = ()
+    progress: Callable[[TrackView], None] | None = None
+    ledger: Ledger = field(default_factory=Ledger)
+    _queue: list[tuple[float, int, Callable[[float, Any], None], Any]] = field(default_factory=list)
+    _order: int = 0
+    _ticks: int = 0
+
+    def run(self) -> float:
+        """Run to the end; return the UTC instant of the end, POSIX seconds."""
+        period_s = self.engine.spec.profile.period_s
+        self._at(self.begin_utc_s, self._client_turn, 0)
+        self._at(self.begin_utc_s - period_s + MOUNT_PHASE_S, self._mount_turn, 0)
+        for instant, message in self.messages:
+            self._at(instant, self._operate, message)
+        now_utc_s = self.begin_utc_s
+        while not self.engine.finished:
+            now_utc_s, _, happen, what = heappop(self._queue)
+            happen(now_utc_s, what)
+        return now_utc_s
+
+    def _at(self, utc_s: float, happen: Callable[[float, Any], None], what: Any) -> None:
+        self._order += 1
+        heappush(self._queue, (utc_s, self._order, happen, what))
+
+    def _client_turn(self, now_utc_s: float, turn: int) -> None:
+        profile = self.engine.spec.profile
+        datagram = self.engine.tick(now_utc_s)
+        self.ledger.note_sent(turn * profile.period_s)
+        self.sink.command(now_utc_s, datagram)
+        self._at(now_utc_s + profile.command_delay_s, self._command_arrives, datagram)
+        # Deadlines are multiples from the beginning, not sums: a sum of roundings would drift.
+        self._at(self.begin_utc_s + (turn + 1) * profile.period_s, self._client_turn, turn + 1)
+        if turn % RECORD_VIEW_EVERY_TICKS == 0 and (self.sink.wanted or self.progress is not None):
+            view = self.engine.view(now_utc_s)
+            self.sink.view(now_utc_s, view)
+            if self.progress is not None:
+                self.progress(view)
+
+    def _mount_turn(self, now_utc_s: float, turn: int) -> None:
+        profile = self.engine.spec.profile
+        status, truth = self.mount.tick(now_utc_s)
+        self._at(now_utc_s + profile.status_delay_s, self._status_arrives, (status, truth))
+        first = self.begin_utc_s - profile.period_s + MOUNT_PHASE_S
+        self._at(first + (turn + 1) * profile.period_s, self._mount_turn, turn + 1)
+
+    def _command_arrives(self, _: float, datagram: bytes) -> None:
+        self.mount.receive(datagram)
+
+    def _status_arrives(self, now_utc_s: float, what: Any) -> None:
+        status, truth = what
+        self.sink.status(now_utc_s, status)
+        self.engine.receive(status, now_utc_s)
+        self.ledger.note_truth(self.engine, truth.counter, truth.utc_s, truth.ra_deg, truth.dec_deg)
+
+    def _operate(self, now_utc_s: float, message: Message) -> None:
+        self.sink.operator(now_utc_s, message)
+        self.engine.operate(message, now_utc_s)

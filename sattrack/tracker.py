@@ -1,0 +1,289 @@
+"""`Tracker.step`: joins target, filters and phases into the motion that is wanted now. Pure.
+
+Its only inputs are its plan, the samples and messages handed to it, and the instant; it reads no clock, file,
+socket or random number, so the same inputs give the same outputs to the last bit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, NamedTuple
+
+import msgspec
+
+from sattrack.control.acquisition import Intercept, plan_intercept
+from sattrack.control.blend import Blend
+from sattrack.control.feeder import rate_deg_s
+from sattrack.control.history import CommandHistory, SentRates
+from sattrack.control.kalman import AxisFilter, wrap180
+from sattrack.control.latency import MountClock
+from sattrack.mount import Hold, Motion, MountProfile, MoveAxes, SlewTo, StatusSample, Stop
+from tle.bias import Bias
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from tle.propagator import Direction, Propagator
+
+ACQUIRED_AFTER_SAMPLES = 10
+LOST_ARCSEC = 120.0
+GAP_S = 5.0
+"""A gap in the samples after which the filters begin anew."""
+
+
+class Phase(StrEnum):
+    """What the tracker is doing, in words for people."""
+
+    WAITING = "waiting"
+    SLEWING = "slewing"
+    ACQUIRING = "acquiring"
+    TRACKING = "tracking"
+    STOPPING = "stopping"
+
+
+class TrackPlan(msgspec.Struct, frozen=True):
+    """When to follow, and how near is near: UTC as POSIX seconds, arcseconds on the sky."""
+
+    start_utc_s: float
+    end_utc_s: float
+    approach_s: float = 60.0
+    """How long before the start the slew to the waiting point may begin."""
+    on_target_arcsec: float = 2.0
+
+
+class Nudge(msgspec.Struct, frozen=True, tag="nudge", forbid_unknown_fields=True):
+    """Move the target: seconds along its track, degrees across it, added to what is in force."""
+
+    along_s: float = 0.0
+    cross_deg: float = 0.0
+
+
+class ClearBias(msgspec.Struct, frozen=True, tag="clear_bias", forbid_unknown_fields=True):
+    """Take all bias away."""
+
+
+class StopNow(msgspec.Struct, frozen=True, tag="stop", forbid_unknown_fields=True):
+    """Stop the mount and end the run; `why` is what `ended_by` will say."""
+
+    why: str = "operator"
+
+
+Message = Nudge | ClearBias | StopNow
+
+
+class SkyError(NamedTuple):
+    """Mount minus target on the sky, arcseconds: total, per axis, and along and across the motion.
+
+    Along is positive where the mount leads; across is positive to the left of the motion, seen from below.
+    """
+
+    utc_s: float
+    total_arcsec: float
+    ra_arcsec: float
+    dec_arcsec: float
+    along_arcsec: float
+    across_arcsec: float
+
+
+@dataclass(slots=True)
+class _Axes:
+    """Both axes' filters, as of the last sample."""
+
+    ra: AxisFilter
+    dec: AxisFilter
+    sample_utc_s: float
+
+
+class Tracker:
+    """Follows one satellite over one window with one mount."""
+
+    def __init__(self, propagator: Propagator, plan: TrackPlan, profile: MountProfile, bias: Bias) -> None:
+        self._propagator = propagator
+        self.plan = plan
+        self._profile = profile
+        self.along = Blend(bias.along_s)
+        self.cross = Blend(bias.cross_deg)
+        self._clock = MountClock(profile.status_delay_s)
+        self._history = CommandHistory(profile.command_delay_s, profile.period_s)
+        self._axes: _Axes | None = None
+        self._intercept: Intercept | None = None
+        self._near = 0
+        self.phase = Phase.WAITING
+        self.ended_by: str | None = None
+        self.acquired_utc_s: float | None = None
+        self.followable_utc_s: float | None = None
+        """First instant at which the mount, being there, could have followed."""
+        self.error: SkyError | None = None
+        self.rates = MoveAxes(0.0, 0.0)
+
+    def use(self, propagator: Propagator) -> None:
+        """Take directions from another propagator of the same satellite from now on."""
+        self._propagator = propagator
+
+    def direction_at(self, utc_s: float) -> Direction:
+        """Return where the satellite is fed at an instant, the biases of that instant applied."""
+        bias = Bias(self.along.value(utc_s), self.cross.value(utc_s))
+        return self._propagator.at(Utc(utc_s), bias)
+
+    def take(self, sample: StatusSample) -> SkyError:
+        """Take in one sample; return its error on the sky, dated by the mount's own clock."""
+        utc_s = self._clock.date(sample.sidereal_h, sample.arrival_utc_s)
+        axes = self._axes
+        if axes is None or not 0.0 < utc_s - axes.sample_utc_s < GAP_S:
+            self._axes = _Axes(AxisFilter(sample.ra_deg), AxisFilter(sample.dec_deg), utc_s)
+        else:
+            self._advance(axes, sample, utc_s)
+        self.error = sky_error(utc_s, sample.ra_deg, sample.dec_deg, self.direction_at(utc_s))
+        self._judge(self.error)
+        return self.error
+
+    def operate(self, message: Message, now_utc_s: float) -> None:
+        """Obey the operator."""
+        match message:
+            case Nudge():
+                self.along.ask(self.along.goal + message.along_s, now_utc_s)
+                self.cross.ask(self.cross.goal + message.cross_deg, now_utc_s)
+            case ClearBias():
+                self.along.ask(0.0, now_utc_s)
+                self.cross.ask(0.0, now_utc_s)
+            case StopNow():
+                self._end(message.why)
+
+    def step(self, now_utc_s: float, slew_done: bool) -> Motion:
+        """Return the motion wanted from now on; call once a period, after the samples that came.
+
+        `slew_done` tells whether the slew last asked for has arrived.
+        """
+        if self.phase is Phase.STOPPING:
+            return Stop()
+        if now_utc_s >= self.plan.end_utc_s:
+            self._end("set")
+            return Stop()
+        if self._axes is None:
+            return Hold()
+        if self.phase is Phase.WAITING and now_utc_s >= self.plan.start_utc_s - self.plan.approach_s:
+            self._approach(now_utc_s, self._axes)
+        if self.phase is Phase.SLEWING:
+            return self._slew(now_utc_s, slew_done, self._axes)
+        if self.phase in {Phase.ACQUIRING, Phase.TRACKING}:
+            return self._follow(now_utc_s, self._axes)
+        return Hold()
+
+    def _end(self, why: str) -> None:
+        if self.ended_by is None:
+            self.ended_by = why
+        self.phase = Phase.STOPPING
+
+    def _approach(self, now_utc_s: float, axes: _Axes) -> None:
+        here = (axes.ra.position_deg, axes.dec.position_deg)
+
+        def target(utc_s: float) -> tuple[float, float]:
+            direction = self.direction_at(utc_s)
+            return float(direction.ra_deg), float(direction.dec_deg)
+
+        self._intercept = plan_intercept(now_utc_s, self.plan.start_utc_s, here, target, self._profile)
+        if self._intercept.utc_s >= self.plan.end_utc_s:
+            self._end("set")
+            return
+        self.followable_utc_s = self._intercept.utc_s
+        self.phase = Phase.SLEWING
+
+    def _slew(self, now_utc_s: float, slew_done: bool, axes: _Axes) -> Motion:
+        intercept = self._intercept
+        assert intercept is not None
+        if slew_done and now_utc_s >= intercept.utc_s - self._lead_s(intercept):
+            self.phase = Phase.ACQUIRING
+            return self._follow(now_utc_s, axes)
+        return SlewTo(intercept.ra_deg, intercept.dec_deg)
+
+    def _lead_s(self, intercept: Intercept) -> float:
+        """Return how long before the target comes through the mount must begin, to have its rate then."""
+        direction = self.direction_at(intercept.utc_s)
+        ramp = max(
+            abs(float(direction.ra_rate_deg_s)) / self._profile.ra.max_acceleration_deg_s2,
+            abs(float(direction.dec_rate_deg_s)) / self._profile.dec.max_acceleration_deg_s2,
+        )
+        return 0.5 * ramp + self._profile.command_delay_s + 1.5 * self._profile.period_s
+
+    def _follow(self, now_utc_s: float, axes: _Axes) -> MoveAxes:
+        period = self._profile.period_s
+        # The mount obeys at its first loop after this command has arrived.
+        loops = math.ceil((now_utc_s + self._profile.command_delay_s - axes.sample_utc_s) / period)
+        acts = axes.sample_utc_s + max(1, loops) * period
+        begin = self.direction_at(acts)
+        end = self.direction_at(acts + period)
+        moved_ra, moved_dec = self._history.displacement(axes.sample_utc_s, acts)
+        ahead_s = acts - axes.sample_utc_s
+        ra = axes.ra.position_deg + moved_ra + axes.ra.disturbance_deg_s * ahead_s
+        dec = axes.dec.position_deg + moved_dec + axes.dec.disturbance_deg_s * ahead_s
+        self.rates = MoveAxes(
+            rate_deg_s(
+                wrap180(float(end.ra_deg - begin.ra_deg)),
+                period,
+                axes.ra.disturbance_deg_s,
+                wrap180(ra - float(begin.ra_deg)),
+                self._profile.ra.max_acceleration_deg_s2,
+                self._profile.ra.max_rate_deg_s,
+            ),
+            rate_deg_s(
+                float(end.dec_deg - begin.dec_deg),
+                period,
+                axes.dec.disturbance_deg_s,
+                dec - float(begin.dec_deg),
+                self._profile.dec.max_acceleration_deg_s2,
+                self._profile.dec.max_rate_deg_s,
+            ),
+        )
+        return self.rates
+
+    def note_sent(self, motion: Motion, now_utc_s: float) -> None:
+        """Note what was really sent, after safety had its say: the filters are driven by that."""
+        if isinstance(motion, MoveAxes):
+            self._history.add(SentRates(now_utc_s, motion.ra_rate_deg_s, motion.dec_rate_deg_s))
+        else:
+            self._history.clear()
+
+    def _advance(self, axes: _Axes, sample: StatusSample, utc_s: float) -> None:
+        seconds = utc_s - axes.sample_utc_s
+        ra_moved, dec_moved = self._history.displacement(axes.sample_utc_s, utc_s)
+        if self.phase in {Phase.WAITING, Phase.SLEWING, Phase.STOPPING}:
+            # The mount moves by its own plan, which no command's history tells.
+            ra_moved = wrap180(sample.ra_deg - axes.ra.position_deg)
+            dec_moved = sample.dec_deg - axes.dec.position_deg
+        axes.ra.advance(seconds, ra_moved)
+        axes.dec.advance(seconds, dec_moved)
+        axes.ra.measure(sample.ra_deg, ra_moved / seconds)
+        axes.dec.measure(sample.dec_deg, dec_moved / seconds)
+        axes.sample_utc_s = utc_s
+
+    def _judge(self, error: SkyError) -> None:
+        if self.phase is Phase.ACQUIRING:
+            self._near = self._near + 1 if error.total_arcsec <= self.plan.on_target_arcsec else 0
+            if self._near >= ACQUIRED_AFTER_SAMPLES:
+                self.phase = Phase.TRACKING
+                if self.acquired_utc_s is None:
+                    self.acquired_utc_s = error.utc_s
+        elif self.phase is Phase.TRACKING and error.total_arcsec > LOST_ARCSEC:
+            self.phase = Phase.ACQUIRING
+            self._near = 0
+
+
+def sky_error(utc_s: float, ra_deg: float, dec_deg: float, target: Direction) -> SkyError:
+    """Return the error on the sky of a pointing against a target's direction at the same instant."""
+    cos_dec = math.cos(math.radians(dec_deg))
+    target_dec = float(target.dec_deg)
+    ra_gap = wrap180(ra_deg - float(target.ra_deg))
+    dec_gap = dec_deg - target_dec
+    half_ra, half_dec = math.radians(ra_gap) / 2.0, math.radians(dec_gap) / 2.0
+    # Haversine: exact for any separation and without loss for the smallest.
+    chord = math.sin(half_dec) ** 2 + cos_dec * math.cos(math.radians(target_dec)) * math.sin(half_ra) ** 2
+    total = 2.0 * math.degrees(math.asin(min(1.0, math.sqrt(chord)))) * 3600.0
+    east, north = ra_gap * cos_dec * 3600.0, dec_gap * 3600.0
+    rate_east = float(target.ra_rate_deg_s) * math.cos(math.radians(target_dec))
+    rate_north = float(target.dec_rate_deg_s)
+    speed = math.hypot(rate_east, rate_north)
+    along = (east * rate_east + north * rate_north) / speed if speed else 0.0
+    # Along û × m̂, with û towards the satellite: for a northward motion overhead that is west.
+    across = (north * rate_east - east * rate_north) / speed if speed else 0.0
+    return SkyError(utc_s, total, east, north, along, across)

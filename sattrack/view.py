@@ -1,0 +1,121 @@
+"""Immutable states for anyone who looks: the terminal UI, JSON, a recording. No logic."""
+
+from __future__ import annotations
+
+import msgspec
+
+
+class LinkView(msgspec.Struct, frozen=True):
+    """State of the link to the mount: counted datagrams, and the age of the last status."""
+
+    state: str
+    age_s: float | None
+    sent: int
+    received: int
+    lost: int
+    late: int
+    duplicate: int
+    rejected: int
+    rate_hz: float | None
+    """Statuses a second, over the last seconds."""
+
+
+class ErrorView(msgspec.Struct, frozen=True):
+    """Mount minus target on the sky, arcseconds, at the instant of one status (UTC, POSIX seconds)."""
+
+    utc_s: float
+    total_arcsec: float
+    ra_arcsec: float
+    dec_arcsec: float
+    along_arcsec: float
+    across_arcsec: float
+
+
+class TrackView(msgspec.Struct, frozen=True, tag="view"):
+    """Everything about a run at one instant. Directions in degrees, true of date; UTC as POSIX seconds."""
+
+    utc_s: float
+    phase: str
+    name: str
+    catalog_number: int
+    mount: str
+    start_utc_s: float
+    culminate_utc_s: float
+    end_utc_s: float
+    max_alt_deg: float
+    elements_age_s: float
+    target_ra_deg: float
+    target_dec_deg: float
+    target_alt_deg: float
+    target_az_deg: float
+    range_km: float
+    mount_ra_deg: float | None
+    mount_dec_deg: float | None
+    error: ErrorView | None
+    rms_10s_arcsec: float | None
+    rms_pass_arcsec: float | None
+    ra_rate_deg_s: float
+    dec_rate_deg_s: float
+    max_ra_rate_deg_s: float
+    max_dec_rate_deg_s: float
+    bias_along_s: float
+    bias_cross_deg: float
+    bias_along_goal_s: float
+    bias_cross_goal_deg: float
+    link: LinkView
+    recording: str | None
+    ended_by: str | None
+    warnings: tuple[str, ...] = ()
+
+
+class PeriodView(msgspec.Struct, frozen=True):
+    """How regularly datagrams were sent, milliseconds of the run's clock."""
+
+    p50: float
+    p99: float
+    p999: float
+    max: float
+
+
+class DatagramsView(msgspec.Struct, frozen=True):
+    """Datagrams counted over a run."""
+
+    sent: int
+    received: int
+    lost: int
+    late: int
+    duplicate: int
+    rejected: int
+
+
+class Summary(msgspec.Struct, frozen=True):
+    """What a run came to; the fields that scripts rely on, null where not available."""
+
+    name: str
+    catalog_number: int
+    mount: str
+    started_utc: str
+    ended_utc: str
+    ended_by: str
+    samples: int
+    on_target_s: float
+    acquired_after_s: float | None
+    reported_rms_arcsec: float | None
+    reported_peak_arcsec: float | None
+    true_rms_arcsec: float | None
+    true_peak_arcsec: float | None
+    period_ms: PeriodView | None
+    datagrams: DatagramsView
+    bias_along_s: float
+    bias_cross_deg: float
+    recording: str | None
+    mount_stopped: bool | None
+    """Whether the mount acknowledged the stop at the end and was seen at rest; null where it was never heard."""
+    message: str | None = None
+    """Why the run ended, in words, where it did not end as planned."""
+
+
+class SummaryDocument(msgspec.Struct, frozen=True, tag="summary", tag_field="type"):
+    """The last object of a run's JSON."""
+
+    summary: Summary

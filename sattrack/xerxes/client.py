@@ -1,0 +1,159 @@
+"""The client's UDP socket: datagrams out to one mount, datagrams in from it alone, dated on arrival.
+
+No asyncio here: the loop that feeds the mount waits in one `select`, which on a loaded machine keeps the
+period an order of magnitude better than an event loop does.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import struct
+import sys
+import time
+from dataclasses import dataclass
+from typing import NamedTuple
+from urllib.parse import parse_qs, urlsplit
+
+from sattrack.errors import BadInputError, SattrackError
+
+DEFAULT_PORT = 15001
+RECEIVE_BYTES = 2048
+BURST = 64
+"""Datagrams taken at one go, so that a flood cannot hold the loop."""
+_SO_TIMESTAMPNS = 35
+_TIMESPEC = struct.Struct("@ll")
+_LONGEST_KERNEL_WAIT_S = 1.0
+
+
+class Address(NamedTuple):
+    """Where the mount listens, and the port on which we do."""
+
+    host: str
+    port: int
+    listen_port: int
+
+    def __str__(self) -> str:
+        """Give the mount's end, as a user would write it."""
+        return f"xerxes://{self.host}:{self.port}"
+
+
+def parse_address(url: str) -> Address:
+    """Read `xerxes://HOST:PORT?listen=PORT`; raises BadInputError."""
+    parts = urlsplit(url)
+    try:
+        port = parts.port if parts.port is not None else DEFAULT_PORT
+        listen = int(parse_qs(parts.query).get("listen", [str(DEFAULT_PORT)])[0])
+    except ValueError as error:
+        raise BadInputError(f"--mount {url}: {error}; write xerxes://HOST:PORT?listen=PORT") from error
+    if parts.hostname is None:
+        raise BadInputError(f"--mount {url}: no host; write xerxes://HOST:PORT?listen=PORT")
+    for number, what in ((port, "the mount's port"), (listen, "listen")):
+        if not 1 <= number <= 65535:
+            raise BadInputError(f"--mount {url}: {what} is {number}; ports run from 1 to 65535")
+    try:
+        host = socket.gethostbyname(parts.hostname)
+    except OSError as error:
+        raise BadInputError(f"--mount {url}: no such host {parts.hostname!r}: {error}") from error
+    if host.startswith("127.") and port == listen:
+        raise BadInputError(
+            f"--mount {url}: both ends would be 127.0.0.1:{port}; give another port with ?listen=PORT"
+        )
+    return Address(host, port, listen)
+
+
+@dataclass(frozen=True, slots=True)
+class Arrival:
+    """One datagram and the reading of the monotonic clock when it arrived."""
+
+    data: bytes
+    monotonic_s: float
+
+
+class UdpLink:
+    """A bound socket towards one mount. Raises SattrackError where the port is not to be had."""
+
+    def __init__(self, address: Address) -> None:
+        self.address = address
+        self.strangers = 0
+        """Datagrams from other hosts, dropped."""
+        self.send_failures = 0
+        self._socket = bind(address.host, address.listen_port)
+        self._stamped = _ask_for_stamps(self._socket)
+
+    def fileno(self) -> int:
+        """Give the descriptor to wait on."""
+        return self._socket.fileno()
+
+    @property
+    def listen_port(self) -> int:
+        """The port that statuses come to."""
+        port: int = self._socket.getsockname()[1]
+        return port
+
+    def send(self, data: bytes) -> None:
+        """Send one datagram; a network that is down for the moment is counted, not raised."""
+        try:
+            self._socket.sendto(data, (self.address.host, self.address.port))
+        except OSError:
+            self.send_failures += 1
+
+    def receive(self) -> list[Arrival]:
+        """Return what has arrived, in order."""
+        arrivals: list[Arrival] = []
+        for _ in range(BURST):
+            try:
+                data, ancillary, _, sender = self._socket.recvmsg(RECEIVE_BYTES, 64)
+            except BlockingIOError:
+                break
+            except OSError:
+                continue
+            # The host decides and not the port: a mount may send from another port than it listens on.
+            if sender[0] != self.address.host:
+                self.strangers += 1
+                continue
+            arrivals.append(Arrival(data, self._arrived(ancillary)))
+        return arrivals
+
+    def close(self) -> None:
+        """Give the port back."""
+        self._socket.close()
+
+    def _arrived(self, ancillary: list[tuple[int, int, bytes]]) -> float:
+        now_s = time.monotonic()
+        for level, kind, data in ancillary:
+            if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(data) >= _TIMESPEC.size:
+                seconds, nanoseconds = _TIMESPEC.unpack_from(data)
+                waited_s = time.time() - (seconds + nanoseconds * 1e-9)
+                if 0.0 <= waited_s < _LONGEST_KERNEL_WAIT_S:
+                    return now_s - waited_s
+        return now_s
+
+
+def bind(peer_host: str, port: int) -> socket.socket:
+    """Return a non-blocking UDP socket on a port, on loopback where the peer is there.
+
+    Raises SattrackError, naming the port, where it is in use.
+    """
+    where = "127.0.0.1" if peer_host.startswith("127.") else ""
+    bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    bound.setblocking(False)
+    try:
+        bound.bind((where, port))
+    except OSError as error:
+        bound.close()
+        raise SattrackError(
+            f"UDP port {port} cannot be had: {error.strerror}; "
+            "is another sattrack running? Choose another port, or end that one"
+        ) from error
+    return bound
+
+
+def _ask_for_stamps(bound: socket.socket) -> bool:
+    # The kernel's stamp is free of the time that our own process waits to be scheduled.
+    if not sys.platform.startswith("linux"):
+        return False
+    with contextlib.suppress(OSError):
+        bound.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        return True
+    return False

@@ -1,0 +1,130 @@
+"""The simulated mount in a process of its own, told everything in one JSON argument.
+
+Standard output carries JSON lines: first the port it listens on, then where the axes really were at each turn
+of the loop. The process ends when its standard input does, so it never outlives whoever started it.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+
+import msgspec
+
+from sattrack.clock import Clock, SimulatedClock, SystemClock
+from sattrack.errors import SattrackError
+from sattrack.mount import MountProfile
+from sattrack.xerxes.simulator.faults import Faults
+from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, Truth
+from sattrack.xerxes.simulator.server import SimulatorServer
+
+
+class ClockSetting(msgspec.Struct, frozen=True):
+    """A simulated clock's three numbers."""
+
+    start_utc_s: float
+    anchor_s: float
+    speed: float
+
+
+class SimulatorConfig(msgspec.Struct, frozen=True):
+    """Everything that makes one simulated mount; port 0 takes any free one."""
+
+    site: SimulatedSite
+    profile: MountProfile = MountProfile()
+    start: StartPosition = StartPosition()
+    port: int = 0
+    peer_port: int | None = None
+    clock: ClockSetting | None = None
+    silent_after_s: float | None = None
+
+
+class Ready(msgspec.Struct, frozen=True):
+    """The first line of output."""
+
+    port: int
+
+
+class TruthLine(msgspec.Struct, frozen=True, array_like=True):
+    """A later line of output, as a JSON array; the meanings are those of `Truth`."""
+
+    counter: int
+    utc_s: float
+    ra_deg: float
+    dec_deg: float
+    ra_rate_deg_s: float
+    dec_rate_deg_s: float
+
+
+def make_clock(setting: ClockSetting | None) -> Clock:
+    """Return the clock that the numbers describe, the machine's own where there are none."""
+    if setting is None:
+        return SystemClock()
+    return SimulatedClock(setting.start_utc_s, setting.anchor_s, setting.speed)
+
+
+def make_server(config: SimulatorConfig) -> SimulatorServer:
+    """Return the mount on its port; raises SattrackError where the port is in use."""
+    mount = SimulatedMount(config.profile, config.site, config.start)
+    peer = None if config.peer_port is None else ("127.0.0.1", config.peer_port)
+    faults = Faults(silent_after_s=config.silent_after_s)
+    return SimulatorServer(mount, make_clock(config.clock), "127.0.0.1", config.port, peer, faults)
+
+
+def serve(server: SimulatorServer) -> None:
+    """Run until standard input ends, telling the truth on standard output."""
+    encoder = msgspec.json.Encoder()
+    out = sys.stdout.fileno()
+    os.set_blocking(out, False)
+    os.set_blocking(sys.stdin.fileno(), False)
+
+    def write(item: object) -> None:
+        # A reader that does not keep up loses lines; the mount's loop never waits for it.
+        try:
+            os.write(out, encoder.encode(item) + b"\n")
+        except BlockingIOError:
+            return
+
+    def tell(truth: Truth) -> None:
+        write(
+            TruthLine(
+                truth.counter,
+                truth.utc_s,
+                truth.ra_deg,
+                truth.dec_deg,
+                truth.ra_rate_deg_s,
+                truth.dec_rate_deg_s,
+            )
+        )
+
+    def going() -> bool:
+        try:
+            return os.read(sys.stdin.fileno(), 64) != b""
+        except BlockingIOError:
+            return True
+
+    write(Ready(server.port))
+    server.run(going, tell, [sys.stdin.fileno()])
+
+
+def main() -> int:
+    """Run the process; returns its exit code."""
+    # Interrupting the tracker must not take the mount away before the tracker has stopped it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        server = make_server(msgspec.json.decode(sys.argv[1], type=SimulatorConfig))
+    except SattrackError as error:
+        sys.stderr.write(f"{error}\n")
+        return error.exit_code
+    try:
+        serve(server)
+    except BrokenPipeError:
+        return 0
+    finally:
+        server.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
