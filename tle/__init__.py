@@ -1,1 +1,68 @@
-"""Orbital elements in, topocentric directions and rates out."""
+"""Orbital elements in, topocentric directions and rates out.
+
+>>> from tle import Propagator, Site, Utc, find, read_elements
+>>> iss = find(read_elements("stations.tle"), "ISS")                         # doctest: +SKIP
+>>> seen = Propagator(iss, Site(52.15, 4.49)).at(Utc.parse("2026-10-02T13:05:24Z"))  # doctest: +SKIP
+>>> seen.ra_deg, seen.dec_deg, seen.ra_rate_deg_s                            # doctest: +SKIP
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from tle.bias import Bias
+    from tle.direction import Direction
+    from tle.earth import EarthOrientation, earth_orientation_age
+    from tle.elements import Elements
+    from tle.errors import TleError
+    from tle.instants import Utc
+    from tle.passes import Pass, find_passes
+    from tle.propagator import Propagator
+    from tle.refraction import Refraction
+    from tle.site import Site
+    from tle.sources import find, load_elements, read_elements
+
+__all__ = [
+    "Bias",
+    "Direction",
+    "EarthOrientation",
+    "Elements",
+    "Pass",
+    "Propagator",
+    "Refraction",
+    "Site",
+    "TleError",
+    "Utc",
+    "earth_orientation_age",
+    "find",
+    "find_passes",
+    "load_elements",
+    "read_elements",
+]
+
+_HOMES = {
+    "Bias": "bias",
+    "Direction": "direction",
+    "EarthOrientation": "earth",
+    "Elements": "elements",
+    "Pass": "passes",
+    "Propagator": "propagator",
+    "Refraction": "refraction",
+    "Site": "site",
+    "TleError": "errors",
+    "Utc": "instants",
+    "earth_orientation_age": "earth",
+    "find": "sources",
+    "find_passes": "passes",
+    "load_elements": "sources",
+    "read_elements": "sources",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name on first use, so that `import tle` costs nothing."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'tle' has no attribute {name!r}")
+    return getattr(import_module(f"tle.{_HOMES[name]}"), name)

@@ -7,3 +7,140 @@ class TleError(Exception):
     """Base of everything that `tle` raises on purpose; `exit_code` is what a command line should end with."""
 
     exit_code = 2
+
+
+class ElementsError(TleError):
+    """A set of orbital elements that cannot be used.
+
+    `source` names the file (or "text"), `line` is the 1-based line in it, and `reason` the sentence alone,
+    without place, quoted line and mark. Each is None or empty where it does not apply.
+    """
+
+    def __init__(
+        self,
+        reason: str,
+        *,
+        source: str = "",
+        line: int | None = None,
+        text: str = "",
+        columns: tuple[int, int] | None = None,
+    ) -> None:
+        """Compose the message: place and reason, then the user's line with `^` under 1-based `columns`."""
+        self.reason = reason
+        self.source = source
+        self.line = line
+        self.text = text
+        self.columns = columns
+        place = f"{source}:{line}: " if source and line else f"{source}: " if source else ""
+        message = place + reason
+        if text:
+            message += f"\n    {printable(text)}"
+        if text and columns is not None:
+            first, last = columns
+            message += "\n    " + " " * (first - 1) + "^" * (last - first + 1)
+        super().__init__(message)
+
+
+class LineLengthError(ElementsError):
+    """An element line that is cut off, or goes on too long."""
+
+
+class MissingLineError(ElementsError):
+    """One of the two element lines of a set is not there."""
+
+
+class SwappedLinesError(ElementsError):
+    """Line 2 stands before line 1."""
+
+
+class ChecksumError(ElementsError):
+    """The last digit of a line is not the sum of the others."""
+
+
+class FieldError(ElementsError):
+    """Columns that do not hold what belongs there, such as letters in a number."""
+
+
+class FieldRangeError(ElementsError):
+    """A number that is well formed but that no orbit has."""
+
+
+class MismatchedLinesError(ElementsError):
+    """The two lines of a set belong to different objects."""
+
+
+class FormatError(ElementsError):
+    """Text in which no element set could be recognised, or in a format that cannot be read."""
+
+
+class SourceError(TleError):
+    """A file or folder of elements or observations that cannot be read."""
+
+
+class SatelliteNotFoundError(TleError):
+    """No element set answers to the key."""
+
+
+class AmbiguousSatelliteError(TleError):
+    """Several objects answer to the key; `candidates` holds them as text."""
+
+    def __init__(self, message: str, candidates: tuple[str, ...]) -> None:
+        """Keep the candidates for callers that want to offer a choice."""
+        super().__init__(message)
+        self.candidates = candidates
+
+
+class TimeFormatError(TleError):
+    """Text that is no instant."""
+
+
+class NaiveTimeError(TleError):
+    """A datetime without a time zone, which names no instant."""
+
+
+class TimeRangeError(TleError):
+    """An instant that is not finite, or outside the span for which directions are defined."""
+
+
+class SiteError(TleError):
+    """A site that is not on Earth: out of range, not a number, not three numbers."""
+
+
+class BiasError(TleError):
+    """Biases that are not finite, or have a rate without the instant it counts from."""
+
+
+class RefractionError(TleError):
+    """A pressure or temperature that no observatory has."""
+
+
+class PlaceError(TleError):
+    """A kind of place or a frame that is not known."""
+
+
+class ObservationError(TleError):
+    """An observation that cannot be read, or cannot be compared with the elements."""
+
+
+class PropagationError(TleError):
+    """SGP4 cannot tell where the satellite is; `code` is SGP4's own number (Vallado 2006)."""
+
+    exit_code = 1
+
+    def __init__(self, message: str, code: int) -> None:
+        """Keep SGP4's error number."""
+        super().__init__(message)
+        self.code = code
+
+
+class DecayedError(PropagationError):
+    """By these elements the satellite has re-entered before the instant asked for."""
+
+
+class EarthOrientationWarning(UserWarning):
+    """UT1 and polar motion were taken from beyond the end of the IERS table."""
+
+
+def printable(text: str) -> str:
+    """Return text with control characters replaced by `?`, column for column, fit for a terminal."""
+    return "".join(c if c.isprintable() else "?" for c in text)

@@ -1,0 +1,235 @@
+"""A direction and all that follows from it: coordinates, rates, range, sunlight; each made when asked for."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tle.earth import to_tirs
+from tle.quantities import Functions, functions_for
+from tle.sun import is_sunlit, sun_km
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from tle.earth import EarthOrientation, Rotation
+    from tle.instants import Utc
+    from tle.quantities import Quantity
+    from tle.site import Site, Vector
+
+_DEG = 180.0 / math.pi
+# Far below the rounding of any real direction, it keeps the division at an exact pole or zenith defined.
+_TINY = 1e-40
+
+Triple = tuple["Quantity", "Quantity", "Quantity"]
+
+
+# What is known before any angle is taken, in TEME of date, km and km/s: a vector of any length to where the
+# satellite is seen and its derivative, the range and its derivative, the geocentric satellite, SGP4's error
+# number, and for an astrometric place the direction and its derivative in the ICRF.
+Sight = tuple[
+    "Triple", "Triple", "Quantity", "Quantity", "Triple", "Quantity", "tuple[Triple, Triple] | None"
+]
+
+
+class Direction:
+    """Where a satellite is seen from a site: floats for one instant, arrays of shape (n,) for n instants.
+
+    Degrees, degrees a second, km and km/s; every rate is the derivative of the quantity it is named after,
+    and `ra_rate_deg_s` is dRA/dt itself, not times cos Dec. RA and Dec are topocentric, of the true equator
+    and equinox of date (ICRF for an astrometric place). `range_km` is the way of the light,
+    `range_rate_km_s` its derivative; both are geometric for the geometric place. `error` is SGP4's number, 0 where all is well;
+    elsewhere in an array all quantities are NaN.
+    """
+
+    __slots__ = (
+        "_equatorial",
+        "_horizontal",
+        "_icrf",
+        "_observer",
+        "_q",
+        "_q_rate",
+        "_satellite",
+        "_turn",
+        "error",
+        "range_km",
+        "range_rate_km_s",
+        "utc",
+    )
+
+    def __init__(
+        self, utc: Utc, sight: Sight, turn: Rotation, observer: tuple[EarthOrientation, Site]
+    ) -> None:
+        """Keep what the angles will be made of; made by Propagator.at."""
+        self.utc = utc
+        (
+            self._q,
+            self._q_rate,
+            self.range_km,
+            self.range_rate_km_s,
+            self._satellite,
+            self.error,
+            self._icrf,
+        ) = sight
+        self._turn = turn
+        self._observer = observer
+        self._equatorial: tuple[Quantity, Quantity, Quantity, Quantity] | None = None
+        self._horizontal: tuple[Quantity, Quantity, Quantity, Quantity] | None = None
+
+    @property
+    def ra_deg(self) -> Quantity:
+        """Right ascension, from 0 up to 360."""
+        return (self._equatorial or self._make_equatorial())[0]
+
+    @property
+    def dec_deg(self) -> Quantity:
+        """Declination."""
+        return (self._equatorial or self._make_equatorial())[1]
+
+    @property
+    def ra_rate_deg_s(self) -> Quantity:
+        """Derivative of right ascension, without cos Dec."""
+        return (self._equatorial or self._make_equatorial())[2]
+
+    @property
+    def dec_rate_deg_s(self) -> Quantity:
+        """Derivative of declination."""
+        return (self._equatorial or self._make_equatorial())[3]
+
+    @property
+    def alt_deg(self) -> Quantity:
+        """Altitude above the horizon of the ellipsoid."""
+        return (self._horizontal or self._make_horizontal())[0]
+
+    @property
+    def az_deg(self) -> Quantity:
+        """Azimuth from north through east, from 0 up to 360."""
+        return (self._horizontal or self._make_horizontal())[1]
+
+    @property
+    def alt_rate_deg_s(self) -> Quantity:
+        """Derivative of altitude."""
+        return (self._horizontal or self._make_horizontal())[2]
+
+    @property
+    def az_rate_deg_s(self) -> Quantity:
+        """Derivative of azimuth, without cos Alt."""
+        return (self._horizontal or self._make_horizontal())[3]
+
+    @property
+    def ha_deg(self) -> Quantity:
+        """Local apparent sidereal time minus right ascension of date, above -180 up to 180."""
+        fn = functions_for(self.range_km)
+        ra = fn.atan2(self._q[1], self._q[0])
+        turn = (self._turn[0] - ra) * _DEG + self._observer[1].longitude_deg
+        return 180.0 - (180.0 - turn) % 360.0
+
+    @property
+    def ha_rate_deg_s(self) -> Quantity:
+        """Derivative of hour angle."""
+        (x, y, _), (dx, dy, _) = self._q, self._q_rate
+        return (self._turn[1] - (x * dy - y * dx) / (x * x + y * y + _TINY)) * _DEG
+
+    @property
+    def unit(self) -> NDArray[np.float64]:
+        """Unit vector in the frame of `ra_deg`, shape (3,) or (n, 3)."""
+        q, _ = self._in_frame()
+        return stacked(unit_of(q, q)[0])
+
+    @property
+    def unit_rate(self) -> NDArray[np.float64]:
+        """Derivative of `unit`, 1/s."""
+        q, q_rate = self._in_frame()
+        return stacked(unit_of(q, q_rate)[1])
+
+    @property
+    def sunlit(self) -> Quantity:
+        """Whether the Sun's centre is above the Earth's limb for the satellite; bool or array of bool."""
+        to_date = self._observer[0].celestial_matrix(self.utc)
+        sun = np.einsum("...ij,...j->...i", to_date, sun_km(self.utc))
+        lit = is_sunlit(stacked(turned(self._satellite, self._turn[2])), sun)
+        return lit if self.utc.is_array else bool(lit)
+
+    def _make_equatorial(self) -> tuple[Quantity, Quantity, Quantity, Quantity]:
+        fn = functions_for(self.range_km)
+        if self._icrf is None:
+            (x, y, z), (dx, dy, dz) = self._q, self._q_rate
+            equinoxes, equinoxes_rate = self._turn[2], self._turn[3]
+        else:
+            (x, y, z), (dx, dy, dz) = self._icrf
+            equinoxes = equinoxes_rate = 0.0
+        xy2 = x * x + y * y + _TINY
+        xy = fn.sqrt(xy2)
+        made = (
+            # Twice, because the first leaves 360 itself of an angle that is barely negative.
+            (fn.atan2(y, x) + equinoxes) * _DEG % 360.0 % 360.0,
+            fn.atan2(z, xy) * _DEG,
+            ((x * dy - y * dx) / xy2 + equinoxes_rate) * _DEG,
+            (dz * xy2 - z * (x * dx + y * dy)) / (xy * (xy2 + z * z)) * _DEG,
+        )
+        self._equatorial = made
+        return made
+
+    def _make_horizontal(self) -> tuple[Quantity, Quantity, Quantity, Quantity]:
+        fn = functions_for(self.range_km)
+        site = self._observer[1]
+        (e, de), (n, dn), (u, du) = (self._along(axis, fn) for axis in (site.east, site.north, site.up))
+        en2 = e * e + n * n + _TINY
+        en = fn.sqrt(en2)
+        made = (
+            fn.atan2(u, en) * _DEG,
+            fn.atan2(e, n) * _DEG % 360.0 % 360.0,
+            (du * en2 - u * (e * de + n * dn)) / (en * (en2 + u * u)) * _DEG,
+            (n * de - e * dn) / en2 * _DEG,
+        )
+        self._horizontal = made
+        return made
+
+    def _along(self, axis: Vector, fn: Functions) -> tuple[Quantity, Quantity]:
+        """Return the component of the direction along an axis fixed to the Earth, and its rate."""
+        (ax, ay, az), (bx, by, _) = teme_axis(axis, self._turn, fn)
+        (x, y, z), (dx, dy, dz) = self._q, self._q_rate
+        return x * ax + y * ay + z * az, dx * ax + dy * ay + dz * az + x * bx + y * by
+
+    def _in_frame(self) -> tuple[Triple, Triple]:
+        """Return direction and derivative in the frame of `ra_deg`."""
+        if self._icrf is not None:
+            return self._icrf
+        _, _, equinoxes, rate, _, _ = self._turn
+        q, q_rate = turned(self._q, equinoxes), turned(self._q_rate, equinoxes)
+        return q, (q_rate[0] - rate * q[1], q_rate[1] + rate * q[0], q_rate[2])
+
+
+def teme_axis(axis: Vector, turn: Rotation, fn: Functions) -> tuple[Triple, Triple]:
+    """Return a vector fixed to the Earth (ITRS) in TEME, and its rate a second."""
+    theta, spin, _, _, xp, yp = turn
+    x, y, z = to_tirs(axis, xp, yp)
+    c, s = fn.cos(theta), fn.sin(theta)
+    tx, ty = x * c - y * s, x * s + y * c
+    return (tx, ty, z), (-spin * ty, spin * tx, 0.0 * z)
+
+
+def turned(q: Triple, angle: Quantity) -> Triple:
+    """Return a vector turned about the pole by an angle in rad."""
+    fn = functions_for(angle)
+    c, s = fn.cos(angle), fn.sin(angle)
+    return q[0] * c - q[1] * s, q[0] * s + q[1] * c, q[2]
+
+
+def unit_of(q: Triple, q_rate: Triple) -> tuple[Triple, Triple]:
+    """Return the unit vector along q, and the derivative of that."""
+    length = functions_for(q[0]).sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+    u = (q[0] / length, q[1] / length, q[2] / length)
+    along = (u[0] * q_rate[0] + u[1] * q_rate[1] + u[2] * q_rate[2]) / length
+    return u, (
+        q_rate[0] / length - u[0] * along,
+        q_rate[1] / length - u[1] * along,
+        q_rate[2] / length - u[2] * along,
+    )
+
+
+def stacked(q: Triple) -> NDArray[np.float64]:
+    """Return the components of a vector as an array, shape (3,) or (n, 3)."""
+    return np.stack(np.broadcast_arrays(*q), axis=-1)

@@ -1,0 +1,154 @@
+"""Orbital elements: one frozen type, units in its names, that SGP4 can be started from."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sgp4.api import SGP4_ERRORS, WGS72, Satrec
+
+from tle.errors import DecayedError, PropagationError, TimeRangeError
+from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
+
+if TYPE_CHECKING:
+    from tle.quantities import Quantity
+
+_SGP4_EPOCH_JD = 2433281.5
+_REV_DAY_PER_RAD_MIN = 1440.0 / (2.0 * math.pi)
+_DEG = math.pi / 180.0
+_DECAYED = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Elements:
+    """Mean elements of SGP4 (Vallado 2006), in the frame TEME of their epoch, for one object.
+
+    `designator` is written like "1998-067A", empty where unknown. `mean_motion_dot_rev_day2` is half the
+    first derivative and `mean_motion_ddot_rev_day3` a sixth of the second, as element sets give them.
+    """
+
+    name: str
+    catalog_number: int
+    classification: str
+    designator: str
+    epoch: Utc
+    inclination_deg: float
+    raan_deg: float
+    eccentricity: float
+    arg_perigee_deg: float
+    mean_anomaly_deg: float
+    mean_motion_rev_day: float
+    mean_motion_dot_rev_day2: float
+    mean_motion_ddot_rev_day3: float
+    bstar_per_earth_radius: float
+    ephemeris_type: int = 0
+    element_set_number: int = 0
+    revolution_number: int = 0
+
+    @classmethod
+    def from_tle(cls, line1: str, line2: str, name: str | None = None) -> Elements:
+        """Return the elements of a two-line set; every column is checked.
+
+        Raises a subclass of ElementsError that says which line and columns are wrong.
+        """
+        from tle.formats.tle import parse_set  # noqa: PLC0415 - the format needs this type
+
+        return parse_set(line1, line2, name or "")
+
+    @property
+    def label(self) -> str:
+        """Give the name, or the catalogue number where there is none."""
+        return self.name or str(self.catalog_number)
+
+    @property
+    def period_s(self) -> float:
+        """Give the time of one revolution, in seconds."""
+        return DAY_S / self.mean_motion_rev_day
+
+    def age_s(self, at: Utc) -> Quantity:
+        """Return seconds from the epoch of the elements to an instant; negative before the epoch."""
+        return at.unix_s - self.epoch.unix_s
+
+    def satrec(self) -> Satrec:
+        """Return a new SGP4 record, improved mode, WGS 72, as the elements are made for.
+
+        From a TLE it is the record that reading the lines with SGP4's own code makes, to the last bit.
+        Raises PropagationError where SGP4 refuses the elements at their epoch.
+        """
+        jd, fraction = epoch_jd(self.epoch)
+        record = Satrec()
+        record.sgp4init(
+            WGS72,
+            "i",
+            0,  # the number plays no part in the motion, and nine-digit ones do not fit
+            (jd + fraction) - _SGP4_EPOCH_JD,
+            self.bstar_per_earth_radius,
+            self.mean_motion_dot_rev_day2 / (_REV_DAY_PER_RAD_MIN * 1440.0),
+            self.mean_motion_ddot_rev_day3 / (_REV_DAY_PER_RAD_MIN * 1440.0 * 1440.0),
+            self.eccentricity,
+            self.arg_perigee_deg * _DEG,
+            self.inclination_deg * _DEG,
+            self.mean_anomaly_deg * _DEG,
+            self.mean_motion_rev_day / _REV_DAY_PER_RAD_MIN,
+            self.raan_deg * _DEG,
+        )
+        # The epoch above is one float, good to 20 µs, because that is what enters SGP4's lunisolar
+        # terms when it reads a TLE itself; the time since epoch comes from the two parts below.
+        record.jdsatepoch = jd
+        record.jdsatepochF = fraction
+        if record.error not in (0, _DECAYED):
+            raise propagation_error(record.error, self, self.epoch)
+        return record
+
+
+def epoch_jd(epoch: Utc) -> tuple[float, float]:
+    """Return an epoch as Julian date of 0h and fraction of day.
+
+    A fraction within the resolution of `Utc` of eight decimals is taken as exactly those eight decimals,
+    which is what a TLE holds.
+    """
+    days, second = divmod(epoch.unix_s, DAY_S)
+    fraction = second / DAY_S
+    eight = round(fraction, 8)
+    return days + UNIX_EPOCH_JD, eight if abs(eight - fraction) < 3e-12 else fraction
+
+
+def propagation_error(code: int, elements: Elements, at: Utc) -> PropagationError:
+    """Return the exception for an SGP4 error number, saying for what object and when."""
+    try:
+        when = at.isoformat("seconds")
+    except TimeRangeError:
+        when = f"{at.unix_s} s since 1970"
+    age_days = elements.age_s(at) / DAY_S
+    if code == _DECAYED:
+        return DecayedError(
+            f"{elements.label} ({elements.catalog_number}) has decayed at {when}, "
+            f"{age_days:+.1f} days from the epoch of its elements: use newer elements or an earlier time",
+            code,
+        )
+    reason = SGP4_ERRORS.get(code, "unknown error")
+    return PropagationError(
+        f"{elements.label} ({elements.catalog_number}) cannot be propagated to {when}, "
+        f"{age_days:+.1f} days from the epoch of its elements (SGP4 error {code}: {reason}): "
+        "use newer elements or a nearer time",
+        code,
+    )
+
+
+_ALPHA5 = "ABCDEFGHJKLMNPQRSTUVWXYZ"
+_ALPHA5_FIELD = re.compile(rf"(?=.*\d$) *(\d+)|([{_ALPHA5}])(\d{{4}})", re.ASCII)
+
+
+def parse_alpha5(field: str) -> int | None:
+    """Return the catalogue number in a TLE's five columns, None where it is none.
+
+    Alpha-5 (Space-Track): a letter for the two leading digits, A = 10 to Z = 33 without I and O.
+    """
+    match = _ALPHA5_FIELD.fullmatch(field)
+    if match is None:
+        return None
+    if match.group(1):
+        return int(match.group(1))
+    return (10 + _ALPHA5.index(match.group(2))) * 10000 + int(match.group(3))

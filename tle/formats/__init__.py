@@ -1,0 +1,1 @@
+"""Texts that hold element sets, one module a format: text in, elements and refusals out."""

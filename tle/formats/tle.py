@@ -1,0 +1,292 @@
+"""Two-line and three-line element sets: text to `Elements`, every column checked.
+
+Columns as in Space-Track's "Basic Description of the Two Line Element (TLE) Format", with Alpha-5 numbers.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from datetime import date
+from typing import TYPE_CHECKING
+
+from tle.elements import Elements, parse_alpha5
+from tle.errors import (
+    ChecksumError,
+    ElementsError,
+    FieldError,
+    FieldRangeError,
+    FormatError,
+    LineLengthError,
+    MismatchedLinesError,
+    MissingLineError,
+    SwappedLinesError,
+)
+from tle.instants import DAY_S, Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+_LENGTH = 69
+_ELEMENT_LINE = re.compile(r"[12] [ 0-9A-Z][ 0-9]{3}[0-9]|[12] .{30,}", re.ASCII)
+# A circular orbit of the Earth's own radius takes 84.5 minutes: nothing goes round faster.
+_MAX_REV_DAY = 17.05
+_SPACES = {1: (2, 9, 18, 33, 44, 53, 62, 64), 2: (2, 8, 17, 26, 34, 43, 52)}
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One line of a source: its text without line end and trailing blanks, its source and 1-based number."""
+
+    text: str
+    source: str = ""
+    number: int | None = None
+
+    def columns(self, first: int, last: int) -> str:
+        """Return the text of 1-based columns, both included."""
+        return self.text[first - 1 : last]
+
+    def says(
+        self, kind: type[ElementsError], reason: str, columns: tuple[int, int] | None = None
+    ) -> ElementsError:
+        """Return an exception about this line."""
+        return kind(reason, source=self.source, line=self.number, text=self.text, columns=columns)
+
+
+def looks_like_tle(text: str) -> bool:
+    """Tell whether any line of a text looks like one of a two-line set."""
+    return any(_ELEMENT_LINE.match(line) for line in text.split("\n"))
+
+
+def parse_text(text: str, source: str = "") -> Iterator[Elements | ElementsError]:
+    """Yield, in the order of the text, the elements of each set or the reason it is refused.
+
+    Name lines are optional and may begin with "0 "; blank lines, `#` comments and CRLF are accepted.
+    """
+    lines = [Line(t.rstrip(), source, n) for n, t in enumerate(text.split("\n"), start=1)]
+    lines = [line for line in lines if line.text and not line.text.startswith("#")]
+    at = 0
+    while at < len(lines):
+        name: Line | None = None
+        if not _ELEMENT_LINE.match(lines[at].text):
+            name = lines[at]
+            at += 1
+        group: list[Line] = []
+        while at < len(lines) and len(group) < 2 and _ELEMENT_LINE.match(lines[at].text):
+            group.append(lines[at])
+            at += 1
+            if len(group) == 1 and _starts_another_set(lines, at, group[0]):
+                break
+        yield _set_or_refusal(name, group)
+
+
+def parse_set(line1: str, line2: str, name: str = "") -> Elements:
+    """Return the elements of two lines. Raises a subclass of ElementsError."""
+    first, second = Line(line1.rstrip()), Line(line2.rstrip())
+    return _parse_lines(first, second, _clean_name(name))
+
+
+def _starts_another_set(lines: list[Line], at: int, first: Line) -> bool:
+    """Tell whether the line at hand begins a new set, the one before it being alone."""
+    if at >= len(lines) or lines[at].text[0] != first.text[0]:
+        return False
+    return first.text[0] == "1" or lines[at].columns(3, 7) != first.columns(3, 7)
+
+
+def _set_or_refusal(name: Line | None, group: list[Line]) -> Elements | ElementsError:
+    try:
+        if not group:
+            assert name is not None
+            raise name.says(
+                FormatError,
+                "neither a satellite's name before two element lines, nor an element line: remove it",
+            )
+        if len(group) == 1:
+            wanted = "2" if group[0].text[0] == "1" else "1"
+            raise group[0].says(MissingLineError, f"line {wanted} of this set is missing: copy the set again")
+        return _parse_lines(group[0], group[1], _clean_name(name.text) if name else "")
+    except ElementsError as error:
+        return error
+
+
+def _clean_name(text: str) -> str:
+    name = text.strip()
+    return name[2:].strip() if name.startswith("0 ") else name
+
+
+def _parse_lines(first: Line, second: Line, name: str) -> Elements:
+    if first.text[:1] == "2" and second.text[:1] == "1":
+        raise first.says(SwappedLinesError, "line 2 stands before line 1: put line 1 first", (1, 1))
+    for line, number in ((first, 1), (second, 2)):
+        _check_frame(line, number)
+    number = _catalog_number(first)
+    if number != _catalog_number(second):
+        raise second.says(
+            MismatchedLinesError,
+            f"line 2 is of object {second.columns(3, 7).strip()}, "
+            f"line 1 of object {first.columns(3, 7).strip()}: take both lines from the same set",
+            (3, 7),
+        )
+    return Elements(
+        name=name,
+        catalog_number=number,
+        classification=first.columns(8, 8).strip() or "U",
+        designator=_designator(first),
+        epoch=_epoch(first),
+        inclination_deg=_angle(second, 9, 16, "inclination", 180.0),
+        raan_deg=_angle(second, 18, 25, "right ascension of the node", 360.0),
+        eccentricity=float(f".{_digits(second, 27, 33, 'eccentricity')}"),
+        arg_perigee_deg=_angle(second, 35, 42, "argument of perigee", 360.0),
+        mean_anomaly_deg=_angle(second, 44, 51, "mean anomaly", 360.0),
+        mean_motion_rev_day=_mean_motion(second),
+        mean_motion_dot_rev_day2=_decimal(first, 34, 43, "first derivative of mean motion"),
+        mean_motion_ddot_rev_day3=_exponential(first, 45, 52, "second derivative of mean motion"),
+        bstar_per_earth_radius=_exponential(first, 54, 61, "drag term B*"),
+        ephemeris_type=_whole(first, 63, 63, "ephemeris type"),
+        element_set_number=_whole(first, 65, 68, "element set number"),
+        revolution_number=_whole(second, 64, 68, "revolution number"),
+    )
+
+
+def _check_frame(line: Line, number: int) -> None:
+    """Check what both lines have alike: number, length, blanks between the columns, checksum."""
+    length = len(line.text)
+    if line.text[:2] != f"{number} ":
+        raise line.says(MissingLineError, f"line {number} of the set must begin with '{number} '", (1, 2))
+    if length < _LENGTH:
+        raise line.says(
+            LineLengthError,
+            f"line {number} is cut off: {length} of {_LENGTH} columns: copy it again whole",
+            (length + 1, _LENGTH),
+        )
+    if length > _LENGTH:
+        raise line.says(
+            LineLengthError,
+            f"line {number} goes on after its {_LENGTH} columns: {length} columns: remove what follows",
+            (_LENGTH + 1, length),
+        )
+    for column in _SPACES[number]:
+        if line.columns(column, column) != " ":
+            raise line.says(
+                FieldError,
+                f"line {number}, column {column} must be blank, not {line.columns(column, column)!r}: "
+                "the columns have shifted, copy the set again",
+                (column, column),
+            )
+    _check_sum(line, number)
+
+
+def _check_sum(line: Line, number: int) -> None:
+    """Check the sum, modulo 10, of columns 1 to 68: a minus counts one, all else but digits nothing."""
+    given = line.columns(69, 69)
+    total = sum(int(c) for c in line.columns(1, 68) if c in "0123456789") + line.columns(1, 68).count("-")
+    if given not in "0123456789":
+        raise line.says(FieldError, f"line {number}, checksum must be a digit, not {given!r}", (69, 69))
+    if int(given) != total % 10:
+        raise line.says(
+            ChecksumError,
+            f"line {number}, checksum is {given} but its columns add up to {total % 10}: "
+            "a digit is wrong, copy the set again from its source",
+            (69, 69),
+        )
+
+
+def _catalog_number(line: Line) -> int:
+    number = parse_alpha5(line.columns(3, 7))
+    if number is None:
+        raise line.says(
+            FieldError,
+            f"catalogue number {line.columns(3, 7)!r} is no number, "
+            "nor an Alpha-5 one (A0000 to Z9999, no I or O)",
+            (3, 7),
+        )
+    return number
+
+
+def _designator(line: Line) -> str:
+    """Return "1998-067A" for launch year, number and piece; "" where the columns are blank."""
+    field = line.columns(10, 17)
+    if not field.strip():
+        return ""
+    match = re.fullmatch(r"(\d\d)(\d{3})([A-Z]{1,3}) *", field, re.ASCII)
+    if match is None:
+        # Sets of uncatalogued objects carry notes of their own here: kept as they are.
+        return field.strip()
+    year, launch, piece = match.groups()
+    return f"{_full_year(int(year))}-{launch}{piece}"
+
+
+def _full_year(two_digits: int) -> int:
+    return two_digits + (1900 if two_digits >= 57 else 2000)
+
+
+def _epoch(line: Line) -> Utc:
+    year_text = line.columns(19, 20)
+    day_text = line.columns(21, 32)
+    if not re.fullmatch(r"\d\d| \d", year_text, re.ASCII):
+        raise line.says(FieldError, f"epoch year {year_text!r} is not two digits", (19, 20))
+    match = re.fullmatch(r"( *\d+)(\.\d*) *", day_text, re.ASCII)
+    if match is None:
+        raise line.says(FieldError, f"epoch day {day_text!r} is no day of the year with a fraction", (21, 32))
+    year, day = _full_year(int(year_text)), int(match.group(1))
+    first = date(year, 1, 1).toordinal()
+    if not 1 <= day <= date(year + 1, 1, 1).toordinal() - first:
+        raise line.says(FieldRangeError, f"epoch day {day} is no day of the year {year}", (21, 32))
+    fraction = float(f"0{match.group(2)}")
+    return Utc((first - date(1970, 1, 1).toordinal() + day - 1) * DAY_S + fraction * DAY_S)
+
+
+def _decimal(line: Line, first: int, last: int, field: str) -> float:
+    text = line.columns(first, last)
+    if not re.fullmatch(r" *[+-]?\d*\.\d+ *", text, re.ASCII):
+        raise line.says(FieldError, f"{field} {text.strip()!r} is no decimal number", (first, last))
+    return float(text)
+
+
+def _digits(line: Line, first: int, last: int, field: str) -> str:
+    text = line.columns(first, last)
+    if not re.fullmatch(r" *\d+", text, re.ASCII):
+        raise line.says(FieldError, f"{field} {text.strip()!r} is not all digits", (first, last))
+    return text.replace(" ", "0")
+
+
+def _angle(line: Line, first: int, last: int, field: str, most_deg: float) -> float:
+    value_deg = _decimal(line, first, last, field)
+    if not 0.0 <= value_deg <= most_deg:
+        raise line.says(
+            FieldRangeError, f"{field} {value_deg} is outside 0 to {most_deg:.0f}°", (first, last)
+        )
+    return value_deg
+
+
+def _mean_motion(line: Line) -> float:
+    value = _decimal(line, 53, 63, "mean motion")
+    if not 0.0 < value <= _MAX_REV_DAY:
+        raise line.says(
+            FieldRangeError,
+            f"mean motion {value} revolutions a day is no orbit of the Earth (above 0, to {_MAX_REV_DAY})",
+            (53, 63),
+        )
+    return value
+
+
+def _exponential(line: Line, first: int, last: int, field: str) -> float:
+    """Return a number with an implied point before its five digits and a power of ten of one digit."""
+    text = line.columns(first, last)
+    match = re.fullmatch(r"([ +-])(\d{5})([ +-]\d)|([ +-])( {5}|0{5})( {2}|[+-]\d)", text, re.ASCII)
+    if match is None:
+        raise line.says(
+            FieldError,
+            f"{field} {text.strip()!r} is not five digits and a signed power of ten",
+            (first, last),
+        )
+    sign, digits, power = match.group(1) or match.group(4), match.group(2) or "0", match.group(3) or "0"
+    # The power of ten multiplies, as in SGP4's own reader: "0.12345e-4" may differ in the last bit.
+    return float(f"{sign.strip()}.{digits}") * 10.0 ** int(power)
+
+
+def _whole(line: Line, first: int, last: int, field: str) -> int:
+    text = line.columns(first, last)
+    if not re.fullmatch(r" *\d* *", text, re.ASCII):
+        raise line.says(FieldError, f"{field} {text.strip()!r} is no whole number", (first, last))
+    return int(text.strip() or "0")

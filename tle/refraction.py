@@ -1,0 +1,100 @@
+"""Refraction by the air, for pressure and temperature, at every altitude from nadir to zenith.
+
+True to refracted altitude by Saemundsson (Sky & Telescope 72, 70, 1986; Meeus, Astronomical Algorithms,
+16.4), good to about 0.1′ above the horizon in ordinary air. Far below the horizon there is no such thing as
+the refraction: it fades out smoothly there, so that altitudes keep their order and rates stay continuous.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from tle.errors import RefractionError
+from tle.quantities import functions_for
+
+if TYPE_CHECKING:
+    from tle.quantities import Quantity
+
+_RAD = math.pi / 180.0
+_AT_ZENITH_ARCMIN = 0.0019279  # makes the formula zero at the zenith
+_FADE_FROM_DEG = -1.0
+_FADE_DEG = 2.0
+_TINY = 1e-12
+
+Triple = tuple["Quantity", "Quantity", "Quantity"]
+
+
+@dataclass(frozen=True, slots=True)
+class Refraction:
+    """The air at the site: pressure there in hPa (not reduced to sea level), temperature in °C.
+
+    Raises RefractionError outside 0 to 1200 hPa and -100 to 60 °C.
+    """
+
+    pressure_hpa: float = 1010.0
+    temperature_c: float = 10.0
+
+    def __post_init__(self) -> None:
+        """Check both numbers."""
+        if not 0.0 <= self.pressure_hpa <= 1200.0:
+            raise RefractionError(f"a pressure of {self.pressure_hpa} hPa is outside 0 to 1200 hPa")
+        if not -100.0 <= self.temperature_c <= 60.0:
+            raise RefractionError(f"a temperature of {self.temperature_c} °C is outside -100 to 60 °C")
+
+    @classmethod
+    def standard(cls, height_m: float) -> Refraction:
+        """Return the air of the ICAO standard atmosphere at a height in metres."""
+        warmth = max(1.0 - 2.25577e-5 * min(height_m, 11000.0), 0.0)
+        return cls(1013.25 * warmth**5.25588, 15.0 - 0.0065 * min(height_m, 11000.0))
+
+    def bend_deg(self, altitude_deg: Quantity) -> tuple[Quantity, Quantity]:
+        """Return how much a true altitude is raised, in degrees, and that's derivative by the altitude.
+
+        Defined from -90° to 90°; zero at the zenith, continuous with its derivative everywhere.
+        """
+        fn = functions_for(altitude_deg)
+        clear = fn.where(altitude_deg > _FADE_FROM_DEG, altitude_deg, _FADE_FROM_DEG)
+        below = clear - altitude_deg
+        bend, slope = self._saemundsson(clear)
+        edge, edge_slope = self._saemundsson(_FADE_FROM_DEG)
+        growth = edge / _FADE_DEG - edge_slope
+        fading = fn.exp(-below / _FADE_DEG)
+        faded = (bend + growth * below) * fading
+        return faded, fn.where(below > 0.0, faded / _FADE_DEG - growth * fading, slope)
+
+    def _saemundsson(self, altitude_deg: Quantity) -> tuple[Quantity, Quantity]:
+        fn = functions_for(altitude_deg)
+        scale_deg = self.pressure_hpa / 1010.0 * 283.0 / (273.0 + self.temperature_c) / 60.0
+        above = altitude_deg + 5.11
+        angle = (altitude_deg + 10.3 / above) * _RAD
+        tangent, sine = fn.tan(angle), fn.sin(angle)
+        slope = -1.02 / (sine * sine) * (1.0 - 10.3 / (above * above)) * _RAD
+        return scale_deg * (1.02 / tangent + _AT_ZENITH_ARCMIN), scale_deg * slope
+
+    def refract(self, u: Triple, u_rate: Triple, up: Triple, up_rate: Triple) -> tuple[Triple, Triple]:
+        """Return a unit vector raised towards the zenith, and its rate; all in one frame, rates a second."""
+        fn = functions_for(u[0])
+        sine = _dot(u, up)
+        cosine = fn.sqrt(fn.where(sine * sine < 1.0, 1.0 - sine * sine, 0.0)) + _TINY
+        altitude_rate = (_dot(u_rate, up) + _dot(u, up_rate)) / cosine
+        bend, slope = self.bend_deg(fn.atan2(sine, cosine) / _RAD)
+        bend = bend * _RAD
+        bend_rate = slope * altitude_rate
+        sin_bend, cos_bend = fn.sin(bend), fn.cos(bend)
+        raised, raised_rate = [], []
+        for a, a_rate, k, k_rate in zip(u, u_rate, up, up_rate, strict=True):
+            towards = (k - sine * a) / cosine
+            towards_rate = (
+                k_rate - cosine * altitude_rate * a - sine * a_rate + towards * sine * altitude_rate
+            ) / cosine
+            raised.append(a * cos_bend + towards * sin_bend)
+            raised_rate.append(
+                (a_rate + towards * bend_rate) * cos_bend + (towards_rate - a * bend_rate) * sin_bend
+            )
+        return (raised[0], raised[1], raised[2]), (raised_rate[0], raised_rate[1], raised_rate[2])
+
+
+def _dot(a: Triple, b: Triple) -> Quantity:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

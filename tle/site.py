@@ -1,0 +1,69 @@
+"""A place on Earth, and where it is in the terrestrial frame."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from tle.errors import SiteError
+
+EARTH_RADIUS_KM = 6378.137
+FLATTENING = 1.0 / 298.257223563
+_LOWEST_M, _HIGHEST_M = -12000.0, 100000.0
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Site:
+    """A place by WGS 84 latitude (north) and longitude (east) in degrees, and ellipsoidal height in metres.
+
+    Longitudes of -180 to 360 are taken; both poles are sites, with east where the longitude says.
+    Raises SiteError for anything else. `itrs_km` is its position, and `east`, `north`, `up` the unit
+    vectors of its horizon, in the ITRS (WGS 84's own ellipsoid, NIMA TR8350.2).
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float = 0.0
+    itrs_km: Vector = field(init=False, repr=False, compare=False)
+    east: Vector = field(init=False, repr=False, compare=False)
+    north: Vector = field(init=False, repr=False, compare=False)
+    up: Vector = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        """Check the three numbers and place the site."""
+        _check("latitude", self.latitude_deg, -90.0, 90.0, "degrees north")
+        _check("longitude", self.longitude_deg, -180.0, 360.0, "degrees east")
+        _check("height", self.height_m, _LOWEST_M, _HIGHEST_M, "metres above the ellipsoid")
+        phi, lam = math.radians(self.latitude_deg), math.radians(self.longitude_deg)
+        sin_phi, cos_phi, sin_lam, cos_lam = math.sin(phi), math.cos(phi), math.sin(lam), math.cos(lam)
+        e2 = FLATTENING * (2.0 - FLATTENING)
+        normal_km = EARTH_RADIUS_KM / math.sqrt(1.0 - e2 * sin_phi * sin_phi)
+        height_km = self.height_m / 1000.0
+        axis_km = (normal_km + height_km) * cos_phi
+        place = (axis_km * cos_lam, axis_km * sin_lam, (normal_km * (1.0 - e2) + height_km) * sin_phi)
+        for name, vector in (
+            ("itrs_km", place),
+            ("east", (-sin_lam, cos_lam, 0.0)),
+            ("north", (-sin_phi * cos_lam, -sin_phi * sin_lam, cos_phi)),
+            ("up", (cos_phi * cos_lam, cos_phi * sin_lam, sin_phi)),
+        ):
+            object.__setattr__(self, name, vector)
+
+    @classmethod
+    def parse(cls, text: str) -> Site:
+        """Return the site of "LAT,LON" or "LAT,LON,HEIGHT". Raises SiteError."""
+        parts = [part.strip() for part in text.split(",")]
+        if len(parts) not in (2, 3):
+            raise SiteError(f"{text!r} is no site: write LAT,LON,HEIGHT as 52.15,4.49,0")
+        try:
+            numbers = [float(part) for part in parts]
+        except ValueError:
+            raise SiteError(f"{text!r} is no site: LAT,LON,HEIGHT must be numbers, as 52.15,4.49,0") from None
+        return cls(*numbers)
+
+
+def _check(name: str, value: float, least: float, most: float, unit: str) -> None:
+    if not least <= value <= most:
+        raise SiteError(f"the site's {name} of {value} is outside {least:.0f} to {most:.0f} {unit}")
