@@ -115,8 +115,8 @@ class Engine:
         if state is LinkState.LOST:
             self._give_up("link", f"{self.spec.mount_name} fell silent; stop commands were sent", now_utc_s)
         elif state is LinkState.SILENT and now_utc_s - self.spec.started_utc_s > NO_ANSWER_AFTER_S:
-            words = f"no status from {self.spec.mount_name} within {NO_ANSWER_AFTER_S:g} s; is it on, and set to send here?"
-            self._give_up("link", words, now_utc_s)
+            words = f"no status from {self.spec.mount_name} within {NO_ANSWER_AFTER_S:g} s"
+            self._give_up("link", f"{words}; is it on, and set to send here?", now_utc_s)
 
     def _watch_stop(self, now_utc_s: float) -> None:
         if self.tracker.phase is not Phase.STOPPING or self.finished:
@@ -201,9 +201,8 @@ class Engine:
         warnings = []
         if self._link_state is LinkState.STALE:
             warnings.append("no fresh status from the mount: following by prediction")
-        if self.safety.clamped and self.tracker.phase is Phase.TRACKING and self.tracker.error is not None:
-            if self.tracker.error.total_arcsec > self.spec.plan.on_target_arcsec:
-                warnings.append("the mount's rate limit is reached")
+        if self.safety.clamping and self.tracker.phase in {Phase.ACQUIRING, Phase.TRACKING}:
+            warnings.append("the mount's rate limit is reached")
         if self.message:
             warnings.append(self.message)
         return tuple(warnings)

@@ -74,14 +74,15 @@ class Safety:
         self._latitude_deg = latitude_deg
         self.tripped: str | None = None
         """Name of the interlock that stopped the mount."""
-        self.clamped = 0
-        """Commands whose rates were cut to the limits."""
+        self.clamping = False
+        """Whether the last command's rates were cut to the limits."""
 
     def clear(self, motion: Motion, sidereal_deg: float, ra_deg: float, dec_deg: float) -> Cleared:
         """Return what may be sent of `motion`.
 
         `sidereal_deg` is the mount's local sidereal time; `ra_deg`, `dec_deg` where its axes are.
         """
+        self.clamping = False
         if self.tripped is not None:
             return Cleared(Stop())
         match motion:
@@ -108,7 +109,7 @@ class Safety:
         dec = max(-dec_limit, min(dec_limit, move.dec_rate_deg_s))
         if ra == move.ra_rate_deg_s and dec == move.dec_rate_deg_s:
             return Cleared(move)
-        self.clamped += 1
+        self.clamping = True
         return Cleared(MoveAxes(ra, dec))
 
     def _below_floor(self, hour_angle_deg: float, dec_deg: float) -> bool:

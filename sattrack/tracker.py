@@ -24,7 +24,8 @@ from tle.bias import Bias
 from tle.instants import Utc
 
 if TYPE_CHECKING:
-    from tle.propagator import Direction, Propagator
+    from tle.direction import Direction
+    from tle.propagator import Propagator
 
 ACQUIRED_AFTER_SAMPLES = 10
 LOST_ARCSEC = 120.0

@@ -110,7 +110,7 @@ class Summary(msgspec.Struct, frozen=True):
     bias_cross_deg: float
     recording: str | None
     mount_stopped: bool | None
-    """Whether the mount acknowledged the stop at the end and was seen at rest; null where it was never heard."""
+    """Whether the mount acknowledged the last stop and was seen at rest; null where it was never heard."""
     message: str | None = None
     """Why the run ended, in words, where it did not end as planned."""
 

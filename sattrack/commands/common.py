@@ -13,8 +13,8 @@ import click
 from sattrack.clock import Clock, SimulatedClock, SystemClock, parse_clock
 from sattrack.errors import BadInputError
 from sattrack.settings import Settings, load_settings
-from tle.earth import Site
 from tle.instants import Utc
+from tle.site import Site
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -51,7 +51,7 @@ class CommandContext:
         return self.element_sources or self.settings.elements
 
     def elements(self) -> list[Elements]:
-        """Read all element sources, the newest epoch of an object winning; raises BadInputError or TleError."""
+        """Read all element sources, the newest epoch of an object winning. Raises BadInputError, TleError."""
         from tle.sources import read_elements
 
         sources = self.sources()
@@ -77,10 +77,18 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of every command; the function's first argument becomes a CommandContext."""
 
     @click.option("--config", type=click.Path(path_type=Path), help="Settings file.")
-    @click.option("--site", "site_option", metavar="LAT,LON,HEIGHT", help="Degrees north, degrees east, metres.")
-    @click.option("--elements", "element_sources", multiple=True, metavar="SRC", help="File or folder of elements.")
-    @click.option("--clock", "clock_option", metavar="UTC[xSPEED]", help="Run as if it were that instant now.")
-    @click.option("--json", "as_json", is_flag=True, help="JSON on standard output, messages on standard error.")
+    @click.option(
+        "--site", "site_option", metavar="LAT,LON,HEIGHT", help="Degrees north, degrees east, metres."
+    )
+    @click.option(
+        "--elements", "element_sources", multiple=True, metavar="SRC", help="File or folder of elements."
+    )
+    @click.option(
+        "--clock", "clock_option", metavar="UTC[xSPEED]", help="Run as if it were that instant now."
+    )
+    @click.option(
+        "--json", "as_json", is_flag=True, help="JSON on standard output, messages on standard error."
+    )
     @click.option("--debug", is_flag=True, help="Show tracebacks.")
     @functools.wraps(function)
     def wrapper(

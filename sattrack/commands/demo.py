@@ -29,14 +29,19 @@ SHORTEST_S = 5.0
 @click.option("--seconds", type=float, metavar="N", help="End after so many real seconds in all.")
 @click.option("--record", type=click.Path(), help="Write every input and output to a new MCAP file.")
 @click.option("--stream", is_flag=True, help="Views as JSON lines on standard output, ten a second.")
-@click.option("--control", is_flag=True, help="Take messages as JSON lines on standard input; its end stops the mount.")
+@click.option(
+    "--control", is_flag=True, help="Take messages as JSON lines on standard input; its end stops the mount."
+)
 @common_options
 def command(context: CommandContext, seconds: float | None, **options: Any) -> int:
     """Follow a real pass of the ISS with an embedded simulated mount, over UDP on loopback."""
     begun_s = time.monotonic() - time.process_time()
     if seconds is not None and not SHORTEST_S <= seconds < float("inf"):
         raise BadInputError(f"--seconds {seconds:g}: give {SHORTEST_S:g} or more")
-    if not (options["headless"] or context.json or options["stream"] or options["control"]) and tui_possible():
+    if (
+        not (options["headless"] or context.json or options["stream"] or options["control"])
+        and tui_possible()
+    ):
         return with_tui()
     request = demo_request(context.clock_option, options["record"])
     deadline_s = float("inf") if seconds is None else begun_s + seconds - STOPPING_TAKES_S
@@ -50,14 +55,14 @@ def command(context: CommandContext, seconds: float | None, **options: Any) -> i
 
 
 def demo_request(clock_option: str | None, record: str | None) -> RunRequest:
-    """Return what the demonstration asks for; its clock starts shortly before the satellite is high enough."""
-    from pathlib import Path  # noqa: PLC0415
+    """Return what the demonstration asks for; its clock starts shortly before the satellite is up."""
+    from pathlib import Path
 
     elements = Elements.from_tle(practice.LINE_1, practice.LINE_2, practice.NAME)
     where = practice.SITE
     site = Site(where.latitude_deg, where.longitude_deg, where.height_m)
     if clock_option is None:
-        rise = choose_pass(elements, site, Utc.parse(practice.BEFORE_PASS), 10.0).rise
+        rise = choose_pass(elements, site, Utc.parse(practice.BEFORE_PASS), 10.0).rise_utc
         assert rise is not None
         clock_option = rise.plus(-practice.LEAD_S).isoformat()
     return RunRequest(

@@ -28,7 +28,7 @@ class SummaryLine(msgspec.Struct, frozen=True):
 
 @dataclass(slots=True)
 class Progress:
-    """Tells on standard error how a run goes: one line that renews itself on a terminal, else a line now and then.
+    """Tells on standard error how a run goes: a line that renews itself on a terminal, else one now and then.
 
     With `quiet_off_terminal`, nothing is told but on a terminal.
     """
@@ -65,8 +65,8 @@ def progress_line(view: TrackView) -> str:
     if view.phase not in {"acquiring", "tracking"}:
         error = rms = ""
     return (
-        f"{clock}  {view.name}  {view.phase:<9} alt {view.target_alt_deg:5.1f}°  az {view.target_az_deg:5.1f}°"
-        f"{error}{rms}  link {view.link.state}"
+        f"{clock}  {view.name}  {view.phase:<9} "
+        f"alt {view.target_alt_deg:5.1f}°  az {view.target_az_deg:5.1f}°{error}{rms}  link {view.link.state}"
     )
 
 
@@ -80,7 +80,7 @@ def with_tui() -> int:
 
     The loop that feeds the mount must not share a process with anything that draws.
     """
-    from sattrack.tui.launch import fly_with_tui  # noqa: PLC0415 - textual takes long to import
+    from sattrack.tui.launch import fly_with_tui
 
     arguments = [*sys.argv[1:], "--stream", "--control"]
     return fly_with_tui([sys.executable, "-m", "sattrack", *arguments])

@@ -23,9 +23,15 @@ if TYPE_CHECKING:
 
 
 @click.command("sim")
-@click.option("--port", default=DEFAULT_PORT, show_default=True, help="UDP port for commands; 0 takes a free one.")
-@click.option("--peer", type=int, metavar="PORT", help="Port to send statuses to; default: where commands come from.")
-@click.option("--faults", metavar="FAULT", help="silent:SECONDS: no status from then on, commands still obeyed.")
+@click.option(
+    "--port", default=DEFAULT_PORT, show_default=True, help="UDP port for commands; 0 takes a free one."
+)
+@click.option(
+    "--peer", type=int, metavar="PORT", help="Port to send statuses to; default: where commands come from."
+)
+@click.option(
+    "--faults", metavar="FAULT", help="silent:SECONDS: no status from then on, commands still obeyed."
+)
 @common_options
 def command(context: CommandContext, port: int, peer: int | None, faults: str | None) -> int:
     """Run the simulated mount alone, on UDP, until interrupted.

@@ -20,14 +20,20 @@ from sattrack.runtime.prepare import RunRequest, prepare
 @click.argument("satellite")
 @click.option("--mount", "mount_url", metavar="URL", help="sim, or xerxes://HOST:PORT?listen=PORT.")
 @click.option("--headless", is_flag=True, help="No terminal UI.")
-@click.option("--record", type=click.Path(path_type=Path), help="Write every input and output to a new MCAP file.")
+@click.option(
+    "--record", type=click.Path(path_type=Path), help="Write every input and output to a new MCAP file."
+)
 @click.option("--refraction", type=click.Choice(REFRACTION_MODES), default="auto", show_default=True)
 @click.option("--bias-along", default=0.0, metavar="S", help="Seconds; positive leads.")
-@click.option("--bias-cross", default=0.0, metavar="DEG", help="Degrees; positive to the left, seen from below.")
+@click.option(
+    "--bias-cross", default=0.0, metavar="DEG", help="Degrees; positive to the left, seen from below."
+)
 @click.option("--min-alt", type=float, metavar="DEG", help="Follow above this altitude (10, or as set).")
 @click.option("--virtual", is_flag=True, help="With --mount sim: in virtual time, as fast as it goes.")
 @click.option("--stream", is_flag=True, help="Views as JSON lines on standard output, ten a second.")
-@click.option("--control", is_flag=True, help="Take messages as JSON lines on standard input; its end stops the mount.")
+@click.option(
+    "--control", is_flag=True, help="Take messages as JSON lines on standard input; its end stops the mount."
+)
 @common_options
 def command(context: CommandContext, satellite: str, **options: Any) -> int:
     """Follow the pass now in progress, else the next.

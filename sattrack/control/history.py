@@ -49,7 +49,7 @@ class CommandHistory:
         return AT_REST
 
     def displacement(self, from_utc_s: float, to_utc_s: float) -> tuple[float, float]:
-        """Return how far the commands move right ascension and declination, degrees, from one instant to another.
+        """Return how far the commands move right ascension and declination between two instants, degrees.
 
         `from_utc_s` must be a loop instant of the mount; further ones are taken a period apart, so that a
         gap of lost statuses is predicted through.

@@ -77,7 +77,7 @@ class AxisFilter:
         measured = predicted + wrap180(position_deg - predicted)
         noise = self._noise
         variance = noise.position_deg**2 + (rate_deg_s * noise.timing_s) ** 2
-        self._kalman.update(measured, R=variance)
+        self._kalman.update(measured, R=np.array([[variance]]))
         self.innovation_sigmas = float(self._kalman.y[0, 0]) / math.sqrt(float(self._kalman.S[0, 0]))
 
 

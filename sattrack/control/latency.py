@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 SIDEREAL_SECONDS_PER_SECOND = 1.00273790935
 BUCKET_S = 1.0
@@ -48,7 +49,7 @@ def lower_envelope(points: list[tuple[float, float]]) -> Envelope:
             hull.pop()
         hull.append(point)
     middle_s = sum(p[0] for p in points) / len(points)
-    for left, right in zip(hull, hull[1:], strict=False):
+    for left, right in pairwise(hull):
         if right[0] >= middle_s:
             slope = (right[1] - left[1]) / (right[0] - left[0])
             bounded = max(-LARGEST_DRIFT, min(LARGEST_DRIFT, slope))

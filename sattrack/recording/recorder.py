@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, BinaryIO, Protocol, cast
 
 import msgspec
 from mcap.writer import CompressionType, Writer
@@ -26,7 +25,7 @@ from sattrack.recording.format import (
 )
 
 if TYPE_CHECKING:
-    from io import RawIOBase
+    from pathlib import Path
 
     from sattrack.tracker import Message
     from sattrack.view import TrackView
@@ -75,10 +74,10 @@ class NoRecording:
         """See Sink."""
 
 
-def create(path: Path) -> RawIOBase:
+def create(path: Path) -> BinaryIO:
     """Open a new file for a recording; raises BadInputError where there is one already or it cannot be."""
     try:
-        return path.open("xb", buffering=0)
+        return cast("BinaryIO", path.open("xb", buffering=0))
     except FileExistsError as error:
         raise BadInputError(f"--record {path}: exists already; give another name") from error
     except OSError as error:
@@ -90,7 +89,7 @@ class Recorder:
 
     wanted = True
 
-    def __init__(self, stream: RawIOBase, spec: msgspec.Raw) -> None:
+    def __init__(self, stream: BinaryIO, spec: msgspec.Raw) -> None:
         self._stream = stream
         self._writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._writer.start(profile=PROFILE, library=f"sattrack {__version__}")
@@ -129,7 +128,7 @@ class Recorder:
     def close(self) -> None:
         """Finish the file."""
         try:
-            self._writer.finish()
+            self._writer.finish()  # type: ignore[no-untyped-call]
             self._stream.close()
         except OSError as error:
             raise SattrackError(f"the recording could not be finished: {error}") from error

@@ -17,7 +17,9 @@ from sattrack.tracker import ClearBias, Message, Nudge, StopNow
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-_DECODER: msgspec.json.Decoder[Nudge | ClearBias | StopNow] = msgspec.json.Decoder(Nudge | ClearBias | StopNow)
+_DECODER: msgspec.json.Decoder[Nudge | ClearBias | StopNow] = msgspec.json.Decoder(
+    Nudge | ClearBias | StopNow
+)
 
 
 def encode_message(message: Message) -> bytes:

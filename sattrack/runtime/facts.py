@@ -84,18 +84,19 @@ def choose_pass(elements: Elements, site: Site, now: Utc, min_alt_deg: float) ->
     passes: Sequence[Pass] = find_passes(Propagator(elements, site), now, SEARCH_HOURS, min_alt_deg)
     if not passes:
         raise SattrackError(
-            f"{elements.label} does not rise above {min_alt_deg:g}° at this site within {SEARCH_HOURS:g} hours "
-            f"of {now.isoformat('seconds')}; try a lower --min-alt, or another satellite"
+            f"{elements.label} does not rise above {min_alt_deg:g}° at this site within "
+            f"{SEARCH_HOURS:g} hours of {now.isoformat('seconds')}; "
+            "try a lower --min-alt, or another satellite"
         )
     return passes[0]
 
 
 def plan_for(satellite_pass: Pass, now: Utc) -> TrackPlan:
     """Return when to follow a pass: from its rise, or now where it is up already, to its set."""
-    rise = now if satellite_pass.rise is None else satellite_pass.rise
+    rise = now if satellite_pass.rise_utc is None else satellite_pass.rise_utc
     end_s = float(now.unix_s) + SEARCH_HOURS * 3600.0
-    if satellite_pass.set is not None:
-        end_s = float(satellite_pass.set.unix_s)
+    if satellite_pass.set_utc is not None:
+        end_s = float(satellite_pass.set_utc.unix_s)
     return TrackPlan(start_utc_s=max(float(rise.unix_s), float(now.unix_s)), end_utc_s=end_s)
 
 

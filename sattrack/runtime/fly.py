@@ -98,7 +98,7 @@ def _recording(facts: RunFacts, background: bool) -> Iterator[Sink]:
     if facts.recording is None:
         yield NoRecording()
         return
-    from pathlib import Path  # noqa: PLC0415 - only where something is recorded
+    from pathlib import Path
 
     recorder = Recorder(create(Path(facts.recording)), msgspec.Raw(encode_facts(facts)))
     sink: Recorder | BackgroundRecorder = BackgroundRecorder(recorder) if background else recorder

@@ -57,7 +57,7 @@ class Prepared:
 
 
 def prepare(request: RunRequest) -> Prepared:
-    """Resolve a request. Raises BadInputError, SattrackError or TleError, each in one line, moving nothing."""
+    """Resolve a request, moving nothing. Raises BadInputError, SattrackError or TleError."""
     address = mount_address(request.mount_url)
     if address is not None and request.clock_option is not None:
         raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
@@ -84,7 +84,7 @@ def prepare(request: RunRequest) -> Prepared:
         pressure_hpa=air.pressure_hpa,
         temperature_c=air.temperature_c,
         plan=plan,
-        culminate_utc_s=float(satellite_pass.culminate.unix_s),
+        culminate_utc_s=float(satellite_pass.culminate_utc.unix_s),
         max_alt_deg=float(satellite_pass.max_alt_deg),
         profile=MountProfile(),
         limits=SafetyLimits(),

@@ -124,7 +124,7 @@ class UdpLink:
         for level, kind, data in ancillary:
             if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(data) >= _TIMESPEC.size:
                 seconds, nanoseconds = _TIMESPEC.unpack_from(data)
-                waited_s = time.time() - (seconds + nanoseconds * 1e-9)
+                waited_s: float = time.time() - (seconds + nanoseconds * 1e-9)
                 if 0.0 <= waited_s < _LONGEST_KERNEL_WAIT_S:
                     return now_s - waited_s
         return now_s

@@ -13,6 +13,7 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from enum import Enum
+from operator import attrgetter
 from typing import Literal, NamedTuple
 
 COMMAND_HEADER = 0x5555AAAA
@@ -256,14 +257,14 @@ _COMMAND_FLAGS = _indices(COMMAND_FIELDS, Kind.FLAG)
 _STATUS_FLAGS = _indices(STATUS_FIELDS, Kind.FLAG)
 _STATUS_EITHERS = _indices(STATUS_FIELDS, Kind.EITHER)
 _COUNTER = next(i for i, f in enumerate(STATUS_FIELDS) if f.name == "counter")
-_COMMAND_NAMES = tuple(f.name for f in COMMAND_FIELDS[1:])
-_STATUS_NAMES = tuple(f.name for f in STATUS_FIELDS[1:])
+_command_values = attrgetter(*(f.name for f in COMMAND_FIELDS[1:]))
+_status_values = attrgetter(*(f.name for f in STATUS_FIELDS[1:]))
 _EITHER_NAMES = tuple(STATUS_FIELDS[i].name for i in _STATUS_EITHERS)
 
 
 def encode_command(command: Command) -> bytes:
     """Pack a command into its 82 bytes. Raises struct.error where a value does not fit its field."""
-    values = [COMMAND_HEADER, *(getattr(command, name) for name in _COMMAND_NAMES)]
+    values = [COMMAND_HEADER, *_command_values(command)]
     for i in _COMMAND_FLAGS:
         values[i] = TRUE_BYTE if values[i] else 0
     return _COMMAND.pack(*values)
@@ -283,7 +284,7 @@ def decode_command(data: bytes) -> Command:
 def encode_status(status: Status, readings: Readings | None = None) -> bytes:
     """Pack a status into its 160 bytes, the doubtful fields by `readings` (default: Appendix A's types)."""
     readings = readings or Readings()
-    values = [STATUS_HEADER, *(getattr(status, name) for name in _STATUS_NAMES)]
+    values = [STATUS_HEADER, *_status_values(status)]
     for i in _STATUS_FLAGS:
         values[i] = TRUE_BYTE if values[i] else 0
     for i, name in zip(_STATUS_EITHERS, _EITHER_NAMES, strict=True):
@@ -311,7 +312,7 @@ def decode_status(data: bytes) -> Status:
 
 
 def status_readings(data: bytes) -> Readings:
-    """Tell which type each doubtful field of a status has. Raises DatagramError for a wrong length or header."""
+    """Tell which type each doubtful field of a status has. Raises DatagramError as decode_status does."""
     _check(data, STATUS_LENGTH, "status")
     _check_status_header(data[:8])
     offsets = (STATUS_FIELDS[i].offset for i in _STATUS_EITHERS)

@@ -14,7 +14,7 @@ Rules, from "Xerxes Mount Control Protocol", Details and Theory of Operation:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import Enum, StrEnum
 from typing import TYPE_CHECKING
 
@@ -168,16 +168,16 @@ class Session:
     def compose(self) -> bytes:
         """Return the next datagram to send."""
         self.health.sent += 1
-        command = Command(counter=self.health.sent)
         match self._wanted:
             case Stop():
-                command = self._compose_stop(command)
+                command = self._compose_stop()
             case MoveAxes():
-                command = self._compose_move(command, self._wanted)
+                command = self._compose_move(self._wanted)
             case SlewTo():
-                command = self._compose_slew(command, self._wanted)
+                command = self._compose_slew(self._wanted)
             case Hold():
                 self._withdraw_slew()
+                command = Command(self.health.sent)
         return encode_command(command)
 
     def link_state(self, now_utc_s: float) -> LinkState:
@@ -202,32 +202,32 @@ class Session:
             return False
         return not sample.slewing and is_at_rest(sample)
 
-    def _compose_stop(self, command: Command) -> Command:
+    def _compose_stop(self) -> Command:
         self._withdraw_slew()
         if not self._aborted and self._abort is Handshake.IDLE and not self._acked("ack_abort"):
             self._abort = TRANSITIONS[self._abort, "request"]
-        return replace(command, abort=self._abort is Handshake.RAISED)
+        return Command(self.health.sent, abort=self._abort is Handshake.RAISED)
 
-    def _compose_move(self, command: Command, move: MoveAxes) -> Command:
+    def _compose_move(self, move: MoveAxes) -> Command:
         self._withdraw_slew()
         westward = (0.0 if self.profile.additive else SIDEREAL_RATE_DEG_S) - move.ra_rate_deg_s
-        return replace(
-            command,
+        return Command(
+            self.health.sent,
             move_ra=True,
             move_dec=True,
             move_ra_rate_deg_s=self.profile.ra_rate_sign * westward,
             move_dec_rate_deg_s=self.profile.dec_rate_sign * move.dec_rate_deg_s,
         )
 
-    def _compose_slew(self, command: Command, target: SlewTo) -> Command:
+    def _compose_slew(self, target: SlewTo) -> Command:
         slew = self._slew
         if slew is not None and slew.state is SlewState.WAITING:
             standing = self.status is not None and not self.status.slewing
             if standing and self._slew_flag is Handshake.IDLE and not self._acked("ack_slew"):
                 self._slew_flag = TRANSITIONS[self._slew_flag, "request"]
                 slew.state = SlewState.ASKED
-        return replace(
-            command,
+        return Command(
+            self.health.sent,
             slew=self._slew_flag is Handshake.RAISED,
             target_ra_h=target.ra_deg % 360.0 / 15.0,
             target_dec_deg=target.dec_deg,
