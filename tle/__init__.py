@@ -18,46 +18,56 @@ if TYPE_CHECKING:
     from tle.elements import Elements
     from tle.errors import TleError
     from tle.instants import Utc
+    from tle.observations import Observation, read_observations
     from tle.passes import Pass, find_passes
     from tle.propagator import Propagator
     from tle.refraction import Refraction
+    from tle.residuals import BiasEstimate, bias_from_observation
     from tle.site import Site
     from tle.sources import find, load_elements, read_elements
 
 __all__ = [
     "Bias",
+    "BiasEstimate",
     "Direction",
     "EarthOrientation",
     "Elements",
+    "Observation",
     "Pass",
     "Propagator",
     "Refraction",
     "Site",
     "TleError",
     "Utc",
+    "bias_from_observation",
     "earth_orientation_age",
     "find",
     "find_passes",
     "load_elements",
     "read_elements",
+    "read_observations",
 ]
 
 _HOMES = {
     "Bias": "bias",
+    "BiasEstimate": "residuals",
     "Direction": "direction",
     "EarthOrientation": "earth",
     "Elements": "elements",
+    "Observation": "observations",
     "Pass": "passes",
     "Propagator": "propagator",
     "Refraction": "refraction",
     "Site": "site",
     "TleError": "errors",
     "Utc": "instants",
+    "bias_from_observation": "residuals",
     "earth_orientation_age": "earth",
     "find": "sources",
     "find_passes": "passes",
     "load_elements": "sources",
     "read_elements": "sources",
+    "read_observations": "observations",
 }
 
 

@@ -40,8 +40,8 @@ class Direction:
     Degrees, degrees a second, km and km/s; every rate is the derivative of the quantity it is named after,
     and `ra_rate_deg_s` is dRA/dt itself, not times cos Dec. RA and Dec are topocentric, of the true equator
     and equinox of date (ICRF for an astrometric place). `range_km` is the way of the light,
-    `range_rate_km_s` its derivative; both are geometric for the geometric place. `error` is SGP4's number, 0 where all is well;
-    elsewhere in an array all quantities are NaN.
+    `range_rate_km_s` its derivative; both are geometric for the geometric place. `error` is SGP4's number, 0
+    where all is well; elsewhere in an array all quantities are NaN.
     """
 
     __slots__ = (

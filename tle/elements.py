@@ -53,7 +53,7 @@ class Elements:
 
         Raises a subclass of ElementsError that says which line and columns are wrong.
         """
-        from tle.formats.tle import parse_set  # noqa: PLC0415 - the format needs this type
+        from tle.formats.tle import parse_set
 
         return parse_set(line1, line2, name or "")
 

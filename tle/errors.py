@@ -13,8 +13,12 @@ class ElementsError(TleError):
     """A set of orbital elements that cannot be used.
 
     `source` names the file (or "text"), `line` is the 1-based line in it, and `reason` the sentence alone,
-    without place, quoted line and mark. Each is None or empty where it does not apply.
+    without place, quoted line and mark. Each is None or empty where it does not apply; so are `name` and
+    `catalog_number` of the set, as far as they could be read.
     """
+
+    name: str = ""
+    catalog_number: int | None = None
 
     def __init__(
         self,

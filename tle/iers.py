@@ -84,7 +84,7 @@ class IersTable:
 @lru_cache(maxsize=1)
 def installed_table() -> IersTable:
     """Return the table of the installed astropy-iers-data."""
-    import astropy_iers_data  # noqa: PLC0415 - only needed by those who use real Earth orientation
+    import astropy_iers_data
 
     return IersTable(astropy_iers_data.IERS_A_FILE)
 

@@ -106,6 +106,8 @@ def _set_or_refusal(name: Line | None, group: list[Line]) -> Elements | Elements
             raise group[0].says(MissingLineError, f"line {wanted} of this set is missing: copy the set again")
         return _parse_lines(group[0], group[1], _clean_name(name.text) if name else "")
     except ElementsError as error:
+        error.name = _clean_name(name.text) if name else ""
+        error.catalog_number = parse_alpha5(group[0].columns(3, 7)) if group else None
         return error
 
 

@@ -1,0 +1,158 @@
+"""What an observed direction says of the biases of a satellite: seconds along its track, degrees across."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, get_args
+
+import erfa
+import numpy as np
+
+from tle.bias import Bias
+from tle.errors import ObservationError, PlaceError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from tle.instants import Utc
+    from tle.propagator import Propagator
+
+Frame = Literal["of_date", "icrf", "j2000"]
+
+_ARCSEC = math.pi / 648000.0
+_ALONG_STEP_S = 0.05
+_CROSS_STEP_DEG = 0.01
+_LONGEST_STEP_S = 30.0
+_MOST_STEPS = 200
+_DONE = 1e-13
+
+
+@dataclass(frozen=True, slots=True)
+class BiasEstimate:
+    """Biases that bring the elements onto one observation, with standard deviations.
+
+    `along_s` and `cross_deg` as `Bias` defines them; `separation_arcsec` is the distance on the sky between
+    the observation and the elements without any bias.
+    """
+
+    along_s: float
+    cross_deg: float
+    along_sigma_s: float
+    cross_sigma_deg: float
+    separation_arcsec: float
+
+    @property
+    def bias(self) -> Bias:
+        """The bias that the estimate stands for."""
+        return Bias(self.along_s, self.cross_deg)
+
+
+def bias_from_observation(
+    propagator: Propagator,
+    ra_deg: float,
+    dec_deg: float,
+    t: Utc,
+    frame: Frame = "of_date",
+    sigma_arcsec: float = 1.0,
+    sigma_time_s: float = 0.0,
+) -> BiasEstimate:
+    """Return the biases with which the propagator sees its satellite where it was observed at an instant.
+
+    Frames: "of_date" (true equator and equinox of date, the propagator's apparent or geometric place),
+    "icrf" (astrometric, as a plate solution gives), "j2000" (the same by the mean equator and equinox of
+    J2000). A bias of the propagator's own does not count. The standard deviations follow from those of the
+    direction (each way, arcsec) and of the time (s).
+    Raises ObservationError where no bias along the track leads to the direction (another satellite, most
+    likely) or the direction is none; PlaceError for an unknown frame; BiasError; PropagationError.
+    """
+    if frame not in get_args(Frame):
+        raise PlaceError(f"{frame!r} is no frame: give one of {', '.join(get_args(Frame))}")
+    if not -90.0 <= dec_deg <= 90.0 or not math.isfinite(ra_deg):
+        raise ObservationError(
+            f"RA {ra_deg}°, Dec {dec_deg}° is no direction: Dec must be within -90° to 90°"
+        )
+    if not (sigma_arcsec >= 0.0 and sigma_time_s >= 0.0):
+        raise ObservationError("a standard deviation is negative or no number: give arcseconds and seconds")
+    seen = propagator
+    if frame != "of_date":
+        seen = propagator.with_place("astrometric")
+    observed = _vector(ra_deg, dec_deg)
+    if frame == "j2000":
+        frame_bias, _, _ = erfa.bp06(2451545.0, 0.0)
+        observed = frame_bias.T @ observed
+    model = _Model(seen, t)
+    plain = model.unit(0.0, 0.0)
+    along_s, cross_deg = _solve(model, observed)
+    jacobian, _, m, n = model.slopes(along_s, cross_deg)
+    motion = seen.at(t, Bias(along_s, cross_deg)).unit_rate
+    moved = np.array([motion @ m, motion @ n]) * sigma_time_s
+    spread = np.eye(2) * (sigma_arcsec * _ARCSEC) ** 2 + np.outer(moved, moved)
+    inverse = np.linalg.inv(jacobian)
+    covariance = inverse @ spread @ inverse.T
+    return BiasEstimate(
+        along_s,
+        cross_deg,
+        math.sqrt(covariance[0, 0]),
+        math.sqrt(covariance[1, 1]),
+        _angle(plain, observed) / _ARCSEC,
+    )
+
+
+class _Model:
+    """The direction as a function of the two biases at one instant."""
+
+    def __init__(self, propagator: Propagator, t: Utc) -> None:
+        self._propagator = propagator
+        self._t = t
+
+    def unit(self, along_s: float, cross_deg: float) -> NDArray[np.float64]:
+        return self._propagator.at(self._t, Bias(along_s, cross_deg)).unit
+
+    def slopes(
+        self, along_s: float, cross_deg: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return d(direction)/d(along, cross) in the tangent plane, the direction, and the plane's axes."""
+        u = self.unit(along_s, cross_deg)
+        later, sooner = (self.unit(along_s + s * _ALONG_STEP_S, cross_deg) for s in (1.0, -1.0))
+        by_along = (later - sooner) / (2.0 * _ALONG_STEP_S)
+        left, right = (self.unit(along_s, cross_deg + s * _CROSS_STEP_DEG) for s in (1.0, -1.0))
+        by_cross = (left - right) / (2.0 * _CROSS_STEP_DEG)
+        m = by_along - (by_along @ u) * u
+        size = float(np.linalg.norm(m))
+        if size < 1e-12:
+            raise ObservationError("the satellite moves along the line of sight: no bias can be told from it")
+        m = m / size
+        n = np.cross(u, m)
+        jacobian = np.array([[by_along @ m, by_cross @ m], [by_along @ n, by_cross @ n]])
+        return jacobian, u, m, n
+
+
+def _solve(model: _Model, observed: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the biases that lead to a direction, by Newton's method with bounded steps along the track."""
+    along_s = cross_deg = 0.0
+    for _ in range(_MOST_STEPS):
+        jacobian, u, m, n = model.slopes(along_s, cross_deg)
+        # Angles of the observation in the frame of the track: along it as a turn, across it as a height.
+        height = float(np.clip(observed @ n, -1.0, 1.0))
+        off = np.array([math.atan2(observed @ m, observed @ u), math.asin(height)])
+        step = np.linalg.solve(jacobian, off)
+        along_s += float(max(-_LONGEST_STEP_S, min(_LONGEST_STEP_S, step[0])))
+        cross_deg = max(-89.0, min(89.0, cross_deg + float(step[1])))
+        if float(np.abs(jacobian @ step).max()) < _DONE:
+            return along_s, cross_deg
+        if float(np.abs(off).max()) < 1e-11 and _angle(model.unit(along_s, cross_deg), observed) < 1e-12:
+            return along_s, cross_deg
+    raise ObservationError(
+        "no bias along the track leads from the elements to the observed direction: "
+        "check the object, the time and the station"
+    )
+
+
+def _vector(ra_deg: float, dec_deg: float) -> NDArray[np.float64]:
+    ra, dec = math.radians(ra_deg), math.radians(dec_deg)
+    return np.array([math.cos(dec) * math.cos(ra), math.cos(dec) * math.sin(ra), math.sin(dec)])
+
+
+def _angle(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
+    return math.atan2(float(np.linalg.norm(np.cross(a, b))), float(a @ b))
