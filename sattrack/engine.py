@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sattrack.figures import RunningError, WindowedError
+from sattrack.messages import Message, StopNow
 from sattrack.safety import Safety, SafetyLimits
-from sattrack.tracker import Message, Phase, SkyError, StopNow, Tracker, TrackPlan, sky_error
+from sattrack.tracker import Phase, SkyError, Tracker, TrackPlan, sky_error
 from sattrack.view import ErrorView, LinkView, TrackView
 from sattrack.xerxes.session import LinkState, Session, SlewState
 
@@ -98,6 +99,8 @@ class Engine:
                 self._give_up(f"limit:{self.safety.tripped}", self._limit_words(), now_utc_s)
         elif self.tracker.phase is Phase.STOPPING:
             self.session.apply(self.safety.clear(motion, 0.0, 0.0, 0.0))
+        if self.tracker.ended_by == "error" and self.message is None:
+            self.message = f"{self.spec.mount_name} did not finish its slew in time; it was told to stop"
         self._watch_stop(now_utc_s)
         return self.session.compose()
 

@@ -19,6 +19,7 @@ from sattrack.control.feeder import rate_deg_s
 from sattrack.control.history import CommandHistory, SentRates
 from sattrack.control.kalman import AxisFilter, wrap180
 from sattrack.control.latency import MountClock
+from sattrack.messages import ClearBias, Message, Nudge, StopNow
 from sattrack.mount import Hold, Motion, MountProfile, MoveAxes, SlewTo, StatusSample, Stop
 from tle.bias import Bias
 from tle.instants import Utc
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
 ACQUIRED_AFTER_SAMPLES = 10
 LOST_ARCSEC = 120.0
+SLEW_OVERDUE_S = 30.0
+"""Lateness of a slew after which the mount is taken not to obey."""
 GAP_S = 5.0
 """A gap in the samples after which the filters begin anew."""
 
@@ -51,26 +54,6 @@ class TrackPlan(msgspec.Struct, frozen=True):
     approach_s: float = 60.0
     """How long before the start the slew to the waiting point may begin."""
     on_target_arcsec: float = 2.0
-
-
-class Nudge(msgspec.Struct, frozen=True, tag="nudge", forbid_unknown_fields=True):
-    """Move the target: seconds along its track, degrees across it, added to what is in force."""
-
-    along_s: float = 0.0
-    cross_deg: float = 0.0
-
-
-class ClearBias(msgspec.Struct, frozen=True, tag="clear_bias", forbid_unknown_fields=True):
-    """Take all bias away."""
-
-
-class StopNow(msgspec.Struct, frozen=True, tag="stop", forbid_unknown_fields=True):
-    """Stop the mount and end the run; `why` is what `ended_by` will say."""
-
-    why: str = "operator"
-
-
-Message = Nudge | ClearBias | StopNow
 
 
 class SkyError(NamedTuple):
@@ -196,6 +179,9 @@ class Tracker:
         if slew_done and now_utc_s >= intercept.utc_s - self._lead_s(intercept):
             self.phase = Phase.ACQUIRING
             return self._follow(now_utc_s, axes)
+        if now_utc_s > intercept.utc_s + SLEW_OVERDUE_S:
+            self._end("error")
+            return Stop()
         return SlewTo(intercept.ra_deg, intercept.dec_deg)
 
     def _lead_s(self, intercept: Intercept) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from typing import TYPE_CHECKING, BinaryIO, Protocol, cast
+from typing import TYPE_CHECKING, BinaryIO, Protocol
 
 import msgspec
 from mcap.writer import CompressionType, Writer
@@ -27,11 +27,11 @@ from sattrack.recording.format import (
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from sattrack.tracker import Message
+    from sattrack.messages import Message
     from sattrack.view import TrackView
 
-CHUNK_BYTES = 8192
-"""A chunk is written when it holds this much: under a second of a run, so a killed process loses no more."""
+FLUSH_EVERY_S = 0.8
+"""Seconds of the run after which what was told is on its way to the disk: a killed process loses no more."""
 QUEUED_MOST = 20_000
 _JSON_SCHEMA = b'{"type":"object"}'
 
@@ -77,7 +77,7 @@ class NoRecording:
 def create(path: Path) -> BinaryIO:
     """Open a new file for a recording; raises BadInputError where there is one already or it cannot be."""
     try:
-        return cast("BinaryIO", path.open("xb", buffering=0))
+        return path.open("xb")
     except FileExistsError as error:
         raise BadInputError(f"--record {path}: exists already; give another name") from error
     except OSError as error:
@@ -91,7 +91,7 @@ class Recorder:
 
     def __init__(self, stream: BinaryIO, spec: msgspec.Raw) -> None:
         self._stream = stream
-        self._writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer = Writer(stream, compression=CompressionType.ZSTD)
         self._writer.start(profile=PROFILE, library=f"sattrack {__version__}")
         schema = self._writer.register_schema("json", "jsonschema", _JSON_SCHEMA)
         self._channels = {
@@ -99,6 +99,7 @@ class Recorder:
             for topic, encoding in CHANNELS.items()
         }
         self._sequence = 0
+        self._flushed_utc_s = float("-inf")
         self._encoder = msgspec.json.Encoder()
         header = RunHeader(FORMAT_VERSION, __version__, spec)
         self.write(RUN, 0.0, self._encoder.encode(header))
@@ -124,6 +125,9 @@ class Recorder:
         self._sequence += 1
         at = to_ns(utc_s)
         self._writer.add_message(self._channels[topic], at, data, at, self._sequence)
+        if utc_s - self._flushed_utc_s >= FLUSH_EVERY_S:
+            self._writer.flush()  # type: ignore[no-untyped-call]
+            self._flushed_utc_s = utc_s
 
     def close(self) -> None:
         """Finish the file."""

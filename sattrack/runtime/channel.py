@@ -1,4 +1,4 @@
-"""The operator's messages as JSON lines: `{"type":"nudge","along_s":0.1}`, `{"type":"stop"}`.
+"""The operator's messages, as JSON lines on a channel.
 
 The end of the channel stops the mount: whoever held the stop key is gone.
 """
@@ -11,20 +11,13 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from sattrack.messages import Message, StopNow, decode_message, encode_message
 from sattrack.runtime.embedded import LineReader
-from sattrack.tracker import ClearBias, Message, Nudge, StopNow
+
+__all__ = ["StdinInbox", "encode_message"]
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
-
-_DECODER: msgspec.json.Decoder[Nudge | ClearBias | StopNow] = msgspec.json.Decoder(
-    Nudge | ClearBias | StopNow
-)
-
-
-def encode_message(message: Message) -> bytes:
-    """Return a message as one JSON line."""
-    return msgspec.json.encode(message) + b"\n"
 
 
 class StdinInbox:
@@ -45,7 +38,7 @@ class StdinInbox:
         messages: list[Message] = []
         for line in self._reader.lines():
             try:
-                messages.append(_DECODER.decode(line))
+                messages.append(decode_message(line))
             except msgspec.MsgspecError as error:
                 os.write(2, f"sattrack: a control line was ignored: {error}\n".encode())
         if self._reader.ended:

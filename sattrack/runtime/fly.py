@@ -24,10 +24,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from sattrack.clock import Clock
+    from sattrack.messages import Message
     from sattrack.runtime.facts import RunFacts
     from sattrack.runtime.live import Inbox
     from sattrack.runtime.prepare import Prepared
-    from sattrack.tracker import Message
     from sattrack.view import Summary, TrackView
 
 STOPPING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)

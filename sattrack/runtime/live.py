@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
+from sattrack.messages import Message, StopNow
 from sattrack.runtime.outcome import Ledger
-from sattrack.tracker import Message, StopNow
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.engine import Engine
+    from sattrack.messages import Message
     from sattrack.recording.recorder import Sink
-    from sattrack.tracker import Message
     from sattrack.view import TrackView
     from sattrack.xerxes.simulator.mount import SimulatedMount
 

@@ -92,10 +92,10 @@ class Axis:
 
     def _advance_reference(self, dt: float) -> float:
         """Move the reference by one step; return its acceleration."""
-        if self._goal_deg is not None:
-            self._goal_deg += self._rate_deg_s * dt
         before = self._reference_deg_s
         change = self._wanted_rate(dt) - before
+        if self._goal_deg is not None:
+            self._goal_deg += self._rate_deg_s * dt
         if change:
             largest = self.drive.max_acceleration_deg_s2 * dt
             change = max(-largest, min(largest, change))

@@ -1,0 +1,81 @@
+"""The commanded rate and the spread of nudges, against what mechanics says."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from sattrack.control.acquisition import plan_intercept, slew_time_s
+from sattrack.control.blend import RESPONSE_S, Blend
+from sattrack.control.feeder import correction_deg_s, rate_deg_s
+from sattrack.mount import AxisLimits, MountProfile
+
+
+def test_the_rate_is_the_mean_over_the_interval() -> None:
+    assert rate_deg_s(0.05, 0.05, 0.0, 0.0, 10.0, 6.0) == pytest.approx(1.0)
+    assert rate_deg_s(0.05, 0.05, 0.3, 0.0, 10.0, 6.0) == pytest.approx(0.7)
+
+
+@pytest.mark.parametrize("error", [1e-7, 1e-4, 0.01, 1.0, 40.0])
+def test_a_correction_opposes_its_error_and_can_be_braked(error: float) -> None:
+    rate = correction_deg_s(error, 10.0, 6.0)
+    assert rate < 0.0
+    assert correction_deg_s(-error, 10.0, 6.0) == -rate
+    assert abs(rate) <= 6.0
+    # From that rate the axis, braking with its acceleration, stops before the error is used up.
+    assert rate * rate / (2.0 * 10.0) <= error
+
+
+def test_no_error_no_correction() -> None:
+    assert correction_deg_s(0.0, 10.0, 6.0) == 0.0
+
+
+def test_a_nudge_follows_the_critically_damped_equation() -> None:
+    blend = Blend(0.2)
+    blend.ask(0.7, 100.0)
+    blend.ask(-0.1, 100.25)
+    times = np.linspace(100.25, 103.0, 50)
+
+    def equation(goal: float) -> object:
+        return lambda _, y: [y[1], (goal - y[0]) / RESPONSE_S**2 - 2.0 * y[1] / RESPONSE_S]
+
+    first = solve_ivp(equation(0.7), (100.0, 100.25), [0.2, 0.0], rtol=1e-10, atol=1e-12).y[:, -1]
+    second = solve_ivp(equation(-0.1), (100.25, 103.0), first, t_eval=times, rtol=1e-10, atol=1e-12)
+    assert [blend.value(t) for t in times] == pytest.approx(list(second.y[0]), abs=1e-8)
+    assert blend.value(99.0) == 0.2
+    assert blend.value(200.0) == -0.1
+    assert blend.goal == -0.1
+
+
+def test_a_nudge_of_half_a_second_is_settled_in_two() -> None:
+    blend = Blend()
+    blend.ask(0.5, 10.0)
+    assert blend.value(12.0) == pytest.approx(0.5, rel=0.011)
+
+
+def test_slew_time_is_that_of_a_ramp_up_a_run_and_a_ramp_down() -> None:
+    axis = AxisLimits(slew_rate_deg_s=10.0, max_acceleration_deg_s2=10.0)
+    assert slew_time_s(100.0, axis) == pytest.approx(11.5)
+    assert slew_time_s(-100.0, axis) == slew_time_s(100.0, axis)
+    assert slew_time_s(0.0, axis) == 0.0
+    assert slew_time_s(1.0, axis) == pytest.approx(2.0 * math.sqrt(0.15))
+
+
+def test_the_intercept_is_where_the_target_will_be_and_in_time() -> None:
+    def target(utc_s: float) -> tuple[float, float]:
+        return 10.0 + 0.5 * utc_s, 20.0 - 0.2 * utc_s
+
+    met = plan_intercept(0.0, -5.0, (100.0, 60.0), target, MountProfile())
+    assert (met.ra_deg, met.dec_deg) == pytest.approx(target(met.utc_s))
+    longest = max(
+        slew_time_s(met.ra_deg - 100.0, AxisLimits()), slew_time_s(met.dec_deg - 60.0, AxisLimits())
+    )
+    assert longest < met.utc_s < longest + 2.0
+
+
+def test_a_target_still_to_come_is_waited_for() -> None:
+    met = plan_intercept(0.0, 300.0, (1.0, 2.0), lambda _: (1.5, 2.5), MountProfile())
+    assert met.utc_s == 300.0

@@ -1,0 +1,70 @@
+"""The mount's clock against ours, with clocks and delays made here."""
+
+from __future__ import annotations
+
+import random
+
+import numpy as np
+import pytest
+from scipy.optimize import linprog
+
+from sattrack.control.latency import SIDEREAL_SECONDS_PER_SECOND, Envelope, MountClock, lower_envelope
+
+
+def sidereal_h(mount_s: float, start_h: float = 3.0) -> float:
+    return (start_h + mount_s * SIDEREAL_SECONDS_PER_SECOND / 3600.0) % 24.0
+
+
+def line_under_by_linear_programme(points: list[tuple[float, float]]) -> tuple[float, float]:
+    """Offset at 0 and slope of the line under all points with the least mean distance to them."""
+    t, y = np.array(points).T
+    solved = linprog(
+        [-len(t), -t.sum()], A_ub=np.column_stack([np.ones_like(t), t]), b_ub=y, bounds=[(None, None)] * 2
+    )
+    return float(solved.x[0]), float(solved.x[1])
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_envelope_is_the_best_line_under_all_points(seed: int) -> None:
+    rng = random.Random(seed)
+    points = [(float(t), 0.5 + 3e-5 * t + rng.expovariate(400.0)) for t in range(60)]
+    envelope = lower_envelope(points)
+    at_zero, slope = line_under_by_linear_programme(points)
+    assert envelope.drift == pytest.approx(slope, abs=1e-9)
+    assert envelope.offset_at(0.0) == pytest.approx(at_zero, abs=1e-7)
+
+
+def test_a_short_base_gives_no_drift() -> None:
+    assert lower_envelope([(0.0, 0.3), (5.0, 0.1), (9.0, 0.2)]) == Envelope(5.0, 0.1)
+
+
+def test_a_slope_no_clock_has_is_bounded() -> None:
+    assert lower_envelope([(float(t), 0.01 * t) for t in range(30)]).drift == pytest.approx(200e-6)
+
+
+@pytest.mark.parametrize(("drift", "offset_s"), [(0.0, 0.0), (40e-6, 2.7), (-60e-6, -31.0)])
+def test_samples_are_dated_through_delays_and_drift(drift: float, offset_s: float) -> None:
+    rng = random.Random(4)
+    clock = MountClock(status_delay_s=0.002)
+    worst = 0.0
+    for i in range(2400):
+        sampled = 1_000_000.0 + i * 0.05
+        arrival = sampled + 0.002 + rng.expovariate(1000.0)
+        dated = clock.date(sidereal_h((sampled - 1_000_000.0) * (1.0 - drift) + offset_s), arrival)
+        if i > 1000:
+            worst = max(worst, abs(dated - sampled))
+    assert worst < 2e-4
+    assert clock.drift == pytest.approx(drift, abs=8e-6)
+
+
+def test_dates_run_on_through_sidereal_midnight() -> None:
+    clock = MountClock(status_delay_s=0.0)
+    dated = [clock.date(sidereal_h(i * 0.05, start_h=23.9999), 50.0 + i * 0.05) for i in range(40)]
+    assert np.diff(dated) == pytest.approx([0.05] * 39, abs=1e-8)
+
+
+def test_a_clock_that_stands_still_is_not_believed() -> None:
+    clock = MountClock(status_delay_s=0.01)
+    dated = [clock.date(7.0, 100.0 + i * 0.05) for i in range(60)]
+    assert not clock.trusted
+    assert dated[-1] == pytest.approx(100.0 + 59 * 0.05 - 0.01)
