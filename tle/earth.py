@@ -238,7 +238,7 @@ class EarthOrientation:
     def _days_of(self, unix_s: NDArray[np.float64]) -> tuple[Quantity, ...]:
         """Return the coefficients for an array of instants: floats where all are of one day, else arrays."""
         if unix_s.size == 0:
-            return self._day(0)
+            return (0.0,) * 11
         self._check(unix_s)
         low, high = math.floor(unix_s.min() / DAY_S), math.floor(unix_s.max() / DAY_S)
         if low == high:

@@ -53,11 +53,13 @@ class Utc:
     def of(cls, unix_s: Quantity) -> Utc:
         """Return the instant or instants of POSIX seconds: a number, or any sequence of numbers.
 
-        Raises TimeRangeError where one is not finite.
+        Raises TimeRangeError where one is not finite, or for more than one dimension.
         """
         value = unix_s if isinstance(unix_s, float) else np.asarray(unix_s, dtype=np.float64)
         if isinstance(value, np.ndarray) and value.ndim == 0:
             value = float(value)
+        if isinstance(value, np.ndarray) and value.ndim > 1:
+            raise TimeRangeError(f"instants come in one dimension, not in {value.ndim}")
         if not np.all(np.isfinite(value)):
             raise TimeRangeError("an instant is not a finite number of seconds: give real times only")
         return cls(value)

@@ -31,6 +31,7 @@ _LENGTH = 69
 _ELEMENT_LINE = re.compile(r"[12] [ 0-9A-Z][ 0-9]{3}[0-9]|[12] .{30,}", re.ASCII)
 # A circular orbit of the Earth's own radius takes 84.5 minutes: nothing goes round faster.
 _MAX_REV_DAY = 17.05
+_COPY = "copy the set again from its source"
 _SPACES = {1: (2, 9, 18, 33, 44, 53, 62, 64), 2: (2, 8, 17, 26, 34, 43, 52)}
 
 
@@ -103,7 +104,7 @@ def _set_or_refusal(name: Line | None, group: list[Line]) -> Elements | Elements
             )
         if len(group) == 1:
             wanted = "2" if group[0].text[0] == "1" else "1"
-            raise group[0].says(MissingLineError, f"line {wanted} of this set is missing: copy the set again")
+            raise group[0].says(MissingLineError, f"line {wanted} of this set is missing: {_COPY}")
         return _parse_lines(group[0], group[1], _clean_name(name.text) if name else "")
     except ElementsError as error:
         error.name = _clean_name(name.text) if name else ""
@@ -154,11 +155,13 @@ def _check_frame(line: Line, number: int) -> None:
     """Check what both lines have alike: number, length, blanks between the columns, checksum."""
     length = len(line.text)
     if line.text[:2] != f"{number} ":
-        raise line.says(MissingLineError, f"line {number} of the set must begin with '{number} '", (1, 2))
+        raise line.says(
+            MissingLineError, f"line {number} of the set must begin with '{number} ': {_COPY}", (1, 2)
+        )
     if length < _LENGTH:
         raise line.says(
             LineLengthError,
-            f"line {number} is cut off: {length} of {_LENGTH} columns: copy it again whole",
+            f"line {number} is cut off: {length} of {_LENGTH} columns: {_COPY}",
             (length + 1, _LENGTH),
         )
     if length > _LENGTH:
@@ -172,7 +175,7 @@ def _check_frame(line: Line, number: int) -> None:
             raise line.says(
                 FieldError,
                 f"line {number}, column {column} must be blank, not {line.columns(column, column)!r}: "
-                "the columns have shifted, copy the set again",
+                f"the columns have shifted, {_COPY}",
                 (column, column),
             )
     _check_sum(line, number)
@@ -183,12 +186,14 @@ def _check_sum(line: Line, number: int) -> None:
     given = line.columns(69, 69)
     total = sum(int(c) for c in line.columns(1, 68) if c in "0123456789") + line.columns(1, 68).count("-")
     if given not in "0123456789":
-        raise line.says(FieldError, f"line {number}, checksum must be a digit, not {given!r}", (69, 69))
+        raise line.says(
+            FieldError, f"line {number}, checksum must be a digit, not {given!r}: {_COPY}", (69, 69)
+        )
     if int(given) != total % 10:
         raise line.says(
             ChecksumError,
             f"line {number}, checksum is {given} but its columns add up to {total % 10}: "
-            "a digit is wrong, copy the set again from its source",
+            f"a digit is wrong, {_COPY}",
             (69, 69),
         )
 
@@ -199,7 +204,7 @@ def _catalog_number(line: Line) -> int:
         raise line.says(
             FieldError,
             f"catalogue number {line.columns(3, 7)!r} is no number, "
-            "nor an Alpha-5 one (A0000 to Z9999, no I or O)",
+            f"nor an Alpha-5 one (A0000 to Z9999, no I or O): {_COPY}",
             (3, 7),
         )
     return number
@@ -226,14 +231,16 @@ def _epoch(line: Line) -> Utc:
     year_text = line.columns(19, 20)
     day_text = line.columns(21, 32)
     if not re.fullmatch(r"\d\d| \d", year_text, re.ASCII):
-        raise line.says(FieldError, f"epoch year {year_text!r} is not two digits", (19, 20))
+        raise line.says(FieldError, f"epoch year {year_text!r} is not two digits: {_COPY}", (19, 20))
     match = re.fullmatch(r"( *\d+)(\.\d*) *", day_text, re.ASCII)
     if match is None:
-        raise line.says(FieldError, f"epoch day {day_text!r} is no day of the year with a fraction", (21, 32))
+        raise line.says(
+            FieldError, f"epoch day {day_text!r} is no day of the year with a fraction: {_COPY}", (21, 32)
+        )
     year, day = _full_year(int(year_text)), int(match.group(1))
     first = date(year, 1, 1).toordinal()
     if not 1 <= day <= date(year + 1, 1, 1).toordinal() - first:
-        raise line.says(FieldRangeError, f"epoch day {day} is no day of the year {year}", (21, 32))
+        raise line.says(FieldRangeError, f"epoch day {day} is no day of the year {year}: {_COPY}", (21, 32))
     fraction = float(f"0{match.group(2)}")
     return Utc((first - date(1970, 1, 1).toordinal() + day - 1) * DAY_S + fraction * DAY_S)
 
@@ -241,14 +248,14 @@ def _epoch(line: Line) -> Utc:
 def _decimal(line: Line, first: int, last: int, field: str) -> float:
     text = line.columns(first, last)
     if not re.fullmatch(r" *[+-]?\d*\.\d+ *", text, re.ASCII):
-        raise line.says(FieldError, f"{field} {text.strip()!r} is no decimal number", (first, last))
+        raise line.says(FieldError, f"{field} {text.strip()!r} is no decimal number: {_COPY}", (first, last))
     return float(text)
 
 
 def _digits(line: Line, first: int, last: int, field: str) -> str:
     text = line.columns(first, last)
     if not re.fullmatch(r" *\d+", text, re.ASCII):
-        raise line.says(FieldError, f"{field} {text.strip()!r} is not all digits", (first, last))
+        raise line.says(FieldError, f"{field} {text.strip()!r} is not all digits: {_COPY}", (first, last))
     return text.replace(" ", "0")
 
 
@@ -256,7 +263,7 @@ def _angle(line: Line, first: int, last: int, field: str, most_deg: float) -> fl
     value_deg = _decimal(line, first, last, field)
     if not 0.0 <= value_deg <= most_deg:
         raise line.says(
-            FieldRangeError, f"{field} {value_deg} is outside 0 to {most_deg:.0f}°", (first, last)
+            FieldRangeError, f"{field} {value_deg} is outside 0 to {most_deg:.0f}°: {_COPY}", (first, last)
         )
     return value_deg
 
@@ -266,7 +273,8 @@ def _mean_motion(line: Line) -> float:
     if not 0.0 < value <= _MAX_REV_DAY:
         raise line.says(
             FieldRangeError,
-            f"mean motion {value} revolutions a day is no orbit of the Earth (above 0, to {_MAX_REV_DAY})",
+            f"mean motion {value} revolutions a day is no orbit of the Earth (above 0, to {_MAX_REV_DAY}): "
+            f"{_COPY}",
             (53, 63),
         )
     return value
@@ -279,7 +287,7 @@ def _exponential(line: Line, first: int, last: int, field: str) -> float:
     if match is None:
         raise line.says(
             FieldError,
-            f"{field} {text.strip()!r} is not five digits and a signed power of ten",
+            f"{field} {text.strip()!r} is not five digits and a signed power of ten: {_COPY}",
             (first, last),
         )
     sign, digits, power = match.group(1) or match.group(4), match.group(2) or "0", match.group(3) or "0"
@@ -290,5 +298,5 @@ def _exponential(line: Line, first: int, last: int, field: str) -> float:
 def _whole(line: Line, first: int, last: int, field: str) -> int:
     text = line.columns(first, last)
     if not re.fullmatch(r" *\d* *", text, re.ASCII):
-        raise line.says(FieldError, f"{field} {text.strip()!r} is no whole number", (first, last))
+        raise line.says(FieldError, f"{field} {text.strip()!r} is no whole number: {_COPY}", (first, last))
     return int(text.strip() or "0")

@@ -1,0 +1,149 @@
+from __future__ import annotations
+
+import dataclasses
+import io
+
+import pytest
+from tle_facts import ISS, STARLINK_ALPHA5, TDRS3
+
+from tle.elements import Elements
+from tle.errors import (
+    AmbiguousSatelliteError,
+    ChecksumError,
+    SatelliteNotFoundError,
+    SourceError,
+)
+from tle.instants import Utc
+from tle.sources import find, load_elements, newest, read_elements
+
+ZARYA = Elements.from_tle(*ISS, name="ISS (ZARYA)")
+STATION = [
+    ZARYA,
+    dataclasses.replace(ZARYA, name="ISS (NAUKA)", catalog_number=49044, designator="2021-066A"),
+    dataclasses.replace(ZARYA, name="STARLINK-1008", catalog_number=44714, designator="2019-074B"),
+    dataclasses.replace(ZARYA, name="STARLINK-100", catalog_number=44800, designator="1957-001B"),
+]
+
+
+def text_of(*names_and_lines):
+    return "\n".join(line for entry in names_and_lines for line in entry) + "\n"
+
+
+def test_reads_files_folders_and_text(tmp_path):
+    first, second = tmp_path / "a.tle", tmp_path / "b.txt"
+    first.write_text(text_of(("ISS (ZARYA)", *ISS)))
+    second.write_bytes(text_of(("TDRS 3", *TDRS3)).replace("\n", "\r\n").encode())
+    (tmp_path / ".hidden").write_text("not this")
+    assert [e.name for e in read_elements(first)] == ["ISS (ZARYA)"]
+    assert [e.name for e in read_elements(str(tmp_path))] == ["ISS (ZARYA)", "TDRS 3"]
+    assert [e.name for e in read_elements(text_of(STARLINK_ALPHA5), second)] == ["", "TDRS 3"]
+
+
+def test_reads_standard_input(monkeypatch):
+    monkeypatch.setattr("sys.stdin", io.StringIO(text_of(ISS)))
+    assert read_elements("-")[0].catalog_number == 25544
+
+
+def test_the_newest_epoch_of_an_object_wins(tmp_path):
+    # CelesTrak, the same object on 2026-07-30.
+    older = (
+        "1 25544U 98067A   26211.86173118  .00009023  00000+0  17005-3 0  9996",
+        "2 25544  51.6314  83.9591 0007096 355.3737   4.7185 15.49272805578527",
+    )
+    (tmp_path / "a").write_text(text_of(ISS, TDRS3))
+    (tmp_path / "b").write_text(text_of(older))
+    found = read_elements(tmp_path)
+    assert [e.catalog_number for e in found] == [25544, 19548]
+    assert found[0].epoch.isoformat("seconds") == "2026-10-02T00:19:53Z"
+    assert newest([found[0], dataclasses.replace(found[0], epoch=Utc.of(0.0))]) == [found[0]]
+
+
+def test_a_bad_set_is_an_error_or_a_refusal(tmp_path):
+    path = tmp_path / "bad.tle"
+    path.write_text(text_of((ISS[0], ISS[1][:-1] + "7"), TDRS3))
+    with pytest.raises(ChecksumError, match=r"bad\.tle:2: line 2, checksum is 7"):
+        read_elements(path)
+    sets = load_elements(path)
+    assert [e.catalog_number for e in sets.accepted] == [19548]
+    assert [e.line for e in sets.rejected] == [2]
+
+
+def test_sources_that_cannot_be_read(tmp_path):
+    with pytest.raises(SourceError, match=r"nowhere\.tle: cannot read elements: No such file"):
+        read_elements(tmp_path / "nowhere.tle")
+    with pytest.raises(SourceError, match="holds no files"):
+        read_elements(tmp_path)
+    with pytest.raises(SourceError, match="not fetched from a network"):
+        read_elements("https://example.org/iss.tle")
+    with pytest.raises(SourceError, match="cannot read elements"):
+        read_elements("a\x00b")
+
+
+def test_a_fetcher_reads_urls():
+    asked = []
+
+    def fetch(url):
+        asked.append(url)
+        return text_of(ISS)
+
+    assert read_elements("https://example.org/iss.tle", fetch=fetch)[0].catalog_number == 25544
+    assert asked == ["https://example.org/iss.tle"]
+
+
+@pytest.mark.parametrize(
+    ("key", "number"),
+    [
+        ("25544", 25544),
+        ("1998-067A", 25544),
+        ("98067a", 25544),
+        ("98-067A", 25544),
+        ("57001B", 44800),
+        ("iss zarya", 25544),
+        ("nauka", 49044),
+        ("starlink1008", 44714),
+        ("STARLINK-100", 44800),
+        (" 44714 ", 44714),
+    ],
+)
+def test_finds_by_number_designator_and_name(key, number):
+    assert find(STATION, key).catalog_number == number
+
+
+def test_finds_alpha5_numbers():
+    sets = [*STATION, Elements.from_tle(*STARLINK_ALPHA5)]
+    assert find(sets, "A0534").catalog_number == find(sets, "100534").catalog_number == 100534
+
+
+def test_an_ambiguous_name_lists_its_candidates():
+    with pytest.raises(
+        AmbiguousSatelliteError, match=r"could be any of 2: ISS \(ZARYA\) \(25544\), ISS"
+    ) as e:
+        find(STATION, "ISS")
+    assert e.value.candidates == ("ISS (ZARYA) (25544)", "ISS (NAUKA) (49044)")
+    assert e.value.exit_code == 2
+
+
+def test_a_missing_satellite_says_what_there_is():
+    with pytest.raises(
+        SatelliteNotFoundError, match=r"no satellite 'HST' in the elements, which hold ISS \(ZARYA\)"
+    ):
+        find(STATION, "HST")
+    with pytest.raises(SatelliteNotFoundError, match="hold none"):
+        find([], "HST")
+    with pytest.raises(SatelliteNotFoundError):
+        find(STATION, "99999")
+    with pytest.raises(SatelliteNotFoundError):
+        find(STATION, "()")
+    many = [dataclasses.replace(ZARYA, catalog_number=i, name=f"S{i}") for i in range(100)]
+    with pytest.raises(SatelliteNotFoundError, match="and 92 more"):
+        find(many, "HST")
+
+
+def test_every_catalogue_at_hand_parses_or_tells_why(cases):
+    folder = cases / "catalogues"
+    for path in sorted(folder.glob("*/*.tle")) + [folder / "visual_2026" / "visual.txt"]:
+        sets = load_elements(path)
+        assert sets.accepted, path.name
+        assert sets.rejected == [], path.name
+    omm = load_elements(folder / "formats" / "iss_20261002_omm.json")
+    assert len(omm.rejected) == 1
