@@ -59,7 +59,7 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
         return with_tui()
     prepared = prepare(request)
     if prepared.practising:
-        click.echo("no elements or site set: practising with the built-in ISS pass over Leiden", err=True)
+        click.echo("sattrack: no elements or site set: practising with the built-in ISS pass over Leiden", err=True)
     progress = Progress(quiet_off_terminal=True)
     stop = StopRequest()
     if request.virtual:

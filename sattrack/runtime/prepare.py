@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 NOT_YET = ("antenna", "alpaca")
 VIRTUAL_LEAD_S = 5.0
+MOST_CROSS_DEG = 90.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,8 +118,10 @@ def mount_address(url: str | None) -> Address | None:
 def _check_bias(request: RunRequest) -> None:
     if not math.isfinite(request.bias_along_s):
         raise BadInputError(f"--bias-along {request.bias_along_s}: give seconds")
-    if not math.isfinite(request.bias_cross_deg):
-        raise BadInputError(f"--bias-cross {request.bias_cross_deg}: give degrees")
+    if not abs(request.bias_cross_deg) <= MOST_CROSS_DEG:
+        raise BadInputError(
+            f"--bias-cross {request.bias_cross_deg}: give degrees on the sky, {MOST_CROSS_DEG:g} at most"
+        )
 
 
 def _object_and_site(request: RunRequest, practising: bool) -> tuple[list[Elements], Site]:

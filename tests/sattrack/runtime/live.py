@@ -1,0 +1,96 @@
+"""Programs run as a user runs them: a simulated mount, and a track of a satellite that is up just now."""
+
+from __future__ import annotations
+
+import json
+import math
+import socket
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import erfa
+from sgp4.api import Satrec
+
+from sattrack import practice
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+START_POINT_AHEAD_S = 60.0
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        port: int = probe.getsockname()[1]
+        return port
+
+
+def site_on_the_path() -> str:
+    """A site over which the ISS will pass a minute from now, so that it is well up already."""
+    utc_s = time.time() + START_POINT_AHEAD_S
+    jd, fraction = 2440587.5 + utc_s // 86400.0, (utc_s % 86400.0) / 86400.0
+    error, r, _ = Satrec.twoline2rv(practice.LINE_1, practice.LINE_2).sgp4(jd, fraction)
+    assert error == 0
+    longitude = math.degrees(math.atan2(r[1], r[0]) - erfa.gmst82(jd, fraction))
+    latitude = math.degrees(math.atan2(r[2], math.hypot(r[0], r[1])))
+    return f"{latitude:.3f},{(longitude + 180.0) % 360.0 - 180.0:.3f},0"
+
+
+def sattrack(*arguments: str) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, "-m", "sattrack", *arguments],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@contextmanager
+def ended(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
+    """Make sure that a process is gone and its pipes are closed."""
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+        for pipe in (process.stdin, process.stdout, process.stderr):
+            assert pipe is not None
+            pipe.close()
+
+
+@contextmanager
+def simulated_mount(site: str, *options: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
+    with ended(sattrack("sim", "--port", "0", "--site", site, "--json", *options)) as mount:
+        assert mount.stdout is not None
+        yield mount, json.loads(mount.stdout.readline())["listening"]
+
+
+def track_arguments(folder: Path, site: str, port: int, *options: str) -> list[str]:
+    elements = folder / "iss.tle"
+    elements.write_text(f"{practice.LINE_1}\n{practice.LINE_2}\n")
+    url = f"xerxes://127.0.0.1:{port}?listen={free_port()}"
+    return ["track", "25544", "--mount", url, "--site", site, "--elements", str(elements), *options]
+
+
+def until(process: subprocess.Popen[str], phase: str) -> dict[str, Any]:
+    """Read a stream of views until one shows a phase."""
+    assert process.stdout is not None
+    for line in process.stdout:
+        view: dict[str, Any] = json.loads(line)
+        if view.get("phase") == phase:
+            return view
+    raise AssertionError(f"the run ended before it was {phase}: {process.stderr and process.stderr.read()}")
+
+
+def last_truth(mount: subprocess.Popen[str]) -> dict[str, float]:
+    """End a simulated mount; return where its axes were last."""
+    mount.terminate()
+    assert mount.stdout is not None
+    truth: dict[str, float] = json.loads(mount.stdout.read().splitlines()[-1])
+    return truth

@@ -1,0 +1,157 @@
+"""Real time, real sockets, other processes: what happens to the mount when things end or go wrong."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+from typing import TYPE_CHECKING
+
+import pytest
+from live import (
+    ended,
+    free_port,
+    last_truth,
+    sattrack,
+    simulated_mount,
+    site_on_the_path,
+    track_arguments,
+    until,
+)
+
+from sattrack.mount import SIDEREAL_RATE_DEG_S
+
+if TYPE_CHECKING:
+    import subprocess
+    from pathlib import Path
+
+
+def result(process: subprocess.Popen[str]) -> tuple[int, dict[str, object], str]:
+    """Let a run end; return its exit code, its summary and what it said on standard error."""
+    out, err = process.communicate(timeout=60.0)
+    return process.returncode, json.loads(out.splitlines()[-1])["summary"], err
+
+
+def assert_at_rest(truth: dict[str, float]) -> None:
+    """An axis at rest leaves the right ascension to the sky's own motion; sidereal tracking holds it."""
+    assert -0.01 < truth["ra_rate_deg_s"] < SIDEREAL_RATE_DEG_S + 0.01
+    assert abs(truth["dec_rate_deg_s"]) < 0.01
+
+
+def test_the_demonstration_follows_the_pass() -> None:
+    with ended(sattrack("demo", "--headless", "--json", "--seconds", "20")) as demo:
+        code, summary, err = result(demo)
+    assert code == 0, err
+    assert summary["name"] == "ISS (ZARYA)"
+    assert summary["mount_stopped"] is True
+    assert summary["true_rms_arcsec"] <= 1.0
+    assert summary["reported_rms_arcsec"] <= 1.0
+    assert summary["on_target_s"] > 5.0
+    assert summary["period_ms"]["p50"] == pytest.approx(50.0, abs=1.0)
+    assert summary["datagrams"]["lost"] == 0
+    assert "tracking" in err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_run_stops_the_mount_before_it_ends(number: signal.Signals, tmp_path: Path) -> None:
+    site = site_on_the_path()
+    with simulated_mount(site) as (mount, port):
+        arguments = track_arguments(tmp_path, site, port, "--headless", "--stream")
+        with ended(sattrack(*arguments)) as run:
+            view = until(run, "tracking")
+            assert abs(view["ra_rate_deg_s"]) + abs(view["dec_rate_deg_s"]) > 0.05
+            run.send_signal(number)
+            code, summary, err = result(run)
+        truth = last_truth(mount)
+    assert code == 130
+    assert summary["ended_by"] == "operator"
+    assert summary["mount_stopped"] is True
+    assert err.splitlines()[-1] == "sattrack: interrupted; the mount is stopped"
+    assert_at_rest(truth)
+
+
+def test_a_mount_that_falls_silent_is_told_to_stop_all_the_same(tmp_path: Path) -> None:
+    site = site_on_the_path()
+    with simulated_mount(site, "--faults", "silent:20") as (mount, port):
+        arguments = track_arguments(tmp_path, site, port, "--headless", "--stream")
+        with ended(sattrack(*arguments)) as run:
+            until(run, "tracking")
+            code, summary, err = result(run)
+        truth = last_truth(mount)
+    assert code == 4
+    assert summary["ended_by"] == "link"
+    assert summary["mount_stopped"] is False
+    assert "fell silent" in err.splitlines()[-1]
+    assert "stop it by hand" in err.splitlines()[-1]
+    assert "Traceback" not in err
+    assert_at_rest(truth)
+
+
+def test_a_mount_that_does_not_answer(tmp_path: Path) -> None:
+    arguments = track_arguments(tmp_path, site_on_the_path(), free_port(), "--headless", "--json")
+    with ended(sattrack(*arguments)) as run:
+        code, summary, err = result(run)
+    assert code == 4
+    assert summary["ended_by"] == "link"
+    assert summary["mount_stopped"] is None
+    assert len(err.splitlines()) == 1
+    assert "no status from xerxes://127.0.0.1:" in err
+
+
+def test_a_port_in_use_is_named(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        taken.bind(("127.0.0.1", 0))
+        port = taken.getsockname()[1]
+        arguments = track_arguments(tmp_path, site_on_the_path(), free_port(), "--headless", "--json")
+        arguments[3] = f"xerxes://127.0.0.1:{free_port()}?listen={port}"
+        for given in (arguments, ["sim", "--port", str(port)]):
+            with ended(sattrack(*given)) as run:
+                out, err = run.communicate(timeout=60.0)
+            assert run.returncode == 1
+            assert out == ""
+            assert len(err.splitlines()) == 1
+            assert f"UDP port {port}" in err
+
+
+def test_the_end_of_the_control_channel_stops_the_mount() -> None:
+    with ended(sattrack("demo", "--stream", "--control")) as demo:
+        assert demo.stdin is not None
+        until(demo, "tracking")
+        demo.stdin.write('{"type":"nudge","along_s":0.1}\n{"type":"nonsense"}\n')
+        demo.stdin.flush()
+        for line in demo.stdout or ():
+            if json.loads(line)["bias_along_goal_s"] == 0.1:
+                break
+        code, summary, err = result(demo)
+    assert code == 0
+    assert summary["ended_by"] == "operator"
+    assert summary["bias_along_s"] == 0.1
+    assert summary["mount_stopped"] is True
+    assert "a control line was ignored" in err
+
+
+def test_datagrams_from_strangers_and_garbage_change_nothing(tmp_path: Path) -> None:
+    """A stranger at another address, and garbage from the mount's own: counted, dropped, the pass goes on."""
+    site = site_on_the_path()
+    with (
+        simulated_mount(site) as (_, port),
+        ended(
+            sattrack(*(arguments := track_arguments(tmp_path, site, port, "--headless", "--stream")))
+        ) as run,
+    ):
+        listen = int(arguments[3].partition("listen=")[2])
+        until(run, "tracking")
+        for host in ("127.0.0.2", "127.0.0.1"):
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+                sender.bind((host, 0))
+                for size in (0, 1, 82, 160, 1999):
+                    sender.sendto(b"x" * size, ("127.0.0.1", listen))
+        view = until(run, "tracking")
+        while view["link"]["rejected"] < 5:
+            view = until(run, "tracking")
+        run.send_signal(signal.SIGINT)
+        code, summary, _ = result(run)
+    assert code == 130
+    assert summary["datagrams"]["rejected"] == 10
+    assert summary["reported_rms_arcsec"] <= 1.0
+    assert summary["mount_stopped"] is True

@@ -1,0 +1,79 @@
+"""Clocks against each other, and settings as a user writes them."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+from sattrack.clock import SimulatedClock, SystemClock, parse_clock
+from sattrack.errors import BadInputError
+from sattrack.settings import Settings, load_settings
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_a_simulated_clock_runs_at_its_speed() -> None:
+    clock = SimulatedClock(start_utc_s=1000.0, anchor_s=50.0, speed=10.0)
+    assert clock.utc_s(50.0) == 1000.0
+    assert clock.utc_s(52.0) == 1020.0
+    assert clock.monotonic_s(clock.utc_s(53.7)) == pytest.approx(53.7)
+
+
+def test_the_system_clock_is_the_systems() -> None:
+    before = time.time()
+    told = SystemClock().utc_s(time.monotonic())
+    assert before - 1e-3 <= told <= time.time() + 1e-3
+    assert SystemClock().utc_s(SystemClock().monotonic_s(told)) == pytest.approx(told, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("text", "start_s", "speed"),
+    [
+        ("1970-01-01T00:01:00Z", 60.0, 1.0),
+        ("1970-01-02", 86400.0, 1.0),
+        ("1970-01-01T00:00:00Zx10", 0.0, 10.0),
+        ("1970-01-01T01:00:00+01:00x0.5", 0.0, 0.5),
+    ],
+)
+def test_a_clock_as_a_user_writes_it(text: str, start_s: float, speed: float) -> None:
+    start, parsed_speed = parse_clock(text)
+    assert start.unix_s == start_s
+    assert parsed_speed == speed
+
+
+def test_a_speed_that_no_loop_could_keep_points_to_virtual_time() -> None:
+    with pytest.raises(BadInputError, match="--virtual"):
+        parse_clock("2026-01-01T00:00:00Zx1000")
+
+
+def test_settings_are_found_here_first_then_in_the_users_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home, here = tmp_path / "home", tmp_path / "here"
+    (home / "sattrack").mkdir(parents=True)
+    here.mkdir()
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(home))
+    monkeypatch.chdir(here)
+    assert load_settings() == Settings()
+    (home / "sattrack" / "sattrack.toml").write_text("min_altitude_deg = 20\n")
+    assert load_settings().min_altitude_deg == 20.0
+    (here / "sattrack.toml").write_text(
+        'elements = ["mine.tle"]\n[site]\nlatitude_deg = 1\nlongitude_deg = 2\n'
+    )
+    settings = load_settings()
+    assert settings.min_altitude_deg == 10.0
+    assert settings.site is not None
+    assert (settings.site.latitude_deg, settings.site.longitude_deg, settings.site.height_m) == (
+        1.0,
+        2.0,
+        0.0,
+    )
+
+
+def test_element_files_are_beside_the_settings_that_name_them(tmp_path: Path) -> None:
+    (tmp_path / "other.toml").write_text('elements = ["mine.tle", "https://example.org/x"]\n')
+    settings = load_settings(tmp_path / "other.toml")
+    assert settings.elements == (str(tmp_path / "mine.tle"), "https://example.org/x")
