@@ -32,6 +32,7 @@ ACQUIRED_AFTER_SAMPLES = 10
 LOST_ARCSEC = 120.0
 SLEW_OVERDUE_S = 30.0
 """Lateness of a slew after which the mount is taken not to obey."""
+REACTION_PERIODS = 3.0
 GAP_S = 5.0
 """A gap in the samples after which the filters begin anew."""
 
@@ -124,13 +125,15 @@ class Tracker:
 
     def operate(self, message: Message, now_utc_s: float) -> None:
         """Obey the operator."""
+        # A bias begins to move the target only when a command that knows of it can act.
+        begins_s = now_utc_s + REACTION_PERIODS * self._profile.period_s + self._profile.command_delay_s
         match message:
             case Nudge():
-                self.along.ask(self.along.goal + message.along_s, now_utc_s)
-                self.cross.ask(self.cross.goal + message.cross_deg, now_utc_s)
+                self.along.ask(self.along.goal + message.along_s, begins_s)
+                self.cross.ask(self.cross.goal + message.cross_deg, begins_s)
             case ClearBias():
-                self.along.ask(0.0, now_utc_s)
-                self.cross.ask(0.0, now_utc_s)
+                self.along.ask(0.0, begins_s)
+                self.cross.ask(0.0, begins_s)
             case StopNow():
                 self._end(message.why)
 
