@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -62,6 +63,10 @@ def run(arguments: list[str]) -> int:
         result: Any = cli.main(args=arguments, prog_name="sattrack", standalone_mode=False)
     except click.exceptions.Abort:
         return 130
+    except BrokenPipeError:
+        # Whoever read our output is gone; what is still buffered would fail again when Python ends.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 1
     except click.ClickException as error:
         error.show()
         return error.exit_code

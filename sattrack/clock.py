@@ -26,9 +26,6 @@ class Clock(Protocol):
     def utc_s(self, monotonic_s: float) -> float:
         """Return the UTC instant, POSIX seconds, at a reading of the monotonic clock."""
 
-    def monotonic_s(self, utc_s: float) -> float:
-        """Return the reading of the monotonic clock at a UTC instant, POSIX seconds."""
-
 
 @dataclass(frozen=True, slots=True)
 class SystemClock:
@@ -39,10 +36,6 @@ class SystemClock:
     def utc_s(self, monotonic_s: float) -> float:
         """See Clock."""
         return time.time() + (monotonic_s - time.monotonic())
-
-    def monotonic_s(self, utc_s: float) -> float:
-        """See Clock."""
-        return time.monotonic() + (utc_s - time.time())
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +52,6 @@ class SimulatedClock:
     def utc_s(self, monotonic_s: float) -> float:
         """See Clock."""
         return self.start_utc_s + (monotonic_s - self.anchor_s) * self.speed
-
-    def monotonic_s(self, utc_s: float) -> float:
-        """See Clock."""
-        return self.anchor_s + (utc_s - self.start_utc_s) / self.speed
 
 
 def parse_clock(text: str) -> tuple[Utc, float]:

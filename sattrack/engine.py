@@ -58,9 +58,11 @@ class Engine:
         self.on_target_s = 0.0
         self.message: str | None = None
         self.finished = False
+        self.failed = False
         self._recent = WindowedError()
         self._arrivals: deque[float] = deque(maxlen=RATE_WINDOW)
         self._stop_asked_s: float | None = None
+        self._link_state = LinkState.SILENT
         self._counted: set[int] = set()
 
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
@@ -72,6 +74,8 @@ class Engine:
         if first and sample.does_refraction:
             self.tracker.use(self.spec.if_mount_refracts)
         self._arrivals.append(arrival_utc_s)
+        if self.failed:
+            return
         error = self.tracker.take(sample)
         if self.tracker.phase is not Phase.TRACKING:
             self._recent.clear()
@@ -88,7 +92,8 @@ class Engine:
 
     def tick(self, now_utc_s: float) -> bytes:
         """Return the datagram to send now; call once a period."""
-        self._watch_link(now_utc_s)
+        if not self.failed:
+            self._watch_link(now_utc_s)
         motion = self.tracker.step(now_utc_s, self.session.slew_state is SlewState.DONE)
         sample = self.session.sample
         if sample is not None:
@@ -104,12 +109,10 @@ class Engine:
         self._watch_stop(now_utc_s)
         return self.session.compose()
 
-    @property
-    def link_state(self) -> LinkState:
-        """State of the link at the last tick."""
-        return self._link_state
-
-    _link_state = LinkState.SILENT
+    def fail(self, words: str, now_utc_s: float) -> None:
+        """Stop the mount and nothing else from now on: what computes directions is not to be relied on."""
+        self.failed = True
+        self._give_up("error", words, now_utc_s)
 
     def _watch_link(self, now_utc_s: float) -> None:
         self._link_state = state = self.session.link_state(now_utc_s)
@@ -139,8 +142,9 @@ class Engine:
 
     def true_error(self, counter: int, utc_s: float, ra_deg: float, dec_deg: float) -> SkyError | None:
         """Return the error of a simulated mount's true axes; None outside the time that figures count."""
-        if counter not in self._counted:
+        if self.failed or counter not in self._counted:
             return None
+        self._counted.remove(counter)
         return sky_error(utc_s, ra_deg, dec_deg, self.tracker.direction_at(utc_s))
 
     def view(self, now_utc_s: float) -> TrackView:

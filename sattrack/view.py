@@ -113,9 +113,3 @@ class Summary(msgspec.Struct, frozen=True):
     """Whether the mount acknowledged the last stop and was seen at rest; null where it was never heard."""
     message: str | None = None
     """Why the run ended, in words, where it did not end as planned."""
-
-
-class SummaryDocument(msgspec.Struct, frozen=True, tag="summary", tag_field="type"):
-    """The last object of a run's JSON."""
-
-    summary: Summary

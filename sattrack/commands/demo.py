@@ -9,7 +9,7 @@ import click
 
 from sattrack import practice
 from sattrack.commands.common import CommandContext, common_options
-from sattrack.commands.running import Progress, finish, streamer, tui_possible, with_tui
+from sattrack.commands.running import Progress, Stream, finish, tui_possible, with_tui
 from sattrack.errors import BadInputError
 from sattrack.runtime.channel import StdinInbox
 from sattrack.runtime.facts import choose_pass
@@ -46,11 +46,10 @@ def command(context: CommandContext, seconds: float | None, **options: Any) -> i
     request = demo_request(context.clock_option, options["record"])
     deadline_s = float("inf") if seconds is None else begun_s + seconds - STOPPING_TAKES_S
     stop = StopRequest()
-    progress = Progress(quiet_off_terminal=False)
-    show = streamer() if options["stream"] else progress.show
+    told = Stream() if options["stream"] else Progress(quiet_off_terminal=False)
     inbox = StdinInbox() if options["control"] else None
-    summary = fly_live(prepare(request), show, stop, inbox, deadline_s)
-    progress.end()
+    summary = fly_live(prepare(request), told.show, stop, inbox, deadline_s)
+    told.end()
     return finish(summary, stop.asked, context.json or options["stream"])
 
 

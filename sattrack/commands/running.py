@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
+import os
+import stat
 import sys
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import click
 import msgspec
@@ -13,9 +15,6 @@ import msgspec
 from sattrack.runtime.outcome import failure
 from sattrack.view import Summary, TrackView
 from tle.instants import Utc
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
 
 SECONDS_BETWEEN_LINES = 5.0
 
@@ -86,15 +85,27 @@ def with_tui() -> int:
     return fly_with_tui([sys.executable, "-m", "sattrack", *arguments])
 
 
-def streamer() -> Callable[[TrackView], None]:
-    """Return what writes views as JSON lines on standard output."""
-    encoder = msgspec.json.Encoder()
+class Stream:
+    """Writes views as JSON lines on standard output.
 
-    def write(view: TrackView) -> None:
-        sys.stdout.write(encoder.encode(view).decode() + "\n")
-        sys.stdout.flush()
+    A reader that does not keep up loses views: into a pipe, a line is written whole or not at all (POSIX
+    promises that up to PIPE_BUF bytes), and the loop that feeds the mount never waits.
+    """
 
-    return write
+    def __init__(self) -> None:
+        self._encoder = msgspec.json.Encoder()
+        self._out = sys.stdout.fileno()
+        if stat.S_ISFIFO(os.fstat(self._out).st_mode):
+            os.set_blocking(self._out, False)
+
+    def show(self, view: TrackView) -> None:
+        """Take one state."""
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._out, self._encoder.encode(view) + b"\n")
+
+    def end(self) -> None:
+        """Let what comes after the views be written whole, however long that takes."""
+        os.set_blocking(self._out, True)
 
 
 def finish(summary: Summary, interrupted: bool, as_json: bool) -> int:

@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from sattrack.commands.common import CommandContext, common_options
-from sattrack.commands.running import Progress, finish, streamer, tui_possible, with_tui
+from sattrack.commands.running import Progress, Stream, finish, tui_possible, with_tui
 from sattrack.runtime.channel import StdinInbox
 from sattrack.runtime.facts import REFRACTION_MODES
 from sattrack.runtime.fly import fly_live, fly_virtual
@@ -59,14 +59,14 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
         return with_tui()
     prepared = prepare(request)
     if prepared.practising:
-        click.echo("sattrack: no elements or site set: practising with the built-in ISS pass over Leiden", err=True)
-    progress = Progress(quiet_off_terminal=True)
+        words = "no elements or site set: practising with the built-in ISS pass over Leiden"
+        click.echo(f"sattrack: {words}", err=True)
+    told = Stream() if options["stream"] else Progress(quiet_off_terminal=True)
     stop = StopRequest()
     if request.virtual:
-        summary = fly_virtual(prepared, progress.show)
+        summary = fly_virtual(prepared, told.show)
     else:
-        show = streamer() if options["stream"] else progress.show
         inbox = StdinInbox() if options["control"] else None
-        summary = fly_live(prepared, show, stop, inbox)
-    progress.end()
+        summary = fly_live(prepared, told.show, stop, inbox)
+    told.end()
     return finish(summary, stop.asked, context.json or options["stream"])

@@ -9,8 +9,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
+from sattrack.errors import SattrackError
 from sattrack.messages import Message, StopNow
 from sattrack.runtime.outcome import Ledger
+from tle.errors import TleError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -65,6 +67,7 @@ class LiveLoop:
     inbox: Inbox | None = None
     deadline_s: float = float("inf")
     ledger: Ledger = field(default_factory=Ledger)
+    _error: Exception | None = None
 
     def run(self) -> float:
         """Run to the end; return the UTC instant of the end, POSIX seconds."""
@@ -73,16 +76,28 @@ class LiveLoop:
             due_s = time.monotonic()
             ticks = 0
             while not self.engine.finished:
-                self._wait_until(due_s)
-                self._obey()
-                self._tick(ticks)
+                try:
+                    self._wait_until(due_s)
+                    self._obey()
+                    self._tick(ticks)
+                except Exception as error:  # noqa: BLE001 - whatever it is, the mount is stopped first
+                    self._fail(error)
                 ticks += 1
                 due_s += period_s
                 if time.monotonic() - due_s > LATE_ENOUGH_TO_SKIP_S:
                     due_s = time.monotonic()
         self.ledger.strangers = self.link.strangers
+        if self._error is not None and not isinstance(self._error, SattrackError | TleError):
+            raise self._error
         self._gather_truth()
         return self.clock.utc_s(time.monotonic())
+
+    def _fail(self, error: Exception) -> None:
+        """Turn the run into a stop of the mount; an error in that itself is raised."""
+        if self._error is not None:
+            raise error
+        self._error = error
+        self.engine.fail(str(error), self.clock.utc_s(time.monotonic()))
 
     def _wait_until(self, due_s: float) -> None:
         """Wait for the deadline, taking datagrams as they come."""
@@ -116,7 +131,7 @@ class LiveLoop:
         self.link.send(datagram)
         self.ledger.note_sent(now_s * self.clock.speed)
         self.sink.command(now_utc_s, datagram)
-        if ticks % VIEW_EVERY_TICKS == 0:
+        if ticks % VIEW_EVERY_TICKS == 0 and not self.engine.failed:
             view = self.engine.view(now_utc_s)
             self.show(view)
             if ticks % RECORD_VIEW_EVERY_TICKS == 0:

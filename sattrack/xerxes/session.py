@@ -168,6 +168,9 @@ class Session:
     def compose(self) -> bytes:
         """Return the next datagram to send."""
         self.health.sent += 1
+        if self._abort is Handshake.RAISED:
+            # An abort that is on its way is seen through, whatever is wanted by now.
+            return encode_command(self._compose_stop())
         match self._wanted:
             case Stop():
                 command = self._compose_stop()

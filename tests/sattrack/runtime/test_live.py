@@ -19,11 +19,18 @@ from live import (
     until,
 )
 
+from sattrack.commands.demo import demo_request
+from sattrack.errors import SattrackError
 from sattrack.mount import SIDEREAL_RATE_DEG_S
+from sattrack.runtime.fly import fly_live
+from sattrack.runtime.live import StopRequest
+from sattrack.runtime.prepare import prepare
 
 if TYPE_CHECKING:
     import subprocess
     from pathlib import Path
+
+    from sattrack.view import TrackView
 
 
 def result(process: subprocess.Popen[str]) -> tuple[int, dict[str, object], str]:
@@ -155,3 +162,35 @@ def test_datagrams_from_strangers_and_garbage_change_nothing(tmp_path: Path) -> 
     assert summary["datagrams"]["rejected"] == 10
     assert summary["reported_rms_arcsec"] <= 1.0
     assert summary["mount_stopped"] is True
+
+
+@pytest.mark.parametrize("error", [SattrackError("the screen is gone"), ZeroDivisionError("a defect")])
+def test_whatever_breaks_in_the_loop_the_mount_is_stopped_first(error: Exception) -> None:
+    prepared = prepare(demo_request(None, None))
+    phases: list[str] = []
+
+    def show(view: TrackView) -> None:
+        phases.append(view.phase)
+        if view.phase == "tracking":
+            raise error
+
+    if isinstance(error, SattrackError):
+        summary = fly_live(prepared, show, StopRequest())
+        assert summary.ended_by == "error"
+        assert summary.message == "the screen is gone"
+        assert summary.mount_stopped is True
+    else:
+        with pytest.raises(ZeroDivisionError):
+            fly_live(prepared, show, StopRequest())
+    assert phases.count("tracking") == 1
+
+
+def test_a_reader_that_goes_away_ends_the_run_with_the_mount_stopped() -> None:
+    with ended(sattrack("demo", "--stream", "--seconds", "14")) as demo:
+        until(demo, "tracking")
+        assert demo.stdout is not None
+        demo.stdout.close()
+        assert demo.stderr is not None
+        err = demo.stderr.read()
+        assert demo.wait(timeout=30.0) == 1
+    assert "Traceback" not in err
