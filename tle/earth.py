@@ -122,7 +122,7 @@ class EarthOrientation:
             self._check(at.unix_s)
             index = np.floor(at.unix_s / DAY_S).astype(np.int64)
             found, inverse = np.unique(index, return_inverse=True)
-            table = np.array([self._matrix(int(i)) for i in found])
+            table = np.array([self._matrix(int(i)) for i in found]).reshape(-1, 4, 3, 3)
             x = at.unix_s - index * DAY_S
             powers = np.stack([np.ones_like(x), x, x * x, x * x * x], axis=1)
             matrices: NDArray[np.float64] = np.einsum("nk,nkij->nij", powers, table[inverse])

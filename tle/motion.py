@@ -1,4 +1,4 @@
-"""The satellite's motion by SGP4: position, and the velocity and acceleration that belong to that position.
+"""The satellite's motion by SGP4: position, the velocity that belongs to it, and about what acceleration.
 
 SGP4's own velocities are not the derivatives of its positions: they miss them by 0.02 to 0.10 m/s. The
 velocities given here are derivatives, by differences.
@@ -13,6 +13,7 @@ import numpy as np
 
 from tle.elements import propagation_error
 from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
+from tle.quantities import functions_for
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -20,14 +21,26 @@ if TYPE_CHECKING:
     from tle.elements import Elements
     from tle.quantities import Quantity
 
-# x, y, z of position (km), velocity (km/s) and acceleration (km/s2), then SGP4's error number.
+# x, y, z of position (km), velocity (km/s) and acceleration (km/s2, good to a thousandth: enough for the change
+# of velocity within a light time), then SGP4's error number.
 State = tuple["Quantity", ...]
 
 # The formula below errs by STEP_S**2/12 of the third derivative, 2e-7 km/s in low orbit; a shorter step would
 # let the rounding of SGP4's mean anomaly through instead.
 _STEP_S = 0.5
 _MU_KM3_S2 = 398600.8
+_J2_RADIUS2_KM2 = 1.082616e-3 * 6378.135**2
 _NODES_PER_TURN = 400
+
+
+def gravity_km_s2(x: Quantity, y: Quantity, z: Quantity) -> tuple[Quantity, Quantity, Quantity]:
+    """Return the Earth's pull at a geocentric place in km, of its mass and flattening (WGS 72's μ and J2)."""
+    r2 = x * x + y * y + z * z
+    pull = -_MU_KM3_S2 / (r2 * functions_for(r2).sqrt(r2))
+    flat = 1.5 * _J2_RADIUS2_KM2 / r2
+    tilt = 5.0 * z * z / r2
+    equatorial, polar = pull * (1.0 + flat * (1.0 - tilt)), pull * (1.0 + flat * (3.0 - tilt))
+    return equatorial * x, equatorial * y, polar * z
 
 
 class Motion:

@@ -11,7 +11,7 @@ from tle.bias import NO_BIAS, Bias
 from tle.direction import Direction, Sight, Triple, stacked, teme_axis, turned, unit_of
 from tle.earth import EarthOrientation, Rotation
 from tle.errors import PlaceError
-from tle.motion import Motion, State
+from tle.motion import Motion, State, gravity_km_s2
 from tle.quantities import ARRAYS, FLOATS, Functions
 from tle.sun import earth_velocity_km_s
 
@@ -128,8 +128,9 @@ class Propagator:
         if bias.cross_deg or bias.cross_rate_deg_s:
             angle = math.pi / 180.0 * bias.cross_at_deg(t.unix_s)
             angle_rate = math.pi / 180.0 * bias.cross_rate_deg_s
+            bend = tuple(k * (1.0 + bias.along_rate) ** 2 for k in gravity_km_s2(x, y, z))
             (qx, qy, qz), (dx, dy, dz) = _crossed(
-                fn, (qx, qy, qz), (dx, dy, dz), (vx, vy, vz), (ax, ay, az), (angle, angle_rate)
+                fn, (qx, qy, qz), (dx, dy, dz), (vx, vy, vz), (bend[0], bend[1], bend[2]), (angle, angle_rate)
             )
         icrf = None
         if self.place == "astrometric":

@@ -1,7 +1,7 @@
 """Refraction by the air, for pressure and temperature, at every altitude from nadir to zenith.
 
-True to refracted altitude by Saemundsson (Sky & Telescope 72, 70, 1986; Meeus, Astronomical Algorithms,
-16.4), good to about 0.1′ above the horizon in ordinary air. Far below the horizon there is no such thing as
+Bennett's formula (Journal of Navigation 35, 255, 1982; Meeus, Astronomical Algorithms, 16.3), which takes the
+refracted altitude, solved for the true one: good to about 0.1′ above the horizon in ordinary air. Far below the horizon there is no such thing as
 the refraction: it fades out smoothly there, so that altitudes keep their order and rates stay continuous.
 """
 
@@ -18,9 +18,10 @@ if TYPE_CHECKING:
     from tle.quantities import Quantity
 
 _RAD = math.pi / 180.0
-_AT_ZENITH_ARCMIN = 0.0019279  # makes the formula zero at the zenith
+_AT_ZENITH_ARCMIN = 0.0013515  # makes the formula zero at the zenith
 _FADE_FROM_DEG = -1.0
 _FADE_DEG = 2.0
+_NEWTON_STEPS = 6
 _TINY = 1e-12
 
 Triple = tuple["Quantity", "Quantity", "Quantity"]
@@ -57,21 +58,26 @@ class Refraction:
         fn = functions_for(altitude_deg)
         clear = fn.where(altitude_deg > _FADE_FROM_DEG, altitude_deg, _FADE_FROM_DEG)
         below = clear - altitude_deg
-        bend, slope = self._saemundsson(clear)
-        edge, edge_slope = self._saemundsson(_FADE_FROM_DEG)
+        bend, slope = self._bennett(clear)
+        edge, edge_slope = self._bennett(_FADE_FROM_DEG)
         growth = edge / _FADE_DEG - edge_slope
         fading = fn.exp(-below / _FADE_DEG)
         faded = (bend + growth * below) * fading
         return faded, fn.where(below > 0.0, faded / _FADE_DEG - growth * fading, slope)
 
-    def _saemundsson(self, altitude_deg: Quantity) -> tuple[Quantity, Quantity]:
+    def _bennett(self, altitude_deg: Quantity) -> tuple[Quantity, Quantity]:
+        """Return the bend and its derivative for true altitudes from -1°: Bennett's formula, solved by Newton."""
         fn = functions_for(altitude_deg)
         scale_deg = self.pressure_hpa / 1010.0 * 283.0 / (273.0 + self.temperature_c) / 60.0
-        above = altitude_deg + 5.11
-        angle = (altitude_deg + 10.3 / above) * _RAD
-        tangent, sine = fn.tan(angle), fn.sin(angle)
-        slope = -1.02 / (sine * sine) * (1.0 - 10.3 / (above * above)) * _RAD
-        return scale_deg * (1.02 / tangent + _AT_ZENITH_ARCMIN), scale_deg * slope
+        raised = altitude_deg + 0.0
+        for _ in range(_NEWTON_STEPS):
+            above = raised + 4.4
+            angle = (raised + 7.31 / above) * _RAD
+            sine = fn.sin(angle)
+            bend = scale_deg * (fn.cos(angle) / sine + _AT_ZENITH_ARCMIN)
+            slope = -scale_deg / (sine * sine) * (1.0 - 7.31 / (above * above)) * _RAD
+            raised = raised - (raised - bend - altitude_deg) / (1.0 - slope)
+        return raised - altitude_deg, slope / (1.0 - slope)
 
     def refract(self, u: Triple, u_rate: Triple, up: Triple, up_rate: Triple) -> tuple[Triple, Triple]:
         """Return a unit vector raised towards the zenith, and its rate; all in one frame, rates a second."""

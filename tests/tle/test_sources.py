@@ -141,7 +141,7 @@ def test_a_missing_satellite_says_what_there_is():
 
 def test_every_catalogue_at_hand_parses_or_tells_why(cases):
     folder = cases / "catalogues"
-    for path in sorted(folder.glob("*/*.tle")) + [folder / "visual_2026" / "visual.txt"]:
+    for path in [*sorted(folder.glob("*/*.tle")), folder / "visual_2026" / "visual.txt"]:
         sets = load_elements(path)
         assert sets.accepted, path.name
         assert sets.rejected == [], path.name

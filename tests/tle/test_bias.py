@@ -1,0 +1,245 @@
+"""The sign convention of the biases in words, and their inverse."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import erfa
+import numpy as np
+import pytest
+from geometry import itrs_km, site_below, site_that_sees_it_at_the_pole
+from sgp4.api import Satrec
+from tle_facts import ISS, LEIDEN, MOLNIYA, PARANAL, TDRS3, separation_arcsec, unit
+
+from tle.bias import Bias
+from tle.earth import EarthOrientation
+from tle.elements import Elements
+from tle.errors import BiasError, ObservationError, PlaceError
+from tle.instants import Utc
+from tle.propagator import Propagator
+from tle.residuals import bias_from_observation
+from tle.site import Site
+
+PLAIN = EarthOrientation.fixed(0.0)
+ELEMENTS = Elements.from_tle(*ISS)
+START = Utc.parse("2026-10-02T13:01:06Z")
+# The ISS turned onto a polar orbit, by hand: no such satellite, but a motion straight north at the equator.
+POLAR = (
+    "1 25544U 98067A   26275.01380287  .00003738  00000+0  76743-4 0  9992",
+    "2 25544  90.0000 131.4121 0006946 211.9293 148.1275 15.48707684588319",
+)
+# Of the same kind: retrograde, and geostationary.
+RETROGRADE = (ISS[0], "2 25544 144.0000 131.4121 0006946 211.9293 148.1275 15.48707684588319")
+GEOSTATIONARY = (
+    "1 19548U 88091B   26150.42208977  .00000000  00000+0  00000+0 0  9983",
+    "2 19548   0.0100 341.1225 0000100 356.7275  12.9243  1.00273790125215",
+)
+
+
+def moving_north_over_the_equator(lines, start):
+    """Return an instant at which the satellite crosses the equator northward."""
+    times = [start.plus(s) for s in range(0, 6000, 2)]
+    heights = [itrs_km(lines, t)[2] for t in times]
+    return next(t for t, a, b in zip(times, heights, heights[1:], strict=False) if a < 0.0 <= b)
+
+
+def test_overhead_moving_north_positive_cross_track_shifts_west():
+    at = moving_north_over_the_equator(POLAR, ELEMENTS.epoch)
+    propagator = Propagator(Elements.from_tle(*POLAR), site_below(POLAR, at), earth=PLAIN, place="geometric")
+    assert propagator.at(at).alt_deg > 89.9
+    later = propagator.at(at.plus(10.0))
+    assert abs(later.az_deg) < 5.0 or later.az_deg > 355.0
+    shifted = propagator.at(at, Bias(cross_deg=0.5))
+    assert shifted.alt_deg == pytest.approx(89.5, abs=0.1)
+    # West, but for the Earth's own turn, which lets the track lean by 4° against the ground.
+    assert shifted.az_deg == pytest.approx(270.0, abs=6.0)
+    assert propagator.at(at, Bias(cross_deg=-0.5)).az_deg == pytest.approx(90.0, abs=6.0)
+
+
+def test_overhead_moving_north_positive_along_track_is_north():
+    at = moving_north_over_the_equator(POLAR, ELEMENTS.epoch)
+    propagator = Propagator(Elements.from_tle(*POLAR), site_below(POLAR, at), earth=PLAIN, place="geometric")
+    ahead, behind = propagator.at(at, Bias(along_s=2.0)), propagator.at(at, Bias(along_s=-2.0))
+    assert min(ahead.az_deg, 360.0 - ahead.az_deg) < 1.0
+    assert behind.az_deg == pytest.approx(180.0, abs=1.0)
+
+
+def test_a_geostationary_satellite_overhead_is_shifted_north():
+    # It moves east among the stars, so that left of it, seen from below and facing its motion, is north.
+    at = Utc.parse("2026-06-01")
+    site = site_below(GEOSTATIONARY, at)
+    propagator = Propagator(Elements.from_tle(*GEOSTATIONARY), site, earth=PLAIN, place="geometric")
+    shifted = propagator.at(at, Bias(cross_deg=0.5))
+    assert shifted.az_deg == pytest.approx(0.0, abs=0.5) or shifted.az_deg > 359.5
+    assert propagator.at(at, Bias(along_s=30.0)).az_deg == pytest.approx(90.0, abs=0.5)
+
+
+def test_a_retrograde_satellite_moves_west_and_is_shifted_south():
+    at = max((ELEMENTS.epoch.plus(s) for s in range(0, 6000, 5)), key=lambda t: itrs_km(RETROGRADE, t)[2])
+    site = site_below(RETROGRADE, at)
+    propagator = Propagator(Elements.from_tle(*RETROGRADE), site, earth=PLAIN, place="geometric")
+    assert propagator.at(at, Bias(along_s=1.0)).az_deg == pytest.approx(270.0, abs=1.0)
+    assert propagator.at(at, Bias(cross_deg=0.5)).az_deg == pytest.approx(180.0, abs=2.0)
+
+
+def test_a_time_bias_moves_the_satellite_and_not_the_earth():
+    site, along_s = Site(*LEIDEN), 7.0
+    propagator = Propagator(ELEMENTS, site, Bias(along_s), earth=PLAIN, place="geometric")
+    for later_s in (0.0, 250.0, 500.0):
+        t = START.plus(later_s)
+        (jd, late), (_, now) = t.plus(along_s).split(), t.split()
+        _, r, _ = Satrec.twoline2rv(*ISS).sgp4(jd, late)
+        theta = erfa.gmst82(jd, now)
+        c, s = math.cos(theta), math.sin(theta)
+        x, y, z = site.itrs_km
+        towards = np.array(r) - [x * c - y * s, x * s + y * c, z]
+        equinoxes = erfa.gst06a(jd, now, jd, now + 69.184 / 86400.0) - theta
+        ra_deg = math.degrees(math.atan2(towards[1], towards[0]) + equinoxes)
+        dec_deg = math.degrees(math.asin(towards[2] / np.linalg.norm(towards)))
+        seen = propagator.at(t)
+        assert separation_arcsec(seen.ra_deg, seen.dec_deg, ra_deg, dec_deg) < 0.002
+
+
+@pytest.mark.parametrize("cross_deg", [-20.0, -1.0, -1e-4, 1e-4, 0.3, 60.0])
+def test_a_cross_track_bias_is_that_angle_on_the_sky_square_to_the_motion(cross_deg):
+    times = Utc(START.unix_s + np.linspace(0.0, 516.0, 100))
+    propagator = Propagator(ELEMENTS, Site(*LEIDEN), place="geometric")
+    plain, shifted = propagator.at(times), propagator.at(times, Bias(cross_deg=cross_deg))
+    angle = separation_arcsec(plain.ra_deg, plain.dec_deg, shifted.ra_deg, shifted.dec_deg)
+    assert angle == pytest.approx(abs(cross_deg) * 3600.0, abs=1e-5)
+    motion = propagator.at(times, Bias(0.01)).unit - propagator.at(times, Bias(-0.01)).unit
+    motion /= np.linalg.norm(motion, axis=1, keepdims=True)
+    left = np.cross(plain.unit, motion)
+    assert (shifted.unit * left).sum(axis=1) == pytest.approx(math.sin(math.radians(cross_deg)), abs=1e-7)
+    assert np.abs((shifted.unit * motion).sum(axis=1)).max() < 1e-7
+    assert (plain.range_km == shifted.range_km).all()
+
+
+def test_biases_grow_at_their_rates():
+    growing = Bias(1.0, 0.2, 0.01, -0.001, START)
+    propagator = Propagator(ELEMENTS, Site(*LEIDEN), growing)
+    for later_s in (-20.0, 0.0, 100.0):
+        t = START.plus(later_s)
+        fixed = Bias(1.0 + 0.01 * later_s, 0.2 - 0.001 * later_s)
+        # The light left a little earlier, when the bias was a little smaller: nanoseconds of bias.
+        assert propagator.at(t).unit == pytest.approx(propagator.at(t, fixed).unit, abs=1e-6)
+    times = Utc(START.unix_s + np.arange(5.0))
+    assert growing.along_at_s(times.unix_s) == pytest.approx([1.0, 1.01, 1.02, 1.03, 1.04])
+    assert Bias(1.0, 0.2).cross_at_deg(times.unix_s) == 0.2
+
+
+@pytest.mark.parametrize(
+    ("numbers", "words"),
+    [
+        ({"along_s": float("nan")}, "not a finite number"),
+        ({"cross_deg": float("inf")}, "not a finite number"),
+        ({"cross_deg": 90.5}, "beyond 90°"),
+        ({"along_rate": 1e-3}, "give its epoch"),
+        ({"cross_rate_deg_s": 1e-3}, "give its epoch"),
+    ],
+)
+def test_biases_that_mean_nothing_are_refused(numbers, words):
+    with pytest.raises(BiasError, match=words):
+        Bias(**numbers)
+
+
+CASES = {
+    "LEO": (ISS, Site(*LEIDEN), START, 516.0),
+    "RA through 0h": (ISS, Site(*PARANAL), Utc.parse("2026-10-02T01:10:27Z"), 253.0),
+    "HEO": (MOLNIYA, Site(*LEIDEN), Utc.parse("2025-09-02"), 40000.0),
+    "GSO": (TDRS3, Site(*PARANAL), Utc.parse("2026-06-01"), 21600.0),
+    "retrograde": (RETROGRADE, Site(*LEIDEN), START, 516.0),
+    "geostationary": (GEOSTATIONARY, Site(*PARANAL), Utc.parse("2026-06-01"), 21600.0),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    ("place", "frame"), [("apparent", "of_date"), ("geometric", "of_date"), ("astrometric", "icrf")]
+)
+def test_the_inverse_finds_the_biases_again(case, place, frame):
+    lines, site, start, span_s = CASES[case]
+    propagator = Propagator(Elements.from_tle(*lines), site, place=place)
+    random = np.random.default_rng(7)
+    for _ in range(8):
+        t = start.plus(float(random.uniform(0.0, span_s)))
+        along_s, cross_deg = float(random.uniform(-15.0, 15.0)), float(random.uniform(-2.0, 2.0))
+        seen = propagator.at(t, Bias(along_s, cross_deg))
+        found = bias_from_observation(propagator, seen.ra_deg, seen.dec_deg, t, frame)
+        assert found.along_s == pytest.approx(along_s, abs=1e-6)
+        assert found.cross_deg == pytest.approx(cross_deg, abs=1e-8)
+        again = propagator.at(t, found.bias)
+        assert separation_arcsec(again.ra_deg, again.dec_deg, seen.ra_deg, seen.dec_deg) < 1e-4
+
+
+def test_the_inverse_at_the_celestial_pole_and_through_culmination():
+    highest = max((ELEMENTS.epoch.plus(s) for s in range(0, 6000, 20)), key=lambda t: itrs_km(ISS, t)[2])
+    for site in (site_that_sees_it_at_the_pole(ISS, highest), site_below(ISS, highest)):
+        propagator = Propagator(ELEMENTS, site, earth=PLAIN)
+        for later_s in (-3.0, -0.1, 0.0, 0.1, 3.0):
+            t = highest.plus(later_s)
+            seen = propagator.at(t, Bias(1.5, -0.25))
+            found = bias_from_observation(propagator, seen.ra_deg, seen.dec_deg, t)
+            assert (found.along_s, found.cross_deg) == pytest.approx((1.5, -0.25), abs=1e-6)
+
+
+def test_the_mean_equator_of_j2000_is_that_of_the_icrf_but_for_the_frame_bias():
+    propagator = Propagator(ELEMENTS, Site(*LEIDEN), place="astrometric")
+    seen = propagator.at(START, Bias(2.0, 0.1))
+    turned = erfa.bp06(2451545.0, 0.0)[0] @ seen.unit
+    ra_deg, dec_deg = (
+        math.degrees(math.atan2(turned[1], turned[0])) % 360.0,
+        math.degrees(math.asin(turned[2])),
+    )
+    assert 0.001 < separation_arcsec(ra_deg, dec_deg, seen.ra_deg, seen.dec_deg) < 0.05
+    found = bias_from_observation(propagator, ra_deg, dec_deg, START, "j2000")
+    assert (found.along_s, found.cross_deg) == pytest.approx((2.0, 0.1), abs=1e-7)
+
+
+def test_uncertainties_are_those_of_many_noisy_observations():
+    propagator = Propagator(ELEMENTS, Site(*LEIDEN))
+    t = START.plus(200.0)
+    sigma_arcsec, sigma_time_s = 5.0, 0.01
+    seen = propagator.at(t, Bias(1.0, 0.2))
+    told = bias_from_observation(
+        propagator, seen.ra_deg, seen.dec_deg, t, "of_date", sigma_arcsec, sigma_time_s
+    )
+    random = np.random.default_rng(11)
+    found = []
+    for _ in range(400):
+        at = t.plus(float(random.normal(0.0, sigma_time_s)))
+        true = propagator.at(at, Bias(1.0, 0.2))
+        off = random.normal(0.0, sigma_arcsec / 3600.0, 2)
+        ra_deg = true.ra_deg + off[0] / math.cos(math.radians(true.dec_deg))
+        found.append(bias_from_observation(propagator, ra_deg, true.dec_deg + off[1], t))
+    # 400 trials give a standard deviation to 3.5 %.
+    assert np.std([f.along_s for f in found]) == pytest.approx(told.along_sigma_s, rel=0.12)
+    assert np.std([f.cross_deg for f in found]) == pytest.approx(told.cross_sigma_deg, rel=0.12)
+    exact = bias_from_observation(propagator, seen.ra_deg, seen.dec_deg, t, "of_date", 0.0)
+    assert (exact.along_sigma_s, exact.cross_sigma_deg) == (0.0, 0.0)
+
+
+def test_the_separation_is_that_of_the_plain_elements():
+    propagator = Propagator(ELEMENTS, Site(*LEIDEN), Bias(99.0))
+    plain, seen = propagator.at(START, Bias()), propagator.at(START, Bias(1.0, 0.1))
+    found = bias_from_observation(propagator, seen.ra_deg, seen.dec_deg, START)
+    wanted = separation_arcsec(plain.ra_deg, plain.dec_deg, seen.ra_deg, seen.dec_deg)
+    assert found.separation_arcsec == pytest.approx(wanted, rel=1e-9)
+
+
+def test_observations_that_cannot_be():
+    propagator = Propagator(ELEMENTS, Site(*LEIDEN))
+    with pytest.raises(ObservationError, match="is no direction"):
+        bias_from_observation(propagator, 10.0, 91.0, START)
+    with pytest.raises(ObservationError, match="is no direction"):
+        bias_from_observation(propagator, float("nan"), 0.0, START)
+    with pytest.raises(ObservationError, match="standard deviation"):
+        bias_from_observation(propagator, 10.0, 0.0, START, sigma_arcsec=-1.0)
+    with pytest.raises(PlaceError, match="'b1950' is no frame"):
+        bias_from_observation(propagator, 10.0, 0.0, START, "b1950")
+    pole = unit(0.0, 90.0)
+    assert pole[2] == 1.0
+    high = dataclasses.replace(ELEMENTS, mean_motion_rev_day=1.0)
+    with pytest.raises(ObservationError, match="no bias along the track leads"):
+        bias_from_observation(Propagator(high, Site(*LEIDEN)), 100.0, -89.9, START)

@@ -1,0 +1,28 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+import tle
+
+
+@pytest.mark.parametrize("name", tle.__all__)
+def test_every_public_name_is_there_and_documented(name):
+    assert getattr(tle, name).__doc__
+
+
+def test_unknown_names_are_told():
+    with pytest.raises(AttributeError, match="no attribute 'Nothing'"):
+        tle.Nothing  # noqa: B018
+
+
+def test_directions_need_no_heavy_package():
+    code = (
+        "import sys, tle; from tle import *;"
+        "heavy = {'skyfield', 'scipy', 'matplotlib', 'astropy', 'asyncio', 'socket', 'filterpy'} & set(sys.modules);"
+        "print(*heavy)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "", "")
