@@ -49,8 +49,8 @@ SUSPICIOUS_JUMP = 400
 """A forward jump of the counter, in datagrams, that is not taken on trust (20 s at 20 Hz)."""
 SLEW_NEVER_SEEN_AFTER = 5
 """Statuses after a slew's acknowledgement without Slewing that mean it was too short to be seen."""
-REST_RATE_DEG_S = SIDEREAL_RATE_DEG_S * 1.5
-"""Drive rates below this are rest or sidereal tracking."""
+REST_RATE_DEG_S = SIDEREAL_RATE_DEG_S * 0.5
+"""A drive this near to standstill, or to sidereal tracking, is where it should be."""
 
 
 class Handshake(Enum):
@@ -207,6 +207,9 @@ class Session:
 
     def _compose_stop(self) -> Command:
         self._withdraw_slew()
+        if self._abort is Handshake.IDLE and self.status is not None and self.status.slewing:
+            # A late datagram, or another client, has set the mount going again: the mount ignores counters.
+            self._aborted = False
         if not self._aborted and self._abort is Handshake.IDLE and not self._acked("ack_abort"):
             self._abort = TRANSITIONS[self._abort, "request"]
         return Command(self.health.sent, abort=self._abort is Handshake.RAISED)
@@ -299,7 +302,9 @@ class Session:
 
 def is_at_rest(sample: StatusSample) -> bool:
     """Tell whether both drives report rest, sidereal tracking counted as rest."""
-    return abs(sample.ra_drive_deg_s) < REST_RATE_DEG_S and abs(sample.dec_drive_deg_s) < REST_RATE_DEG_S
+    ra, dec = sample.ra_drive_deg_s, sample.dec_drive_deg_s
+    resting = min(abs(ra), abs(ra - SIDEREAL_RATE_DEG_S)) < REST_RATE_DEG_S
+    return resting and abs(dec) < REST_RATE_DEG_S
 
 
 def _plausible(status: Status) -> bool:

@@ -80,11 +80,11 @@ class Axis:
         x, v = self.position_deg, self.velocity_deg_s
         acceleration = 0.0
         for _ in range(steps):
-            feed = self._advance_reference(dt)
-            acceleration = feed + stiffness * (self._reference_deg - x) + drag * (self._reference_deg_s - v)
+            # Reference and axis are compared at one instant, the step's beginning, and then moved alike:
+            # otherwise a steady rate would leave a steady offset.
+            behind, slow = self._reference_deg - x, self._reference_deg_s - v
+            acceleration = self._advance_reference(dt) + stiffness * behind + drag * slow
             acceleration = max(-most, min(most, acceleration))
-            # The end of the step is where the reference now is; averaging the speeds keeps a steady
-            # rate free of any offset that an Euler step would leave.
             x += (v + 0.5 * acceleration * dt) * dt
             v += acceleration * dt
         self.position_deg, self.velocity_deg_s = x, v

@@ -103,7 +103,8 @@ class SimulatedMount:
             return False
         rates = (command.move_ra_rate_deg_s, command.move_dec_rate_deg_s)
         targets = (command.target_ra_h, command.target_dec_deg)
-        if not all(math.isfinite(x) for x in (*rates, *targets)):
+        aimed = not (command.slew or command.sync) or _is_direction(*targets)
+        if not aimed or not all(math.isfinite(x) for x in (*rates, *targets)):
             self.refused += 1
             return False
         self._mailbox = command
@@ -203,6 +204,11 @@ class SimulatedMount:
                 ack_slew=command.slew and not command.abort,
             )
         )
+
+
+def _is_direction(ra_h: float, dec_deg: float) -> bool:
+    """Tell whether a target is one: "verify RA is 0 to 24 and dec is -90 to 90"."""
+    return 0.0 <= ra_h <= 24.0 and -90.0 <= dec_deg <= 90.0
 
 
 def _within(rate_deg_s: float, limit_deg_s: float) -> float:
