@@ -1,7 +1,7 @@
-"""Directions against skyfield: how much faster, and how far apart; all ratios are taken interleaved in one run.
+"""Directions against skyfield: how much faster, and how far apart; all ratios are taken by turns in one run.
 
-Prints one line for a single instant and one for many: the ratio of the times for RA, Dec, range and their rates,
-and the largest difference on the sky in arcsec. Run it as `python bench/ephemeris.py`; it needs skyfield.
+Prints lines for a single instant and for many: the ratio of the times for RA, Dec, range and their rates, and
+the largest difference on the sky in arcsec. Run it as `python bench/ephemeris.py`; it needs skyfield.
 """
 
 from __future__ import annotations

@@ -14,6 +14,7 @@ import numpy as np
 from tle.elements import propagation_error
 from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
 from tle.quantities import functions_for
+from tle.shared_motion import shared_states
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,16 +22,17 @@ if TYPE_CHECKING:
     from tle.elements import Elements
     from tle.quantities import Quantity
 
-# x, y, z of position (km), velocity (km/s) and acceleration (km/s2, good to a thousandth: enough for the change
-# of velocity within a light time), then SGP4's error number.
+# x, y, z of position (km), velocity (km/s) and acceleration (km/s2, good to a thousandth: enough for the
+# change of velocity within a light time), then SGP4's error number.
 State = tuple["Quantity", ...]
 
-# The formula below errs by STEP_S**2/12 of the third derivative, 2e-7 km/s in low orbit; a shorter step would
-# let the rounding of SGP4's mean anomaly through instead.
+# The formula below errs by _STEP_S**2/12 of the third derivative, 2e-7 km/s in low orbit; a shorter step
+# would let the rounding of SGP4's mean anomaly through instead.
 _STEP_S = 0.5
 _MU_KM3_S2 = 398600.8
 _J2_RADIUS2_KM2 = 1.082616e-3 * 6378.135**2
-_NODES_PER_TURN = 400
+_PARTS_PER_TURN = 24
+_FEWEST_SHARED = 100
 
 
 def gravity_km_s2(x: Quantity, y: Quantity, z: Quantity) -> tuple[Quantity, Quantity, Quantity]:
@@ -52,9 +54,7 @@ class Motion:
         self._record = elements.satrec()
         self._sgp4 = self._record.sgp4
         e = elements.eccentricity
-        self._node_s = (
-            elements.period_s * (1.0 - e) ** 1.5 / math.sqrt(1.0 + e) / _NODES_PER_TURN if e < 1.0 else 1.0
-        )
+        self._part_s = elements.period_s * (1.0 - e) ** 1.5 / math.sqrt(1.0 + e) / _PARTS_PER_TURN
 
     def at(self, unix_s: float, later_s: float) -> State:
         """Return the state at POSIX seconds of UTC plus `later_s`, last item 0. Raises PropagationError."""
@@ -85,58 +85,21 @@ class Motion:
         )
 
     def at_many(self, unix_s: NDArray[np.float64], later_s: Quantity) -> State:
-        """Return the states at an array of instants; where SGP4 fails, NaN, and its error number last."""
+        """Return the states at an array of instants; where SGP4 fails, NaN, and its error number last.
+
+        Where many instants share a small part of the orbit, SGP4 is asked at a few of them only.
+        """
         days = np.floor(unix_s / DAY_S)
         second = unix_s - days * DAY_S + later_s
         jd = days + UNIX_EPOCH_JD
+        if len(second) >= _FEWEST_SHARED:
+            state = shared_states(self._record, jd, second, self._part_s)
+            if state is not None:
+                return (*state, np.zeros(len(second), dtype=np.uint8))
         code, r, v = self._record.sgp4_array(jd, second / DAY_S)
-        r, v = np.ascontiguousarray(r.T), np.ascontiguousarray(v.T)
-        correction, late_code = self._correction(jd, second, r, v)
-        code = np.where(code == 0, late_code, code)
-        v += correction
-        if code.any():
-            r[:, code != 0] = np.nan
-        distance2 = r[0] * r[0] + r[1] * r[1] + r[2] * r[2]
-        pull = -_MU_KM3_S2 / (distance2 * np.sqrt(distance2))
-        return (*r, *v, pull * r[0], pull * r[1], pull * r[2], code)
-
-    def _correction(
-        self,
-        jd: NDArray[np.float64],
-        second: NDArray[np.float64],
-        r: NDArray[np.float64],
-        v: NDArray[np.float64],
-    ) -> tuple[NDArray[np.float64], Quantity]:
-        """Return derivative of position minus SGP4's velocity, shape (3, n), and errors met on the way.
-
-        It is small and follows the orbit smoothly, so that many instants need it at a few nodes only; linear
-        between nodes it errs by 2e-7 km/s at most.
-        """
-        if len(second) > 0:
-            since = (jd - jd[0]) * DAY_S + second
-            first, last = float(since.min()), float(since.max())
-            count = (
-                math.ceil((last - first) / self._node_s) + 1 if math.isfinite(last - first) else len(second)
-            )
-            if count * 4 < len(second):
-                nodes = np.linspace(first, last, count + 1)
-                values, code = self._direct_correction(jd[0], nodes)
-                if not code.any():
-                    return np.stack([np.interp(since, nodes, value) for value in values]), code[0]
-        return self._direct_correction(jd, second, (r, v))
-
-    def _direct_correction(
-        self,
-        jd: Quantity,
-        second: NDArray[np.float64],
-        known: tuple[NDArray[np.float64], NDArray[np.float64]] | None = None,
-    ) -> tuple[NDArray[np.float64], NDArray[np.uint8]]:
-        """Return the correction, shape (3, n), from a second evaluation a step later, and SGP4's errors."""
-        jd = np.broadcast_to(jd, second.shape).copy()
-        code = np.zeros(second.shape, dtype=np.uint8)
-        if known is None:
-            code, r, v = self._record.sgp4_array(jd, second / DAY_S)
-            known = r.T, v.T
         late, r1, v1 = self._record.sgp4_array(jd, (second + _STEP_S) / DAY_S)
-        r, v = known
-        return (r1.T - r) / _STEP_S - 0.5 * (v1.T + v), np.where(code == 0, late, code)
+        code = np.where(code == 0, late, code)
+        r, v, r1, v1 = (np.ascontiguousarray(a.T) for a in (r, v, r1, v1))
+        velocity = (r1 - r) / _STEP_S - 0.5 * (v1 - v)
+        r[:, code != 0] = np.nan
+        return (*r, *velocity, *((v1 - v) / _STEP_S), code)

@@ -1,8 +1,9 @@
 """Refraction by the air, for pressure and temperature, at every altitude from nadir to zenith.
 
-Bennett's formula (Journal of Navigation 35, 255, 1982; Meeus, Astronomical Algorithms, 16.3), which takes the
-refracted altitude, solved for the true one: good to about 0.1′ above the horizon in ordinary air. Far below the horizon there is no such thing as
-the refraction: it fades out smoothly there, so that altitudes keep their order and rates stay continuous.
+Bennett's formula (Journal of Navigation 35, 255, 1982; Meeus, Astronomical Algorithms, 16.3), which takes
+the refracted altitude, solved for the true one: good to about 0.1′ above the horizon in ordinary air. Far
+below the horizon there is no such thing as the refraction: it fades out smoothly there, so that altitudes
+keep their order and rates stay continuous.
 """
 
 from __future__ import annotations
@@ -66,7 +67,7 @@ class Refraction:
         return faded, fn.where(below > 0.0, faded / _FADE_DEG - growth * fading, slope)
 
     def _bennett(self, altitude_deg: Quantity) -> tuple[Quantity, Quantity]:
-        """Return the bend and its derivative for true altitudes from -1°: Bennett's formula, solved by Newton."""
+        """Return the bend and its derivative for true altitudes from -1°, by Newton's method."""
         fn = functions_for(altitude_deg)
         scale_deg = self.pressure_hpa / 1010.0 * 283.0 / (273.0 + self.temperature_c) / 60.0
         raised = altitude_deg + 0.0

@@ -118,7 +118,7 @@ def test_sidereal_time_of_a_site():
 @pytest.mark.parametrize("unix_s", [float("nan"), float("inf"), -float("inf"), 0.0, 4e9, 1e300, -1e9])
 def test_times_without_orientation_are_refused(unix_s):
     for value in (unix_s, np.array([DAY.unix_s, unix_s]), np.array([unix_s])):
-        with pytest.raises(TimeRangeError, match="from 1973-01-02T00:00:00Z to 2057-01-01"):
+        with pytest.raises(TimeRangeError, match=r"from 1973-01-02T00:00:00Z to 2057-01-01"):
             EarthOrientation.installed().rotation(value)
     with pytest.raises(TimeRangeError):
         EarthOrientation.installed().celestial_matrix(Utc(np.array([unix_s])))
@@ -143,10 +143,11 @@ def test_extrapolation_holds_the_last_values_and_warns_once():
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         earth.rotation(end.unix_s)
-    with pytest.warns(EarthOrientationWarning, match="extrapolated: the table ends at") as told:
+    with pytest.warns(EarthOrientationWarning, match="extrapolated: the table ends at"):
         earth.rotation(end.unix_s + 86400.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
         earth.rotation(end.unix_s + np.array([1e6, 1e7]))
-    assert len(told) == 1
     last = installed_table().day(installed_table().last_mjd)
     assert earth.orientation(end.plus(1e7)).dut1_s == last.dut1_s
 
@@ -159,7 +160,7 @@ def test_damaged_tables_are_refused(tmp_path):
     path = tmp_path / "finals2000A.all"
     for content in (b"", b"no table\n" * 100, whole[1:], whole[188:]):
         path.write_bytes(content)
-        with pytest.raises(SourceError, match="is no finals2000A.all"):
+        with pytest.raises(SourceError, match=r"is no finals2000A\.all"):
             IersTable(path)
     day = (MJD - FIRST_MJD) * 188
     path.write_bytes(whole[: day + 58] + b"   broken  " + whole[day + 69 :])

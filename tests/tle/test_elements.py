@@ -153,7 +153,7 @@ def test_many_instants_move_as_one_does():
             for i in range(0, count, 1 + count // 50):
                 one = motion.at(float(times[i]), 0.25)
                 assert many[:3, i] == pytest.approx(one[:3], abs=1e-9)
-                assert many[3:, i] == pytest.approx(one[3:6], abs=3e-7)
+                assert many[3:, i] == pytest.approx(one[3:6], abs=5e-7)
 
 
 def test_a_decayed_satellite_is_named():
@@ -170,5 +170,5 @@ def test_impossible_elements_are_refused_by_name():
     elements = dataclasses.replace(
         Elements.from_tle(*ISS, name="X"), mean_motion_rev_day=1e-5, eccentricity=0.56
     )
-    with pytest.raises(PropagationError, match="X .*SGP4 error"):
+    with pytest.raises(PropagationError, match=r"X .*SGP4 error"):
         Motion(elements).at(elements.epoch.plus(86400.0).unix_s, 0.0)

@@ -66,7 +66,7 @@ def test_rates_are_derivatives_of_the_positions(variant, lines):
     shifted = {s: propagator.at(Utc(times + s)) for s in (-0.25, -0.125, 0.125, 0.25)}
 
     def derivative(change):
-        """Of fourth order; `change` takes two shifts and returns the difference of a quantity between them."""
+        """Of fourth order; `change` returns the difference of a quantity between two shifts."""
         return (8.0 * change(0.125, -0.125) - change(0.25, -0.25)) / 1.5
 
     rate = derivative(lambda a, b: shifted[a].unit - shifted[b].unit)
@@ -91,7 +91,7 @@ def test_rates_are_derivatives_of_the_positions(variant, lines):
 
 
 def _against_difference(propagator, times, direction_of):
-    """Return the largest error of a rate of the unit vector against its differences, arcsec/s, and the vectors."""
+    """Return the largest error of the rate of a unit vector, arcsec/s, and the vectors."""
     # Fourth order: a sixth-of-third-derivative error alone would take the whole bound at 1.4 °/s.
     near, far = 0.125, 0.25
     values = {s: direction_of(propagator.at(Utc(times + s)))[0] for s in (-far, -near, near, far)}
@@ -215,7 +215,7 @@ def test_a_decayed_satellite_in_the_middle_of_an_array():
         alone = propagator.at(times[count])
         assert seen.ra_deg[count] == pytest.approx(alone.ra_deg, abs=1e-9)
         assert seen.ra_rate_deg_s[count] == pytest.approx(alone.ra_rate_deg_s, abs=1e-8)
-    with pytest.raises(DecayedError, match="29141.*has decayed"):
+    with pytest.raises(DecayedError, match=r"29141.*has decayed"):
         propagator.at(elements.epoch.plus(430 * 60.0))
 
 

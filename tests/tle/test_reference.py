@@ -1,4 +1,4 @@
-"""Directions against tables computed by others: reference tracks, JPL Horizons, measured Doppler, skyfield."""
+"""Directions against others' tables: reference tracks, JPL Horizons, measured Doppler, skyfield."""
 
 from __future__ import annotations
 

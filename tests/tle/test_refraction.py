@@ -27,7 +27,7 @@ def test_usual_values(altitude_deg, arcsec):
 def test_high_up_it_is_erfas():
     a, b = erfa.refco(1010.0, 10.0, 0.0, 0.574)
     for altitude_deg in (25.0, 40.0, 60.0, 80.0):
-        # Bennett's is known to give 3 % more than theory here. ERFA's formula starts from the refracted zenith distance.
+        # Bennett's gives 3 % more than theory here. ERFA's formula starts from the refracted zenith distance.
         zenith = np.radians(90.0 - altitude_deg - AIR.bend_deg(altitude_deg)[0])
         theirs_arcsec = np.degrees(a * np.tan(zenith) + b * np.tan(zenith) ** 3) * 3600.0
         assert AIR.bend_deg(altitude_deg)[0] * 3600.0 == pytest.approx(theirs_arcsec, rel=0.05)
@@ -36,7 +36,7 @@ def test_high_up_it_is_erfas():
 def test_above_the_horizon_it_is_skyfields():
     for altitude_deg in (0.0, 1.0, 3.0, 5.0, 10.0, 30.0, 60.0):
         theirs_deg = refract(altitude_deg, 10.0, 1010.0) - altitude_deg
-        assert AIR.bend_deg(altitude_deg)[0] * 60.0 == pytest.approx(theirs_deg * 60.0, rel=2e-3)
+        assert AIR.bend_deg(altitude_deg)[0] * 60.0 == pytest.approx(theirs_deg * 60.0, abs=0.03)
 
 
 @pytest.mark.parametrize("air", [AIR, Refraction(1200.0, -100.0), Refraction(300.0, 60.0)])

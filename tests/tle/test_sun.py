@@ -16,7 +16,7 @@ from tle.sun import earth_velocity_km_s, is_sunlit, sun_km
 
 
 def test_the_sun_stands_on_the_equator_at_the_equinox():
-    # Equinox of March 2026: the 20th, 14:46 UTC (Astronomical Almanac), to the minute: the Sun moves 2.5″ in one.
+    # Equinox of March 2026: the 20th, 14:46 UTC (Astronomical Almanac): the Sun moves 2.5″ in a minute.
     at = Utc.parse("2026-03-20T14:46:00Z")
     of_date = EarthOrientation.installed().celestial_matrix(at) @ sun_km(at)
     longitude = math.atan2(of_date[1] / math.cos(math.radians(23.438)), of_date[0])
@@ -28,7 +28,7 @@ def test_the_sun_stands_on_the_equator_at_the_equinox():
 def test_the_earth_moves_at_thirty_kilometres_a_second():
     times = Utc.of([Utc.parse("2026-01-03").unix_s, Utc.parse("2026-07-06").unix_s])
     fast, slow = np.linalg.norm(earth_velocity_km_s(times), axis=1)
-    # At perihelion and aphelion about the Sun, which itself moves by 0.02 km/s, as does the Earth for the Moon.
+    # At perihelion and aphelion about the Sun, which moves by 0.02 km/s itself, as the Moon makes the Earth.
     assert (fast, slow) == pytest.approx((30.29, 29.29), abs=0.035)
     assert earth_velocity_km_s(times[1]) == pytest.approx(earth_velocity_km_s(times)[1])
 

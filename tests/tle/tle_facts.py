@@ -34,8 +34,8 @@ PARANAL = (-24.627, -70.404, 2635.0)
 # UT1-UTC (s) and pole (arcsec) of the reference track of the ISS over Leiden.
 LEIDEN_ORIENTATION = (-0.023391694375, 0.17293305895833333, 0.3242231838888889)
 # Rows of that track, computed with sgp4, ERFA and IERS data: UTC, then geometric RA and Dec (°), their rates
-# (RA's times cos Dec, arcsec/s), azimuth and altitude (°), range (km) and its rate (km/s), then apparent RA and
-# Dec, astrometric RA and Dec in the ICRF (°).
+# (RA's times cos Dec, arcsec/s), azimuth and altitude (°), range (km) and its rate (km/s), then apparent RA
+# and Dec, astrometric RA and Dec in the ICRF (°).
 LEIDEN_TRACK = (
     (
         "2026-10-02T13:01:06Z",
