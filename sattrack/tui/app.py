@@ -1,0 +1,212 @@
+"""The screen of a run. It sees views and sends messages; whatever it does, the mount is fed elsewhere."""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING, ClassVar
+
+from textual.app import App, ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Container, Horizontal
+
+from sattrack.messages import ClearBias, Nudge, StopNow
+from sattrack.tui import figures, look
+from sattrack.tui.error_plot import ErrorPanel
+from sattrack.tui.help import HelpScreen
+from sattrack.tui.panels import Cautions, HeadlineBar, KeyBar, Panel, TitleBar
+from sattrack.tui.scene import Scene
+from sattrack.tui.steps import FIRST_STEP, STEPS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from textual.screen import Screen
+
+    from sattrack.messages import Message
+    from sattrack.tui.feed import Feed
+    from sattrack.view import Summary, TrackView
+
+LOOK_EVERY_S = 0.1
+PLOT_EVERY_S = 0.25
+LEAVE_WITHIN_S = 4.0
+"""How long the screen stays for the mount to come to rest once it is to be left."""
+
+
+class TrackApp(App[None]):
+    """Shows a run and takes the operator's keys.
+
+    With `stay`, the screen of an ended run remains until it is left. `monotonic` is this process's own
+    clock, seconds.
+    """
+
+    TITLE = "sattrack"
+    CSS = look.CSS
+    ENABLE_COMMAND_PALETTE = False
+    HORIZONTAL_BREAKPOINTS = look.WIDTHS
+    VERTICAL_BREAKPOINTS = look.HEIGHTS
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space", "stop", "STOP", priority=True),
+        Binding("ctrl+c,ctrl+q", "leave", "quit", priority=True),
+        Binding("q", "leave", "quit"),
+        Binding("left", "nudge(-1, 0)", "behind"),
+        Binding("right", "nudge(1, 0)", "ahead"),
+        Binding("up", "nudge(0, 1)", "left of motion"),
+        Binding("down", "nudge(0, -1)", "right of motion"),
+        Binding("left_square_bracket", "step(-1)", "smaller step"),
+        Binding("right_square_bracket", "step(1)", "larger step"),
+        Binding("0", "clear_bias", "clear bias"),
+        Binding("question_mark", "help", "help"),
+    ]
+
+    def __init__(
+        self, feed: Feed, stay: bool = True, monotonic: Callable[[], float] = time.monotonic
+    ) -> None:
+        super().__init__()
+        self._feed = feed
+        self._stay = stay
+        self._monotonic = monotonic
+        self._view: TrackView | None = None
+        self._summary: Summary | None = None
+        self._ended = False
+        self._step = FIRST_STEP
+        self._heard_s = monotonic()
+        self._stop_sent_s: float | None = None
+        self._leaving_since_s: float | None = None
+        self._leave_asked = False
+
+    def compose(self) -> ComposeResult:
+        """Make the parts, from top to bottom."""
+        yield TitleBar()
+        yield HeadlineBar()
+        yield Cautions()
+        with Horizontal(id="state"):
+            yield figures.ErrorBox()
+            yield figures.AxesPanel(id="axes")
+            yield figures.WherePanel(id="where")
+            yield figures.TimesPanel(id="wide-times")
+        yield figures.TimesPanel(id="narrow-times")
+        yield ErrorPanel()
+        with Container(id="below"):
+            yield figures.LinkPanel(id="link")
+            yield figures.MountPanel(id="mount")
+            yield figures.BiasPanel(id="bias")
+            yield figures.RunPanel(id="run")
+        yield KeyBar()
+
+    def on_mount(self) -> None:
+        """Set the look, and look at the feed from now on."""
+        self.register_theme(look.NIGHT)
+        self.theme = look.NIGHT.name
+        for name, title in look.TITLES.items():
+            self.query_one(name).border_title = title
+        self.set_interval(LOOK_EVERY_S, self.look)
+        self.set_interval(PLOT_EVERY_S, self.plot)
+        self.look()
+        self.call_after_refresh(self.plot)
+
+    def look(self) -> None:
+        """Take in what has come, and draw the newest."""
+        news = self._feed.news()
+        panel = self._main.query_one(ErrorPanel)
+        for view in news.views:
+            panel.history.add(view)
+        if news.views:
+            self._view = news.views[-1]
+            self._heard_s = self._monotonic()
+        self._summary = news.summary or self._summary
+        self._ended = self._ended or news.ended
+        self._draw()
+        self._leave_when_due()
+
+    def plot(self) -> None:
+        """Draw the error against time."""
+        scene = self.scene
+        if scene is not None:
+            self._main.query_one(ErrorPanel).draw(scene)
+
+    @property
+    def scene(self) -> Scene | None:
+        """What is to be drawn; None before the first view."""
+        if self._view is None:
+            return None
+        now_s = self._monotonic()
+        return Scene(
+            view=self._view,
+            step=STEPS[self._step],
+            news_age_s=now_s - self._heard_s,
+            stop_sent_s=None if self._stop_sent_s is None else now_s - self._stop_sent_s,
+            leaving=self._leaving_since_s is not None,
+            ended=self._ended,
+            summary=self._summary,
+        )
+
+    def action_stop(self) -> None:
+        """Stop everything; every press says it again. Nothing may then hide what the mount does."""
+        while len(self.screen_stack) > 1:
+            self.pop_screen()
+        if self._stop_sent_s is None:
+            self._stop_sent_s = self._monotonic()
+        self._send(StopNow())
+
+    def action_leave(self) -> None:
+        """Stop the mount, then leave once it is at rest; asked again, leave at once."""
+        if self._ended or self._leaving_since_s is not None:
+            self.exit()
+            return
+        self._leaving_since_s = self._monotonic()
+        self.action_stop()
+
+    async def action_quit(self) -> None:
+        """Leave as `q` does, whoever asks."""
+        self.action_leave()
+
+    def action_nudge(self, along: int, across: int) -> None:
+        """Move the target by one step along its track, or across it."""
+        step = STEPS[self._step]
+        if along:
+            self._send(Nudge(along_s=along * step.along_s))
+        if across:
+            self._send(Nudge(cross_deg=across * step.cross_deg))
+
+    def action_step(self, by: int) -> None:
+        """Choose a smaller or a larger step."""
+        self._step = min(len(STEPS) - 1, max(0, self._step + by))
+        self._draw()
+
+    def action_clear_bias(self) -> None:
+        """Take all nudges back."""
+        self._send(ClearBias())
+
+    def action_help(self) -> None:
+        """Show what the keys do."""
+        self.push_screen(HelpScreen())
+
+    def ask_to_leave(self) -> None:
+        """Leave soon, as `q` does; may be called from a signal handler."""
+        self._leave_asked = True
+
+    def _send(self, message: Message) -> None:
+        if not self._ended:
+            self._feed.send(message)
+        self._draw()
+
+    @property
+    def _main(self) -> Screen[object]:
+        return self.screen_stack[0]
+
+    def _draw(self) -> None:
+        scene = self.scene
+        if scene is None:
+            return
+        self._main.query_one(figures.ErrorBox).show(scene)
+        for panel in self._main.query(Panel):
+            panel.show(scene)
+
+    def _leave_when_due(self) -> None:
+        if self._leave_asked:
+            self._leave_asked = False
+            self.action_leave()
+        since_s = self._leaving_since_s
+        overdue = since_s is not None and self._monotonic() - since_s > LEAVE_WITHIN_S
+        if overdue or (self._ended and (since_s is not None or not self._stay)):
+            self.exit()

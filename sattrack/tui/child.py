@@ -1,0 +1,143 @@
+"""The feeder's process as seen from here: a thread reads its views, messages go to its standard input."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import tempfile
+import threading
+from collections import deque
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from sattrack.messages import StopNow, encode_message
+from sattrack.tui.feed import News
+from sattrack.view import Summary, TrackView
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sattrack.messages import Message
+
+TOLD_CHARACTERS = 8000
+
+
+class _SummaryLine(msgspec.Struct, frozen=True):
+    summary: Summary
+
+
+_VIEW: msgspec.json.Decoder[TrackView] = msgspec.json.Decoder(TrackView)
+_SUMMARY: msgspec.json.Decoder[_SummaryLine] = msgspec.json.Decoder(_SummaryLine)
+
+
+class FeederProcess:
+    """A feeder started by us, in a session of its own: a Ctrl-C on the terminal is ours to handle.
+
+    The end of its standard input stops the mount, so whatever ends this process ends the motion too.
+    """
+
+    def __init__(self, command: Sequence[str]) -> None:
+        # A file, not a pipe: nobody reads it until the end, and the feeder must never wait for a reader.
+        self._told = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=self._told,
+            start_new_session=True,
+        )
+        assert self._process.stdin is not None
+        self._input = self._process.stdin
+        os.set_blocking(self._input.fileno(), False)
+        self._views: deque[TrackView] = deque()
+        self._ended = False
+        self._changed = threading.Condition()
+        self.summary: Summary | None = None
+        self.viewed = False
+        """Whether a view has come at all."""
+        self._reader = threading.Thread(target=self._read, name="feeder's views", daemon=True)
+        self._reader.start()
+
+    def wait_first_view(self) -> bool:
+        """Wait until a view has come; False where the stream ended without one."""
+        with self._changed:
+            self._changed.wait_for(lambda: self.viewed or self._ended)
+        return self.viewed
+
+    def news(self) -> News:
+        """Return what has come since the last call."""
+        with self._changed:
+            views = tuple(self._views)
+            self._views.clear()
+            return News(views, self._ended, self.summary)
+
+    def send(self, message: Message) -> bool:
+        """Write a message; a stop that cannot be written is said by closing the channel instead."""
+        try:
+            os.write(self._input.fileno(), encode_message(message))
+        except (OSError, ValueError):
+            if isinstance(message, StopNow):
+                self.close_input()
+            return False
+        return True
+
+    def close_input(self) -> None:
+        """End the channel, which stops the mount."""
+        try:
+            self._input.close()
+        except OSError:
+            # Already broken: the feeder is gone.
+            return
+
+    def wait(self, seconds: float) -> int | None:
+        """Wait for the end and return the exit code; None where it is not over within `seconds`."""
+        try:
+            return self._process.wait(seconds)
+        except subprocess.TimeoutExpired:
+            return None
+
+    def end_by_force(self, grace_s: float) -> int:
+        """End it and all that it started: by request, then by force. Returns the exit code."""
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            try:
+                os.killpg(self._process.pid, number)
+            except ProcessLookupError:
+                break
+            code = self.wait(grace_s)
+            if code is not None:
+                return code
+        return self._process.wait()
+
+    def close(self) -> str:
+        """Let go of everything once the process has ended; return what it said on standard error."""
+        self.close_input()
+        self._reader.join(1.0)
+        if self._process.stdout is not None and not self._reader.is_alive():
+            self._process.stdout.close()
+        self._told.seek(0)
+        text = self._told.read().decode(errors="replace")
+        self._told.close()
+        return text[-TOLD_CHARACTERS:]
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            with self._changed:
+                self._take(line)
+                self._changed.notify_all()
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+
+    def _take(self, line: bytes) -> None:
+        try:
+            self._views.append(_VIEW.decode(line))
+            self.viewed = True
+        except msgspec.MsgspecError:
+            try:
+                self.summary = _SUMMARY.decode(line).summary
+            except msgspec.MsgspecError:
+                # Something that this screen does not know: a later feeder may say more.
+                return

@@ -1,0 +1,36 @@
+"""What is said on the plain terminal once a run is over."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sattrack.view import Summary
+
+
+def summary_lines(summary: Summary) -> list[str]:
+    """Return the summary for people."""
+    lines = [
+        f"{summary.name} ({summary.catalog_number}) with {summary.mount}: ended by {summary.ended_by}",
+        f"  {summary.started_utc} to {summary.ended_utc}, on target {summary.on_target_s:.1f} s",
+    ]
+    if summary.acquired_after_s is not None:
+        lines.append(f"  acquired {summary.acquired_after_s:.1f} s after it could be followed")
+    for word, rms, peak in (
+        ("reported", summary.reported_rms_arcsec, summary.reported_peak_arcsec),
+        ("true", summary.true_rms_arcsec, summary.true_peak_arcsec),
+    ):
+        if rms is not None and peak is not None:
+            lines.append(f"  {word} error {rms:.3f}″ RMS, {peak:.3f}″ peak")
+    counts = summary.datagrams
+    lines.append(
+        f"  datagrams: {counts.sent} sent, {counts.received} received, {counts.lost} lost, "
+        f"{counts.late} late, {counts.rejected} rejected"
+    )
+    if summary.period_ms is not None:
+        lines.append(f"  period {summary.period_ms.p50:.2f} ms median, {summary.period_ms.p99:.2f} ms p99")
+    if summary.bias_along_s or summary.bias_cross_deg:
+        lines.append(f"  bias {summary.bias_along_s:+.3f} s along, {summary.bias_cross_deg:+.4f}° across")
+    if summary.recording is not None:
+        lines.append(f"  recorded in {summary.recording}")
+    return lines

@@ -1,0 +1,31 @@
+"""What the screen needs of whatever brings views and takes messages."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from sattrack.messages import Message
+    from sattrack.view import Summary, TrackView
+
+
+@dataclass(frozen=True, slots=True)
+class News:
+    """What has come since the last look, oldest first."""
+
+    views: tuple[TrackView, ...] = ()
+    ended: bool = False
+    """Whether nothing more will come."""
+    summary: Summary | None = None
+    """What the run came to, once it has ended as it should."""
+
+
+class Feed(Protocol):
+    """One run, seen from outside. Neither method ever waits."""
+
+    def news(self) -> News:
+        """Return what has come since the last call."""
+
+    def send(self, message: Message) -> bool:
+        """Hand a message over; False where the run can no longer be reached."""

@@ -1,0 +1,291 @@
+"""The panels of figures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from textual.containers import Horizontal, Vertical
+from textual.widgets import Digits, Static
+
+from sattrack.tui import words
+from sattrack.tui.look import DIM, SPOKEN
+from sattrack.tui.panels import Panel, Part, Row, labelled
+from sattrack.tui.scene import Scene, Tone, headline
+
+if TYPE_CHECKING:
+    from textual.app import ComposeResult
+
+    from sattrack.view import LinkView
+
+RATE_NEAR_LIMIT = 0.95
+GAUGE_CELLS = 12
+
+
+class ErrorCaption(Panel):
+    """Says what the large figure is."""
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return the one row."""
+        if scene.following or scene.view.error is None:
+            return [[("error on the sky", DIM)]]
+        return [[("way from mount to satellite", DIM)]]
+
+
+class RmsLine(Panel):
+    """The error's RMS, recent and in all."""
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return the one row."""
+        view = scene.view
+        recent, whole = words.arcsec(view.rms_10s_arcsec), words.arcsec(view.rms_pass_arcsec)
+        return [[("RMS 10 s ", DIM), (recent, "bold"), ("  pass ", DIM), (whole, "bold")]]
+
+
+class ErrorBox(Vertical):
+    """The error on the sky, large."""
+
+    def compose(self) -> ComposeResult:
+        """Make the parts."""
+        yield ErrorCaption()
+        with Horizontal(id="digits-row"):
+            yield Digits(words.NOTHING)
+            yield Static("", id="unit", markup=False)
+        yield RmsLine()
+
+    def show(self, scene: Scene) -> None:
+        """Take a new scene."""
+        error = scene.view.error
+        digits, unit = (words.NOTHING, "") if error is None else words.arcsec_parts(error.total_arcsec)
+        self.query_one(Digits).update(digits)
+        self.query_one("#unit", Static).update(unit)
+        tone = headline(scene).tone if scene.following else Tone.CALM
+        for each in Tone:
+            self.set_class(each is tone, each.value)
+
+
+class AxesPanel(Panel):
+    """The error by direction: along and across the motion, and on each axis."""
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return a row for each direction."""
+        error = scene.view.error
+        values = (
+            ("along", None if error is None else error.along_arcsec),
+            ("across", None if error is None else error.across_arcsec),
+            ("RA on sky", None if error is None else error.ra_arcsec),
+            ("Dec", None if error is None else error.dec_arcsec),
+        )
+        style = "bold" if scene.following else ""
+        rows: list[Row] = [[("mount − satellite", DIM)]]
+        rows += [labelled(name, (f"{words.arcsec(value, sign=True):>10}", style)) for name, value in values]
+        return rows
+
+
+class WherePanel(Panel):
+    """Where the satellite is."""
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return a row for each coordinate."""
+        view = scene.view
+        low = view.target_alt_deg < 0.0
+        alt = f"{view.target_alt_deg:.1f}°".replace("-", words.MINUS)
+        below: Part = (" not up", SPOKEN[Tone.NOTICE]) if low else ""
+        return [
+            labelled("alt", (alt, "bold"), below, cells=7),
+            labelled("az", (words.azimuth(view.target_az_deg), "bold"), cells=7),
+            labelled("range", (f"{view.range_km:.0f} km", "bold"), cells=7),
+            labelled("RA", words.right_ascension(view.target_ra_deg), cells=7),
+            labelled("Dec", words.declination(view.target_dec_deg), cells=7),
+        ]
+
+
+class TimesPanel(Panel):
+    """How long until what."""
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return a row for each instant."""
+        view = scene.view
+        # Once it has begun, whether by rising or by our coming late is not told.
+        first = "rise" if view.utc_s < view.start_utc_s else "begun"
+        return [
+            self._row(first, view.start_utc_s, view.utc_s),
+            self._row("culmination", view.culminate_utc_s, view.utc_s),
+            labelled("", f"at {view.max_alt_deg:.1f}°", cells=12),
+            self._row("set", view.end_utc_s, view.utc_s),
+        ]
+
+    def compact(self, scene: Scene) -> list[Row]:
+        """Return the one row."""
+        view = scene.view
+        first = "rise" if view.utc_s < view.start_utc_s else "begun"
+        return [
+            [
+                (f"{first} ", DIM),
+                (_until(view.start_utc_s - view.utc_s), "bold"),
+                ("    culmination ", DIM),
+                (_until(view.culminate_utc_s - view.utc_s), "bold"),
+                f" at {view.max_alt_deg:.1f}°",
+                ("    set ", DIM),
+                (_until(view.end_utc_s - view.utc_s), "bold"),
+            ]
+        ]
+
+    @staticmethod
+    def _row(name: str, at_s: float, now_s: float) -> Row:
+        return labelled(name, words.clock(at_s), "  ", (_until(at_s - now_s), "bold"), cells=12)
+
+
+def _until(seconds: float) -> str:
+    return f"in {words.span(seconds)}" if seconds >= 0.0 else f"{words.span(seconds)} ago"
+
+
+class LinkPanel(Panel):
+    """How the mount is heard."""
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return the counts in rows."""
+        link = scene.view.link
+        return [
+            labelled("state", _link_state(link)),
+            labelled("rate", _rate(link)),
+            labelled("age", _age(link)),
+            labelled("sent", f"{link.sent}", ("  heard ", DIM), f"{link.received}"),
+            labelled("lost", _count(link.lost), ("  late ", DIM), _count(link.late)),
+            labelled("rejected", _count(link.rejected), ("  double ", DIM), _count(link.duplicate)),
+        ]
+
+    def compact(self, scene: Scene) -> list[Row]:
+        """Return the one row."""
+        link = scene.view.link
+        row = labelled("link", _link_state(link), "  ", _rate(link), ("  age ", DIM), _age(link))
+        for name, count in (("lost", link.lost), ("late", link.late), ("rejected", link.rejected)):
+            row += [(f"   {name} ", DIM), _count(count)]
+        return [row]
+
+
+_LINK_WORDS = {
+    "silent": ("not heard yet", Tone.NOTICE),
+    "up": ("up", Tone.GOOD),
+    "stale": ("STALE", Tone.BAD),
+    "lost": ("LOST", Tone.BAD),
+}
+
+
+def _link_state(link: LinkView) -> Part:
+    word, tone = _LINK_WORDS.get(link.state, (link.state, Tone.NOTICE))
+    return (word, SPOKEN[tone])
+
+
+def _rate(link: LinkView) -> Part:
+    return words.NOTHING if link.rate_hz is None else f"{link.rate_hz:.1f}/s"
+
+
+def _age(link: LinkView) -> Part:
+    return words.NOTHING if link.age_s is None else f"{link.age_s:.2f} s"
+
+
+def _count(count: int) -> Part:
+    return (str(count), SPOKEN[Tone.NOTICE] if count else "")
+
+
+class MountPanel(Panel):
+    """Where the mount says it is, and the rates it is told against what it can."""
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return position and rates in rows."""
+        view = scene.view
+        ra = words.NOTHING if view.mount_ra_deg is None else words.right_ascension(view.mount_ra_deg)
+        dec = words.NOTHING if view.mount_dec_deg is None else words.declination(view.mount_dec_deg)
+        rows: list[Row] = [labelled("at RA", ra), labelled("at Dec", dec)]
+        for name, rate, limit in self._rates(scene):
+            rows.append(labelled(f"{name} rate", *_rate_of(rate, limit)))
+            rows.append(labelled("", _gauge(rate, limit)))
+        return rows
+
+    def compact(self, scene: Scene) -> list[Row]:
+        """Return the one row of rates."""
+        row = labelled("rates")
+        for name, rate, limit in self._rates(scene):
+            row += [(f"{name} ", DIM), *_rate_of(rate, limit), " ", _gauge(rate, limit), "  "]
+        return [row]
+
+    @staticmethod
+    def _rates(scene: Scene) -> tuple[tuple[str, float, float], ...]:
+        view = scene.view
+        return (
+            ("RA", view.ra_rate_deg_s, view.max_ra_rate_deg_s),
+            ("Dec", view.dec_rate_deg_s, view.max_dec_rate_deg_s),
+        )
+
+
+def _gauge(rate: float, limit: float) -> Part:
+    share = rate / limit if limit else 0.0
+    return (words.gauge(share, GAUGE_CELLS), _rate_style(rate, limit) or DIM)
+
+
+def _rate_of(rate: float, limit: float) -> Row:
+    return [(words.signed(rate, 3), _rate_style(rate, limit)), (f" of {limit:g} °/s", DIM)]
+
+
+def _rate_style(rate: float, limit: float) -> str:
+    return SPOKEN[Tone.NOTICE] if abs(rate) >= RATE_NEAR_LIMIT * limit else ""
+
+
+class BiasPanel(Panel):
+    """The biases in force and asked for, and which key moves the satellite which way."""
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return the biases in rows, each with its keys."""
+        step = scene.step
+        along, across = self._values(scene)
+        return [
+            labelled("along", *along, cells=8),
+            labelled("", ("← behind   → ahead", ""), cells=8),
+            labelled("across", *across, cells=8),
+            labelled("", ("↑ left   ↓ right of motion", ""), cells=8),
+            labelled("step", f"{step.along_s:g} s", ("  and ", DIM), f"{step.cross_deg:g}°", cells=8),
+        ]
+
+    def compact(self, scene: Scene) -> list[Row]:
+        """Return a row for each direction."""
+        step = scene.step
+        along, across = self._values(scene)
+        return [
+            [*labelled("along", *along), ("   ← behind  → ahead on track by ", DIM), f"{step.along_s:g} s"],
+            [*labelled("across", *across), ("   ↑ left  ↓ right of motion by ", DIM), f"{step.cross_deg:g}°"],
+        ]
+
+    @staticmethod
+    def _values(scene: Scene) -> tuple[Row, Row]:
+        view = scene.view
+        along: Row = [
+            (f"{words.signed(view.bias_along_s, 3)} s", "bold"),
+            ("  asked ", DIM),
+            f"{words.signed(view.bias_along_goal_s, 3)} s",
+        ]
+        across: Row = [
+            (f"{words.signed(view.bias_cross_deg, 4)}°", "bold"),
+            ("  asked ", DIM),
+            f"{words.signed(view.bias_cross_goal_deg, 4)}°",
+        ]
+        return along, across
+
+
+class RunPanel(Panel):
+    """What is recorded, and how fresh the elements are."""
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return both in rows."""
+        recording, elements = self._parts(scene)
+        return [labelled("recording", cells=0), [recording], labelled("elements", cells=0), [elements]]
+
+    def compact(self, scene: Scene) -> list[Row]:
+        """Return the one row."""
+        recording, elements = self._parts(scene)
+        return [labelled("elements", elements, ("   recording ", DIM), recording)]
+
+    @staticmethod
+    def _parts(scene: Scene) -> tuple[Part, Part]:
+        view = scene.view
+        recording: Part = "none" if view.recording is None else (view.recording, "bold")
+        return recording, f"{words.age(view.elements_age_s)} old"

@@ -1,0 +1,45 @@
+"""The help that lies over the screen."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from textual.binding import Binding, BindingType
+from textual.containers import VerticalScroll
+from textual.screen import ModalScreen
+from textual.widgets import Static
+
+if TYPE_CHECKING:
+    from textual.app import ComposeResult
+
+TEXT = """\
+SPACE     STOP everything, at once: ends the run, the mount comes to
+          rest. Works everywhere, here too.
+q  Ctrl-C stop the mount, wait for it, leave; once more: leave at once
+
+← →       point behind / ahead of it on its track (it is late / early),
+          by the step in seconds
+↑ ↓       point left / right of its motion (as it goes, seen from
+          below), by the step in degrees on the sky
+[ ]       smaller / larger step
+0         clear: take all nudges back
+
+Nudges add up to the bias, which is reached gently. Errors are mount
+minus satellite: along is positive where the mount is ahead, across
+where it is to the left; RA is measured on the sky.
+
+?  Esc  q close this help
+"""
+
+
+class HelpScreen(ModalScreen[None]):
+    """What the keys do."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,q,question_mark", "dismiss", "close", show=False),
+    ]
+
+    def compose(self) -> ComposeResult:
+        """Make the parts."""
+        with VerticalScroll():
+            yield Static(TEXT, markup=False)

@@ -1,0 +1,106 @@
+"""Start the feeder in a process of its own, and the screen here on top of it."""
+
+from __future__ import annotations
+
+import importlib
+import signal
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import click
+
+from sattrack.errors import SattrackError
+from sattrack.messages import StopNow
+from sattrack.tui.child import FeederProcess
+from sattrack.tui.closing import summary_lines
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from sattrack.tui.feed import Feed
+
+PATIENCE_S = 8.0
+TELL_AFTER_S = 0.3
+GRACE_S = 2.0
+INTERRUPTED = 130
+LEAVING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+
+
+def fly_with_tui(
+    command: Sequence[str],
+    stay: bool = True,
+    show: Callable[[Feed, bool], None] | None = None,
+    patience_s: float = PATIENCE_S,
+) -> int:
+    """Run `command` (a feeder with `--stream --control`) under the screen; return its exit code.
+
+    With `stay`, the screen of an ended run remains until it is left, so that it can be read. However the
+    screen ends, the mount is told to stop, and the feeder has `patience_s` to bring it to rest. `show`
+    stands in for the screen.
+    """
+    feeder = FeederProcess(command)
+    if show is None:
+        # While the feeder starts: the screen is to be there with its first view.
+        importlib.import_module("sattrack.tui.app")
+    code: int | None = None
+    interrupted = False
+    try:
+        if feeder.wait_first_view():
+            (show or show_screen)(feeder, stay)
+    except KeyboardInterrupt:
+        interrupted = True
+    finally:
+        code = _end(feeder, patience_s)
+        _tell(feeder)
+    return INTERRUPTED if interrupted else code
+
+
+def show_screen(feed: Feed, stay: bool) -> None:
+    """Run the screen until it is left; raises SattrackError where it broke."""
+    from sattrack.tui.app import TrackApp
+
+    app = TrackApp(feed, stay)
+    with _leaving(app.ask_to_leave):
+        app.run()
+    if app.return_code:
+        raise SattrackError("the screen broke; the mount was told to stop")
+
+
+def _end(feeder: FeederProcess, patience_s: float) -> int:
+    """Stop the mount and wait for the feeder's end, for a bounded time."""
+    feeder.send(StopNow())
+    feeder.close_input()
+    code = feeder.wait(min(TELL_AFTER_S, patience_s))
+    if code is None:
+        _say("stopping the mount …")
+        code = feeder.wait(patience_s)
+    if code is None:
+        _say("THE FEEDER DOES NOT END: STOP THE MOUNT BY HAND; ending the feeder by force")
+        feeder.end_by_force(GRACE_S)
+        return 1
+    return code if code >= 0 else 128 - code
+
+
+def _tell(feeder: FeederProcess) -> None:
+    told = feeder.close()
+    if feeder.summary is not None:
+        click.echo("\n".join(summary_lines(feeder.summary)))
+    elif feeder.viewed:
+        _say("the feeder ended without a summary: make sure that the mount is at rest")
+    if told:
+        click.echo(told, err=True, nl=not told.endswith("\n"))
+
+
+def _say(text: str) -> None:
+    click.echo(f"sattrack: {text}", err=True)
+
+
+@contextmanager
+def _leaving(leave: Callable[[], None]) -> Iterator[None]:
+    """Have the signals that end programs leave the screen as its own key does, the terminal restored."""
+    before = {number: signal.signal(number, lambda *_: leave()) for number in LEAVING_SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

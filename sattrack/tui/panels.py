@@ -1,0 +1,134 @@
+"""What every panel of figures shares, and the bars across the screen."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from rich.cells import cell_len
+from textual.content import Content
+from textual.widget import Widget
+
+from sattrack.tui import words
+from sattrack.tui.look import DIM, PLATE, SPOKEN
+from sattrack.tui.scene import Scene, Tone, cautions, headline
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+Part = str | tuple[str, str]
+"""Text, plain or with its style."""
+Row = list[Part]
+LABEL_CELLS = 9
+
+
+def rows_content(rows: Iterable[Row]) -> Content:
+    """Return rows of parts as one content; text is text, never markup."""
+    return Content("\n").join([Content.assemble(*row) for row in rows])
+
+
+def labelled(label: str, *parts: Part, cells: int = LABEL_CELLS) -> Row:
+    """Return a row that begins with a quiet label in a column of its own."""
+    return [(label.ljust(cells), DIM), *parts]
+
+
+class Panel(Widget):
+    """Draws one aspect of a scene: in several rows where it has room for them, else in few."""
+
+    grows: ClassVar[bool] = False
+    """Whether its height follows what it says."""
+
+    def __init__(self, id: str | None = None) -> None:  # noqa: A002 - Textual's own name
+        super().__init__(id=id)
+        self._scene: Scene | None = None
+        self._drawn = Content("")
+
+    def show(self, scene: Scene) -> None:
+        """Take a new scene; nothing is redrawn where nothing has changed."""
+        self._scene = scene
+        content = self._content()
+        if not content.is_same(self._drawn):
+            self.refresh(layout=self.grows)
+
+    def render(self) -> Content:
+        """Draw."""
+        self._drawn = self._content()
+        return self._drawn
+
+    def _content(self) -> Content:
+        if self._scene is None:
+            return Content("")
+        roomy = self.content_size.height > 2
+        return rows_content(self.full(self._scene) if roomy else self.compact(self._scene))
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return the rows for a panel of its own."""
+        raise NotImplementedError
+
+    def compact(self, scene: Scene) -> list[Row]:
+        """Return the one or two rows for a small terminal."""
+        return self.full(scene)
+
+
+class TitleBar(Panel):
+    """What is followed, with what, and what time it is."""
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return the one row."""
+        view = scene.view
+        time = f"{words.date(view.utc_s)} {words.clock(view.utc_s)} UTC"
+        room = self.content_size.width - cell_len(f"{view.name}  {view.catalog_number}   mount  {time}")
+        # Addresses can be long; nothing else in this row may give way.
+        mount = view.mount if len(view.mount) <= room else view.mount[: max(0, room - 1)] + "…"
+        gap = room - len(mount) + 1
+        return [
+            [
+                (view.name, "bold"),
+                (f"  {view.catalog_number}", DIM),
+                ("   mount ", DIM),
+                mount,
+                " " * max(1, gap),
+                (time, "bold"),
+            ]
+        ]
+
+
+class HeadlineBar(Panel):
+    """The phase, or whatever matters more."""
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return the one row."""
+        word, rest, tone = headline(scene)
+        return [[(f" {word} ", PLATE[tone]), " ", (rest, SPOKEN[tone])]]
+
+
+class Cautions(Panel):
+    """What wants attention, each with what to do; takes no room where there is nothing."""
+
+    grows = True
+
+    def _content(self) -> Content:
+        return Content("") if self._scene is None else rows_content(self.full(self._scene))
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return one row for each."""
+        return [[(f"! {what}", SPOKEN[tone]), f": {do}" if do else ""] for what, do, tone in cautions(scene)]
+
+    def show(self, scene: Scene) -> None:
+        """Take a new scene, and no room where there is nothing to say."""
+        super().show(scene)
+        self.display = bool(cautions(scene))
+
+
+class KeyBar(Panel):
+    """The keys."""
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return the one row."""
+        keys = (("←→", "along"), ("↑↓", "across"), ("[ ]", "step"), ("0", "clear"))
+        row: Row = []
+        for key, what in keys:
+            row += [(key, "bold"), (f" {what}   ", DIM)]
+        row += [(" SPACE STOP ", PLATE[Tone.BAD]), "   "]
+        for key, what in (("q", "quit"), ("?", "help")):
+            row += [(key, "bold"), (f" {what}   ", DIM)]
+        return [row]

@@ -1,0 +1,156 @@
+"""What one look must tell: the newest view, what the keys have asked for, and how both read in words."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING, NamedTuple
+
+from sattrack.tui import words
+
+if TYPE_CHECKING:
+    from sattrack.tui.steps import Step
+    from sattrack.view import Summary, TrackView
+
+ON_TARGET_ARCSEC = 2.0
+NO_NEWS_AFTER_S = 1.5
+OLD_ELEMENTS_S = 3.0 * words.DAY_S
+STOP_UNHEARD_AFTER_S = 1.5
+
+
+class Tone(StrEnum):
+    """How loudly something is said; also the style class it is drawn in."""
+
+    GOOD = "good"
+    CALM = "calm"
+    NOTICE = "notice"
+    BAD = "bad"
+
+
+class Headline(NamedTuple):
+    """The one thing to read first: a word, the rest of the sentence, and its tone."""
+
+    word: str
+    rest: str
+    tone: Tone
+
+
+class Caution(NamedTuple):
+    """Something that wants attention, and what to do about it."""
+
+    what: str
+    do: str
+    tone: Tone
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """Everything the screen draws from."""
+
+    view: TrackView
+    step: Step
+    news_age_s: float = 0.0
+    """Seconds since the feeder was last heard, by this process's own clock."""
+    stop_sent_s: float | None = None
+    """Seconds since the stop key was pressed; None where it was not."""
+    leaving: bool = False
+    ended: bool = False
+    """Whether the feeder's process has ended its stream."""
+    summary: Summary | None = None
+
+    @property
+    def following(self) -> bool:
+        """Whether the error is that of following, not the way still to go."""
+        return self.view.phase in {"acquiring", "tracking"}
+
+
+_PHASES = {
+    "waiting": ("WAITING", "for the satellite to come up", Tone.CALM),
+    "slewing": ("SLEWING", "to where the satellite will come by", Tone.CALM),
+    "acquiring": ("ACQUIRING", "closing in on the satellite", Tone.NOTICE),
+    "stopping": ("STOPPING", "bringing the mount to rest", Tone.NOTICE),
+}
+
+_ADVICE = (
+    ("no fresh status", "check the mount's power and cable; SPACE stops"),
+    ("the mount's rate limit", "the error grows until the satellite slows; SPACE stops"),
+)
+
+
+def headline(scene: Scene) -> Headline:
+    """Return what is to be read first."""
+    view = scene.view
+    if scene.ended:
+        return _ended(scene)
+    if scene.news_age_s > NO_NEWS_AFTER_S:
+        rest = f"from the feeder for {scene.news_age_s:.0f} s: figures below are old"
+        return Headline("NO NEWS", rest, Tone.BAD)
+    if scene.stop_sent_s is not None and view.ended_by is None:
+        return Headline("STOP SENT", "waiting for the feeder to obey", Tone.NOTICE)
+    if view.ended_by is not None:
+        return Headline("STOPPING", f"{why_ended(view.ended_by)}; bringing the mount to rest", Tone.NOTICE)
+    if view.phase == "tracking":
+        return _tracking(view)
+    word, rest, tone = _PHASES.get(view.phase, (view.phase.upper(), "", Tone.NOTICE))
+    return Headline(word, rest, tone)
+
+
+def _tracking(view: TrackView) -> Headline:
+    off = view.error.total_arcsec if view.error is not None else 0.0
+    if view.link.state != "up":
+        return Headline("TRACKING", "blind: no fresh status from the mount", Tone.BAD)
+    if off > ON_TARGET_ARCSEC:
+        return Headline("TRACKING", f"off the satellite by {words.arcsec(off)}", Tone.NOTICE)
+    return Headline("TRACKING", "on the satellite: all is well", Tone.GOOD)
+
+
+def _ended(scene: Scene) -> Headline:
+    summary = scene.summary
+    if summary is None:
+        return Headline("FEEDER LOST", "it ended without a word: stop the mount by hand", Tone.BAD)
+    why = why_ended(summary.ended_by)
+    if summary.mount_stopped is False:
+        return Headline("NOT STOPPED", "no stop was confirmed: stop the mount by hand", Tone.BAD)
+    rest = "the mount is at rest" if summary.mount_stopped else "the mount was never heard"
+    tone = Tone.CALM if summary.ended_by in {"set", "operator"} and summary.mount_stopped else Tone.BAD
+    return Headline("STOPPED" if summary.ended_by != "set" else "ENDED", f"{why}; {rest}; q leaves", tone)
+
+
+def why_ended(ended_by: str) -> str:
+    """Return the reason of an end in words."""
+    if ended_by.startswith("limit:"):
+        return f"safety's {ended_by.removeprefix('limit:')} limit was reached"
+    plain = {
+        "set": "the satellite has set",
+        "operator": "by the operator",
+        "link": "the mount's link was lost",
+        "error": "it could not go on",
+    }
+    return plain.get(ended_by, ended_by)
+
+
+def cautions(scene: Scene) -> tuple[Caution, ...]:
+    """Return what wants attention, the gravest first."""
+    found: list[Caution] = []
+    view = scene.view
+    if scene.leaving and not scene.ended:
+        found.append(Caution("leaving as soon as the mount is at rest", "q again leaves at once", Tone.CALM))
+    if scene.ended:
+        if scene.summary is not None and scene.summary.message:
+            found.append(Caution(scene.summary.message, "", Tone.BAD))
+        return tuple(found)
+    if scene.news_age_s > NO_NEWS_AFTER_S:
+        found.append(Caution("the feeder is silent", "SPACE, then the mount's own stop", Tone.BAD))
+    elif scene.stop_sent_s is not None and scene.stop_sent_s > STOP_UNHEARD_AFTER_S and view.ended_by is None:
+        found.append(Caution("the stop was not obeyed", "use the mount's own stop", Tone.BAD))
+    for text in view.warnings:
+        advice = next((do for begins, do in _ADVICE if text.startswith(begins)), "")
+        found.append(Caution(text, advice, Tone.BAD if view.link.state == "lost" else Tone.NOTICE))
+    if view.link.state == "silent" and view.ended_by is None:
+        found.append(
+            Caution("the mount has not answered yet", "is it on, and set to send here?", Tone.NOTICE)
+        )
+    if view.elements_age_s > OLD_ELEMENTS_S:
+        old = words.age(view.elements_age_s)
+        found.append(Caution(f"elements are {old} old", "expect it early or late: nudge ← →", Tone.NOTICE))
+    return tuple(found)

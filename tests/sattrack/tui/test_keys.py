@@ -1,0 +1,165 @@
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+import pytest
+from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed
+
+from sattrack.messages import ClearBias, Nudge, StopNow
+from sattrack.tui.app import LEAVE_WITHIN_S, TrackApp
+from sattrack.tui.feed import News
+from sattrack.tui.help import HelpScreen
+from sattrack.tui.steps import FIRST_STEP, STEPS
+
+if TYPE_CHECKING:
+    from sattrack.messages import Message
+
+
+def press(feed: FakeFeed, *keys: str) -> TrackApp:
+    """Run the screen at 80 × 24, press keys, and return the app as it then stood."""
+
+    async def run() -> TrackApp:
+        app = TrackApp(feed, monotonic=HandClock())
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.press(*keys)
+            await pilot.pause()
+        return app
+
+    return asyncio.run(run())
+
+
+@pytest.mark.parametrize(
+    ("keys", "messages"),
+    [
+        (["right"], [Nudge(along_s=0.1)]),
+        (["left"], [Nudge(along_s=-0.1)]),
+        (["up"], [Nudge(cross_deg=0.01)]),
+        (["down"], [Nudge(cross_deg=-0.01)]),
+        (["right", "right", "up"], [Nudge(along_s=0.1), Nudge(along_s=0.1), Nudge(cross_deg=0.01)]),
+        (["left_square_bracket", "right"], [Nudge(along_s=0.05)]),
+        (["left_square_bracket", "left_square_bracket", "up"], [Nudge(cross_deg=0.001)]),
+        (["left_square_bracket"] * 9 + ["left"], [Nudge(along_s=-0.01)]),
+        (["right_square_bracket", "down"], [Nudge(cross_deg=-0.05)]),
+        (["right_square_bracket"] * 9 + ["right", "up"], [Nudge(along_s=1.0), Nudge(cross_deg=0.1)]),
+        (["right_square_bracket", "left_square_bracket", "right"], [Nudge(along_s=0.1)]),
+        (["0"], [ClearBias()]),
+        (["space"], [StopNow()]),
+        (["space", "space"], [StopNow(), StopNow()]),
+        (["q"], [StopNow()]),
+        (["ctrl+c"], [StopNow()]),
+        (["ctrl+q"], [StopNow()]),
+        (["question_mark"], []),
+        (["question_mark", "question_mark", "right"], [Nudge(along_s=0.1)]),
+        (["question_mark", "space"], [StopNow()]),
+        (["question_mark", "q"], []),
+        (["question_mark", "right", "0"], []),
+        (["question_mark", "ctrl+c"], [StopNow()]),
+        (["tab", "space"], [StopNow()]),
+        (["a", "enter", "tab", "x", "f5", "home", "ctrl+p"], []),
+    ],
+)
+def test_each_key_sends_exactly_its_messages(
+    feed: FakeFeed, keys: list[str], messages: list[Message]
+) -> None:
+    press(feed, *keys)
+
+    assert feed.sent == messages
+
+
+def test_steps_begin_in_the_middle_and_grow() -> None:
+    assert [s.along_s for s in STEPS] == sorted(s.along_s for s in STEPS)
+    assert [s.cross_deg for s in STEPS] == sorted(s.cross_deg for s in STEPS)
+    assert STEPS[FIRST_STEP] == (0.1, 0.01)
+
+
+def test_stop_shows_at_once_and_closes_what_lies_over_it(feed: FakeFeed, hand_clock: HandClock) -> None:
+    async def run() -> None:
+        app = TrackApp(feed, monotonic=hand_clock)
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.press("question_mark")
+            assert isinstance(app.screen, HelpScreen)
+            await pilot.press("space")
+            await pilot.pause()
+            assert not isinstance(app.screen, HelpScreen)
+            assert app.scene is not None
+            assert app.scene.stop_sent_s == 0.0
+            assert app.is_running
+
+    asyncio.run(run())
+
+
+def test_quit_waits_for_the_feeder_and_then_leaves(feed: FakeFeed, hand_clock: HandClock) -> None:
+    async def run() -> None:
+        app = TrackApp(feed, monotonic=hand_clock)
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.press("q")
+            app.look()
+            assert not app._exit
+            feed.coming.append(News((changed(phase="stopping", ended_by="operator"),), True, SUMMARY))
+            app.look()
+            assert app._exit
+
+    asyncio.run(run())
+    assert feed.sent == [StopNow()]
+
+
+def test_quit_leaves_a_feeder_that_does_not_end(feed: FakeFeed, hand_clock: HandClock) -> None:
+    async def run() -> None:
+        app = TrackApp(feed, monotonic=hand_clock)
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.press("q")
+            hand_clock.now_s += LEAVE_WITHIN_S + 0.1
+            app.look()
+            assert app._exit
+
+    asyncio.run(run())
+
+
+def test_quit_twice_leaves_at_once(feed: FakeFeed) -> None:
+    assert press(feed, "q", "q")._exit
+    assert feed.sent == [StopNow()]
+
+
+def test_a_signal_leaves_like_the_key(feed: FakeFeed, hand_clock: HandClock) -> None:
+    async def run() -> None:
+        app = TrackApp(feed, monotonic=hand_clock)
+        async with app.run_test(size=(80, 24)):
+            app.ask_to_leave()
+            app.look()
+            assert not app._exit
+
+    asyncio.run(run())
+    assert feed.sent == [StopNow()]
+
+
+@pytest.mark.parametrize(("stay", "left"), [(True, False), (False, True)])
+def test_the_screen_of_an_ended_run_stays_where_it_is_to_be_read(
+    feed: FakeFeed, hand_clock: HandClock, stay: bool, left: bool
+) -> None:
+    async def run() -> None:
+        app = TrackApp(feed, stay, monotonic=hand_clock)
+        async with app.run_test(size=(80, 24)) as pilot:
+            feed.coming.append(News((VIEW,), True, SUMMARY))
+            app.look()
+            assert app._exit is left
+            if not left:
+                await pilot.press("right", "space", "q")
+                assert app._exit
+
+    asyncio.run(run())
+    assert feed.sent == [], "nothing is sent to a run that has ended"
+
+
+def test_a_paste_is_no_keys(feed: FakeFeed, hand_clock: HandClock) -> None:
+    from textual.events import Paste
+
+    async def run() -> None:
+        app = TrackApp(feed, monotonic=hand_clock)
+        async with app.run_test(size=(80, 24)) as pilot:
+            app.post_message(Paste("q 0[]" * 200))
+            await pilot.pause()
+            assert app.is_running
+
+    asyncio.run(run())
+    assert feed.sent == []

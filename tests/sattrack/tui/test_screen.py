@@ -1,0 +1,337 @@
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+import msgspec
+import pytest
+from tui_builders import ERROR, SUMMARY, UTC_S, VIEW, FakeFeed, HandClock, changed
+
+from sattrack.tui.app import TrackApp
+from sattrack.tui.feed import News
+
+if TYPE_CHECKING:
+    from sattrack.view import TrackView
+
+SMALL, LARGE, HUGE = (80, 24), (120, 40), (200, 60)
+
+
+def rows_of(app: TrackApp) -> list[str]:
+    """Return what stands on the screen, row by row."""
+    return ["".join(segment.text for segment in strip) for strip in app.screen._compositor.render_strips()]
+
+
+def drawn(
+    *views: TrackView, size: tuple[int, int] = SMALL, keys: tuple[str, ...] = (), news: News | None = None
+) -> list[str]:
+    """Return the screen after some views, some keys, and at last some news."""
+
+    async def run() -> list[str]:
+        feed = FakeFeed([News(views or (VIEW,))])
+        app = TrackApp(feed, monotonic=HandClock())
+        async with app.run_test(size=size) as pilot:
+            await pilot.press(*keys)
+            if news is not None:
+                feed.coming.append(news)
+                app.look()
+            app.plot()
+            await pilot.pause()
+            app.look()
+            await pilot.pause()
+            return rows_of(app)
+
+    return asyncio.run(run())
+
+
+def following(seconds: float, ra_arcsec: float = 0.3, every_s: float = 0.5) -> list[TrackView]:
+    """Return views of a stretch of tracking with a steady error that ends at `UTC_S`."""
+    count = int(seconds / every_s)
+    return [
+        changed(
+            utc_s=UTC_S - back * every_s,
+            error={"utc_s": UTC_S - back * every_s, "ra_arcsec": ra_arcsec, "dec_arcsec": -0.1},
+        )
+        for back in range(count, -1, -1)
+    ]
+
+
+def test_the_whole_small_screen() -> None:
+    rows = drawn(*following(170.0))
+
+    assert [row.rstrip() for row in rows[:8]] == [
+        " ISS (ZARYA)  25544   mount sim                         2026-10-02 13:04:31 UTC",
+        "  TRACKING  on the satellite: all is well",
+        " error on the sky              mount − satellite      alt    45.3°",
+        " ┏━┓ ╻ ╻╺━┓″                   along        +0.40″    az     261.4° W",
+        " ┃ ┃ ┗━┫┏━┛                    across       −0.12″    range  612 km",
+        " ┗━┛•  ╹┗━╸                    RA on sky    +0.30″    RA     14h 11m 36.0s",
+        " RMS 10 s 0.44″  pass 0.51″    Dec          −0.10″    Dec    −43° 26′ 30″",
+        " begun 2:32 ago    culmination in 0:53 at 81.3°    set in 4:17",
+    ]
+    assert rows[8].rstrip() == " error  ⠒⠒ RA on the sky   ⠒⠒ Dec   scale ±0.5″"
+    assert [row.rstrip() for row in rows[-7:]] == [
+        "       −3 min                  −2 min                 −1 min                 now",
+        " link     up  20.0/s  age 0.03 s   lost 0   late 0   rejected 0",
+        " rates    RA +1.235 of 6 °/s ██··········  Dec −0.081 of 6 °/s ▏···········",
+        " along    +0.050 s  asked +0.100 s   ← behind  → ahead on track by 0.1 s",
+        " across   −0.0100°  asked −0.0200°   ↑ left  ↓ right of motion by 0.01°",
+        " elements 12.8 h old   recording pass.mcap",
+        " ←→ along   ↑↓ across   [ ] step   0 clear    SPACE STOP    q quit   ? help",
+    ]
+
+
+@pytest.mark.parametrize("size", [SMALL, LARGE, HUGE])
+@pytest.mark.parametrize("phase", ["waiting", "slewing", "acquiring", "tracking", "stopping"])
+def test_every_figure_is_there_and_nothing_is_cut_off(size: tuple[int, int], phase: str) -> None:
+    rows = drawn(changed(phase=phase), size=size)
+    text = "\n".join(rows)
+
+    assert len(rows) == size[1]
+    assert all(len(row) == size[0] for row in rows)
+    assert "…" not in text
+    for figure in (
+        *("ISS (ZARYA)", "25544", "mount sim", "2026-10-02 13:04:31 UTC"),
+        *("45.3°", "261.4° W", "612 km", "14h 11m 36.0s", "−43° 26′ 30″"),
+        *("+0.40″", "−0.12″", "+0.31″", "−0.28″", "0.44″", "0.51″"),
+        *("2:32 ago", "in 0:53", "in 4:17", "at 81.3°"),
+        *("up", "20.0/s", "0.03 s", "+1.235 of 6 °/s", "−0.081 of 6 °/s"),
+        *("+0.050 s", "+0.100 s", "−0.0100°", "−0.0200°", "pass.mcap", "12.8 h old"),
+        *("SPACE STOP", "q quit", "? help", "−3 min", "now"),
+        *("← behind", "→ ahead", "↑ left", "↓ right", "0.1 s", "0.01°"),
+    ):
+        assert figure in text, figure
+
+
+def test_the_largest_figures_fit_the_small_screen() -> None:
+    view = changed(
+        name="METEOSAT-12 (MTG-I1) DEB",
+        catalog_number=799500000,
+        mount="xerxes://192.0.2.201:44444?listen=55555",
+        error={
+            "total_arcsec": 648000.0,
+            "along_arcsec": -648000.0,
+            "ra_arcsec": -98.7,
+            "dec_arcsec": -3599.0,
+        },
+        rms_10s_arcsec=119.99,
+        rms_pass_arcsec=119.99,
+        start_utc_s=UTC_S + 86300.0,
+        culminate_utc_s=UTC_S + 86350.0,
+        end_utc_s=UTC_S + 86399.0,
+        target_alt_deg=-89.9,
+        range_km=384400.0,
+        ra_rate_deg_s=-5.9999,
+        dec_rate_deg_s=-5.9999,
+        bias_along_s=-99.999,
+        bias_along_goal_s=-99.999,
+        bias_cross_deg=-12.3456,
+        bias_cross_goal_deg=-12.3456,
+        link={"lost": 98765, "late": 9876, "rejected": 98765, "age_s": 4.99},
+    )
+    rows = drawn(view)
+
+    assert rows[0].startswith(" METEOSAT-12 (MTG-I1) DEB  799500000   mount xer")
+    assert rows[0].rstrip().endswith("… 2026-10-02 13:04:31 UTC"), "only the mount's address gives way"
+    assert [row for row in rows[1:] if "…" in row] == []
+    for figure in ("−180.0°", "−98.7″", "−60.0′", "120″", "in 23:59:59", "−89.9° not up", "384400 km"):
+        assert figure in "\n".join(rows), figure
+
+
+def test_before_anything_is_heard_no_number_is_made_up() -> None:
+    link = {"state": "silent", "age_s": None, "rate_hz": None, "received": 0}
+    rows = drawn(
+        changed(
+            phase="waiting",
+            start_utc_s=UTC_S + 65.0,
+            error=None,
+            mount_ra_deg=None,
+            mount_dec_deg=None,
+            rms_10s_arcsec=None,
+            rms_pass_arcsec=None,
+            recording=None,
+            link=link,
+        )
+    )
+    text = "\n".join(rows)
+
+    assert rows[1].startswith("  WAITING  for the satellite to come up")
+    assert rows[2].rstrip() == " ! the mount has not answered yet: is it on, and set to send here?"
+    assert "rise in 1:05" in text
+    assert "RMS 10 s –  pass –" in text
+    assert "link     not heard yet  –  age –" in text
+    assert "recording none" in text
+
+
+@pytest.mark.parametrize(
+    ("view", "headline"),
+    [
+        (changed(phase="slewing"), "SLEWING  to where the satellite will come by"),
+        (changed(phase="acquiring"), "ACQUIRING  closing in on the satellite"),
+        (changed(error={"total_arcsec": 12.3}), "TRACKING  off the satellite by 12.3″"),
+        (changed(link={"state": "stale"}), "TRACKING  blind: no fresh status from the mount"),
+        (
+            changed(phase="stopping", ended_by="limit:altitude"),
+            "STOPPING  safety's altitude limit was reached; bringing the mount to rest",
+        ),
+        (changed(phase="flipping"), "FLIPPING"),
+    ],
+)
+def test_the_headline_says_how_things_are(view: TrackView, headline: str) -> None:
+    assert drawn(view)[1].strip() == headline
+
+
+@pytest.mark.parametrize(
+    ("changes", "headline", "second"),
+    [
+        ({}, "ENDED  the satellite has set; the mount is at rest; q leaves", ""),
+        ({"ended_by": "operator"}, "STOPPED  by the operator; the mount is at rest; q leaves", ""),
+        (
+            {"ended_by": "link", "mount_stopped": False, "message": "sim fell silent"},
+            "NOT STOPPED  no stop was confirmed: stop the mount by hand",
+            "! sim fell silent",
+        ),
+        (
+            {"ended_by": "link", "mount_stopped": None},
+            "STOPPED  the mount's link was lost; the mount was never heard; q leaves",
+            "",
+        ),
+    ],
+)
+def test_an_ended_run_says_why(changes: dict[str, object], headline: str, second: str) -> None:
+    summary = msgspec.structs.replace(SUMMARY, **changes)
+    rows = drawn(news=News((changed(ended_by=summary.ended_by),), True, summary))
+
+    assert rows[1].strip() == headline
+    if second:
+        assert rows[2].strip() == second
+
+
+def test_a_feeder_that_ends_without_a_word_is_told() -> None:
+    rows = drawn(news=News((), True))
+
+    assert rows[1].strip() == "FEEDER LOST  it ended without a word: stop the mount by hand"
+
+
+def test_warnings_come_forward_with_what_to_do() -> None:
+    words = ("no fresh status from the mount: following by prediction", "something new")
+    rows = drawn(changed(warnings=words, elements_age_s=5.0 * 86400.0))
+
+    assert [row.strip() for row in rows[2:6]] == [
+        f"! {words[0]}: check the mount's",
+        "power and cable; SPACE stops",
+        "! something new",
+        "! elements are 5.0 days old: expect it early or late: nudge ← →",
+    ]
+    assert rows[6].startswith(" error on the sky"), "the rest moves down and stays whole"
+    assert rows[-1].startswith(" ←→ along")
+
+
+def test_silence_of_the_feeder_and_an_unheard_stop_are_told() -> None:
+    clock = HandClock()
+
+    async def run() -> list[str]:
+        app = TrackApp(FakeFeed([News((VIEW,))]), monotonic=clock)
+        async with app.run_test(size=SMALL) as pilot:
+            await pilot.press("space")
+            await pilot.pause()
+            first = rows_of(app)
+            clock.now_s += 3.0
+            app.look()
+            await pilot.pause()
+            return [first[1], *rows_of(app)[1:3]]
+
+    first, headline, caution = asyncio.run(run())
+    assert first.strip() == "STOP SENT  waiting for the feeder to obey"
+    assert headline.strip() == "NO NEWS  from the feeder for 3 s: figures below are old"
+    assert caution.strip() == "! the feeder is silent: SPACE, then the mount's own stop"
+
+
+def test_a_stop_that_is_not_obeyed_is_told() -> None:
+    clock = HandClock()
+
+    async def run() -> str:
+        feed = FakeFeed([News((VIEW,))])
+        app = TrackApp(feed, monotonic=clock)
+        async with app.run_test(size=SMALL) as pilot:
+            await pilot.press("space")
+            clock.now_s += 3.0
+            feed.coming.append(News((VIEW,)))
+            app.look()
+            await pilot.pause()
+            return rows_of(app)[2]
+
+    assert asyncio.run(run()).strip() == "! the stop was not obeyed: use the mount's own stop"
+
+
+@pytest.mark.parametrize("size", [SMALL, LARGE])
+def test_the_help_shows_every_key_whole(size: tuple[int, int]) -> None:
+    text = "\n".join(drawn(size=size, keys=("question_mark",)))
+
+    for key in ("SPACE", "q  Ctrl-C", "← →", "↑ ↓", "[ ]", "0  ", "?  Esc  q close this help"):
+        assert key in text
+
+
+def test_the_plot_has_its_scale_and_both_lines() -> None:
+    rows = drawn(*following(170.0, ra_arcsec=0.8), size=LARGE)
+    text = "\n".join(rows)
+
+    for label in ("+1″", "+0.5″", "−0.5″", "−1″", "−3 min", "−2 min", "−1 min", "scale ±1″"):
+        assert label in text
+    lines = [row for row in rows if sum("⠁" <= cell <= "⣿" for cell in row) > 90]
+    assert len(lines) >= 2
+
+
+def test_what_lies_beyond_the_scale_is_told() -> None:
+    approach = changed(
+        phase="acquiring", utc_s=UTC_S - 100.0, error={"utc_s": UTC_S - 100.0, "ra_arcsec": 80.0}
+    )
+    early = [changed(utc_s=v.utc_s, error=v.error) for v in following(90.0, ra_arcsec=0.02)]
+
+    async def run() -> tuple[str, str]:
+        feed = FakeFeed([News((approach,))])
+        app = TrackApp(feed, monotonic=HandClock())
+        async with app.run_test(size=SMALL) as pilot:
+            app.plot()
+            await pilot.pause()
+            first = rows_of(app)[8]
+            for view in early:
+                feed.coming.append(News((view,)))
+                app.look()
+                app.plot()
+            await pilot.pause()
+            return first, rows_of(app)[8]
+
+    first, last = asyncio.run(run())
+    assert first.rstrip().endswith("scale ±100″")
+    assert last.rstrip().endswith("scale ±0.2″   some beyond the scale")
+
+
+def test_without_colour_the_lines_differ_in_shape(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NO_COLOR", "1")
+    text = "\n".join(drawn(*following(170.0)))
+
+    assert "▀▀ RA on the sky   ⠒⠒ Dec" in text
+    assert any(block in text for block in "▘▝▖▗▀▄▌▐▛▜▙▟")
+
+
+def test_any_size_is_survived() -> None:
+    async def run() -> list[str]:
+        app = TrackApp(FakeFeed([News((VIEW,))]), monotonic=HandClock())
+        async with app.run_test(size=SMALL) as pilot:
+            for size in ((1, 1), (200, 60), (20, 5), (81, 25), (3, 50), SMALL):
+                await pilot.resize_terminal(*size)
+                app.look()
+                app.plot()
+                await pilot.pause()
+            app.look()
+            await pilot.pause()
+            return rows_of(app)
+
+    assert asyncio.run(run())[1].strip() == "TRACKING  on the satellite: all is well"
+
+
+def test_markup_in_names_is_text() -> None:
+    rows = drawn(changed(name="[b]X[/b]", recording="[red]a.mcap", error=ERROR))
+
+    assert rows[0].startswith(" [b]X[/b]  25544")
+    assert "recording [red]a.mcap" in "\n".join(rows)

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import pytest
+
+from sattrack.tui import words
+
+
+@pytest.mark.parametrize(
+    ("value", "decimals", "text"),
+    [(1.25, 2, "+1.25"), (-1.0, 1, "−1.0"), (0.0, 2, "+0.00"), (-0.001, 2, "+0.00"), (-0.006, 2, "−0.01")],
+)
+def test_signed(value: float, decimals: int, text: str) -> None:
+    assert words.signed(value, decimals) == text
+
+
+@pytest.mark.parametrize(
+    ("arcsec", "text"),
+    [
+        (None, "–"),
+        (0.0, "+0.00″"),
+        (-0.004, "+0.00″"),
+        (-0.014, "−0.01″"),
+        (9.994, "+9.99″"),
+        (9.996, "+10.0″"),
+        (99.96, "+100″"),
+        (-599.0, "−599″"),
+        (600.0, "+10.0′"),
+        (-7200.0, "−2.0°"),
+    ],
+)
+def test_arcseconds_take_the_unit_that_fits(arcsec: float | None, text: str) -> None:
+    assert words.arcsec(arcsec, sign=True) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(0.0, "0:00"), (-7.9, "0:07"), (754.0, "12:34"), (3600.0, "1:00:00"), (187200.0, "2 d 4 h")],
+)
+def test_span(seconds: float, text: str) -> None:
+    assert words.span(seconds) == text
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(90.0, "2 min"), (45900.0, "12.8 h"), (432000.0, "5.0 days"), (-7200.0, "2.0 h ahead")],
+)
+def test_age(seconds: float, text: str) -> None:
+    assert words.age(seconds) == text
+
+
+@pytest.mark.parametrize(
+    ("degrees", "text"),
+    [
+        (0.0, "00h 00m 00.0s"),
+        (359.9999999, "00h 00m 00.0s"),
+        (-15.0, "23h 00m 00.0s"),
+        (212.9, "14h 11m 36.0s"),
+    ],
+)
+def test_right_ascension(degrees: float, text: str) -> None:
+    assert words.right_ascension(degrees) == text
+
+
+@pytest.mark.parametrize(
+    ("degrees", "text"),
+    [(0.0, "+00° 00′ 00″"), (-0.5, "−00° 30′ 00″"), (-0.00001, "+00° 00′ 00″"), (89.99999, "+90° 00′ 00″")],
+)
+def test_declination(degrees: float, text: str) -> None:
+    assert words.declination(degrees) == text
+
+
+@pytest.mark.parametrize(
+    ("degrees", "text"), [(0.0, "0.0° N"), (359.9, "359.9° N"), (22.6, "22.6° NE"), (-90.0, "270.0° W")]
+)
+def test_azimuth(degrees: float, text: str) -> None:
+    assert words.azimuth(degrees) == text
+
+
+@pytest.mark.parametrize(
+    ("share", "bar"), [(0.0, "····"), (0.01, "▏···"), (-0.5, "██··"), (1.0, "████"), (9.0, "████")]
+)
+def test_gauge(share: float, bar: str) -> None:
+    assert words.gauge(share, 4) == bar

@@ -1,0 +1,105 @@
+"""Views made by hand, and a feed that remembers what it was told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from sattrack.tui.feed import News
+from sattrack.view import DatagramsView, ErrorView, LinkView, Summary, TrackView
+
+if TYPE_CHECKING:
+    from sattrack.messages import Message
+
+UTC_S = 1790946271.4
+LINK = LinkView("up", 0.03, 1234, 1233, 0, 0, 0, 0, 20.0)
+ERROR = ErrorView(UTC_S, 0.42, 0.31, -0.28, 0.4, -0.12)
+VIEW = TrackView(
+    utc_s=UTC_S,
+    phase="tracking",
+    name="ISS (ZARYA)",
+    catalog_number=25544,
+    mount="sim",
+    start_utc_s=UTC_S - 152.0,
+    culminate_utc_s=UTC_S + 53.0,
+    end_utc_s=UTC_S + 257.0,
+    max_alt_deg=81.27,
+    elements_age_s=45900.0,
+    target_ra_deg=212.9,
+    target_dec_deg=-43.4417,
+    target_alt_deg=45.32,
+    target_az_deg=261.44,
+    range_km=611.6,
+    mount_ra_deg=212.9001,
+    mount_dec_deg=-43.4416,
+    error=ERROR,
+    rms_10s_arcsec=0.44,
+    rms_pass_arcsec=0.51,
+    ra_rate_deg_s=1.2346,
+    dec_rate_deg_s=-0.0812,
+    max_ra_rate_deg_s=6.0,
+    max_dec_rate_deg_s=6.0,
+    bias_along_s=0.05,
+    bias_cross_deg=-0.01,
+    bias_along_goal_s=0.1,
+    bias_cross_goal_deg=-0.02,
+    link=LINK,
+    recording="pass.mcap",
+    ended_by=None,
+)
+SUMMARY = Summary(
+    name="ISS (ZARYA)",
+    catalog_number=25544,
+    mount="sim",
+    started_utc="2026-10-02T13:01:50.475Z",
+    ended_utc="2026-10-02T13:08:48.900Z",
+    ended_by="set",
+    samples=8000,
+    on_target_s=400.0,
+    acquired_after_s=0.7,
+    reported_rms_arcsec=0.02,
+    reported_peak_arcsec=0.3,
+    true_rms_arcsec=None,
+    true_peak_arcsec=None,
+    period_ms=None,
+    datagrams=DatagramsView(100, 99, 1, 0, 0, 0),
+    bias_along_s=0.1,
+    bias_cross_deg=0.0,
+    recording=None,
+    mount_stopped=True,
+)
+
+
+def changed(view: TrackView = VIEW, **changes: Any) -> TrackView:
+    """Return a view with some fields different; `link` and `error` may be given as their own changes."""
+    for name in ("link", "error"):
+        if isinstance(changes.get(name), dict):
+            changes[name] = msgspec.structs.replace(getattr(view, name), **changes[name])
+    return msgspec.structs.replace(view, **changes)
+
+
+@dataclass
+class FakeFeed:
+    """Hands out what a test puts in, and keeps what it is told."""
+
+    coming: list[News] = field(default_factory=list)
+    sent: list[Message] = field(default_factory=list)
+
+    def news(self) -> News:
+        return self.coming.pop(0) if self.coming else News()
+
+    def send(self, message: Message) -> bool:
+        self.sent.append(message)
+        return True
+
+
+@dataclass
+class HandClock:
+    """A monotonic clock that stands still until it is moved."""
+
+    now_s: float = 100.0
+
+    def __call__(self) -> float:
+        return self.now_s
