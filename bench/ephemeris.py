@@ -1,24 +1,31 @@
 """Directions against skyfield: how much faster, and how far apart; all ratios are taken by turns in one run.
 
 Prints lines for a single instant and for many: the ratio of the times for RA, Dec, range and their rates, and
-the largest difference on the sky in arcsec. Run it as `python bench/ephemeris.py`; it needs skyfield.
+the largest difference on the sky in arcsec. Run it as `python bench/ephemeris.py`; it needs skyfield. With
+`--budget` it prints the size of each effect instead, over the ISS's passes of 2026-10-02 over Leiden and
+Paranal above 10°.
 """
 
 from __future__ import annotations
 
 import statistics
+import sys
 import time
 from typing import TYPE_CHECKING
 
+import erfa
 import numpy as np
+from sgp4.api import WGS72, WGS84, Satrec
 from skyfield.api import EarthSatellite, load, wgs84
 from skyfield.framelib import true_equator_and_equinox_of_date
 from skyfield.timelib import Timescale
 
+from tle.bias import Bias
 from tle.earth import EarthOrientation
 from tle.elements import Elements
 from tle.instants import Utc
 from tle.propagator import Propagator
+from tle.refraction import Refraction
 from tle.site import Site
 
 if TYPE_CHECKING:
@@ -31,6 +38,8 @@ LINES = (
 )
 SITE = (52.1541, 4.4908, 0.0)
 START_S = Utc.parse("2026-10-02T13:01:06Z").unix_s
+PARANAL = (-24.627, -70.404, 2635.0)
+PARANAL_START_S = Utc.parse("2026-10-02T01:10:27Z").unix_s
 DUT1_S, XP_ARCSEC, YP_ARCSEC = -0.0234, 0.1729, 0.3242
 MANY = 12000
 ROUNDS = 7
@@ -114,5 +123,130 @@ def main() -> None:
     print("Differences are of the geometric place; skyfield's rates are made of SGP4's own velocities.")
 
 
+def budget() -> list[tuple[str, str, str]]:
+    """Return the effects as (name, from-to, unit), over two passes above 10°, Earth orientation fixed."""
+    seen = [track(*pair) for pair in ((LINES, SITE, START_S), (LINES, PARANAL, PARANAL_START_S))]
+    rows = []
+    for name, unit, effect in EFFECTS:
+        values = np.concatenate([np.atleast_1d(effect(one)) for one in seen])
+        rows.append((name, f"{plainly(values.min())} to {plainly(values.max())}", unit))
+    return rows
+
+
+class Sky:
+    """A pass: its propagator's arguments, the instants above 10°, and directions with one thing changed."""
+
+    def __init__(self, lines: tuple[str, str], site: Site, times: Utc) -> None:
+        self.lines, self.elements, self.site, self.times = lines, Elements.from_tle(*lines), site, times
+
+    def at(
+        self,
+        times: Utc | None = None,
+        orientation: tuple[float, float, float] | None = None,
+        **changed: object,
+    ):  # type: ignore[no-untyped-def]
+        earth = EarthOrientation.fixed(*(orientation or (DUT1_S, XP_ARCSEC, YP_ARCSEC)))
+        return Propagator(self.elements, self.site, earth=earth, **changed).at(times or self.times)  # type: ignore[arg-type]
+
+
+def track(lines: tuple[str, str], place: tuple[float, float, float], start_s: float) -> Sky:
+    sky = Sky(lines, Site(*place), Utc(start_s + np.arange(0.0, 520.0, 2.0)))
+    return Sky(lines, Site(*place), Utc(sky.times.unix_s[sky.at().alt_deg > 10.0]))
+
+
+def apart(one, other):  # type: ignore[no-untyped-def]
+    """Return the angle between two directions, arcsec."""
+    return np.degrees(2.0 * np.arcsin(0.5 * np.linalg.norm(one.unit - other.unit, axis=1))) * 3600.0
+
+
+def sgp4_velocity_error(sky: Sky):  # type: ignore[no-untyped-def]
+    """Return the rate that SGP4's own velocities miss, arcsec/s."""
+    jd, fraction = sky.times.split()
+    record = sky.elements.satrec()
+    _, _, velocity = record.sgp4_array(jd, fraction)
+    _, early, _ = record.sgp4_array(jd, fraction - 0.5 / 86400.0)
+    _, late, _ = record.sgp4_array(jd, fraction + 0.5 / 86400.0)
+    off = late - early - velocity
+    u = sky.at(place="geometric").unit
+    across = off - np.sum(off * u, axis=1, keepdims=True) * u
+    return np.degrees(np.linalg.norm(across, axis=1) / sky.at().range_km) * 3600.0
+
+
+def gravity_constants(sky: Sky):  # type: ignore[no-untyped-def]
+    """Return what WGS 84 in place of WGS 72 within SGP4 would do, arcsec."""
+    jd, fraction = sky.times.split()
+    there = [Satrec.twoline2rv(*sky.lines, which).sgp4_array(jd, fraction)[1] for which in (WGS72, WGS84)]
+    off = there[1] - there[0]
+    u = sky.at(place="geometric").unit
+    across = off - np.sum(off * u, axis=1, keepdims=True) * u
+    return np.degrees(np.linalg.norm(across, axis=1) / sky.at().range_km) * 3600.0
+
+
+def teme_as_of_date(sky: Sky):  # type: ignore[no-untyped-def]
+    earth = EarthOrientation.fixed(DUT1_S)
+    equinoxes = earth.rotation(sky.times.unix_s)[2]
+    return np.degrees(np.abs(equinoxes)) * 3600.0 * np.cos(np.radians(sky.at().dec_deg))
+
+
+def interpolation(sky: Sky):  # type: ignore[no-untyped-def]
+    """Return what the daily polynomials miss of ERFA's own GAST06A - GMST82, arcsec, over thirty years."""
+    unix_s = np.linspace(Utc.parse("2018-01-01").unix_s, Utc.parse("2048-01-01").unix_s, 3001)
+    days = np.floor(unix_s / 86400.0)
+    second, whole = unix_s - days * 86400.0, days + 2440587.5
+    ut1, tt = second / 86400.0, (second + 69.184) / 86400.0
+    theirs = erfa.gst06a(whole, ut1, whole, tt) - erfa.gmst82(whole, ut1)
+    ours = EarthOrientation.fixed(0.0).rotation(unix_s)[2]
+    return np.degrees(np.abs(np.remainder(ours - theirs + np.pi, 2.0 * np.pi) - np.pi)).max() * 3600.0
+
+
+EFFECTS = (
+    ("light time", "″", lambda s: apart(s.at(diurnal_aberration=False), s.at(place="geometric"))),
+    ("diurnal aberration", "″", lambda s: apart(s.at(), s.at(diurnal_aberration=False))),
+    (
+        "UT1-UTC of 0.1 s",
+        "″",
+        lambda s: apart(s.at(), s.at(orientation=(DUT1_S + 0.1, XP_ARCSEC, YP_ARCSEC))),
+    ),
+    ("polar motion", "″", lambda s: apart(s.at(), s.at(orientation=(DUT1_S, 0.0, 0.0)))),
+    ("TEME taken for the true equinox", "″", teme_as_of_date),
+    ("ICRF taken for the equinox of date", "″", lambda s: apart(s.at(), s.at(place="astrometric"))),
+    (
+        "refraction in the standard air",
+        "″",
+        lambda s: apart(s.at(), s.at(refraction=Refraction.standard(s.site.height_m))),
+    ),
+    ("10 ms of time", "″", lambda s: apart(s.at(), s.at(s.times.plus(0.01)))),
+    (
+        "a time bias of 1 s taken for one of the observer too",
+        "″",
+        lambda s: apart(s.at(bias=Bias(1.0)), s.at(s.times.plus(1.0))),
+    ),
+    ("WGS 84 in place of WGS 72 in SGP4", "″", gravity_constants),
+    ("SGP4's velocities taken as rates", "″/s", sgp4_velocity_error),
+    ("Earth orientation by daily polynomials", "″", interpolation),
+    (
+        "an instant's own rounding (a float of POSIX seconds)",
+        "″",
+        lambda s: apart(s.at(), s.at(s.times.plus(1.2e-7))),
+    ),
+)
+
+
+def plainly(value: float) -> str:
+    """Return three figures of a number, without powers of ten."""
+    return str(np.format_float_positional(value, precision=3, fractional=False, trim="-"))
+
+
+def print_budget() -> None:
+    """Print the error budget as the table that docs/accuracy.md shows."""
+    print("| effect | size |")
+    print("|---|---|")
+    for name, size, unit in budget():
+        print(f"| {name} | {size}{unit} |")
+
+
 if __name__ == "__main__":
-    main()
+    if "--budget" in sys.argv[1:]:
+        print_budget()
+    else:
+        main()

@@ -35,7 +35,8 @@ def shared_states(
 ) -> NDArray[np.float64] | None:
     """Return position, velocity, acceleration (km, km/s, km/s2), shape (9, n), from polynomials over parts.
 
-    Instants are whole Julian dates `jd` and seconds since; `part_s` is how long one polynomial may serve. None where the instants are too few, or SGP4 not smooth or not sure enough, for that.
+    Instants are whole Julian dates `jd` and seconds since; `part_s` is how long one polynomial may serve.
+    None where the instants are too few, or SGP4 not smooth or not sure enough, for that.
     """
     since = (jd - jd[0]) * DAY_S + second
     first, last = float(since.min()), float(since.max())

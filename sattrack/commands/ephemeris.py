@@ -141,7 +141,7 @@ def _tell_about(elements: Elements, propagator: Propagator, seen: Direction) -> 
     if abs(age_days) > _OLD_DAYS:
         side = "old at" if age_days > 0.0 else "ahead of"
         click.echo(
-            f"sattrack: the elements of {elements.label} are {abs(age_days):.1f} days {side} the first instant: "
+            f"sattrack: elements of {elements.label} are {abs(age_days):.1f} days {side} the first instant: "
             "expect the satellite early or late",
             err=True,
         )

@@ -152,8 +152,9 @@ def test_many_instants_move_as_one_does():
             many = np.array(motion.at_many(times, 0.25)[:6])
             for i in range(0, count, 1 + count // 50):
                 one = motion.at(float(times[i]), 0.25)
-                assert many[:3, i] == pytest.approx(one[:3], abs=1e-9)
-                assert many[3:, i] == pytest.approx(one[3:6], abs=5e-7)
+                assert many[:3, i] == pytest.approx(one[:3], abs=1e-7)
+                # A millimetre a second, where a Molniya orbit is fastest.
+                assert many[3:, i] == pytest.approx(one[3:6], abs=1e-6)
 
 
 def test_a_decayed_satellite_is_named():
