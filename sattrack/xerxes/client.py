@@ -120,11 +120,14 @@ class UdpLink:
         self._socket.close()
 
     def _arrived(self, ancillary: list[tuple[int, int, bytes]]) -> float:
+        # The order matters: whatever holds us up between the two readings makes the arrival late and never
+        # early, and it is by the earliest arrivals that the mount's clock is known.
+        kernel_now_s = time.time()
         now_s = time.monotonic()
         for level, kind, data in ancillary:
             if level == socket.SOL_SOCKET and kind == _SO_TIMESTAMPNS and len(data) >= _TIMESPEC.size:
                 seconds, nanoseconds = _TIMESPEC.unpack_from(data)
-                waited_s: float = time.time() - (seconds + nanoseconds * 1e-9)
+                waited_s: float = kernel_now_s - (seconds + nanoseconds * 1e-9)
                 if 0.0 <= waited_s < _LONGEST_KERNEL_WAIT_S:
                     return now_s - waited_s
         return now_s
