@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import time
+from contextlib import suppress
 from typing import TYPE_CHECKING, ClassVar
 
 from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal
+from textual.css.query import NoMatches
 
 from sattrack.messages import ClearBias, Nudge, StopNow
 from sattrack.tui import figures, look
 from sattrack.tui.error_plot import ErrorPanel
 from sattrack.tui.help import HelpScreen
+from sattrack.tui.history import ErrorHistory
 from sattrack.tui.panels import Cautions, HeadlineBar, KeyBar, Panel, TitleBar
 from sattrack.tui.scene import Scene
 from sattrack.tui.steps import FIRST_STEP, STEPS
@@ -20,7 +23,7 @@ from sattrack.tui.steps import FIRST_STEP, STEPS
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from textual.screen import Screen
+    from textual.dom import DOMNode
 
     from sattrack.messages import Message
     from sattrack.tui.feed import Feed
@@ -65,6 +68,7 @@ class TrackApp(App[None]):
         self._feed = feed
         self._stay = stay
         self._monotonic = monotonic
+        self._history = ErrorHistory()
         self._view: TrackView | None = None
         self._summary: Summary | None = None
         self._ended = False
@@ -107,9 +111,8 @@ class TrackApp(App[None]):
     def look(self) -> None:
         """Take in what has come, and draw the newest."""
         news = self._feed.news()
-        panel = self._main.query_one(ErrorPanel)
         for view in news.views:
-            panel.history.add(view)
+            self._history.add(view)
         if news.views:
             self._view = news.views[-1]
             self._heard_s = self._monotonic()
@@ -122,7 +125,7 @@ class TrackApp(App[None]):
         """Draw the error against time."""
         scene = self.scene
         if scene is not None:
-            self._main.query_one(ErrorPanel).draw(scene)
+            self._draw_on_main(lambda main: main.query_one(ErrorPanel).draw(scene, self._history))
 
     @property
     def scene(self) -> Scene | None:
@@ -190,17 +193,16 @@ class TrackApp(App[None]):
             self._feed.send(message)
         self._draw()
 
-    @property
-    def _main(self) -> Screen[object]:
-        return self.screen_stack[0]
-
     def _draw(self) -> None:
         scene = self.scene
-        if scene is None:
-            return
-        self._main.query_one(figures.ErrorBox).show(scene)
-        for panel in self._main.query(Panel):
-            panel.show(scene)
+        if scene is not None:
+            self._draw_on_main(lambda main: _show(main, scene))
+
+    def _draw_on_main(self, draw: Callable[[DOMNode], object]) -> None:
+        """Draw on what lies under any dialog; nothing while it is being put up or taken down."""
+        if self.screen_stack:
+            with suppress(NoMatches):
+                draw(self.screen_stack[0])
 
     def _leave_when_due(self) -> None:
         if self._leave_asked:
@@ -210,3 +212,9 @@ class TrackApp(App[None]):
         overdue = since_s is not None and self._monotonic() - since_s > LEAVE_WITHIN_S
         if overdue or (self._ended and (since_s is not None or not self._stay)):
             self.exit()
+
+
+def _show(main: DOMNode, scene: Scene) -> None:
+    main.query_one(figures.ErrorBox).show(scene)
+    for panel in main.query(Panel):
+        panel.show(scene)

@@ -137,11 +137,10 @@ class PlotCaption(Panel):
 
 
 class ErrorPanel(Vertical):
-    """The plot with its caption; keeps the history."""
+    """The plot with its caption; keeps the scale."""
 
     def __init__(self) -> None:
         super().__init__()
-        self.history = ErrorHistory()
         self.scale = Scale()
 
     def compose(self) -> ComposeResult:
@@ -149,12 +148,12 @@ class ErrorPanel(Vertical):
         yield PlotCaption()
         yield ErrorPlot()
 
-    def draw(self, scene: Scene) -> None:
-        """Draw up to a scene's instant."""
+    def draw(self, scene: Scene, history: ErrorHistory) -> None:
+        """Draw a history up to a scene's instant."""
         now_utc_s = scene.view.utc_s
-        need = self.history.need_arcsec()
+        need = history.need_arcsec()
         range_arcsec = self.scale.range_arcsec if need is None else self.scale.fit(need, now_utc_s)
         caption = self.query_one(PlotCaption)
-        caption.beyond = self.query_one(ErrorPlot).draw(self.history, now_utc_s, range_arcsec)
+        caption.beyond = self.query_one(ErrorPlot).draw(history, now_utc_s, range_arcsec)
         caption.range_arcsec = range_arcsec
         caption.show(scene)
