@@ -21,6 +21,7 @@ COMMANDS = {
     "ephemeris": "Directions and rates of a satellite.",
     "track": "Follow the pass now in progress, else the next.",
     "sim": "The simulated mount alone, on UDP.",
+    "elements": "Look at element sets: show, check.",
 }
 
 

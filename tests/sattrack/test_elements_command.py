@@ -26,9 +26,7 @@ SITE = "52.1541,4.4908,0"
 
 
 @pytest.fixture
-def ask(monkeypatch, capsys):
-    monkeypatch.setitem(cli.COMMANDS, "elements", "Element sets.")
-
+def ask(capsys):
     def asked(*arguments):
         code = cli.run(["elements", *map(str, arguments)])
         told = capsys.readouterr()
