@@ -99,8 +99,10 @@ def _thin(part: list[ErrorSample], now_utc_s: float, column_s: float) -> Trace:
     starts = np.flatnonzero(np.diff(column, prepend=column[0] - 1.0))
     ends = np.append(starts[1:], len(table)) - 1
     lows, highs = (reduce.reduceat(table[:, 1:], starts, axis=0) for reduce in (np.minimum, np.maximum))
-    # Each column keeps its extremes, so that a spike of one sample is still seen.
-    values = np.stack((lows, highs), axis=1).reshape(-1, 2)
+    # Each column keeps its extremes, so that a spike of one sample is still seen, in the order of its trend.
+    falling = table[ends, 1:] < table[starts, 1:]
+    first, second = np.where(falling, highs, lows), np.where(falling, lows, highs)
+    values = np.stack((first, second), axis=1).reshape(-1, 2)
     ago = np.stack((table[starts, 0], table[ends, 0]), axis=1).ravel() - now_utc_s
     return Trace(ago, values[:, 0], values[:, 1])
 
