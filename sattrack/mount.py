@@ -65,7 +65,7 @@ class StatusSample:
 
 @dataclass(frozen=True, slots=True)
 class Hold:
-    """Ask for nothing: the mount tracks the sky by itself."""
+    """Ask for nothing: the mount goes on with what it does by itself, at rest after a stop."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,6 +36,8 @@ from sattrack.xerxes.datagrams import (
     decode_status,
     encode_command,
 )
+from sattrack.xerxes.handshake import QUIET_STATUSES, Handshake, OneShot
+from sattrack.xerxes.sequence import LinkHealth, StatusSequence
 
 if TYPE_CHECKING:
     from sattrack.safety import Cleared
@@ -43,30 +45,12 @@ if TYPE_CHECKING:
 DEG_S_PER_DTIC_S = 360.0 / TICS_PER_TURN / 10.0
 STALE_AFTER_S = 0.3
 LOST_AFTER_S = 2.0
-RESTART_PROOF = 3
-"""Consecutive datagrams of another count that prove a restart of the mount."""
-SUSPICIOUS_JUMP = 400
-"""A forward jump of the counter, in datagrams, that is not taken on trust (20 s at 20 Hz)."""
 SLEW_NEVER_SEEN_AFTER = 5
 """Statuses after a slew's acknowledgement without Slewing that mean it was too short to be seen."""
+ACK_WITHIN_STATUSES = 20
+"""Statuses after which a slew that is not acknowledged is asked for anew."""
 REST_RATE_DEG_S = SIDEREAL_RATE_DEG_S * 0.5
 """A drive this near to standstill, or to sidereal tracking, is where it should be."""
-
-
-class Handshake(Enum):
-    """Where a one-shot command stands."""
-
-    IDLE = "idle"
-    RAISED = "raised"
-    RELEASING = "releasing"
-
-
-TRANSITIONS = {
-    (Handshake.IDLE, "request"): Handshake.RAISED,
-    (Handshake.RAISED, "ack up"): Handshake.RELEASING,
-    (Handshake.RAISED, "withdraw"): Handshake.RELEASING,
-    (Handshake.RELEASING, "ack down"): Handshake.IDLE,
-}
 
 
 class LinkState(StrEnum):
@@ -89,24 +73,50 @@ class SlewState(Enum):
 
 
 @dataclass(slots=True)
-class LinkHealth:
-    """Datagrams counted on our side."""
-
-    sent: int = 0
-    received: int = 0
-    lost: int = 0
-    late: int = 0
-    duplicate: int = 0
-    rejected: int = 0
-    restarts: int = 0
-
-
-@dataclass(slots=True)
 class _Slew:
     target: SlewTo
     state: SlewState = SlewState.WAITING
     seen_moving: bool = False
     statuses_since_ack: int = 0
+
+    def follow(self, status: Status) -> None:
+        """Take a status that came with or after the acknowledgement."""
+        self.statuses_since_ack += 1
+        self.seen_moving = self.seen_moving or status.slewing
+        if not status.slewing and (self.seen_moving or self.statuses_since_ack > SLEW_NEVER_SEEN_AFTER):
+            self.state = SlewState.DONE
+
+
+@dataclass(slots=True)
+class _MoveAxis:
+    """Whether the mount may still be moving by MoveAxis, as far as statuses tell.
+
+    The last status may be older than the last command: what counts is the acknowledgement seen up and then
+    down since, or a silence so long that none is to come.
+    """
+
+    over: bool = True
+    _up: bool = False
+    _acked: bool = False
+    _statuses: int = 0
+
+    def sent(self, up: bool) -> None:
+        """Note whether the datagram that goes out has the flags up."""
+        if up:
+            # An acknowledgement from before they rose says nothing of now.
+            self._acked = self._acked and self._up
+            self.over, self._statuses = False, 0
+        self._up = up
+
+    def see(self, status: Status) -> None:
+        """Take one status."""
+        if self.over:
+            return
+        self._statuses += 1
+        up = status.ack_move_ra or status.ack_move_dec
+        self._acked = self._acked or up
+        fallen = self._acked and not up
+        self.over = fallen or self._statuses >= QUIET_STATUSES
 
 
 @dataclass(slots=True)
@@ -118,13 +128,17 @@ class Session:
     status: Status | None = None
     """The last accepted status, whole."""
     sample: StatusSample | None = None
+    _sequence: StatusSequence = field(init=False)
     _wanted: Motion = field(default_factory=Hold)
-    _abort: Handshake = Handshake.IDLE
-    _slew_flag: Handshake = Handshake.IDLE
+    _abort: OneShot = field(default_factory=OneShot)
+    _slew_flag: OneShot = field(default_factory=OneShot)
+    _move: _MoveAxis = field(default_factory=_MoveAxis)
     _slew: _Slew | None = None
     _aborted: bool = False
-    _candidate: int | None = None
-    _candidate_run: int = 0
+
+    def __post_init__(self) -> None:
+        """Begin to count statuses."""
+        self._sequence = StatusSequence(self.health)
 
     def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
         """Take one datagram; return its sample, or None where it was refused and counted."""
@@ -136,8 +150,11 @@ class Session:
         if not _plausible(status):
             self.health.rejected += 1
             return None
-        if not self._in_order(status.counter):
+        restarts = self.health.restarts
+        if not self._sequence.is_news(status.counter, arrival_utc_s):
             return None
+        if self.health.restarts > restarts:
+            self._begin_anew()
         self.health.received += 1
         self.status = status
         self.sample = StatusSample(
@@ -168,7 +185,8 @@ class Session:
     def compose(self) -> bytes:
         """Return the next datagram to send."""
         self.health.sent += 1
-        if self._abort is Handshake.RAISED:
+        self._move.sent(isinstance(self._wanted, MoveAxes) and not self._abort.up)
+        if self._abort.up:
             # An abort that is on its way is seen through, whatever is wanted by now.
             return encode_command(self._compose_stop())
         match self._wanted:
@@ -179,7 +197,7 @@ class Session:
             case SlewTo():
                 command = self._compose_slew(self._wanted)
             case Hold():
-                self._withdraw_slew()
+                self._slew_flag.happen("withdraw")
                 command = Command(self.health.sent)
         return encode_command(command)
 
@@ -205,17 +223,25 @@ class Session:
             return False
         return not sample.slewing and is_at_rest(sample)
 
+    def _begin_anew(self) -> None:
+        """Forget what a mount that has restarted cannot know of."""
+        self._abort, self._slew_flag, self._move = OneShot(), OneShot(), _MoveAxis()
+        self._aborted = False
+        if self._slew is not None:
+            self._slew = _Slew(self._slew.target)
+
     def _compose_stop(self) -> Command:
-        self._withdraw_slew()
-        if self._abort is Handshake.IDLE and self.status is not None and self.status.slewing:
+        self._slew_flag.happen("withdraw")
+        status = self.status
+        if self._abort.state is Handshake.IDLE and status is not None and status.slewing:
             # A late datagram, or another client, has set the mount going again: the mount ignores counters.
             self._aborted = False
-        if not self._aborted and self._abort is Handshake.IDLE and not self._acked("ack_abort"):
-            self._abort = TRANSITIONS[self._abort, "request"]
-        return Command(self.health.sent, abort=self._abort is Handshake.RAISED)
+        if not self._aborted and (status is None or not status.ack_abort):
+            self._abort.happen("request")
+        return Command(self.health.sent, abort=self._abort.up)
 
     def _compose_move(self, move: MoveAxes) -> Command:
-        self._withdraw_slew()
+        self._slew_flag.happen("withdraw")
         westward = (0.0 if self.profile.additive else SIDEREAL_RATE_DEG_S) - move.ra_rate_deg_s
         return Command(
             self.health.sent,
@@ -226,78 +252,35 @@ class Session:
         )
 
     def _compose_slew(self, target: SlewTo) -> Command:
-        slew = self._slew
-        if slew is not None and slew.state is SlewState.WAITING:
-            standing = self.status is not None and not self.status.slewing
-            if standing and self._slew_flag is Handshake.IDLE and not self._acked("ack_slew"):
-                self._slew_flag = TRANSITIONS[self._slew_flag, "request"]
+        slew, status = self._slew, self.status
+        if slew is not None and status is not None and slew.state is SlewState.WAITING:
+            standing = self._move.over and not status.slewing and not status.ack_slew
+            if standing and self._slew_flag.happen("request"):
                 slew.state = SlewState.ASKED
         return Command(
             self.health.sent,
-            slew=self._slew_flag is Handshake.RAISED,
+            slew=self._slew_flag.up,
             target_ra_h=target.ra_deg % 360.0 / 15.0,
             target_dec_deg=target.dec_deg,
         )
 
-    def _withdraw_slew(self) -> None:
-        if self._slew_flag is Handshake.RAISED:
-            self._slew_flag = TRANSITIONS[self._slew_flag, "withdraw"]
-
-    def _acked(self, flag: str) -> bool:
-        return self.status is not None and bool(getattr(self.status, flag))
-
     def _follow_acknowledgements(self, status: Status) -> None:
-        if self._abort is Handshake.RAISED and status.ack_abort:
-            self._abort = TRANSITIONS[self._abort, "ack up"]
+        self._move.see(status)
+        if self._abort.see(status.ack_abort):
             self._aborted = True
-        elif self._abort is Handshake.RELEASING and not status.ack_abort:
-            self._abort = TRANSITIONS[self._abort, "ack down"]
-        if self._slew_flag is Handshake.RAISED and status.ack_slew:
-            self._slew_flag = TRANSITIONS[self._slew_flag, "ack up"]
-            if self._slew is not None and self._slew.state is SlewState.ASKED:
-                self._slew.state = SlewState.UNDER_WAY
-        elif self._slew_flag is Handshake.RELEASING and not status.ack_slew:
-            self._slew_flag = TRANSITIONS[self._slew_flag, "ack down"]
-        if self._slew is not None and self._slew.state is SlewState.UNDER_WAY:
-            self._follow_slew(self._slew, status)
-
-    @staticmethod
-    def _follow_slew(slew: _Slew, status: Status) -> None:
-        slew.statuses_since_ack += 1
-        slew.seen_moving = slew.seen_moving or status.slewing
-        if not status.slewing and (slew.seen_moving or slew.statuses_since_ack > SLEW_NEVER_SEEN_AFTER):
-            slew.state = SlewState.DONE
-
-    def _in_order(self, counter: int) -> bool:
-        """Tell whether a status of this count is the next news; count it where it is not."""
-        if self.status is None:
-            return True
-        ahead = counter - self.status.counter
-        if 0 < ahead < SUSPICIOUS_JUMP:
-            self.health.lost += ahead - 1
-            self._candidate = None
-            return True
-        if self._restarted(counter):
-            self.health.restarts += 1
-            return True
-        if ahead == 0:
-            self.health.duplicate += 1
-        elif ahead < 0:
-            self.health.late += 1
-            self.health.lost = max(0, self.health.lost - 1)
-        else:
-            self.health.rejected += 1
-        return False
-
-    def _restarted(self, counter: int) -> bool:
-        follows = self._candidate is not None and counter == self._candidate + 1
-        self._candidate_run = self._candidate_run + 1 if follows else 1
-        self._candidate = counter
-        if self._candidate_run < RESTART_PROOF:
-            return False
-        self._candidate = None
-        self._candidate_run = 0
-        return True
+        launched = self._slew_flag.see(status.ack_slew)
+        slew = self._slew
+        if slew is None:
+            return
+        if slew.state is SlewState.ASKED:
+            if launched:
+                slew.state = SlewState.UNDER_WAY
+            elif self._slew_flag.statuses > ACK_WITHIN_STATUSES:
+                # The mount missed the edge, or was slewing when it came: fall, and rise again.
+                self._slew_flag.happen("withdraw")
+                slew.state = SlewState.WAITING
+        if slew.state is SlewState.UNDER_WAY:
+            slew.follow(status)
 
 
 def is_at_rest(sample: StatusSample) -> bool:

@@ -105,8 +105,11 @@ class SimulatedMount:
         targets = (command.target_ra_h, command.target_dec_deg)
         aimed = not (command.slew or command.sync) or _is_direction(*targets)
         if not aimed or not all(math.isfinite(x) for x in (*rates, *targets)):
-            self.refused += 1
-            return False
+            if not command.abort:
+                self.refused += 1
+                return False
+            # Whatever else it says, a stop is a stop.
+            command = Command(command.counter, abort=True)
         self._mailbox = command
         return True
 
@@ -150,11 +153,15 @@ class SimulatedMount:
 
     def _move(self, command: Command) -> None:
         self._moving = True
-        base = SIDEREAL_RATE_DEG_S if self.profile.additive else 0.0
-        ra_rate = self.profile.ra_rate_sign * command.move_ra_rate_deg_s if command.move_ra else 0.0
-        dec_rate = self.profile.dec_rate_sign * command.move_dec_rate_deg_s if command.move_dec else 0.0
-        self._ra.run(base + _within(ra_rate, self.profile.ra.slew_rate_deg_s))
-        self._dec.run(_within(dec_rate, self.profile.dec.slew_rate_deg_s))
+        ra_rate, dec_rate = SIDEREAL_RATE_DEG_S, 0.0
+        if command.move_ra:
+            asked = self.profile.ra_rate_sign * command.move_ra_rate_deg_s
+            ra_rate = ra_rate * self.profile.additive + _within(asked, self.profile.ra.slew_rate_deg_s)
+        if command.move_dec:
+            asked = self.profile.dec_rate_sign * command.move_dec_rate_deg_s
+            dec_rate = _within(asked, self.profile.dec.slew_rate_deg_s)
+        self._ra.run(ra_rate)
+        self._dec.run(dec_rate)
 
     def _sidereal_deg(self, now_utc_s: float) -> float:
         return mean_sidereal_deg(now_utc_s, self.site.longitude_deg)

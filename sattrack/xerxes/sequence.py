@@ -1,0 +1,81 @@
+"""Which statuses are news: the rolling counter judged against loss, duplication, reordering and restarts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+RESTART_PROOF = 3
+"""Consecutive datagrams of another count that prove a restart of the mount."""
+TRUSTED_JUMP = 400
+TRUSTED_JUMP_PER_S = 40.0
+"""How far a counter may run ahead: 20 s of statuses, and twice the nominal rate for the time of silence."""
+REMEMBERED = 400
+
+
+@dataclass(slots=True)
+class LinkHealth:
+    """Datagrams counted on our side."""
+
+    sent: int = 0
+    received: int = 0
+    lost: int = 0
+    late: int = 0
+    duplicate: int = 0
+    rejected: int = 0
+    restarts: int = 0
+
+
+@dataclass(slots=True)
+class StatusSequence:
+    """Judges counters as they come, and counts in `health` what is not news."""
+
+    health: LinkHealth
+    _last: int | None = None
+    _last_arrival_s: float = 0.0
+    _missing: set[int] = field(default_factory=set)
+    _candidate: int | None = None
+    _run: int = 0
+
+    def is_news(self, counter: int, arrival_utc_s: float) -> bool:
+        """Tell whether a status of this count is newer than all before; afterwards it is the newest."""
+        last = self._last
+        if last is not None:
+            ahead = counter - last
+            silence_s = max(0.0, arrival_utc_s - self._last_arrival_s)
+            if 0 < ahead <= TRUSTED_JUMP + TRUSTED_JUMP_PER_S * silence_s:
+                self._note_missing(last + 1, counter)
+            elif not self._is_restart(counter, last):
+                self._count_refused(counter, ahead)
+                return False
+        self._last, self._last_arrival_s = counter, arrival_utc_s
+        self._candidate, self._run = None, 0
+        return True
+
+    def _note_missing(self, first: int, end: int) -> None:
+        self.health.lost += end - first
+        self._missing.update(range(max(first, end - REMEMBERED), end))
+        if len(self._missing) > 2 * REMEMBERED:
+            self._missing = {number for number in self._missing if number > end - REMEMBERED}
+
+    def _count_refused(self, counter: int, ahead: int) -> None:
+        if ahead == 0:
+            self.health.duplicate += 1
+        elif ahead > 0:
+            self.health.rejected += 1
+        else:
+            self.health.late += 1
+            if counter in self._missing:
+                self._missing.remove(counter)
+                self.health.lost -= 1
+
+    def _is_restart(self, counter: int, last: int) -> bool:
+        if counter == last:
+            self._candidate, self._run = None, 0
+            return False
+        follows = self._candidate is not None and counter == self._candidate + 1
+        self._candidate, self._run = counter, self._run + 1 if follows else 1
+        if self._run < RESTART_PROOF:
+            return False
+        self.health.restarts += 1
+        self._missing.clear()
+        return True
