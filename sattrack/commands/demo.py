@@ -42,7 +42,7 @@ def command(context: CommandContext, seconds: float | None, **options: Any) -> i
         not (options["headless"] or context.json or options["stream"] or options["control"])
         and tui_possible()
     ):
-        return with_tui()
+        return with_tui(stay=seconds is None)
     request = demo_request(context.clock_option, options["record"])
     deadline_s = float("inf") if seconds is None else begun_s + seconds - STOPPING_TAKES_S
     stop = StopRequest()

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib.util
-import os
-import stat
 import sys
 from dataclasses import dataclass
 
 import click
 import msgspec
 
+from sattrack.commands.json_lines import JsonLines
 from sattrack.runtime.outcome import failure
+from sattrack.summary_text import summary_lines
 from sattrack.view import Summary, TrackView
 from tle.instants import Utc
 
@@ -74,38 +73,24 @@ def tui_possible() -> bool:
     return sys.stdin.isatty() and sys.stdout.isatty() and importlib.util.find_spec("textual_plot") is not None
 
 
-def with_tui() -> int:
+def with_tui(stay: bool = True) -> int:
     """Run this very command line headless in a process of its own, and the terminal UI here on top of it.
 
+    With `stay`, the screen of an ended run remains until it is left.
     The loop that feeds the mount must not share a process with anything that draws.
     """
     from sattrack.tui.launch import fly_with_tui
 
     arguments = [*sys.argv[1:], "--stream", "--control"]
-    return fly_with_tui([sys.executable, "-m", "sattrack", *arguments])
+    return fly_with_tui([sys.executable, "-m", "sattrack", *arguments], stay)
 
 
-class Stream:
-    """Writes views as JSON lines on standard output.
-
-    A reader that does not keep up loses views: into a pipe, a line is written whole or not at all (POSIX
-    promises that up to PIPE_BUF bytes), and the loop that feeds the mount never waits.
-    """
-
-    def __init__(self) -> None:
-        self._encoder = msgspec.json.Encoder()
-        self._out = sys.stdout.fileno()
-        if stat.S_ISFIFO(os.fstat(self._out).st_mode):
-            os.set_blocking(self._out, False)
+class Stream(JsonLines):
+    """Writes views as JSON lines."""
 
     def show(self, view: TrackView) -> None:
         """Take one state."""
-        with contextlib.suppress(BlockingIOError):
-            os.write(self._out, self._encoder.encode(view) + b"\n")
-
-    def end(self) -> None:
-        """Let what comes after the views be written whole, however long that takes."""
-        os.set_blocking(self._out, True)
+        self.write(view)
 
 
 def finish(summary: Summary, interrupted: bool, as_json: bool) -> int:
@@ -118,29 +103,3 @@ def finish(summary: Summary, interrupted: bool, as_json: bool) -> int:
     if error is not None:
         raise error
     return 0
-
-
-def summary_lines(summary: Summary) -> list[str]:
-    """Return the summary for people."""
-    lines = [
-        f"{summary.name} ({summary.catalog_number}) with {summary.mount}: ended by {summary.ended_by}",
-        f"  {summary.started_utc} to {summary.ended_utc}, on target {summary.on_target_s:.1f} s",
-    ]
-    if summary.acquired_after_s is not None:
-        lines.append(f"  acquired {summary.acquired_after_s:.1f} s after it could be followed")
-    for word, rms, peak in (
-        ("reported", summary.reported_rms_arcsec, summary.reported_peak_arcsec),
-        ("true", summary.true_rms_arcsec, summary.true_peak_arcsec),
-    ):
-        if rms is not None and peak is not None:
-            lines.append(f"  {word} error {rms:.3f}″ RMS, {peak:.3f}″ peak")
-    counts = summary.datagrams
-    lines.append(
-        f"  datagrams: {counts.sent} sent, {counts.received} received, {counts.lost} lost, "
-        f"{counts.late} late, {counts.rejected} rejected"
-    )
-    if summary.period_ms is not None:
-        lines.append(f"  period {summary.period_ms.p50:.2f} ms median, {summary.period_ms.p99:.2f} ms p99")
-    if summary.recording is not None:
-        lines.append(f"  recorded in {summary.recording}")
-    return lines

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import signal
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING
 
 import click
-import msgspec
 
 from sattrack import practice
 from sattrack.clock import SimulatedClock
 from sattrack.commands.common import CommandContext, common_options
+from sattrack.commands.json_lines import JsonLines
 from sattrack.errors import BadInputError
 from sattrack.mount import MountProfile
 from sattrack.xerxes.client import DEFAULT_PORT
@@ -59,10 +60,13 @@ def command(context: CommandContext, port: int, peer: int | None, faults: str | 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda got, _: ended.append(got))
     click.echo(f"simulated mount on 127.0.0.1:{server.port}; Ctrl-C ends it", err=True)
+    tell = _silent
     if context.json:
-        click.echo(msgspec.json.encode({"listening": server.port}).decode())
+        lines = JsonLines()
+        lines.write({"listening": server.port})
+        tell = partial(_tell, lines)
     try:
-        server.run(lambda: not ended, _teller(context.json), [])
+        server.run(lambda: not ended, tell, [])
     finally:
         server.close()
     return 130 if ended == [signal.SIGINT] else 0
@@ -75,12 +79,9 @@ def _setting(context: CommandContext) -> ClockSetting | None:
     return ClockSetting(clock.start_utc_s, clock.anchor_s, clock.speed)
 
 
-def _teller(as_json: bool) -> Any:
-    if not as_json:
-        return lambda _: None
-    names = TruthLine.__struct_fields__
+def _silent(_: Truth) -> None:
+    """Tell nobody."""
 
-    def tell(truth: Truth) -> None:
-        click.echo(msgspec.json.encode({name: getattr(truth, name) for name in names}).decode())
 
-    return tell
+def _tell(lines: JsonLines, truth: Truth) -> None:
+    lines.write({name: getattr(truth, name) for name in TruthLine.__struct_fields__})

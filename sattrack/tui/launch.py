@@ -11,8 +11,8 @@ import click
 
 from sattrack.errors import SattrackError
 from sattrack.messages import StopNow
+from sattrack.summary_text import summary_lines
 from sattrack.tui.child import FeederProcess
-from sattrack.tui.closing import summary_lines
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

@@ -7,6 +7,7 @@ import math
 import socket
 import subprocess
 import sys
+import threading
 import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
@@ -64,11 +65,36 @@ def ended(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
             pipe.close()
 
 
+class Mount:
+    """A simulated mount that tells where its axes are; what it tells is read as it comes."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        assert process.stdout is not None
+        self._process = process
+        self.port: int = json.loads(process.stdout.readline())["listening"]
+        self._lines: list[str] = []
+        self._reader = threading.Thread(target=lambda: self._lines.extend(process.stdout or ()))
+        self._reader.start()
+
+    def last_truth(self) -> dict[str, float]:
+        """End the mount; return where its axes were last."""
+        self.end()
+        truth: dict[str, float] = json.loads(self._lines[-1])
+        return truth
+
+    def end(self) -> None:
+        self._process.terminate()
+        self._reader.join()
+
+
 @contextmanager
-def simulated_mount(site: str, *options: str) -> Iterator[tuple[subprocess.Popen[str], int]]:
-    with ended(sattrack("sim", "--port", "0", "--site", site, "--json", *options)) as mount:
-        assert mount.stdout is not None
-        yield mount, json.loads(mount.stdout.readline())["listening"]
+def simulated_mount(site: str, *options: str) -> Iterator[Mount]:
+    with ended(sattrack("sim", "--port", "0", "--site", site, "--json", *options)) as process:
+        mount = Mount(process)
+        try:
+            yield mount
+        finally:
+            mount.end()
 
 
 def track_arguments(folder: Path, site: str, port: int, *options: str) -> list[str]:
@@ -86,11 +112,3 @@ def until(process: subprocess.Popen[str], phase: str) -> dict[str, Any]:
         if view.get("phase") == phase:
             return view
     raise AssertionError(f"the run ended before it was {phase}: {process.stderr and process.stderr.read()}")
-
-
-def last_truth(mount: subprocess.Popen[str]) -> dict[str, float]:
-    """End a simulated mount; return where its axes were last."""
-    mount.terminate()
-    assert mount.stdout is not None
-    truth: dict[str, float] = json.loads(mount.stdout.read().splitlines()[-1])
-    return truth

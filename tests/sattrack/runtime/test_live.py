@@ -11,7 +11,6 @@ import pytest
 from live import (
     ended,
     free_port,
-    last_truth,
     sattrack,
     simulated_mount,
     site_on_the_path,
@@ -62,14 +61,14 @@ def test_the_demonstration_follows_the_pass() -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_run_stops_the_mount_before_it_ends(number: signal.Signals, tmp_path: Path) -> None:
     site = site_on_the_path()
-    with simulated_mount(site) as (mount, port):
-        arguments = track_arguments(tmp_path, site, port, "--headless", "--stream")
+    with simulated_mount(site) as mount:
+        arguments = track_arguments(tmp_path, site, mount.port, "--headless", "--stream")
         with ended(sattrack(*arguments)) as run:
             view = until(run, "tracking")
             assert abs(view["ra_rate_deg_s"]) + abs(view["dec_rate_deg_s"]) > 0.05
             run.send_signal(number)
             code, summary, err = result(run)
-        truth = last_truth(mount)
+        truth = mount.last_truth()
     assert code == 130
     assert summary["ended_by"] == "operator"
     assert summary["mount_stopped"] is True
@@ -79,12 +78,12 @@ def test_an_interrupted_run_stops_the_mount_before_it_ends(number: signal.Signal
 
 def test_a_mount_that_falls_silent_is_told_to_stop_all_the_same(tmp_path: Path) -> None:
     site = site_on_the_path()
-    with simulated_mount(site, "--faults", "silent:20") as (mount, port):
-        arguments = track_arguments(tmp_path, site, port, "--headless", "--stream")
+    with simulated_mount(site, "--faults", "silent:20") as mount:
+        arguments = track_arguments(tmp_path, site, mount.port, "--headless", "--stream")
         with ended(sattrack(*arguments)) as run:
             until(run, "tracking")
             code, summary, err = result(run)
-        truth = last_truth(mount)
+        truth = mount.last_truth()
     assert code == 4
     assert summary["ended_by"] == "link"
     assert summary["mount_stopped"] is False
@@ -141,9 +140,9 @@ def test_datagrams_from_strangers_and_garbage_change_nothing(tmp_path: Path) -> 
     """A stranger at another address, and garbage from the mount's own: counted, dropped, the pass goes on."""
     site = site_on_the_path()
     with (
-        simulated_mount(site) as (_, port),
+        simulated_mount(site) as mount,
         ended(
-            sattrack(*(arguments := track_arguments(tmp_path, site, port, "--headless", "--stream")))
+            sattrack(*(arguments := track_arguments(tmp_path, site, mount.port, "--headless", "--stream")))
         ) as run,
     ):
         listen = int(arguments[3].partition("listen=")[2])
@@ -194,3 +193,18 @@ def test_a_reader_that_goes_away_ends_the_run_with_the_mount_stopped() -> None:
         err = demo.stderr.read()
         assert demo.wait(timeout=30.0) == 1
     assert "Traceback" not in err
+
+
+def test_a_front_end_that_is_killed_leaves_the_mount_stopped(tmp_path: Path) -> None:
+    """Both of its pipes break at once; the run cannot say anything to anybody any more."""
+    site = site_on_the_path()
+    with simulated_mount(site) as mount:
+        arguments = track_arguments(tmp_path, site, mount.port, "--headless", "--stream", "--control")
+        with ended(sattrack(*arguments)) as run:
+            until(run, "tracking")
+            for pipe in (run.stdin, run.stdout, run.stderr):
+                assert pipe is not None
+                pipe.close()
+            assert run.wait(timeout=30.0) in {0, 1}
+        truth = mount.last_truth()
+    assert_at_rest(truth)
