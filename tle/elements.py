@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING
 
 from sgp4.api import SGP4_ERRORS, WGS72, Satrec
 
-from tle.errors import DecayedError, PropagationError, TimeRangeError
+from tle.errors import (
+    DecayedError,
+    MeanElementsError,
+    MeanMotionError,
+    PerturbedElementsError,
+    PropagationError,
+    SemiLatusRectumError,
+    SubOrbitalError,
+    TimeRangeError,
+)
 from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
 
 if TYPE_CHECKING:
@@ -19,6 +28,14 @@ _SGP4_EPOCH_JD = 2433281.5
 _REV_DAY_PER_RAD_MIN = 1440.0 / (2.0 * math.pi)
 _DEG = math.pi / 180.0
 _DECAYED = 6
+_EARTH_RADIUS_KM = 6378.135
+_MU_KM3_S2 = 398600.8
+_NAMED_ERRORS: dict[int, type[PropagationError]] = {
+    1: MeanElementsError,
+    2: MeanMotionError,
+    3: PerturbedElementsError,
+    4: SemiLatusRectumError,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +83,21 @@ class Elements:
     def period_s(self) -> float:
         """Give the time of one revolution, in seconds."""
         return DAY_S / self.mean_motion_rev_day
+
+    @property
+    def semi_major_axis_km(self) -> float:
+        """Give the semi-major axis that Kepler's third law makes of the mean motion (WGS 72), in km."""
+        return float((_MU_KM3_S2 * (self.period_s / (2.0 * math.pi)) ** 2) ** (1.0 / 3.0))
+
+    @property
+    def perigee_km(self) -> float:
+        """Give the lowest height above an Earth of 6378.135 km radius, in km, as catalogues do."""
+        return self.semi_major_axis_km * (1.0 - self.eccentricity) - _EARTH_RADIUS_KM
+
+    @property
+    def apogee_km(self) -> float:
+        """Give the greatest height above an Earth of 6378.135 km radius, in km, as catalogues do."""
+        return self.semi_major_axis_km * (1.0 + self.eccentricity) - _EARTH_RADIUS_KM
 
     def age_s(self, at: Utc) -> Quantity:
         """Return seconds from the epoch of the elements to an instant; negative before the epoch."""
@@ -122,6 +154,12 @@ def propagation_error(code: int, elements: Elements, at: Utc) -> PropagationErro
     except TimeRangeError:
         when = f"{at.unix_s} s since 1970"
     age_days = elements.age_s(at) / DAY_S
+    if code == _DECAYED and elements.perigee_km < 0.0:
+        return SubOrbitalError(
+            f"{elements.label} ({elements.catalog_number}) is below the ground at {when}: it is sub-orbital, "
+            f"its elements have their perigee {-elements.perigee_km:.0f} km inside the Earth",
+            code,
+        )
     if code == _DECAYED:
         return DecayedError(
             f"{elements.label} ({elements.catalog_number}) has decayed at {when}, "
@@ -129,7 +167,7 @@ def propagation_error(code: int, elements: Elements, at: Utc) -> PropagationErro
             code,
         )
     reason = SGP4_ERRORS.get(code, "unknown error")
-    return PropagationError(
+    return _NAMED_ERRORS.get(code, PropagationError)(
         f"{elements.label} ({elements.catalog_number}) cannot be propagated to {when}, "
         f"{age_days:+.1f} days from the epoch of its elements (SGP4 error {code}: {reason}): "
         "use newer elements or a nearer time",
@@ -138,11 +176,11 @@ def propagation_error(code: int, elements: Elements, at: Utc) -> PropagationErro
 
 
 _ALPHA5 = "ABCDEFGHJKLMNPQRSTUVWXYZ"
-_ALPHA5_FIELD = re.compile(rf"(?=.*\d$) *(\d+)|([{_ALPHA5}])(\d{{4}})", re.ASCII)
+_ALPHA5_FIELD = re.compile(rf"(?=.*\d$) *(\d{{1,9}})|([{_ALPHA5}])(\d{{4}})", re.ASCII)
 
 
 def parse_alpha5(field: str) -> int | None:
-    """Return the catalogue number in a TLE's five columns, None where it is none.
+    """Return the catalogue number that up to nine digits or an Alpha-5 field say, None where it is none.
 
     Alpha-5 (Space-Track): a letter for the two leading digits, A = 10 to Z = 33 without I and O.
     """
@@ -152,3 +190,12 @@ def parse_alpha5(field: str) -> int | None:
     if match.group(1):
         return int(match.group(1))
     return (10 + _ALPHA5.index(match.group(2))) * 10000 + int(match.group(3))
+
+
+def format_alpha5(number: int) -> str | None:
+    """Return a catalogue number as a TLE's five columns hold it, None above 339999, where Alpha-5 ends."""
+    if number <= 99_999:
+        return f"{number:05d}"
+    if number <= 339_999:
+        return f"{_ALPHA5[number // 10_000 - 10]}{number % 10_000:04d}"
+    return None

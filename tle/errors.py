@@ -69,6 +69,14 @@ class FieldRangeError(ElementsError):
     """A number that is well formed but that no orbit has."""
 
 
+class MissingFieldError(ElementsError):
+    """A keyword that an orbit mean-elements message must have is not there."""
+
+
+class UnwritableError(ElementsError):
+    """A value that the format asked for cannot hold, such as a seven-digit number in a TLE."""
+
+
 class MismatchedLinesError(ElementsError):
     """The two lines of a set belong to different objects."""
 
@@ -139,6 +147,26 @@ class PropagationError(TleError):
 
 class DecayedError(PropagationError):
     """By these elements the satellite has re-entered before the instant asked for."""
+
+
+class SubOrbitalError(DecayedError):
+    """The satellite is below the ground by elements whose perigee lies inside the Earth: no orbit at all."""
+
+
+class MeanElementsError(PropagationError):
+    """SGP4's mean eccentricity or semi-major axis has left what an orbit can have (SGP4 error 1)."""
+
+
+class MeanMotionError(PropagationError):
+    """SGP4's mean motion has become negative (SGP4 error 2)."""
+
+
+class PerturbedElementsError(PropagationError):
+    """SGP4's eccentricity with lunisolar perturbations has left 0 to 1 (SGP4 error 3)."""
+
+
+class SemiLatusRectumError(PropagationError):
+    """SGP4's semi-latus rectum has become negative (SGP4 error 4)."""
 
 
 class EarthOrientationWarning(UserWarning):

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import gzip
+import io
 import re
 import sys
+import unicodedata
+import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,31 +16,41 @@ from tle.elements import Elements, parse_alpha5
 from tle.errors import (
     AmbiguousSatelliteError,
     ElementsError,
-    FormatError,
     SatelliteNotFoundError,
     SourceError,
 )
-from tle.formats import tle as tle_format
+from tle.formats.registry import parse_elements
+from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
 _SHOWN = 8
+_MOST_BYTES = 256 * 1024 * 1024
+# From this day on CelesTrak has published objects whose numbers no TLE of its can hold (100000 and above).
+_SIX_DIGITS_SINCE = Utc.parse("2026-07-11T00:00:00Z")
+_QUERY = re.compile(r"https?://[^\s\"'<>]*/(?:sup-)?gp\.php\?([^\s\"'<>]*)", re.IGNORECASE)
+_HEAD = 2000
 
 
 @dataclass(frozen=True, slots=True)
 class ElementSets:
-    """What sources held: every accepted set in their order, and every refusal."""
+    """What sources held: every accepted set in their order, every refusal, and what else a user should know.
+
+    `notes` are sentences such as that a list is known to lack objects.
+    """
 
     accepted: list[Elements] = field(default_factory=list)
     rejected: list[ElementsError] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
 
 
 def read_elements(*sources: str | Path, fetch: Callable[[str], str] | None = None) -> list[Elements]:
     """Return the elements in files, folders or text, one set an object: the one with the newest epoch.
 
-    A source is a path, "-" for standard input, text with line ends in it, or a URL if `fetch` can turn
-    one into text. Every file of a folder is read. The format is told by the content.
+    A source is a path, "-" for standard input, text with line ends in it, or what `fetch` can turn into
+    text: a URL, or a short name such as "celestrak:active". Every file of a folder is read. The format is
+    told by the content; a file may be compressed with gzip.
     Raises the first refusal (a subclass of ElementsError) and SourceError; see `load_elements` for sources
     that may hold bad sets.
     """
@@ -51,50 +65,62 @@ def load_elements(*sources: str | Path, fetch: Callable[[str], str] | None = Non
     sets = ElementSets()
     for source in sources:
         for name, text in _texts(source, fetch):
-            for item in parse_elements(text, name):
-                if isinstance(item, Elements):
-                    sets.accepted.append(item)
-                else:
-                    sets.rejected.append(item)
+            found = parse_elements(text, name)
+            accepted = [item for item in found if isinstance(item, Elements)]
+            sets.accepted.extend(accepted)
+            sets.rejected.extend(item for item in found if isinstance(item, ElementsError))
+            if lacks_new_objects(name, text, accepted):
+                sets.notes.append(
+                    f"{name or 'the text'}: is truncated: a list in TLE format lacks every object numbered "
+                    "100000 and above, catalogued since 2026-07-11: ask for FORMAT=csv"
+                )
     return sets
 
 
-def parse_elements(text: str, source: str = "") -> list[Elements | ElementsError]:
-    """Return every set in a text, or the reason it is refused, in order; the format is told by the content.
+def lacks_new_objects(source: str, text: str, accepted: Sequence[Elements]) -> bool:
+    """Tell whether a list is known to leave out objects numbered 100000 and above.
 
-    A text without any set gives one FormatError.
+    It is known where the source, or an address in a comment at the head of the text, is a CelesTrak query
+    for a list in TLE format (which is what it gives where no FORMAT is asked for), the list is of the time
+    since such objects exist, and none of them is in it.
     """
-    text = text.removeprefix("\ufeff")
-    if tle_format.looks_like_tle(text):
-        return list(tle_format.parse_text(text, source))
-    if not text.strip():
-        return [FormatError("is empty: no element sets in it", source=source or "the text")]
-    if re.search(r"CCSDS_OMM_VERS|\bMEAN_MOTION\b", text):
-        return [
-            FormatError(
-                "is an orbit mean-elements message (OMM), which cannot be read yet: give a TLE file instead",
-                source=source or "the text",
-            )
-        ]
-    return [FormatError("holds no element sets: give a TLE file", source=source or "the text")]
+    head = "\n".join(line for line in text[:_HEAD].split("\n") if line.startswith("#"))
+    match = _QUERY.match(source) or _QUERY.search(head)
+    if match is None or not accepted:
+        return False
+    asked = dict(part.upper().partition("=")[::2] for part in match.group(1).split("&"))
+    return (
+        asked.get("FORMAT", "TLE") in ("TLE", "2LE", "3LE")
+        and "CATNR" not in asked
+        and max(one.epoch.unix_s for one in accepted) >= _SIX_DIGITS_SINCE.unix_s
+        and all(one.catalog_number < 100_000 for one in accepted)
+    )
 
 
 def newest(elements: Iterable[Elements]) -> list[Elements]:
-    """Return one set for each object, that of the newest epoch, in the order of first appearance."""
-    best: dict[tuple[int, str], Elements] = {}
+    """Return one set for each object, that of the newest epoch, in the order of first appearance.
+
+    Sets of one number are of one object, unless their designators contradict each other.
+    """
+    best: dict[int, list[Elements]] = {}
     for one in elements:
-        key = (one.catalog_number, one.designator)
-        if key not in best or best[key].epoch < one.epoch:
-            best[key] = one
-    return list(best.values())
+        known = best.setdefault(one.catalog_number, [])
+        for at, other in enumerate(known):
+            if one.designator == other.designator or not (one.designator and other.designator):
+                if other.epoch < one.epoch:
+                    known[at] = one
+                break
+        else:
+            known.append(one)
+    return [one for known in best.values() for one in known]
 
 
 def find(elements: Sequence[Elements], key: str) -> Elements:
     """Return the elements of the object that a user means.
 
     The key is a catalogue number (Alpha-5 too), an international designator (1998-067A, 98067A) or a name;
-    case and punctuation do not count. An exact name wins over names that begin with the key, those over
-    names that contain it. Raises SatelliteNotFoundError, AmbiguousSatelliteError.
+    case, accents and punctuation do not count. An exact name wins over names that begin with the key, those
+    over names that contain it. Raises SatelliteNotFoundError, AmbiguousSatelliteError.
     """
     wanted = key.strip()
     for rule in (_by_number, _by_designator, _by_name, _by_start, _by_part):
@@ -145,12 +171,18 @@ def _by_part(elements: Sequence[Elements], key: str) -> list[Elements]:
 
 
 def _plain(name: str) -> str:
-    return "".join(c for c in name.casefold() if c.isalnum())
+    apart = name if name.isascii() else unicodedata.normalize("NFKD", name)
+    return "".join(c for c in apart.casefold() if c.isalnum())
 
 
 def _listed(names: Sequence[str]) -> str:
     shown = ", ".join(names[:_SHOWN])
     return shown if len(names) <= _SHOWN else f"{shown} and {len(names) - _SHOWN} more"
+
+
+def is_fetched(source: str) -> bool:
+    """Tell whether a source is a URL or a provider's short name, which only a fetcher can read."""
+    return "://" in source or source.startswith(("celestrak:", "spacetrack:"))
 
 
 def _texts(source: str | Path, fetch: Callable[[str], str] | None) -> list[tuple[str, str]]:
@@ -160,7 +192,7 @@ def _texts(source: str | Path, fetch: Callable[[str], str] | None) -> list[tuple
             return [("", source)]
         if source == "-":
             return [("standard input", sys.stdin.read())]
-        if "://" in source:
+        if is_fetched(source):
             if fetch is None:
                 raise SourceError(
                     f"{source}: elements are not fetched from a network here: save them to a file"
@@ -179,7 +211,22 @@ def _texts(source: str | Path, fetch: Callable[[str], str] | None) -> list[tuple
 
 
 def _read_file(path: Path) -> str:
-    return path.read_bytes().decode("utf-8-sig", errors="replace")
+    data = path.read_bytes()
+    if data[:2] == b"\x1f\x8b":
+        data = _unpacked(data)
+    return data.decode("utf-8-sig", errors="replace")
+
+
+def _unpacked(data: bytes) -> bytes:
+    """Return what gzip packed; raises OSError or ValueError where it is damaged or too much."""
+    try:
+        with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
+            unpacked = file.read(_MOST_BYTES + 1)
+    except (EOFError, zlib.error) as error:
+        raise ValueError(f"its gzip compression is damaged: {error}") from None
+    if len(unpacked) > _MOST_BYTES:
+        raise ValueError(f"it unpacks to more than {_MOST_BYTES // 2**20} MiB")
+    return unpacked
 
 
 def _why(error: Exception) -> str:

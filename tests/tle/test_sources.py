@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+import gzip
 import io
 
 import pytest
@@ -13,6 +14,7 @@ from tle.errors import (
     SatelliteNotFoundError,
     SourceError,
 )
+from tle.formats.registry import write_elements
 from tle.instants import Utc
 from tle.sources import find, load_elements, newest, read_elements
 
@@ -21,6 +23,7 @@ STATION = [
     ZARYA,
     dataclasses.replace(ZARYA, name="ISS (NAUKA)", catalog_number=49044, designator="2021-066A"),
     dataclasses.replace(ZARYA, name="STARLINK-1008", catalog_number=44714, designator="2019-074B"),
+    dataclasses.replace(ZARYA, name="Café 1", catalog_number=70001, designator="2026-150A"),
     dataclasses.replace(ZARYA, name="STARLINK-100", catalog_number=44800, designator="1957-001B"),
 ]
 
@@ -75,8 +78,13 @@ def test_sources_that_cannot_be_read(tmp_path):
         read_elements(tmp_path)
     with pytest.raises(SourceError, match="not fetched from a network"):
         read_elements("https://example.org/iss.tle")
+    with pytest.raises(SourceError, match="not fetched from a network"):
+        read_elements("celestrak:active")
     with pytest.raises(SourceError, match="cannot read elements"):
         read_elements("a\x00b")
+    (tmp_path / "cut.gz").write_bytes(gzip.compress(text_of(ISS).encode())[:-9])
+    with pytest.raises(SourceError, match=r"cut\.gz: cannot read elements: its gzip compression is damaged"):
+        read_elements(tmp_path / "cut.gz")
 
 
 def test_a_fetcher_reads_urls():
@@ -103,6 +111,9 @@ def test_a_fetcher_reads_urls():
         ("starlink1008", 44714),
         ("STARLINK-100", 44800),
         (" 44714 ", 44714),
+        ("ｉss (zárya)", 25544),
+        ("cafe 1", 70001),
+        ("CAFÉ-1", 70001),
     ],
 )
 def test_finds_by_number_designator_and_name(key, number):
@@ -139,11 +150,45 @@ def test_a_missing_satellite_says_what_there_is():
         find(many, "HST")
 
 
-def test_every_catalogue_at_hand_parses_or_tells_why(cases):
-    folder = cases / "catalogues"
-    for path in [*sorted(folder.glob("*/*.tle")), folder / "visual_2026" / "visual.txt"]:
-        sets = load_elements(path)
-        assert sets.accepted, path.name
-        assert sets.rejected == [], path.name
-    omm = load_elements(folder / "formats" / "iss_20261002_omm.json")
-    assert len(omm.rejected) == 1
+def test_reads_compressed_files_by_their_content(tmp_path):
+    (tmp_path / "catalogue").write_bytes(gzip.compress(text_of(ISS, TDRS3).encode()))
+    assert [e.catalog_number for e in read_elements(tmp_path)] == [25544, 19548]
+
+
+def test_one_object_of_several_sources_is_one_even_where_a_source_leaves_its_designator_out():
+    later = dataclasses.replace(ZARYA, designator="", epoch=ZARYA.epoch.plus(60.0))
+    stranger = dataclasses.replace(ZARYA, designator="2026-001A")
+    assert newest([ZARYA, later]) == [later]
+    assert newest([later, ZARYA]) == [later]
+    assert newest([ZARYA, stranger]) == [ZARYA, stranger]
+
+
+@pytest.mark.parametrize(
+    ("query", "truncated"),
+    [
+        ("GROUP=active&FORMAT=tle", True),
+        ("GROUP=active&FORMAT=2LE", True),
+        ("group=active", True),
+        ("GROUP=active&FORMAT=csv", False),
+        ("CATNR=25544&FORMAT=tle", False),
+    ],
+)
+def test_a_list_in_tle_format_is_told_as_truncated(query, truncated):
+    url = f"https://celestrak.org/NORAD/elements/gp.php?{query}"
+    # An epoch before objects were numbered beyond 99999 makes a whole list again.
+    older = dataclasses.replace(ZARYA, epoch=Utc.parse("2026-07-01T00:00:00Z"))
+    text = write_elements([ZARYA], "tle")
+    assert bool(load_elements(url, fetch=lambda _: text).notes) is truncated
+    assert bool(load_elements(f"# source={url} of today\n{text}").notes) is truncated
+    assert load_elements(url, fetch=lambda _: write_elements([older], "tle")).notes == []
+    assert load_elements(text).notes == []
+    whole = text + text_of(STARLINK_ALPHA5)
+    assert load_elements(url, fetch=lambda _: whole).notes == []
+
+
+def test_what_is_said_of_a_truncated_list():
+    url = "https://celestrak.org/NORAD/elements/gp.php?GROUP=active&FORMAT=tle"
+    (note,) = load_elements(url, fetch=lambda _: text_of(ISS)).notes
+    assert note.startswith(f"{url}: is truncated")
+    assert "100000 and above" in note
+    assert "FORMAT=csv" in note

@@ -53,6 +53,7 @@ def put(line: str, first: int, text: str) -> str:
         (put(ONE, 45, " 0000a+0"), TWO, FieldError, 1, (45, 52), "second derivative of mean motion"),
         (put(ONE, 54, " 7674 -4"), TWO, FieldError, 1, (54, 61), "drag term B*"),
         (put(ONE, 63, "x"), TWO, FieldError, 1, (63, 63), "ephemeris type 'x'"),
+        (put(ONE, 63, "4"), TWO, FieldRangeError, 1, (63, 63), "another theory than SGP4 (SGP4-XP)"),
         (put(ONE, 65, "9.99"), TWO, FieldError, 1, (65, 68), "element set number"),
         (put(ONE, 33, "1"), TWO, FieldError, 1, (33, 33), "column 33 must be blank, not '1'"),
         (ONE, put(TWO, 9, "51.63I2 "), FieldError, 2, (9, 16), "inclination '51.63I2'"),
@@ -120,16 +121,18 @@ def test_lines_without_their_partners():
     [
         ("", "is empty"),
         ("  \n\n", "is empty"),
-        ("<html>no data</html>", "holds no element sets"),
-        ('[{"OBJECT_NAME":"ISS (ZARYA)","MEAN_MOTION":15.48}]', "orbit mean-elements message"),
-        ("OBJECT_NAME,OBJECT_ID,EPOCH,MEAN_MOTION\n", "orbit mean-elements message"),
-        ("CCSDS_OMM_VERS = 3.0\n", "orbit mean-elements message"),
+        ("no data", "holds no element sets"),
+        ("\n <!DOCTYPE html><title>Busy</title>", "is a web page"),
+        ("OBJECT_NAME,OBJECT_ID,EPOCH,MEAN_MOTION\n", "holds no element sets"),
+        ("[]", "empty list"),
+        ("CCSDS_TDM_VERS = 1.0\n", "observations"),
+        ("Amateur Radio\n7530\n14129\n", "list of catalogue numbers"),
     ],
 )
 def test_other_texts_give_one_clear_error(text, words):
     (error,) = parse_elements(text, "file.txt")
     assert isinstance(error, FormatError)
-    assert str(error).startswith("file.txt: ")
+    assert str(error).startswith("file.txt:")
     assert words in str(error)
     assert "\n" not in str(error)
 

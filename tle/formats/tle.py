@@ -21,7 +21,10 @@ from tle.errors import (
     MismatchedLinesError,
     MissingLineError,
     SwappedLinesError,
+    printable,
 )
+from tle.formats.omm import EPHEMERIS_TYPES, MAX_REV_DAY, wrong_theory
+from tle.formats.tle_regular import checksum, regular_set
 from tle.instants import DAY_S, Utc
 
 if TYPE_CHECKING:
@@ -29,8 +32,7 @@ if TYPE_CHECKING:
 
 _LENGTH = 69
 _ELEMENT_LINE = re.compile(r"[12] [ 0-9A-Z][ 0-9]{3}[0-9]|[12] .{30,}", re.ASCII)
-# A circular orbit of the Earth's own radius takes 84.5 minutes: nothing goes round faster.
-_MAX_REV_DAY = 17.05
+_ANY_ELEMENT_LINE = re.compile(rf"^(?:{_ELEMENT_LINE.pattern})", re.ASCII | re.MULTILINE)
 _COPY = "copy the set again from its source"
 _SPACES = {1: (2, 9, 18, 33, 44, 53, 62, 64), 2: (2, 8, 17, 26, 34, 43, 52)}
 
@@ -56,42 +58,64 @@ class Line:
 
 def looks_like_tle(text: str) -> bool:
     """Tell whether any line of a text looks like one of a two-line set."""
-    return any(_ELEMENT_LINE.match(line) for line in text.split("\n"))
+    return _ANY_ELEMENT_LINE.search(text) is not None
 
 
-def parse_text(text: str, source: str = "") -> Iterator[Elements | ElementsError]:
+def is_element_line(text: str) -> bool:
+    """Tell whether one line looks like one of a two-line set, sound or not."""
+    return text[:2] in ("1 ", "2 ") and _ELEMENT_LINE.match(text) is not None
+
+
+def read(text: str, source: str = "") -> Iterator[Elements | ElementsError]:
     """Yield, in the order of the text, the elements of each set or the reason it is refused.
 
     Name lines are optional and may begin with "0 "; blank lines, `#` comments and CRLF are accepted.
     """
-    lines = [Line(t.rstrip(), source, n) for n, t in enumerate(text.split("\n"), start=1)]
-    lines = [line for line in lines if line.text and not line.text.startswith("#")]
+    numbered = enumerate(text.split("\n"), start=1)
+    lines = [(n, line) for n, raw in numbered if (line := raw.rstrip()) and line[0] != "#"]
     at = 0
     while at < len(lines):
-        name: Line | None = None
-        if not _ELEMENT_LINE.match(lines[at].text):
+        name: tuple[int, str] | None = None
+        if not is_element_line(lines[at][1]):
             name = lines[at]
             at += 1
-        group: list[Line] = []
-        while at < len(lines) and len(group) < 2 and _ELEMENT_LINE.match(lines[at].text):
-            group.append(lines[at])
-            at += 1
-            if len(group) == 1 and _starts_another_set(lines, at, group[0]):
-                break
-        yield _set_or_refusal(name, group)
+        if at + 1 < len(lines):
+            title = "" if name is None else clean_name(name[1])
+            regular = regular_set(lines[at][1], lines[at + 1][1], title)
+            if regular is not None:
+                yield regular
+                at += 2
+                continue
+        group = _group(lines, at)
+        at += len(group)
+        yield _set_or_refusal(
+            None if name is None else Line(name[1], source, name[0]),
+            [Line(line, source, number) for number, line in group],
+        )
 
 
 def parse_set(line1: str, line2: str, name: str = "") -> Elements:
     """Return the elements of two lines. Raises a subclass of ElementsError."""
     first, second = Line(line1.rstrip()), Line(line2.rstrip())
-    return _parse_lines(first, second, _clean_name(name))
+    return parse_lines(first, second, clean_name(name))
 
 
-def _starts_another_set(lines: list[Line], at: int, first: Line) -> bool:
-    """Tell whether the line at hand begins a new set, the one before it being alone."""
-    if at >= len(lines) or lines[at].text[0] != first.text[0]:
+def _group(lines: list[tuple[int, str]], at: int) -> list[tuple[int, str]]:
+    """Return the one or two element lines from a place on that make one set."""
+    group: list[tuple[int, str]] = []
+    while at < len(lines) and len(group) < 2 and is_element_line(lines[at][1]):
+        group.append(lines[at])
+        at += 1
+        if len(group) == 1 and at < len(lines) and _starts_another_set(group[0][1], lines[at][1]):
+            break
+    return group
+
+
+def _starts_another_set(first: str, following: str) -> bool:
+    """Tell whether a line begins a new set, the one before it being alone."""
+    if following[0] != first[0]:
         return False
-    return first.text[0] == "1" or lines[at].columns(3, 7) != first.columns(3, 7)
+    return first[0] == "1" or following[2:7] != first[2:7]
 
 
 def _set_or_refusal(name: Line | None, group: list[Line]) -> Elements | ElementsError:
@@ -105,19 +129,23 @@ def _set_or_refusal(name: Line | None, group: list[Line]) -> Elements | Elements
         if len(group) == 1:
             wanted = "2" if group[0].text[0] == "1" else "1"
             raise group[0].says(MissingLineError, f"line {wanted} of this set is missing: {_COPY}")
-        return _parse_lines(group[0], group[1], _clean_name(name.text) if name else "")
+        return parse_lines(group[0], group[1], clean_name(name.text) if name else "")
     except ElementsError as error:
-        error.name = _clean_name(name.text) if name else ""
+        error.name = clean_name(name.text) if name else ""
         error.catalog_number = parse_alpha5(group[0].columns(3, 7)) if group else None
         return error
 
 
-def _clean_name(text: str) -> str:
+def clean_name(text: str) -> str:
+    """Return the name in a name line: without "0 " before it, blanks around it and control characters."""
     name = text.strip()
-    return name[2:].strip() if name.startswith("0 ") else name
+    if name[:2] == "0 ":
+        name = name[2:].lstrip()
+    return name if name.isprintable() else printable(name)
 
 
-def _parse_lines(first: Line, second: Line, name: str) -> Elements:
+def parse_lines(first: Line, second: Line, name: str) -> Elements:
+    """Return the elements of two lines, every column checked. Raises a subclass of ElementsError."""
     if first.text[:1] == "2" and second.text[:1] == "1":
         raise first.says(SwappedLinesError, "line 2 stands before line 1: put line 1 first", (1, 1))
     for line, number in ((first, 1), (second, 2)):
@@ -145,7 +173,7 @@ def _parse_lines(first: Line, second: Line, name: str) -> Elements:
         mean_motion_dot_rev_day2=_decimal(first, 34, 43, "first derivative of mean motion"),
         mean_motion_ddot_rev_day3=_exponential(first, 45, 52, "second derivative of mean motion"),
         bstar_per_earth_radius=_exponential(first, 54, 61, "drag term B*"),
-        ephemeris_type=_whole(first, 63, 63, "ephemeris type"),
+        ephemeris_type=_ephemeris_type(first),
         element_set_number=_whole(first, 65, 68, "element set number"),
         revolution_number=_whole(second, 64, 68, "revolution number"),
     )
@@ -184,15 +212,15 @@ def _check_frame(line: Line, number: int) -> None:
 def _check_sum(line: Line, number: int) -> None:
     """Check the sum, modulo 10, of columns 1 to 68: a minus counts one, all else but digits nothing."""
     given = line.columns(69, 69)
-    total = sum(int(c) for c in line.columns(1, 68) if c in "0123456789") + line.columns(1, 68).count("-")
     if given not in "0123456789":
         raise line.says(
             FieldError, f"line {number}, checksum must be a digit, not {given!r}: {_COPY}", (69, 69)
         )
-    if int(given) != total % 10:
+    total = checksum(line.text)
+    if int(given) != total:
         raise line.says(
             ChecksumError,
-            f"line {number}, checksum is {given} but its columns add up to {total % 10}: "
+            f"line {number}, checksum is {given} but its columns add up to {total}: "
             f"a digit is wrong, {_COPY}",
             (69, 69),
         )
@@ -270,10 +298,10 @@ def _angle(line: Line, first: int, last: int, field: str, most_deg: float) -> fl
 
 def _mean_motion(line: Line) -> float:
     value = _decimal(line, 53, 63, "mean motion")
-    if not 0.0 < value <= _MAX_REV_DAY:
+    if not 0.0 < value <= MAX_REV_DAY:
         raise line.says(
             FieldRangeError,
-            f"mean motion {value} revolutions a day is no orbit of the Earth (above 0, to {_MAX_REV_DAY}): "
+            f"mean motion {value} revolutions a day is no orbit of the Earth (above 0, to {MAX_REV_DAY}): "
             f"{_COPY}",
             (53, 63),
         )
@@ -293,6 +321,13 @@ def _exponential(line: Line, first: int, last: int, field: str) -> float:
     sign, digits, power = match.group(1) or match.group(4), match.group(2) or "0", match.group(3) or "0"
     # The power of ten multiplies, as in SGP4's own reader: "0.12345e-4" may differ in the last bit.
     return float(f"{sign.strip()}.{digits}") * 10.0 ** int(power)
+
+
+def _ephemeris_type(line: Line) -> int:
+    value = _whole(line, 63, 63, "ephemeris type")
+    if value not in EPHEMERIS_TYPES:
+        raise line.says(FieldRangeError, wrong_theory(value), (63, 63))
+    return value
 
 
 def _whole(line: Line, first: int, last: int, field: str) -> int:
