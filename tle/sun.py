@@ -17,10 +17,11 @@ if TYPE_CHECKING:
     from tle.instants import Utc
 
 AU_KM = 149597870.7
+SUN_RADIUS_KM = 695700.0
 _MJD_JD = 2400000.5
 
 
-def _tdb(at: Utc) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def terrestrial_time(at: Utc) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return Julian dates of TT, which TDB follows within 2 ms; UTC's step is that of the first instant."""
     seconds = np.atleast_1d(np.asarray(at.unix_s, dtype=np.float64))
     days = np.floor(seconds / DAY_S)
@@ -30,14 +31,14 @@ def _tdb(at: Utc) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
 def sun_km(at: Utc) -> NDArray[np.float64]:
     """Return the geometric Sun from the Earth's centre, GCRS, km, shape (3,) or (n, 3) (ERFA's epv00)."""
-    heliocentric, _ = erfa.epv00(*_tdb(at))
+    heliocentric, _ = erfa.epv00(*terrestrial_time(at))
     place: NDArray[np.float64] = -heliocentric["p"] * AU_KM
     return place if at.is_array else place[0]
 
 
 def earth_velocity_km_s(at: Utc) -> NDArray[np.float64]:
     """Return the Earth's barycentric velocity, GCRS axes, km/s, shape (3,) or (n, 3) (ERFA's epv00)."""
-    _, barycentric = erfa.epv00(*_tdb(at))
+    _, barycentric = erfa.epv00(*terrestrial_time(at))
     velocity: NDArray[np.float64] = barycentric["v"] * (AU_KM / DAY_S)
     return velocity if at.is_array else velocity[0]
 
@@ -56,3 +57,18 @@ def is_sunlit(satellite_km: NDArray[np.float64], sun: NDArray[np.float64]) -> ND
     nearest2 = np.sum(place * place, axis=-1) - along * along
     lit: NDArray[np.bool_] = (along > 0.0) | (nearest2 > 1.0)
     return lit
+
+
+def sun_over_limb_rad(satellite: NDArray[np.float64], sun: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the angle of the Sun's centre above the Earth's limb, seen from a satellite.
+
+    Both geocentric, shape (3, ...), any axes in which the polar axis has been stretched by 1/(1 - flattening)
+    so that the ellipsoid is a ball, in equatorial radii of the Earth. At 0 half of the disc is seen.
+    """
+    distance = np.sqrt(np.sum(satellite * satellite, axis=0))
+    towards = sun - satellite
+    cosine = -np.sum(satellite * towards, axis=0) / (distance * np.sqrt(np.sum(towards * towards, axis=0)))
+    over: NDArray[np.float64] = np.arccos(np.clip(cosine, -1.0, 1.0)) - np.arcsin(
+        np.minimum(1.0 / distance, 1.0)
+    )
+    return over

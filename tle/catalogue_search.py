@@ -1,0 +1,249 @@
+"""The search through a catalogue in chunks: by this process alone, or shared with others."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tle.arcs import Windows, anomaly_pieces, even_pieces, fit_arcs, terms_for
+from tle.crossing_columns import crossings_of, renamed
+from tle.crossings import Crossings, find_crossings
+from tle.earth import EarthOrientation
+from tle.errors import PropagationError
+from tle.gate import drag_share, orbit_bounds, possible_windows
+from tle.ground import Ground
+from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
+from tle.near_earth import DEEP_SPACE_MIN, brouwer_mean_motion, start_near_earth, teme_km
+from tle.passes import HOUR_S, find_passes
+from tle.propagator import Propagator
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from concurrent.futures import Future
+
+    from numpy.typing import NDArray
+
+    from tle.arcs import Arcs
+    from tle.elements import Elements
+    from tle.horizon import Horizon
+    from tle.near_earth import NearEarth
+    from tle.site import Site
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+    # How many objects a chunk had, what was found, and which of them need a search of their own.
+    Found = tuple[int, Crossings, list[int]]
+
+# A chunk's arrays of this many stretches stay within a processor's cache, and memory within bounds.
+_STRETCHES_A_CHUNK = 48000
+_DEEP_A_CHUNK = 150
+_STRETCHES_A_SECOND = 8.0 / 6000.0
+_ARCS_A_TURN = 5.0
+# A process takes longer to start than this many objects take to be searched.
+_FEWEST_TO_SHARE = 4000
+_AHEAD = 2
+_DECAYED = 6
+
+
+@dataclass(frozen=True, slots=True)
+class SearchTask:
+    """What to search: `span` is its first second (POSIX) and its length in seconds."""
+
+    elements: Sequence[Elements]
+    site: Site
+    span: tuple[float, float]
+    horizon: Horizon
+    earth: EarthOrientation | None
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Objects to be searched together, by index; deep where they take 225 minutes or longer to go round."""
+
+    index: Index
+    deep: bool
+
+
+class CatalogueSearch:
+    """A search for the passes of many objects, a chunk at a time. Raises TimeRangeError, SiteError."""
+
+    def __init__(self, task: SearchTask) -> None:
+        """Look up what all chunks share."""
+        self.task = task
+        self.elements = task.elements
+        self.start_s, self.span_s = task.span
+        self.horizon = task.horizon
+        self.earth = task.earth or EarthOrientation.installed()
+        self.ground = Ground(task.site, self.earth, self.start_s, self.span_s)
+
+    def chunks(self) -> list[Chunk]:
+        """Return all objects in chunks of like eccentricity, as Kepler's equation likes; deep space first."""
+        if not self.elements:
+            return []
+        period_s = 120.0 * math.pi / brouwer_mean_motion(self.elements)
+        order = np.argsort([e.eccentricity for e in self.elements], kind="stable")
+        is_deep = period_s[order] >= DEEP_SPACE_MIN * 60.0
+        near, deep = order[~is_deep], order[is_deep]
+        near_size = max(1, int(_STRETCHES_A_CHUNK / max(1.0, self.span_s * _STRETCHES_A_SECOND)))
+        deep_size = max(1, int(_DEEP_A_CHUNK / max(1.0, self.span_s / DAY_S)))
+        return [
+            *(Chunk(deep[k : k + deep_size], True) for k in range(0, len(deep), deep_size)),
+            *(Chunk(near[k : k + near_size], False) for k in range(0, len(near), near_size)),
+        ]
+
+    def run(self, chunk: Chunk) -> Found:
+        """Search one chunk."""
+        return self._deep(chunk.index) if chunk.deep else self._near(chunk.index)
+
+    def are_deep(self, obj: Index) -> NDArray[np.bool_]:
+        """Tell which objects, by index, take 225 minutes or longer to go round."""
+        if len(obj) == 0:
+            return np.empty(0, dtype=bool)
+        period_s = 120.0 * math.pi / brouwer_mean_motion([self.elements[i] for i in obj.tolist()])
+        deep: NDArray[np.bool_] = period_s >= DEEP_SPACE_MIN * 60.0
+        return deep
+
+    def arcs(self, windows: Windows, deep: bool) -> tuple[Arcs, Index]:
+        """Return the ways of objects, all deep or all near, in windows, and objects that have none."""
+        names, obj = np.unique(windows.obj, return_inverse=True)
+        elements = [self.elements[i] for i in names.tolist()]
+        e = np.array([one.eccentricity for one in elements])
+        period_s = np.array([one.period_s for one in elements])
+        longest_s = period_s / _ARCS_A_TURN * (1.0 - e) ** 1.5
+        local = Windows(obj, windows.first_s, windows.last_s)
+        pieces = even_pieces(local, longest_s[obj])
+        terms = terms_for(float(e.max(initial=0.0)))
+        if deep:
+            arcs, without = fit_arcs(local, pieces, lambda o, s: self._deep_places(names, o, s), terms)
+        else:
+            c = start_near_earth(elements)
+            arcs, without = fit_arcs(local, pieces, lambda o, s: self._near_places(c, o, s), terms)
+        return arcs, names[without]
+
+    def one_by_one(self, left: list[int], pieces: list[Crossings]) -> list[tuple[Elements, PropagationError]]:
+        """Search objects that decay or drag beyond all bounds; add what is found, return the refused."""
+        task, failed = self.task, []
+        for index in left:
+            elements = self.elements[index]
+            try:
+                self._check_drag(elements)
+                propagator = Propagator(elements, task.site, earth=self.earth)
+                passes = find_passes(
+                    propagator,
+                    Utc(self.start_s),
+                    self.span_s / HOUR_S,
+                    self.horizon.min_alt_deg,
+                    self.horizon.mask,
+                )
+            except PropagationError as error:
+                failed.append((elements, error))
+                continue
+            pieces.append(crossings_of(passes, index, self.start_s))
+        return failed
+
+    def _check_drag(self, elements: Elements) -> None:
+        """Raise PropagationError where SGP4's series for drag has outgrown the orbit before the span begins.
+
+        SGP4 itself reports nothing then, and places the object anywhere up to millions of kilometres away.
+        """
+        if (
+            elements.period_s < DEEP_SPACE_MIN * 60.0
+            and drag_share(start_near_earth([elements]), self.start_s) > 1
+        ):
+            age_days = elements.age_s(Utc(self.start_s)) / DAY_S
+            raise PropagationError(
+                f"{elements.label} ({elements.catalog_number}) cannot be placed {age_days:+.1f} days from "
+                "the epoch of its elements: its drag would have ended the orbit before: use newer elements",
+                _DECAYED,
+            )
+
+    def _near(self, chunk: Index) -> Found:
+        c = start_near_earth([self.elements[i] for i in chunk])
+        bounds = orbit_bounds(c, self.start_s, self.span_s)
+        left = chunk[~bounds.regular].tolist()
+        regular = np.flatnonzero(bounds.regular)
+        c, bounds, names = c.take(regular), bounds.take(regular), chunk[regular]
+        windows = possible_windows(c, bounds, self.ground, self.start_s, self.span_s, self.horizon.lowest_deg)
+        # Perigee is passed faster than a round orbit would be.
+        longest_s = (c.period_s / _ARCS_A_TURN * (1.0 - c.ecco) ** 1.5)[windows.obj]
+        pieces = even_pieces(windows, longest_s)
+        terms = terms_for(self.elements[int(chunk[-1])].eccentricity)
+        arcs, without = fit_arcs(windows, pieces, lambda o, s: self._near_places(c, o, s), terms)
+        return len(chunk), renamed(find_crossings(arcs, self.horizon), names), left + names[without].tolist()
+
+    def _near_places(self, c: NearEarth, obj: Index, since_s: Array) -> Array:
+        unix_s = self.start_s + since_s
+        return self.ground.east_north_up(unix_s, teme_km(c.take(obj).column(), unix_s))
+
+    def _deep(self, chunk: Index) -> Found:
+        count = len(chunk)
+        windows = Windows(np.arange(count), np.zeros(count), np.full(count, self.span_s))
+        each = [
+            anomaly_pieces(self.elements[i], self.start_s, self.span_s, k)
+            for k, i in enumerate(chunk.tolist())
+        ]
+        window, first, last = (np.concatenate(parts) for parts in zip(*each, strict=True))
+        terms = terms_for(self.elements[int(chunk[-1])].eccentricity)
+        arcs, without = fit_arcs(
+            windows, (window, first, last), lambda o, s: self._deep_places(chunk, o, s), terms
+        )
+        return count, renamed(find_crossings(arcs, self.horizon), chunk), chunk[without].tolist()
+
+    def _deep_places(self, chunk: Index, obj: Index, since_s: Array) -> Array:
+        unix_s = self.start_s + since_s
+        days = np.floor(unix_s / DAY_S)
+        jd, fraction = days + UNIX_EPOCH_JD, (unix_s - days * DAY_S) / DAY_S
+        # Resonant orbits are integrated from the epoch on: one object after the other, in order of time.
+        order = np.lexsort((since_s[:, 0], obj))
+        places = np.full((*since_s.shape, 3), np.nan)
+        for rows in np.split(order, np.flatnonzero(np.diff(obj[order])) + 1):
+            try:
+                record = self.elements[int(chunk[obj[rows[0]]])].satrec()
+            except PropagationError:
+                continue
+            code, r, _ = record.sgp4_array(jd[rows].ravel(), fraction[rows].ravel())
+            places[rows] = np.where(code[:, None] == 0, r, np.nan).reshape(len(rows), -1, 3)
+        x, y, z = np.ascontiguousarray(places.transpose(2, 0, 1))
+        return self.ground.east_north_up(unix_s, (x, y, z))
+
+
+def shared(search: CatalogueSearch, chunks: list[Chunk], workers: int) -> Iterator[Found]:
+    """Yield what is found in each chunk, in any order, the work shared among so many processes."""
+    if workers <= 1 or len(search.elements) * max(1.0, search.span_s / DAY_S) < _FEWEST_TO_SHARE:
+        for chunk in chunks:
+            yield search.run(chunk)
+        return
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    todo = deque(chunks)
+    flying: deque[Future[Found]] = deque()
+    with ProcessPoolExecutor(
+        workers - 1, mp_context=get_context("spawn"), initializer=_begin, initargs=(search.task,)
+    ) as pool:
+        # This process works along, so that nothing waits while the others start.
+        while todo or flying:
+            while todo and len(flying) < _AHEAD * (workers - 1):
+                flying.append(pool.submit(_search_chunk, todo.popleft()))
+            if todo:
+                yield search.run(todo.pop())
+            while flying and (flying[0].done() or not todo):
+                yield flying.popleft().result()
+
+
+class _Process:
+    """The search of this process when it works for another."""
+
+    search: CatalogueSearch
+
+
+def _begin(task: SearchTask) -> None:
+    _Process.search = CatalogueSearch(task)
+
+
+def _search_chunk(chunk: Chunk) -> Found:
+    return _Process.search.run(chunk)

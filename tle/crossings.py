@@ -1,0 +1,284 @@
+"""From arcs over the sky to the times at which they cross the horizon, and their highest points.
+
+**No time above the horizon longer than SURE_S is missed.** Between two looks, a distance δ in time apart, the
+satellite is below the horizon throughout if a bound says so: with z = q·û - sin a |q| (positive where the
+altitude exceeds a) and -z" ≤ c, z stays under the parabola through both looks with second derivative -c.
+c = (1 + |sin a|) max|q"| + sin a max|q'|²/min|q| for a > 0, since |q|" ≤ |q'|²/|q| + |q"|; the maxima of the
+derivatives over a whole arc follow from its coefficients. For a skyline instead, the direction moves by no
+more than max|q'| δ/2 / min|q| from the nearer look. Where no bound says so, the stretch is halved and looked
+at again until it is shorter than SURE_S: whatever lasts longer has been seen. Below that the highest points
+of the altitude, which are looked at too, find all but the pathological.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from tle.arcs import places, slopes
+from tle.roots import roots
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from tle.arcs import Arcs
+    from tle.horizon import Horizon
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+    Flags = NDArray[np.bool_]
+
+SURE_S = 0.5
+_LOOKS = 13
+# Ridders' method squares the error: the step after one of this size is below a microsecond.
+_CLOSE_S = 3e-3
+_DEG = 180.0 / math.pi
+
+
+@dataclass(frozen=True, slots=True)
+class Crossings:
+    """Times above the horizon in seconds since the span's start, NaN where cut by its ends; shapes (p,).
+
+    `peak_run` (m,) tells for each highest point of the altitude in `peak_s` to which of them it belongs.
+    """
+
+    obj: Index
+    rise_s: Array
+    set_s: Array
+    culminate_s: Array
+    rise_az_deg: Array
+    set_az_deg: Array
+    culminate_az_deg: Array
+    max_alt_deg: Array
+    peak_run: Index
+    peak_s: Array
+
+
+@dataclass(frozen=True, slots=True)
+class _Looks:
+    """Places looked at, on arcs by index, in order of window and time; shapes (m,); `peak` marks tops."""
+
+    arc: Index
+    x: Array
+    above: Flags
+    peak: Flags
+
+
+def find_crossings(arcs: Arcs, horizon: Horizon) -> Crossings:
+    """Return the times above the horizon on arcs, in order of object and time."""
+    if len(arcs.obj) == 0:
+        none, no = np.empty(0), np.empty(0, dtype=np.intp)
+        return Crossings(no, none, none, none, none, none, none, none, no, none)
+    looks = _look(arcs, horizon)
+    return _runs(arcs, horizon, looks)
+
+
+def altaz_deg(q: Array) -> tuple[Array, Array]:
+    """Return altitude and azimuth of places east, north, up, shape (3, m)."""
+    alt = np.arctan2(q[2], np.hypot(q[0], q[1])) * _DEG
+    return alt, np.arctan2(q[0], q[1]) * _DEG % 360.0 % 360.0
+
+
+def _height(q: Array, horizon: Horizon) -> Array:
+    """Return what is positive above the horizon: km for a level one, degrees above a skyline."""
+    if horizon.mask is None:
+        sine = math.sin(math.radians(horizon.min_alt_deg))
+        height: Array = q[2] - sine * np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+        return height
+    alt, az = altaz_deg(q)
+    skyline: Array = alt - horizon.altitude_deg(az)
+    return skyline
+
+
+def _climb(q: Array, v: Array) -> Array:
+    """Return what has the sign of the altitude's rate."""
+    climb: Array = v[2] * (q[0] * q[0] + q[1] * q[1]) - q[2] * (q[0] * v[0] + q[1] * v[1])
+    return climb
+
+
+def _climbs(columns: Array, x: Array) -> Array:
+    return _climb(places(columns, x), slopes(columns, x))
+
+
+def _look(arcs: Arcs, horizon: Horizon) -> _Looks:
+    """Look at each arc at even steps, at the tops of the altitude, and wherever a bound leaves a doubt."""
+    count = len(arcs.obj)
+    grid = np.linspace(-1.0, 1.0, _LOOKS)
+    arc = np.repeat(np.arange(count), _LOOKS)
+    x = np.tile(grid, count)
+    q = places(arcs.powers[..., None], grid).reshape(3, -1)
+    v = slopes(arcs.powers[..., None], grid).reshape(3, -1)
+    height = _height(q, horizon)
+    climbing = _climb(q, v) > 0.0
+    inner = np.ones(len(arc) - 1, dtype=bool)
+    inner[_LOOKS - 1 :: _LOOKS] = False
+    left = np.flatnonzero(inner)
+    doubt = _doubtful(arcs, arc[left], (x[left], x[left + 1]), (q[:, left], q[:, left + 1]), horizon)
+    some = (height[left] > 0.0) | (height[left + 1] > 0.0) | doubt
+    # Tops may be the only look above the horizon, and valleys the only one below it.
+    turns = left[some & (climbing[left] != climbing[left + 1])]
+    turn_arc, turn_x = arc[turns], _roots(arcs, arc[turns], x[turns], x[turns + 1], _climbs)
+    turn_q = arcs.at(turn_arc, turn_x)
+    left = left[doubt]
+    more_arc, more_x, more_height = _halve(
+        arcs, arc[left], (x[left], x[left + 1]), (q[:, left], q[:, left + 1]), horizon
+    )
+    all_arc = np.concatenate([arc, turn_arc, more_arc])
+    all_x = np.concatenate([x, turn_x, more_x])
+    above = np.concatenate([height, _height(turn_q, horizon), more_height]) > 0.0
+    peak = np.zeros(len(all_arc), dtype=bool)
+    peak[len(arc) : len(arc) + len(turn_arc)] = climbing[turns]
+    order = np.lexsort((all_x, all_arc))
+    return _Looks(all_arc[order], all_x[order], above[order], peak[order])
+
+
+def _halve(
+    arcs: Arcs, arc: Index, x: tuple[Array, Array], q: tuple[Array, Array], horizon: Horizon
+) -> tuple[Index, Array, Array]:
+    """Return looks within doubtful stretches, halved until none is doubtful and longer than SURE_S."""
+    found: list[tuple[Index, Array, Array]] = []
+    low, high = x
+    at_low, at_high = q
+    while len(arc):
+        middle = 0.5 * (low + high)
+        at_middle = arcs.at(arc, middle)
+        found.append((arc, middle, _height(at_middle, horizon)))
+        arc = np.concatenate([arc, arc])
+        low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
+        at_low = np.concatenate([at_low, at_middle], axis=1)
+        at_high = np.concatenate([at_middle, at_high], axis=1)
+        keep = _doubtful(arcs, arc, (low, high), (at_low, at_high), horizon)
+        arc, low, high, at_low, at_high = arc[keep], low[keep], high[keep], at_low[:, keep], at_high[:, keep]
+    if not found:
+        return np.empty(0, dtype=np.intp), np.empty(0), np.empty(0)
+    arcs_, places, heights = zip(*found, strict=True)
+    return np.concatenate(arcs_), np.concatenate(places), np.concatenate(heights)
+
+
+def _doubtful(
+    arcs: Arcs, arc: Index, x: tuple[Array, Array], q: tuple[Array, Array], horizon: Horizon
+) -> Flags:
+    """Tell stretches longer than SURE_S on one side of the horizon at both ends that may cross it between."""
+    span_s = (x[1] - x[0]) * arcs.half_s[arc]
+    speed, bend = arcs.speed[arc], arcs.bend[arc]
+    ranges = [np.sqrt(one[0] ** 2 + one[1] ** 2 + one[2] ** 2) for one in q]
+    nearest = np.maximum(np.minimum(*ranges) - 0.5 * speed * span_s, 1e-3)
+    long = span_s > SURE_S
+    if horizon.mask is None:
+        sine = math.sin(math.radians(horizon.min_alt_deg))
+        z = [one[2] - sine * r for one, r in zip(q, ranges, strict=True)]
+        c = bend * (1.0 + abs(sine)) + max(sine, 0.0) * speed**2 / nearest
+        doubt: Flags = long & (np.maximum(*z) <= 0.0) & (highest_between(z[0], z[1], c, span_s) > 0.0)
+        return doubt
+    heights = [_height(one, horizon) for one in q]
+    same = (heights[0] > 0.0) == (heights[1] > 0.0)
+    aside = 0.5 * speed * span_s / nearest * _DEG
+    unsure = np.zeros(len(arc), dtype=bool)
+    for one in q:
+        alt, az = altaz_deg(one)
+        # A turn by less than the zenith distance changes the azimuth by asin(sin turn / cos alt) at most.
+        lever = np.cos(np.radians(alt))
+        sine_turn = np.sin(np.radians(np.minimum(aside, 90.0)))
+        sweep = np.where(
+            sine_turn < lever, np.arcsin(np.minimum(sine_turn / np.maximum(lever, 1e-12), 1.0)) * _DEG, 180.0
+        )
+        sweep = np.where(aside < 90.0, sweep, 180.0)
+        low, high = horizon.extremes_deg(az, sweep)
+        unsure |= (alt + aside > low) & (alt - aside <= high)
+    unsure &= long & same
+    return unsure
+
+
+def highest_between(z0: Array, z1: Array, c: Array, span_s: Array) -> Array:
+    """Return what z, with z" ≥ -c, cannot exceed between z0 and z1 over a span of seconds."""
+    bow = 0.5 * c * span_s**2
+    rise = z1 - z0
+    inside = np.abs(rise) < bow
+    safe = np.where(inside, np.maximum(bow, 1e-300), 1.0)
+    top: Array = np.where(inside, 0.5 * (z0 + z1) + 0.25 * bow + 0.25 * rise**2 / safe, np.maximum(z0, z1))
+    return top
+
+
+def _runs(arcs: Arcs, horizon: Horizon, looks: _Looks) -> Crossings:
+    """Join looks above the horizon to runs, and find the borders between above and below."""
+    window = arcs.window[looks.arc]
+    new = np.ones(len(window), dtype=bool)
+    new[1:] = window[1:] != window[:-1]
+    before = np.concatenate([[False], looks.above[:-1]]) & ~new
+    after_new = np.concatenate([new[1:], [True]])
+    after = np.concatenate([looks.above[1:], [False]]) & ~after_new
+    first = np.flatnonzero(looks.above & ~before)
+    last = np.flatnonzero(looks.above & ~after)
+    seconds = arcs.seconds(looks.arc, looks.x)
+    rise_s, rise_q = _borders(arcs, horizon, looks, first - 1, first, new[first])
+    set_s, set_q = _borders(arcs, horizon, looks, last, last + 1, after_new[last])
+    run = np.cumsum(looks.above & ~before) - 1
+    peak = np.flatnonzero(looks.above & looks.peak)
+    # The highest point of a run is a top of the altitude or one of its ends.
+    open_first, open_last = np.where(np.isnan(rise_s)), np.where(np.isnan(set_s))
+    ends_q = arcs.at(looks.arc[first], looks.x[first])
+    rise_q[:, open_first[0]] = ends_q[:, open_first[0]]
+    ends_q = arcs.at(looks.arc[last], looks.x[last])
+    set_q[:, open_last[0]] = ends_q[:, open_last[0]]
+    peak_q = arcs.at(looks.arc[peak], looks.x[peak])
+    count = len(first)
+    owner = np.concatenate([run[peak], np.arange(count), np.arange(count)])
+    when = np.concatenate(
+        [
+            seconds[peak],
+            np.where(np.isnan(rise_s), seconds[first], rise_s),
+            np.where(np.isnan(set_s), seconds[last], set_s),
+        ]
+    )
+    alt, az = altaz_deg(np.concatenate([peak_q, rise_q, set_q], axis=1))
+    order = np.lexsort((alt, owner))
+    best = order[np.searchsorted(owner[order], np.arange(count), side="right") - 1]
+    rise_az, set_az = az[len(peak) : len(peak) + count], az[len(peak) + count :]
+    return Crossings(
+        obj=arcs.obj[looks.arc[first]],
+        rise_s=rise_s,
+        set_s=set_s,
+        culminate_s=when[best],
+        rise_az_deg=np.where(np.isnan(rise_s), np.nan, rise_az),
+        set_az_deg=np.where(np.isnan(set_s), np.nan, set_az),
+        culminate_az_deg=az[best],
+        max_alt_deg=alt[best],
+        peak_run=run[peak],
+        peak_s=seconds[peak],
+    )
+
+
+def _borders(
+    arcs: Arcs, horizon: Horizon, looks: _Looks, low: Index, high: Index, open_end: Flags
+) -> tuple[Array, Array]:
+    """Return seconds and places (3, p) of the horizon between looks; NaN where the window ends first."""
+    found = np.full(len(low), np.nan)
+    place = np.full((3, len(low)), np.nan)
+    closed = np.flatnonzero(~open_end)
+    low, high = low[closed], high[closed]
+    # Looks on two arcs stand at the instant that both share.
+    same = looks.arc[low] == looks.arc[high]
+    x = looks.x[low].copy()
+    x[same] = _roots(
+        arcs,
+        looks.arc[low[same]],
+        looks.x[low[same]],
+        looks.x[high[same]],
+        lambda columns, at: _height(places(columns, at), horizon),
+    )
+    found[closed] = arcs.seconds(looks.arc[low], x)
+    place[:, closed] = arcs.at(looks.arc[low], x)
+    return found, place
+
+
+def _roots(
+    arcs: Arcs, arc: Index, low: Array, high: Array, function: Callable[[Array, Array], Array]
+) -> Array:
+    """Return x of a root in each bracket of a function of an arc's columns and x."""
+    columns = arcs.columns(arc)
+    return roots(lambda x: function(columns, x), low, high, _CLOSE_S / arcs.half_s[arc])
