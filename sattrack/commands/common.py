@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,9 +18,11 @@ from tle.instants import Utc
 from tle.site import Site
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
+    from sattrack.downloads import Downloads
     from tle.elements import Elements
+    from tle.sources import ElementSets
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,13 +54,36 @@ class CommandContext:
         return self.element_sources or self.settings.elements
 
     def elements(self) -> list[Elements]:
-        """Read all element sources, the newest epoch of an object winning. Raises BadInputError, TleError."""
-        from tle.sources import read_elements
+        """Read all element sources, the newest epoch of an object winning.
+
+        Sets that are refused beside good ones are told on standard error. Raises BadInputError, TleError.
+        """
+        from tle.sources import newest
 
         sources = self.sources()
         if not sources:
             raise BadInputError("no elements: give --elements FILE or set elements in sattrack.toml")
-        return read_elements(*sources)
+        sets = self.load(sources)
+        if sets.rejected and not sets.accepted:
+            raise sets.rejected[0]
+        if sets.rejected:
+            first = str(sets.rejected[0]).splitlines()[0]
+            count = len(sets.rejected) + len(sets.accepted)
+            tell(f"{len(sets.rejected)} of {count} element sets refused, the first: {first}")
+        return newest(sets.accepted)
+
+    def load(self, sources: Sequence[str]) -> ElementSets:
+        """Read element sources, good sets and refused ones; what else is to know is told on standard error.
+
+        Files, folders, - for standard input, URLs, and the short names celestrak:... and spacetrack:...
+        Raises TleError, SattrackError.
+        """
+        from tle.sources import load_elements
+
+        sets = load_elements(*sources, fetch=_fetcher())
+        for note in sets.notes:
+            tell(note)
+        return sets
 
     def clock(self) -> Clock:
         """Return the clock to run by, the simulated one started now."""
@@ -73,6 +99,31 @@ class CommandContext:
         return parse_clock(self.clock_option)[0]
 
 
+def tell(words: str) -> None:
+    """Tell the user something on standard error, in one line."""
+    click.echo(f"sattrack: {words}", err=True)
+
+
+def _fetcher() -> Callable[[str], str]:
+    """Return what fetches URLs; the network's modules are imported when the first is asked for."""
+    downloads: list[Downloads] = []
+
+    def fetch(source: str) -> str:
+        from sattrack.downloads import Downloads
+
+        if not downloads:
+            downloads.append(Downloads(tell, _show_progress if sys.stderr.isatty() else None))
+        return downloads[0].fetch(source)
+
+    return fetch
+
+
+def _show_progress(source: str, count: int | None) -> None:
+    """Show on the terminal how much of a download has come; None wipes it away."""
+    words = "" if count is None else f"{source}: {count / 1e6:.1f} MB"
+    click.echo(f"\r\x1b[K{words}", nl=False, err=True)
+
+
 def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of every command; the function's first argument becomes a CommandContext."""
 
@@ -81,7 +132,12 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
         "--site", "site_option", metavar="LAT,LON,HEIGHT", help="Degrees north, degrees east, metres."
     )
     @click.option(
-        "--elements", "element_sources", multiple=True, metavar="SRC", help="File or folder of elements."
+        "--elements",
+        "element_sources",
+        multiple=True,
+        metavar="SRC",
+        help="File, folder or URL of elements, "
+        "celestrak:GROUP, celestrak:NUMBER, spacetrack:NUMBER or - (standard input).",
     )
     @click.option(
         "--clock", "clock_option", metavar="UTC[xSPEED]", help="Run as if it were that instant now."

@@ -1,17 +1,22 @@
-"""`sattrack elements`: what the element sets are, whether they are sound, how they fit observations."""
+"""`sattrack elements`: get element sets, show what they say, check that they are sound and fit."""
 
 from __future__ import annotations
 
 import json
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.commands.common import CommandContext, common_options
-from sattrack.errors import BadInputError
-from tle.errors import TleError
-from tle.sources import find, load_elements, newest
+from sattrack.commands.common import CommandContext, common_options, tell
+from sattrack.errors import BadInputError, SattrackError
+from tle.errors import PropagationError, TleError
+from tle.formats.registry import WRITTEN, write_elements
+from tle.freshness import expected_along_arcsec, expected_along_s
+from tle.instants import Utc
+from tle.motion import Motion
+from tle.sources import find, newest
 
 if TYPE_CHECKING:
     from tle.elements import Elements
@@ -23,27 +28,69 @@ _DAY_S = 86400.0
 
 @click.group("elements")
 def command() -> None:
-    """Look at element sets: show, check."""
+    """Get element sets, show what they say, check whether they are sound."""
+
+
+@command.command("get")
+@click.argument("sources", nargs=-1)
+@click.option(
+    "--satellite", "satellites", multiple=True, metavar="SAT", help="Only this one; may be repeated."
+)
+@click.option(
+    "--format", "form", type=click.Choice(WRITTEN), help="What to write (csv, or json with --json)."
+)
+@click.option(
+    "--output", type=click.Path(path_type=Path, dir_okay=False), help="File to write, not standard output."
+)
+@common_options
+def get(
+    context: CommandContext,
+    sources: tuple[str, ...],
+    satellites: tuple[str, ...],
+    form: str | None,
+    output: Path | None,
+) -> int:
+    """Read the SOURCES (--elements if none is named) and write the newest set of each object, as OMM or TLE.
+
+    A source is a file, a folder, - (standard input), a URL, celestrak:GROUP, celestrak:NUMBER,
+    spacetrack:all or spacetrack:NUMBER. Ends with 1 where any set is refused.
+    """
+    sets = context.load(_places(context, sources))
+    _tell_refused(sets)
+    chosen = newest(sets.accepted)
+    if satellites:
+        chosen = [find(chosen, key) for key in satellites]
+    text = write_elements(
+        chosen, form or ("json" if context.json else "csv"), _utc_now().isoformat("seconds"), "SATTRACK"
+    )
+    if output is None:
+        click.echo(text, nl=False)
+    else:
+        _write_file(output, text)
+        tell(f"{len(chosen)} element sets written to {output}")
+    return 1 if sets.rejected else 0
 
 
 @command.command("show")
 @click.argument("satellites", nargs=-1)
 @common_options
 def show(context: CommandContext, satellites: tuple[str, ...]) -> int:
-    """List the element sets in force: all, or those of the SATELLITES named."""
+    """Tell what the elements of the SATELLITES say, and what their age means; a line each for all."""
     elements = context.elements()
-    chosen = [find(elements, key) for key in satellites] if satellites else elements
     now = context.now()
-    rows = [_described(one, one.age_s(now) / _DAY_S) for one in chosen]
+    chosen = [find(elements, key) for key in satellites] if satellites else elements
+    rows = [_described(one, now) for one in chosen]
     if context.json:
-        click.echo(json.dumps(rows))
-        return 0
-    click.echo(f"{'number':>9}  {'designator':<11} {'epoch UTC':<24} {'age d':>8}  name")
-    for row in rows:
-        click.echo(
-            f"{row['catalog_number']:>9}  {row['designator'] or '-':<11} {row['epoch_utc'][:23] + 'Z':<24} "
-            f"{row['age_days']:>8.2f}  {row['name'] or '-'}"
-        )
+        click.echo(json.dumps(rows, allow_nan=False))
+    elif satellites:
+        click.echo("\n\n".join(_told(row) for row in rows))
+    else:
+        click.echo(f"{'number':>9}  {'designator':<11} {'epoch UTC':<24} {'age d':>8}  name")
+        for row in rows:
+            click.echo(
+                f"{row['catalog_number']:>9}  {row['designator'] or '-':<11} "
+                f"{row['epoch_utc'][:23] + 'Z':<24} {row['age_days']:>8.2f}  {row['name'] or '-'}"
+            )
     return 0
 
 
@@ -63,14 +110,9 @@ def check(
 ) -> int:
     """Read every set of the SOURCES (--elements if none is named) and tell which are refused, and why.
 
-    Ends with 2 where any is refused.
+    Ends with 1 where any is refused.
     """
-    places = sources or context.sources()
-    if not places:
-        raise BadInputError("no elements: name a file or folder, or give --elements FILE")
-    sets = load_elements(*places)
-    if not sets.accepted and not sets.rejected:
-        raise BadInputError(f"{', '.join(map(str, places))}: no element sets")
+    sets = context.load(_places(context, sources))
     residuals = _residuals(context, sets, observations, stations) if observations else None
     if context.json:
         click.echo(json.dumps(_document(sets, residuals), allow_nan=False))
@@ -80,21 +122,83 @@ def check(
         click.echo(f"{len(sets.accepted)} accepted, {len(sets.rejected)} rejected")
         for row in residuals or []:
             click.echo(_line(row))
-    return 2 if sets.rejected else 0
+    return 1 if sets.rejected else 0
 
 
-def _described(one: Elements, age_days: float) -> dict[str, Any]:
+def _places(context: CommandContext, sources: tuple[str, ...]) -> tuple[str, ...]:
+    places = sources or context.sources()
+    if not places:
+        raise BadInputError("no elements: name a file, folder, URL or celestrak:GROUP, or give --elements")
+    return places
+
+
+def _tell_refused(sets: ElementSets) -> None:
+    for error in sets.rejected:
+        tell(f"refused: {str(error).splitlines()[0]}")
+
+
+def _utc_now() -> Utc:
+    return Utc.of(time.time())
+
+
+def _write_file(path: Path, text: str) -> None:
+    """Put text into a file whole: a file that is read meanwhile, or was there, is never left half written."""
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        raise SattrackError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _described(one: Elements, now: Utc) -> dict[str, Any]:
     return {
         "name": one.name,
         "catalog_number": one.catalog_number,
         "designator": one.designator or None,
         "epoch_utc": one.epoch.isoformat(),
-        "age_days": age_days,
+        "age_days": one.age_s(now) / _DAY_S,
+        "period_min": one.period_s / 60.0,
+        "apogee_km": one.apogee_km,
+        "perigee_km": one.perigee_km,
         "inclination_deg": one.inclination_deg,
         "eccentricity": one.eccentricity,
         "mean_motion_rev_day": one.mean_motion_rev_day,
         "bstar_per_earth_radius": one.bstar_per_earth_radius,
+        "expected_along_s": expected_along_s(one, now),
+        "expected_along_arcsec": expected_along_arcsec(one, now),
+        "cannot_be_followed": _why_not(one, now),
     }
+
+
+def _why_not(one: Elements, now: Utc) -> str | None:
+    """Return SGP4's reason where it cannot tell the object's place now."""
+    try:
+        Motion(one).at(now.unix_s, 0.0)
+    except PropagationError as error:
+        return str(error)
+    if one.perigee_km < 0.0:
+        return f"its perigee is {-one.perigee_km:.0f} km inside the Earth: it is sub-orbital"
+    return None
+
+
+def _told(row: dict[str, Any]) -> str:
+    """Return what a person wants to know of an object, several lines."""
+    epoch = row["epoch_utc"][:19].replace("T", " ")
+    age = f"{abs(row['age_days']):.2f} days {'old' if row['age_days'] >= 0.0 else 'to come'}"
+    lines = [
+        f"{row['name'] or 'no name'}   {row['catalog_number']}   {row['designator'] or '-'}",
+        f"  epoch        {epoch} UTC, {age}",
+        f"  period       {row['period_min']:.2f} min",
+        f"  apogee       {row['apogee_km']:.0f} km",
+        f"  perigee      {row['perigee_km']:.0f} km",
+        f"  inclination  {row['inclination_deg']:.4f}°",
+        f"  expect it    within about {row['expected_along_s']:.2g} s along its track: "
+        f"{row['expected_along_arcsec']:.0f}″ overhead, if it has not manoeuvred",
+    ]
+    if row["cannot_be_followed"]:
+        lines.append(f"  but          {row['cannot_be_followed']}")
+    return "\n".join(lines)
 
 
 def _document(sets: ElementSets, residuals: list[dict[str, Any]] | None) -> dict[str, Any]:
