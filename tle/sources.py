@@ -118,7 +118,8 @@ def newest(elements: Iterable[Elements]) -> list[Elements]:
 def find(elements: Sequence[Elements], key: str) -> Elements:
     """Return the elements of the object that a user means.
 
-    The key is a catalogue number (Alpha-5 too), an international designator (1998-067A, 98067A) or a name;
+    The key is a catalogue number (Alpha-5 too), an international designator (1998-067A, 98067A;
+    1998-067 for whatever one launch brought) or a name;
     case, accents and punctuation do not count. An exact name wins over names that begin with the key, those
     over names that contain it. Raises SatelliteNotFoundError, AmbiguousSatelliteError.
     """
@@ -147,12 +148,14 @@ def _by_number(elements: Sequence[Elements], key: str) -> list[Elements]:
 
 
 def _by_designator(elements: Sequence[Elements], key: str) -> list[Elements]:
-    match = re.fullmatch(r"(?:(\d\d)?(\d\d))-?(\d{3}[A-Z]{1,3})", key.upper(), re.ASCII)
+    match = re.fullmatch(r"(\d\d)?(\d\d)(?:-?(\d{3}[A-Z]{1,3})|-(\d{3}))", key.upper(), re.ASCII)
     if match is None:
         return []
-    century, year, rest = match.groups()
+    century, year, piece, launch = match.groups()
     century = century or ("19" if int(year) >= 57 else "20")
-    return [e for e in elements if e.designator == f"{century}{year}-{rest}"]
+    if piece is None:
+        return [e for e in elements if e.designator.startswith(f"{century}{year}-{launch}")]
+    return [e for e in elements if e.designator == f"{century}{year}-{piece}"]
 
 
 def _by_name(elements: Sequence[Elements], key: str) -> list[Elements]:
@@ -191,7 +194,7 @@ def _texts(source: str | Path, fetch: Callable[[str], str] | None) -> list[tuple
         if "\n" in source:
             return [("", source)]
         if source == "-":
-            return [("standard input", sys.stdin.read())]
+            return [("standard input", _standard_input())]
         if is_fetched(source):
             if fetch is None:
                 raise SourceError(
@@ -210,11 +213,26 @@ def _texts(source: str | Path, fetch: Callable[[str], str] | None) -> list[tuple
     return [text for file in files for text in _texts(file, None)]
 
 
+def _standard_input() -> str:
+    # As bytes, where there are any: text in another encoding is then read as far as it goes.
+    raw = getattr(sys.stdin, "buffer", None)
+    if raw is None:
+        return sys.stdin.read()
+    try:
+        return _decoded(raw.read())
+    except (OSError, ValueError) as error:
+        raise SourceError(f"standard input: cannot read elements: {_why(error)}") from None
+
+
 def _read_file(path: Path) -> str:
-    data = path.read_bytes()
+    return _decoded(path.read_bytes())
+
+
+def _decoded(data: bytes) -> str:
     if data[:2] == b"\x1f\x8b":
         data = _unpacked(data)
-    return data.decode("utf-8-sig", errors="replace")
+    utf16 = data[:2] in (b"\xff\xfe", b"\xfe\xff")
+    return data.decode("utf-16" if utf16 else "utf-8-sig", errors="replace")
 
 
 def _unpacked(data: bytes) -> bytes:

@@ -45,6 +45,14 @@ def test_reads_files_folders_and_text(tmp_path):
 def test_reads_standard_input(monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO(text_of(ISS)))
     assert read_elements("-")[0].catalog_number == 25544
+    bytes_of = {"utf-8": "Ñ", "latin-1": "�", "utf-16": "Ñ"}
+    for encoding, read in bytes_of.items():
+        data = text_of(("Ñ", *ISS)).encode(encoding)
+        monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(data), "utf-8"))
+        assert read_elements("-")[0].name == read
+    monkeypatch.setattr("sys.stdin", io.TextIOWrapper(io.BytesIO(b"\x1f\x8b\x08 damaged")))
+    with pytest.raises(SourceError, match="standard input: cannot read elements"):
+        read_elements("-")
 
 
 def test_the_newest_epoch_of_an_object_wins(tmp_path):
@@ -106,6 +114,7 @@ def test_a_fetcher_reads_urls():
         ("98067a", 25544),
         ("98-067A", 25544),
         ("57001B", 44800),
+        ("2021-066", 49044),
         ("iss zarya", 25544),
         ("nauka", 49044),
         ("starlink1008", 44714),
