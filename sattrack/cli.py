@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 COMMANDS = {
     "demo": "Follow a real pass with an embedded simulated mount.",
     "ephemeris": "Directions and rates of a satellite.",
+    "passes": "Coming passes of one satellite, some, or a whole catalogue.",
     "track": "Follow the pass now in progress, else the next.",
     "sim": "The simulated mount alone, on UDP.",
     "elements": "Look at element sets: show, check.",

@@ -1,0 +1,201 @@
+"""`sattrack passes`: coming passes of one satellite, of some, or of a whole catalogue."""
+
+from __future__ import annotations
+
+import fnmatch
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sattrack.commands.common import CommandContext, common_options
+from sattrack.errors import BadInputError, SattrackError
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from sattrack.commands.passes_rows import Row
+    from tle.catalogue_passes import CataloguePasses
+    from tle.elements import Elements
+    from tle.horizon import Horizon
+
+_DARK_SUN_DEG = -6.0
+_FEWEST_FOR_PROGRESS = 2000
+_SORTS = ("rise", "altitude", "magnitude", "rate", "name")
+
+
+@click.command("passes")
+@click.argument("satellites", nargs=-1, metavar="[SAT]...")
+@click.option("--from", "start", metavar="UTC", help="Begin of the search; now if not given.")
+@click.option("--hours", type=float, default=24.0, show_default=True, metavar="H", help="How far to look.")
+@click.option("--min-alt", "min_alt_deg", type=float, metavar="DEG", help="Least altitude; 10 if not set.")
+@click.option(
+    "--horizon",
+    "mask_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Skyline: azimuth and altitude in degrees on each line.",
+)
+@click.option("--sunlit", is_flag=True, help="Only passes with the satellite in full sunlight for a while.")
+@click.option("--dark", is_flag=True, help="Only while the Sun is 6° below the horizon or lower.")
+@click.option(
+    "--max-rate",
+    "max_rate_deg_s",
+    type=float,
+    metavar="DEG/S",
+    help="Only where neither axis of an equatorial mount must turn faster.",
+)
+@click.option(
+    "--magnitude", "faintest", type=float, metavar="MAG", help="Only as bright; needs --magnitudes."
+)
+@click.option(
+    "--magnitudes",
+    "magnitudes_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Catalogue number and intrinsic magnitude (at 1000 km, half lit) on each line.",
+)
+@click.option("--name", "pattern", metavar="GLOB", help="Only names that match, as 'STARLINK*'.")
+@click.option("--sort", type=click.Choice(_SORTS), default="rise", show_default=True, help="Order of passes.")
+@click.option("--csv", "as_csv", is_flag=True, help="Comma-separated values with the fields of --json.")
+@click.option("--ics", "as_ics", is_flag=True, help="A calendar (iCalendar), one event a pass.")
+@click.option(
+    "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Sky chart of the passes as an image."
+)
+@common_options
+def command(context: CommandContext, satellites: tuple[str, ...], **options: Any) -> int:
+    """List coming passes of each SAT (catalogue number, designator or name), of all if none is named."""
+    _check(options, context.json)
+    chosen = _chosen(context.elements(), satellites, options["pattern"])
+    start = Utc.parse(options["start"]) if options["start"] else context.now()
+    passes = _search(context, chosen, start, options)
+    _tell_failures(passes, bool(satellites))
+    rows = _sorted(_rows(passes, options), options["sort"])
+    if options["plot"]:
+        from sattrack.commands.passes_plot import plot_passes
+
+        plot_passes(options["plot"], rows, passes)
+    from sattrack.commands import passes_rows as show
+
+    if context.json:
+        click.echo(show.as_json(rows))
+    elif options["as_csv"]:
+        click.echo(show.as_csv(rows), nl=False)
+    elif options["as_ics"]:
+        from sattrack.commands.passes_calendar import as_calendar
+
+        sys.stdout.write(as_calendar(rows, passes))
+    else:
+        _print_table(rows, passes, show.table_lines)
+    return 0
+
+
+def _check(options: dict[str, Any], as_json: bool) -> None:
+    """Raise BadInputError for options that do not go together or that no pass can meet."""
+    if as_json + options["as_csv"] + options["as_ics"] > 1:
+        raise BadInputError("--json, --csv and --ics are three forms of one list: give one of them")
+    if options["faintest"] is not None and options["magnitudes_file"] is None:
+        raise BadInputError(
+            "--magnitude needs --magnitudes FILE: element sets do not say how bright things are"
+        )
+    rate = options["max_rate_deg_s"]
+    if rate is not None and not rate > 0.0:
+        raise BadInputError(f"--max-rate {rate}: give degrees a second above 0")
+
+
+def _chosen(elements: list[Elements], keys: Sequence[str], pattern: str | None) -> list[Elements]:
+    """Return the elements of the satellites named, of all without names, that match the pattern."""
+    from tle.sources import find
+
+    chosen = [find(elements, key) for key in dict.fromkeys(keys)] if keys else elements
+    if pattern is None:
+        return chosen
+    matching = [e for e in chosen if fnmatch.fnmatchcase(e.name.casefold(), pattern.casefold())]
+    if not matching:
+        raise SattrackError(f"no satellite's name matches {pattern!r}: try a wider pattern, as '*{pattern}*'")
+    return matching
+
+
+def _search(
+    context: CommandContext, chosen: list[Elements], start: Utc, options: dict[str, Any]
+) -> CataloguePasses:
+    from tle.catalogue_passes import find_catalogue_passes
+
+    progress = _progress if len(chosen) >= _FEWEST_FOR_PROGRESS and sys.stderr.isatty() else None
+    return find_catalogue_passes(
+        chosen,
+        context.site(),
+        start,
+        options["hours"],
+        _horizon(context, options),
+        workers=os.cpu_count() or 1,
+        progress=progress,
+    )
+
+
+def _horizon(context: CommandContext, options: dict[str, Any]) -> Horizon:
+    from tle.horizon import Horizon, HorizonMask
+
+    least_deg = options["min_alt_deg"]
+    if least_deg is None:
+        least_deg = context.settings.min_altitude_deg
+    mask = HorizonMask.read(options["mask_file"]) if options["mask_file"] else None
+    return Horizon(least_deg, mask)
+
+
+def _progress(done: int, total: int) -> None:
+    """Show on the terminal how far the search is; the line is wiped at its end."""
+    told = f"searched {done} of {total} objects" if done < total else ""
+    click.echo(f"\r\x1b[K{told}", nl=False, err=True)
+
+
+def _tell_failures(passes: CataloguePasses, named: bool) -> None:
+    """Raise what SGP4 says of satellites asked for by name; of a catalogue's, tell how many there are."""
+    if not passes.failed:
+        return
+    if named:
+        raise passes.failed[0][1]
+    count, first = len(passes.failed), passes.failed[0][1]
+    click.echo(f"sattrack: {count} of {len(passes.elements)} objects left out, the first: {first}", err=True)
+
+
+def _rows(passes: CataloguePasses, options: dict[str, Any]) -> list[Row]:
+    """Return the passes with their facts that all filters let through."""
+    from sattrack.commands.passes_rows import Row
+    from tle.brightness import read_magnitudes
+    from tle.pass_facts import pass_facts
+
+    known = read_magnitudes(options["magnitudes_file"]) if options["magnitudes_file"] else {}
+    facts = pass_facts(passes, magnitudes=known)
+    rows = [Row(one.elements, one.seen, fact) for one, fact in zip(passes, facts, strict=True)]
+    filters: list[Callable[[Row], bool]] = []
+    if options["sunlit"]:
+        filters.append(lambda row: row.facts is not None and bool(row.facts.sunlit))
+    if options["dark"]:
+        filters.append(lambda row: row.facts is not None and row.facts.sun_alt_deg <= _DARK_SUN_DEG)
+    if options["max_rate_deg_s"] is not None:
+        filters.append(lambda row: row.peak_rate_deg_s <= options["max_rate_deg_s"])
+    if options["faintest"] is not None:
+        filters.append(lambda row: row.magnitude <= options["faintest"])
+    return [row for row in rows if all(keep(row) for keep in filters)]
+
+
+def _sorted(rows: list[Row], by: str) -> list[Row]:
+    keys: dict[str, Callable[[Row], Any]] = {
+        "rise": lambda row: (row.begins_s, row.elements.catalog_number),
+        "altitude": lambda row: -row.seen.max_alt_deg,
+        "magnitude": lambda row: row.magnitude,
+        "rate": lambda row: row.peak_rate_deg_s,
+        "name": lambda row: (row.elements.label.casefold(), row.begins_s),
+    }
+    return sorted(rows, key=keys[by])
+
+
+def _print_table(
+    rows: list[Row], passes: CataloguePasses, lines: Callable[[list[Row], str], list[str]]
+) -> None:
+    if rows:
+        click.echo("\n".join(lines(rows, passes.start.isoformat("seconds")[:10])))
+    else:
+        click.echo("sattrack: no pass in this time meets what was asked for", err=True)
