@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+# Columns of a user's line that a message quotes: an element line, and some of what may follow by mistake.
+_WIDEST = 100
+
 
 class TleError(Exception):
     """Base of everything that `tle` raises on purpose; `exit_code` is what a command line should end with."""
@@ -38,9 +41,9 @@ class ElementsError(TleError):
         place = f"{source}:{line}: " if source and line else f"{source}: " if source else ""
         message = place + reason
         if text:
-            message += f"\n    {printable(text)}"
-        if text and columns is not None:
-            first, last = columns
+            message += f"\n    {printable(text[:_WIDEST])}"
+        if text and columns is not None and columns[0] <= _WIDEST:
+            first, last = columns[0], min(columns[1], _WIDEST)
             message += "\n    " + " " * (first - 1) + "^" * (last - first + 1)
         super().__init__(message)
 

@@ -56,6 +56,8 @@ def get(
     spacetrack:all or spacetrack:NUMBER. Ends with 1 where any set is refused.
     """
     sets = context.load(_places(context, sources))
+    if sets.rejected and not sets.accepted:
+        raise sets.rejected[0]
     _tell_refused(sets)
     chosen = newest(sets.accepted)
     if satellites:

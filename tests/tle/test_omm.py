@@ -308,6 +308,17 @@ def test_csv_lines_that_are_cut_off_or_of_another_shape():
     assert found[3].name == 'SOYUZ, MS "29"'
 
 
+def test_csv_with_every_cell_quoted_as_space_track_gives_it():
+    out = io.StringIO()
+    csv.writer(out, quoting=csv.QUOTE_ALL).writerows([list(SPACE_TRACK), list(SPACE_TRACK.values())])
+    assert parse_elements(out.getvalue(), "x") == parse_elements(as_json(omm()), "x")
+
+
+def test_a_satellite_may_be_named_like_a_keyword():
+    (found, _) = parse_elements(CSV.replace("ISS (ZARYA)", "EPOCH"), "x")
+    assert found.name == "EPOCH"
+
+
 def test_csv_columns_in_any_order():
     rows = list(csv.reader(io.StringIO(CSV)))
     turned = "\n".join(",".join(["extra" if n == 0 else "7", *reversed(row)]) for n, row in enumerate(rows))

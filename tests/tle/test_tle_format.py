@@ -142,6 +142,12 @@ def test_control_characters_do_not_reach_the_terminal():
     assert "\x1b" not in str(error)
 
 
+def test_a_line_without_end_is_not_quoted_without_end():
+    (error,) = parse_elements(f"{ONE}{'9' * 100_000}\n{TWO}", "x")
+    assert "100069 columns" in error.reason
+    assert len(str(error)) < 500
+
+
 def test_fields_that_may_be_blank():
     # Of the SGP4 verification set (Vallado et al. 2006): no designator, ephemeris type, checksummed as given.
     old = Elements.from_tle(

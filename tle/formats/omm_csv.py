@@ -38,7 +38,7 @@ def read(text: str, source: str = "") -> Iterator[Elements | ElementsError]:
             continue
         place = Place(source, number)
         cells = _cells(line)
-        if cells is not None and (header is None or cells[0] in KEYWORDS) and not KEYWORDS.isdisjoint(cells):
+        if cells is not None and _is_header(cells):
             header = cells
             continue
         yield _set_or_refusal(cells, header, place)
@@ -51,6 +51,11 @@ def write(elements: Iterable[Elements]) -> str:
     writer.writerow([field.keyword for field in FIELDS])
     writer.writerows(keyword_values(one).values() for one in elements)
     return out.getvalue()
+
+
+def _is_header(cells: list[str]) -> bool:
+    # A satellite might be named like a keyword, but not in several cells.
+    return len(KEYWORDS.intersection(cells)) > 2
 
 
 def _cells(line: str) -> list[str] | None:

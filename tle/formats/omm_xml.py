@@ -6,9 +6,9 @@ Document types and entities are refused before anything is made of them, so that
 from __future__ import annotations
 
 import re
+from html import escape
 from typing import TYPE_CHECKING
 from xml.parsers import expat
-from xml.sax.saxutils import escape
 
 from tle.errors import ElementsError, FieldError, FormatError
 from tle.formats.omm import (
@@ -53,8 +53,8 @@ def write(elements: Iterable[Elements], created: str = "", originator: str = "")
     `created` (ISO 8601 UTC) and `originator` go into each header; CelesTrak leaves both empty.
     """
     head = (
-        f"<header><CREATION_DATE>{escape(created)}</CREATION_DATE>"
-        f"<ORIGINATOR>{escape(originator)}</ORIGINATOR></header>"
+        f"<header><CREATION_DATE>{escape(created, quote=False)}</CREATION_DATE>"
+        f"<ORIGINATOR>{escape(originator, quote=False)}</ORIGINATOR></header>"
     )
     messages = "".join(_message(keyword_texts(one), head) for one in elements)
     return f'<?xml version="1.0" encoding="UTF-8"?>\n<ndm>\n{messages}</ndm>\n'
@@ -62,7 +62,7 @@ def write(elements: Iterable[Elements], created: str = "", originator: str = "")
 
 def _message(texts: dict[str, str], head: str) -> str:
     def tags(keywords: Iterable[str]) -> str:
-        return "".join(f"<{key}>{escape(texts[key])}</{key}>" for key in keywords)
+        return "".join(f"<{key}>{escape(texts[key], quote=False)}</{key}>" for key in keywords)
 
     texts = {key: allowed[0] for key, allowed in METADATA.items()} | texts
     return (
