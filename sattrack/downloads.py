@@ -92,7 +92,7 @@ class Downloads:
         if query.provider in self._refused:
             return f"the server refused another request just now: {self._refused[query.provider]}"
         now = self._now()
-        last = [unix_s for unix_s in (*self._cache.asked(query.url), fetched_unix_s) if unix_s is not None]
+        last = [unix_s for unix_s in (*self._cache.asked(query.data), fetched_unix_s) if unix_s is not None]
         # A time to come tells that the clock was set back, and nothing of how long ago it was.
         waited_s = min((now - unix_s for unix_s in last if unix_s <= now), default=query.every_s)
         if waited_s < query.every_s:
@@ -116,20 +116,24 @@ class Downloads:
 
     def _download(self, query: Query) -> str:
         login = credentials(self._environ) if query.login_url else None
-        before = self._cache.asked(query.url)
-        self._cache.set_asked(query.url, [self._now()])
+        before = self._cache.asked(query.data)
+        self._cache.set_asked(query.data, [self._now()])
         if login is not None:
             recent = [s for s in self._cache.asked(SPACE_TRACK) if 0.0 <= self._now() - s < 3600.0]
             self._cache.set_asked(SPACE_TRACK, [*recent, self._now(), self._now()])
         try:
             text = _checked(asyncio.run(self._get(query, login)))
         except _UnreachableError:
-            self._cache.set_asked(query.url, before)
+            self._cache.set_asked(query.data, before)
             raise
         finally:
             if self._progress is not None:
                 self._progress(query.source, None)
-        self._cache.keep(query.url, text, self._now())
+        try:
+            self._cache.keep(query.url, text, self._now())
+        except SattrackError as error:
+            # What has come is good all the same, and may not be asked for again for hours.
+            self._tell(str(error))
         return text
 
     async def _get(self, query: Query, login: tuple[str, str] | None) -> bytes:

@@ -25,6 +25,7 @@ SPACE_TRACK_VARIABLE = "SATTRACK_SPACETRACK_URL"
 USER_VARIABLE = "SATTRACK_SPACETRACK_USER"
 PASSWORD_VARIABLE = "SATTRACK_SPACETRACK_PASSWORD"
 KEYRING_SERVICE = "space-track.org"
+CELESTRAK = "celestrak"
 SPACE_TRACK = "space-track"
 DOWNLOAD_EVERY_S = 2 * 3600.0
 SPACE_TRACK_EVERY_S = 3600.0
@@ -47,6 +48,13 @@ class Query:
     every_s: float
     login_url: str = ""
 
+    @property
+    def data(self) -> str:
+        """Name what is asked for whatever its format: providers count downloads of a group, in any."""
+        address, _, asked = self.url.partition("?")
+        parts = sorted(part for part in asked.split("&") if not part.upper().startswith("FORMAT="))
+        return f"{address}?{'&'.join(parts)}"
+
 
 def query_of(source: str, environ: Mapping[str, str]) -> Query:
     """Return the query that a short name or a URL stands for. Raises BadInputError."""
@@ -55,7 +63,8 @@ def query_of(source: str, environ: Mapping[str, str]) -> Query:
         return _celestrak(source, what.strip(), _base(environ, CELESTRAK_VARIABLE, CELESTRAK_URL))
     if kind == "spacetrack":
         return _space_track(source, what.strip(), _base(environ, SPACE_TRACK_VARIABLE, SPACE_TRACK_URL))
-    return _url(source, _base(environ, SPACE_TRACK_VARIABLE, SPACE_TRACK_URL))
+    celestrak = _base(environ, CELESTRAK_VARIABLE, CELESTRAK_URL)
+    return _url(source, celestrak, _base(environ, SPACE_TRACK_VARIABLE, SPACE_TRACK_URL))
 
 
 def credentials(environ: Mapping[str, str]) -> tuple[str, str]:
@@ -108,7 +117,7 @@ def _celestrak(source: str, what: str, base: str) -> Query:
             f"{source}: write celestrak:GROUP (such as celestrak:active), or celestrak:25544 (a number)"
         )
     url = f"{base}/NORAD/elements/gp.php?{asked}&FORMAT=csv"
-    return Query(source, url, "celestrak", DOWNLOAD_EVERY_S)
+    return Query(source, url, CELESTRAK, DOWNLOAD_EVERY_S)
 
 
 def _space_track(source: str, what: str, base: str) -> Query:
@@ -124,7 +133,7 @@ def _space_track(source: str, what: str, base: str) -> Query:
     return Query(source, url, SPACE_TRACK, SPACE_TRACK_EVERY_S, _login(source, base))
 
 
-def _url(source: str, space_track: str) -> Query:
+def _url(source: str, celestrak: str, space_track: str) -> Query:
     try:
         parts = urlsplit(source)
         host, _ = parts.hostname, parts.port
@@ -137,10 +146,11 @@ def _url(source: str, space_track: str) -> Query:
         )
     if parts.scheme not in ("http", "https") or not host:
         raise BadInputError(f"{source}: elements come from a file, https://, celestrak: or spacetrack:")
-    if host == urlsplit(space_track).hostname:
+    if parts.netloc == urlsplit(space_track).netloc or host == "space-track.org":
         base = f"{parts.scheme}://{parts.netloc}"
         return Query(source, source, SPACE_TRACK, SPACE_TRACK_EVERY_S, _login(source, base))
-    return Query(source, source, host, DOWNLOAD_EVERY_S)
+    provider = CELESTRAK if parts.netloc == urlsplit(celestrak).netloc else host
+    return Query(source, source, provider, DOWNLOAD_EVERY_S)
 
 
 def _login(source: str, base: str) -> str:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import multiprocessing
+import os
 import socket
 import types
 from pathlib import Path
@@ -195,6 +197,36 @@ def test_urls_go_the_same_way(tmp_path):
         client.later(60.0)
         client.fetch(url)
         assert len(server.asked) == 1
+
+
+def test_one_group_in_two_formats_is_one_group(tmp_path):
+    with element_server() as server:
+        client = Client(tmp_path, server.url, SATTRACK_SPACETRACK_URL="https://example.org")
+        client.fetch("celestrak:active")
+        with pytest.raises(DownloadError, match="asked 0 s ago, and once in 2 h is allowed"):
+            client.fetch(f"{server.url}/NORAD/elements/gp.php?FORMAT=json&GROUP=active")
+        assert len(server.asked) == 1
+
+
+def test_a_full_disk_loses_nothing(tmp_path, monkeypatch):
+    with element_server("gzip") as server:
+        client = Client(tmp_path, server.url)
+        client.fetch("celestrak:active")
+        before = {path: path.read_bytes() for path in tmp_path.glob("*.elements")}
+        client.later(3 * HOUR_S)
+        whole = os.fsync
+
+        def full(file: int) -> None:
+            # What is written now is the body: the small files beside it still fit.
+            if os.fstat(file).st_size > 300:
+                raise OSError(errno.ENOSPC, "No space left on device")
+            whole(file)
+
+        monkeypatch.setattr("os.fsync", full)
+        assert client.fetch("celestrak:active") == CSV
+        assert "downloads cannot be kept there: No space left on device" in client.told[0]
+        assert {path: path.read_bytes() for path in tmp_path.glob("*.elements")} == before
+        assert not list(tmp_path.glob(".part-*"))
 
 
 def test_space_track_gets_the_credentials_of_the_environment_and_is_asked_once_an_hour(tmp_path):
