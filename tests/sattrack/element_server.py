@@ -34,7 +34,7 @@ HTML = "<!DOCTYPE html><html><head><style>p{}</style></head><body><h1>Down for m
 
 @dataclass
 class ElementServer:
-    """What the server was asked, and how it misbehaves: `manner` is one of the names that `_answer` knows."""
+    """What the server was asked, and how it misbehaves: `manner` is a name that `_answer` knows."""
 
     manner: str = "well"
     asked: list[str] = field(default_factory=list)
@@ -42,6 +42,7 @@ class ElementServer:
     logins: list[tuple[str, str]] = field(default_factory=list)
     served: set[str] = field(default_factory=set)
     url: str = ""
+    body: bytes = b""
 
     async def celestrak(self, request: web.Request) -> web.StreamResponse:
         self.asked.append(request.query_string)
@@ -63,6 +64,8 @@ class ElementServer:
 
     async def _answer(self, request: web.Request) -> web.StreamResponse:
         data = CSV.encode()
+        if self.manner == "any":
+            return web.Response(body=self.body)
         if self.manner == "gzip":
             return web.Response(body=gzip.compress(data), headers={"Content-Encoding": "gzip"})
         if self.manner == "gz file":

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import gzip
+import itertools
 import multiprocessing
 import os
 import socket
@@ -13,6 +15,8 @@ from pathlib import Path
 import aiohttp
 import pytest
 from element_server import CSV, element_server
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from sattrack.download_cache import DownloadCache, user_cache_folder
 from sattrack.downloads import DownloadError, Downloads, age_words
@@ -346,6 +350,32 @@ def test_where_downloads_are_kept(tmp_path):
     assert user_cache_folder({"XDG_CACHE_HOME": str(tmp_path)}) == tmp_path / "sattrack" / "elements"
     assert user_cache_folder({"XDG_CACHE_HOME": "relative"}) == user_cache_folder({})
     assert user_cache_folder({}) == Path.home() / ".cache" / "sattrack" / "elements"
+
+
+def test_no_body_raises_anything_but_a_download_error(tmp_path):
+    with element_server("any") as server:
+        client = Client(tmp_path, server.url)
+        numbers = itertools.count(1)
+
+        @given(st.binary(max_size=200) | st.binary(max_size=50).map(lambda tail: CSV.encode()[:-40] + tail))
+        @example(b"")
+        @example(b"\x1f\x8b")
+        @example(gzip.compress(b"1 "))
+        @example(b"<html>\xff\x1b[2J")
+        @settings(max_examples=60, deadline=None)
+        def any_body(body: bytes) -> None:
+            server.body = body
+            source = f"celestrak:{next(numbers)}"
+            said = ""
+            try:
+                assert client.fetch(source)
+            except DownloadError as error:
+                said = str(error)
+            assert said.isprintable()
+            assert len(said) < 700
+
+        any_body()
+    assert not list(tmp_path.glob(".part-*"))
 
 
 def test_damaged_files_count_as_none(tmp_path):

@@ -211,6 +211,21 @@ def followed(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
     return json.loads(out.splitlines()[-1])["summary"]
 
 
+def test_track_takes_a_group_by_its_short_name(server, capsys):
+    clock = ("--clock", "2026-10-02T00:00:00Z")
+    summary = followed(capsys, "--elements", "celestrak:active", *SITE, "--json", *clock)
+    assert summary["catalog_number"] == 100534
+    assert server.asked == ["GROUP=active&FORMAT=csv"]
+
+
+def test_progress_is_shown_on_a_terminal_only(server, capsys, monkeypatch):
+    assert ran(capsys, "elements", "get", "celestrak:active")[1] == ""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    _, err = ran(capsys, "elements", "get", "celestrak:stations")
+    assert "celestrak:stations: 0.0 MB" in err
+    assert err.endswith("\r\x1b[K")
+
+
 def test_the_example_follows_a_group_that_is_fetched_once(server, tmp_path):
     example = Path(__file__).parents[2] / "examples" / "follow_celestrak_group.py"
     said = []
