@@ -22,9 +22,11 @@ if TYPE_CHECKING:
 MAX_REV_DAY = 17.05
 MAX_CATALOG_NUMBER = 999_999_999
 FIRST_EPOCH = Utc.parse("1957-10-04T00:00:00Z")
-LAST_EPOCH = Utc.parse("2057-01-01T00:00:00Z")
+END_OF_EPOCHS = Utc.parse("2057-01-01T00:00:00Z")
 # 0 is what all public sets say, 1 to 3 are older models of the same family; 4 and on are other theories.
 EPHEMERIS_TYPES = range(4)
+_MEND = "copy the set again from its source"
+_DAY_ZERO = date(1970, 1, 1).toordinal()
 _BELOW_ONE = math.nextafter(1.0, 0.0)
 _LONGEST_NUMBER = 64
 _NUMBER = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,3})?", re.ASCII)
@@ -244,7 +246,7 @@ def _epoch(field: Field, value: object, place: Place) -> Utc:
             days = date(int(year), int(month), int(day)).toordinal()
         else:
             days = date(int(year), 1, 1).toordinal() + int(day_of_year) - 1
-            if not 1 <= int(day_of_year) <= 366:
+            if date.fromordinal(days).year != int(year):
                 raise ValueError
     except ValueError:
         raise place.says(FieldRangeError, f"{field.keyword} {quoted(value)} is no day: {_MEND}") from None
@@ -253,7 +255,7 @@ def _epoch(field: Field, value: object, place: Place) -> Utc:
         raise place.says(FieldRangeError, f"{field.keyword} {quoted(value)} is no time of day: {_MEND}")
     second_of_day = int(hour) * 3600 + int(minute) * 60 + int(second) + float(f"0.{fraction or 0}")
     epoch = Utc((days - _DAY_ZERO) * DAY_S + second_of_day)
-    if not FIRST_EPOCH <= epoch <= LAST_EPOCH:
+    if not FIRST_EPOCH <= epoch < END_OF_EPOCHS:
         raise place.says(FieldRangeError, f"{field.keyword} {quoted(value)} is outside 1957 to 2056: {_MEND}")
     return epoch
 
@@ -281,11 +283,10 @@ def _number_of(value: object) -> int | None:
 
 
 def _clean(text: str) -> str:
-    return printable(text.strip())
+    text = text.strip()
+    return text if text.isprintable() else printable(text)
 
 
-_MEND = "copy the set again from its source"
-_DAY_ZERO = date(1970, 1, 1).toordinal()
 _READERS: dict[str, Callable[[Field, object, Place], Any]] = {
     "number": _number,
     "whole": _whole,
