@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tle.arcs import Windows, anomaly_pieces, even_pieces, fit_arcs, terms_for
-from tle.crossing_columns import crossings_of, renamed
+from tle.crossing_columns import crossings_of
 from tle.crossings import Crossings, find_crossings
 from tle.earth import EarthOrientation
 from tle.errors import PropagationError
-from tle.gate import drag_share, orbit_bounds, possible_windows
+from tle.gate import drag_share
 from tle.ground import Ground
 from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
-from tle.near_earth import DEEP_SPACE_MIN, brouwer_mean_motion, start_near_earth, teme_km
+from tle.near_earth import DEEP_SPACE_MIN, brouwer_mean_motion, start_near_earth
+from tle.near_search import ARCS_A_TURN, near_crossings, near_places
 from tle.passes import HOUR_S, find_passes
 from tle.propagator import Propagator
 
@@ -42,7 +43,6 @@ if TYPE_CHECKING:
 _STRETCHES_A_CHUNK = 48000
 _DEEP_A_CHUNK = 150
 _STRETCHES_A_SECOND = 8.0 / 6000.0
-_ARCS_A_TURN = 5.0
 # A process takes longer to start than this many objects take to be searched.
 _FEWEST_TO_SHARE = 4000
 _AHEAD = 2
@@ -62,10 +62,10 @@ class SearchTask:
 
 @dataclass(frozen=True, slots=True)
 class Chunk:
-    """Objects to be searched together, by index; deep where they take 225 minutes or longer to go round."""
+    """Objects to be searched together, by index; `near` is None where they are in deep space."""
 
     index: Index
-    deep: bool
+    near: NearEarth | None
 
 
 class CatalogueSearch:
@@ -90,14 +90,16 @@ class CatalogueSearch:
         near, deep = order[~is_deep], order[is_deep]
         near_size = max(1, int(_STRETCHES_A_CHUNK / max(1.0, self.span_s * _STRETCHES_A_SECOND)))
         deep_size = max(1, int(_DEEP_A_CHUNK / max(1.0, self.span_s / DAY_S)))
+        c = start_near_earth([self.elements[i] for i in near.tolist()])
+        parts = [np.arange(k, min(k + near_size, len(near))) for k in range(0, len(near), near_size)]
         return [
-            *(Chunk(deep[k : k + deep_size], True) for k in range(0, len(deep), deep_size)),
-            *(Chunk(near[k : k + near_size], False) for k in range(0, len(near), near_size)),
+            *(Chunk(deep[k : k + deep_size], None) for k in range(0, len(deep), deep_size)),
+            *(Chunk(near[part], c.take(part)) for part in parts),
         ]
 
     def run(self, chunk: Chunk) -> Found:
         """Search one chunk."""
-        return self._deep(chunk.index) if chunk.deep else self._near(chunk.index)
+        return self._deep(chunk.index) if chunk.near is None else self._near(chunk.index, chunk.near)
 
     def are_deep(self, obj: Index) -> NDArray[np.bool_]:
         """Tell which objects, by index, take 225 minutes or longer to go round."""
@@ -113,7 +115,7 @@ class CatalogueSearch:
         elements = [self.elements[i] for i in names.tolist()]
         e = np.array([one.eccentricity for one in elements])
         period_s = np.array([one.period_s for one in elements])
-        longest_s = period_s / _ARCS_A_TURN * (1.0 - e) ** 1.5
+        longest_s = period_s / ARCS_A_TURN * (1.0 - e) ** 1.5
         local = Windows(obj, windows.first_s, windows.last_s)
         pieces = even_pieces(local, longest_s[obj])
         terms = terms_for(float(e.max(initial=0.0)))
@@ -121,7 +123,9 @@ class CatalogueSearch:
             arcs, without = fit_arcs(local, pieces, lambda o, s: self._deep_places(names, o, s), terms)
         else:
             c = start_near_earth(elements)
-            arcs, without = fit_arcs(local, pieces, lambda o, s: self._near_places(c, o, s), terms)
+            arcs, without = fit_arcs(
+                local, pieces, lambda o, s: near_places(c, self.ground, self.start_s, o, s), terms
+            )
         return arcs, names[without]
 
     def one_by_one(self, left: list[int], pieces: list[Crossings]) -> list[tuple[Elements, PropagationError]]:
@@ -161,23 +165,9 @@ class CatalogueSearch:
                 _DECAYED,
             )
 
-    def _near(self, chunk: Index) -> Found:
-        c = start_near_earth([self.elements[i] for i in chunk])
-        bounds = orbit_bounds(c, self.start_s, self.span_s)
-        left = chunk[~bounds.regular].tolist()
-        regular = np.flatnonzero(bounds.regular)
-        c, bounds, names = c.take(regular), bounds.take(regular), chunk[regular]
-        windows = possible_windows(c, bounds, self.ground, self.start_s, self.span_s, self.horizon.lowest_deg)
-        # Perigee is passed faster than a round orbit would be.
-        longest_s = (c.period_s / _ARCS_A_TURN * (1.0 - c.ecco) ** 1.5)[windows.obj]
-        pieces = even_pieces(windows, longest_s)
-        terms = terms_for(self.elements[int(chunk[-1])].eccentricity)
-        arcs, without = fit_arcs(windows, pieces, lambda o, s: self._near_places(c, o, s), terms)
-        return len(chunk), renamed(find_crossings(arcs, self.horizon), names), left + names[without].tolist()
-
-    def _near_places(self, c: NearEarth, obj: Index, since_s: Array) -> Array:
-        unix_s = self.start_s + since_s
-        return self.ground.east_north_up(unix_s, teme_km(c.take(obj).column(), unix_s))
+    def _near(self, chunk: Index, c: NearEarth) -> Found:
+        found, left = near_crossings(c, self.ground, self.task.span, self.horizon)
+        return len(chunk), found.renamed(chunk), chunk[left].tolist()
 
     def _deep(self, chunk: Index) -> Found:
         count = len(chunk)
@@ -191,7 +181,7 @@ class CatalogueSearch:
         arcs, without = fit_arcs(
             windows, (window, first, last), lambda o, s: self._deep_places(chunk, o, s), terms
         )
-        return count, renamed(find_crossings(arcs, self.horizon), chunk), chunk[without].tolist()
+        return count, find_crossings(arcs, self.horizon).renamed(chunk), chunk[without].tolist()
 
     def _deep_places(self, chunk: Index, obj: Index, since_s: Array) -> Array:
         unix_s = self.start_s + since_s
@@ -220,18 +210,23 @@ def shared(search: CatalogueSearch, chunks: list[Chunk], workers: int) -> Iterat
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 
-    todo = deque(chunks)
     flying: deque[Future[Found]] = deque()
+    # What others search comes with the chunk; SGP4 for deep space, which needs the elements, stays here.
+    todo = deque(chunk for chunk in chunks if chunk.near is not None)
+    own = deque(chunk for chunk in chunks if chunk.near is None)
     with ProcessPoolExecutor(
-        workers - 1, mp_context=get_context("spawn"), initializer=_begin, initargs=(search.task,)
+        workers - 1,
+        mp_context=get_context("spawn"),
+        initializer=_begin,
+        initargs=(replace(search.task, elements=()),),
     ) as pool:
-        # This process works along, so that nothing waits while the others start.
-        while todo or flying:
+        while own or todo or flying:
             while todo and len(flying) < _AHEAD * (workers - 1):
                 flying.append(pool.submit(_search_chunk, todo.popleft()))
-            if todo:
-                yield search.run(todo.pop())
-            while flying and (flying[0].done() or not todo):
+            # This process works along, so that nothing waits while the others start.
+            if own or todo:
+                yield search.run((own or todo).popleft())
+            while flying and (flying[0].done() or not (own or todo)):
                 yield flying.popleft().result()
 
 

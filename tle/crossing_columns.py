@@ -45,11 +45,6 @@ def crossings_of(passes: Sequence[Pass], obj: int, start_s: float) -> Crossings:
     )
 
 
-def renamed(found: Crossings, names: Index) -> Crossings:
-    """Return crossings with each object's index replaced by the one that `names` gives it."""
-    return Crossings(names[found.obj], *(getattr(found, f.name) for f in fields(found)[1:]))
-
-
 def joined(pieces: Sequence[Crossings]) -> Crossings:
     """Return crossings put together, in order of object and time."""
     pieces = [p for p in pieces if len(p.obj)] or list(pieces[:1])

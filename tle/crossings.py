@@ -13,7 +13,7 @@ of the altitude, which are looked at too, find all but the pathological.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -57,6 +57,10 @@ class Crossings:
     max_alt_deg: Array
     peak_run: Index
     peak_s: Array
+
+    def renamed(self, names: Index) -> Crossings:
+        """Return the same with each object's index replaced by the one that `names` gives it."""
+        return replace(self, obj=names[self.obj])
 
 
 @dataclass(frozen=True, slots=True)
@@ -215,27 +219,27 @@ def _runs(arcs: Arcs, horizon: Horizon, looks: _Looks) -> Crossings:
     first = np.flatnonzero(looks.above & ~before)
     last = np.flatnonzero(looks.above & ~after)
     seconds = arcs.seconds(looks.arc, looks.x)
-    rise_s, rise_q = _borders(arcs, horizon, looks, first - 1, first, new[first])
-    set_s, set_q = _borders(arcs, horizon, looks, last, last + 1, after_new[last])
+    count = len(first)
+    border_s, border_q = _borders(
+        arcs,
+        horizon,
+        looks,
+        (np.concatenate([first - 1, last]), np.concatenate([first, last + 1])),
+        np.concatenate([new[first], after_new[last]]),
+    )
+    rise_s, set_s = border_s[:count], border_s[count:]
     run = np.cumsum(looks.above & ~before) - 1
     peak = np.flatnonzero(looks.above & looks.peak)
     # The highest point of a run is a top of the altitude or one of its ends.
-    open_first, open_last = np.where(np.isnan(rise_s)), np.where(np.isnan(set_s))
-    ends_q = arcs.at(looks.arc[first], looks.x[first])
-    rise_q[:, open_first[0]] = ends_q[:, open_first[0]]
-    ends_q = arcs.at(looks.arc[last], looks.x[last])
-    set_q[:, open_last[0]] = ends_q[:, open_last[0]]
+    ends = np.concatenate([first, last])
+    cut = np.flatnonzero(np.isnan(border_s))
+    border_q[:, cut] = arcs.at(looks.arc[ends[cut]], looks.x[ends[cut]])
+    end_s = border_s.copy()
+    end_s[cut] = seconds[ends[cut]]
     peak_q = arcs.at(looks.arc[peak], looks.x[peak])
-    count = len(first)
     owner = np.concatenate([run[peak], np.arange(count), np.arange(count)])
-    when = np.concatenate(
-        [
-            seconds[peak],
-            np.where(np.isnan(rise_s), seconds[first], rise_s),
-            np.where(np.isnan(set_s), seconds[last], set_s),
-        ]
-    )
-    alt, az = altaz_deg(np.concatenate([peak_q, rise_q, set_q], axis=1))
+    when = np.concatenate([seconds[peak], end_s])
+    alt, az = altaz_deg(np.concatenate([peak_q, border_q], axis=1))
     order = np.lexsort((alt, owner))
     best = order[np.searchsorted(owner[order], np.arange(count), side="right") - 1]
     rise_az, set_az = az[len(peak) : len(peak) + count], az[len(peak) + count :]
@@ -254,9 +258,10 @@ def _runs(arcs: Arcs, horizon: Horizon, looks: _Looks) -> Crossings:
 
 
 def _borders(
-    arcs: Arcs, horizon: Horizon, looks: _Looks, low: Index, high: Index, open_end: Flags
+    arcs: Arcs, horizon: Horizon, looks: _Looks, pairs: tuple[Index, Index], open_end: Flags
 ) -> tuple[Array, Array]:
     """Return seconds and places (3, p) of the horizon between looks; NaN where the window ends first."""
+    low, high = pairs
     found = np.full(len(low), np.nan)
     place = np.full((3, len(low)), np.nan)
     closed = np.flatnonzero(~open_end)

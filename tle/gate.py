@@ -172,7 +172,7 @@ class _Rough:
 
     def height_km(self, obj: Index, since_s: Array) -> Array:
         """Return z, km, of objects by index, each at its own second of the span."""
-        c, ground = self._c.take(obj), self._ground
+        c, ground = self._c.spread(obj), self._ground
         since: Array = ((since_s - self._middle_s) / 60.0).astype(np.float32)
         orbit = mean_orbit(c, self._age_min[obj] + since, since)
         cosu, sinu, radius, _, _ = in_plane(orbit, exact=False)

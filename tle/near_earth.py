@@ -98,6 +98,10 @@ class NearEarth:
             *(changed.get(f.name, getattr(self, f.name)).astype(np.float32) for f in fields(self))
         )
 
+    def spread(self, index: NDArray[np.intp]) -> NearEarth:
+        """Return what goes with arrays about the objects of these indices; one object is left as it is."""
+        return self if len(self.no) == 1 else self.take(index)
+
     def take(self, index: NDArray[np.intp]) -> NearEarth:
         """Return the objects of these indices, which may repeat."""
         return NearEarth(*(getattr(self, f.name)[index] for f in fields(self)))

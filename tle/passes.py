@@ -9,10 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tle.arcs import Windows, anomaly_pieces, fit_arcs, terms_for
+from tle.bias import NO_BIAS
 from tle.crossings import Crossings, find_crossings
 from tle.errors import TimeRangeError
+from tle.ground import Ground
 from tle.horizon import Horizon
 from tle.instants import Utc
+from tle.near_earth import DEEP_SPACE_MIN, brouwer_mean_motion, start_near_earth
+from tle.near_search import near_crossings
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -62,9 +66,13 @@ def find_passes(
     """
     check_hours(hours)
     horizon = Horizon(min_alt_deg, mask)
-    seen = propagator.with_place("geometric")
-    seen.at(start)
     start_s, span_s = float(start.unix_s), hours * HOUR_S
+    propagator.at(start)
+    if propagator.bias == NO_BIAS:
+        near = _near(propagator, (start_s, span_s), horizon)
+        if near is not None:
+            return passes_of(near, start_s)
+    seen = propagator.with_place("geometric")
 
     def sample(_: NDArray[np.intp], since_s: NDArray[np.float64]) -> NDArray[np.float64]:
         there = seen.at(Utc(start_s + since_s.ravel()))
@@ -81,6 +89,16 @@ def find_passes(
             break
         span_s = _good_span(seen, start_s, span_s)
     return passes_of(find_crossings(arcs, horizon), start_s)
+
+
+def _near(propagator: Propagator, span: tuple[float, float], horizon: Horizon) -> Crossings | None:
+    """Return the crossings of a near-Earth object that keeps its orbit, None for any other."""
+    elements = [propagator.elements]
+    if 2.0 * math.pi / float(brouwer_mean_motion(elements)[0]) >= DEEP_SPACE_MIN:
+        return None
+    ground = Ground(propagator.site, propagator.earth, *span)
+    found, left = near_crossings(start_near_earth(elements), ground, span, horizon)
+    return None if len(left) else found
 
 
 def check_hours(hours: float) -> None:

@@ -1,0 +1,236 @@
+"""Passes against skyfield's `find_events`: how much faster, whether the same; ratios are taken by turns.
+
+A random 300 objects of each class of orbit (near the Earth and round; near and eccentric; about synchronous;
+deep space and eccentric; other deep space) stand for the class: skyfield's time is extrapolated by the
+class's size, ours is of the whole catalogue. Both get the same Earth orientation. Prints each class, then
+the ratio for 24 h above 10° over one site, what is missed or invented of passes longer than a second, how
+far apart the times are, the largest memory, and the ratio for one satellite over ten days. Times are
+compared with skyfield's own root of its altitude: `find_events` stops within a tenth of a second of it.
+
+Run it as `python bench/passes.py CATALOGUE` with a TLE file, gzipped or not; `--each N` takes N instead of
+300, `--workers N` the number of processes (all processors without it). It needs skyfield.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gzip
+import os
+import resource
+import statistics
+import sys
+import time
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from skyfield.api import EarthSatellite, load, wgs84
+from skyfield.timelib import Timescale
+
+from tle.catalogue_passes import find_catalogue_passes
+from tle.earth import EarthOrientation
+from tle.elements import Elements
+from tle.errors import TleError
+from tle.instants import Utc
+from tle.passes import find_passes
+from tle.propagator import Propagator
+from tle.site import Site
+from tle.sources import parse_elements
+
+SITE = (52.1541, 4.4908, 0.0)
+DUT1_S, XP_ARCSEC, YP_ARCSEC = 0.05, 0.17, 0.32
+EARTH = EarthOrientation.fixed(DUT1_S, XP_ARCSEC, YP_ARCSEC)
+START = Utc.parse("2025-09-01T00:00:00Z")
+HOURS, MIN_ALT_DEG = 24.0, 10.0
+ROUNDS = 3
+ISS = 25544
+
+
+def timescale() -> Timescale:
+    builtin = load.timescale(builtin=True)
+    ends = np.array([2400000.0, 2500000.0])
+    made = Timescale((ends, np.full(2, 69.184 - DUT1_S)), builtin.leap_dates, builtin.leap_offsets)
+    made.polar_motion_table = (ends, np.full(2, XP_ARCSEC), np.full(2, YP_ARCSEC))
+    return made
+
+
+def orbit_class(one: Elements) -> str:
+    deep, eccentric = one.period_s >= 225.0 * 60.0, one.eccentricity >= 0.05
+    if not deep:
+        return "near, eccentric" if eccentric else "near, round"
+    if eccentric:
+        return "deep, eccentric"
+    return "synchronous" if abs(one.mean_motion_rev_day - 1.0) < 0.1 else "deep, round"
+
+
+class Peer:
+    """skyfield with the same Earth orientation."""
+
+    def __init__(self, hours: float) -> None:
+        self.timescale = timescale()
+        self.place = wgs84.latlon(SITE[0], SITE[1], elevation_m=SITE[2])
+        day, fraction = START.split()
+        self.ends = [
+            self.timescale.tt_jd(day, fraction + (69.184 + s) / 86400.0) for s in (0.0, hours * 3600.0)
+        ]
+
+    def events(self, one: Elements):  # type: ignore[no-untyped-def]
+        """Return seconds since the start and kinds (0 rise, 1 culmination, 2 set)."""
+        times, kinds = EarthSatellite.from_satrec(one.satrec(), self.timescale).find_events(
+            self.place, *self.ends, altitude_degrees=MIN_ALT_DEG
+        )
+        day, fraction = START.split()
+        return ((times.whole - day) + (times.tt_fraction - fraction)) * 86400.0 - 69.184, kinds
+
+    def altitude_deg(self, one: Elements, since_s):  # type: ignore[no-untyped-def]
+        day, fraction = START.split()
+        times = self.timescale.tt_jd(day, fraction + (69.184 + since_s) / 86400.0)
+        seen = (EarthSatellite.from_satrec(one.satrec(), self.timescale) - self.place).at(times)
+        return seen.altaz()[0].degrees
+
+    def highest(self, one: Elements, rise_s: float, set_s: float) -> float:
+        return float(self.altitude_deg(one, np.arange(rise_s, set_s, 0.05)).max())
+
+    def seconds_from_root(self, one: Elements, edges_s) -> list[float]:  # type: ignore[no-untyped-def]
+        """Return how far from instants this altitude is the one asked for, by its value and slope there."""
+        if len(edges_s) == 0:
+            return []
+        before, at, after = (self.altitude_deg(one, edges_s + d) for d in (-0.05, 0.0, 0.05))
+        return [float(s) for s in np.abs((at - MIN_ALT_DEG) / ((after - before) / 0.1))]
+
+
+def timed(work):  # type: ignore[no-untyped-def]
+    start = time.perf_counter()
+    done = work()
+    return time.perf_counter() - start, done
+
+
+def compare(peer: Peer, one: Elements, ours, events) -> tuple[int, int, int, list[float]]:  # type: ignore[no-untyped-def]
+    """Return how many passes over 1 s there are, missed and invented ones, and differences in seconds."""
+    end_s = HOURS * 3600.0
+    theirs = spans(*events)
+    mine = [
+        (
+            0.0 if p.rise_utc is None else p.rise_utc - START,
+            end_s if p.set_utc is None else p.set_utc - START,
+        )
+        for p in ours
+    ]
+    missed = [t for t in theirs if t[1] - t[0] > 1.0 and not any(m[0] < t[1] and m[1] > t[0] for m in mine)]
+    extra = [m for m in mine if m[1] - m[0] > 1.0 and not any(t[0] < m[1] and t[1] > m[0] for t in theirs)]
+    # What one has and the other not is put to skyfield's altitude, every 50 ms.
+    wrong = [t for t in missed if peer.highest(one, *t) > MIN_ALT_DEG]
+    invented = [m for m in extra if peer.highest(one, *m) <= MIN_ALT_DEG]
+    for what, rise, set_ in [*(("skyfield", *t) for t in missed), *(("ours", *m) for m in extra)]:
+        print(f"  {what} alone: {one.label}, {START.plus(rise).isoformat()} for {set_ - rise:.2f} s")
+    edges = np.array([s for m in mine for s in m if 0.0 < s < end_s])
+    return len(mine), len(wrong), len(invented), peer.seconds_from_root(one, edges)
+
+
+def spans(times, kinds) -> list[tuple[float, float]]:  # type: ignore[no-untyped-def]
+    """Return rise and set of each pass among skyfield's events, the span's ends where it gives none."""
+    found, rise, up = [], 0.0, bool(len(kinds)) and kinds[0] != 0
+    for t, kind in zip(times.tolist(), kinds.tolist(), strict=True):
+        if kind == 0:
+            rise, up = t, True
+        elif kind == 2:
+            found.append((rise, t))
+            up = False
+    return [*found, (rise, HOURS * 3600.0)] if up else found
+
+
+def main() -> None:
+    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
+    arguments.add_argument("catalogue", type=Path)
+    arguments.add_argument("--each", type=int, default=300)
+    arguments.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    given = arguments.parse_args()
+    if not given.catalogue.is_file():
+        sys.exit(f"{given.catalogue}: no such catalogue: nothing measured")
+    data = given.catalogue.read_bytes()
+    text = (gzip.decompress(data) if given.catalogue.suffix == ".gz" else data).decode()
+    catalogue = [e for e in parse_elements(text) if isinstance(e, Elements)]
+    names = sorted({orbit_class(e) for e in catalogue})
+    versions = ", ".join(f"{p} {version(p)}" for p in ("skyfield", "sgp4", "numpy"))
+    print(
+        f"{versions}; {len(catalogue)} objects, {HOURS:.0f} h, above {MIN_ALT_DEG:.0f}°, "
+        f"{given.workers} processes"
+    )
+    peer, site = Peer(HOURS), Site(*SITE)
+    rng = np.random.default_rng(20250901)
+    theirs_s, ours_s = [], []
+    totals = np.zeros(3, dtype=int)
+    apart: list[float] = []
+    for number in range(ROUNDS):
+        # A part of each class at a time, so that both meet the same other work on the machine.
+        whole_s = 0.0
+        for name in names:
+            members = [e for e in catalogue if orbit_class(e) == name]
+            share = max(1, min(given.each, len(members)) // ROUNDS)
+            chosen = [members[i] for i in rng.choice(len(members), share, replace=False)]
+            spent, events = timed(lambda chosen=chosen: [safely(peer, e) for e in chosen])
+            whole_s += spent * len(members) / share
+            passes = find_catalogue_passes(chosen, site, START, HOURS, MIN_ALT_DEG, earth=EARTH)
+            failed = {id(e) for e, _ in passes.failed}
+            for one, pair in zip(chosen, events, strict=True):
+                if pair is None or id(one) in failed:
+                    continue
+                mine = [p.seen for p in passes if p.elements is one]
+                counts = compare(peer, one, mine, pair)
+                totals += counts[:3]
+                apart += counts[3]
+            print(f"  {name}: {len(members)} objects, skyfield {spent / share * 1e3:.2f} ms each", flush=True)
+        spent, passes = timed(
+            lambda: find_catalogue_passes(
+                catalogue, site, START, HOURS, MIN_ALT_DEG, earth=EARTH, workers=given.workers
+            )
+        )
+        theirs_s.append(whole_s)
+        ours_s.append(spent)
+        print(
+            f"round {number + 1}: skyfield {whole_s:.1f} s (extrapolated), ours {spent:.2f} s, "
+            f"{len(passes)} passes"
+        )
+    ratios = sorted(t / o for t, o in zip(theirs_s, ours_s, strict=True))
+    memory = sum(
+        resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    )
+    print(
+        f"whole catalogue: {statistics.median(ratios):.0f} times as fast as skyfield "
+        f"({ratios[0]:.0f} to {ratios[-1]:.0f}); at most {memory / 1024.0:.0f} MiB, skyfield's own included"
+    )
+    print(
+        f"{totals[0]} passes compared: {totals[1]} missed, {totals[2]} invented of those over 1 s; "
+        f"times apart by at most {max(apart):.4f} s"
+    )
+    one_satellite(next((e for e in catalogue if e.catalog_number == ISS), catalogue[0]))
+
+
+def safely(peer: Peer, one: Elements):  # type: ignore[no-untyped-def]
+    try:
+        return peer.events(one)
+    except (TleError, ValueError, IndexError):
+        return None
+
+
+def one_satellite(one: Elements) -> None:
+    """Print the ratio for one satellite over ten days."""
+    peer, site = Peer(240.0), Site(*SITE)
+    ratios = []
+    for _ in range(9):
+        theirs, events = timed(lambda: peer.events(one))
+        ours, passes = timed(
+            lambda: find_passes(Propagator(one, site, earth=EARTH), START, 240.0, MIN_ALT_DEG)
+        )
+        ratios.append(theirs / ours)
+    ratios.sort()
+    rises = int((events[1] == 0).sum())
+    print(
+        f"one satellite ({one.label}), 10 days: {statistics.median(ratios):.1f} times as fast "
+        f"({ratios[0]:.1f} to {ratios[-1]:.1f}); {len(passes)} passes, "
+        f"skyfield {rises} rises; ours {ours * 1e3:.2f} ms"
+    )
+
+
+if __name__ == "__main__":
+    main()

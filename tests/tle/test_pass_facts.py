@@ -1,0 +1,139 @@
+"""Light, Sun, Moon, rates and brightness of passes, against the propagator every half second and ERFA."""
+
+from __future__ import annotations
+
+import math
+
+import erfa
+import numpy as np
+import pytest
+from tle_facts import ISS, LEIDEN, MOLNIYA, STARLINK_ALPHA5, TDRS3
+
+from tle.brightness import magnitude, read_magnitudes
+from tle.catalogue_passes import find_catalogue_passes
+from tle.elements import Elements
+from tle.errors import SourceError
+from tle.instants import Utc
+from tle.moon import moon_km
+from tle.pass_facts import pass_facts
+from tle.propagator import Propagator
+from tle.roots import least, roots
+from tle.site import Site
+
+START = Utc.parse("2026-10-02T12:00:00Z")
+HOURS = 30.0
+SITE = Site(*LEIDEN)
+SETS = [Elements.from_tle(*lines) for lines in (ISS, STARLINK_ALPHA5, MOLNIYA, TDRS3)]
+PASSES = find_catalogue_passes(SETS, SITE, START, HOURS, 10.0)
+
+
+def looks(one):
+    first = one.seen.rise_utc or START
+    last = one.seen.set_utc or START.plus(HOURS * 3600.0)
+    step_s = 0.25 if last - first < 3600.0 else 2.0
+    times = Utc(np.append(np.arange(first.unix_s, last.unix_s, step_s), last.unix_s))
+    return Propagator(one.elements, SITE, place="geometric").at(times)
+
+
+def within(t, intervals):
+    slack_s = 1e-3
+    ones = [(t > low.unix_s - slack_s) & (t < high.unix_s + slack_s) for low, high in intervals]
+    return np.any([np.zeros(len(t), dtype=bool), *ones], axis=0)
+
+
+def body_direction(place_km, at):
+    """Return unit vectors from the site to a body, true of date, by ERFA alone."""
+    jd, fraction = at.split()
+    tt = fraction + 69.184 / 86400.0
+    matrix = erfa.pnm06a(jd, tt)
+    theta = erfa.gst06a(jd, fraction, jd, tt) + math.radians(LEIDEN[1])
+    phi = math.radians(LEIDEN[0])
+    x, _, z = erfa.gd2gc(1, 0.0, phi, LEIDEN[2]) / 1000.0
+    site = np.stack([x * np.cos(theta), x * np.sin(theta), np.full_like(theta, z)], axis=1)
+    seen = np.einsum("nij,nj->ni", matrix, place_km(jd, tt)) - site
+    return seen / np.linalg.norm(seen, axis=1)[:, None]
+
+
+@pytest.mark.parametrize("index", range(len(PASSES)))
+def test_the_facts_of_a_pass(index):
+    one, (facts,) = PASSES[index], pass_facts(PASSES, [index])
+    seen = looks(one)
+    assert facts.peak_ha_rate_deg_s == pytest.approx(np.abs(seen.ha_rate_deg_s).max(), rel=3e-3)
+    assert facts.peak_dec_rate_deg_s == pytest.approx(np.abs(seen.dec_rate_deg_s).max(), rel=3e-3)
+    for ours, place in (
+        (facts.min_sun_separation_deg, lambda a, b: -erfa.epv00(a, b)[0]["p"] * 149597870.7),
+        (facts.min_moon_separation_deg, lambda a, b: erfa.moon98(a, b)["p"] * 149597870.7),
+    ):
+        apart = np.degrees(np.arccos(np.sum(seen.unit * body_direction(place, seen.utc), axis=1)))
+        assert ours == pytest.approx(apart.min(), abs=0.003)
+    # At the border of `sunlit` half of the disc is seen: penumbra, or what is sunlit, on either side.
+    t = seen.utc.unix_s
+    lit, part = (within(t, intervals) for intervals in (facts.sunlit, facts.penumbra))
+    sunlit = np.asarray(seen.sunlit)
+    edge = np.abs(np.subtract.outer(t, t[1:][sunlit[1:] != sunlit[:-1]])).min(axis=1, initial=1e9) < 60.0
+    assert (sunlit[lit & ~edge]).all()
+    assert (~sunlit[~lit & ~part & ~edge]).all()
+    if (sunlit[1:] != sunlit[:-1]).any():
+        assert part.any()
+
+
+def test_the_altitude_of_the_sun():
+    facts = pass_facts(PASSES)
+    sun = [f.sun_alt_deg for f, p in zip(facts, PASSES, strict=True)]
+    assert len(sun) == len(PASSES)
+    for one, alt in zip(PASSES, sun, strict=True):
+        at = Utc(np.array([one.seen.culminate_utc.unix_s]))
+        towards = body_direction(lambda a, b: -erfa.epv00(a, b)[0]["p"] * 149597870.7, at)[0]
+        theta = erfa.gst06a(*at.split(), at.split()[0], at.split()[1] + 69.184 / 86400.0) + math.radians(
+            LEIDEN[1]
+        )
+        phi = math.radians(LEIDEN[0])
+        up = np.array([math.cos(phi) * np.cos(theta[0]), math.cos(phi) * np.sin(theta[0]), math.sin(phi)])
+        assert alt == pytest.approx(math.degrees(math.asin(up @ towards)), abs=0.001)
+
+
+def test_magnitudes_are_told_only_where_known():
+    facts = pass_facts(PASSES, magnitudes={25544: -1.8})
+    for one, fact in zip(PASSES, facts, strict=True):
+        known = one.elements.catalog_number == 25544 and (fact.sunlit or fact.penumbra)
+        assert (fact.magnitude is not None) == bool(known)
+    assert all(f.magnitude is None for f in pass_facts(PASSES))
+
+
+def test_a_diffuse_sphere():
+    assert magnitude(4.0, 1000.0, math.pi / 2.0) == pytest.approx(4.0)
+    assert magnitude(4.0, 2000.0, math.pi / 2.0) == pytest.approx(5.505, abs=1e-3)
+    # Fully lit it is pi times as bright as half lit.
+    assert magnitude(4.0, 1000.0, 0.0) == pytest.approx(4.0 - 2.5 * math.log10(math.pi))
+
+
+def test_a_list_of_magnitudes(tmp_path):
+    path = tmp_path / "known.txt"
+    path.write_text("# number, magnitude, name\n25544 -1.8 ISS\n\n20580, 2.2\n")
+    assert read_magnitudes(path) == {25544: -1.8, 20580: 2.2}
+    path.write_text("25544 -1.8\n20580 bright\n")
+    with pytest.raises(SourceError, match=r"known\.txt:2: '20580 bright' is no magnitude"):
+        read_magnitudes(path)
+    with pytest.raises(SourceError, match="cannot read magnitudes"):
+        read_magnitudes(tmp_path / "nothing")
+
+
+def test_the_moon_is_where_the_almanac_has_it():
+    # New Moon of the solar eclipse of 2026-08-12, greatest at 17:46 UTC: under 1.6° from the Sun.
+    at = Utc.parse("2026-08-12T17:46:00Z")
+    jd, fraction = at.split()
+    sun = -erfa.epv00(jd, fraction + 69.184 / 86400.0)[0]["p"]
+    moon = moon_km(at)
+    cosine = sun @ moon / np.linalg.norm(sun) / np.linalg.norm(moon)
+    assert math.degrees(math.acos(cosine)) < 1.6
+    assert 350000.0 < np.linalg.norm(moon) < 410000.0
+
+
+def test_roots_and_valleys():
+    low, high = np.array([0.0, 1.0, -3.0]), np.array([2.0, 5.0, 3.0])
+    wanted = np.array([1.25, 4.9, -2.0])
+    assert roots(lambda x: (x - wanted) ** 3, low, high, 1e-9) == pytest.approx(wanted, abs=1e-3)
+    assert roots(lambda x: np.expm1(wanted - x), low, high, 1e-9) == pytest.approx(wanted, abs=1e-9)
+    where, what = least(lambda x: np.abs(x - wanted), low, high, 40)
+    assert where == pytest.approx(wanted, abs=1e-7)
+    assert what == pytest.approx(0.0, abs=1e-7)

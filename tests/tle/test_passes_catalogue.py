@@ -1,0 +1,271 @@
+"""The passes of many objects, against SGP4 asked every second, skyfield, and the search for one."""
+
+from __future__ import annotations
+
+import gzip
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from skyfield.api import EarthSatellite, load, wgs84
+from skyfield.timelib import Timescale
+from tle_facts import DECAYING, ISS, LEIDEN, MOLNIYA, PARANAL, STARLINK_ALPHA5, TDRS3
+
+from tle.catalogue_passes import find_catalogue_passes
+from tle.crossings import SURE_S, highest_between
+from tle.earth import EarthOrientation
+from tle.elements import Elements
+from tle.gate import orbit_bounds
+from tle.horizon import Horizon, HorizonMask
+from tle.instants import Utc
+from tle.near_earth import brouwer_mean_motion, in_plane, mean_orbit, start_near_earth, teme_km
+from tle.passes import find_passes
+from tle.propagator import Propagator
+from tle.site import Site
+from tle.sources import parse_elements
+
+SETS = (ISS, STARLINK_ALPHA5, MOLNIYA, TDRS3)
+START = Utc.parse("2026-10-02")
+EARTH = EarthOrientation.fixed(0.05, 0.17, 0.32)
+
+
+@pytest.fixture(scope="module")
+def catalogue(cases):
+    text = gzip.decompress((cases / "catalogues" / "spacetrack_full_20250901.tle.gz").read_bytes())
+    return [e for e in parse_elements(text.decode()) if isinstance(e, Elements)]
+
+
+def above_every_second(elements, site, start, hours, horizon):
+    """Return seconds since start and whether SGP4 has the satellite above the horizon at each."""
+    since = np.arange(0.0, hours * 3600.0, 1.0)
+    seen = Propagator(elements, site, earth=EARTH, place="geometric").at(Utc(start.unix_s + since))
+    good = seen.error == 0
+    with np.errstate(invalid="ignore"):
+        return since, good & (seen.alt_deg > horizon.altitude_deg(seen.az_deg))
+
+
+def told_every_second(found, since):
+    told = np.zeros(len(since), dtype=bool)
+    for rise, set_ in zip(found.rise_s, found.set_s, strict=True):
+        told |= (since > np.nan_to_num(rise, nan=-1.0)) & (since < np.nan_to_num(set_, nan=1e9))
+    return told
+
+
+@st.composite
+def orbits(draw):
+    """Return elements of any orbit with a perigee above 180 km that goes round in at most two days."""
+    perigee_km = draw(st.floats(180.0, 3000.0))
+    e = draw(st.sampled_from([0.0001, 0.002, 0.02, 0.1, 0.4, 0.72])) * draw(st.floats(0.5, 1.0))
+    a = (6378.135 + perigee_km) / (1.0 - e)
+    period_s = 2.0 * np.pi * np.sqrt(a**3 / 398600.8)
+    angle = st.floats(0.0, 359.99)
+    return Elements(
+        name="ANY",
+        catalog_number=1,
+        classification="U",
+        designator="",
+        epoch=START.plus(draw(st.floats(-5.0, 5.0)) * 86400.0),
+        inclination_deg=draw(st.floats(0.0, 179.9)),
+        raan_deg=draw(angle),
+        eccentricity=e,
+        arg_perigee_deg=draw(angle),
+        mean_anomaly_deg=draw(angle),
+        mean_motion_rev_day=86400.0 / period_s,
+        mean_motion_dot_rev_day2=0.0,
+        mean_motion_ddot_rev_day3=0.0,
+        bstar_per_earth_radius=draw(st.floats(-1e-4, 1e-3)),
+    )
+
+
+@st.composite
+def sites(draw):
+    latitude = draw(st.sampled_from([-90.0, 90.0, 0.0]) | st.floats(-90.0, 90.0))
+    longitude = draw(st.sampled_from([-180.0, 180.0, 179.9999]) | st.floats(-180.0, 180.0))
+    return Site(latitude, longitude, draw(st.floats(-400.0, 6000.0)))
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(orbits(), sites(), st.floats(-5.0, 80.0))
+def test_nothing_is_missed_or_invented(elements, site, min_alt_deg):
+    passes = find_catalogue_passes([elements], site, START, 12.0, min_alt_deg, earth=EARTH)
+    since, above = above_every_second(elements, site, START, 12.0, Horizon(min_alt_deg))
+    assert passes.failed == []
+    assert (told_every_second(passes.found, since) == above).all()
+    assert (passes.found.max_alt_deg > min_alt_deg).all()
+
+
+SKYLINES = (
+    HorizonMask((0.0, 90.0, 180.0, 270.0), (5.0, 25.0, 8.0, 40.0)),
+    HorizonMask((100.0, 100.0, 140.0, 140.0), (0.0, 70.0, 70.0, 0.0)),
+    HorizonMask((359.9,), (30.0,)),
+)
+
+
+@pytest.mark.parametrize("mask", SKYLINES, ids=["hills", "tower", "one point"])
+@pytest.mark.parametrize("lines", SETS, ids=["ISS", "Starlink", "Molniya", "TDRS"])
+def test_a_skyline(lines, mask):
+    elements, site = Elements.from_tle(*lines), Site(*LEIDEN)
+    horizon = Horizon(3.0, mask)
+    passes = find_catalogue_passes([elements], site, START, 24.0, horizon, earth=EARTH)
+    since, above = above_every_second(elements, site, START, 24.0, horizon)
+    assert (told_every_second(passes.found, since) == above).all()
+    alone = find_passes(Propagator(elements, site, earth=EARTH), START, 24.0, 3.0, mask)
+    assert len(alone) == len(passes)
+
+
+@pytest.mark.parametrize("place", [LEIDEN, PARANAL])
+def test_many_are_found_as_one_is(place):
+    elements, site = [Elements.from_tle(*lines) for lines in SETS], Site(*place)
+    passes = find_catalogue_passes(elements, site, START, 48.0, 5.0, earth=EARTH)
+    alone = [
+        (one, p)
+        for one in elements
+        for p in find_passes(Propagator(one, site, earth=EARTH), START, 48.0, 5.0)
+    ]
+    assert [p.elements for p in passes] == [one for one, _ in alone]
+    for ours, (_, theirs) in zip(passes, alone, strict=True):
+        for name in ("rise_utc", "culminate_utc", "set_utc"):
+            one, other = getattr(ours.seen, name), getattr(theirs, name)
+            assert (one is None) == (other is None)
+            assert one is None or abs(one - other) < 2e-3
+        assert ours.seen.max_alt_deg == pytest.approx(theirs.max_alt_deg, abs=1e-5)
+        assert len(ours.seen.culminations_utc) == len(theirs.culminations_utc)
+    assert passes[-1] == passes.take(np.array([len(passes) - 1]))[0]
+    assert passes[1:3] == list(passes)[1:3]
+
+
+def test_grazing_passes_down_to_the_stated_length():
+    site = Site(*LEIDEN)
+    elements = Elements.from_tle(*ISS)
+    tops = [p.seen.max_alt_deg for p in find_catalogue_passes([elements], site, START, 24.0, 0.0)]
+    for top in tops:
+        for below_deg in (1e-6, 1e-5, 1e-3, 0.1):
+            passes = find_catalogue_passes([elements], site, START, 24.0, top - below_deg)
+            assert np.abs(passes.found.max_alt_deg - top).min() < 5e-7
+        over = find_catalogue_passes([elements], site, START, 24.0, top + 1e-6).found.max_alt_deg
+        assert np.abs(over - top).min(initial=9.0) > 5e-7
+    assert SURE_S <= 1.0
+
+
+def test_the_parabola_bounds_what_bends_no_more():
+    rng = np.random.default_rng(3)
+    z0, rate, span = rng.normal(size=500), rng.normal(size=500), rng.uniform(0.1, 3.0, 500)
+    c = rng.uniform(0.0, 4.0, 500)
+    part = np.linspace(0.0, 1.0, 200)[:, None]
+    z = z0 + rate * part * span - 0.5 * c * (part * span) ** 2
+    top = highest_between(z[0], z[-1], c, span)
+    assert (top >= z.max(axis=0) - 1e-12).all()
+    assert np.abs(top - z.max(axis=0)).max() < 1e-3
+
+
+def test_several_culminations_in_one_pass():
+    passes = find_passes(
+        Propagator(Elements.from_tle(*MOLNIYA), Site(50.0, 60.0)), Utc.parse("2025-09-02"), 48.0, 0.0
+    )
+    several = [p for p in passes if len(p.culminations_utc) > 1]
+    assert several
+    for one in several:
+        assert one.culminate_utc in one.culminations_utc
+
+
+def test_decayed_ones_are_listed_and_the_rest_is_found():
+    elements = [Elements.from_tle(*lines) for lines in (DECAYING, ISS)]
+    passes = find_catalogue_passes(elements, Site(*LEIDEN), START, 24.0)
+    assert [one for one, _ in passes.failed] == elements[:1]
+    assert "29141" in str(passes.failed[0][1])
+    assert {p.elements.catalog_number for p in passes} == {25544}
+    assert len(find_catalogue_passes([], Site(*LEIDEN), START, 24.0)) == 0
+
+
+def test_our_sgp4_is_vallados(catalogue):
+    near = [
+        e for e, n in zip(catalogue, brouwer_mean_motion(catalogue), strict=True) if 2.0 * np.pi / n < 225.0
+    ]
+    near = sorted(near[::8], key=lambda e: e.eccentricity)
+    start_s = Utc.parse("2025-09-01").unix_s
+    times = start_s + np.random.default_rng(1).uniform(0.0, 86400.0, len(near))
+    c = start_near_earth(near)
+    ours = np.stack(teme_km(c, times), axis=1)
+    regular = orbit_bounds(c, start_s, 86400.0).regular
+    assert regular.mean() > 0.995
+    for one, t, place in zip(
+        [e for e, r in zip(near, regular, strict=True) if r], times[regular], ours[regular], strict=True
+    ):
+        jd, fraction = Utc(float(t)).split()
+        error, theirs, _ = one.satrec().sgp4(jd, fraction)
+        assert error == 0
+        assert np.abs(place - theirs).max() < 1e-6
+
+
+def test_the_mean_orbit_stays_within_its_bound(catalogue):
+    near = [
+        e for e, n in zip(catalogue, brouwer_mean_motion(catalogue), strict=True) if 2.0 * np.pi / n < 225.0
+    ]
+    c = start_near_earth(near[::4])
+    start_s = Utc.parse("2025-09-01").unix_s
+    bounds = orbit_bounds(c, start_s, 86400.0)
+    index = np.flatnonzero(bounds.regular)
+    c, bounds = c.take(index), bounds.take(index)
+    for since_s in np.linspace(0.0, 86400.0, 7):
+        times = np.full(len(index), start_s + since_s)
+        place = np.stack(teme_km(c, times))
+        orbit = mean_orbit(c, (times - c.epoch_s) / 60.0)
+        cosu, sinu, radius, _, _ = in_plane(orbit, exact=True)
+        cn, sn, r = np.cos(orbit.node), np.sin(orbit.node), radius * 6378.135
+        rough = r * np.stack(
+            [cosu * cn - sinu * c.cosio * sn, cosu * sn + sinu * c.cosio * cn, sinu * c.sinio]
+        )
+        distance = np.linalg.norm(place, axis=0)
+        assert (np.linalg.norm(rough - place, axis=0) < bounds.margin_km).all()
+        assert (distance > bounds.lowest_km).all()
+        assert (distance < bounds.highest_km).all()
+
+
+def test_skyfield_finds_the_same(catalogue):
+    timescale = _timescale(0.05, 0.17, 0.32)
+    start = Utc.parse("2025-09-02")
+    chosen = [catalogue[i] for i in np.random.default_rng(7).choice(len(catalogue), 60, replace=False)]
+    passes = find_catalogue_passes(chosen, Site(*LEIDEN), start, 12.0, 10.0, earth=EARTH)
+    place = wgs84.latlon(*LEIDEN[:2], elevation_m=LEIDEN[2])
+    ends = [timescale.tt_jd(start.split()[0], (s + 69.184) / 86400.0) for s in (0.0, 43200.0)]
+    compared = 0
+    for one in chosen:
+        ours = [p.seen for p in passes if p.elements is one]
+        peer = EarthSatellite.from_satrec(one.satrec(), timescale)
+        times, events = peer.find_events(place, *ends, altitude_degrees=10.0)
+        rises = times.tt[events == 0]
+        mine = [p.rise_utc for p in ours if p.rise_utc is not None]
+        assert len(rises) == len(mine)
+        for rise in mine:
+            # Its events are good to a tenth of a second: its altitude at ours says more.
+            day, fraction = rise.split()
+            altitude, _, _ = (peer - place).at(timescale.tt_jd(day, fraction + 69.184 / 86400.0)).altaz()
+            rate = Propagator(one, Site(*LEIDEN), earth=EARTH, place="geometric").at(rise).alt_rate_deg_s
+            assert abs(altitude.degrees - 10.0) / rate < 0.05
+            assert np.abs((rises - day - fraction) * 86400.0 - 69.184).min() < 0.2
+            compared += 1
+    assert compared > 80
+
+
+def test_two_processes_find_what_one_does(catalogue):
+    chosen = catalogue[::5]
+    told = []
+    one, two = (
+        find_catalogue_passes(
+            chosen, Site(*LEIDEN), Utc.parse("2025-09-01"), 6.0, workers=n, progress=lambda *a: told.append(a)
+        )
+        for n in (1, 2)
+    )
+    assert np.array_equal(one.found.rise_s, two.found.rise_s, equal_nan=True)
+    assert np.array_equal(one.found.obj, two.found.obj)
+    assert told[-1] == (len(chosen), len(chosen))
+
+
+def _timescale(dut1_s, xp_arcsec, yp_arcsec):
+    builtin = load.timescale(builtin=True)
+    delta_t = 37.0 + 32.184 - dut1_s
+    ends = np.array([2400000.0, 2500000.0])
+    timescale = Timescale((ends, np.array([delta_t, delta_t])), builtin.leap_dates, builtin.leap_offsets)
+    timescale.polar_motion_table = (ends, np.full(2, xp_arcsec), np.full(2, yp_arcsec))
+    return timescale
