@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+import traceback
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -22,7 +23,7 @@ COMMANDS = {
     "passes": "Coming passes of one satellite, some, or a whole catalogue.",
     "track": "Follow the pass now in progress, else the next.",
     "sim": "The simulated mount alone, on UDP.",
-    "elements": "Look at element sets: show, check.",
+    "elements": "Fetch, show and check element sets.",
 }
 
 
@@ -74,7 +75,12 @@ def run(arguments: list[str]) -> int:
         return error.exit_code
     except (SattrackError, TleError) as error:
         if "--debug" in arguments:
-            raise
+            traceback.print_exc()
         click.echo(f"sattrack: {error}", err=True)
         return error.exit_code
+    except Exception as error:  # noqa: BLE001 - a defect is told in a line too, and in full with --debug
+        if "--debug" in arguments:
+            traceback.print_exc()
+        click.echo(f"sattrack: a defect of sattrack: {error!r}; --debug shows where", err=True)
+        return 1
     return result if isinstance(result, int) else 0

@@ -14,6 +14,7 @@ from tle.errors import TleError
 from tle.instants import Utc
 
 FASTEST_LIVE_SPEED = 20.0
+SLEW_S_PER_S = 5e-4
 
 
 class Clock(Protocol):
@@ -27,15 +28,28 @@ class Clock(Protocol):
         """Return the UTC instant, POSIX seconds, at a reading of the monotonic clock."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class SystemClock:
-    """The machine's own UTC, read anew at each question so that corrections by NTP take effect."""
+    """The machine's own UTC, without its steps.
+
+    Where the machine's time is set while a run goes on, this clock does not jump but drifts there by
+    SLEW_S_PER_S: a jump of a millisecond would be five arcseconds on a fast satellite.
+    """
 
     speed: float = 1.0
+    _offset_s: float | None = None
+    _read_s: float = 0.0
 
     def utc_s(self, monotonic_s: float) -> float:
         """See Clock."""
-        return time.time() + (monotonic_s - time.monotonic())
+        now_s = time.monotonic()
+        offset_s = time.time() - now_s
+        if self._offset_s is None:
+            self._offset_s, self._read_s = offset_s, now_s
+        most_s = SLEW_S_PER_S * max(0.0, now_s - self._read_s)
+        self._offset_s += max(-most_s, min(most_s, offset_s - self._offset_s))
+        self._read_s = now_s
+        return monotonic_s + self._offset_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,3 +85,11 @@ def parse_clock(text: str) -> tuple[Utc, float]:
             "for more, --virtual runs as fast as it goes"
         )
     return start, speed
+
+
+def make_clock(option: str | None) -> tuple[Clock, Utc]:
+    """Return the clock that `--clock` asks for, started now, and its instant. Raises BadInputError."""
+    if option is None:
+        return SystemClock(), Utc(time.time())
+    start, speed = parse_clock(option)
+    return SimulatedClock(float(start.unix_s), time.monotonic(), speed), start

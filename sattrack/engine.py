@@ -9,21 +9,29 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sattrack.control.kalman import wrap180
 from sattrack.figures import RunningError, WindowedError
-from sattrack.messages import Message, StopNow
-from sattrack.safety import Safety, SafetyLimits
+from sattrack.mount import Hold, Motion, MoveAxes, StatusSample
+from sattrack.safety import ROWS, Safety, SafetyLimits
 from sattrack.tracker import Phase, SkyError, Tracker, TrackPlan, sky_error
 from sattrack.view import ErrorView, LinkView, TrackView
-from sattrack.xerxes.session import LinkState, Session, SlewState
+from sattrack.xerxes.session import STALE_AFTER_S, LinkState, Session, SlewState
 
 if TYPE_CHECKING:
+    from sattrack.messages import Message
     from sattrack.mount import MountProfile
     from tle.bias import Bias
     from tle.propagator import Propagator
 
 NO_ANSWER_AFTER_S = 3.0
-STOP_WITHIN_S = 3.0
-"""How long a stop may wait for the mount's acknowledgement and rest."""
+STOP_UNHEARD_S = 12.0
+"""How long stops are sent to a mount that is not heard: longer than a switch takes to come up again."""
+STOP_UNCONFIRMED_S = 60.0
+"""How long stops are sent to a mount that answers but does not come to rest."""
+LINGER_S = 0.25
+"""Flag-free datagrams after the rest was seen, so that no late one is the last that the mount gets."""
+LONGEST_STEP_S = 0.5
+SITE_TOLERANCE_DEG = 0.1
 RATE_WINDOW = 100
 
 
@@ -43,6 +51,7 @@ class RunSpec:
     bias: Bias
     mount_name: str
     started_utc_s: float
+    simulated: bool = False
     recording: str | None = None
 
 
@@ -62,8 +71,11 @@ class Engine:
         self._recent = WindowedError()
         self._arrivals: deque[float] = deque(maxlen=RATE_WINDOW)
         self._stop_asked_s: float | None = None
+        self._rest_seen_s: float | None = None
+        self._commanded: Motion = Hold()
         self._link_state = LinkState.SILENT
         self._counted: set[int] = set()
+        self._before: StatusSample | None = None
 
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
@@ -76,15 +88,32 @@ class Engine:
         self._arrivals.append(arrival_utc_s)
         if self.failed:
             return
+        before, was = self.tracker.error, self._before
         error = self.tracker.take(sample)
-        if self.tracker.phase is not Phase.TRACKING:
+        seconds = 0.0 if before is None else error.utc_s - before.utc_s
+        self._before = sample
+        if was is not None and 0.0 < seconds < LONGEST_STEP_S:
+            self._watch_motion(was, sample, seconds)
+            self._count(error, sample.counter, seconds)
+
+    def _watch_motion(self, was: StatusSample, sample: StatusSample, seconds: float) -> None:
+        moved = MoveAxes(
+            wrap180(sample.ra_deg - was.ra_deg) / seconds, (sample.dec_deg - was.dec_deg) / seconds
+        )
+        self.safety.watch(sample.sidereal_h * 15.0 - sample.ra_deg, moved, self._commanded, seconds)
+
+    def _count(self, error: SkyError, counter: int, seconds: float) -> None:
+        """Take an error into the figures: everything from the first acquisition on, lost or not."""
+        following = self.tracker.phase in {Phase.ACQUIRING, Phase.TRACKING}
+        if not following or self.tracker.acquired_utc_s is None:
             self._recent.clear()
             return
-        self._counted.add(sample.counter)
+        if self.spec.simulated:
+            self._counted.add(counter)
         self.reported.add(error.total_arcsec)
         self._recent.add(error.utc_s, error.total_arcsec)
         if error.total_arcsec <= self.spec.plan.on_target_arcsec:
-            self.on_target_s += self.spec.profile.period_s
+            self.on_target_s += seconds
 
     def operate(self, message: Message, now_utc_s: float) -> None:
         """Obey the operator."""
@@ -97,11 +126,14 @@ class Engine:
         motion = self.tracker.step(now_utc_s, self.session.slew_state is SlewState.DONE)
         sample = self.session.sample
         if sample is not None:
-            cleared = self.safety.clear(motion, sample.sidereal_h * 15.0, sample.ra_deg, sample.dec_deg)
+            age_s = max(0.0, now_utc_s - sample.arrival_utc_s)
+            lst_deg = sample.sidereal_h * 15.0
+            cleared = self.safety.clear(motion, lst_deg, sample.ra_deg, sample.dec_deg, age_s)
+            self._commanded = cleared.motion
             self.session.apply(cleared)
             self.tracker.note_sent(cleared.motion, now_utc_s)
             if self.safety.tripped is not None and self.tracker.ended_by is None:
-                self._give_up(f"limit:{self.safety.tripped}", self._limit_words(), now_utc_s)
+                self._give_up(f"limit:{self.safety.tripped}", self._limit_words())
         elif self.tracker.phase is Phase.STOPPING:
             self.session.apply(self.safety.clear(motion, 0.0, 0.0, 0.0))
         if self.tracker.ended_by == "error" and self.message is None:
@@ -109,20 +141,20 @@ class Engine:
         self._watch_stop(now_utc_s)
         return self.session.compose()
 
-    def fail(self, words: str, now_utc_s: float) -> None:
+    def fail(self, words: str) -> None:
         """Stop the mount and nothing else from now on: what computes directions is not to be relied on."""
         self.failed = True
-        self._give_up("error", words, now_utc_s)
+        self._give_up("error", words)
 
     def _watch_link(self, now_utc_s: float) -> None:
         self._link_state = state = self.session.link_state(now_utc_s)
         if self.tracker.ended_by is not None:
             return
         if state is LinkState.LOST:
-            self._give_up("link", f"{self.spec.mount_name} fell silent; stop commands were sent", now_utc_s)
+            self._give_up("link", f"{self.spec.mount_name} fell silent; stop commands were sent")
         elif state is LinkState.SILENT and now_utc_s - self.spec.started_utc_s > NO_ANSWER_AFTER_S:
             words = f"no status from {self.spec.mount_name} within {NO_ANSWER_AFTER_S:g} s"
-            self._give_up("link", f"{words}; is it on, and set to send here?", now_utc_s)
+            self._give_up("link", f"{words}; is it on, and set to send here?")
 
     def _watch_stop(self, now_utc_s: float) -> None:
         if self.tracker.phase is not Phase.STOPPING or self.finished:
@@ -130,15 +162,23 @@ class Engine:
         if self._stop_asked_s is None:
             self._stop_asked_s = now_utc_s
         waited_s = now_utc_s - self._stop_asked_s
+        if not self.session.stopped:
+            self._rest_seen_s = None
+        elif self._rest_seen_s is None:
+            self._rest_seen_s = now_utc_s
+        rested = self._rest_seen_s is not None and now_utc_s - self._rest_seen_s >= LINGER_S
         never_heard = self.session.sample is None and waited_s > 4 * self.spec.profile.period_s
-        self.finished = self.session.stopped or never_heard or waited_s > STOP_WITHIN_S
+        heard = self.session.link_state(now_utc_s) is not LinkState.LOST
+        given_up = waited_s > (STOP_UNCONFIRMED_S if heard else STOP_UNHEARD_S)
+        self.finished = rested or never_heard or given_up
 
-    def _give_up(self, why: str, words: str, now_utc_s: float) -> None:
+    def _give_up(self, why: str, words: str) -> None:
         self.message = words
-        self.tracker.operate(StopNow(why), now_utc_s)
+        self.tracker.end(why)
 
     def _limit_words(self) -> str:
-        return f"safety stopped the mount: {self.safety.tripped} limit"
+        row = ROWS[self.safety.tripped or ""]
+        return f"safety stopped the mount at its {row.name} limit ({row.watches}); to go on: {row.way_out}"
 
     def true_error(self, counter: int, utc_s: float, ra_deg: float, dec_deg: float) -> SkyError | None:
         """Return the error of a simulated mount's true axes; None outside the time that figures count."""
@@ -150,9 +190,11 @@ class Engine:
     def view(self, now_utc_s: float) -> TrackView:
         """Return what anyone who looks may see, as of an instant."""
         spec, tracker, sample = self.spec, self.tracker, self.session.sample
-        target = tracker.direction_at(now_utc_s)
-        health = self.session.health
         error = tracker.error
+        fresh = error is not None and 0.0 <= now_utc_s - error.utc_s < STALE_AFTER_S
+        # Target and mount are shown for one instant: a tick apart they would seem to disagree.
+        target = tracker.direction_at(error.utc_s if error is not None and fresh else now_utc_s)
+        health = self.session.health
         age_s = None if sample is None else max(0.0, now_utc_s - sample.arrival_utc_s)
         return TrackView(
             utc_s=now_utc_s,
@@ -204,12 +246,31 @@ class Engine:
             return None
         return (len(self._arrivals) - 1) / (self._arrivals[-1] - self._arrivals[0])
 
+    def _site_warnings(self) -> list[str]:
+        """Say where the mount believes it stands, if that is somewhere else."""
+        status, site = self.session.status, self.spec.propagator.site
+        if status is None or (status.site_latitude_deg == 0.0 and status.site_longitude_deg == 0.0):
+            return []
+        apart = (
+            abs(status.site_latitude_deg - site.latitude_deg),
+            abs(wrap180(status.site_longitude_deg - site.longitude_deg)),
+        )
+        if max(apart) < SITE_TOLERANCE_DEG:
+            return []
+        where = f"{status.site_latitude_deg:.2f}, {status.site_longitude_deg:.2f}"
+        return [f"the mount believes it stands at {where}: check the site on both sides"]
+
     def _warnings(self) -> tuple[str, ...]:
         warnings = []
         if self._link_state is LinkState.STALE:
             warnings.append("no fresh status from the mount: following by prediction")
         if self.safety.clamping and self.tracker.phase in {Phase.ACQUIRING, Phase.TRACKING}:
             warnings.append("the mount's rate limit is reached")
+        if self.tracker.phase is Phase.STOPPING and not self.finished and not self.session.stopped:
+            warnings.append("the stop is not confirmed yet: it is being sent again and again")
+        if self.tracker.refusal is not None:
+            warnings.append(self.tracker.refusal)
+        warnings.extend(self._site_warnings())
         if self.message:
             warnings.append(self.message)
         return tuple(warnings)

@@ -20,9 +20,7 @@ class ClearBias(msgspec.Struct, frozen=True, tag="clear_bias", forbid_unknown_fi
 
 
 class StopNow(msgspec.Struct, frozen=True, tag="stop", forbid_unknown_fields=True):
-    """Stop the mount and end the run; `why` is what `ended_by` will say."""
-
-    why: str = "operator"
+    """Stop the mount and end the run."""
 
 
 Message = Nudge | ClearBias | StopNow

@@ -38,6 +38,8 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     dec_rate_sign: Literal[-1, 1] = 1
     additive: bool = True
     move_axis: Literal["held"] = "held"
+    hour_angle_limit_deg: float = 200.0
+    """How far the hour angle axis may turn either way of the meridian, the cables counted."""
     period_s: float = 0.05
     command_delay_s: float = 0.0003
     status_delay_s: float = 0.0001

@@ -64,8 +64,10 @@ def load_settings(explicit: Path | None = None) -> Settings:
         return Settings()
     try:
         text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise BadInputError(f"{path}: cannot read the settings: {error}") from error
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot read the settings: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise BadInputError(f"{path}: cannot read the settings: they are no UTF-8 text") from error
     try:
         settings = msgspec.toml.decode(text, type=Settings)
     except msgspec.ValidationError as error:
@@ -73,8 +75,13 @@ def load_settings(explicit: Path | None = None) -> Settings:
     except msgspec.DecodeError as error:
         raise BadInputError(f"{path}: not a TOML file: {error}") from error
     here = path.parent
-    elements = tuple(s if "://" in s else str(here / s) for s in settings.elements)
+    elements = tuple(s if s == "-" or _names_a_provider(s) else str(here / s) for s in settings.elements)
     return msgspec.structs.replace(settings, elements=elements)
+
+
+def _names_a_provider(source: str) -> bool:
+    """Tell a URL or a provider's short name, such as celestrak:active, from a path."""
+    return re.match(r"[A-Za-z][A-Za-z0-9+.-]+:", source) is not None
 
 
 def _line_of(text: str, message: str) -> str:

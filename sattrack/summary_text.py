@@ -32,5 +32,6 @@ def summary_lines(summary: Summary) -> list[str]:
     if summary.bias_along_s or summary.bias_cross_deg:
         lines.append(f"  bias {summary.bias_along_s:+.3f} s along, {summary.bias_cross_deg:+.4f}° across")
     if summary.recording is not None:
-        lines.append(f"  recorded in {summary.recording}")
+        trouble = "" if summary.recording_trouble is None else f": {summary.recording_trouble}"
+        lines.append(f"  recorded in {summary.recording}{trouble}")
     return lines

@@ -30,9 +30,15 @@ if TYPE_CHECKING:
 
 ACQUIRED_AFTER_SAMPLES = 10
 LOST_ARCSEC = 120.0
-SLEW_OVERDUE_S = 30.0
+SLEW_OVERDUE_S = 60.0
 """Lateness of a slew after which the mount is taken not to obey."""
 REACTION_PERIODS = 3.0
+MOST_ALONG_S = 60.0
+MOST_CROSS_DEG = 5.0
+"""Biases beyond these are slips of the finger: no elements that are worth following are so far off."""
+GATE_DEG = 0.1
+OUTLIERS_BELIEVED = 5
+"""Samples in a row that jump the same way are no glitch: the mount's coordinates have changed."""
 GAP_S = 5.0
 """A gap in the samples after which the filters begin anew."""
 
@@ -94,11 +100,15 @@ class Tracker:
         self._axes: _Axes | None = None
         self._intercept: Intercept | None = None
         self._near = 0
+        self._outliers = 0
+        self._sidereal_deg = 0.0
         self.phase = Phase.WAITING
         self.ended_by: str | None = None
         self.acquired_utc_s: float | None = None
         self.followable_utc_s: float | None = None
         """First instant at which the mount, being there, could have followed."""
+        self.refusal: str | None = None
+        """Why the operator's last word was not obeyed, in words."""
         self.error: SkyError | None = None
         self.rates = MoveAxes(0.0, 0.0)
 
@@ -115,27 +125,43 @@ class Tracker:
         """Take in one sample; return its error on the sky, dated by the mount's own clock."""
         utc_s = self._clock.date(sample.sidereal_h, sample.arrival_utc_s)
         axes = self._axes
+        believed = True
         if axes is None or not 0.0 < utc_s - axes.sample_utc_s < GAP_S:
-            self._axes = _Axes(AxisFilter(sample.ra_deg), AxisFilter(sample.dec_deg), utc_s)
+            self._begin_filters(sample, utc_s)
         else:
-            self._advance(axes, sample, utc_s)
+            believed = self._advance(axes, sample, utc_s)
+        self._sidereal_deg = sample.sidereal_h * 15.0
         self.error = sky_error(utc_s, sample.ra_deg, sample.dec_deg, self.direction_at(utc_s))
-        self._judge(self.error)
+        if believed:
+            self._judge(self.error)
         return self.error
+
+    def _begin_filters(self, sample: StatusSample, utc_s: float) -> None:
+        self._axes = _Axes(AxisFilter(sample.ra_deg), AxisFilter(sample.dec_deg), utc_s)
+        self._outliers = 0
 
     def operate(self, message: Message, now_utc_s: float) -> None:
         """Obey the operator."""
         # A bias begins to move the target only when a command that knows of it can act.
         begins_s = now_utc_s + REACTION_PERIODS * self._profile.period_s + self._profile.command_delay_s
+        self.refusal = None
         match message:
             case Nudge():
-                self.along.ask(self.along.goal + message.along_s, begins_s)
-                self.cross.ask(self.cross.goal + message.cross_deg, begins_s)
+                self._nudge(self.along.goal + message.along_s, self.cross.goal + message.cross_deg, begins_s)
             case ClearBias():
                 self.along.ask(0.0, begins_s)
                 self.cross.ask(0.0, begins_s)
             case StopNow():
-                self._end(message.why)
+                self.end("operator")
+
+    def _nudge(self, along_s: float, cross_deg: float, begins_s: float) -> None:
+        if not (abs(along_s) <= MOST_ALONG_S and abs(cross_deg) <= MOST_CROSS_DEG):
+            self.refusal = (
+                f"nudge refused: biases go to {MOST_ALONG_S:g} s along and {MOST_CROSS_DEG:g}° across"
+            )
+            return
+        self.along.ask(along_s, begins_s)
+        self.cross.ask(cross_deg, begins_s)
 
     def step(self, now_utc_s: float, slew_done: bool) -> Motion:
         """Return the motion wanted from now on; call once a period, after the samples that came.
@@ -145,7 +171,7 @@ class Tracker:
         if self.phase is Phase.STOPPING:
             return Stop()
         if now_utc_s >= self.plan.end_utc_s:
-            self._end("set")
+            self.end("set")
             return Stop()
         if self._axes is None:
             return Hold()
@@ -157,21 +183,24 @@ class Tracker:
             return self._follow(now_utc_s, self._axes)
         return Hold()
 
-    def _end(self, why: str) -> None:
+    def end(self, why: str) -> None:
+        """Stop from now on; `why` is what `ended_by` says, unless it says something already."""
         if self.ended_by is None:
             self.ended_by = why
         self.phase = Phase.STOPPING
+        self.rates = MoveAxes(0.0, 0.0)
 
     def _approach(self, now_utc_s: float, axes: _Axes) -> None:
-        here = (axes.ra.position_deg, axes.dec.position_deg)
+        here = (wrap180(self._sidereal_deg - axes.ra.position_deg), axes.dec.position_deg)
 
-        def target(utc_s: float) -> tuple[float, float]:
+        def target(utc_s: float) -> tuple[float, float, float]:
             direction = self.direction_at(utc_s)
-            return float(direction.ra_deg), float(direction.dec_deg)
+            ra_deg = float(direction.ra_deg)
+            return ra_deg, float(direction.dec_deg), wrap180(self._sidereal_deg - ra_deg)
 
         self._intercept = plan_intercept(now_utc_s, self.plan.start_utc_s, here, target, self._profile)
         if self._intercept.utc_s >= self.plan.end_utc_s:
-            self._end("set")
+            self.end("set")
             return
         self.followable_utc_s = self._intercept.utc_s
         self.phase = Phase.SLEWING
@@ -183,7 +212,7 @@ class Tracker:
             self.phase = Phase.ACQUIRING
             return self._follow(now_utc_s, axes)
         if now_utc_s > intercept.utc_s + SLEW_OVERDUE_S:
-            self._end("error")
+            self.end("error")
             return Stop()
         return SlewTo(intercept.ra_deg, intercept.dec_deg)
 
@@ -234,7 +263,8 @@ class Tracker:
         else:
             self._history.clear()
 
-    def _advance(self, axes: _Axes, sample: StatusSample, utc_s: float) -> None:
+    def _advance(self, axes: _Axes, sample: StatusSample, utc_s: float) -> bool:
+        """Bring the filters to a sample; tell whether it was believed."""
         seconds = utc_s - axes.sample_utc_s
         ra_moved, dec_moved = self._history.displacement(axes.sample_utc_s, utc_s)
         if self.phase in {Phase.WAITING, Phase.SLEWING, Phase.STOPPING}:
@@ -243,9 +273,20 @@ class Tracker:
             dec_moved = sample.dec_deg - axes.dec.position_deg
         axes.ra.advance(seconds, ra_moved)
         axes.dec.advance(seconds, dec_moved)
+        axes.sample_utc_s = utc_s
+        # No axis gets further from the prediction than by running full speed the other way.
+        ra_gate = GATE_DEG + 2.0 * self._profile.ra.max_rate_deg_s * seconds
+        dec_gate = GATE_DEG + 2.0 * self._profile.dec.max_rate_deg_s * seconds
+        ra_jump = abs(wrap180(sample.ra_deg - axes.ra.position_deg))
+        if ra_jump > ra_gate or abs(sample.dec_deg - axes.dec.position_deg) > dec_gate:
+            self._outliers += 1
+            if self._outliers >= OUTLIERS_BELIEVED:
+                self._begin_filters(sample, utc_s)
+            return False
+        self._outliers = 0
         axes.ra.measure(sample.ra_deg, ra_moved / seconds)
         axes.dec.measure(sample.dec_deg, dec_moved / seconds)
-        axes.sample_utc_s = utc_s
+        return True
 
     def _judge(self, error: SkyError) -> None:
         if self.phase is Phase.ACQUIRING:

@@ -86,6 +86,7 @@ class DatagramsView(msgspec.Struct, frozen=True):
     late: int
     duplicate: int
     rejected: int
+    unsent: int = 0
 
 
 class Summary(msgspec.Struct, frozen=True):
@@ -113,3 +114,5 @@ class Summary(msgspec.Struct, frozen=True):
     """Whether the mount acknowledged the last stop and was seen at rest; null where it was never heard."""
     message: str | None = None
     """Why the run ended, in words, where it did not end as planned."""
+    recording_trouble: str | None = None
+    """Why the recording is not whole."""

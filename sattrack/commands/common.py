@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import functools
 import sys
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.clock import Clock, SimulatedClock, SystemClock, parse_clock
+from sattrack.clock import Clock, make_clock
 from sattrack.errors import BadInputError
 from sattrack.settings import Settings, load_settings
-from tle.instants import Utc
 from tle.site import Site
 
 if TYPE_CHECKING:
@@ -22,6 +20,7 @@ if TYPE_CHECKING:
 
     from sattrack.downloads import Downloads
     from tle.elements import Elements
+    from tle.instants import Utc
     from tle.sources import ElementSets
 
 
@@ -87,16 +86,11 @@ class CommandContext:
 
     def clock(self) -> Clock:
         """Return the clock to run by, the simulated one started now."""
-        if self.clock_option is None:
-            return SystemClock()
-        start, speed = parse_clock(self.clock_option)
-        return SimulatedClock(float(start.unix_s), time.monotonic(), speed)
+        return make_clock(self.clock_option)[0]
 
     def now(self) -> Utc:
         """Return the instant that is now by the clock in force."""
-        if self.clock_option is None:
-            return Utc.of(time.time())
-        return parse_clock(self.clock_option)[0]
+        return make_clock(self.clock_option)[1]
 
 
 def tell(words: str) -> None:

@@ -9,7 +9,7 @@ import click
 
 from sattrack import practice
 from sattrack.commands.common import CommandContext, common_options
-from sattrack.commands.running import Progress, Stream, finish, tui_possible, with_tui
+from sattrack.commands.running import Progress, Stream, finish, tell_ignored, tui_possible, with_tui
 from sattrack.errors import BadInputError
 from sattrack.runtime.channel import StdinInbox
 from sattrack.runtime.facts import choose_pass
@@ -50,6 +50,8 @@ def command(context: CommandContext, seconds: float | None, **options: Any) -> i
     inbox = StdinInbox() if options["control"] else None
     summary = fly_live(prepare(request), told.show, stop, inbox, deadline_s)
     told.end()
+    if inbox is not None:
+        tell_ignored(inbox.ignored)
     return finish(summary, stop.asked, context.json or options["stream"])
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import sys
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import click
 import msgspec
@@ -15,7 +16,11 @@ from sattrack.summary_text import summary_lines
 from sattrack.view import Summary, TrackView
 from tle.instants import Utc
 
+if TYPE_CHECKING:
+    from sattrack.runtime.facts import RunFacts
+
 SECONDS_BETWEEN_LINES = 5.0
+OLD_AFTER_DAYS = 3.0
 
 
 class SummaryLine(msgspec.Struct, frozen=True):
@@ -55,6 +60,21 @@ class Progress:
             click.echo(err=True)
 
 
+def announcement(facts: RunFacts) -> list[str]:
+    """Return what is to be known before a run begins: which pass, when, and what the elements' age means."""
+    plan = facts.plan
+    begins_s = max(0.0, plan.start_utc_s - facts.started_utc_s)
+    start, end = (Utc(s).isoformat("seconds") for s in (plan.start_utc_s, plan.end_utc_s))
+    lines = [
+        f"{facts.elements.label} from {start} to {end[11:]}, {facts.max_alt_deg:.1f}° high, "
+        f"begins in {begins_s / 60.0:.0f} min"
+    ]
+    age_days = (plan.start_utc_s - float(facts.elements.epoch.unix_s)) / 86400.0
+    if abs(age_days) > OLD_AFTER_DAYS:
+        lines.append(f"the elements are {abs(age_days):.1f} days off the pass: expect it early or late")
+    return lines
+
+
 def progress_line(view: TrackView) -> str:
     """Return one line about a state."""
     clock = Utc(view.utc_s).isoformat("seconds")[11:]
@@ -91,6 +111,12 @@ class Stream(JsonLines):
     def show(self, view: TrackView) -> None:
         """Take one state."""
         self.write(view)
+
+
+def tell_ignored(ignored: list[str]) -> None:
+    """Say which messages did nothing."""
+    for words in ignored:
+        click.echo(f"sattrack: {words}", err=True)
 
 
 def finish(summary: Summary, interrupted: bool, as_json: bool) -> int:

@@ -41,7 +41,7 @@ def command(context: CommandContext, port: int, peer: int | None, faults: str | 
     """
     for number in (port, peer):
         if number is not None and not 0 <= number <= 65535:
-            raise BadInputError(f"port {number}: ports run from 1 to 65535")
+            raise BadInputError(f"port {number}: ports run to 65535; 0 takes a free one")
     where = context.site() if context.has_site() else None
     site = SimulatedSite(practice.SITE.latitude_deg, practice.SITE.longitude_deg, practice.SITE.height_m)
     if where is not None:

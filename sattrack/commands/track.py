@@ -8,7 +8,16 @@ from typing import Any
 import click
 
 from sattrack.commands.common import CommandContext, common_options
-from sattrack.commands.running import Progress, Stream, finish, tui_possible, with_tui
+from sattrack.commands.running import (
+    Progress,
+    Stream,
+    announcement,
+    finish,
+    tell_ignored,
+    tui_possible,
+    with_tui,
+)
+from sattrack.errors import BadInputError
 from sattrack.runtime.channel import StdinInbox
 from sattrack.runtime.facts import REFRACTION_MODES
 from sattrack.runtime.fly import fly_live, fly_virtual
@@ -53,6 +62,8 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
         virtual=options["virtual"],
         record=options["record"],
     )
+    if request.virtual and (options["stream"] or options["control"]):
+        raise BadInputError("--stream and --control go with real time; leave --virtual out")
     streams = options["stream"] or options["control"]
     if not (options["headless"] or options["virtual"] or context.json or streams) and tui_possible():
         prepare(request)
@@ -61,12 +72,16 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
     if prepared.practising:
         words = "no elements or site set: practising with the built-in ISS pass over Leiden"
         click.echo(f"sattrack: {words}", err=True)
+    for words in announcement(prepared.facts):
+        click.echo(f"sattrack: {words}", err=True)
     told = Stream() if options["stream"] else Progress(quiet_off_terminal=True)
     stop = StopRequest()
+    inbox = StdinInbox() if options["control"] else None
     if request.virtual:
         summary = fly_virtual(prepared, told.show)
     else:
-        inbox = StdinInbox() if options["control"] else None
         summary = fly_live(prepared, told.show, stop, inbox)
     told.end()
+    if inbox is not None:
+        tell_ignored(inbox.ignored)
     return finish(summary, stop.asked, context.json or options["stream"])

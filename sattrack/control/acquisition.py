@@ -6,8 +6,6 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sattrack.control.kalman import wrap180
-
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -17,8 +15,10 @@ MARGIN_S = 1.5
 """Time kept for the handshake, settling, and what the estimate leaves out."""
 ROUNDS = 8
 
-Direction = tuple[float, float]
-"""Right ascension and declination, degrees."""
+Axes = tuple[float, float]
+"""Hour angle within half a turn of the meridian, and declination, degrees: how the axes stand."""
+Target = tuple[float, float, float]
+"""Right ascension, declination, and the hour angle that the mount would take there, degrees."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,21 +43,20 @@ def slew_time_s(distance_deg: float, axis: AxisLimits) -> float:
 def plan_intercept(
     now_utc_s: float,
     not_before_utc_s: float,
-    mount: Direction,
-    target_at: Callable[[float], Direction],
+    mount: Axes,
+    target_at: Callable[[float], Target],
     profile: MountProfile,
 ) -> Intercept:
     """Return the earliest point of the target's path that the mount can wait at.
 
-    `target_at` gives the target's direction at an instant. The time of the slew depends on where it ends,
-    and that on the time, so the two are brought together by iteration.
+    `target_at` gives the target at an instant. The time of the slew depends on where it ends, and that on the
+    time, so the two are brought together by iteration. The hour angle turns within half a turn either way of
+    the meridian, so the way from one side of the lower meridian to the other is the long one.
     """
     join = not_before_utc_s
     for _ in range(ROUNDS):
-        ra, dec = target_at(join)
-        travel = max(
-            slew_time_s(wrap180(ra - mount[0]), profile.ra), slew_time_s(dec - mount[1], profile.dec)
-        )
+        _, dec, hour_angle = target_at(join)
+        travel = max(slew_time_s(hour_angle - mount[0], profile.ra), slew_time_s(dec - mount[1], profile.dec))
         join = max(not_before_utc_s, now_utc_s + travel + MARGIN_S)
-    ra, dec = target_at(join)
+    ra, dec, _ = target_at(join)
     return Intercept(join, ra, dec)

@@ -16,8 +16,11 @@ BUCKETS = 60
 SHORTEST_DRIFT_BASE_S = 15.0
 LARGEST_DRIFT = 200e-6
 """Quartz clocks are better than this; a larger slope is delays, not drift."""
+STEP_S = 0.1
+STEP_PROOF = 10
+"""Samples in a row that all come later than the envelope by STEP_S are a clock that was set, not delays."""
 PLAUSIBLE_RATE_ERROR = 0.01
-LARGEST_GAP_S = 3600.0
+TRUST_SAMPLES = 40
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +55,8 @@ def lower_envelope(points: list[tuple[float, float]]) -> Envelope:
     for left, right in pairwise(hull):
         if right[0] >= middle_s:
             slope = (right[1] - left[1]) / (right[0] - left[0])
-            bounded = max(-LARGEST_DRIFT, min(LARGEST_DRIFT, slope))
-            return Envelope(left[0], left[1], bounded)
+            drift = max(-LARGEST_DRIFT, min(LARGEST_DRIFT, slope))
+            return Envelope(left[0], min(y - drift * (t - left[0]) for t, y in points), drift)
     raise AssertionError("the hull spans the points' mean time")
 
 
@@ -76,20 +79,22 @@ class MountClock:
     _turns: int = 0
     _first_arrival_s: float = 0.0
     _buckets: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=BUCKETS))
+    _lately: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=TRUST_SAMPLES))
     _envelope: Envelope | None = None
+    _astray: int = 0
 
     def date(self, sidereal_h: float, arrival_utc_s: float) -> float:
         """Return the UTC instant of a sample; call once a sample, in the order of arrival."""
         mount_s = self._mount_seconds(sidereal_h, arrival_utc_s)
-        elapsed_s = arrival_utc_s - self._first_arrival_s
-        if elapsed_s > 1.0:
-            self.trusted = abs(mount_s - elapsed_s) < PLAUSIBLE_RATE_ERROR * elapsed_s + 0.2
+        since_first_s = arrival_utc_s - self._first_arrival_s
+        self._judge(mount_s, since_first_s)
+        self._watch_for_step(mount_s, since_first_s - mount_s)
+        self._take(mount_s, since_first_s - mount_s)
         if not self.trusted:
             return arrival_utc_s - self.status_delay_s
-        self._take(mount_s, arrival_utc_s - self._first_arrival_s - mount_s)
         assert self._envelope is not None
-        since_first = mount_s + self._envelope.offset_at(mount_s)
-        return self._first_arrival_s + since_first - self.status_delay_s
+        dated_s = mount_s + self._envelope.offset_at(mount_s)
+        return self._first_arrival_s + dated_s - self.status_delay_s
 
     @property
     def drift(self) -> float:
@@ -98,7 +103,8 @@ class MountClock:
 
     def _mount_seconds(self, sidereal_h: float, arrival_utc_s: float) -> float:
         if self._first_h is None:
-            self._restart(sidereal_h, arrival_utc_s)
+            self._first_h = self._last_h = sidereal_h
+            self._first_arrival_s = arrival_utc_s
         change = sidereal_h - self._last_h
         if change < -12.0:
             self._turns += 1
@@ -109,12 +115,24 @@ class MountClock:
         hours = self._turns * 24.0 + sidereal_h - self._first_h
         return hours * 3600.0 / SIDEREAL_SECONDS_PER_SECOND
 
-    def _restart(self, sidereal_h: float, arrival_utc_s: float) -> None:
-        self._first_h = self._last_h = sidereal_h
-        self._turns = 0
-        self._first_arrival_s = arrival_utc_s
-        self._buckets.clear()
-        self._envelope = None
+    def _judge(self, mount_s: float, since_first_s: float) -> None:
+        """Believe the mount's clock as long as it has lately run as fast as ours."""
+        self._lately.append((mount_s, since_first_s))
+        ran_s = mount_s - self._lately[0][0]
+        passed_s = since_first_s - self._lately[0][1]
+        self.trusted = abs(ran_s - passed_s) < PLAUSIBLE_RATE_ERROR * passed_s + 2.0 * STEP_S
+
+    def _watch_for_step(self, mount_s: float, offset_s: float) -> None:
+        """Begin anew where one of the two clocks has been set: what was learnt before is of another clock."""
+        if self._envelope is None:
+            return
+        residual_s = offset_s - self._envelope.offset_at(mount_s)
+        stepped_back = residual_s < -STEP_S
+        self._astray = self._astray + 1 if abs(residual_s) > STEP_S else 0
+        if stepped_back or self._astray >= STEP_PROOF:
+            self._buckets.clear()
+            self._envelope = None
+            self._astray = 0
 
     def _take(self, mount_s: float, offset_s: float) -> None:
         newest = self._buckets[-1] if self._buckets else None

@@ -25,7 +25,7 @@ class RunHeader(msgspec.Struct, frozen=True):
     format_version: int
     program_version: str
     spec: msgspec.Raw
-    """The run's own facts, see `sattrack.runtime.plan.RunFacts`."""
+    """The run's own facts, see `sattrack.runtime.facts.RunFacts`."""
 
 
 def to_ns(utc_s: float) -> int:

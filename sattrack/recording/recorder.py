@@ -193,5 +193,5 @@ class BackgroundRecorder:
             topic, utc_s, what = item
             try:
                 self._recorder.write(topic, utc_s, what if isinstance(what, bytes) else encoder.encode(what))
-            except OSError as error:
+            except Exception as error:  # noqa: BLE001 - a thread that died would leave the queue to fill
                 self.trouble = f"the recording cannot be written: {error}; it ends here"

@@ -42,7 +42,9 @@ class LineReader:
             return ()
         if not data:
             self.ended = True
-        *lines, self._rest = (self._rest + data).split(b"\n")
+        *lines, rest = (self._rest + data).split(b"\n")
+        # A line that never ends is cut into pieces, none of which means anything.
+        self._rest = rest if len(rest) <= READ_BYTES else b""
         return lines
 
 

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 SEARCH_HOURS = 48.0
+SIMULATED = "sim"
+"""The name of the simulated mount, as `--mount` has it."""
 REFRACTION_MODES = ("auto", "on", "off")
 
 
@@ -74,6 +76,7 @@ def build_engine(facts: RunFacts) -> Engine:
         bias=Bias(facts.bias_along_s, facts.bias_cross_deg),
         mount_name=facts.mount_name,
         started_utc_s=facts.started_utc_s,
+        simulated=facts.mount_name == SIMULATED,
         recording=facts.recording,
     )
     return Engine(spec)

@@ -15,6 +15,7 @@ from sattrack.runtime.embedded import EmbeddedMount, start_embedded
 from sattrack.runtime.facts import build_engine, encode_facts
 from sattrack.runtime.live import LiveLoop, StopRequest
 from sattrack.runtime.outcome import summarise
+from sattrack.runtime.screen import Screen
 from sattrack.runtime.virtual import VirtualRun
 from sattrack.xerxes.client import Address, UdpLink
 from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite
@@ -30,7 +31,9 @@ if TYPE_CHECKING:
     from sattrack.runtime.prepare import Prepared
     from sattrack.view import Summary, TrackView
 
-STOPPING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+STOPPING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+IGNORED_SIGNALS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+"""A run that is suspended would leave the mount moving with nobody to stop it."""
 
 
 def fly_virtual(
@@ -70,16 +73,27 @@ def fly_live(
             address = Address("127.0.0.1", simulated.port, 0)
         link = UdpLink(address)
         stack.callback(link.close)
-        loop = LiveLoop(
-            build_engine(facts), link, prepared.clock, sink, show, stop, simulated, inbox, deadline_s
-        )
+        screen = Screen(show)
+        stack.callback(screen.close)
+        engine = build_engine(in_run_time(facts, prepared.clock.speed))
+        loop = LiveLoop(engine, link, prepared.clock, sink, screen, stop, simulated, inbox, deadline_s)
         stack.enter_context(_signals(stop))
         ended_utc_s = loop.run()
     summary = summarise(loop.engine, loop.ledger, ended_utc_s)
     trouble = sink.trouble if isinstance(sink, BackgroundRecorder) else None
-    if trouble is not None:
-        summary = msgspec.structs.replace(summary, message=summary.message or trouble)
-    return summary
+    return msgspec.structs.replace(summary, recording_trouble=trouble)
+
+
+def in_run_time(facts: RunFacts, speed: float) -> RunFacts:
+    """Return the facts for a clock that runs at `speed`: real delays last longer by it."""
+    if speed == 1.0:
+        return facts
+    profile = msgspec.structs.replace(
+        facts.profile,
+        command_delay_s=facts.profile.command_delay_s * speed,
+        status_delay_s=facts.profile.status_delay_s * speed,
+    )
+    return msgspec.structs.replace(facts, profile=profile)
 
 
 def _simulated_site(facts: RunFacts) -> SimulatedSite:
@@ -112,6 +126,7 @@ def _recording(facts: RunFacts, background: bool) -> Iterator[Sink]:
 def _signals(stop: StopRequest) -> Iterator[None]:
     """Turn the signals that end programs into a stop of the mount first."""
     before = {number: signal.signal(number, lambda *_: stop.ask()) for number in STOPPING_SIGNALS}
+    before |= {number: signal.signal(number, signal.SIG_IGN) for number in IGNORED_SIGNALS}
     try:
         yield
     finally:

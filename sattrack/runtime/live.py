@@ -7,7 +7,7 @@ import select
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from sattrack.errors import SattrackError
 from sattrack.messages import Message, StopNow
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from sattrack.engine import Engine
     from sattrack.recording.recorder import Sink
     from sattrack.runtime.embedded import EmbeddedMount
-    from sattrack.view import TrackView
+    from sattrack.runtime.screen import Screen
     from sattrack.xerxes.client import UdpLink
 
 VIEW_EVERY_TICKS = 2
@@ -31,9 +31,6 @@ LATE_ENOUGH_TO_SKIP_S = 0.5
 
 class Inbox(Protocol):
     """Where the operator's messages come from."""
-
-    def fileno(self) -> int:
-        """Give the descriptor to wait on."""
 
     def messages(self) -> Sequence[Message]:
         """Return what has come, without waiting."""
@@ -54,14 +51,14 @@ class StopRequest:
 class LiveLoop:
     """Feeds one engine from one socket until the mount is seen at rest.
 
-    `deadline_s` (monotonic) ends the run like an operator's stop; `show` gets views and must not block.
+    `deadline_s` (monotonic) ends the run like an operator's stop.
     """
 
     engine: Engine
     link: UdpLink
     clock: Clock
     sink: Sink
-    show: Callable[[TrackView], None]
+    screen: Screen
     stop: StopRequest
     simulated: EmbeddedMount | None = None
     inbox: Inbox | None = None
@@ -76,28 +73,28 @@ class LiveLoop:
             due_s = time.monotonic()
             ticks = 0
             while not self.engine.finished:
-                try:
-                    self._wait_until(due_s)
-                    self._obey()
-                    self._tick(ticks)
-                except Exception as error:  # noqa: BLE001 - whatever it is, the mount is stopped first
-                    self._fail(error)
+                self._guarded(self._wait_until, due_s)
+                self._guarded(self._obey)
+                self._guarded(self._tick, ticks)
                 ticks += 1
                 due_s += period_s
                 if time.monotonic() - due_s > LATE_ENOUGH_TO_SKIP_S:
                     due_s = time.monotonic()
-        self.ledger.strangers = self.link.strangers
+        self._guarded(self._show_end)
+        self.ledger.strangers, self.ledger.unsent = self.link.strangers, self.link.unsent
         if self._error is not None and not isinstance(self._error, SattrackError | TleError):
             raise self._error
         self._gather_truth()
         return self.clock.utc_s(time.monotonic())
 
-    def _fail(self, error: Exception) -> None:
-        """Turn the run into a stop of the mount; an error in that itself is raised."""
-        if self._error is not None:
-            raise error
-        self._error = error
-        self.engine.fail(str(error), self.clock.utc_s(time.monotonic()))
+    def _guarded(self, part: Callable[..., None], *arguments: Any) -> None:
+        """Do one part of a turn; whatever breaks in it turns the run into a stop of the mount."""
+        try:
+            part(*arguments)
+        except Exception as error:  # noqa: BLE001 - no error is worth a mount that is left moving
+            if self._error is None:
+                self._error = error
+                self.engine.fail(str(error))
 
     def _wait_until(self, due_s: float) -> None:
         """Wait for the deadline, taking datagrams as they come."""
@@ -133,10 +130,14 @@ class LiveLoop:
         self.sink.command(now_utc_s, datagram)
         if ticks % VIEW_EVERY_TICKS == 0 and not self.engine.failed:
             view = self.engine.view(now_utc_s)
-            self.show(view)
+            self.screen.show(view)
             if ticks % RECORD_VIEW_EVERY_TICKS == 0:
                 self.sink.view(now_utc_s, view)
         self._gather_truth()
+
+    def _show_end(self) -> None:
+        if not self.engine.failed:
+            self.screen.show(self.engine.view(self.clock.utc_s(time.monotonic())))
 
     def _gather_truth(self) -> None:
         if self.simulated is None:

@@ -21,6 +21,7 @@ class Ledger:
     periods_s: list[float] = field(default_factory=list)
     true_error: RunningError = field(default_factory=RunningError)
     strangers: int = 0
+    unsent: int = 0
     _last_sent_s: float | None = None
 
     def note_sent(self, at_s: float) -> None:
@@ -59,7 +60,7 @@ def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
         ended_by=tracker.ended_by or "error",
         samples=engine.reported.count,
         on_target_s=round(engine.on_target_s, 3),
-        acquired_after_s=None if acquired is None or followable is None else max(0.0, acquired - followable),
+        acquired_after_s=_seconds_between(followable, acquired),
         reported_rms_arcsec=engine.reported.rms_arcsec,
         reported_peak_arcsec=engine.reported.peak_arcsec,
         true_rms_arcsec=ledger.true_error.rms_arcsec,
@@ -72,13 +73,24 @@ def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
             late=health.late,
             duplicate=health.duplicate,
             rejected=health.rejected + ledger.strangers,
+            unsent=ledger.unsent,
         ),
         bias_along_s=tracker.along.goal,
         bias_cross_deg=tracker.cross.goal,
         recording=spec.recording,
         mount_stopped=engine.session.stopped if heard else None,
-        message=engine.message,
+        message=engine.message or _never_followed(engine),
     )
+
+
+def _seconds_between(first_s: float | None, second_s: float | None) -> float | None:
+    return None if first_s is None or second_s is None else round(max(0.0, second_s - first_s), 3)
+
+
+def _never_followed(engine: Engine) -> str | None:
+    if engine.tracker.ended_by == "set" and engine.tracker.acquired_utc_s is None:
+        return "the pass ended before the mount was on the satellite"
+    return None
 
 
 def failure(summary: Summary, interrupted: bool) -> SattrackError | None:
@@ -86,22 +98,19 @@ def failure(summary: Summary, interrupted: bool) -> SattrackError | None:
     words = summary.message or f"the run ended: {summary.ended_by}"
     if summary.mount_stopped is False:
         words += "; THE MOUNT DID NOT CONFIRM THE STOP: stop it by hand"
-    if interrupted:
-        return InterruptedRunError(f"interrupted; {_stop_words(summary)}")
     if summary.ended_by.startswith("limit:"):
         return SafetyLimitError(words)
     if summary.ended_by == "link":
         return LinkLostError(words)
-    if summary.ended_by == "error" or summary.mount_stopped is False:
+    never_followed = summary.ended_by == "set" and summary.message is not None
+    if summary.ended_by == "error" or summary.mount_stopped is False or never_followed:
         return SattrackError(words)
+    if interrupted:
+        return InterruptedRunError(f"interrupted; {_stop_words(summary)}")
+    if summary.recording_trouble is not None:
+        return SattrackError(summary.recording_trouble)
     return None
 
 
 def _stop_words(summary: Summary) -> str:
-    match summary.mount_stopped:
-        case True:
-            return "the mount is stopped"
-        case False:
-            return "THE MOUNT DID NOT CONFIRM THE STOP: stop it by hand"
-        case None:
-            return "no mount was ever heard"
+    return "no mount was ever heard" if summary.mount_stopped is None else "the mount is stopped"

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import math
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 from sattrack import practice
-from sattrack.clock import Clock, SimulatedClock, SystemClock, parse_clock
+from sattrack.clock import Clock, make_clock
 from sattrack.errors import BadInputError
 from sattrack.mount import MountProfile
 from sattrack.runtime.facts import RunFacts, choose_pass, plan_for
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
+from sattrack.tracker import MOST_ALONG_S, MOST_CROSS_DEG
 from sattrack.xerxes.client import Address, parse_address
 from tle.elements import Elements
-from tle.instants import Utc
 from tle.refraction import Refraction
 from tle.site import Site
 from tle.sources import find
@@ -26,7 +24,6 @@ if TYPE_CHECKING:
 
 NOT_YET = ("antenna", "alpaca")
 VIRTUAL_LEAD_S = 5.0
-MOST_CROSS_DEG = 90.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,12 +62,15 @@ def prepare(request: RunRequest) -> Prepared:
     if address is not None and request.virtual:
         raise BadInputError("--virtual goes with --mount sim only; a real mount needs real time")
     _check_bias(request)
+    floor_deg = SafetyLimits().floor_altitude_deg
+    if request.min_alt_deg < floor_deg:
+        raise BadInputError(f"--min-alt {request.min_alt_deg:g}: the mount is kept above {floor_deg:g}°")
     practising = address is None and request.elements is None and request.site is None
     elements, site = _object_and_site(request, practising)
     clock_text = request.clock_option
     if clock_text is None and practising:
         clock_text = practice.BEFORE_PASS
-    clock, now = _clock(clock_text)
+    clock, now = make_clock(clock_text)
     satellite = find(elements, request.satellite)
     satellite_pass = choose_pass(satellite, site, now, request.min_alt_deg)
     plan = plan_for(satellite_pass, now)
@@ -116,8 +116,8 @@ def mount_address(url: str | None) -> Address | None:
 
 
 def _check_bias(request: RunRequest) -> None:
-    if not math.isfinite(request.bias_along_s):
-        raise BadInputError(f"--bias-along {request.bias_along_s}: give seconds")
+    if not abs(request.bias_along_s) <= MOST_ALONG_S:
+        raise BadInputError(f"--bias-along {request.bias_along_s}: give seconds, {MOST_ALONG_S:g} at most")
     if not abs(request.bias_cross_deg) <= MOST_CROSS_DEG:
         raise BadInputError(
             f"--bias-cross {request.bias_cross_deg}: give degrees on the sky, {MOST_CROSS_DEG:g} at most"
@@ -134,10 +134,3 @@ def _object_and_site(request: RunRequest, practising: bool) -> tuple[list[Elemen
     if request.site is None:
         raise BadInputError("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
     return request.elements, request.site
-
-
-def _clock(text: str | None) -> tuple[Clock, Utc]:
-    if text is None:
-        return SystemClock(), Utc(time.time())
-    start, speed = parse_clock(text)
-    return SimulatedClock(float(start.unix_s), time.monotonic(), speed), start

@@ -49,7 +49,8 @@ class TrackApp(App[None]):
     VERTICAL_BREAKPOINTS = look.HEIGHTS
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "stop", "STOP", priority=True),
-        Binding("ctrl+c,ctrl+q", "leave", "quit", priority=True),
+        Binding("ctrl+c", "interrupt", "interrupt", priority=True),
+        Binding("ctrl+q", "leave", "quit", priority=True),
         Binding("q", "leave", "quit"),
         Binding("left", "nudge(-1, 0)", "behind"),
         Binding("right", "nudge(1, 0)", "ahead"),
@@ -76,6 +77,7 @@ class TrackApp(App[None]):
         self._heard_s = monotonic()
         self._stop_sent_s: float | None = None
         self._leaving_since_s: float | None = None
+        self.interrupted = False
         self._leave_asked = False
 
     def compose(self) -> ComposeResult:
@@ -150,6 +152,11 @@ class TrackApp(App[None]):
         if self._stop_sent_s is None:
             self._stop_sent_s = self._monotonic()
         self._send(StopNow())
+
+    def action_interrupt(self) -> None:
+        """Leave as `q` does, for a program that was interrupted."""
+        self.interrupted = True
+        self.action_leave()
 
     def action_leave(self) -> None:
         """Stop the mount, then leave once it is at rest; asked again, leave at once."""

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from sattrack.tui.feed import Feed
 
-PATIENCE_S = 8.0
+PATIENCE_S = 20.0
 TELL_AFTER_S = 0.3
 GRACE_S = 2.0
 INTERRUPTED = 130
@@ -62,6 +62,8 @@ def show_screen(feed: Feed, stay: bool) -> None:
     app = TrackApp(feed, stay)
     with _leaving(app.ask_to_leave):
         app.run()
+    if app.interrupted:
+        raise KeyboardInterrupt
     if app.return_code:
         raise SattrackError("the screen broke; the mount was told to stop")
 

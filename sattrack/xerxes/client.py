@@ -40,10 +40,16 @@ class Address(NamedTuple):
 
 def parse_address(url: str) -> Address:
     """Read `xerxes://HOST:PORT?listen=PORT`; raises BadInputError."""
-    parts = urlsplit(url)
     try:
+        parts = urlsplit(url)
         port = parts.port if parts.port is not None else DEFAULT_PORT
-        listen = int(parse_qs(parts.query).get("listen", [str(DEFAULT_PORT)])[0])
+        query = parse_qs(parts.query, keep_blank_values=True)
+        if unknown := set(query) - {"listen"}:
+            raise ValueError(f"{min(unknown)}= is no option")
+        listen_text = query.get("listen", [str(DEFAULT_PORT)])[0]
+        if not listen_text.isdecimal():
+            raise ValueError(f"listen={listen_text} is no port")
+        listen = int(listen_text)
     except ValueError as error:
         raise BadInputError(f"--mount {url}: {error}; write xerxes://HOST:PORT?listen=PORT") from error
     if parts.hostname is None:
@@ -53,8 +59,8 @@ def parse_address(url: str) -> Address:
             raise BadInputError(f"--mount {url}: {what} is {number}; ports run from 1 to 65535")
     try:
         host = socket.gethostbyname(parts.hostname)
-    except OSError as error:
-        raise BadInputError(f"--mount {url}: no such host {parts.hostname!r}: {error}") from error
+    except (OSError, UnicodeError) as error:
+        raise BadInputError(f"--mount {url}: no such host {parts.hostname!r}") from error
     if host.startswith("127.") and port == listen:
         raise BadInputError(
             f"--mount {url}: both ends would be 127.0.0.1:{port}; give another port with ?listen=PORT"
@@ -77,9 +83,10 @@ class UdpLink:
         self.address = address
         self.strangers = 0
         """Datagrams from other hosts, dropped."""
-        self.send_failures = 0
+        self.unsent = 0
+        """Datagrams that the network refused to take."""
         self._socket = bind(address.host, address.listen_port)
-        self._stamped = _ask_for_stamps(self._socket)
+        _ask_for_stamps(self._socket)
 
     def fileno(self) -> int:
         """Give the descriptor to wait on."""
@@ -96,7 +103,7 @@ class UdpLink:
         try:
             self._socket.sendto(data, (self.address.host, self.address.port))
         except OSError:
-            self.send_failures += 1
+            self.unsent += 1
 
     def receive(self) -> list[Arrival]:
         """Return what has arrived, in order."""
@@ -152,11 +159,8 @@ def bind(peer_host: str, port: int) -> socket.socket:
     return bound
 
 
-def _ask_for_stamps(bound: socket.socket) -> bool:
+def _ask_for_stamps(bound: socket.socket) -> None:
     # The kernel's stamp is free of the time that our own process waits to be scheduled.
-    if not sys.platform.startswith("linux"):
-        return False
-    with contextlib.suppress(OSError):
-        bound.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
-        return True
-    return False
+    if sys.platform.startswith("linux"):
+        with contextlib.suppress(OSError):
+            bound.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)

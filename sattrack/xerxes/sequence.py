@@ -69,7 +69,7 @@ class StatusSequence:
                 self.health.lost -= 1
 
     def _is_restart(self, counter: int, last: int) -> bool:
-        if counter == last:
+        if counter == last or counter in self._missing:
             self._candidate, self._run = None, 0
             return False
         follows = self._candidate is not None and counter == self._candidate + 1

@@ -49,6 +49,7 @@ SLEW_NEVER_SEEN_AFTER = 5
 """Statuses after a slew's acknowledgement without Slewing that mean it was too short to be seen."""
 ACK_WITHIN_STATUSES = 20
 """Statuses after which a slew that is not acknowledged is asked for anew."""
+ABORT_AGAIN_TICKS = 8
 REST_RATE_DEG_S = SIDEREAL_RATE_DEG_S * 0.5
 """A drive this near to standstill, or to sidereal tracking, is where it should be."""
 
@@ -135,6 +136,8 @@ class Session:
     _move: _MoveAxis = field(default_factory=_MoveAxis)
     _slew: _Slew | None = None
     _aborted: bool = False
+    _ack_stands: int = 0
+    """Statuses in a row that acknowledge an abort which we have not sent."""
 
     def __post_init__(self) -> None:
         """Begin to count statuses."""
@@ -219,7 +222,8 @@ class Session:
     def stopped(self) -> bool:
         """Whether the stop asked for was acknowledged and the drives are seen at rest (or sidereal)."""
         sample = self.sample
-        if sample is None or not isinstance(self._wanted, Stop) or not self._aborted:
+        acknowledged = self._aborted or self._ack_stands >= QUIET_STATUSES
+        if sample is None or not isinstance(self._wanted, Stop) or not acknowledged:
             return False
         return not sample.slewing and is_at_rest(sample)
 
@@ -238,7 +242,10 @@ class Session:
             self._aborted = False
         if not self._aborted and (status is None or not status.ack_abort):
             self._abort.happen("request")
-        return Command(self.health.sent, abort=self._abort.up)
+        stuck = self._ack_stands >= QUIET_STATUSES
+        # An acknowledgement that never falls must not keep a stop from going out: raise the flag anew.
+        again = stuck and self.health.sent % ABORT_AGAIN_TICKS < ABORT_AGAIN_TICKS // 2
+        return Command(self.health.sent, abort=self._abort.up or again)
 
     def _compose_move(self, move: MoveAxes) -> Command:
         self._slew_flag.happen("withdraw")
@@ -268,6 +275,8 @@ class Session:
         self._move.see(status)
         if self._abort.see(status.ack_abort):
             self._aborted = True
+        wanted = isinstance(self._wanted, Stop) and not self._aborted
+        self._ack_stands = self._ack_stands + 1 if wanted and status.ack_abort else 0
         launched = self._slew_flag.see(status.ack_slew)
         slew = self._slew
         if slew is None:

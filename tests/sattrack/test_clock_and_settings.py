@@ -72,6 +72,13 @@ def test_settings_are_found_here_first_then_in_the_users_folder(
 
 
 def test_element_files_are_beside_the_settings_that_name_them(tmp_path: Path) -> None:
-    (tmp_path / "other.toml").write_text('elements = ["mine.tle", "https://example.org/x"]\n')
+    (tmp_path / "other.toml").write_text(
+        'elements = ["mine.tle", "https://example.org/x", "celestrak:active", "-"]\n'
+    )
     settings = load_settings(tmp_path / "other.toml")
-    assert settings.elements == (str(tmp_path / "mine.tle"), "https://example.org/x")
+    assert settings.elements == (
+        str(tmp_path / "mine.tle"),
+        "https://example.org/x",
+        "celestrak:active",
+        "-",
+    )

@@ -77,5 +77,5 @@ def test_harmless_motions_pass(motion: Motion) -> None:
 
 
 def test_whatever_can_trip_is_in_the_table() -> None:
-    assert {row.name for row in INTERLOCKS} == {"rate", "command", "altitude"}
+    assert {row.name for row in INTERLOCKS} == {"rate", "command", "altitude", "hour_angle", "obedience"}
     assert all(row.watches and row.bound and row.way_out for row in INTERLOCKS)

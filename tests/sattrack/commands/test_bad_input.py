@@ -92,7 +92,9 @@ def test_a_time_that_is_none(clock: str, capsys: pytest.CaptureFixture[str]) -> 
         ("serial://x", "write sim or xerxes://"),
         ("xerxes://", "no host"),
         ("xerxes://127.0.0.1:70000", "Port out of range"),
-        ("xerxes://127.0.0.1:15001?listen=no", "listen=PORT"),
+        ("xerxes://127.0.0.1:15001?listen=no", "listen=no is no port"),
+        ("xerxes://[::1", "write xerxes://"),
+        ("xerxes://a..b:1", "no such host"),
         ("xerxes://127.0.0.1:15001?listen=15001", "both ends"),
     ],
 )
@@ -122,10 +124,12 @@ def test_a_real_mount_follows_the_real_sky_in_real_time(
         (("--bias-cross", "inf"), "--bias-cross"),
         (("--bias-cross", "120"), "120"),
         (("--min-alt", "95"), "95"),
+        (("--min-alt", "-5"), "kept above 0°"),
+        (("--stream",), "--virtual"),
     ],
 )
 def test_numbers_that_make_no_sense(
-    arguments: tuple[str, str], says: str, capsys: pytest.CaptureFixture[str]
+    arguments: tuple[str, ...], says: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert says in refused(capsys, 2, "track", "25544", *VIRTUAL, *arguments)
 
@@ -166,9 +170,11 @@ def test_elements_without_a_site_and_the_reverse(tmp_path: Path, capsys: pytest.
     assert "no site" in refused(capsys, 2, "track", "25544", *VIRTUAL, "--elements", source)
 
 
-def test_debug_shows_where_it_came_from() -> None:
-    with pytest.raises(Exception, match="yesterday"):
-        run(["track", "25544", *VIRTUAL, "--clock", "yesterday", "--debug"])
+def test_debug_shows_where_it_came_from(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["track", "25544", *VIRTUAL, "--clock", "yesterday", "--debug"]) == 2
+    err = capsys.readouterr().err
+    assert err.startswith("Traceback")
+    assert err.splitlines()[-1].startswith("sattrack: --clock yesterday")
 
 
 def test_faults_of_the_simulated_mount(capsys: pytest.CaptureFixture[str]) -> None:

@@ -65,17 +65,23 @@ def test_slew_time_is_that_of_a_ramp_up_a_run_and_a_ramp_down() -> None:
 
 
 def test_the_intercept_is_where_the_target_will_be_and_in_time() -> None:
-    def target(utc_s: float) -> tuple[float, float]:
-        return 10.0 + 0.5 * utc_s, 20.0 - 0.2 * utc_s
+    def target(utc_s: float) -> tuple[float, float, float]:
+        return 10.0 + 0.5 * utc_s, 20.0 - 0.2 * utc_s, 90.0 - 0.5 * utc_s
 
-    met = plan_intercept(0.0, -5.0, (100.0, 60.0), target, MountProfile())
-    assert (met.ra_deg, met.dec_deg) == pytest.approx(target(met.utc_s))
+    met = plan_intercept(0.0, -5.0, (0.0, 60.0), target, MountProfile())
+    assert (met.ra_deg, met.dec_deg) == pytest.approx(target(met.utc_s)[:2])
     longest = max(
-        slew_time_s(met.ra_deg - 100.0, AxisLimits()), slew_time_s(met.dec_deg - 60.0, AxisLimits())
+        slew_time_s(target(met.utc_s)[2], AxisLimits()), slew_time_s(met.dec_deg - 60.0, AxisLimits())
     )
     assert longest < met.utc_s < longest + 2.0
 
 
+def test_the_way_round_the_lower_meridian_is_the_long_one() -> None:
+    """From 10° on one side of it to 10° on the other, a mount whose cables end there turns 340°."""
+    met = plan_intercept(0.0, 0.0, (170.0, 40.0), lambda _: (5.0, 40.0, -170.0), MountProfile())
+    assert met.utc_s > slew_time_s(340.0, AxisLimits())
+
+
 def test_a_target_still_to_come_is_waited_for() -> None:
-    met = plan_intercept(0.0, 300.0, (1.0, 2.0), lambda _: (1.5, 2.5), MountProfile())
+    met = plan_intercept(0.0, 300.0, (1.0, 2.0), lambda _: (1.5, 2.5, 0.5), MountProfile())
     assert met.utc_s == 300.0

@@ -100,8 +100,8 @@ def test_a_mount_that_does_not_answer(tmp_path: Path) -> None:
     assert code == 4
     assert summary["ended_by"] == "link"
     assert summary["mount_stopped"] is None
-    assert len(err.splitlines()) == 1
-    assert "no status from xerxes://127.0.0.1:" in err
+    assert "no status from xerxes://127.0.0.1:" in err.splitlines()[-1]
+    assert all(line.startswith("sattrack: ") for line in err.splitlines())
 
 
 def test_a_port_in_use_is_named(tmp_path: Path) -> None:
@@ -115,8 +115,7 @@ def test_a_port_in_use_is_named(tmp_path: Path) -> None:
                 out, err = run.communicate(timeout=60.0)
             assert run.returncode == 1
             assert out == ""
-            assert len(err.splitlines()) == 1
-            assert f"UDP port {port}" in err
+            assert f"UDP port {port}" in err.splitlines()[-1]
 
 
 def test_the_end_of_the_control_channel_stops_the_mount() -> None:

@@ -68,7 +68,7 @@ def test_leaving_stops_the_mount_and_tells_the_summary(
 ) -> None:
     assert fly_with_tui(feeder_command(OBEDIENT), show=no_screen) == 0
     out, err = capsys.readouterr()
-    assert 'got {"type":"stop","why":"operator"}' in err
+    assert 'got {"type":"stop"}' in err
     assert out.startswith("ISS (ZARYA) (25544) with sim: ended by set\n")
     assert "reported error 0.020″ RMS, 0.300″ peak" in out
     assert "bias +0.100 s along, +0.0000° across" in out
@@ -88,7 +88,7 @@ def test_messages_arrive_in_order_and_the_exit_code_is_the_feeders(
     assert told == [
         'got {"type":"nudge","along_s":0.1,"cross_deg":0.0}',
         'got {"type":"clear_bias"}',
-        'got {"type":"stop","why":"operator"}',
+        'got {"type":"stop"}',
     ]
 
 
