@@ -34,9 +34,9 @@ if TYPE_CHECKING:
     Flags = NDArray[np.bool_]
 
 SURE_S = 0.5
-_LOOKS = 13
+_LOOKS = 9
 # Ridders' method squares the error: the step after one of this size is below a microsecond.
-_CLOSE_S = 3e-3
+_CLOSE_S, _WALL_CLOSE_S = 3e-3, 1e-5
 _DEG = 180.0 / math.pi
 
 
@@ -69,6 +69,7 @@ class _Looks:
 
     arc: Index
     x: Array
+    height: Array
     above: Flags
     peak: Flags
 
@@ -99,6 +100,11 @@ def _height(q: Array, horizon: Horizon) -> Array:
     return skyline
 
 
+def _side(height: Array) -> Array:
+    """Return 1 above the horizon, -1 elsewhere."""
+    return np.where(height > 0.0, 1.0, -1.0)
+
+
 def _climb(q: Array, v: Array) -> Array:
     """Return what has the sign of the altitude's rate."""
     climb: Array = v[2] * (q[0] * q[0] + q[1] * q[1]) - q[2] * (q[0] * v[0] + q[1] * v[1])
@@ -118,7 +124,8 @@ def _look(arcs: Arcs, horizon: Horizon) -> _Looks:
     q = places(arcs.powers[..., None], grid).reshape(3, -1)
     v = slopes(arcs.powers[..., None], grid).reshape(3, -1)
     height = _height(q, horizon)
-    climbing = _climb(q, v) > 0.0
+    climb = _climb(q, v)
+    climbing = climb > 0.0
     inner = np.ones(len(arc) - 1, dtype=bool)
     inner[_LOOKS - 1 :: _LOOKS] = False
     left = np.flatnonzero(inner)
@@ -126,7 +133,8 @@ def _look(arcs: Arcs, horizon: Horizon) -> _Looks:
     some = (height[left] > 0.0) | (height[left + 1] > 0.0) | doubt
     # Tops may be the only look above the horizon, and valleys the only one below it.
     turns = left[some & (climbing[left] != climbing[left + 1])]
-    turn_arc, turn_x = arc[turns], _roots(arcs, arc[turns], x[turns], x[turns + 1], _climbs)
+    turn_arc = arc[turns]
+    turn_x = _roots(arcs, turn_arc, (x[turns], x[turns + 1]), (climb[turns], climb[turns + 1]), _climbs)
     turn_q = arcs.at(turn_arc, turn_x)
     left = left[doubt]
     more_arc, more_x, more_height = _halve(
@@ -134,11 +142,12 @@ def _look(arcs: Arcs, horizon: Horizon) -> _Looks:
     )
     all_arc = np.concatenate([arc, turn_arc, more_arc])
     all_x = np.concatenate([x, turn_x, more_x])
-    above = np.concatenate([height, _height(turn_q, horizon), more_height]) > 0.0
+    height = np.concatenate([height, _height(turn_q, horizon), more_height])
     peak = np.zeros(len(all_arc), dtype=bool)
     peak[len(arc) : len(arc) + len(turn_arc)] = climbing[turns]
     order = np.lexsort((all_x, all_arc))
-    return _Looks(all_arc[order], all_x[order], above[order], peak[order])
+    height = height[order]
+    return _Looks(all_arc[order], all_x[order], height, height > 0.0, peak[order])
 
 
 def _halve(
@@ -269,12 +278,16 @@ def _borders(
     # Looks on two arcs stand at the instant that both share.
     same = looks.arc[low] == looks.arc[high]
     x = looks.x[low].copy()
+    low_same, high_same = low[same], high[same]
+    # A skyline may have walls, over which only signs lead to the border.
+    shape: Callable[[Array], Array] = np.positive if horizon.mask is None else _side
     x[same] = _roots(
         arcs,
-        looks.arc[low[same]],
-        looks.x[low[same]],
-        looks.x[high[same]],
-        lambda columns, at: _height(places(columns, at), horizon),
+        looks.arc[low_same],
+        (looks.x[low_same], looks.x[high_same]),
+        (shape(looks.height[low_same]), shape(looks.height[high_same])),
+        lambda columns, at: shape(_height(places(columns, at), horizon)),
+        _CLOSE_S if horizon.mask is None else _WALL_CLOSE_S,
     )
     found[closed] = arcs.seconds(looks.arc[low], x)
     place[:, closed] = arcs.at(looks.arc[low], x)
@@ -282,8 +295,13 @@ def _borders(
 
 
 def _roots(
-    arcs: Arcs, arc: Index, low: Array, high: Array, function: Callable[[Array, Array], Array]
+    arcs: Arcs,
+    arc: Index,
+    ends: tuple[Array, Array],
+    at_ends: tuple[Array, Array],
+    function: Callable[[Array, Array], Array],
+    close_s: float = _CLOSE_S,
 ) -> Array:
-    """Return x of a root in each bracket of a function of an arc's columns and x."""
+    """Return x of a root in each bracket of a function of an arc's columns and x, known at its ends."""
     columns = arcs.columns(arc)
-    return roots(lambda x: function(columns, x), low, high, _CLOSE_S / arcs.half_s[arc])
+    return roots(lambda x: function(columns, x), *ends, close_s / arcs.half_s[arc], at_ends)

@@ -35,7 +35,10 @@ class Ground:
         theta, _, _, _, xp, yp = earth.rotation(knots)
         self._knots_s = knots
         self._xp, self._yp = np.broadcast_to(xp, knots.shape), np.broadcast_to(yp, knots.shape)
-        self._theta = np.unwrap(np.broadcast_to(theta, knots.shape) - _even(knots, knots[0]))
+        turn = theta - _even(knots, knots[0])
+        # All are the same but for whole turns and the drift of UT1.
+        self._theta = turn[0] + (turn - turn[0] + math.pi) % (2.0 * math.pi) - math.pi
+        self._turn = float(self._theta.mean())
         self.place: Vector = site.itrs_km
         self.up: Vector = site.up
         self.distance_km = math.hypot(*site.itrs_km)
@@ -55,7 +58,7 @@ class Ground:
 
     def turn_rad(self, start_s: float, since_s: Array) -> Array:
         """Return the Earth's turn, GMST82, with the middle day's offset: good to a thousandth of a second."""
-        return _even(since_s, self._knots_s[0] - start_s) + float(np.mean(self._theta))
+        return _even(since_s, self._knots_s[0] - start_s) + self._turn
 
     def stretched(self, place: Array) -> Array:
         """Return a place east, north, up from the Earth's centre, in equatorial radii, shape (3, m).

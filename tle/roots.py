@@ -18,16 +18,22 @@ _MOST_ROUNDS = 60
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 
 
-def roots(value: Callable[[Array], Array], low: Array, high: Array, close: Array | float) -> Array:
+def roots(
+    value: Callable[[Array], Array],
+    low: Array,
+    high: Array,
+    close: Array | float,
+    at_ends: tuple[Array, Array] | None = None,
+) -> Array:
     """Return a root in each bracket (m,), by Ridders' method, until none moves by `close` any more.
 
-    The values at the ends of a bracket have different signs, zero counting as negative. Near the end the
-    method squares the error from step to step.
+    The values at the ends of a bracket, `at_ends` where they are known, have different signs, zero counting
+    as negative. Near the end the method squares the error from step to step.
     """
     if len(low) == 0:
         return low
     low, high = low.copy(), high.copy()
-    at_low, at_high = value(low), value(high)
+    at_low, at_high = (value(low), value(high)) if at_ends is None else at_ends
     found = low
     for _ in range(_MOST_ROUNDS):
         middle = 0.5 * (low + high)
