@@ -5,16 +5,15 @@ from __future__ import annotations
 import csv
 import io
 import json
+import runpy
 import subprocess
 import sys
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from sattrack.cli import run
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 ISS = (
     "ISS (ZARYA)",
@@ -220,3 +219,11 @@ print("imported:", [name for name in heavy.split() if name in sys.modules])
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "imported: []"
+
+
+def test_the_example_of_passes(capsys: pytest.CaptureFixture[str]) -> None:
+    example = Path(__file__).parents[2] / "examples" / "passes_over_leiden.py"
+    runpy.run_path(str(example), run_name="__main__")
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 5
+    assert "81.3°  1.337 °/s  sunlit" in lines[2]
