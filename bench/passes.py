@@ -18,6 +18,7 @@ import gzip
 import os
 import resource
 import statistics
+import subprocess
 import sys
 import time
 from importlib.metadata import version
@@ -204,6 +205,7 @@ def main() -> None:
         f"times apart by at most {max(apart):.4f} s"
     )
     one_satellite(next((e for e in catalogue if e.catalog_number == ISS), catalogue[0]))
+    start_up()
 
 
 def safely(peer: Peer, one: Elements):  # type: ignore[no-untyped-def]
@@ -229,6 +231,27 @@ def one_satellite(one: Elements) -> None:
         f"one satellite ({one.label}), 10 days: {statistics.median(ratios):.1f} times as fast "
         f"({ratios[0]:.1f} to {ratios[-1]:.1f}); {len(passes)} passes, "
         f"skyfield {rises} rises; ours {ours * 1e3:.2f} ms"
+    )
+
+
+def start_up() -> None:
+    """Print how long the command takes for one satellite, against importing numpy and sgp4 alone."""
+    source = Path(__file__).parents[1] / "examples" / "iss_leiden.tle"
+    site = ",".join(str(value) for value in SITE)
+    command = ["-m", "sattrack", "passes", "25544", "--elements", str(source), "--site", site]
+    ratios = []
+    for _ in range(11):
+        bare, _done = timed(lambda: subprocess.run([sys.executable, "-c", "import numpy, sgp4"], check=True))
+        whole, _done = timed(
+            lambda: subprocess.run(
+                [sys.executable, *command, "--from", "2026-10-02"], check=True, stdout=subprocess.DEVNULL
+            )
+        )
+        ratios.append(whole / bare)
+    ratios.sort()
+    print(
+        f"the command for one satellite: {statistics.median(ratios):.2f} times as long as importing numpy and "
+        f"sgp4 ({ratios[0]:.2f} to {ratios[-1]:.2f})"
     )
 
 

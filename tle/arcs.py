@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -33,8 +33,7 @@ _SHORTEST_S = 1.0
 _ROUND, _ECCENTRIC, ROUND_BELOW = 5, 6, 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class _Basis:
+class _Basis(NamedTuple):
     """For polynomials of so many terms: nodes, values to Chebyshev coefficients, those to powers, and the
     largest first and second derivative of each Chebyshev polynomial on -1 to 1 (V. A. Markov).
     """

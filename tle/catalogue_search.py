@@ -20,7 +20,6 @@ from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
 from tle.near_earth import DEEP_SPACE_MIN, brouwer_mean_motion, start_near_earth
 from tle.near_search import ARCS_A_TURN, near_crossings, near_places
 from tle.passes import HOUR_S, find_passes
-from tle.propagator import Propagator
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -130,6 +129,11 @@ class CatalogueSearch:
 
     def one_by_one(self, left: list[int], pieces: list[Crossings]) -> list[tuple[Elements, PropagationError]]:
         """Search objects that decay or drag beyond all bounds; add what is found, return the refused."""
+        if not left:
+            return []
+        # Few searches come to this, and none of a satellite that keeps its orbit.
+        from tle.propagator import Propagator
+
         task, failed = self.task, []
         for index in left:
             elements = self.elements[index]

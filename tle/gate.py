@@ -15,8 +15,7 @@ more than the Earth and the node turn.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -43,8 +42,7 @@ _MOST_DRAG = 0.02
 _SLACK_KM, _GRAVITY_SLACK = 2.0, 1.01
 
 
-@dataclass(frozen=True, slots=True)
-class Bounds:
+class Bounds(NamedTuple):
     """What an orbit cannot exceed within a span: distances from the Earth's centre, km; shapes (n,).
 
     `speed` and `bend` are of the motion seen from the turning Earth, km/s and km/s²; `margin_km` is how far
@@ -60,7 +58,8 @@ class Bounds:
 
     def take(self, index: Index) -> Bounds:
         """Return the bounds of the objects of these indices."""
-        return Bounds(*(getattr(self, f.name)[index] for f in fields(self)))
+        taken: list[Any] = [values[index] for values in self]
+        return Bounds(*taken)
 
 
 def drag_share(c: NearEarth, unix_s: float) -> Array:

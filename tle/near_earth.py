@@ -7,8 +7,7 @@ improved mode, WGS 72, periods under 225 minutes. Lengths are Earth radii and ti
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -33,8 +32,7 @@ _EXACT_RAD, _ROUGH_RAD, _MOST_STEPS = 1e-8, 5e-3, 12
 _LONGEST_STEP_RAD = 0.95
 
 
-@dataclass(frozen=True, slots=True)
-class NearEarth:
+class NearEarth(NamedTuple):
     """What SGP4 makes of the elements at their epoch; arrays of shape (n,), names as in the papers."""
 
     epoch_s: Array
@@ -80,7 +78,7 @@ class NearEarth:
 
     def column(self) -> NearEarth:
         """Return the same with shapes (n, 1), to go with instants of shape (n, m)."""
-        return NearEarth(*(getattr(self, f.name)[:, None] for f in fields(self)))
+        return NearEarth(*(values[:, None] for values in self))
 
     def advanced(self, unix_s: float) -> NearEarth:
         """Return the same in single precision, with angles at POSIX seconds instead of at the epoch.
@@ -89,14 +87,13 @@ class NearEarth:
         """
         t = (unix_s - self.epoch_s) / 60.0
         turn = 2.0 * math.pi
-        changed = {
-            "mo": (self.mo + self.mdot * t) % turn,
-            "argpo": (self.argpo + self.argpdot * t) % turn,
-            "nodeo": (self.nodeo + self.nodedot * t) % turn,
-        }
-        return NearEarth(
-            *(changed.get(f.name, getattr(self, f.name)).astype(np.float32) for f in fields(self))
+        moved = self._replace(
+            mo=(self.mo + self.mdot * t) % turn,
+            argpo=(self.argpo + self.argpdot * t) % turn,
+            nodeo=(self.nodeo + self.nodedot * t) % turn,
         )
+        single: list[Any] = [values.astype(np.float32) for values in moved]
+        return NearEarth(*single)
 
     def spread(self, index: NDArray[np.intp]) -> NearEarth:
         """Return what goes with arrays about the objects of these indices; one object is left as it is."""
@@ -104,11 +101,10 @@ class NearEarth:
 
     def take(self, index: NDArray[np.intp]) -> NearEarth:
         """Return the objects of these indices, which may repeat."""
-        return NearEarth(*(getattr(self, f.name)[index] for f in fields(self)))
+        return NearEarth(*(values[index] for values in self))
 
 
-@dataclass(frozen=True, slots=True)
-class MeanOrbit:
+class MeanOrbit(NamedTuple):
     """SGP4's orbit at instants before the terms that go round twice a revolution; radii, rad; shape (m,)."""
 
     semi_major: Array
