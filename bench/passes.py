@@ -250,8 +250,8 @@ def start_up() -> None:
         ratios.append(whole / bare)
     ratios.sort()
     print(
-        f"the command for one satellite: {statistics.median(ratios):.2f} times as long as importing numpy and "
-        f"sgp4 ({ratios[0]:.2f} to {ratios[-1]:.2f})"
+        f"the command for one satellite: {statistics.median(ratios):.2f} times as long as importing "
+        f"numpy and sgp4 ({ratios[0]:.2f} to {ratios[-1]:.2f})"
     )
 
 

@@ -55,7 +55,7 @@ def roots(
     return found
 
 
-def least(value: Callable[[Array], Array], low: Array, high: Array, rounds: int = 18) -> tuple[Array, Array]:
+def least(value: Callable[[Array], Array], low: Array, high: Array, rounds: int = 15) -> tuple[Array, Array]:
     """Return where values are least within brackets (m,) of one valley each, and the values there.
 
     By the golden section: each round leaves 0.62 of a bracket.

@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-# Between two looks the Moon's way bends by 0.07″ and the Sun's by less.
-_STEP_S = 600.0
+# Between two looks the Moon's way bends by 0.07″, and the Sun's by 0.02″.
+_MOON_STEP_S, _SUN_STEP_S = 600.0, 3600.0
 
 
 class SkyBody:
@@ -35,10 +35,11 @@ class SkyBody:
         ground: Ground,
         earth: EarthOrientation,
         span: tuple[float, float],
+        step_s: float,
     ) -> None:
-        """Look the body up over a span: first second (POSIX) and length in seconds. Raises TimeRangeError."""
+        """Look the body up over a span, first second (POSIX) and length. Raises TimeRangeError."""
         start_s, span_s = span
-        self._times = start_s + np.linspace(0.0, span_s, math.ceil(span_s / _STEP_S) + 2)
+        self._times = start_s + np.linspace(0.0, span_s, math.ceil(span_s / step_s) + 2)
         at = Utc(self._times)
         of_date = np.einsum("nij,nj->in", earth.celestial_matrix(at), place_km(at))
         equinoxes = np.broadcast_to(earth.rotation(self._times)[2], self._times.shape)
@@ -55,4 +56,7 @@ def sun_and_moon(
     ground: Ground, earth: EarthOrientation, span: tuple[float, float]
 ) -> tuple[SkyBody, SkyBody]:
     """Return both over a span."""
-    return SkyBody(sun_km, ground, earth, span), SkyBody(moon_km, ground, earth, span)
+    return (
+        SkyBody(sun_km, ground, earth, span, _SUN_STEP_S),
+        SkyBody(moon_km, ground, earth, span, _MOON_STEP_S),
+    )
