@@ -105,7 +105,8 @@ class Safety:
 
         `moved` are mean rates over `seconds`, `commanded` what was in force; call once a status.
         """
-        before = hour_angle_deg if self._hour_angle_deg is None else self._hour_angle_deg
+        # Unknown until told, the turns are taken to begin within half a turn of the meridian.
+        before = self._hour_angle_deg or 0.0
         self._hour_angle_deg = before + (hour_angle_deg - before + 180.0) % 360.0 - 180.0
         if not isinstance(commanded, MoveAxes):
             self._disobeyed_s = 0.0
@@ -153,7 +154,7 @@ class Safety:
         up = self._way_to_rest_deg(dec, self._profile.dec.max_acceleration_deg_s2, age_s)
         if self._below_floor(hour_angle_deg + on, dec_deg + up):
             return self._trip("altitude")
-        turned = hour_angle_deg if self._hour_angle_deg is None else self._hour_angle_deg
+        turned = self._hour_angle_deg or 0.0
         if abs(turned + on) > self._profile.hour_angle_limit_deg and turned * on > 0.0:
             return self._trip("hour_angle")
         if ra == move.ra_rate_deg_s and dec == move.dec_rate_deg_s:

@@ -79,3 +79,47 @@ def test_harmless_motions_pass(motion: Motion) -> None:
 def test_whatever_can_trip_is_in_the_table() -> None:
     assert {row.name for row in INTERLOCKS} == {"rate", "command", "altitude", "hour_angle", "obedience"}
     assert all(row.watches and row.bound and row.way_out for row in INTERLOCKS)
+
+
+def at_hour_angles(*seen: float) -> Safety:
+    gate = safety(floor_deg=-90.0)
+    for hour_angle in seen:
+        gate.watch(hour_angle, MoveAxes(0.0, 0.0), Hold(), 0.05)
+    return gate
+
+
+@pytest.mark.parametrize(
+    ("seen", "westward", "cleared"),
+    [
+        ([350.0], False, True),
+        ([300.0, 200.0], False, True),
+        ([170.0, 190.0, 199.9], True, False),
+        ([170.0, 190.0, 199.9], False, True),
+        ([190.0], True, True),
+        ([190.0, 161.0], False, True),
+        ([190.0, 160.0], False, False),
+        ([-170.0, -199.9], False, False),
+    ],
+)
+def test_turns_of_the_hour_angle_are_counted_from_the_first_status(
+    seen: list[float], westward: bool, cleared: bool
+) -> None:
+    """The limit is 200° either way; 190° seen first is 170° east, and 160° after it 200° east."""
+    gate = at_hour_angles(*seen)
+    move = MoveAxes(-1.0 if westward else 1.0, 0.0)
+    assert (gate.clear(move, seen[-1], 0.0, 40.0).motion == move) is cleared
+    assert gate.tripped == (None if cleared else "hour_angle")
+
+
+def test_a_mount_that_does_not_move_is_not_obeying() -> None:
+    gate = safety()
+    for _ in range(25):
+        gate.watch(10.0, MoveAxes(0.0, 0.0), MoveAxes(1.0, 0.0), 0.05)
+    assert gate.tripped == "obedience"
+
+
+def test_a_mount_that_takes_its_time_to_turn_round_is_obeying() -> None:
+    gate = safety()
+    for moved in (-6.0, -4.0, -2.0, -0.5, 0.5, 3.0) * 5:
+        gate.watch(10.0, MoveAxes(0.0, moved), MoveAxes(0.0, 6.0), 0.05)
+    assert gate.tripped is None
