@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from tle.earth import EarthOrientation, earth_orientation_age
     from tle.elements import Elements
     from tle.errors import TleError
+    from tle.formats.registry import parse_elements, write_elements
     from tle.instants import Utc
     from tle.observations import Observation, read_observations
     from tle.passes import Pass, find_passes
@@ -44,8 +45,10 @@ __all__ = [
     "find",
     "find_passes",
     "load_elements",
+    "parse_elements",
     "read_elements",
     "read_observations",
+    "write_elements",
 ]
 
 _HOMES = {
@@ -66,8 +69,10 @@ _HOMES = {
     "find": "sources",
     "find_passes": "passes",
     "load_elements": "sources",
+    "parse_elements": "formats.registry",
     "read_elements": "sources",
     "read_observations": "observations",
+    "write_elements": "formats.registry",
 }
 
 
