@@ -10,12 +10,16 @@ import sys
 import threading
 import time
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import erfa
 from sgp4.api import Satrec
 
 from sattrack import practice
+from tle.elements import Elements
+from tle.formats.registry import write_elements
+from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -31,11 +35,19 @@ def free_port() -> int:
         return port
 
 
+def elements_of_today() -> tuple[str, str]:
+    """The ISS' orbit with today as its epoch, so that it is no older in years to come."""
+    orbit = Elements.from_tle(practice.LINE_1, practice.LINE_2)
+    today = Utc(time.time() // 86400.0 * 86400.0)
+    line_1, line_2 = write_elements([replace(orbit, epoch=today)], "2le").split("\n")[:2]
+    return line_1, line_2
+
+
 def site_on_the_path() -> str:
     """A site over which the ISS will pass a minute from now, so that it is well up already."""
     utc_s = time.time() + START_POINT_AHEAD_S
     jd, fraction = 2440587.5 + utc_s // 86400.0, (utc_s % 86400.0) / 86400.0
-    error, r, _ = Satrec.twoline2rv(practice.LINE_1, practice.LINE_2).sgp4(jd, fraction)
+    error, r, _ = Satrec.twoline2rv(*elements_of_today()).sgp4(jd, fraction)
     assert error == 0
     longitude = math.degrees(math.atan2(r[1], r[0]) - erfa.gmst82(jd, fraction))
     latitude = math.degrees(math.atan2(r[2], math.hypot(r[0], r[1])))
@@ -99,7 +111,7 @@ def simulated_mount(site: str, *options: str) -> Iterator[Mount]:
 
 def track_arguments(folder: Path, site: str, port: int, *options: str) -> list[str]:
     elements = folder / "iss.tle"
-    elements.write_text(f"{practice.LINE_1}\n{practice.LINE_2}\n")
+    elements.write_text("".join(f"{line}\n" for line in elements_of_today()))
     url = f"xerxes://127.0.0.1:{port}?listen={free_port()}"
     return ["track", "25544", "--mount", url, "--site", site, "--elements", str(elements), *options]
 
