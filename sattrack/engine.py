@@ -199,7 +199,7 @@ class Engine:
         return TrackView(
             utc_s=now_utc_s,
             phase=tracker.phase.value,
-            name=spec.propagator.elements.name or str(spec.propagator.elements.catalog_number),
+            name=spec.propagator.elements.label,
             catalog_number=spec.propagator.elements.catalog_number,
             mount=spec.mount_name,
             start_utc_s=spec.plan.start_utc_s,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from sattrack.settings import SiteSettings
 from sattrack.xerxes.simulator.mount import StartPosition
+from tle.elements import Elements
 
 NAME = "ISS (ZARYA)"
 LINE_1 = "1 25544U 98067A   26275.01380287  .00003738  00000+0  76743-4 0  9992"
@@ -18,3 +19,8 @@ LEAD_S = 9.0
 """The demonstration starts so long before the satellite is high enough: time for the slew, no more."""
 START = StartPosition(hour_angle_deg=50.0, dec_deg=15.0)
 """Where the demonstration's mount stands at first."""
+
+
+def elements() -> Elements:
+    """Return the satellite's elements."""
+    return Elements.from_tle(LINE_1, LINE_2, NAME)

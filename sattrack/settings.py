@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 
 from sattrack.errors import BadInputError
+from tle.site import Site
 
 
 class SiteSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -17,6 +18,10 @@ class SiteSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     latitude_deg: float
     longitude_deg: float
     height_m: float = 0.0
+
+    def place(self) -> Site:
+        """Return the site; raises SiteError where a number is out of range."""
+        return Site(self.latitude_deg, self.longitude_deg, self.height_m)
 
 
 class MountSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

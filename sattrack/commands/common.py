@@ -44,8 +44,7 @@ class CommandContext:
         if self.site_option is not None:
             return Site.parse(self.site_option)
         if self.settings.site is not None:
-            site = self.settings.site
-            return Site(site.latitude_deg, site.longitude_deg, site.height_m)
+            return self.settings.site.place()
         raise BadInputError("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
 
     def sources(self) -> tuple[str, ...]:

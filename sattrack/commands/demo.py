@@ -9,16 +9,11 @@ import click
 
 from sattrack import practice
 from sattrack.commands.common import CommandContext, common_options
-from sattrack.commands.running import Progress, Stream, finish, tell_ignored, tui_possible, with_tui
+from sattrack.commands.running import Progress, Stream, finish, fly_and_tell, tui_possible, with_tui
 from sattrack.errors import BadInputError
-from sattrack.runtime.channel import StdinInbox
 from sattrack.runtime.facts import choose_pass
-from sattrack.runtime.fly import fly_live
-from sattrack.runtime.live import StopRequest
 from sattrack.runtime.prepare import RunRequest, prepare
-from tle.elements import Elements
 from tle.instants import Utc
-from tle.site import Site
 
 STOPPING_TAKES_S = 0.7
 SHORTEST_S = 5.0
@@ -45,23 +40,16 @@ def command(context: CommandContext, seconds: float | None, **options: Any) -> i
         return with_tui(stay=seconds is None)
     request = demo_request(context.clock_option, options["record"])
     deadline_s = float("inf") if seconds is None else begun_s + seconds - STOPPING_TAKES_S
-    stop = StopRequest()
     told = Stream() if options["stream"] else Progress(quiet_off_terminal=False)
-    inbox = StdinInbox() if options["control"] else None
-    summary = fly_live(prepare(request), told.show, stop, inbox, deadline_s)
-    told.end()
-    if inbox is not None:
-        tell_ignored(inbox.ignored)
-    return finish(summary, stop.asked, context.json or options["stream"])
+    summary, interrupted = fly_and_tell(prepare(request), told, options["control"], deadline_s)
+    return finish(summary, interrupted, context.json or options["stream"])
 
 
 def demo_request(clock_option: str | None, record: str | None) -> RunRequest:
     """Return what the demonstration asks for; its clock starts shortly before the satellite is up."""
     from pathlib import Path
 
-    elements = Elements.from_tle(practice.LINE_1, practice.LINE_2, practice.NAME)
-    where = practice.SITE
-    site = Site(where.latitude_deg, where.longitude_deg, where.height_m)
+    elements, site = practice.elements(), practice.SITE.place()
     if clock_option is None:
         rise = choose_pass(elements, site, Utc.parse(practice.BEFORE_PASS), 10.0).rise_utc
         assert rise is not None

@@ -11,6 +11,9 @@ import click
 import msgspec
 
 from sattrack.commands.json_lines import JsonLines
+from sattrack.runtime.channel import StdinInbox
+from sattrack.runtime.fly import fly_live
+from sattrack.runtime.live import StopRequest
 from sattrack.runtime.outcome import failure
 from sattrack.summary_text import summary_lines
 from sattrack.view import Summary, TrackView
@@ -18,6 +21,7 @@ from tle.instants import Utc
 
 if TYPE_CHECKING:
     from sattrack.runtime.facts import RunFacts
+    from sattrack.runtime.prepare import Prepared
 
 SECONDS_BETWEEN_LINES = 5.0
 OLD_AFTER_DAYS = 3.0
@@ -113,10 +117,20 @@ class Stream(JsonLines):
         self.write(view)
 
 
-def tell_ignored(ignored: list[str]) -> None:
-    """Say which messages did nothing."""
-    for words in ignored:
+def fly_and_tell(
+    prepared: Prepared, told: Progress | Stream, control: bool, deadline_s: float = float("inf")
+) -> tuple[Summary, bool]:
+    """Fly a run in real time; return its summary and whether a signal interrupted it.
+
+    With `control`, messages come on standard input; which of them did nothing is said at the end.
+    """
+    stop = StopRequest()
+    inbox = StdinInbox() if control else None
+    summary = fly_live(prepared, told.show, stop, inbox, deadline_s)
+    told.end()
+    for words in () if inbox is None else inbox.ignored:
         click.echo(f"sattrack: {words}", err=True)
+    return summary, stop.asked
 
 
 def finish(summary: Summary, interrupted: bool, as_json: bool) -> int:

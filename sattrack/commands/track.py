@@ -13,15 +13,13 @@ from sattrack.commands.running import (
     Stream,
     announcement,
     finish,
-    tell_ignored,
+    fly_and_tell,
     tui_possible,
     with_tui,
 )
 from sattrack.errors import BadInputError
-from sattrack.runtime.channel import StdinInbox
 from sattrack.runtime.facts import REFRACTION_MODES
-from sattrack.runtime.fly import fly_live, fly_virtual
-from sattrack.runtime.live import StopRequest
+from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import RunRequest, prepare
 
 
@@ -75,13 +73,9 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
     for words in announcement(prepared.facts):
         click.echo(f"sattrack: {words}", err=True)
     told = Stream() if options["stream"] else Progress(quiet_off_terminal=True)
-    stop = StopRequest()
-    inbox = StdinInbox() if options["control"] else None
     if request.virtual:
-        summary = fly_virtual(prepared, told.show)
+        summary, interrupted = fly_virtual(prepared, told.show), False
+        told.end()
     else:
-        summary = fly_live(prepared, told.show, stop, inbox)
-    told.end()
-    if inbox is not None:
-        tell_ignored(inbox.ignored)
-    return finish(summary, stop.asked, context.json or options["stream"])
+        summary, interrupted = fly_and_tell(prepared, told, options["control"])
+    return finish(summary, interrupted, context.json or options["stream"])

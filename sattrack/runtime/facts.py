@@ -18,10 +18,11 @@ from tle.instants import Utc
 from tle.passes import Pass, find_passes
 from tle.propagator import Propagator
 from tle.refraction import Refraction
-from tle.site import Site
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from tle.site import Site
 
 SEARCH_HOURS = 48.0
 SIMULATED = "sim"
@@ -61,7 +62,7 @@ def decode_facts(data: bytes | msgspec.Raw) -> RunFacts:
 
 def build_engine(facts: RunFacts) -> Engine:
     """Return a new engine for a run."""
-    site = Site(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
+    site = facts.site.place()
     air = Refraction(facts.pressure_hpa, facts.temperature_c)
     bent = Propagator(facts.elements, site, refraction=air)
     airless = Propagator(facts.elements, site)

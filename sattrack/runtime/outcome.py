@@ -52,7 +52,7 @@ def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
     acquired = tracker.acquired_utc_s
     followable = tracker.followable_utc_s
     return Summary(
-        name=spec.propagator.elements.name or str(spec.propagator.elements.catalog_number),
+        name=spec.propagator.elements.label,
         catalog_number=spec.propagator.elements.catalog_number,
         mount=spec.mount_name,
         started_utc=Utc(spec.started_utc_s).isoformat("milliseconds"),

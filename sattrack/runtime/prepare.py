@@ -14,13 +14,14 @@ from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
 from sattrack.tracker import MOST_ALONG_S, MOST_CROSS_DEG
 from sattrack.xerxes.client import Address, parse_address
-from tle.elements import Elements
 from tle.refraction import Refraction
-from tle.site import Site
 from tle.sources import find
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    from tle.elements import Elements
+    from tle.site import Site
 
 NOT_YET = ("antenna", "alpaca")
 VIRTUAL_LEAD_S = 5.0
@@ -126,9 +127,7 @@ def _check_bias(request: RunRequest) -> None:
 
 def _object_and_site(request: RunRequest, practising: bool) -> tuple[list[Elements], Site]:
     if practising:
-        elements = Elements.from_tle(practice.LINE_1, practice.LINE_2, practice.NAME)
-        where = practice.SITE
-        return [elements], Site(where.latitude_deg, where.longitude_deg, where.height_m)
+        return [practice.elements()], practice.SITE.place()
     if request.elements is None:
         raise BadInputError("no elements: give --elements FILE or set elements in sattrack.toml")
     if request.site is None:
