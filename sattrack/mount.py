@@ -6,6 +6,7 @@ clock), rates are derivatives of those: a right ascension rate of 0 leaves the m
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
@@ -23,12 +24,47 @@ class AxisLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     slew_rate_deg_s: float = 10.0
 
 
+class AxesPosition(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How the axes stand: hour angle and declination of the direction reported there, degrees."""
+
+    hour_angle_deg: float
+    dec_deg: float
+
+
+class CalibrationRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a calibration run found beside the profile's own values, and how sure it was.
+
+    Intervals are (lowest, highest) and hold the truth as far as the run could tell; `clock_offset_s` is the
+    mount's sidereal clock, as a UTC instant by the profile's site, minus ours.
+    """
+
+    utc: str
+    program: str
+    side_of_pier: Literal["normal", "beyond_pole"]
+    ra_gain_sigma: float
+    dec_gain_sigma: float
+    round_trip_s: float
+    round_trip_sigma_s: float
+    command_delay_interval_s: tuple[float, float]
+    status_delay_interval_s: tuple[float, float]
+    clock_offset_interval_s: tuple[float, float]
+    clock_drift_ppm: float
+    clock_drift_sigma_ppm: float
+    status_period_s: float
+    status_period_jitter_s: float
+
+
 class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What is known of one mount. Signs, delays and semantics are measured, never assumed for good.
 
-    `ra_rate_sign` is +1 where a positive MoveAxisRateRA increases the hour angle; `additive` where MoveAxis
-    rates add to sidereal tracking; `move_axis` is "held" where the latest rates act while the flag is up.
-    Delays are seconds from our send call to the mount's mailbox and from its sample to our socket.
+    `ra_rate_sign` is +1 where a positive MoveAxisRateRA increases the hour angle, `dec_rate_sign` +1 where a
+    positive MoveAxisRateDec increases the reported declination; those `_beyond_pole` hold while SideOfPier
+    says so, None where that side was never measured and is taken to be like the other. A gain is the rate
+    that comes of a commanded one, divided by it. `additive` where MoveAxis rates add to sidereal tracking.
+    `move_axis` is "held" where the latest rates act while the flag is up, and "edge" where they are read as
+    the flag rises and stay in force after its fall. Delays are seconds from our send call to the mount's
+    mailbox and from its sample to our socket. `watchdog_s` is the silence after which the mount stops by
+    itself, None where it never does. `readings` are the types of the doubtful fields of a status.
     """
 
     name: str = "xerxes-default"
@@ -36,14 +72,57 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     dec: AxisLimits = AxisLimits()
     ra_rate_sign: Literal[-1, 1] = 1
     dec_rate_sign: Literal[-1, 1] = 1
+    ra_rate_sign_beyond_pole: Literal[-1, 1] | None = None
+    dec_rate_sign_beyond_pole: Literal[-1, 1] | None = None
+    ra_rate_gain: float = 1.0
+    dec_rate_gain: float = 1.0
     additive: bool = True
-    move_axis: Literal["held"] = "held"
+    move_axis: Literal["held", "edge"] = "held"
     hour_angle_limit_deg: float = 200.0
     """How far the hour angle axis may turn either way of the meridian, the cables counted."""
     period_s: float = 0.05
     command_delay_s: float = 0.0003
     status_delay_s: float = 0.0001
     encoder_tics: int = 2**26
+    watchdog_s: float | None = None
+    park: AxesPosition | None = None
+    home: AxesPosition | None = None
+    readings: dict[str, Literal["int64", "double"]] = {}
+    calibration: CalibrationRecord | None = None
+
+    def signs(self, beyond_pole: bool) -> tuple[int, int]:
+        """Return the signs of the two axes' rates, right ascension first, on one side of the pier."""
+        if not beyond_pole:
+            return self.ra_rate_sign, self.dec_rate_sign
+        return (
+            self.ra_rate_sign_beyond_pole or self.ra_rate_sign,
+            self.dec_rate_sign_beyond_pole or self.dec_rate_sign,
+        )
+
+    def __post_init__(self) -> None:
+        """Raise ValueError, naming the field, where a number cannot be one of a mount."""
+        positive = {
+            "ra.max_rate_deg_s": self.ra.max_rate_deg_s,
+            "ra.max_acceleration_deg_s2": self.ra.max_acceleration_deg_s2,
+            "ra.slew_rate_deg_s": self.ra.slew_rate_deg_s,
+            "dec.max_rate_deg_s": self.dec.max_rate_deg_s,
+            "dec.max_acceleration_deg_s2": self.dec.max_acceleration_deg_s2,
+            "dec.slew_rate_deg_s": self.dec.slew_rate_deg_s,
+            "ra_rate_gain": self.ra_rate_gain,
+            "dec_rate_gain": self.dec_rate_gain,
+            "period_s": self.period_s,
+            "hour_angle_limit_deg": self.hour_angle_limit_deg,
+            "encoder_tics": self.encoder_tics,
+        }
+        if self.watchdog_s is not None:
+            positive["watchdog_s"] = self.watchdog_s
+        for name, value in positive.items():
+            if not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} is {value:g}; it must be above 0")
+        delays = {"command_delay_s": self.command_delay_s, "status_delay_s": self.status_delay_s}
+        for name, value in delays.items():
+            if not 0.0 <= value < 5.0:
+                raise ValueError(f"{name} is {value:g}; delays are 0 s or more, and below 5 s")
 
 
 @dataclass(frozen=True, slots=True)

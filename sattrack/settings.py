@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from sattrack.errors import BadInputError
+from sattrack.toml_file import read_toml
 from tle.site import Site
 
 
@@ -67,18 +67,7 @@ def load_settings(explicit: Path | None = None) -> Settings:
     path = find_settings_file(explicit)
     if path is None:
         return Settings()
-    try:
-        text = path.read_text(encoding="utf-8")
-    except OSError as error:
-        raise BadInputError(f"{path}: cannot read the settings: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise BadInputError(f"{path}: cannot read the settings: they are no UTF-8 text") from error
-    try:
-        settings = msgspec.toml.decode(text, type=Settings)
-    except msgspec.ValidationError as error:
-        raise BadInputError(f"{path}{_line_of(text, str(error))}: {error}") from error
-    except msgspec.DecodeError as error:
-        raise BadInputError(f"{path}: not a TOML file: {error}") from error
+    settings = read_toml(path, Settings, "the settings")
     here = path.parent
     elements = tuple(s if s == "-" or _names_a_provider(s) else str(here / s) for s in settings.elements)
     return msgspec.structs.replace(settings, elements=elements)
@@ -88,13 +77,3 @@ def _names_a_provider(source: str) -> bool:
     """Tell a URL or a provider's short name, such as celestrak:active, from a path."""
     return re.match(r"[A-Za-z][A-Za-z0-9+.-]+:", source) is not None
 
-
-def _line_of(text: str, message: str) -> str:
-    """Return ':LINE' of the key that a validation message speaks of, or '' where it cannot be found."""
-    keys = re.findall(r"`\$?\.?([A-Za-z_.0-9]+)`", message)
-    for key in reversed(keys):
-        name = key.split(".")[-1]
-        for number, line in enumerate(text.splitlines(), start=1):
-            if re.match(rf"\s*\[?{re.escape(name)}\b", line):
-                return f":{number}"
-    return ""

@@ -1,0 +1,48 @@
+"""Mount profile files: one TOML file describes one mount, to the tracker and to the simulator alike."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from sattrack.mount import MountProfile
+from sattrack.toml_file import read_toml
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+class ProfileFile(MountProfile, frozen=True, forbid_unknown_fields=True):
+    """A profile as it stands in a file; the table `[simulator]` says what only a simulated mount needs."""
+
+    simulator: dict[str, Any] = msgspec.field(default_factory=dict)
+
+
+def load_profile_file(path: Path) -> ProfileFile:
+    """Return what a profile file says. Raises BadInputError, naming file, line and key."""
+    return read_toml(path, ProfileFile, "the mount profile")
+
+
+def load_profile(path: Path) -> MountProfile:
+    """Return the mount's part of a profile file. Raises BadInputError, naming file, line and key."""
+    whole = load_profile_file(path)
+    return MountProfile(**{name: getattr(whole, name) for name in MountProfile.__struct_fields__})
+
+
+def profile_text(profile: MountProfile) -> str:
+    """Return a profile as TOML; what is not known, or empty, is left out."""
+    import tomli_w
+
+    values = msgspec.to_builtins(profile)
+    return tomli_w.dumps(_without_nothing(values))
+
+
+def _without_nothing(table: dict[str, Any]) -> dict[str, Any]:
+    kept = {}
+    for name, value in table.items():
+        if isinstance(value, dict):
+            value = _without_nothing(value)  # noqa: PLW2901
+        if value is not None and value != {}:
+            kept[name] = value
+    return kept
