@@ -15,7 +15,9 @@ from sattrack.mount import Hold, Motion, MoveAxes, StatusSample
 from sattrack.safety import ROWS, Safety, SafetyLimits
 from sattrack.tracker import Phase, SkyError, Tracker, TrackPlan, sky_error
 from sattrack.view import ErrorView, LinkView, TrackView
-from sattrack.xerxes.session import STALE_AFTER_S, LinkState, Session, SlewState
+from sattrack.xerxes.link import STALE_AFTER_S, LinkState
+from sattrack.xerxes.session import Session
+from sattrack.xerxes.slewing import SlewState
 
 if TYPE_CHECKING:
     from sattrack.messages import Message
@@ -131,7 +133,6 @@ class Engine:
             cleared = self.safety.clear(motion, lst_deg, sample.ra_deg, sample.dec_deg, age_s)
             self._commanded = cleared.motion
             self.session.apply(cleared)
-            self.tracker.note_sent(cleared.motion, now_utc_s)
             if self.safety.tripped is not None and self.tracker.ended_by is None:
                 self._give_up(f"limit:{self.safety.tripped}", self._limit_words())
         elif self.tracker.phase is Phase.STOPPING:
@@ -139,7 +140,13 @@ class Engine:
         if self.tracker.ended_by == "error" and self.message is None:
             self.message = f"{self.spec.mount_name} did not finish its slew in time; it was told to stop"
         self._watch_stop(now_utc_s)
-        return self.session.compose()
+        datagram = self.session.compose()
+        # An edge mount takes new rates only now and then: what counts is what went out.
+        if not isinstance(self._commanded, MoveAxes):
+            self.tracker.note_sent(self._commanded, now_utc_s)
+        elif self.session.begun_move is not None:
+            self.tracker.note_sent(self.session.begun_move, now_utc_s)
+        return datagram
 
     def fail(self, words: str) -> None:
         """Stop the mount and nothing else from now on: what computes directions is not to be relied on."""

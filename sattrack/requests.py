@@ -73,7 +73,10 @@ class EndMove:
 
 @dataclass(frozen=True, slots=True)
 class FineRate:
-    """Adjust the tracking rates by so much, degrees of axis per second, from now on; zero takes it back."""
+    """Adjust the tracking by so much, degrees of axis per second, from now on; zero takes it back.
+
+    The protocol gives no sign: positive is taken to add to the tracking rate (westward), and to go north.
+    """
 
     ra_deg_s: float = 0.0
     dec_deg_s: float = 0.0
@@ -162,26 +165,27 @@ class Ticket:
 
 def objection(request: Request, profile: MountProfile) -> str | None:
     """Return why a request cannot be one, naming field and value, or None where nothing speaks against it."""
+    objected = None
     match request:
         case Slew() | Sync():
-            return _direction_objection(request.ra_deg, request.dec_deg)
+            objected = _direction_objection(request.ra_deg, request.dec_deg)
         case MoveAxis():
-            return _move_objection(request, profile)
+            objected = _move_objection(request, profile)
         case PulseGuide():
-            return _pulse_objection(request)
+            objected = _pulse_objection(request)
         case FineRate():
-            rates = (("right ascension", request.ra_deg_s), ("declination", request.dec_deg_s))
-            for axis, rate in rates:
-                if not abs(rate) <= LARGEST_FINE_RATE_DEG_S:
-                    return f"fine rate in {axis} is {rate:g} °/s; at most {LARGEST_FINE_RATE_DEG_S:g} °/s"
-        case TrackingRate():
-            if request.rate not in range(4):
-                return f"tracking rate is {request.rate}; it is 0 (sidereal) to 3"
-        case Park():
-            if profile.park is None:
-                return "the mount profile has no park position, and parking cuts the drives' power"
-        case Abort() | FindHome() | EndMove():
-            pass
+            objected = _fine_rate_objection(request)
+        case TrackingRate() if request.rate not in range(4):
+            objected = f"tracking rate is {request.rate}; it is 0 (sidereal) to 3"
+        case Park() if profile.park is None:
+            objected = "the mount profile has no park position, and parking cuts the drives' power"
+    return objected
+
+
+def _fine_rate_objection(request: FineRate) -> str | None:
+    for axis, rate in (("right ascension", request.ra_deg_s), ("declination", request.dec_deg_s)):
+        if not abs(rate) <= LARGEST_FINE_RATE_DEG_S:
+            return f"fine rate in {axis} is {rate:g} °/s; at most {LARGEST_FINE_RATE_DEG_S:g} °/s"
     return None
 
 

@@ -8,10 +8,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 import msgspec
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, Motion, MountProfile, MoveAxes, SlewTo, Stop
+from sattrack.requests import Abort, FindHome, MoveAxis, Park, Request, Slew, Sync, objection
 
 
 class Reaction(StrEnum):
@@ -62,6 +64,7 @@ ROWS = {row.name: row for row in INTERLOCKS}
 
 LATENCY_S = 0.2
 """How long a stop may take to act, beside the braking itself."""
+PARKED_WITHIN_DEG = 0.5
 DISOBEDIENT_DEG_S = 0.5
 DISOBEDIENT_FOR_S = 1.0
 
@@ -77,6 +80,24 @@ class Cleared:
     """A motion that safety has let through."""
 
     motion: Motion
+
+
+@dataclass(frozen=True, slots=True)
+class ClearedRequest:
+    """A request that safety has let through."""
+
+    request: Request
+
+
+class Stance(NamedTuple):
+    """How the mount stands when a request comes: its clock and direction, degrees, and whether it moves."""
+
+    sidereal_deg: float
+    ra_deg: float
+    dec_deg: float
+    slewing: bool
+    drives_at_rest: bool
+    """Whether both drives report standstill, sidereal tracking not counted as rest."""
 
 
 def altitude_deg(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> float:
@@ -142,6 +163,57 @@ class Safety:
             case Hold() | Stop():
                 return Cleared(motion)
 
+    def clear_request(self, request: Request, stance: Stance | None) -> ClearedRequest | str:
+        """Return a request as it may be submitted, or in words why it may not be.
+
+        `stance` is None where the mount has not been heard: then only an abort passes. The rates of a
+        MoveAxis go on being judged by `clear`, once a period.
+        """
+        if isinstance(request, Abort):
+            return ClearedRequest(request)
+        refused = objection(request, self._profile)
+        if refused is None and stance is None:
+            refused = "the mount has not been heard yet"
+        if refused is None and self.tripped is not None:
+            refused = (
+                f"safety has stopped the mount ({ROWS[self.tripped].watches}): {ROWS[self.tripped].way_out}"
+            )
+        if refused is None and stance is not None:
+            refused = self._request_objection(request, stance)
+        return ClearedRequest(request) if refused is None else refused
+
+    def _request_objection(self, request: Request, stance: Stance) -> str | None:
+        match request:
+            case Slew() | Sync():
+                altitude = altitude_deg(
+                    stance.sidereal_deg - request.ra_deg, request.dec_deg, self._latitude_deg
+                )
+                if altitude < self._limits.floor_altitude_deg:
+                    floor = self._limits.floor_altitude_deg
+                    return f"that direction is at {altitude:.1f}° altitude; the limit is {floor:g}°"
+            case MoveAxis():
+                move = MoveAxes(request.ra_rate_deg_s or 0.0, request.dec_rate_deg_s or 0.0)
+                name = self._limit_ahead(move, stance.sidereal_deg - stance.ra_deg, stance.dec_deg, 0.0)
+                if name is not None:
+                    return f"the mount stands at its {ROWS[name].name} limit ({ROWS[name].watches})"
+            case Park():
+                return self._park_objection(stance)
+            case FindHome() if stance.slewing:
+                return "the mount is slewing: end that first"
+        return None
+
+    def _park_objection(self, stance: Stance) -> str | None:
+        park = self._profile.park
+        assert park is not None
+        hour_angle = math.remainder(stance.sidereal_deg - stance.ra_deg - park.hour_angle_deg, 360.0)
+        # At the pole the hour angle says nothing of where the tube points, but the axis has its place.
+        off = max(abs(hour_angle), abs(stance.dec_deg - park.dec_deg))
+        if off > PARKED_WITHIN_DEG:
+            return f"the mount stands {off:.2f}° away from its park position: slew there and stop first"
+        if stance.slewing or not stance.drives_at_rest:
+            return "the mount moves: parking cuts the drives' power, so stop it first"
+        return None
+
     def _clear_move(self, move: MoveAxes, hour_angle_deg: float, dec_deg: float, age_s: float) -> Cleared:
         if not self._finite(move.ra_rate_deg_s, move.dec_rate_deg_s):
             return self._trip("command")
@@ -150,17 +222,26 @@ class Safety:
         dec_limit = self._profile.dec.max_rate_deg_s
         ra = max(SIDEREAL_RATE_DEG_S - ra_limit, min(SIDEREAL_RATE_DEG_S + ra_limit, move.ra_rate_deg_s))
         dec = max(-dec_limit, min(dec_limit, move.dec_rate_deg_s))
-        on = self._way_to_rest_deg(SIDEREAL_RATE_DEG_S - ra, self._profile.ra.max_acceleration_deg_s2, age_s)
-        up = self._way_to_rest_deg(dec, self._profile.dec.max_acceleration_deg_s2, age_s)
-        if self._below_floor(hour_angle_deg + on, dec_deg + up):
-            return self._trip("altitude")
-        turned = self._hour_angle_deg or 0.0
-        if abs(turned + on) > self._profile.hour_angle_limit_deg and turned * on > 0.0:
-            return self._trip("hour_angle")
+        ahead = self._limit_ahead(MoveAxes(ra, dec), hour_angle_deg, dec_deg, age_s)
+        if ahead is not None:
+            return self._trip(ahead)
         if ra == move.ra_rate_deg_s and dec == move.dec_rate_deg_s:
             return Cleared(move)
         self.clamping = True
         return Cleared(MoveAxes(ra, dec))
+
+    def _limit_ahead(self, move: MoveAxes, hour_angle_deg: float, dec_deg: float, age_s: float) -> str | None:
+        """Return the name of the limit beyond which these rates would come to rest if stopped now."""
+        on = self._way_to_rest_deg(
+            SIDEREAL_RATE_DEG_S - move.ra_rate_deg_s, self._profile.ra.max_acceleration_deg_s2, age_s
+        )
+        up = self._way_to_rest_deg(move.dec_rate_deg_s, self._profile.dec.max_acceleration_deg_s2, age_s)
+        if self._below_floor(hour_angle_deg + on, dec_deg + up):
+            return "altitude"
+        turned = self._hour_angle_deg or 0.0
+        if abs(turned + on) > self._profile.hour_angle_limit_deg and turned * on > 0.0:
+            return "hour_angle"
+        return None
 
     @staticmethod
     def _way_to_rest_deg(rate_deg_s: float, acceleration_deg_s2: float, age_s: float) -> float:

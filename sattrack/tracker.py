@@ -39,6 +39,9 @@ MOST_CROSS_DEG = 5.0
 GATE_DEG = 0.1
 OUTLIERS_BELIEVED = 5
 """Samples in a row that jump the same way are no glitch: the mount's coordinates have changed."""
+EDGE_PERIODS = 2.0
+MOST_EDGE_PERIODS = 6.0
+"""How long the rates of one edge act: until the next, which the handshake lets through after some periods."""
 GAP_S = 5.0
 """A gap in the samples after which the filters begin anew."""
 
@@ -102,6 +105,10 @@ class Tracker:
         self._near = 0
         self._outliers = 0
         self._sidereal_deg = 0.0
+        self._last_edge_utc_s: float | None = None
+        edge = profile.move_axis == "edge"
+        self._acting_s = profile.period_s * (EDGE_PERIODS if edge else 1.0)
+        """For how long a command that is sent is expected to act."""
         self.phase = Phase.WAITING
         self.ended_by: str | None = None
         self.acquired_utc_s: float | None = None
@@ -226,12 +233,12 @@ class Tracker:
         return 0.5 * ramp + self._profile.command_delay_s + 1.5 * self._profile.period_s
 
     def _follow(self, now_utc_s: float, axes: _Axes) -> MoveAxes:
-        period = self._profile.period_s
+        period, interval = self._profile.period_s, self._acting_s
         # The mount obeys at its first loop after this command has arrived.
         loops = math.ceil((now_utc_s + self._profile.command_delay_s - axes.sample_utc_s) / period)
         acts = axes.sample_utc_s + max(1, loops) * period
         begin = self.direction_at(acts)
-        end = self.direction_at(acts + period)
+        end = self.direction_at(acts + interval)
         moved_ra, moved_dec = self._history.displacement(axes.sample_utc_s, acts)
         ahead_s = acts - axes.sample_utc_s
         ra = axes.ra.position_deg + moved_ra + axes.ra.disturbance_deg_s * ahead_s
@@ -239,7 +246,7 @@ class Tracker:
         self.rates = MoveAxes(
             rate_deg_s(
                 wrap180(float(end.ra_deg - begin.ra_deg)),
-                period,
+                interval,
                 axes.ra.disturbance_deg_s,
                 wrap180(ra - float(begin.ra_deg)),
                 self._profile.ra.max_acceleration_deg_s2,
@@ -247,7 +254,7 @@ class Tracker:
             ),
             rate_deg_s(
                 float(end.dec_deg - begin.dec_deg),
-                period,
+                interval,
                 axes.dec.disturbance_deg_s,
                 dec - float(begin.dec_deg),
                 self._profile.dec.max_acceleration_deg_s2,
@@ -259,9 +266,18 @@ class Tracker:
     def note_sent(self, motion: Motion, now_utc_s: float) -> None:
         """Note what was really sent, after safety had its say: the filters are driven by that."""
         if isinstance(motion, MoveAxes):
+            if self._profile.move_axis == "edge":
+                self._note_cycle(now_utc_s)
             self._history.add(SentRates(now_utc_s, motion.ra_rate_deg_s, motion.dec_rate_deg_s))
         else:
             self._history.clear()
+
+    def _note_cycle(self, now_utc_s: float) -> None:
+        """Learn how long the handshake of an edge takes: for so long the rates that it brought will act."""
+        last_utc_s, self._last_edge_utc_s = self._last_edge_utc_s, now_utc_s
+        if last_utc_s is not None:
+            periods = (now_utc_s - last_utc_s) / self._profile.period_s
+            self._acting_s = max(2.0, min(MOST_EDGE_PERIODS, periods)) * self._profile.period_s
 
     def _advance(self, axes: _Axes, sample: StatusSample, utc_s: float) -> bool:
         """Bring the filters to a sample; tell whether it was believed."""

@@ -21,6 +21,8 @@ STATUS_HEADER = b"XERXESxx"
 COMMAND_LENGTH = 82
 STATUS_LENGTH = 160
 TICS_PER_TURN = 2**26
+DTICS_S_PER_DEG_S = TICS_PER_TURN / 360.0 * 10.0
+"""Tenths of encoder tics per second in a degree per second."""
 TRUE_BYTE = 0xFF
 
 Reading = Literal["int64", "double"]

@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sattrack.xerxes.link import LinkHealth
 
 RESTART_PROOF = 3
-"""Consecutive datagrams of another count that prove a restart of the mount."""
+"""Datagrams in a row of another, rising count that prove a restart of the mount."""
+RESTART_STEP = 4
+"""How far apart those may be: losses go on while a mount starts."""
 TRUSTED_JUMP = 400
 TRUSTED_JUMP_PER_S = 40.0
 """How far a counter may run ahead: 20 s of statuses, and twice the nominal rate for the time of silence."""
 REMEMBERED = 400
-
-
-@dataclass(slots=True)
-class LinkHealth:
-    """Datagrams counted on our side."""
-
-    sent: int = 0
-    received: int = 0
-    lost: int = 0
-    late: int = 0
-    duplicate: int = 0
-    rejected: int = 0
-    restarts: int = 0
 
 
 @dataclass(slots=True)
@@ -47,6 +40,7 @@ class StatusSequence:
             elif not self._is_restart(counter, last):
                 self._count_refused(counter, ahead)
                 return False
+        self.health.hear(arrival_utc_s, 1 if last is None else counter - last)
         self._last, self._last_arrival_s = counter, arrival_utc_s
         self._candidate, self._run = None, 0
         return True
@@ -72,7 +66,7 @@ class StatusSequence:
         if counter == last or counter in self._missing:
             self._candidate, self._run = None, 0
             return False
-        follows = self._candidate is not None and counter == self._candidate + 1
+        follows = self._candidate is not None and 0 < counter - self._candidate <= RESTART_STEP
         self._candidate, self._run = counter, self._run + 1 if follows else 1
         if self._run < RESTART_PROOF:
             return False

@@ -3,19 +3,22 @@
 Rules, from "Xerxes Mount Control Protocol", Details and Theory of Operation:
 
 1. A datagram goes out every period, whether or not anything changed.
-2. A one-shot flag (slew, abort) rises once, is held until its acknowledgement is seen, falls, and may not
-   rise again before the acknowledgement has fallen.
-3. MoveAxis flags stay up for as long as the motion is wanted; the latest rates act ("held").
+2. A one-shot flag rises once, is held until its acknowledgement is seen, falls, and may not rise again before
+   the acknowledgement has fallen.
+3. MoveAxis flags follow the profile: held up for as long as motion is wanted, or an edge for every change.
 4. A slew is ignored while Slewing is true, and MoveAxis makes it true: end MoveAxis, see it fall, then slew.
 5. "Not slewing" counts only in a status that came after the slew's acknowledgement.
 6. An abort outranks everything: no other flag is up beside it.
+
+The paper leaves the order of priorities open. So that it never matters, one flag is up at a time (both of
+MoveAxis count as one), and between two one-shots nothing is up for QUIET_TICKS: a datagram that comes late
+then repeats a request that the mount has just obeyed, not one that something else has replaced.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from enum import Enum, StrEnum
 from typing import TYPE_CHECKING
 
 from sattrack.mount import (
@@ -28,96 +31,48 @@ from sattrack.mount import (
     StatusSample,
     Stop,
 )
+from sattrack.requests import (
+    Abort,
+    EndMove,
+    FindHome,
+    MoveAxis,
+    Park,
+    PulseGuide,
+    Request,
+    Slew,
+    Sync,
+    Ticket,
+    TicketState,
+)
+from sattrack.xerxes.ack_watch import AckWatch
 from sattrack.xerxes.datagrams import (
-    TICS_PER_TURN,
+    DTICS_S_PER_DEG_S,
     Command,
     DatagramError,
+    Readings,
     Status,
     decode_status,
     encode_command,
+    status_readings,
 )
 from sattrack.xerxes.handshake import QUIET_STATUSES, Handshake, OneShot
-from sattrack.xerxes.sequence import LinkHealth, StatusSequence
+from sattrack.xerxes.launches import Launchable, Launches
+from sattrack.xerxes.link import LinkHealth, LinkState
+from sattrack.xerxes.motion_ticket import MotionTicket, Seen
+from sattrack.xerxes.move_axis import NO_RATES, AxisRates, EdgeMove, HeldMove, MoveAxisRule
+from sattrack.xerxes.sequence import StatusSequence
+from sattrack.xerxes.slewing import Slewing, SlewState
 
 if TYPE_CHECKING:
-    from sattrack.safety import Cleared
+    from sattrack.safety import Cleared, ClearedRequest
 
-DEG_S_PER_DTIC_S = 360.0 / TICS_PER_TURN / 10.0
-STALE_AFTER_S = 0.3
-LOST_AFTER_S = 2.0
-SLEW_NEVER_SEEN_AFTER = 5
-"""Statuses after a slew's acknowledgement without Slewing that mean it was too short to be seen."""
-ACK_WITHIN_STATUSES = 20
-"""Statuses after which a slew that is not acknowledged is asked for anew."""
 ABORT_AGAIN_TICKS = 8
+QUIET_TICKS = 4
+READINGS_EVERY = 20
 REST_RATE_DEG_S = SIDEREAL_RATE_DEG_S * 0.5
 """A drive this near to standstill, or to sidereal tracking, is where it should be."""
-
-
-class LinkState(StrEnum):
-    """What the age of the last accepted status says."""
-
-    SILENT = "silent"
-    UP = "up"
-    STALE = "stale"
-    LOST = "lost"
-
-
-class SlewState(Enum):
-    """Where the slew last asked for stands."""
-
-    NONE = "none"
-    WAITING = "waiting for standstill"
-    ASKED = "asked"
-    UNDER_WAY = "under way"
-    DONE = "done"
-
-
-@dataclass(slots=True)
-class _Slew:
-    target: SlewTo
-    state: SlewState = SlewState.WAITING
-    seen_moving: bool = False
-    statuses_since_ack: int = 0
-
-    def follow(self, status: Status) -> None:
-        """Take a status that came with or after the acknowledgement."""
-        self.statuses_since_ack += 1
-        self.seen_moving = self.seen_moving or status.slewing
-        if not status.slewing and (self.seen_moving or self.statuses_since_ack > SLEW_NEVER_SEEN_AFTER):
-            self.state = SlewState.DONE
-
-
-@dataclass(slots=True)
-class _MoveAxis:
-    """Whether the mount may still be moving by MoveAxis, as far as statuses tell.
-
-    The last status may be older than the last command: what counts is the acknowledgement seen up and then
-    down since, or a silence so long that none is to come.
-    """
-
-    over: bool = True
-    _up: bool = False
-    _acked: bool = False
-    _statuses: int = 0
-
-    def sent(self, up: bool) -> None:
-        """Note whether the datagram that goes out has the flags up."""
-        if up:
-            # An acknowledgement from before they rose says nothing of now.
-            self._acked = self._acked and self._up
-            self.over, self._statuses = False, 0
-        self._up = up
-
-    def see(self, status: Status) -> None:
-        """Take one status."""
-        if self.over:
-            return
-        self._statuses += 1
-        up = status.ack_move_ra or status.ack_move_dec
-        self._acked = self._acked or up
-        fallen = self._acked and not up
-        self.over = fallen or self._statuses >= QUIET_STATUSES
+NEVER_ZERO_DEG_S = 1e-9
+"""What an edge mount with absolute rates is sent to stand still: 0 would end MoveAxis."""
 
 
 @dataclass(slots=True)
@@ -129,19 +84,37 @@ class Session:
     status: Status | None = None
     """The last accepted status, whole."""
     sample: StatusSample | None = None
+    readings: Readings = field(default_factory=lambda: Readings(None, None, None, None, None))
+    """Types of the doubtful fields, as far as statuses have shown them."""
+    begun_move: MoveAxes | None = None
+    """The MoveAxis motion that the last datagram began, None where it began none."""
     _sequence: StatusSequence = field(init=False)
+    _acks: AckWatch = field(init=False)
+    _move: MoveAxisRule = field(init=False)
+    _launches: Launches = field(init=False)
     _wanted: Motion = field(default_factory=Hold)
+    _move_axes: tuple[bool, bool] = (True, True)
+    """Which axes' flags MoveAxis uses."""
     _abort: OneShot = field(default_factory=OneShot)
     _slew_flag: OneShot = field(default_factory=OneShot)
-    _move: _MoveAxis = field(default_factory=_MoveAxis)
-    _slew: _Slew | None = None
+    _slew: Slewing | None = None
     _aborted: bool = False
     _ack_stands: int = 0
     """Statuses in a row that acknowledge an abort which we have not sent."""
+    _motion_ticket: MotionTicket | None = None
+    _motion_sent: bool = False
+    _since_slew_ticks: int = QUIET_TICKS
+    _since_other_ticks: int = QUIET_TICKS
 
     def __post_init__(self) -> None:
         """Begin to count statuses."""
         self._sequence = StatusSequence(self.health)
+        self._acks = AckWatch(self.health)
+        self._launches = Launches(self.profile)
+        self._move = self._make_move()
+
+    def _make_move(self) -> MoveAxisRule:
+        return EdgeMove() if self.profile.move_axis == "edge" else HeldMove()
 
     def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
         """Take one datagram; return its sample, or None where it was refused and counted."""
@@ -158,6 +131,8 @@ class Session:
             return None
         if self.health.restarts > restarts:
             self._begin_anew()
+        if self.health.received % READINGS_EVERY == 0:
+            self._read_types(data)
         self.health.received += 1
         self.status = status
         self.sample = StatusSample(
@@ -168,8 +143,8 @@ class Session:
             dec_deg=status.dec_deg,
             slewing=status.slewing,
             does_refraction=status.does_refraction,
-            ra_drive_deg_s=status.ra_rate_dtics_s * DEG_S_PER_DTIC_S,
-            dec_drive_deg_s=status.dec_rate_dtics_s * DEG_S_PER_DTIC_S,
+            ra_drive_deg_s=status.ra_rate_dtics_s / DTICS_S_PER_DEG_S,
+            dec_drive_deg_s=status.dec_rate_dtics_s / DTICS_S_PER_DEG_S,
         )
         self._follow_acknowledgements(status)
         return self.sample
@@ -177,46 +152,65 @@ class Session:
     def apply(self, cleared: Cleared) -> None:
         """Make a motion that safety has cleared the one that is wanted from the next datagram on."""
         motion = cleared.motion
-        if isinstance(motion, SlewTo) and (self._slew is None or self._slew.target != motion):
-            self._slew = _Slew(motion)
-        if isinstance(motion, Stop) and not isinstance(self._wanted, Stop):
-            self._aborted = False
-        if not isinstance(motion, SlewTo):
-            self._slew = None
-        self._wanted = motion
+        if self._motion_ticket is not None and type(motion) is not type(self._wanted):
+            self._supersede("another motion was asked for")
+        if not isinstance(motion, Hold):
+            self._launches.supersede("a motion was asked for")
+        if not (isinstance(motion, MoveAxes) and isinstance(self._wanted, MoveAxes)):
+            self._move_axes = (True, True)
+        self._want(motion)
+
+    def submit(self, cleared: ClearedRequest) -> Ticket:
+        """Take one request that safety has cleared; return its ticket, which follows what becomes of it."""
+        ticket = Ticket(cleared.request)
+        motion = self._motion_of(cleared.request)
+        if motion is None:
+            self._launches.submit(ticket)
+            return ticket
+        self._supersede("another motion was asked for")
+        self._launches.supersede("a motion was asked for")
+        self._motion_ticket, self._motion_sent = MotionTicket(ticket), False
+        self._want(motion)
+        return ticket
 
     def compose(self) -> bytes:
         """Return the next datagram to send."""
         self.health.sent += 1
-        self._move.sent(isinstance(self._wanted, MoveAxes) and not self._abort.up)
-        if self._abort.up:
-            # An abort that is on its way is seen through, whatever is wanted by now.
-            return encode_command(self._compose_stop())
-        match self._wanted:
-            case Stop():
-                command = self._compose_stop()
-            case MoveAxes():
-                command = self._compose_move(self._wanted)
-            case SlewTo():
-                command = self._compose_slew(self._wanted)
-            case Hold():
-                self._slew_flag.happen("withdraw")
-                command = Command(self.health.sent)
+        self.begun_move = None
+        command = self._next_command()
+        self._acks.sent(command)
+        others = (command.abort, command.sync, command.pulse_guide, command.park, command.find_home)
+        self._since_other_ticks = 0 if any(others) else self._since_other_ticks + 1
+        self._since_slew_ticks = 0 if command.slew else self._since_slew_ticks + 1
+        if self._motion_ticket is not None and self._motion_ticket.tick(self._seen()):
+            # Given up: nothing of it may go on being asked for behind the caller's back.
+            self._want(Hold() if not isinstance(self._wanted, Stop) else self._wanted)
         return encode_command(command)
 
     def link_state(self, now_utc_s: float) -> LinkState:
         """Return the state of the link at an instant."""
-        if self.sample is None:
-            return LinkState.SILENT
-        age = now_utc_s - self.sample.arrival_utc_s
-        if age > LOST_AFTER_S:
-            return LinkState.LOST
-        return LinkState.STALE if age > STALE_AFTER_S else LinkState.UP
+        return self.health.look(now_utc_s)
 
     @property
     def slew_state(self) -> SlewState:
         """Where the slew last asked for stands; NONE once anything else was asked for."""
         return SlewState.NONE if self._slew is None else self._slew.state
+
+    @property
+    def wanted(self) -> Motion:
+        """The motion that is wanted."""
+        return self._wanted
+
+    @property
+    def busy(self) -> bool:
+        """Whether a request waits or is under way."""
+        motion = self._motion_ticket
+        return self._launches.busy or (motion is not None and not motion.ticket.settled)
+
+    @property
+    def intruder(self) -> str | None:
+        """What to tell of another sender to the same mount, in words; None without a sign of one."""
+        return self._acks.intruder
 
     @property
     def stopped(self) -> bool:
@@ -227,12 +221,88 @@ class Session:
             return False
         return not sample.slewing and is_at_rest(sample)
 
+    def _want(self, motion: Motion) -> None:
+        if isinstance(motion, SlewTo) and (self._slew is None or self._slew.target != motion):
+            self._slew = Slewing(motion)
+        if isinstance(motion, Stop) and not isinstance(self._wanted, Stop):
+            self._aborted = False
+        if not isinstance(motion, SlewTo):
+            self._slew = None
+        self._wanted = motion
+
+    def _motion_of(self, request: Request) -> Motion | None:
+        """Return the motion that a request makes the wanted one; None for those that are launched beside."""
+        match request:
+            case Slew():
+                # A new slew to the same place is one all the same.
+                self._slew = None
+                return SlewTo(request.ra_deg, request.dec_deg)
+            case Abort():
+                # Asked for again, it is sent again.
+                self._aborted = False
+                return Stop()
+            case MoveAxis():
+                return self._joined(request)
+            case EndMove():
+                return Hold()
+        return None
+
+    def _joined(self, request: MoveAxis) -> MoveAxes:
+        """Return a request's rates with those in force on the axis that it leaves alone."""
+        before, axes = MoveAxes(0.0, 0.0), (False, False)
+        if isinstance(self._wanted, MoveAxes):
+            before, axes = self._wanted, self._move_axes
+        ra, dec = request.ra_rate_deg_s, request.dec_rate_deg_s
+        self._move_axes = (axes[0] or ra is not None, axes[1] or dec is not None)
+        return MoveAxes(
+            before.ra_rate_deg_s if ra is None else ra, before.dec_rate_deg_s if dec is None else dec
+        )
+
+    def _supersede(self, reason: str) -> None:
+        if self._motion_ticket is not None and not self._motion_ticket.ticket.settled:
+            self._motion_ticket.ticket.become(TicketState.SUPERSEDED, reason)
+        self._motion_ticket = None
+
     def _begin_anew(self) -> None:
         """Forget what a mount that has restarted cannot know of."""
-        self._abort, self._slew_flag, self._move = OneShot(), OneShot(), _MoveAxis()
+        self._abort, self._slew_flag, self._move = OneShot(), OneShot(), self._make_move()
         self._aborted = False
+        self._launches.begin_anew()
+        self._acks.forget()
         if self._slew is not None:
-            self._slew = _Slew(self._slew.target)
+            self._slew = Slewing(self._slew.target)
+        motion = self._motion_ticket
+        if motion is not None and motion.ticket.state in {TicketState.RAISED, TicketState.ACKNOWLEDGED}:
+            motion.ticket.become(TicketState.FAILED, "the mount restarted meanwhile")
+            if not isinstance(self._wanted, Stop):
+                self._want(Hold())
+
+    def _next_command(self) -> Command:
+        if self._abort.up or isinstance(self._wanted, Stop):
+            # An abort that is on its way is seen through, whatever is wanted by now.
+            self._move.hush()
+            return self._compose_stop()
+        if isinstance(self._wanted, MoveAxes):
+            self._slew_flag.happen("withdraw")
+            return self._compose_move(self._wire_rates(self._wanted), self._wanted)
+        ending = self._compose_move(NO_RATES, MoveAxes(0.0, 0.0))
+        if ending.move_ra or ending.move_dec:
+            return ending
+        if isinstance(self._wanted, SlewTo):
+            return self._compose_slew(self._wanted)
+        self._slew_flag.happen("withdraw")
+        self._motion_sent = True
+        return self._compose_launch()
+
+    def _command(self, **fields: float | bool) -> Command:
+        fine = self._launches.fine_rate
+        return Command(
+            self.health.sent,
+            ra_fine_rate_dtics_s=round(fine.ra_deg_s * DTICS_S_PER_DEG_S),
+            dec_fine_rate_dtics_s=round(fine.dec_deg_s * DTICS_S_PER_DEG_S),
+            tracking_rate=self._launches.tracking_rate,
+            **fields,  # type: ignore[arg-type]
+        )
 
     def _compose_stop(self) -> Command:
         self._slew_flag.happen("withdraw")
@@ -245,51 +315,108 @@ class Session:
         stuck = self._ack_stands >= QUIET_STATUSES
         # An acknowledgement that never falls must not keep a stop from going out: raise the flag anew.
         again = stuck and self.health.sent % ABORT_AGAIN_TICKS < ABORT_AGAIN_TICKS // 2
-        return Command(self.health.sent, abort=self._abort.up or again)
+        self._motion_sent = self._motion_sent or self._abort.up or again
+        return self._command(abort=self._abort.up or again)
 
-    def _compose_move(self, move: MoveAxes) -> Command:
-        self._slew_flag.happen("withdraw")
-        westward = (0.0 if self.profile.additive else SIDEREAL_RATE_DEG_S) - move.ra_rate_deg_s
-        return Command(
-            self.health.sent,
-            move_ra=True,
-            move_dec=True,
-            move_ra_rate_deg_s=self.profile.ra_rate_sign * westward,
-            move_dec_rate_deg_s=self.profile.dec_rate_sign * move.dec_rate_deg_s,
+    def _compose_move(self, wish: AxisRates, meant: MoveAxes) -> Command:
+        rates, begins = self._move.compose(wish)
+        if begins:
+            self.begun_move = meant
+            self._motion_sent = True
+        return self._command(
+            move_ra=rates.ra is not None,
+            move_dec=rates.dec is not None,
+            move_ra_rate_deg_s=rates.ra or 0.0,
+            move_dec_rate_deg_s=rates.dec or 0.0,
         )
+
+    def _wire_rates(self, move: MoveAxes) -> AxisRates:
+        profile = self.profile
+        ra_sign, dec_sign = profile.signs(self.status is not None and self.status.side_of_pier)
+        westward = (0.0 if profile.additive else SIDEREAL_RATE_DEG_S) - move.ra_rate_deg_s
+        ra = ra_sign * westward / profile.ra_rate_gain
+        dec = dec_sign * move.dec_rate_deg_s / profile.dec_rate_gain
+        if profile.move_axis == "edge" and not profile.additive:
+            ra = ra or NEVER_ZERO_DEG_S
+        return AxisRates(ra if self._move_axes[0] else None, dec if self._move_axes[1] else None)
 
     def _compose_slew(self, target: SlewTo) -> Command:
         slew, status = self._slew, self.status
-        if slew is not None and status is not None and slew.state is SlewState.WAITING:
+        # A late slew does not hurt another: the mount ignores it while it slews.
+        if slew is not None and status is not None and self._since_other_ticks >= QUIET_TICKS:
             standing = self._move.over and not status.slewing and not status.ack_slew
-            if standing and self._slew_flag.happen("request"):
-                slew.state = SlewState.ASKED
-        return Command(
-            self.health.sent,
+            if standing:
+                slew.ask(self._slew_flag)
+        self._motion_sent = self._motion_sent or self._slew_flag.up
+        return self._command(
             slew=self._slew_flag.up,
             target_ra_h=target.ra_deg % 360.0 / 15.0,
             target_dec_deg=target.dec_deg,
         )
 
+    def _compose_launch(self) -> Command:
+        status = self.status
+        idle = self._abort.state is Handshake.IDLE and self._slew_flag.state is Handshake.IDLE
+        standing = status is not None and not status.slewing and self._move.over
+        quiet = min(self._since_slew_ticks, self._since_other_ticks) >= QUIET_TICKS
+        clear = idle and standing and quiet
+        return self._command(**_launch_fields(self._launches.compose(clear, status)))
+
+    def _read_types(self, data: bytes) -> None:
+        seen = status_readings(data)
+        self.readings = Readings(
+            *(getattr(seen, name) or getattr(self.readings, name) for name in Readings.__slots__)
+        )
+
+    def _seen(self) -> Seen:
+        status, wanted = self.status, self._wanted
+        ra, dec = self._move_axes
+        moving = isinstance(wanted, MoveAxes) and status is not None
+        off = None
+        if isinstance(wanted, SlewTo) and status is not None:
+            off = separation_deg(wanted.ra_deg, wanted.dec_deg, status.ra_h * 15.0, status.dec_deg)
+        return Seen(
+            sent=self._motion_sent,
+            slew_state=self.slew_state,
+            aborted=self._aborted,
+            stopped=self.stopped,
+            moving=moving and status is not None and self._acknowledges(status, ra, dec),
+            move_over=self._move.over and status is not None and not status.slewing,
+            off_target_deg=off,
+        )
+
+    @staticmethod
+    def _acknowledges(status: Status, ra: bool, dec: bool) -> bool:
+        return (status.ack_move_ra or not ra) and (status.ack_move_dec or not dec)
+
     def _follow_acknowledgements(self, status: Status) -> None:
+        self._acks.see(status)
         self._move.see(status)
         if self._abort.see(status.ack_abort):
             self._aborted = True
+            self._move.stopped()
         wanted = isinstance(self._wanted, Stop) and not self._aborted
         self._ack_stands = self._ack_stands + 1 if wanted and status.ack_abort else 0
         launched = self._slew_flag.see(status.ack_slew)
-        slew = self._slew
-        if slew is None:
-            return
-        if slew.state is SlewState.ASKED:
-            if launched:
-                slew.state = SlewState.UNDER_WAY
-            elif self._slew_flag.statuses > ACK_WITHIN_STATUSES:
-                # The mount missed the edge, or was slewing when it came: fall, and rise again.
-                self._slew_flag.happen("withdraw")
-                slew.state = SlewState.WAITING
-        if slew.state is SlewState.UNDER_WAY:
-            slew.follow(status)
+        if self._slew is not None:
+            self._slew.see(status, self._slew_flag, launched)
+        self._launches.see(status)
+        if self._motion_ticket is not None:
+            self._motion_ticket.see(self._seen())
+
+
+def _launch_fields(request: Launchable | None) -> dict[str, float | bool]:
+    match request:
+        case Sync():
+            return {"sync": True, "target_ra_h": request.ra_deg / 15.0, "target_dec_deg": request.dec_deg}
+        case PulseGuide():
+            return {"pulse_guide": True, "pulse_ra_ms": request.ra_ms, "pulse_dec_ms": request.dec_ms}
+        case FindHome():
+            return {"find_home": True}
+        case Park():
+            return {"park": True}
+    # Fine rates and the tracking rate are levels, in every datagram.
+    return {}
 
 
 def is_at_rest(sample: StatusSample) -> bool:
@@ -297,6 +424,14 @@ def is_at_rest(sample: StatusSample) -> bool:
     ra, dec = sample.ra_drive_deg_s, sample.dec_drive_deg_s
     resting = min(abs(ra), abs(ra - SIDEREAL_RATE_DEG_S)) < REST_RATE_DEG_S
     return resting and abs(dec) < REST_RATE_DEG_S
+
+
+def separation_deg(ra1_deg: float, dec1_deg: float, ra2_deg: float, dec2_deg: float) -> float:
+    """Return the angle between two directions, degrees; haversine, good at any size."""
+    d1, d2 = math.radians(dec1_deg), math.radians(dec2_deg)
+    half_ra, half_dec = math.radians(ra2_deg - ra1_deg) / 2.0, (d2 - d1) / 2.0
+    chord = math.sin(half_dec) ** 2 + math.cos(d1) * math.cos(d2) * math.sin(half_ra) ** 2
+    return 2.0 * math.degrees(math.asin(min(1.0, math.sqrt(chord))))
 
 
 def _plausible(status: Status) -> bool:

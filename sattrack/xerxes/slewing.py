@@ -1,0 +1,62 @@
+"""How a slew goes, as far as statuses tell: asked, launched, seen to move, seen to stand.
+
+"Xerxes Mount Control Protocol", Details: a status that says "not slewing" may be older than the slew, so only
+those count that came after its acknowledgement.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sattrack.mount import SlewTo
+    from sattrack.xerxes.datagrams import Status
+    from sattrack.xerxes.handshake import OneShot
+
+NEVER_SEEN_AFTER = 5
+"""Statuses after a slew's acknowledgement without Slewing that mean it was too short to be seen."""
+ACK_WITHIN_STATUSES = 20
+"""Statuses after which a slew that is not acknowledged is asked for anew."""
+
+
+class SlewState(Enum):
+    """Where the slew last asked for stands."""
+
+    NONE = "none"
+    WAITING = "waiting for standstill"
+    ASKED = "asked"
+    UNDER_WAY = "under way"
+    DONE = "done"
+
+
+@dataclass(slots=True)
+class Slewing:
+    """One slew, from the wish to the mount seen standing at its end."""
+
+    target: SlewTo
+    state: SlewState = SlewState.WAITING
+    _seen_moving: bool = False
+    _statuses_since_ack: int = 0
+
+    def ask(self, flag: OneShot) -> None:
+        """Raise the flag, where it may rise."""
+        if self.state is SlewState.WAITING and flag.happen("request"):
+            self.state = SlewState.ASKED
+
+    def see(self, status: Status, flag: OneShot, launched: bool) -> None:
+        """Take one status; `launched` tells whether it brought the acknowledgement."""
+        if self.state is SlewState.ASKED:
+            if launched:
+                self.state = SlewState.UNDER_WAY
+            elif flag.statuses > ACK_WITHIN_STATUSES:
+                # The mount missed the edge, or was slewing when it came: fall, and rise again.
+                flag.happen("withdraw")
+                self.state = SlewState.WAITING
+        if self.state is SlewState.UNDER_WAY:
+            self._statuses_since_ack += 1
+            self._seen_moving = self._seen_moving or status.slewing
+            seen_out = self._seen_moving or self._statuses_since_ack > NEVER_SEEN_AFTER
+            if not status.slewing and seen_out:
+                self.state = SlewState.DONE
