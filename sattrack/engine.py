@@ -5,7 +5,6 @@ Live, a 20 Hz loop feeds it; in a test, a simulated mount in virtual time; in a 
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -34,7 +33,6 @@ LINGER_S = 0.25
 """Flag-free datagrams after the rest was seen, so that no late one is the last that the mount gets."""
 LONGEST_STEP_S = 0.5
 SITE_TOLERANCE_DEG = 0.1
-RATE_WINDOW = 100
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +69,6 @@ class Engine:
         self.finished = False
         self.failed = False
         self._recent = WindowedError()
-        self._arrivals: deque[float] = deque(maxlen=RATE_WINDOW)
         self._stop_asked_s: float | None = None
         self._rest_seen_s: float | None = None
         self._commanded: Motion = Hold()
@@ -87,7 +84,6 @@ class Engine:
             return
         if first and sample.does_refraction:
             self.tracker.use(self.spec.if_mount_refracts)
-        self._arrivals.append(arrival_utc_s)
         if self.failed:
             return
         before, was = self.tracker.error, self._before
@@ -241,17 +237,29 @@ class Engine:
                 late=health.late,
                 duplicate=health.duplicate,
                 rejected=health.rejected,
-                rate_hz=self._status_rate_hz(),
+                rate_hz=health.rate_hz,
+                jitter_ms=None if health.jitter_s is None else health.jitter_s * 1000.0,
+                restarts=health.restarts,
+                strangers=health.strangers,
+                doubled_launches=health.doubled_launches,
+                foreign_acks=health.foreign_acks,
             ),
             recording=spec.recording,
             ended_by=tracker.ended_by,
             warnings=self._warnings(),
         )
 
-    def _status_rate_hz(self) -> float | None:
-        if len(self._arrivals) < 2 or self._arrivals[-1] == self._arrivals[0]:
-            return None
-        return (len(self._arrivals) - 1) / (self._arrivals[-1] - self._arrivals[0])
+    def _side_warnings(self) -> list[str]:
+        """Say that the mount is on a side of the pier for which its signs were never measured."""
+        status, record = self.session.status, self.spec.profile.calibration
+        if status is None or record is None:
+            return []
+        beyond = status.side_of_pier
+        measured = (record.side_of_pier == "beyond_pole") == beyond or (
+            beyond and self.spec.profile.dec_rate_sign_beyond_pole is not None
+        )
+        words = "this side of the pier is not in the mount's profile: its rates may go the other way"
+        return [] if measured else [words]
 
     def _site_warnings(self) -> list[str]:
         """Say where the mount believes it stands, if that is somewhere else."""
@@ -277,6 +285,9 @@ class Engine:
             warnings.append("the stop is not confirmed yet: it is being sent again and again")
         if self.tracker.refusal is not None:
             warnings.append(self.tracker.refusal)
+        if self.session.intruder is not None:
+            warnings.append(self.session.intruder)
+        warnings.extend(self._side_warnings())
         warnings.extend(self._site_warnings())
         if self.message:
             warnings.append(self.message)

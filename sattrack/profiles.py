@@ -18,6 +18,11 @@ class ProfileFile(MountProfile, frozen=True, forbid_unknown_fields=True):
 
     simulator: dict[str, Any] = msgspec.field(default_factory=dict)
 
+    @property
+    def mount(self) -> MountProfile:
+        """The part that is true of real mounts too."""
+        return MountProfile(**{name: getattr(self, name) for name in MountProfile.__struct_fields__})
+
 
 def load_profile_file(path: Path) -> ProfileFile:
     """Return what a profile file says. Raises BadInputError, naming file, line and key."""
@@ -26,8 +31,7 @@ def load_profile_file(path: Path) -> ProfileFile:
 
 def load_profile(path: Path) -> MountProfile:
     """Return the mount's part of a profile file. Raises BadInputError, naming file, line and key."""
-    whole = load_profile_file(path)
-    return MountProfile(**{name: getattr(whole, name) for name in MountProfile.__struct_fields__})
+    return load_profile_file(path).mount
 
 
 def profile_text(profile: MountProfile) -> str:

@@ -25,9 +25,10 @@ class SiteSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 class MountSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Which mount to drive; `url` is what `--mount` takes."""
+    """Which mount to drive: `url` is what `--mount` takes, `profile` the file that describes it."""
 
     url: str | None = None
+    profile: str | None = None
 
 
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -70,10 +71,12 @@ def load_settings(explicit: Path | None = None) -> Settings:
     settings = read_toml(path, Settings, "the settings")
     here = path.parent
     elements = tuple(s if s == "-" or _names_a_provider(s) else str(here / s) for s in settings.elements)
-    return msgspec.structs.replace(settings, elements=elements)
+    mount = settings.mount
+    if mount.profile is not None:
+        mount = msgspec.structs.replace(mount, profile=str(here / mount.profile))
+    return msgspec.structs.replace(settings, elements=elements, mount=mount)
 
 
 def _names_a_provider(source: str) -> bool:
     """Tell a URL or a provider's short name, such as celestrak:active, from a path."""
     return re.match(r"[A-Za-z][A-Za-z0-9+.-]+:", source) is not None
-

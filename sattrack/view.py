@@ -17,7 +17,16 @@ class LinkView(msgspec.Struct, frozen=True):
     duplicate: int
     rejected: int
     rate_hz: float | None
-    """Statuses a second, over the last seconds."""
+    """Statuses a second that the mount sends, over the last seconds."""
+    jitter_ms: float | None = None
+    """Standard deviation of the intervals between them."""
+    restarts: int = 0
+    strangers: int = 0
+    """Datagrams from other hosts, dropped."""
+    doubled_launches: int = 0
+    """Commands that the mount acknowledged a second time, as a late or repeated datagram makes it."""
+    foreign_acks: int = 0
+    """Acknowledgements of what was never sent from here."""
 
 
 class ErrorView(msgspec.Struct, frozen=True):

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from sattrack.downloads import Downloads
+    from sattrack.profiles import ProfileFile
     from tle.elements import Elements
     from tle.instants import Utc
     from tle.sources import ElementSets
@@ -83,6 +84,17 @@ class CommandContext:
             tell(note)
         return sets
 
+    def profile(self, explicit: Path | None) -> ProfileFile:
+        """Return the mount's profile: the option's, else the settings file's, else the built-in one.
+
+        Raises BadInputError, naming file, line and key.
+        """
+        from sattrack.profiles import ProfileFile, load_profile_file
+
+        configured = self.settings.mount.profile
+        path = explicit if explicit is not None or configured is None else Path(configured)
+        return ProfileFile() if path is None else load_profile_file(path)
+
     def clock(self) -> Clock:
         """Return the clock to run by, the simulated one started now."""
         return make_clock(self.clock_option)[0]
@@ -115,6 +127,13 @@ def _show_progress(source: str, count: int | None) -> None:
     """Show on the terminal how much of a download has come; None wipes it away."""
     words = "" if count is None else f"{source}: {count / 1e6:.1f} MB"
     click.echo(f"\r\x1b[K{words}", nl=False, err=True)
+
+
+def profile_option(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add `--profile FILE`, handed on as `profile`."""
+    return click.option(
+        "--profile", type=click.Path(path_type=Path), metavar="FILE", help="The mount's profile (TOML)."
+    )(function)
 
 
 def common_options(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -8,9 +8,10 @@ from typing import Any
 import click
 
 from sattrack import practice
-from sattrack.commands.common import CommandContext, common_options
+from sattrack.commands.common import CommandContext, common_options, profile_option
 from sattrack.commands.running import Progress, Stream, finish, fly_and_tell, tui_possible, with_tui
 from sattrack.errors import BadInputError
+from sattrack.profiles import ProfileFile
 from sattrack.runtime.facts import choose_pass
 from sattrack.runtime.prepare import RunRequest, prepare
 from tle.instants import Utc
@@ -20,6 +21,7 @@ SHORTEST_S = 5.0
 
 
 @click.command("demo")
+@profile_option
 @click.option("--headless", is_flag=True, help="No terminal UI.")
 @click.option("--seconds", type=float, metavar="N", help="End after so many real seconds in all.")
 @click.option("--record", type=click.Path(), help="Write every input and output to a new MCAP file.")
@@ -38,14 +40,16 @@ def command(context: CommandContext, seconds: float | None, **options: Any) -> i
         and tui_possible()
     ):
         return with_tui(stay=seconds is None)
-    request = demo_request(context.clock_option, options["record"])
+    request = demo_request(context.clock_option, options["record"], context.profile(options["profile"]))
     deadline_s = float("inf") if seconds is None else begun_s + seconds - STOPPING_TAKES_S
     told = Stream() if options["stream"] else Progress(quiet_off_terminal=False)
     summary, interrupted = fly_and_tell(prepare(request), told, options["control"], deadline_s)
     return finish(summary, interrupted, context.json or options["stream"])
 
 
-def demo_request(clock_option: str | None, record: str | None) -> RunRequest:
+def demo_request(
+    clock_option: str | None, record: str | None, profile: ProfileFile | None = None
+) -> RunRequest:
     """Return what the demonstration asks for; its clock starts shortly before the satellite is up."""
     from pathlib import Path
 
@@ -62,4 +66,5 @@ def demo_request(clock_option: str | None, record: str | None) -> RunRequest:
         clock_option=clock_option,
         min_alt_deg=10.0,
         record=None if record is None else Path(record),
+        profile=profile or ProfileFile(),
     )

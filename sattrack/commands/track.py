@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from sattrack.commands.common import CommandContext, common_options
+from sattrack.commands.common import CommandContext, common_options, profile_option
 from sattrack.commands.running import (
     Progress,
     Stream,
@@ -26,6 +26,7 @@ from sattrack.runtime.prepare import RunRequest, prepare
 @click.command("track")
 @click.argument("satellite")
 @click.option("--mount", "mount_url", metavar="URL", help="sim, or xerxes://HOST:PORT?listen=PORT.")
+@profile_option
 @click.option("--headless", is_flag=True, help="No terminal UI.")
 @click.option(
     "--record", type=click.Path(path_type=Path), help="Write every input and output to a new MCAP file."
@@ -59,6 +60,7 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
         bias_cross_deg=options["bias_cross"],
         virtual=options["virtual"],
         record=options["record"],
+        profile=context.profile(options["profile"]),
     )
     if request.virtual and (options["stream"] or options["control"]):
         raise BadInputError("--stream and --control go with real time; leave --virtual out")

@@ -124,6 +124,7 @@ class LiveLoop:
     def _tick(self, ticks: int) -> None:
         now_s = time.monotonic()
         now_utc_s = self.clock.utc_s(now_s)
+        self.engine.session.health.strangers = self.link.strangers
         datagram = self.engine.tick(now_utc_s)
         self.link.send(datagram)
         self.ledger.note_sent(now_s * self.clock.speed)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
 
 from sattrack import practice
 from sattrack.clock import Clock, make_clock
 from sattrack.errors import BadInputError
-from sattrack.mount import MountProfile
+from sattrack.profiles import ProfileFile
 from sattrack.runtime.facts import RunFacts, choose_pass, plan_for
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
@@ -42,6 +42,7 @@ class RunRequest:
     bias_cross_deg: float = 0.0
     virtual: bool = False
     record: Path | None = None
+    profile: ProfileFile = field(default_factory=ProfileFile)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +54,8 @@ class Prepared:
     address: Address | None
     practising: bool
     """Whether the built-in pass stands in for elements and site that nobody set."""
+    simulator: dict[str, Any] = field(default_factory=dict)
+    """What the profile's file says of the simulated mount alone."""
 
 
 def prepare(request: RunRequest) -> Prepared:
@@ -88,7 +91,7 @@ def prepare(request: RunRequest) -> Prepared:
         plan=plan,
         culminate_utc_s=float(satellite_pass.culminate_utc.unix_s),
         max_alt_deg=float(satellite_pass.max_alt_deg),
-        profile=MountProfile(),
+        profile=request.profile.mount,
         limits=SafetyLimits(),
         bias_along_s=request.bias_along_s,
         bias_cross_deg=request.bias_cross_deg,
@@ -96,7 +99,7 @@ def prepare(request: RunRequest) -> Prepared:
         started_utc_s=started_s,
         recording=None if request.record is None else str(request.record),
     )
-    return Prepared(facts, clock, address, practising)
+    return Prepared(facts, clock, address, practising, request.profile.simulator)
 
 
 def mount_address(url: str | None) -> Address | None:
