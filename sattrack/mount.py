@@ -16,6 +16,21 @@ SIDEREAL_RATE_DEG_S = 360.0 / 86164.0905
 """Rate of the hour angle of a fixed direction, degrees per second of UTC."""
 
 
+UNIX_EPOCH_DAYS_FROM_J2000 = -10957.5
+
+
+def mean_sidereal_deg(utc_s: float, longitude_deg: float) -> float:
+    """Return local mean sidereal time at an instant of UTC (POSIX seconds), degrees, UT1 taken as UTC.
+
+    Linear part of the IAU 1982 expression (Aoki et al. 1982). It differs from apparent sidereal time by up to
+    18 arcseconds, which is 1.2 s of a clock: an offset that was measured against it holds for it alone.
+    """
+    days = utc_s / 86400.0 + UNIX_EPOCH_DAYS_FROM_J2000
+    whole = math.floor(days)
+    turns = (days - whole) * 360.0 + 0.98564736629 * days + 280.46061837
+    return (turns + longitude_deg) % 360.0
+
+
 class AxisLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What one axis can do."""
 
@@ -83,6 +98,9 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     period_s: float = 0.05
     command_delay_s: float = 0.0003
     status_delay_s: float = 0.0001
+    clock_offset_s: float | None = None
+    """The mount's sidereal clock ahead of local mean sidereal time by UTC at the site, seconds; None where it is
+    not known, and arrivals must tell when a status was sampled."""
     encoder_tics: int = 2**26
     watchdog_s: float | None = None
     park: AxesPosition | None = None

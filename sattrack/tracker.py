@@ -18,7 +18,7 @@ from sattrack.control.blend import Blend
 from sattrack.control.feeder import rate_deg_s
 from sattrack.control.history import CommandHistory, SentRates
 from sattrack.control.kalman import AxisFilter, wrap180
-from sattrack.control.latency import MountClock
+from sattrack.control.latency import KnownClock, MountClock
 from sattrack.messages import ClearBias, Message, Nudge, StopNow
 from sattrack.mount import Hold, Motion, MountProfile, MoveAxes, SlewTo, StatusSample, Stop
 from tle.bias import Bias
@@ -98,7 +98,10 @@ class Tracker:
         self._profile = profile
         self.along = Blend(bias.along_s)
         self.cross = Blend(bias.cross_deg)
-        self._clock = MountClock(profile.status_delay_s)
+        known = None
+        if profile.clock_offset_s is not None:
+            known = KnownClock(propagator.site.longitude_deg, profile.clock_offset_s)
+        self._clock = MountClock(profile.status_delay_s, known)
         self._history = CommandHistory(profile.command_delay_s, profile.period_s)
         self._axes: _Axes | None = None
         self._intercept: Intercept | None = None

@@ -10,6 +10,8 @@ from collections import deque
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+from sattrack.mount import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
+
 SIDEREAL_SECONDS_PER_SECOND = 1.00273790935
 BUCKET_S = 1.0
 BUCKETS = 60
@@ -21,6 +23,8 @@ STEP_PROOF = 10
 """Samples in a row that all come later than the envelope by STEP_S are a clock that was set, not delays."""
 PLAUSIBLE_RATE_ERROR = 0.01
 TRUST_SAMPLES = 40
+KNOWN_EARLY_S = 0.005
+KNOWN_LATE_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,6 +68,20 @@ def _turns_down(a: tuple[float, float], b: tuple[float, float], c: tuple[float, 
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) <= 0.0
 
 
+@dataclass(frozen=True, slots=True)
+class KnownClock:
+    """A mount's clock whose error is known: `offset_s` ahead of mean sidereal time by UTC at a longitude."""
+
+    longitude_deg: float
+    offset_s: float
+
+    def date(self, sidereal_h: float, near_utc_s: float) -> float:
+        """Return the UTC instant, POSIX seconds, nearest to `near_utc_s` at which that clock shows this."""
+        expected_deg = mean_sidereal_deg(near_utc_s, self.longitude_deg)
+        ahead_deg = (sidereal_h * 15.0 - expected_deg + 180.0) % 360.0 - 180.0
+        return near_utc_s + ahead_deg / SIDEREAL_RATE_DEG_S - self.offset_s
+
+
 @dataclass(slots=True)
 class MountClock:
     """Dates samples in UTC, POSIX seconds, from the mount's sidereal time and our arrival instants.
@@ -73,7 +91,10 @@ class MountClock:
     """
 
     status_delay_s: float
+    known: KnownClock | None = None
     trusted: bool = True
+    known_holds: bool = True
+    """Whether the known clock's dates agree with the arrivals."""
     _first_h: float | None = None
     _last_h: float = 0.0
     _turns: int = 0
@@ -90,6 +111,12 @@ class MountClock:
         self._judge(mount_s, since_first_s)
         self._watch_for_step(mount_s, since_first_s - mount_s)
         self._take(mount_s, since_first_s - mount_s)
+        if self.known is not None:
+            dated_utc_s = self.known.date(sidereal_h, arrival_utc_s)
+            # A date after the arrival, or long before it, is of a clock that was set since it was measured.
+            self.known_holds = -KNOWN_EARLY_S < arrival_utc_s - dated_utc_s < KNOWN_LATE_S
+            if self.known_holds:
+                return dated_utc_s
         if not self.trusted:
             return arrival_utc_s - self.status_delay_s
         assert self._envelope is not None
