@@ -1,7 +1,7 @@
 """The two datagrams packed and unpacked from the paper alone, offset by offset; nothing of the codec is used.
 
 Source: Van Deventer, "Xerxes Mount Control Protocol": the command table (82 bytes), the status table (160
-bytes) and Appendix A, `PackDatagram` of 6/25/2019. `BitConverter.GetBytes` of a Double, a Long and an Int32 is
+bytes) and Appendix A, `PackDatagram` of 6/25/2019. `BitConverter.GetBytes` of a Double, Long and Int32 is
 `struct`'s "<d", "<q" and "<i". Names are those of the paper's tables and of Appendix A's variables.
 """
 
