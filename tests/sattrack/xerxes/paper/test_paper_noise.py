@@ -1,10 +1,10 @@
 """Random and mutated datagrams, each way: counted, without motion, without a trace in memory.
 
 What has the wrong length or header is no datagram of the protocol and must change nothing at all: both ends
-are compared with twins that never got it. What keeps length and header but is mutated elsewhere is one, and may
-be believed: then the claims are that no byte of a status makes a client send a flag that nobody asked for, that
-no byte of a command outside the flags and fine rates moves a mount, and that whatever is obeyed stays within
-the axes' limits.
+are compared with twins that never got it. What keeps length and header but is mutated elsewhere is one, and
+may be believed: then the claims are that no byte of a status makes a client send a flag unasked,
+that no byte of a command outside the flags and fine rates moves a mount, and that whatever is obeyed stays
+within the axes' limits.
 """
 
 from __future__ import annotations
