@@ -50,7 +50,9 @@ class CalibrationRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     """What a calibration run found beside the profile's own values, and how sure it was.
 
     Intervals are (lowest, highest) and hold the truth as far as the run could tell; `clock_offset_s` is the
-    mount's sidereal clock, as a UTC instant by the profile's site, minus ours.
+    mount's sidereal clock, as a UTC instant by the profile's site, minus ours. `both_sides` where the signs of
+    the other side of the pier were measured too, by an earlier run. An acceleration's sigma is None where the
+    limit was too high to be seen.
     """
 
     utc: str
@@ -67,6 +69,9 @@ class CalibrationRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     clock_drift_sigma_ppm: float
     status_period_s: float
     status_period_jitter_s: float
+    both_sides: bool = False
+    ra_acceleration_sigma_deg_s2: float | None = None
+    dec_acceleration_sigma_deg_s2: float | None = None
 
 
 class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
