@@ -1,0 +1,171 @@
+"""A calibration run as one thing without I/O: datagrams and instants in, datagrams and instants out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sattrack.calibration.guard import CalibrationEndedError, Guard, Kind, Surroundings
+from sattrack.calibration.plan import LARGEST_DURATION_S, Plan
+from sattrack.calibration.script import Observations, Script
+from sattrack.calibration.sender import Sender
+
+if TYPE_CHECKING:
+    from collections.abc import Generator
+
+STOP_UNHEARD_S = 12.0
+"""How long stops are sent to a mount that is not heard."""
+STOP_UNCONFIRMED_S = 60.0
+"""How long stops are sent to a mount that answers but does not come to rest."""
+STOP_AGAIN_S = 2.0
+LOWERED_S = 0.15
+LINGER_S = 0.25
+"""Flag-free datagrams after the rest was seen, so that no late one is the last that the mount gets."""
+HEARD_LATELY_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Ending:
+    """How a run ended: `words` say why it was not done, `at_rest` whether the mount was seen to stand."""
+
+    kind: Kind
+    words: str
+    at_rest: bool | None
+    """None where the run ended before anything was sent that could move the mount."""
+
+
+class Calibrator:
+    """One run, from the first datagram to the mount seen at rest.
+
+    Call `receive` for each datagram, and at `due()` send what `send` returns; all instants are our UTC, POSIX
+    seconds. `stop` ends the run at any moment. When `ending` is set, nothing is left to send.
+    """
+
+    def __init__(self, surroundings: Surroundings, begin_utc_s: float, plan: Plan | None = None) -> None:
+        self.plan = plan or Plan()
+        self.seen = Observations()
+        self.ending: Ending | None = None
+        self._begin_utc_s = self._now_utc_s = begin_utc_s
+        self._guard = Guard(surroundings, self.plan.fastest_deg_s)
+        self._sender = Sender(begin_utc_s)
+        self._script = Script(self.plan, self._sender, self.seen, self._allow)
+        self._script.now_utc_s = begin_utc_s
+        self._steps = self._script.steps()
+        self._kind = Kind.DONE
+        self._words = ""
+        self._stopping = False
+        self._allowed = False
+
+    @property
+    def phase(self) -> str:
+        """What the run is doing."""
+        return self._script.phase
+
+    @property
+    def part_done(self) -> float:
+        """About how much of the run is done, 0 to 1."""
+        return min(1.0, (self._now_utc_s - self._begin_utc_s) / self.plan.expected_s())
+
+    def receive(self, data: bytes, arrival_utc_s: float) -> None:
+        """Take a datagram from the mount."""
+        heard = self.seen.log.take(data, arrival_utc_s)
+        if heard is None or self.ending is not None:
+            return
+        if not self._stopping:
+            try:
+                self._guard.watch(heard, self.seen.log)
+                self._guard.watch_answer(heard, self._sender.said, self._sender.changed_utc_s)
+            except CalibrationEndedError as ended:
+                self._end(ended.kind, ended.words)
+        self._resume(max(self._now_utc_s, arrival_utc_s))
+
+    def due(self) -> float:
+        """Return when the next datagram is to be sent."""
+        return self._sender.due()
+
+    def send(self, now_utc_s: float) -> bytes:
+        """Return the datagram that leaves now; call at the instant of `due` and send without delay."""
+        if not self._stopping:
+            try:
+                self._guard.watch_link(self.seen.log, now_utc_s)
+            except CalibrationEndedError as ended:
+                self._end(ended.kind, ended.words)
+            if now_utc_s - self._begin_utc_s > LARGEST_DURATION_S:
+                self._end(Kind.DOUBT, f"the run took longer than {LARGEST_DURATION_S:g} s")
+        datagram = self._guard.clear(self._sender.next(now_utc_s))
+        self._resume(now_utc_s)
+        return datagram
+
+    def stop(self, words: str) -> None:
+        """Bring the mount to rest and end: the operator wants it."""
+        if not self._stopping:
+            self._end(Kind.OPERATOR, words)
+
+    def fail(self, words: str) -> None:
+        """Bring the mount to rest and end: something broke outside."""
+        if not self._stopping:
+            self._end(Kind.DOUBT, words)
+
+    def _allow(self) -> None:
+        self._guard.begin(self.seen.log, self._now_utc_s)
+        self._allowed = True
+
+    def _end(self, kind: Kind, words: str) -> None:
+        self._kind, self._words = kind, words
+        self._stopping = True
+        self._script.phase = "stopping the mount"
+        self._steps = self._stop_steps()
+        self._resume(self._now_utc_s)
+
+    def _resume(self, now_utc_s: float) -> None:
+        """Let the steps go on; what they raise turns the run into a stop."""
+        self._now_utc_s = self._script.now_utc_s = now_utc_s
+        if self.ending is not None:
+            return
+        try:
+            next(self._steps)
+        except StopIteration:
+            if not self._stopping:
+                self._end(Kind.DONE, "")
+        except CalibrationEndedError as ended:
+            self._end(ended.kind, ended.words)
+
+    def _stop_steps(self) -> Generator[None, None, None]:
+        """Say stop, again and again, until the mount is seen at rest."""
+        if not self._allowed:
+            self.ending = Ending(self._kind, self._words, None)
+            return
+        began = self._now_utc_s
+        while not self._given_up(began):
+            lowered = self._now_utc_s
+            if self._sender.said.abort:
+                self._sender.say_at_once({}, self._now_utc_s)
+                while self._now_utc_s < lowered + LOWERED_S:
+                    yield
+            self._sender.say_at_once({"abort": True}, self._now_utc_s)
+            raised = self._now_utc_s
+            yield
+            while self._now_utc_s < raised + STOP_AGAIN_S:
+                if self._at_rest(raised):
+                    yield from self._linger()
+                    self.ending = Ending(self._kind, self._words, True)
+                    return
+                yield
+        self.ending = Ending(self._kind, self._words, False)
+
+    def _linger(self) -> Generator[None, None, None]:
+        self._sender.say({})
+        rested = self._now_utc_s
+        while self._now_utc_s < rested + LINGER_S:
+            yield
+
+    def _at_rest(self, since_utc_s: float) -> bool:
+        last = self.seen.log.last
+        answered = last is not None and last.arrival_utc_s > since_utc_s and last.status.ack_abort
+        return answered and self.seen.log.still()
+
+    def _given_up(self, began_utc_s: float) -> bool:
+        waited = self._now_utc_s - began_utc_s
+        last = self.seen.log.last
+        heard = last is not None and self._now_utc_s - last.arrival_utc_s < HEARD_LATELY_S
+        return waited > (STOP_UNCONFIRMED_S if heard else STOP_UNHEARD_S)

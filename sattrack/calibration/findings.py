@@ -1,0 +1,244 @@
+"""From what a run has seen to what is known of the mount, each number with its uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from sattrack.calibration.clocks import ClockLine, StatusPeriod, clock_line, status_period
+from sattrack.calibration.guard import CalibrationEndedError, Kind
+from sattrack.calibration.motion import (
+    BEFORE_S,
+    AxisName,
+    AxisResponse,
+    Stretch,
+    axis_response,
+    steady_part,
+)
+from sattrack.calibration.round_trip import Bracket, RoundTrip, RoundTripEstimate, contradiction
+from sattrack.calibration.script import AXIS_WORDS, LegHeard, Observations
+from sattrack.mount import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sattrack.calibration.statuses import Heard
+
+FEWEST_BRACKETS = 10
+
+Interval = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class ClockTruth:
+    """What the operator states of the mount's clock: true to so many seconds, by one of these readings.
+
+    `readings` says by how many seconds each kind of true clock is ahead of mean sidereal time with UT1 = UTC.
+    """
+
+    uncertainty_s: float
+    readings: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Delays:
+    """What is known of the two ways and of the mount's clock, seconds; intervals are (lowest, highest)."""
+
+    round_trip: RoundTrip
+    command_s: Interval
+    status_s: Interval
+    clock_offset_s: Interval
+    """Mount's clock, as UTC by mean sidereal time at the site, less ours, at the end of the run."""
+    clock_reading: str | None = None
+    """Which kind of true clock the mount has, where the operator states that it is true."""
+    clock_reading_s: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Findings:
+    """Everything a run found out. `notes` are what the operator should know besides."""
+
+    utc_s: float
+    """The instant of the last status."""
+    beyond_pole: bool
+    ra: AxisResponse
+    dec: AxisResponse
+    additive: bool
+    move_axis: Literal["held", "edge"]
+    zero_ends: bool | None
+    delays: Delays
+    clock: ClockLine
+    period: StatusPeriod
+    readings: Mapping[str, str]
+    statuses: int
+    lost: int
+    seconds: float
+    notes: tuple[str, ...]
+
+
+def conclude(seen: Observations, longitude_deg: float, truth: ClockTruth | None = None) -> Findings:
+    """Return what a run found out at a site; raises CalibrationEndedError where it contradicts itself."""
+    heard = seen.log.heard
+    line = clock_line(heard)
+    _refuse(line.objection())
+    _refuse_readings(seen)
+    trip = round_trip(seen, line)
+    ra, dec = (_response(seen, axis, line) for axis in ("ra", "dec"))
+    additive = ra.additive
+    if additive is None:
+        part = ra.added_deg_s / SIDEREAL_RATE_DEG_S
+        raise CalibrationEndedError(
+            Kind.DOUBT,
+            f"in right ascension MoveAxis adds {part:.2f} of the sidereal rate: neither all of it nor nothing",
+        )
+    move_axis, zero_ends = _semantics(seen)
+    notes: list[str] = []
+    delays = split_delays(trip, heard[-1], line, longitude_deg, truth, notes)
+    if heard[-1].status.does_refraction:
+        notes.append("the mount applies refraction itself: gains are those of refracted coordinates")
+    return Findings(
+        utc_s=heard[-1].arrival_utc_s,
+        beyond_pole=heard[-1].status.side_of_pier,
+        ra=ra,
+        dec=dec,
+        additive=additive,
+        move_axis=move_axis,
+        zero_ends=zero_ends,
+        delays=delays,
+        clock=line,
+        period=status_period(heard),
+        readings=dict(seen.log.readings),
+        statuses=len(heard),
+        lost=heard[-1].counter - heard[0].counter + 1 - len(heard),
+        seconds=heard[-1].arrival_utc_s - heard[0].arrival_utc_s,
+        notes=tuple(notes),
+    )
+
+
+def _refuse(words: str | None) -> None:
+    if words is not None:
+        raise CalibrationEndedError(Kind.DOUBT, words)
+
+
+def _refuse_readings(seen: Observations) -> None:
+    if seen.log.contradictory:
+        _refuse(
+            f"the status field {min(seen.log.contradictory)} came as an integer and as a double: "
+            "two mounts send here"
+        )
+
+
+def round_trip(seen: Observations, line: ClockLine) -> RoundTrip:
+    """Return the round trip from all flags that were raised and lowered. Raises CalibrationEndedError."""
+    heard = seen.log.heard
+    estimate = RoundTripEstimate()
+    for edge in seen.edges:
+        above, within = (float(line.arrival_at(heard[i].mount_s)) for i in (edge.before, edge.after))
+        estimate.add(Bracket(above - edge.sent_utc_s, within - edge.sent_utc_s))
+    trip = estimate.result()
+    if trip.brackets < FEWEST_BRACKETS:
+        _refuse(f"only {trip.brackets} acknowledgements could be timed: too many datagrams are lost")
+    _refuse(contradiction(trip))
+    return trip
+
+
+def _semantics(seen: Observations) -> tuple[Literal["held", "edge"], bool | None]:
+    kinds: dict[str, AxisName] = {}
+    zero_ends: bool | None = None
+    for one in seen.semantics:
+        kind = {(True, False): "held", (False, True): "edge"}.get((bool(one.follows), one.goes_on))
+        if kind is None or one.follows is None:
+            _refuse(
+                f"MoveAxis in {AXIS_WORDS[one.axis]} is neither held nor edge: {one.first_deg_s:+.3f} °/s at "
+                f"first, {one.second_deg_s:+.3f} after a new rate, {one.after_deg_s:+.3f} with the flag down"
+            )
+        kinds[kind or ""] = one.axis
+        if one.zero_ends is not None:
+            zero_ends = one.zero_ends and zero_ends is not False
+    if len(kinds) != 1:
+        _refuse("the two axes do not agree on whether MoveAxis is held or edge")
+    return ("held" if "held" in kinds else "edge"), zero_ends
+
+
+def _response(seen: Observations, axis: AxisName, line: ClockLine) -> AxisResponse:
+    parts = [steady_part(_stretch(leg, seen.log.heard, line)) for leg in seen.legs if leg.axis == axis]
+    response = axis_response([p for p in parts if p is not None])
+    if response is None:
+        raise CalibrationEndedError(
+            Kind.DOUBT,
+            f"the {AXIS_WORDS[axis]} axis did not move steadily: does it slip, or accelerate very slowly?",
+        )
+    return response
+
+
+def _stretch(leg: LegHeard, heard: list[Heard], line: ClockLine) -> Stretch:
+    during = heard[leg.first : leg.end]
+    began_mount_s = heard[leg.first].mount_s
+    before = [h for h in heard[max(0, leg.first - 60) : leg.first] if h.mount_s > began_mount_s - BEFORE_S]
+    # Our instants, less the first, so that no digit is lost in the fit.
+    zero = float(line.arrival_at(began_mount_s))
+    unbroken = heard[leg.first].counter == heard[leg.first - 1].counter + 1
+
+    def times(some: list[Heard]) -> np.ndarray:
+        return line.arrival_at(np.array([h.mount_s for h in some])) - zero
+
+    def angles(some: list[Heard]) -> np.ndarray:
+        return np.array([h.dec_deg if leg.axis == "dec" else h.hour_angle_deg for h in some])
+
+    return Stretch(
+        leg.rate_deg_s,
+        times(before),
+        angles(before),
+        times(during),
+        angles(during),
+        0.0 if unbroken else None,
+    )
+
+
+def split_delays(
+    trip: RoundTrip,
+    last: Heard,
+    line: ClockLine,
+    longitude_deg: float,
+    truth: ClockTruth | None,
+    notes: list[str],
+) -> Delays:
+    """Return what is known of the two ways; without a true clock that is an interval as wide as both."""
+    most = trip.seconds + trip.margin_s
+    arrival = float(line.arrival_at(last.mount_s))
+    true_deg = mean_sidereal_deg(arrival, longitude_deg)
+    # As if the status had taken no time at all; each second that it took, the clock is ahead by as much.
+    ahead = ((last.status.sidereal_h * 15.0 - true_deg + 180.0) % 360.0 - 180.0) / SIDEREAL_RATE_DEG_S
+    unknown = Delays(trip, (0.0, most), (0.0, most), (ahead - trip.margin_s, ahead + most))
+    if truth is None:
+        return unknown
+    slack = truth.uncertainty_s + trip.margin_s
+    fitting = {
+        name: reading - ahead
+        for name, reading in truth.readings.items()
+        if -slack <= reading - ahead <= trip.seconds + slack
+    }
+    if not fitting:
+        notes.append(
+            f"the mount's clock is not true to {truth.uncertainty_s:g} s: by any kind of sidereal time it is "
+            f"off by {min((ahead - r for r in truth.readings.values()), key=abs):+.3f} s or more; "
+            "what was stated of it is left out"
+        )
+        return unknown
+    least_s = max(0.0, min(fitting.values()) - slack)
+    most_s = min(most, max(fitting.values()) + slack)
+    command = (max(0.0, trip.seconds - most_s - trip.margin_s), min(most, most - least_s))
+    one = next(iter(fitting)) if len(fitting) == 1 else None
+    if one is None:
+        notes.append("the mount's clock fits " + " and ".join(fitting) + ": the intervals hold both")
+    offsets = [truth.readings[name] for name in fitting]
+    return Delays(
+        trip,
+        command,
+        (least_s, most_s),
+        (min(offsets) - truth.uncertainty_s, max(offsets) + truth.uncertainty_s),
+        one,
+        None if one is None else truth.readings[one],
+    )

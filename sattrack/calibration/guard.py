@@ -1,0 +1,282 @@
+"""What must hold before and while a mount is calibrated, and the one way by which commands leave.
+
+The signs, gains and semantics that `sattrack.safety` works with are what the run is to find out, so nothing
+here presumes them: whatever an axis does within the box was looked at beforehand in every direction.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from sattrack.calibration.plan import BOX_DEG, LARGEST_DISPLACEMENT_DEG, LARGEST_GAIN
+from sattrack.mount import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
+from sattrack.safety import altitude_deg
+from sattrack.xerxes.datagrams import Command, encode_command
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sattrack.calibration.statuses import Heard, StatusLog
+
+FLOOR_ALTITUDE_DEG = 20.0
+SUN_CONE_DEG = 15.0
+HIGHEST_DEC_DEG = 88.0
+"""Nearer to a pole the reported right ascension turns by itself."""
+SUN_MOVES_DEG = 2.5
+"""How far the Sun comes in hour angle during the longest run."""
+LARGEST_CLOCK_ERROR_S = 300.0
+SITE_WITHIN_DEG = 0.1
+SILENT_AFTER_S = 0.6
+CLOCK_STEP_S = 0.6
+ANSWERED_AFTER_S = 1.0
+LARGEST_JUMP_DEG = 0.3
+STRANGE_RATE_DEG_S = 0.01
+GRID = 8
+
+
+class Kind(StrEnum):
+    """Why a run ended or was refused."""
+
+    DONE = "done"
+    REFUSED = "refused"
+    LIMIT = "limit"
+    DOUBT = "doubt"
+    LINK = "link"
+    OPERATOR = "operator"
+
+
+class CalibrationEndedError(Exception):
+    """The run cannot begin or go on; the message is for the operator."""
+
+    def __init__(self, kind: Kind, words: str) -> None:
+        super().__init__(words)
+        self.kind = kind
+        self.words = words
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """Where the mount stands and what is around it, degrees; the Sun by hour angle and declination."""
+
+    latitude_deg: float
+    longitude_deg: float
+    sun_hour_angle_deg: float
+    sun_dec_deg: float
+    hour_angle_limit_deg: float
+    floor_altitude_deg: float = FLOOR_ALTITUDE_DEG
+    sun_cone_deg: float = SUN_CONE_DEG
+
+
+def separation_deg(ha_1: float, dec_1: float, ha_2: float, dec_2: float) -> float:
+    """Return the great-circle angle between two directions given by hour angle and declination, degrees."""
+    h, d1, d2 = (math.radians(x) for x in (ha_1 - ha_2, dec_1, dec_2))
+    across = math.hypot(
+        math.cos(d2) * math.sin(h),
+        math.cos(d1) * math.sin(d2) - math.sin(d1) * math.cos(d2) * math.cos(h),
+    )
+    return math.degrees(
+        math.atan2(across, math.sin(d1) * math.sin(d2) + math.cos(d1) * math.cos(d2) * math.cos(h))
+    )
+
+
+class Guard:
+    """Watches one run."""
+
+    def __init__(self, surroundings: Surroundings, fastest_deg_s: float) -> None:
+        self._around = surroundings
+        self._fastest_deg_s = fastest_deg_s
+        self._began: Heard | None = None
+        self._before: Heard | None = None
+
+    def clear(self, command: Command) -> bytes:
+        """Return the datagram of a command: an abort, a bounded MoveAxis, or neither.
+
+        Raises CalibrationEndedError for anything else.
+        """
+        rates = (command.move_ra_rate_deg_s, command.move_dec_rate_deg_s)
+        bounded = all(math.isfinite(r) and abs(r) <= self._fastest_deg_s for r in rates)
+        others = (
+            command.find_home, command.park, command.pulse_guide, command.slew, command.sync, command.spare
+        )  # fmt: skip
+        moves = command.move_ra or command.move_dec
+        if not bounded or any(others) or (moves and self._began is None):
+            raise CalibrationEndedError(
+                Kind.DOUBT, f"calibration does not send {command}: a defect of sattrack"
+            )
+        return encode_command(command)
+
+    def begin(self, log: StatusLog, now_utc_s: float) -> None:
+        """Allow motion from where the mount stands, or raise CalibrationEndedError that says why not."""
+        last = log.last
+        if last is None:
+            raise CalibrationEndedError(
+                Kind.LINK, "no status from the mount; is it on, and set to send here?"
+            )
+        self._refuse_state(last, log)
+        self._refuse_place(last, now_utc_s)
+        self._began = self._before = last
+
+    def _refuse_state(self, last: Heard, log: StatusLog) -> None:
+        status = last.status
+        state = None
+        acks = (status.ack_move_ra, status.ack_move_dec, status.ack_slew, status.ack_sync)
+        if status.at_park:
+            state = "it is parked: bring it up by its own console"
+        elif any(acks) or status.ack_abort or status.ack_pulse_guide:
+            state = "it acknowledges commands that are not ours: another program commands it, end that one"
+        elif status.slewing or status.pulse_guiding:
+            state = "it is slewing or guiding: end that first, by sattrack mount abort or its own console"
+        else:
+            rate = _rates(log)
+            along_ra = min(abs(rate[0]), abs(rate[0] - SIDEREAL_RATE_DEG_S))
+            if max(along_ra, abs(rate[1])) > STRANGE_RATE_DEG_S:
+                state = f"it moves by itself, {rate[0]:.3f} and {rate[1]:.3f} °/s: stop it first"
+        if state is not None:
+            raise CalibrationEndedError(Kind.REFUSED, f"the mount is not ready: {state}")
+
+    def _refuse_place(self, last: Heard, now_utc_s: float) -> None:
+        around, status = self._around, last.status
+        true_deg = mean_sidereal_deg(now_utc_s, around.longitude_deg)
+        off_s = ((status.sidereal_h * 15.0 - true_deg + 180.0) % 360.0 - 180.0) / SIDEREAL_RATE_DEG_S
+        if abs(off_s) > LARGEST_CLOCK_ERROR_S:
+            raise CalibrationEndedError(
+                Kind.REFUSED,
+                f"the mount's sidereal time is {off_s:.0f} s from that of the site given: set the mount's "
+                "clock, or check --site; where the Sun is cannot be told otherwise",
+            )
+        if (status.site_latitude_deg, status.site_longitude_deg) != (0.0, 0.0):
+            apart = max(
+                abs(status.site_latitude_deg - around.latitude_deg),
+                abs((status.site_longitude_deg - around.longitude_deg + 180.0) % 360.0 - 180.0),
+            )
+            if apart > SITE_WITHIN_DEG:
+                raise CalibrationEndedError(
+                    Kind.REFUSED,
+                    f"the mount believes it stands at {status.site_latitude_deg:.2f}, "
+                    f"{status.site_longitude_deg:.2f}: check --site and the mount's own settings",
+                )
+        self._refuse_box(last)
+
+    def _refuse_box(self, last: Heard) -> None:
+        around = self._around
+        places = list(_box(last.hour_angle_deg, last.dec_deg))
+        lowest = min(altitude_deg(ha, dec, around.latitude_deg) for ha, dec in places)
+        if lowest < around.floor_altitude_deg:
+            raise CalibrationEndedError(
+                Kind.LIMIT,
+                f"within {BOX_DEG:g}° of where the mount stands altitude falls to {lowest:.1f}°; at least "
+                f"{around.floor_altitude_deg:g}° is needed: slew higher and start again",
+            )
+        if max(abs(dec) for _, dec in places) > HIGHEST_DEC_DEG:
+            raise CalibrationEndedError(
+                Kind.LIMIT,
+                f"the mount stands at declination {last.dec_deg:.1f}°, too near the pole to move by "
+                f"{BOX_DEG:g}°: slew to {HIGHEST_DEC_DEG - BOX_DEG - 1.0:g}° or less and start again",
+            )
+        farthest = max(abs(ha) for ha, _ in places)
+        if farthest > around.hour_angle_limit_deg:
+            raise CalibrationEndedError(
+                Kind.LIMIT,
+                f"the mount stands at hour angle {last.hour_angle_deg:.1f}°, within {farthest:.1f}° of the "
+                f"limit of {around.hour_angle_limit_deg:g}°: slew back and start again",
+            )
+        nearest = min(
+            separation_deg(ha, dec, around.sun_hour_angle_deg + later, around.sun_dec_deg)
+            for ha, dec in places
+            for later in (0.0, SUN_MOVES_DEG)
+        )
+        if nearest < around.sun_cone_deg:
+            raise CalibrationEndedError(
+                Kind.LIMIT,
+                f"the Sun is {nearest:.1f}° from what the mount may point at; at least "
+                f"{around.sun_cone_deg:g}° is needed: slew away from the Sun and start again",
+            )
+
+    def watch(self, heard: Heard, log: StatusLog) -> None:
+        """Take a status of the run; raises CalibrationEndedError on any doubt."""
+        began, before = self._began, self._before
+        if began is None or before is None:
+            return
+        self._before = heard
+        words = None
+        status = heard.status
+        moved = (heard.hour_angle_deg - before.hour_angle_deg, heard.dec_deg - before.dec_deg)
+        seconds = max(0.02, heard.mount_s - before.mount_s)
+        largest = LARGEST_GAIN * self._fastest_deg_s * seconds + 0.05
+        if log.restarted:
+            words = "the mount's program was started again"
+        elif status.side_of_pier != began.status.side_of_pier:
+            words = "the mount reports the other side of the pier"
+        elif status.ack_slew or status.ack_sync or status.ack_pulse_guide:
+            words = "the mount acknowledges a command that is not ours: another program commands it"
+        elif max(abs(m) for m in moved) > max(largest, LARGEST_JUMP_DEG):
+            words = f"the reported place jumped by {max(abs(m) for m in moved):.2f}°: was the mount synced?"
+        elif (
+            abs(heard.mount_s - before.mount_s - (heard.arrival_utc_s - before.arrival_utc_s))
+            > SILENT_AFTER_S
+        ):
+            words = "the mount's clock was set during the run"
+        if words is not None:
+            raise CalibrationEndedError(Kind.DOUBT, f"{words}; start again when that is over")
+        self._watch_place(heard, began)
+
+    def _watch_place(self, heard: Heard, began: Heard) -> None:
+        off_ha = heard.hour_angle_deg - began.hour_angle_deg
+        off_dec = heard.dec_deg - began.dec_deg
+        for name, off in (("hour angle", off_ha), ("declination", off_dec)):
+            if abs(off) > LARGEST_DISPLACEMENT_DEG:
+                raise CalibrationEndedError(
+                    Kind.LIMIT,
+                    f"the {name} axis came {abs(off):.1f}° from where it began; "
+                    f"{LARGEST_DISPLACEMENT_DEG:g}° is the limit",
+                )
+
+    def watch_answer(self, heard: Heard, said: Command, since_utc_s: float) -> None:
+        """Raise CalibrationEndedError where acknowledgements are not those of what has been said for long."""
+        if self._began is None or heard.arrival_utc_s - since_utc_s < ANSWERED_AFTER_S:
+            return
+        status = heard.status
+        moves_ra = said.move_ra and said.move_ra_rate_deg_s != 0.0
+        moves_dec = said.move_dec and said.move_dec_rate_deg_s != 0.0
+        wrong = (
+            status.ack_abort != said.abort
+            or (moves_ra and not status.ack_move_ra)
+            or (moves_dec and not status.ack_move_dec)
+            or (status.ack_move_ra and not said.move_ra)
+            or (status.ack_move_dec and not said.move_dec)
+        )
+        if wrong:
+            raise CalibrationEndedError(
+                Kind.DOUBT,
+                "the mount's acknowledgements are not those of our commands: another program commands it, "
+                "or the network loses them; start again when that is over",
+            )
+
+    def watch_link(self, log: StatusLog, now_utc_s: float) -> None:
+        """Raise CalibrationEndedError where the mount has fallen silent."""
+        last = log.last
+        if self._began is not None and last is not None and now_utc_s - last.arrival_utc_s > SILENT_AFTER_S:
+            raise CalibrationEndedError(
+                Kind.LINK, "the mount fell silent; stop commands are sent: look after it"
+            )
+
+
+def _box(hour_angle_deg: float, dec_deg: float) -> Iterator[tuple[float, float]]:
+    for i in range(GRID + 1):
+        ha = hour_angle_deg - BOX_DEG + 2.0 * BOX_DEG * i / GRID
+        for j in range(GRID + 1):
+            yield ha, dec_deg + BOX_DEG * (2.0 * j / GRID - 1.0)
+
+
+def _rates(log: StatusLog) -> tuple[float, float]:
+    newest = log.heard[-20:]
+    seconds = newest[-1].mount_s - newest[0].mount_s
+    if seconds <= 0.0:
+        return 0.0, 0.0
+    return (
+        (newest[-1].hour_angle_deg - newest[0].hour_angle_deg) / seconds,
+        (newest[-1].dec_deg - newest[0].dec_deg) / seconds,
+    )

@@ -1,0 +1,169 @@
+"""Steady motion at known commanded rates: gain, sign, what is added, and the acceleration limit."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from sattrack.mount import SIDEREAL_RATE_DEG_S
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+FEWEST_SAMPLES = 8
+BEFORE_S = 0.4
+SLOWEST_SETTLED = 0.003
+"""Two halves of a steady motion whose rates differ by a larger part than this were not steady."""
+ADDED_WITHIN = 0.2
+"""Part of the sidereal rate by which what is added may miss either reading."""
+
+AxisName = Literal["ra", "dec"]
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """One motion from its first acknowledged status on: the axis' own angle against time.
+
+    `before_*` are statuses before it began, `seconds` and `angle_deg` those while it was commanded; time is
+    ours but for a constant, `began_s` the instant at which the mount read the command, None where a status
+    was lost just there.
+    """
+
+    rate_deg_s: float
+    before_s: NDArray[np.float64]
+    before_deg: NDArray[np.float64]
+    seconds: NDArray[np.float64]
+    angle_deg: NDArray[np.float64]
+    began_s: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Steady:
+    """The steady part of a stretch."""
+
+    commanded_deg_s: float
+    rate_deg_s: float
+    sigma_deg_s: float
+    change_deg_s: float
+    """Rate less the rate before the motion began."""
+    lag_s: float | None
+    """From the mount's reading of the command to where the lines before and after meet."""
+
+
+@dataclass(frozen=True, slots=True)
+class AxisResponse:
+    """How one axis answers: rate = sign x gain x commanded + added, degrees a second."""
+
+    sign: Literal[-1, 1]
+    gain: float
+    gain_sigma: float
+    added_deg_s: float
+    added_sigma_deg_s: float
+    acceleration_deg_s2: float | None
+    """None where ramps are too short to be seen."""
+    acceleration_sigma_deg_s2: float | None
+    dead_time_s: float | None
+    """Lag that does not grow with the rate."""
+    steady: tuple[Steady, ...]
+
+    @property
+    def additive(self) -> bool | None:
+        """Whether sidereal tracking goes on beneath MoveAxis; None where the motion fits neither reading."""
+        part = self.added_deg_s / SIDEREAL_RATE_DEG_S
+        if abs(part - 1.0) < ADDED_WITHIN:
+            return True
+        return False if abs(part) < ADDED_WITHIN else None
+
+
+def steady_part(stretch: Stretch) -> Steady | None:
+    """Return the steady motion of a stretch, from its last straight part; None where there is none."""
+    t, x = stretch.seconds, stretch.angle_deg
+    if len(t) < FEWEST_SAMPLES:
+        return None
+    length = t[-1] - t[0]
+    for share in (0.7, 0.5, 0.35):
+        use = t >= t[-1] - share * length
+        if use.sum() < FEWEST_SAMPLES:
+            break
+        rate, level, sigma = _line(t[use], x[use])
+        half = t[use] >= t[use].mean()
+        early, _, s1 = _line(t[use][~half], x[use][~half])
+        late, _, s2 = _line(t[use][half], x[use][half])
+        if abs(late - early) < max(SLOWEST_SETTLED * abs(stretch.rate_deg_s), 4.0 * math.hypot(s1, s2)):
+            return _with_lag(stretch, rate, level, sigma)
+    return None
+
+
+def _line(t: NDArray[np.float64], x: NDArray[np.float64]) -> tuple[float, float, float]:
+    """Return slope, value at t = 0 and the slope's sigma, by least squares."""
+    middle = t.mean()
+    spread = ((t - middle) ** 2).sum()
+    slope = float(((t - middle) * x).sum() / spread)
+    level = float(x.mean() - slope * middle)
+    residuals = x - (level + slope * t)
+    variance = float((residuals**2).sum()) / max(1, len(t) - 2)
+    return slope, level, math.sqrt(variance / spread)
+
+
+def _with_lag(stretch: Stretch, rate: float, level: float, sigma: float) -> Steady:
+    lag = None
+    before_rate = 0.0
+    if len(stretch.before_s) >= FEWEST_SAMPLES // 2:
+        before_rate, before_level, _ = _line(stretch.before_s, stretch.before_deg)
+        if stretch.began_s is not None and rate != before_rate:
+            lag = (before_level - level) / (rate - before_rate) - stretch.began_s
+    return Steady(stretch.rate_deg_s, rate, sigma, rate - before_rate, lag)
+
+
+def axis_response(parts: Sequence[Steady]) -> AxisResponse | None:
+    """Fit one axis' steady motions; None where there are too few. Rates of both directions are needed."""
+    if len(parts) < 3 or len({p.commanded_deg_s > 0.0 for p in parts}) < 2:
+        return None
+    commanded = np.array([p.commanded_deg_s for p in parts])
+    rates = np.array([p.rate_deg_s for p in parts])
+    design = np.stack([commanded, np.ones_like(commanded)], axis=1)
+    (slope, added), _, _, _ = np.linalg.lstsq(design, rates, rcond=None)
+    residuals = rates - design @ np.array([slope, added])
+    # Servo ripple makes the residuals of a line fit too good to be true; legs against each other are not.
+    own = float(np.mean([p.sigma_deg_s**2 for p in parts]))
+    variance = max(own, float((residuals**2).sum()) / (len(parts) - 2))
+    covariance = variance * np.linalg.inv(design.T @ design)
+    acceleration, acceleration_sigma, dead = _acceleration(parts)
+    return AxisResponse(
+        sign=1 if slope > 0.0 else -1,
+        gain=abs(float(slope)),
+        gain_sigma=math.sqrt(covariance[0, 0]),
+        added_deg_s=float(added),
+        added_sigma_deg_s=math.sqrt(covariance[1, 1]),
+        acceleration_deg_s2=acceleration,
+        acceleration_sigma_deg_s2=acceleration_sigma,
+        dead_time_s=dead,
+        steady=tuple(parts),
+    )
+
+
+def _acceleration(parts: Sequence[Steady]) -> tuple[float | None, float | None, float | None]:
+    """Return the acceleration limit, its sigma and the dead time, from lag = dead time + change / (2 a)."""
+    seen = [(abs(p.change_deg_s), p.lag_s) for p in parts if p.lag_s is not None]
+    if len(seen) < 3:
+        return None, None, None
+    change = np.array([s[0] for s in seen])
+    lag = np.array([s[1] for s in seen])
+    if change.max() < 1.5 * change.min():
+        return None, None, None
+    # A given error of angle is an error of lag that falls with the rate.
+    weights = change
+    design = np.stack([np.ones_like(change), change], axis=1) * weights[:, None]
+    (dead, slope), _, _, _ = np.linalg.lstsq(design, lag * weights, rcond=None)
+    residuals = lag * weights - design @ np.array([dead, slope])
+    variance = float((residuals**2).sum()) / (len(seen) - 2)
+    slope_sigma = math.sqrt(variance * np.linalg.inv(design.T @ design)[1, 1])
+    if slope < 3.0 * slope_sigma or slope <= 0.0:
+        return None, None, float(dead)
+    acceleration = 1.0 / (2.0 * float(slope))
+    return acceleration, acceleration * slope_sigma / float(slope), float(dead)

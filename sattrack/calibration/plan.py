@@ -1,0 +1,82 @@
+"""What a calibration run will move, how far and how long: known before anything moves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+FIRST_RATE_DEG_S = 0.2
+SECOND_RATE_DEG_S = 0.1
+SEMANTICS_PART_S = 1.2
+"""How long each part of the test for held or edge lasts: first rate, second rate, flag down."""
+LARGEST_GAIN = 1.5
+"""An axis that goes faster than this times what it was told is stopped."""
+REACTION_S = 0.45
+"""What a round trip, a turn of the mount's loop and braking may add to each motion."""
+LARGEST_DISPLACEMENT_DEG = 3.0
+"""The run is stopped where an axis stands farther than this from where it began."""
+BOX_DEG = 3.6
+"""What is checked beforehand: the largest displacement and the way to stop from it."""
+LARGEST_DURATION_S = 600.0
+
+
+@dataclass(frozen=True, slots=True)
+class Leg:
+    """One steady motion of one axis."""
+
+    rate_deg_s: float
+    seconds: float
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """A run: how often the harmless flag is raised before and after, and each axis' motions.
+
+    Motions come in pairs of opposite ones, so that an axis ends near where it began.
+    """
+
+    toggles: int = 36
+    most_toggles: int = 120
+    """So often where delays scatter."""
+    toggles_after: int = 12
+    legs: tuple[Leg, ...] = (
+        Leg(-1.0, 1.8),
+        Leg(1.0, 1.8),
+        Leg(-0.5, 2.2),
+        Leg(0.5, 2.2),
+        Leg(-0.25, 2.4),
+        Leg(0.25, 2.4),
+    )
+
+    @property
+    def fastest_deg_s(self) -> float:
+        """The largest rate commanded."""
+        return max(FIRST_RATE_DEG_S, *(abs(leg.rate_deg_s) for leg in self.legs))
+
+    def largest_displacement_deg(self) -> float:
+        """Return how far an axis of gain 1.1 comes from where it began, at most, by either semantics."""
+        held = FIRST_RATE_DEG_S * (SEMANTICS_PART_S + REACTION_S) + SECOND_RATE_DEG_S * (
+            SEMANTICS_PART_S + REACTION_S
+        )
+        edge = FIRST_RATE_DEG_S * (4.0 * SEMANTICS_PART_S + 2.0 * REACTION_S)
+        farthest = edge
+        for began in (held, edge):
+            at = began
+            for leg in self.legs:
+                at += leg.rate_deg_s * (leg.seconds + REACTION_S)
+                farthest = max(farthest, abs(at))
+        return 1.1 * farthest
+
+    def expected_s(self) -> float:
+        """Return about how long the run takes, for showing how far it has come."""
+        motions = sum(leg.seconds + 1.6 for leg in self.legs) + 4.0 * SEMANTICS_PART_S + 3.0
+        return 4.0 + 0.36 * (self.toggles + self.toggles_after) + 2.0 * motions
+
+    def words(self) -> list[str]:
+        """Say to the operator what will happen."""
+        return [
+            f"each axis in turn goes up to {self.largest_displacement_deg():.1f}° to either side of where it "
+            f"stands, at {self.fastest_deg_s:g} °/s at most, and ends near where it began "
+            f"(beyond {LARGEST_DISPLACEMENT_DEG:g}° the run is stopped)",
+            f"it takes about {self.expected_s() / 60.0:.1f} minutes; the mount is brought to rest first and "
+            "left at rest",
+        ]

@@ -1,0 +1,308 @@
+"""The steps of a calibration run, each a generator that is resumed whenever something has happened.
+
+Nothing here concludes: what was sent when, and which status answered, is kept for `findings`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sattrack.calibration.guard import CalibrationEndedError, Kind
+from sattrack.calibration.plan import (
+    FIRST_RATE_DEG_S,
+    LARGEST_GAIN,
+    SECOND_RATE_DEG_S,
+    SEMANTICS_PART_S,
+    Plan,
+)
+from sattrack.calibration.round_trip import Bracket, RoundTripEstimate
+from sattrack.calibration.statuses import Heard, StatusLog
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator
+
+    from sattrack.calibration.motion import AxisName
+    from sattrack.calibration.sender import Sender
+
+    Steps = Generator[None, None, None]
+
+LISTEN_S = 2.0
+FEWEST_STATUSES = 15
+ANSWER_WITHIN_S = 2.0
+REST_WITHIN_S = 6.0
+LATELY_S = 15.0
+GOOD_SIGMA_S = 0.00025
+SPREAD_S = 0.001
+QUIET_BEFORE_LEG_S = 0.45
+RATE_OVER_S = 0.6
+ZERO_SEEN_S = 0.4
+MOVES_AT_LEAST = 0.25
+FOLLOWS_WITHIN = 0.15
+AXIS_WORDS: dict[AxisName, str] = {"ra": "right ascension", "dec": "declination"}
+
+
+@dataclass(frozen=True, slots=True)
+class Edge:
+    """A flag changed: when that left, and the statuses before and at which it showed, by place in the log."""
+
+    sent_utc_s: float
+    before: int
+    after: int
+
+
+@dataclass(frozen=True, slots=True)
+class LegHeard:
+    """One steady motion: places in the log of its first acknowledged status and of the one after its last."""
+
+    axis: AxisName
+    rate_deg_s: float
+    first: int
+    end: int
+
+
+@dataclass(frozen=True, slots=True)
+class SemanticsHeard:
+    """What an axis did: rates while told the first, while told the second, and with the flag down."""
+
+    axis: AxisName
+    first_deg_s: float
+    second_deg_s: float
+    after_deg_s: float
+    zero_ends: bool | None
+    """Whether an edge of rate 0 ended the motion; None where the motion had ended with the flag."""
+
+    @property
+    def follows(self) -> bool | None:
+        """Whether a new rate acts while the flag is up; None for something in between."""
+        ratio = self.second_deg_s / self.first_deg_s
+        if abs(ratio - SECOND_RATE_DEG_S / FIRST_RATE_DEG_S) < FOLLOWS_WITHIN:
+            return True
+        return False if abs(ratio - 1.0) < FOLLOWS_WITHIN else None
+
+    @property
+    def goes_on(self) -> bool:
+        """Whether motion goes on when the flag has fallen."""
+        return abs(self.after_deg_s) > 0.4 * abs(self.first_deg_s)
+
+
+@dataclass(slots=True)
+class Observations:
+    """Everything a run has seen."""
+
+    log: StatusLog = field(default_factory=StatusLog)
+    edges: list[Edge] = field(default_factory=list)
+    legs: list[LegHeard] = field(default_factory=list)
+    semantics: list[SemanticsHeard] = field(default_factory=list)
+
+
+class Script:
+    """The run's steps; `now_utc_s` is set by whoever resumes them."""
+
+    def __init__(self, plan: Plan, sender: Sender, seen: Observations, begin: Callable[[], None]) -> None:
+        self._plan = plan
+        self._sender = sender
+        self._seen = seen
+        self._begin = begin
+        self._estimate = RoundTripEstimate()
+        self.now_utc_s = 0.0
+        self.phase = "listening"
+
+    def steps(self) -> Steps:
+        """Run it all; raises CalibrationEndedError where something is not as it must be."""
+        yield from self._listen()
+        self._begin()
+        self.phase = "stopping the mount"
+        yield from self._rest()
+        self.phase = "measuring the round trip"
+        for count in range(self._plan.most_toggles):
+            yield from self._toggle()
+            if count + 1 >= self._plan.toggles and self._estimate.result().sigma_s < GOOD_SIGMA_S:
+                break
+        for axis in ("dec", "ra"):
+            yield from self._semantics(axis)
+            for leg in self._plan.legs:
+                self.phase = f"moving in {AXIS_WORDS[axis]}, {leg.rate_deg_s:+g} °/s"
+                yield from self._leg(axis, leg.rate_deg_s, leg.seconds)
+        self.phase = "measuring the round trip again"
+        for _ in range(self._plan.toggles_after):
+            yield from self._toggle()
+
+    def _wait(self, seconds: float) -> Steps:
+        until = self.now_utc_s + seconds
+        while self.now_utc_s < until:
+            yield
+
+    def _until(self, holds: Callable[[Heard], bool], within_s: float, otherwise: str) -> Steps:
+        """Wait for a status of which something holds; raises CalibrationEndedError with `otherwise`."""
+        until = self.now_utc_s + within_s
+        while self._seen.log.last is None or not holds(self._seen.log.last):
+            if self.now_utc_s > until:
+                raise CalibrationEndedError(Kind.DOUBT, otherwise)
+            yield
+
+    def _say(self, **fields: Any) -> Steps:
+        """Say something new and wait until it has left."""
+        self._sender.say(fields)
+        while self._sender.waiting:
+            yield
+
+    def _listen(self) -> Steps:
+        yield from self._wait(LISTEN_S)
+        if len(self._seen.log.heard) < FEWEST_STATUSES:
+            heard = len(self._seen.log.heard)
+            words = f"{heard} statuses from the mount in {LISTEN_S:g} s"
+            if heard == 0:
+                words = f"no status from the mount within {LISTEN_S:g} s"
+            raise CalibrationEndedError(Kind.LINK, f"{words}; is it on, and set to send here?")
+
+    def _toggle(self) -> Steps:
+        """Raise the abort flag and lower it, at instants that tell the most; the axes stand all the while."""
+        for up in (True, False):
+            place = len(self._seen.log.heard)
+            self._sender.say_at(self._aimed_instant(), {"abort": True} if up else {})
+            while self._sender.waiting:
+                yield
+            sent = self._sender.changed_utc_s
+            verb = "acknowledge an abort" if up else "take back the acknowledgement of an abort"
+
+            def shows(heard: Heard, wanted: bool = up) -> bool:
+                return heard.status.ack_abort == wanted
+
+            yield from self._until(shows, ANSWER_WITHIN_S, f"the mount did not {verb} within 2 s")
+            self._note_edge(sent, max(1, place), up)
+
+    def _note_edge(self, sent_utc_s: float, place: int, up: bool) -> None:
+        heard = self._seen.log.heard
+        while place < len(heard) and heard[place].status.ack_abort != up:
+            place += 1
+        if place == len(heard) or heard[place - 1].status.ack_abort == up:
+            return
+        self._seen.edges.append(Edge(sent_utc_s, place - 1, place))
+        offset = self._fastest_offset_s()
+        above, within = (heard[i].mount_s + offset - sent_utc_s for i in (place - 1, place))
+        self._estimate.add(Bracket(above, within))
+
+    def _fastest_offset_s(self) -> float:
+        """Return the fastest arrival lately against the mount's clock."""
+        newest = self._seen.log.heard[-round(LATELY_S / self._turn_s()) :]
+        return min(h.arrival_utc_s - h.mount_s for h in newest)
+
+    def _turn_s(self) -> float:
+        newest = self._seen.log.heard[-40:]
+        turns = newest[-1].counter - newest[0].counter
+        return max(0.01, (newest[-1].mount_s - newest[0].mount_s) / turns)
+
+    def _aimed_instant(self) -> float:
+        """Return an instant at which a command is as likely seen by one turn of the loop as by the next.
+
+        A little before and after as well: only what is seen too soon or late tells how much delays scatter.
+        """
+        last = self._seen.log.heard[-1]
+        turn = self._turn_s()
+        expected = last.mount_s + self._fastest_offset_s()
+        result = self._estimate.result()
+        aside = (0.0, 1.0, 0.0, -1.0)[len(self._seen.edges) // 2 % 4]
+        trip = max(0.0, result.seconds + aside * (SPREAD_S + 2.0 * min(result.sigma_s, SPREAD_S)))
+        earliest = self._sender.earliest(self.now_utc_s)
+        turns = math.ceil((earliest + trip - expected) / turn)
+        return expected + turns * turn - trip
+
+    def _flag(self, axis: AxisName, rate_deg_s: float) -> dict[str, Any]:
+        return {f"move_{axis}": True, f"move_{axis}_rate_deg_s": rate_deg_s}
+
+    def _raise(self, axis: AxisName, rate_deg_s: float) -> Steps:
+        yield from self._say(**self._flag(axis, rate_deg_s))
+        yield from self._until(
+            lambda heard: bool(getattr(heard.status, f"ack_move_{axis}")),
+            ANSWER_WITHIN_S,
+            f"the mount did not acknowledge MoveAxis in {AXIS_WORDS[axis]} within 2 s: is it parked?",
+        )
+
+    def _lower(self, axis: AxisName) -> Steps:
+        yield from self._say()
+        yield from self._until(
+            lambda heard: not getattr(heard.status, f"ack_move_{axis}"),
+            ANSWER_WITHIN_S,
+            f"the mount did not take back its acknowledgement of MoveAxis in {AXIS_WORDS[axis]}",
+        )
+
+    def _rest(self) -> Steps:
+        """Bring both axes to rest and see them there."""
+        yield from self._say(abort=True)
+        yield from self._until(
+            lambda heard: heard.status.ack_abort,
+            ANSWER_WITHIN_S,
+            "the mount did not acknowledge an abort within 2 s: does another program command it?",
+        )
+        yield from self._until(
+            lambda _: self._seen.log.still(),
+            REST_WITHIN_S,
+            f"the mount was not seen at rest within {REST_WITHIN_S:g} s of an abort",
+        )
+        yield from self._say()
+        yield from self._until(
+            lambda heard: not heard.status.ack_abort,
+            ANSWER_WITHIN_S,
+            "the mount did not take back its acknowledgement of an abort",
+        )
+
+    def _semantics(self, axis: AxisName) -> Steps:
+        """Find out what a change of rate, and the fall of the flag, do to a motion."""
+        self.phase = f"held or edge, in {AXIS_WORDS[axis]}"
+        yield from self._raise(axis, FIRST_RATE_DEG_S)
+        yield from self._wait(SEMANTICS_PART_S)
+        first = self._rate(axis)
+        self._check_moves(axis, first)
+        yield from self._say(**self._flag(axis, SECOND_RATE_DEG_S))
+        yield from self._wait(SEMANTICS_PART_S)
+        second = self._rate(axis)
+        yield from self._lower(axis)
+        yield from self._wait(SEMANTICS_PART_S)
+        after = self._rate(axis)
+        heard = SemanticsHeard(axis, first, second, after, None)
+        if heard.goes_on:
+            yield from self._say(**self._flag(axis, 0.0))
+            # Whether an ended MoveAxis is acknowledged, the protocol does not say.
+            yield from self._wait(ZERO_SEEN_S)
+            yield from self._lower(axis)
+            yield from self._wait(SEMANTICS_PART_S)
+            ended = abs(self._rate(axis)) < 0.1 * FIRST_RATE_DEG_S
+            heard = SemanticsHeard(axis, first, second, after, ended)
+        self._seen.semantics.append(heard)
+        yield from self._rest()
+
+    def _check_moves(self, axis: AxisName, rate_deg_s: float) -> None:
+        part = abs(rate_deg_s) / FIRST_RATE_DEG_S
+        words = None
+        if part < MOVES_AT_LEAST:
+            words = "acknowledges MoveAxis but does not move: are the drives on?"
+        elif part > LARGEST_GAIN:
+            words = f"moves {part:.1f} times as fast as it was told"
+        if words is not None:
+            raise CalibrationEndedError(Kind.DOUBT, f"the {AXIS_WORDS[axis]} axis {words}")
+
+    def _rate(self, axis: AxisName) -> float:
+        """Return an axis' rate over the last RATE_OVER_S, degrees a second of the mount's clock."""
+        last = self._seen.log.heard[-1].mount_s
+        newest = [h for h in self._seen.log.heard[-60:] if h.mount_s > last - RATE_OVER_S]
+        if len(newest) < 3:
+            raise CalibrationEndedError(Kind.LINK, "too few statuses came while an axis moved")
+        angles = [h.dec_deg if axis == "dec" else h.hour_angle_deg for h in newest]
+        return float(np.polyfit([h.mount_s - last for h in newest], angles, 1)[0])
+
+    def _leg(self, axis: AxisName, rate_deg_s: float, seconds: float) -> Steps:
+        yield from self._wait(QUIET_BEFORE_LEG_S)
+        log = self._seen.log
+        place = len(log.heard)
+        yield from self._raise(axis, rate_deg_s)
+        yield from self._wait(seconds)
+        flag = f"ack_move_{axis}"
+        first = next(i for i in range(place, len(log.heard)) if getattr(log.heard[i].status, flag))
+        place = len(log.heard)
+        yield from self._rest()
+        end = next(i for i in range(place, len(log.heard)) if log.heard[i].status.ack_abort)
+        self._seen.legs.append(LegHeard(axis, rate_deg_s, first, end))

@@ -1,0 +1,104 @@
+"""Statuses in the order in which the mount sent them, dated by the mount's own clock."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from sattrack.xerxes.datagrams import DatagramError, Readings, Status, decode_status, status_readings
+
+SIDEREAL_SECONDS_PER_SECOND = 1.00273790935
+RESTART_COUNTS = 50
+"""A counter that falls by more than this was begun anew; one that falls by less is a late datagram's."""
+STILL_WITHIN_DEG_S = 5e-4
+STILL_STATUSES = 6
+STILL_SPAN_S = 0.25
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """One status as it was heard.
+
+    `arrival_utc_s` is ours; `mount_s` are seconds of the mount's clock since the first status. The hour angle
+    is the mount's sidereal time less its right ascension, degrees, counted on through whole turns.
+    """
+
+    counter: int
+    arrival_utc_s: float
+    mount_s: float
+    hour_angle_deg: float
+    dec_deg: float
+    status: Status
+
+
+@dataclass(slots=True)
+class StatusLog:
+    """Takes datagrams; keeps what is new and in order."""
+
+    heard: list[Heard] = field(default_factory=list)
+    rejected: int = 0
+    late: int = 0
+    restarted: bool = False
+    """Whether the counter began anew: the mount's program was started again."""
+    readings: dict[str, str] = field(default_factory=dict)
+    """Types seen of the doubtful fields; a field that held zeros only is not in it."""
+    contradictory: set[str] = field(default_factory=set)
+    """Doubtful fields that were seen with both types."""
+
+    @property
+    def last(self) -> Heard | None:
+        """The newest status."""
+        return self.heard[-1] if self.heard else None
+
+    def take(self, data: bytes, arrival_utc_s: float) -> Heard | None:
+        """Keep a status and return it; None for what is no status, or comes late, or twice."""
+        try:
+            status = decode_status(data)
+            readings = status_readings(data)
+        except DatagramError:
+            self.rejected += 1
+            return None
+        before = self.last
+        if before is not None and status.counter <= before.counter:
+            self.restarted = self.restarted or before.counter - status.counter > RESTART_COUNTS
+            self.late += 1
+            return None
+        self._note_readings(readings)
+        hour_angle = (status.sidereal_h - status.ra_h) * 15.0
+        reference = 0.0 if before is None else before.hour_angle_deg
+        heard = Heard(
+            status.counter,
+            arrival_utc_s,
+            self._mount_seconds(status.sidereal_h, before),
+            reference + (hour_angle - reference + 180.0) % 360.0 - 180.0,
+            status.dec_deg,
+            status,
+        )
+        self.heard.append(heard)
+        return heard
+
+    def still(self) -> bool:
+        """Tell whether both axes stand, by the newest statuses."""
+        newest = self.heard[-STILL_STATUSES:]
+        if len(newest) < STILL_STATUSES:
+            return False
+        first, last = newest[0], newest[-1]
+        span_s = last.mount_s - first.mount_s
+        if span_s < STILL_SPAN_S * 0.8:
+            return False
+        moved = max(abs(last.hour_angle_deg - first.hour_angle_deg), abs(last.dec_deg - first.dec_deg))
+        return moved < STILL_WITHIN_DEG_S * span_s
+
+    @staticmethod
+    def _mount_seconds(sidereal_h: float, before: Heard | None) -> float:
+        if before is None:
+            return 0.0
+        hours = (sidereal_h - before.status.sidereal_h + 12.0) % 24.0 - 12.0
+        return before.mount_s + hours * 3600.0 / SIDEREAL_SECONDS_PER_SECOND
+
+    def _note_readings(self, readings: Readings) -> None:
+        for name in Readings.__slots__:
+            seen = getattr(readings, name)
+            if seen is None:
+                continue
+            if self.readings.setdefault(name, seen) != seen:
+                self.contradictory.add(name)
