@@ -7,18 +7,19 @@ socket or random number, so the same inputs give the same outputs to the last bi
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
 from sattrack.control.acquisition import Intercept, plan_intercept
+from sattrack.control.axes import Axes
 from sattrack.control.blend import Blend
 from sattrack.control.feeder import rate_deg_s
 from sattrack.control.history import CommandHistory, SentRates
-from sattrack.control.kalman import AxisFilter, wrap180
+from sattrack.control.kalman import wrap180
 from sattrack.control.latency import KnownClock, MountClock
+from sattrack.control.mount_loop import MountLoop
 from sattrack.messages import ClearBias, Message, Nudge, StopNow
 from sattrack.mount import Hold, Motion, MountProfile, MoveAxes, SlewTo, StatusSample, Stop
 from tle.bias import Bias
@@ -36,14 +37,12 @@ REACTION_PERIODS = 3.0
 MOST_ALONG_S = 60.0
 MOST_CROSS_DEG = 5.0
 """Biases beyond these are slips of the finger: no elements that are worth following are so far off."""
-GATE_DEG = 0.1
-OUTLIERS_BELIEVED = 5
-"""Samples in a row that jump the same way are no glitch: the mount's coordinates have changed."""
+MOST_SHIFT_S = 0.0002
+SHIFT_SHARE = 0.02
+"""How fast the sending falls into step with the mount's loop: too slow for the period to show it."""
 EDGE_PERIODS = 2.0
 MOST_EDGE_PERIODS = 6.0
 """How long the rates of one edge act: until the next, which the handshake lets through after some periods."""
-GAP_S = 5.0
-"""A gap in the samples after which the filters begin anew."""
 
 
 class Phase(StrEnum):
@@ -80,15 +79,6 @@ class SkyError(NamedTuple):
     across_arcsec: float
 
 
-@dataclass(slots=True)
-class _Axes:
-    """Both axes' filters, as of the last sample."""
-
-    ra: AxisFilter
-    dec: AxisFilter
-    sample_utc_s: float
-
-
 class Tracker:
     """Follows one satellite over one window with one mount."""
 
@@ -102,11 +92,11 @@ class Tracker:
         if profile.clock_offset_s is not None:
             known = KnownClock(propagator.site.longitude_deg, profile.clock_offset_s)
         self._clock = MountClock(profile.status_delay_s, known)
-        self._history = CommandHistory(profile.command_delay_s, profile.period_s)
-        self._axes: _Axes | None = None
+        self._loop = MountLoop(profile.period_s)
+        self._history = CommandHistory(profile.command_delay_s, self._loop)
+        self._axes: Axes | None = None
         self._intercept: Intercept | None = None
         self._near = 0
-        self._outliers = 0
         self._sidereal_deg = 0.0
         self._last_edge_utc_s: float | None = None
         edge = profile.move_axis == "edge"
@@ -134,21 +124,20 @@ class Tracker:
     def take(self, sample: StatusSample) -> SkyError:
         """Take in one sample; return its error on the sky, dated by the mount's own clock."""
         utc_s = self._clock.date(sample.sidereal_h, sample.arrival_utc_s)
+        self._loop.note(sample.counter, utc_s)
         axes = self._axes
         believed = True
-        if axes is None or not 0.0 < utc_s - axes.sample_utc_s < GAP_S:
-            self._begin_filters(sample, utc_s)
+        if axes is None or not axes.follows(utc_s):
+            self._axes = Axes.begin(self._profile, self._history, sample, utc_s)
         else:
-            believed = self._advance(axes, sample, utc_s)
+            believed = axes.take(sample, utc_s, self.phase in {Phase.ACQUIRING, Phase.TRACKING})
+            if axes.lost:
+                self._axes = Axes.begin(self._profile, self._history, sample, utc_s)
         self._sidereal_deg = sample.sidereal_h * 15.0
         self.error = sky_error(utc_s, sample.ra_deg, sample.dec_deg, self.direction_at(utc_s))
         if believed:
             self._judge(self.error)
         return self.error
-
-    def _begin_filters(self, sample: StatusSample, utc_s: float) -> None:
-        self._axes = _Axes(AxisFilter(sample.ra_deg), AxisFilter(sample.dec_deg), utc_s)
-        self._outliers = 0
 
     def operate(self, message: Message, now_utc_s: float) -> None:
         """Obey the operator."""
@@ -200,7 +189,7 @@ class Tracker:
         self.phase = Phase.STOPPING
         self.rates = MoveAxes(0.0, 0.0)
 
-    def _approach(self, now_utc_s: float, axes: _Axes) -> None:
+    def _approach(self, now_utc_s: float, axes: Axes) -> None:
         here = (wrap180(self._sidereal_deg - axes.ra.position_deg), axes.dec.position_deg)
 
         def target(utc_s: float) -> tuple[float, float, float]:
@@ -215,7 +204,7 @@ class Tracker:
         self.followable_utc_s = self._intercept.utc_s
         self.phase = Phase.SLEWING
 
-    def _slew(self, now_utc_s: float, slew_done: bool, axes: _Axes) -> Motion:
+    def _slew(self, now_utc_s: float, slew_done: bool, axes: Axes) -> Motion:
         intercept = self._intercept
         assert intercept is not None
         if slew_done and now_utc_s >= intercept.utc_s - self._lead_s(intercept):
@@ -235,17 +224,18 @@ class Tracker:
         )
         return 0.5 * ramp + self._profile.command_delay_s + 1.5 * self._profile.period_s
 
-    def _follow(self, now_utc_s: float, axes: _Axes) -> MoveAxes:
-        period, interval = self._profile.period_s, self._acting_s
-        # The mount obeys at its first loop after this command has arrived.
-        loops = math.ceil((now_utc_s + self._profile.command_delay_s - axes.sample_utc_s) / period)
-        acts = axes.sample_utc_s + max(1, loops) * period
+    def _follow(self, now_utc_s: float, axes: Axes) -> MoveAxes:
+        # The mount obeys at its first loop after this command has arrived, until the first after the next.
+        arrives = now_utc_s + self._profile.command_delay_s
+        acts = self._loop.first_from(max(arrives, axes.sample_utc_s + 0.5 * self._loop.mean_period_s))
+        interval = max(self._loop.first_from(arrives + self._acting_s) - acts, self._loop.mean_period_s)
         begin = self.direction_at(acts)
         end = self.direction_at(acts + interval)
         moved_ra, moved_dec = self._history.displacement(axes.sample_utc_s, acts)
         ahead_s = acts - axes.sample_utc_s
-        ra = axes.ra.position_deg + moved_ra + axes.ra.disturbance_deg_s * ahead_s
-        dec = axes.dec.position_deg + moved_dec + axes.dec.disturbance_deg_s * ahead_s
+        ra_gain, dec_gain = 1.0 + axes.ra.gain_error, 1.0 + axes.dec.gain_error
+        ra = axes.ra.position_deg + moved_ra * ra_gain + axes.ra.disturbance_deg_s * ahead_s
+        dec = axes.dec.position_deg + moved_dec * dec_gain + axes.dec.disturbance_deg_s * ahead_s
         self.rates = MoveAxes(
             rate_deg_s(
                 wrap180(float(end.ra_deg - begin.ra_deg)),
@@ -254,7 +244,8 @@ class Tracker:
                 wrap180(ra - float(begin.ra_deg)),
                 self._profile.ra.max_acceleration_deg_s2,
                 self._profile.ra.max_rate_deg_s,
-            ),
+            )
+            / ra_gain,
             rate_deg_s(
                 float(end.dec_deg - begin.dec_deg),
                 interval,
@@ -262,9 +253,15 @@ class Tracker:
                 dec - float(begin.dec_deg),
                 self._profile.dec.max_acceleration_deg_s2,
                 self._profile.dec.max_rate_deg_s,
-            ),
+            )
+            / dec_gain,
         )
         return self.rates
+
+    def send_shift_s(self, now_utc_s: float) -> float:
+        """Return by how much later than a period from now the next datagram had better go, seconds."""
+        shift_s = self._loop.shift_s(now_utc_s + self._profile.command_delay_s)
+        return max(-MOST_SHIFT_S, min(MOST_SHIFT_S, SHIFT_SHARE * shift_s))
 
     def note_sent(self, motion: Motion, now_utc_s: float) -> None:
         """Note what was really sent, after safety had its say: the filters are driven by that."""
@@ -281,31 +278,6 @@ class Tracker:
         if last_utc_s is not None:
             periods = (now_utc_s - last_utc_s) / self._profile.period_s
             self._acting_s = max(2.0, min(MOST_EDGE_PERIODS, periods)) * self._profile.period_s
-
-    def _advance(self, axes: _Axes, sample: StatusSample, utc_s: float) -> bool:
-        """Bring the filters to a sample; tell whether it was believed."""
-        seconds = utc_s - axes.sample_utc_s
-        ra_moved, dec_moved = self._history.displacement(axes.sample_utc_s, utc_s)
-        if self.phase in {Phase.WAITING, Phase.SLEWING, Phase.STOPPING}:
-            # The mount moves by its own plan, which no command's history tells.
-            ra_moved = wrap180(sample.ra_deg - axes.ra.position_deg)
-            dec_moved = sample.dec_deg - axes.dec.position_deg
-        axes.ra.advance(seconds, ra_moved)
-        axes.dec.advance(seconds, dec_moved)
-        axes.sample_utc_s = utc_s
-        # No axis gets further from the prediction than by running full speed the other way.
-        ra_gate = GATE_DEG + 2.0 * self._profile.ra.max_rate_deg_s * seconds
-        dec_gate = GATE_DEG + 2.0 * self._profile.dec.max_rate_deg_s * seconds
-        ra_jump = abs(wrap180(sample.ra_deg - axes.ra.position_deg))
-        if ra_jump > ra_gate or abs(sample.dec_deg - axes.dec.position_deg) > dec_gate:
-            self._outliers += 1
-            if self._outliers >= OUTLIERS_BELIEVED:
-                self._begin_filters(sample, utc_s)
-            return False
-        self._outliers = 0
-        axes.ra.measure(sample.ra_deg, ra_moved / seconds)
-        axes.dec.measure(sample.dec_deg, dec_moved / seconds)
-        return True
 
     def _judge(self, error: SkyError) -> None:
         if self.phase is Phase.ACQUIRING:

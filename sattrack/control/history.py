@@ -8,6 +8,10 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sattrack.control.mount_loop import MountLoop
 
 KEPT = 400
 
@@ -26,10 +30,10 @@ AT_REST = SentRates(float("-inf"), 0.0, 0.0)
 
 @dataclass(slots=True)
 class CommandHistory:
-    """What was sent lately; `delay_s` is from sending to the mailbox, `period_s` the mount's loop."""
+    """What was sent lately; `delay_s` is from sending to the mailbox, `loop` tells when it is read."""
 
     delay_s: float
-    period_s: float
+    loop: MountLoop
     _sent: deque[SentRates] = field(default_factory=lambda: deque(maxlen=KEPT))
 
     def add(self, sent: SentRates) -> None:
@@ -48,18 +52,38 @@ class CommandHistory:
                 return sent
         return AT_REST
 
+    def is_one_turn(self, from_utc_s: float, to_utc_s: float) -> bool:
+        """Tell whether two loop instants follow one another, so that one command acted between them."""
+        return to_utc_s - from_utc_s < 1.5 * self.loop.mean_period_s
+
+    def displacement_by(self, step: int, from_utc_s: float, to_utc_s: float) -> tuple[float, float] | None:
+        """Return `displacement` over one turn if another command had acted, None where there is none.
+
+        `step` counts from the one that is expected to have acted: -1 is the one sent before it.
+        """
+        expected = self.acting(from_utc_s)
+        place = len(self._sent) - 1
+        while place >= 0 and self._sent[place] is not expected:
+            place -= 1
+        if not 0 <= place + step < len(self._sent) or place < 0:
+            return None
+        other = self._sent[place + step]
+        seconds = to_utc_s - from_utc_s
+        return other.ra_rate_deg_s * seconds, other.dec_rate_deg_s * seconds
+
     def displacement(self, from_utc_s: float, to_utc_s: float) -> tuple[float, float]:
         """Return how far the commands move right ascension and declination between two instants, degrees.
 
-        `from_utc_s` must be a loop instant of the mount; further ones are taken a period apart, so that a
-        gap of lost statuses is predicted through.
+        `from_utc_s` must be a loop instant of the mount; further ones are as the loop is foretold, so that
+        a gap of lost statuses is predicted through.
         """
         ra = dec = 0.0
+        half_s = 0.5 * self.loop.mean_period_s
         at = from_utc_s
         while at < to_utc_s - 1e-6:
-            until = min(at + self.period_s, to_utc_s)
+            until = min(self.loop.first_from(at + half_s), to_utc_s)
             # A rest shorter than half a period is the loop's jitter, not another turn of it.
-            if to_utc_s - until < 0.5 * self.period_s:
+            if to_utc_s - until < half_s:
                 until = to_utc_s
             acting = self.acting(at)
             ra += acting.ra_rate_deg_s * (until - at)

@@ -1,7 +1,8 @@
-"""A Kalman filter per axis: where the axis is, and which rate nobody asked for.
+"""A Kalman filter per axis: where the axis is, which rate nobody asked for, and how much of a rate comes out.
 
-State: position in degrees and rate disturbance in degrees per second. Input: the displacement that the
-commands made. Measurement: the reported position at its own instant. filterpy does the algebra.
+State: position in degrees, rate disturbance in degrees per second, and the gain's error: what comes of a
+commanded rate, divided by it, less one. Input: the displacement that the commands made. Measurement: the
+reported position at its own instant. filterpy does the algebra.
 """
 
 from __future__ import annotations
@@ -25,10 +26,20 @@ class Noise:
     """Position noise that grows with the root of time: what the servo does within a loop."""
     rate_walk_deg_s_sqrt_s: float = 0.5 / 3600.0
     """Growth of the rate disturbance with the root of time."""
+    response_s: float = 0.01
+    """Position noise for each change of the commanded rate, over that change: the servo is not instant."""
     first_rate_deg_s: float = 20.0 / 3600.0
+    learning: float = 0.01
+    """How fast the measurement noise is learnt, a share each sample."""
+    first_gain: float = 0.02
+    gain_walk_sqrt_s: float = 1e-5
+    """Growth of the gain's error with the root of time: it is the mount's own, and stays."""
 
 
-INPUT = np.array([[1.0], [0.0]])
+SURPRISE_SIGMAS = 4.0
+SMALLEST_NOISE_SHARE, LARGEST_NOISE_SHARE = 0.02, 400.0
+"""How far the measurement's variance may go from the expected one: a seventh of the sigma to twenty times."""
+INPUT = np.array([[1.0], [0.0], [0.0]])
 
 
 class AxisFilter:
@@ -36,14 +47,21 @@ class AxisFilter:
 
     def __init__(self, position_deg: float, noise: Noise | None = None) -> None:
         self._noise = noise or Noise()
-        kalman = KalmanFilter(dim_x=2, dim_z=1, dim_u=1)
-        kalman.x = np.array([[position_deg], [0.0]])
-        kalman.P = np.diag([1e-4, self._noise.first_rate_deg_s**2])
-        kalman.H = np.array([[1.0, 0.0]])
+        kalman = KalmanFilter(dim_x=3, dim_z=1, dim_u=1)
+        kalman.x = np.array([[position_deg], [0.0], [0.0]])
+        kalman.P = np.diag([1e-4, self._noise.first_rate_deg_s**2, self._noise.first_gain**2])
+        kalman.H = np.array([[1.0, 0.0, 0.0]])
         kalman.inv = _invert_scalar
         self._kalman = kalman
         self.innovation_sigmas = 0.0
         """The last measurement's surprise, in its own expected sigma."""
+        self.innovation_sigma_deg = 1e-2
+        """What the last measurement's surprise was expected to be, one sigma."""
+        self._surprised_deg = 0.0
+        """The last measurement's surprise where it was too large, else 0."""
+        self._seconds = 1.0
+        self._noise_share = 1.0
+        """Variance of the measurements over the expected one, as innovations show it."""
 
     @property
     def position_deg(self) -> float:
@@ -55,30 +73,80 @@ class AxisFilter:
         """Rate that is there beside the commanded one, degrees per second."""
         return float(self._kalman.x[1, 0])
 
+    def expected_sigma_deg(self, jolt_deg_s: float) -> float:
+        """Return how far off the next measurement may be, one sigma, after a change of the commanded rate."""
+        return math.hypot(self.innovation_sigma_deg, self._noise.response_s * jolt_deg_s)
+
+    @property
+    def gain_error(self) -> float:
+        """What comes of a commanded rate, divided by it, less one."""
+        return float(self._kalman.x[2, 0])
+
     @property
     def position_sigma_deg(self) -> float:
         """Uncertainty of the position, one sigma."""
         return math.sqrt(float(self._kalman.P[0, 0]))
 
-    def advance(self, seconds: float, displacement_deg: float) -> None:
-        """Predict over an interval in which the commands moved the axis by `displacement_deg`."""
+    def foretold_deg(self, seconds: float, displacement_deg: float) -> float:
+        """Return where the axis will be after commands that move it by `displacement_deg`."""
+        x = self._kalman.x
+        return float(x[0, 0] + x[1, 0] * seconds + displacement_deg * (1.0 + x[2, 0]))
+
+    def advance(
+        self, seconds: float, displacement_deg: float, commanded: bool = True, jolt_deg_s: float = 0.0
+    ) -> None:
+        """Predict over an interval in which the axis moved by `displacement_deg`.
+
+        Where that is not what commands made but what was seen, it says nothing of the gain. `jolt_deg_s` is
+        by how much the commanded rate has changed: the servo takes its time to follow.
+        """
         noise = self._noise
+        self._seconds = seconds
         # White noise in rate and in its derivative, integrated over the interval.
         rate_variance = noise.rate_walk_deg_s_sqrt_s**2 * seconds
         cross = 0.5 * rate_variance * seconds
         own = noise.walk_deg_sqrt_s**2 * seconds + rate_variance * seconds * seconds / 3.0
-        transition = np.array([[1.0, seconds], [0.0, 1.0]])
-        process = np.array([[own, cross], [cross, rate_variance]])
+        own += (noise.response_s * jolt_deg_s) ** 2
+        gain_variance = noise.gain_walk_sqrt_s**2 * seconds
+        gained_deg = displacement_deg if commanded else 0.0
+        transition = np.array([[1.0, seconds, gained_deg], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+        process = np.array([[own, cross, 0.0], [cross, rate_variance, 0.0], [0.0, 0.0, gain_variance]])
         self._kalman.predict(u=np.array([[displacement_deg]]), B=INPUT, F=transition, Q=process)
 
     def measure(self, position_deg: float, rate_deg_s: float) -> None:
         """Take in a reported position (any turn) of an axis that moves at about `rate_deg_s`."""
         predicted = self.position_deg
-        measured = predicted + wrap180(position_deg - predicted)
+        surprise = wrap180(position_deg - predicted)
         noise = self._noise
-        variance = noise.position_deg**2 + (rate_deg_s * noise.timing_s) ** 2
-        self._kalman.update(measured, R=np.array([[variance]]))
-        self.innovation_sigmas = float(self._kalman.y[0, 0]) / math.sqrt(float(self._kalman.S[0, 0]))
+        variance = self._noise_share * (noise.position_deg**2 + (rate_deg_s * noise.timing_s) ** 2)
+        expected = float(self._kalman.P[0, 0]) + variance
+        if surprise * surprise > SURPRISE_SIGMAS**2 * expected:
+            variance += self._weigh_surprise(surprise, expected)
+        else:
+            self._surprised_deg = 0.0
+            self._learn_noise(surprise * surprise / expected)
+        self._kalman.update(predicted + surprise, R=np.array([[variance]]))
+        self.innovation_sigma_deg = math.sqrt(float(self._kalman.S[0, 0]))
+        self.innovation_sigmas = float(self._kalman.y[0, 0]) / self.innovation_sigma_deg
+
+    def _learn_noise(self, ratio: float) -> None:
+        """Let the measurement noise follow, slowly, what the innovations' squares are against expectation."""
+        share = self._noise_share * (1.0 + self._noise.learning * (ratio - 1.0))
+        self._noise_share = max(SMALLEST_NOISE_SHARE, min(LARGEST_NOISE_SHARE, share))
+
+    def _weigh_surprise(self, surprise_deg: float, expected: float) -> float:
+        """Return by how much to distrust a surprising measurement, as a variance.
+
+        A single one may be a glitch, and is believed only as far as a large but ordinary one would be; a
+        second one to the same side is a rate that has set in, which the filter then learns at once.
+        """
+        again = surprise_deg * self._surprised_deg > 0.0
+        self._surprised_deg = surprise_deg
+        if not again:
+            return surprise_deg * surprise_deg / SURPRISE_SIGMAS**2 - expected
+        self._kalman.P[1, 1] += (surprise_deg / self._seconds) ** 2
+        self._kalman.P[0, 0] += surprise_deg * surprise_deg
+        return 0.0
 
 
 def _invert_scalar(matrix: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> object:

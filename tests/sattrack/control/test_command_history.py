@@ -5,10 +5,13 @@ from __future__ import annotations
 import pytest
 
 from sattrack.control.history import CommandHistory, SentRates
+from sattrack.control.mount_loop import MountLoop
 
 
 def history(*sent: tuple[float, float]) -> CommandHistory:
-    made = CommandHistory(delay_s=0.010, period_s=0.050)
+    loop = MountLoop(0.050)
+    loop.note(7, 1.020)
+    made = CommandHistory(delay_s=0.010, loop=loop)
     for at, rate in sent:
         made.add(SentRates(at, rate, -rate))
     return made
@@ -32,6 +35,16 @@ def test_a_loop_that_comes_late_or_early_is_no_further_loop() -> None:
     made = history((1.000, 1.0), (1.050, 2.0))
     assert made.displacement(1.020, 1.074) == pytest.approx((0.054, -0.054))
     assert made.displacement(1.020, 1.066) == pytest.approx((0.046, -0.046))
+
+
+def test_what_another_command_would_have_done_is_told_for_one_turn() -> None:
+    made = history((1.000, 1.0), (1.050, 2.0), (1.100, 4.0))
+    assert made.is_one_turn(1.070, 1.120)
+    assert not made.is_one_turn(1.070, 1.170)
+    assert made.displacement_by(-1, 1.070, 1.120) == pytest.approx((0.05, -0.05))
+    assert made.displacement_by(1, 1.070, 1.120) == pytest.approx((0.20, -0.20))
+    assert made.displacement_by(-2, 1.070, 1.120) is None
+    assert made.displacement_by(2, 1.070, 1.120) is None
 
 
 def test_nothing_sent_moves_nothing() -> None:

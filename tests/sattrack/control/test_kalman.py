@@ -9,7 +9,12 @@ from sattrack.control.kalman import AxisFilter, Noise, wrap180
 
 STEP_S = 0.05
 QUIET = Noise(
-    position_deg=1e-5, timing_s=0.0, walk_deg_sqrt_s=0.0, rate_walk_deg_s_sqrt_s=0.0, first_rate_deg_s=0.1
+    position_deg=1e-5,
+    timing_s=0.0,
+    walk_deg_sqrt_s=0.0,
+    rate_walk_deg_s_sqrt_s=0.0,
+    first_rate_deg_s=0.1,
+    learning=0.0,
 )
 
 

@@ -1,0 +1,191 @@
+"""What the control itself loses: the error on the sky of a simulated mount's true axes, scenario by scenario.
+
+python bench/feeder.py [--seeds N] [--rows GLOB] [--rivals]
+
+Each scenario follows two passes, above 10°, in virtual time: the ISS to 81° over Leiden, and KANOPUS-V 1 to
+89.99°. The figures are of the whole pass from ten seconds after its rise, the worst seed of each; the rivals
+and the oracle steer the same mount over the same link, each beginning on the satellite.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import fnmatch
+import statistics
+import sys
+from collections.abc import Callable
+
+import msgspec
+from feeder_harness import Link, Scenario, World
+from feeder_rivals import Compensated, Oracle, Proportional
+
+from sattrack import practice
+from sattrack.mount import MountProfile
+from sattrack.runtime.facts import RunFacts, build_engine, choose_pass, plan_for
+from sattrack.safety import SafetyLimits
+from sattrack.settings import SiteSettings
+from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, mean_sidereal_deg
+from tle.elements import Elements
+from tle.instants import Utc
+from tle.propagator import Propagator
+from tle.refraction import Refraction
+from tle.site import Site
+
+KANOPUS = (
+    "1 38707U 12039A   24247.82317651  .00138984  00000-0  16635-2 0  9998",
+    "2 38707  97.4945 189.8924 0007050 108.0286 252.1739 15.60479551673427",
+)
+SETTLED_S = 10.0
+BEFORE_S = 8.0
+
+SCENARIOS = (
+    Scenario("2 ms each way"),
+    Scenario("20 ms ± 5 ms each way", Link(0.020, 0.020, jitter_s=0.005)),
+    Scenario("3 % loss, 1 % doubled, 1 % reordered", Link(loss=0.03, doubled=0.01, held_back=0.01)),
+    Scenario("gain off by 1 %", gain=1.01),
+    Scenario("10″/s disturbance", disturbance_arcsec_s=10.0),
+    Scenario("delays 5 and 35 ms, clock true", Link(0.005, 0.035)),
+    Scenario("edge", move_axis="edge"),
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Subject:
+    """A pass to follow."""
+
+    name: str
+    facts: RunFacts
+    propagator: Propagator
+
+
+def subjects() -> list[Subject]:
+    return [
+        _subject("ISS", practice.elements(), practice.SITE.place(), Utc.parse(practice.BEFORE_PASS)),
+        _subject(
+            "KANOPUS",
+            Elements.from_tle(*KANOPUS, "KANOPUS-V 1"),
+            Site(48.6622, 34.8862, 0.0),
+            Utc.parse("2024-09-04T23:57:00Z"),
+        ),
+    ]
+
+
+def _subject(name: str, elements: Elements, site: Site, now: Utc) -> Subject:
+    found = choose_pass(elements, site, now, 10.0)
+    plan = plan_for(found, now)
+    air = Refraction.standard(site.height_m)
+    facts = RunFacts(
+        elements=elements,
+        site=SiteSettings(site.latitude_deg, site.longitude_deg, site.height_m),
+        refraction="auto",
+        pressure_hpa=air.pressure_hpa,
+        temperature_c=air.temperature_c,
+        plan=plan,
+        culminate_utc_s=float(found.culminate_utc.unix_s),
+        max_alt_deg=float(found.max_alt_deg),
+        profile=MountProfile(),
+        limits=SafetyLimits(),
+        bias_along_s=0.0,
+        bias_cross_deg=0.0,
+        mount_name="sim",
+        started_utc_s=plan.start_utc_s - BEFORE_S,
+    )
+    return Subject(name, facts, Propagator(elements, site, refraction=air))
+
+
+class Ours:
+    """The program's own engine."""
+
+    period_s = 0.05
+
+    def __init__(self, subject: Subject, scenario: Scenario) -> None:
+        link = scenario.link
+        profile = msgspec.structs.replace(
+            subject.facts.profile,
+            command_delay_s=link.command_s,
+            status_delay_s=link.status_s,
+            clock_offset_s=0.0,
+            move_axis=scenario.move_axis,
+        )
+        self.engine = build_engine(msgspec.structs.replace(subject.facts, profile=profile))
+
+    def status(self, data: bytes, arrival_utc_s: float) -> None:
+        self.engine.receive(data, arrival_utc_s)
+
+    def command(self, now_utc_s: float) -> bytes:
+        return self.engine.tick(now_utc_s)
+
+    def shift_s(self, now_utc_s: float) -> float:
+        return self.engine.tracker.send_shift_s(now_utc_s)
+
+
+def world(subject: Subject, scenario: Scenario, seed: int) -> World:
+    facts = subject.facts
+    begin_s = facts.started_utc_s
+    target = subject.propagator.at(Utc(facts.plan.start_utc_s))
+    hour_angle = mean_sidereal_deg(facts.plan.start_utc_s, facts.site.longitude_deg) - float(target.ra_deg)
+    start = StartPosition((hour_angle + 180.0) % 360.0 - 180.0, float(target.dec_deg))
+    truth = MountProfile(move_axis=scenario.move_axis)
+    site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
+    mount = SimulatedMount(truth, site, start)
+    return World(scenario, mount, subject.propagator, (begin_s, facts.plan.end_utc_s), seed)
+
+
+def rivals(subject: Subject, scenario: Scenario) -> dict[str, Callable[[World], object]]:
+    link = scenario.link
+    return {
+        "oracle": Oracle,
+        "FF + P at 10 Hz": lambda _: Proportional(subject.propagator, 0.1, 0.75),
+        "FF + PI at 5 Hz": lambda _: Proportional(subject.propagator, 0.2, 1.0, 0.2),
+        "FF + PI at 20 Hz, delay given": lambda _: Compensated(
+            subject.propagator, link.command_s, link.status_s, 2.0, 1.0
+        ),
+    }
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--rows", default="*")
+    parser.add_argument("--rivals", action="store_true")
+    options = parser.parse_args()
+    print(f"{'scenario':40} {'pass':8} {'RMS″':>8} {'peak″':>8}")
+    for scenario in SCENARIOS:
+        if not fnmatch.fnmatch(scenario.name, options.rows):
+            continue
+        for subject in subjects():
+            figures = [_ours(subject, scenario, seed) for seed in range(1, options.seeds + 1)]
+            rms, peak = max(f[0] for f in figures), max(f[1] for f in figures)
+            print(f"{scenario.name:40} {subject.name:8} {rms:8.3f} {peak:8.3f}", flush=True)
+            if options.rivals and scenario.move_axis == "held":
+                for name, make in rivals(subject, scenario).items():
+                    theirs = [_rival(subject, scenario, seed, make) for seed in range(1, options.seeds + 1)]
+                    t_rms, t_peak = statistics.mean(f[0] for f in theirs), max(f[1] for f in theirs)
+                    o_rms = statistics.mean(f[0] for f in figures)
+                    print(
+                        f"    {name:36} {'':8} {t_rms:8.3f} {t_peak:8.3f}   {t_rms / o_rms:8.1f} ×",
+                        flush=True,
+                    )
+    sys.stdout.flush()
+
+
+def _ours(subject: Subject, scenario: Scenario, seed: int) -> tuple[float, float]:
+    run = world(subject, scenario, seed)
+    ours = Ours(subject, scenario)
+    run.run(ours)
+    plan = subject.facts.plan
+    return run.figures(plan.start_utc_s + SETTLED_S, plan.end_utc_s - 0.1)
+
+
+def _rival(
+    subject: Subject, scenario: Scenario, seed: int, make: Callable[[World], object]
+) -> tuple[float, float]:
+    run = world(subject, scenario, seed)
+    run.run(make(run))  # type: ignore[arg-type]
+    plan = subject.facts.plan
+    return run.figures(plan.start_utc_s + SETTLED_S, plan.end_utc_s - 0.1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,119 @@
+"""Both axes through lost and late commands, and rates that nobody asked for; the mount is made here."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+
+from sattrack.control.axes import OUTLIERS_BELIEVED, Axes
+from sattrack.control.history import CommandHistory, SentRates
+from sattrack.control.mount_loop import MountLoop
+from sattrack.mount import MountProfile, StatusSample
+
+PERIOD_S = 0.05
+ARCSEC = 1.0 / 3600.0
+ACCELERATION_DEG_S2 = 0.02
+
+
+class Mount:
+    """Moves at the rates of the command that it has read, each turn, exactly; noise as of half a tic."""
+
+    def __init__(self, seed: int) -> None:
+        self.rng = random.Random(seed)
+        self.ra_deg, self.dec_deg, self.turn = 100.0, 20.0, 0
+        self.loop = MountLoop(PERIOD_S)
+        self.history = CommandHistory(0.0, self.loop)
+        self.axes: Axes | None = None
+        self.commands: list[SentRates] = []
+
+    def sample(self) -> StatusSample:
+        ra, dec = (x + self.rng.gauss(0.0, 0.01 * ARCSEC) for x in (self.ra_deg, self.dec_deg))
+        utc_s = self.turn * PERIOD_S
+        return StatusSample(self.turn, utc_s, 0.0, ra % 360.0, dec, True, False, 0.0, 0.0)
+
+    def step(self, *, acts: int = -1, extra_deg_s: float = 0.0) -> None:
+        """One turn: a command is sent, the one at index `acts` is read, a status comes at the turn's end."""
+        utc_s = self.turn * PERIOD_S
+        rate = 0.3 + ACCELERATION_DEG_S2 * utc_s
+        self.commands.append(SentRates(utc_s, -rate, 0.5 * rate))
+        self.history.add(self.commands[-1])
+        read = self.commands[acts]
+        self.ra_deg += (read.ra_rate_deg_s + extra_deg_s) * PERIOD_S
+        self.dec_deg += read.dec_rate_deg_s * PERIOD_S
+        self.turn += 1
+        sample = self.sample()
+        now_s = self.turn * PERIOD_S
+        self.loop.note(self.turn, now_s)
+        if self.axes is None:
+            self.axes = Axes.begin(MountProfile(), self.history, sample, now_s)
+        else:
+            self.axes.take(sample, now_s, commanded=True)
+
+    @property
+    def off_arcsec(self) -> float:
+        assert self.axes is not None
+        return (self.axes.ra.position_deg - self.ra_deg) / ARCSEC
+
+
+def settled(seed: int = 1) -> Mount:
+    mount = Mount(seed)
+    for _ in range(200):
+        mount.step()
+    return mount
+
+
+@pytest.mark.parametrize("acts", [-2, -3])
+def test_a_lost_or_a_late_command_is_told_from_the_movement(acts: int) -> None:
+    mount = settled()
+    assert mount.axes is not None
+    disturbance = mount.axes.ra.disturbance_deg_s
+    before = mount.axes.misread
+    mount.step(acts=acts)
+    assert mount.axes.misread == before + 1
+    mount.step()
+    assert mount.axes.misread == before + 1
+    # 0.02 deg/s² for a turn is 3.6″/s: taken for a disturbance, it would show.
+    assert abs(mount.axes.ra.disturbance_deg_s - disturbance) < 0.3 * ARCSEC
+    assert abs(mount.off_arcsec) < 0.05
+
+
+def test_a_rate_that_sets_in_is_learnt_in_a_few_samples() -> None:
+    mount = settled()
+    for _ in range(6):
+        mount.step(extra_deg_s=10.0 * ARCSEC)
+    assert mount.axes is not None
+    assert mount.axes.ra.disturbance_deg_s / ARCSEC == pytest.approx(10.0, abs=1.5)
+    assert abs(mount.off_arcsec) < 0.1
+
+
+def test_one_glitch_is_hardly_believed() -> None:
+    mount = settled()
+    mount.ra_deg += 20.0 * ARCSEC
+    mount.step()
+    mount.ra_deg -= 20.0 * ARCSEC
+    assert abs(mount.off_arcsec) < 1.0
+    mount.step()
+    assert mount.axes is not None
+    assert abs(mount.axes.ra.disturbance_deg_s) < 2.0 * ARCSEC
+
+
+def test_a_gain_is_learnt_from_changing_rates() -> None:
+    mount = Mount(3)
+    for _ in range(600):
+        before = mount.ra_deg
+        mount.step()
+        mount.ra_deg += 0.01 * (mount.ra_deg - before)
+    assert mount.axes is not None
+    assert mount.axes.ra.gain_error == pytest.approx(0.01, abs=0.001)
+
+
+def test_a_mount_that_is_somewhere_else_is_lost_and_said_to_be() -> None:
+    mount = settled()
+    mount.ra_deg += 30.0
+    assert mount.axes is not None
+    for _ in range(OUTLIERS_BELIEVED - 1):
+        mount.step()
+        assert not mount.axes.lost
+    mount.step()
+    assert mount.axes.lost

@@ -1,0 +1,63 @@
+"""The mount's loop foretold, with timers made here."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import pytest
+
+from sattrack.control.mount_loop import MountLoop
+
+GRAIN_S = 1.0 / 64.0
+
+
+def windows_timer(count: int, phase_s: float, seed: int) -> list[float]:
+    """Instants of a timer that is due every 50 ms and fires at the next of 64 marks a second, and late."""
+    rng = random.Random(seed)
+    marks = (math.ceil((0.05 * k - phase_s) / GRAIN_S) for k in range(count))
+    return [100.0 + phase_s + mark * GRAIN_S + rng.uniform(0.0, 0.001) for mark in marks]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_turns_of_a_coarse_timer_are_foretold_without_a_bias(seed: int) -> None:
+    instants = windows_timer(1200, 0.0016 * seed, seed)
+    loop = MountLoop(0.05)
+    off = []
+    for number, instant in enumerate(instants[:-1]):
+        loop.note(number, instant)
+        if number > 300:
+            off.append(instants[number + 1] - loop.turn_utc_s(number + 1))
+    assert abs(sum(off) / len(off)) < 0.0005
+    assert max(abs(x) for x in off) < GRAIN_S
+
+
+def test_lost_statuses_and_a_wrong_nominal_period_do_not_matter() -> None:
+    rng = random.Random(5)
+    loop = MountLoop(0.05)
+    for number in range(400):
+        if rng.random() < 0.7:
+            loop.note(number, 50.0 + 0.0525 * number)
+    assert loop.turn_utc_s(410) == pytest.approx(50.0 + 0.0525 * 410, abs=1e-9)
+    assert loop.first_from(50.0 + 0.0525 * 405.2) == pytest.approx(50.0 + 0.0525 * 406, abs=1e-9)
+    assert loop.first_from(50.0 + 0.0525 * 405) == pytest.approx(50.0 + 0.0525 * 405, abs=1e-9)
+
+
+def test_a_loop_that_stood_still_or_began_anew_is_learnt_anew() -> None:
+    loop = MountLoop(0.05)
+    for number in range(100):
+        loop.note(number, 0.05 * number)
+    loop.note(100, 9.0)
+    assert loop.turn_utc_s(101) == pytest.approx(9.05)
+    loop.note(1, 20.0)
+    assert loop.turn_utc_s(2) == pytest.approx(20.05)
+
+
+def test_sending_falls_into_step_halfway_between_turns() -> None:
+    loop = MountLoop(0.05)
+    for number in range(100):
+        loop.note(number, 0.05 * number)
+    for arrival in (5.001, 5.024, 5.026, 5.049):
+        shifted = (arrival + loop.shift_s(arrival)) % 0.05
+        assert shifted == pytest.approx(0.025, abs=1e-9)
+        assert abs(loop.shift_s(arrival)) <= 0.0251
