@@ -117,6 +117,11 @@ class Rules:
         for name in self.standing & self.acked.keys():
             self.acked[name] = True
 
+    def restarted(self) -> None:
+        """The mount counts from the beginning, and acknowledges nothing."""
+        self.newest = -1
+        self.standing.clear()
+
     def send(self, data: bytes) -> CommandRow:
         """Take one datagram of the client."""
         self.period += 1

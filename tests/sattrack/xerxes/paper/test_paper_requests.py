@@ -610,4 +610,4 @@ class TestNothingWaitsForEver:
     def test_what_is_asked_for_during_moveaxis_settles(self, how: How, later: Request) -> None:
         bench = awake(PaperMount(move_axis=how))
         bench.settle(bench.submit(MoveAxis(1e-3, 1e-3)))
-        bench.settle(bench.submit(later), 120.0)
+        bench.settle(bench.submit(later), 90.0)
