@@ -42,6 +42,7 @@ class Axis:
     _rate_deg_s: float = 0.0
     _goal_deg: float | None = None
     acceleration_deg_s2: float = 0.0
+    powered: bool = True
 
     def place(self, position_deg: float, rate_deg_s: float) -> None:
         """Put the axis somewhere, already moving at a rate: the state at power-up."""
@@ -57,6 +58,12 @@ class Axis:
         """Ask to join a point that is at `goal_deg` now and moves at `goal_rate_deg_s`."""
         self._goal_deg = goal_deg
         self._rate_deg_s = goal_rate_deg_s
+
+    def coast(self) -> None:
+        """Cut the power: friction alone acts from then on."""
+        self._goal_deg = None
+        self._rate_deg_s = 0.0
+        self.powered = False
 
     @property
     def going(self) -> bool:

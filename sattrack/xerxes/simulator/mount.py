@@ -1,28 +1,66 @@
-"""The simulated mount's logic: mailbox, rising edges, priorities, acknowledgements, axes and its own clock.
+"""The simulated mount's logic: mailbox, flags, two axes, its own clock; a status at each turn of its loop.
 
 Source: "Xerxes Mount Control Protocol", Theory of Operation. A loop of about 50 ms reads the latest command
-in the mailbox, acts on rising edges (on the level for MoveAxis), and packs a snapshot of everything.
-Where the paper is silent: abort outranks slew, slew outranks MoveAxis; an abort leaves the axes at rest
-until the next motion command; MoveAxis flags that fall give the axis back to sidereal tracking.
+in the mailbox, services one flag of it (see `flags`) and packs a snapshot of everything.
+Where the paper is silent:
+
+* MoveAxis *held*: the latest rates act while the flag is up; its fall gives the axis back to the sky.
+  *Edge*: each axis' rate is read as its flag rises and stays in force after its fall, until a new edge or an
+  abort; an edge with rate 0 gives the axis back to sidereal tracking. An unchanged rate keeps its axis going
+  the same way where it passes a pole; signs are those of the side on which a rate first came.
+* Slewing is told during a slew and while any axis is in MoveAxis. A slew, sync, home or pulse that comes
+  then, or in the loop in which that ends, is ignored.
+* Fine rates add to sidereal tracking, and so to MoveAxis where that is additive.
+* A pulse adds 3500 (tics/s x 10) to its axis for its duration, exactly; negative is east and south, in the
+  sky. Both axes' timers start anew with a new pulse, and end with a slew, an abort, a park or a home.
+* A sync shifts the reported coordinates; axes, altitude, azimuth and cable wrap stay with the encoders.
+* A slew whose hour angle lies past the cable's limit is ignored. At the limit and a margin an axis brakes
+  to rest whatever it was told, and moves away again when told so.
+* An abort ends everything and leaves the axes at rest, drives on, until a slew, home or MoveAxis.
+* Park cuts the drives' power: the axes coast until friction stops them, and obey nothing until a restart.
+* Home is a slew to the profile's home position, which is the encoders' and needs no sidereal time; the axes
+  rest there. Without one in the profile, it does nothing.
+* After `watchdog_s` without a command the mailbox counts as empty, and both axes come to rest.
+* A drive fault cuts the power of its axis alone. After a restart the mount tracks the sky, its counter begins
+  anew, syncs are forgotten, and encoders read within half a turn of their zero: cable wrap told from them may
+  be a turn off.
+* Refraction, where the mount does it: axes point to where the air bends the light to, reported coordinates
+  are those without air. MoveAxis rates are the axes'.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile
-from sattrack.xerxes.datagrams import Command, DatagramError, Status, decode_command, encode_status
+from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile, mean_sidereal_deg
+from sattrack.xerxes.datagrams import (
+    DTICS_S_PER_DEG_S,
+    Command,
+    DatagramError,
+    Readings,
+    Status,
+    decode_command,
+    encode_status,
+)
 from sattrack.xerxes.simulator.axis import Axis, AxisDrive
+from sattrack.xerxes.simulator.drives import GUIDE_RATE_DTICS_S, DrivenAxis, Encoder, Mode
+from sattrack.xerxes.simulator.flags import FlagWatch, highest
+from sattrack.xerxes.simulator.packing import drive_current_10ma, drive_rate_dtics_s, packed_readings
+from sattrack.xerxes.simulator.pointing import (
+    axes_beyond_pole,
+    direction,
+    horizontal,
+    is_beyond_pole,
+)
+from sattrack.xerxes.simulator.settings import SimulatorProfile
 
-if TYPE_CHECKING:
-    from sattrack.mount import AxisLimits
+__all__ = ["SimulatedMount", "SimulatedSite", "StartPosition", "Truth", "mean_sidereal_deg"]
 
-UNIX_EPOCH_DAYS_FROM_J2000 = -10957.5
-DTICS_S_PER_DEG_S = 2**26 / 360.0 * 10.0
+AT_PLACE_DEG = 0.001
+BUSY = (Mode.GOING, Mode.MOVING)
 
 
 class SimulatedSite(msgspec.Struct, frozen=True):
@@ -34,7 +72,7 @@ class SimulatedSite(msgspec.Struct, frozen=True):
 
 
 class StartPosition(msgspec.Struct, frozen=True):
-    """Where the axes are at power-up, degrees."""
+    """Where the axes are at power-up, degrees: of the axes, cables counted, so 190 is not -170."""
 
     hour_angle_deg: float = -30.0
     dec_deg: float = 20.0
@@ -42,7 +80,10 @@ class StartPosition(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Truth:
-    """Where the axes really were when a status was packed, in the frame that the mount reports."""
+    """Where the axes really were when a status was packed, in the frame that the mount reports.
+
+    The axes' own angles have their cables' turns counted; `at_limit` tells that a hard limit holds an axis.
+    """
 
     counter: int
     utc_s: float
@@ -50,49 +91,71 @@ class Truth:
     dec_deg: float
     ra_rate_deg_s: float
     dec_rate_deg_s: float
-
-
-def mean_sidereal_deg(utc_s: float, longitude_deg: float) -> float:
-    """Return local mean sidereal time, degrees, UT1 taken as UTC.
-
-    The linear part of the IAU 1982 expression, which is all that a mount's own clock needs; it differs from
-    apparent sidereal time by up to 18 arcseconds, as real mounts' clocks do.
-    """
-    days = utc_s / 86400.0 + UNIX_EPOCH_DAYS_FROM_J2000
-    whole = math.floor(days)
-    turns = (days - whole) * 360.0 + 0.98564736629 * days + 280.46061837
-    return (turns + longitude_deg) % 360.0
-
-
-def _axis(limits: AxisLimits) -> Axis:
-    return Axis(AxisDrive(limits.max_acceleration_deg_s2, limits.slew_rate_deg_s))
+    hour_angle_axis_deg: float
+    dec_axis_deg: float
+    beyond_pole: bool
+    at_limit: bool
 
 
 @dataclass(slots=True)
 class SimulatedMount:
-    """A mount with two axes; `receive` fills its mailbox, `tick` runs its loop once."""
+    """A mount with two axes; `receive` fills its mailbox, `tick` runs its loop once.
+
+    Time is told to it, UTC as POSIX seconds; the same calls give the same bytes. Raises BadInputError where
+    the profile's readings name a field that is not in doubt.
+    """
 
     profile: MountProfile
     site: SimulatedSite
     start: StartPosition = field(default_factory=StartPosition)
+    hardware: SimulatorProfile = field(default_factory=SimulatorProfile)
     counter: int = 0
     refused: int = 0
     """Command datagrams that were no such thing."""
-    _ra: Axis = field(init=False)
-    _dec: Axis = field(init=False)
+    _ra: DrivenAxis = field(init=False)
+    _dec: DrivenAxis = field(init=False)
+    _readings: Readings = field(init=False)
+    _flags: FlagWatch = field(default_factory=FlagWatch)
     _mailbox: Command = field(default_factory=Command)
-    _previous: Command = field(default_factory=Command)
+    _heard: bool = False
+    _heard_s: float | None = None
     _now_s: float | None = None
-    _slewing: bool = False
-    _moving: bool = False
+    _begun_s: float | None = None
+    _clock_offset_s: float = 0.0
     _target: tuple[float, float] = (0.0, 0.0)
+    _shift_deg: tuple[float, float] = (0.0, 0.0)
+    """What syncs have added to right ascension and declination."""
+    _parked: bool = False
+    _going_home: bool = False
 
     def __post_init__(self) -> None:
         """Power up: the axes at their start position, tracking the sky."""
-        self._ra = _axis(self.profile.ra)
-        self._dec = _axis(self.profile.dec)
-        self._ra.place(self.start.hour_angle_deg, SIDEREAL_RATE_DEG_S)
-        self._dec.place(self.start.dec_deg, 0.0)
+        profile, hardware = self.profile, self.hardware
+        self._readings = packed_readings(profile)
+        offset_s = hardware.clock_offset_s
+        self._clock_offset_s = (profile.clock_offset_s or 0.0) if offset_s is None else offset_s
+        self._ra, self._dec = (
+            DrivenAxis(
+                Axis(AxisDrive(limits.max_acceleration_deg_s2, limits.slew_rate_deg_s)),
+                Encoder(
+                    profile.encoder_tics, zero_deg, hardware.encoder_noise_tics, f"{name} {hardware.seed}"
+                ),
+                sky_rate_deg_s,
+                profile.additive,
+                limits.slew_rate_deg_s,
+            )
+            for name, limits, zero_deg, sky_rate_deg_s in (
+                ("ra", profile.ra, hardware.ra_encoder_zero_deg, SIDEREAL_RATE_DEG_S),
+                ("dec", profile.dec, hardware.dec_encoder_zero_deg, 0.0),
+            )
+        )
+        self._ra.power_up(self.start.hour_angle_deg)
+        self._dec.power_up(self.start.dec_deg)
+
+    @property
+    def slewing(self) -> bool:
+        """Whether a slew, a home or MoveAxis goes on."""
+        return self._ra.mode in BUSY or self._dec.mode in BUSY
 
     def receive(self, data: bytes) -> bool:
         """Put a command datagram into the mailbox; whatever was there is gone. False where it is refused."""
@@ -111,124 +174,232 @@ class SimulatedMount:
             # Whatever else it says, a stop is a stop.
             command = Command(command.counter, abort=True)
         self._mailbox = command
+        self._heard = True
         return True
 
     def tick(self, now_utc_s: float) -> tuple[bytes, Truth]:
         """Run the loop once at an instant: let the axes move up to it, obey the mailbox, pack a status."""
-        if self._now_s is not None and now_utc_s > self._now_s:
-            self._ra.advance(now_utc_s - self._now_s)
-            self._dec.advance(now_utc_s - self._now_s)
-        self._now_s = now_utc_s
+        self._advance(now_utc_s)
         self.counter += 1
+        self._watch_silence(now_utc_s)
         self._obey(self._mailbox, now_utc_s)
-        self._previous = self._mailbox
         return self._pack(now_utc_s), self._truth(now_utc_s)
 
+    def _advance(self, now_utc_s: float) -> None:
+        if self._now_s is None:
+            self._begun_s = now_utc_s
+        elif now_utc_s > self._now_s:
+            self._ra.advance(self._now_s, now_utc_s)
+            self._dec.advance(self._now_s, now_utc_s)
+        self._now_s = now_utc_s
+
+    def _watch_silence(self, now_utc_s: float) -> None:
+        if self._heard:
+            self._heard, self._heard_s = False, now_utc_s
+        watchdog_s = self.profile.watchdog_s
+        if watchdog_s is None or self._heard_s is None or now_utc_s - self._heard_s < watchdog_s:
+            return
+        self._heard_s = None
+        self._mailbox = Command()
+        self._rest()
+
     def _obey(self, command: Command, now_utc_s: float) -> None:
-        if command.abort:
-            if not self._previous.abort:
-                self._slewing = self._moving = False
-                self._ra.run(0.0)
-                self._dec.run(0.0)
-        elif command.slew:
-            if not self._previous.slew and not self._slewing and not self._moving:
+        slewing = self.slewing
+        for name in self._flags.release(command):
+            if self.profile.move_axis == "held" and name in ("move_ra", "move_dec"):
+                self._give_back(self._ra if name == "move_ra" else self._dec)
+        if not self._parked:
+            self._ra.fine_deg_s = command.ra_fine_rate_dtics_s / DTICS_S_PER_DEG_S
+            self._dec.fine_deg_s = command.dec_fine_rate_dtics_s / DTICS_S_PER_DEG_S
+        what = highest(command)
+        if what == "move":
+            self._move(command)
+        elif what is not None and self._flags.rises(command, what):
+            self._flags.acknowledge(what)
+            self._launch(what, command, now_utc_s, slewing)
+        self._ra.obey()
+        self._dec.obey()
+        self._arrive()
+
+    def _launch(self, what: str, command: Command, now_utc_s: float, slewing: bool) -> None:
+        """Act on a rising edge, or ignore it."""
+        match what:
+            case "abort":
+                self._rest()
+            case "park":
+                self._park()
+            case "sync" if not slewing:
+                self._sync(command, now_utc_s)
+            case _ if slewing or self._parked:
+                return
+            case "slew":
                 self._start_slew(command, now_utc_s)
-        elif command.move_ra or command.move_dec:
-            if not self._slewing:
-                self._move(command)
-        elif self._moving:
-            self._moving = False
-            self._ra.run(SIDEREAL_RATE_DEG_S)
-            self._dec.run(0.0)
-        if self._slewing and not self._ra.going and not self._dec.going:
-            self._slewing = False
+            case "find_home":
+                self._go_home()
+            case "pulse_guide":
+                side = -1 if is_beyond_pole(self._dec.axis.position_deg) else 1
+                self._ra.pulse(command.pulse_ra_ms, 1, now_utc_s)
+                self._dec.pulse(command.pulse_dec_ms, side, now_utc_s)
+
+    def _rest(self) -> None:
+        """Brake both axes to rest; axes without power stay without."""
+        for driven in (self._ra, self._dec):
+            driven.end_pulse()
+            if driven.mode is not Mode.OFF:
+                driven.mode = Mode.RESTING
+
+    def _park(self) -> None:
+        self._parked = True
+        for driven in (self._ra, self._dec):
+            driven.power_off()
 
     def _start_slew(self, command: Command, now_utc_s: float) -> None:
-        self._target = (command.target_ra_h, command.target_dec_deg)
-        hour_angle = self._sidereal_deg(now_utc_s) - command.target_ra_h * 15.0
+        shift_ra_deg, shift_dec_deg = self._shift_deg
+        ra_deg, dec_deg = command.target_ra_h * 15.0 - shift_ra_deg, command.target_dec_deg - shift_dec_deg
+        hour_angle_deg, dec_deg = direction(self._sidereal_deg(now_utc_s) - ra_deg, dec_deg)
         # The cable wrap allows half a turn either way of the meridian.
-        self._ra.go((hour_angle + 180.0) % 360.0 - 180.0, SIDEREAL_RATE_DEG_S)
-        self._dec.go(command.target_dec_deg, 0.0)
-        self._slewing = True
+        hour_angle_deg = (hour_angle_deg + 180.0) % 360.0 - 180.0
+        if self.hardware.flip == "hour_angle" and hour_angle_deg > 0.0:
+            hour_angle_deg, dec_deg = axes_beyond_pole(hour_angle_deg, dec_deg, self.site.latitude_deg)
+        if abs(hour_angle_deg) > self.profile.hour_angle_limit_deg:
+            return
+        self._target = (command.target_ra_h, command.target_dec_deg)
+        self._ra.go(hour_angle_deg, SIDEREAL_RATE_DEG_S)
+        self._dec.go(dec_deg, 0.0)
+        self._going_home = False
+
+    def _go_home(self) -> None:
+        home = self.profile.home
+        if home is None:
+            return
+        self._ra.go(home.hour_angle_deg, 0.0)
+        self._dec.go(home.dec_deg, 0.0)
+        self._going_home = True
+
+    def _sync(self, command: Command, now_utc_s: float) -> None:
+        self._target = (command.target_ra_h, command.target_dec_deg)
+        hour_angle_deg, dec_deg = direction(self._ra.known_deg(), self._dec.known_deg())
+        ra_deg = self._sidereal_deg(now_utc_s) - hour_angle_deg
+        shift_ra_deg = math.remainder(command.target_ra_h * 15.0 - ra_deg, 360.0)
+        self._shift_deg = (shift_ra_deg, command.target_dec_deg - dec_deg)
 
     def _move(self, command: Command) -> None:
-        self._moving = True
-        ra_rate, dec_rate = SIDEREAL_RATE_DEG_S, 0.0
-        if command.move_ra:
-            asked = self.profile.ra_rate_sign * command.move_ra_rate_deg_s
-            ra_rate = ra_rate * self.profile.additive + _within(asked, self.profile.ra.slew_rate_deg_s)
-        if command.move_dec:
-            asked = self.profile.dec_rate_sign * command.move_dec_rate_deg_s
-            dec_rate = _within(asked, self.profile.dec.slew_rate_deg_s)
-        self._ra.run(ra_rate)
-        self._dec.run(dec_rate)
+        if self._parked or Mode.GOING in (self._ra.mode, self._dec.mode):
+            return
+        beyond = is_beyond_pole(self._dec.axis.position_deg)
+        ra_sign, dec_sign = self.profile.signs(beyond)
+        # Signs are those of the direction; past a pole, the declination axis turns the other way for it.
+        dec_sense = -dec_sign if beyond else dec_sign
+        for name, driven, sense, gain, rate_deg_s in (
+            ("move_ra", self._ra, ra_sign, self.profile.ra_rate_gain, command.move_ra_rate_deg_s),
+            ("move_dec", self._dec, dec_sense, self.profile.dec_rate_gain, command.move_dec_rate_deg_s),
+        ):
+            risen = self._flags.rises(command, name)
+            if driven.mode is Mode.RESTING and (risen or not getattr(command, name)):
+                # MoveAxis on either axis puts both under way.
+                driven.mode = Mode.TRACKING
+            if risen:
+                self._flags.acknowledge(name)
+            self._set_rate(driven, rate_deg_s, sense * gain, name in self._flags.acknowledged, risen)
+
+    def _set_rate(self, driven: DrivenAxis, rate_deg_s: float, gain: float, up: bool, risen: bool) -> None:
+        if driven.mode is Mode.OFF:
+            return
+        if self.profile.move_axis == "held":
+            if risen or (up and driven.mode is Mode.MOVING):
+                driven.move(rate_deg_s, rate_deg_s * gain)
+        elif risen and rate_deg_s:
+            driven.move(rate_deg_s, rate_deg_s * gain)
+        elif risen:
+            driven.mode = Mode.TRACKING
+
+    def _give_back(self, driven: DrivenAxis) -> None:
+        if driven.mode is Mode.MOVING:
+            driven.mode = Mode.TRACKING
+
+    def _arrive(self) -> None:
+        axes = (self._ra, self._dec)
+        if any(driven.mode is Mode.GOING and driven.axis.going for driven in axes):
+            return
+        for driven in axes:
+            if driven.mode is Mode.GOING:
+                driven.mode = Mode.RESTING if self._going_home else Mode.TRACKING
+
+    def _clock_utc_s(self, now_utc_s: float) -> float:
+        """Return what the mount's own clock shows."""
+        begun_s = now_utc_s if self._begun_s is None else self._begun_s
+        drift_s = (now_utc_s - begun_s) * self.hardware.clock_drift_ppm * 1e-6
+        return now_utc_s + self._clock_offset_s + drift_s
 
     def _sidereal_deg(self, now_utc_s: float) -> float:
-        return mean_sidereal_deg(now_utc_s, self.site.longitude_deg)
+        return mean_sidereal_deg(self._clock_utc_s(now_utc_s), self.site.longitude_deg)
 
-    def _encoder_deg(self, position_deg: float) -> float:
-        tics = self.profile.encoder_tics
-        return math.floor(position_deg / 360.0 * tics) / tics * 360.0
+    def _reported(self, now_utc_s: float, hour_angle_deg: float, dec_deg: float) -> tuple[float, float]:
+        """Return right ascension and declination of a direction as the mount reports it."""
+        ra_deg = self._sidereal_deg(now_utc_s) - hour_angle_deg
+        if self._shift_deg != (0.0, 0.0):
+            turn_deg, dec_deg = direction(0.0, dec_deg + self._shift_deg[1])
+            ra_deg += self._shift_deg[0] + turn_deg
+        return ra_deg % 360.0, dec_deg
 
     def _truth(self, now_utc_s: float) -> Truth:
+        ra, dec = self._ra.axis, self._dec.axis
+        beyond = is_beyond_pole(dec.position_deg)
+        ra_deg, dec_deg = self._reported(now_utc_s, *direction(ra.position_deg, dec.position_deg))
         return Truth(
             counter=self.counter,
             utc_s=now_utc_s,
-            ra_deg=(self._sidereal_deg(now_utc_s) - self._ra.position_deg) % 360.0,
-            dec_deg=self._dec.position_deg,
-            ra_rate_deg_s=SIDEREAL_RATE_DEG_S - self._ra.velocity_deg_s,
-            dec_rate_deg_s=self._dec.velocity_deg_s,
+            ra_deg=ra_deg,
+            dec_deg=dec_deg,
+            ra_rate_deg_s=SIDEREAL_RATE_DEG_S - ra.velocity_deg_s,
+            dec_rate_deg_s=-dec.velocity_deg_s if beyond else dec.velocity_deg_s,
+            hour_angle_axis_deg=ra.position_deg + self._ra.turns_deg,
+            dec_axis_deg=dec.position_deg + self._dec.turns_deg,
+            beyond_pole=beyond,
+            at_limit=False,
         )
 
     def _pack(self, now_utc_s: float) -> bytes:
-        sidereal = self._sidereal_deg(now_utc_s)
-        hour_angle = self._encoder_deg(self._ra.position_deg)
-        dec = self._encoder_deg(self._dec.position_deg)
-        altitude, azimuth = _horizontal(hour_angle, dec, self.site.latitude_deg)
-        command = self._mailbox
+        ra_axis_deg, dec_axis_deg = self._ra.known_deg(), self._dec.known_deg()
+        hour_angle_deg, dec_deg = direction(ra_axis_deg, dec_axis_deg)
+        altitude_deg, azimuth_deg = horizontal(hour_angle_deg, dec_deg, self.site.latitude_deg)
+        ra_deg, dec_deg = self._reported(now_utc_s, hour_angle_deg, dec_deg)
+        acks, slewing = self._flags.acknowledged, self.slewing
         return encode_status(
             Status(
-                altitude_deg=altitude,
-                azimuth_deg=azimuth,
-                dec_deg=dec,
-                dec_rate_dtics_s=round(self._dec.velocity_deg_s * DTICS_S_PER_DEG_S),
-                ra_h=(sidereal - hour_angle) % 360.0 / 15.0,
-                ra_rate_dtics_s=round(self._ra.velocity_deg_s * DTICS_S_PER_DEG_S),
-                sidereal_h=sidereal / 15.0,
+                altitude_deg=altitude_deg,
+                azimuth_deg=azimuth_deg,
+                dec_deg=dec_deg,
+                dec_rate_dtics_s=drive_rate_dtics_s(self._dec.axis),
+                ra_h=ra_deg / 15.0,
+                ra_rate_dtics_s=drive_rate_dtics_s(self._ra.axis),
+                sidereal_h=self._sidereal_deg(now_utc_s) / 15.0,
                 site_height_m=self.site.height_m,
                 site_latitude_deg=self.site.latitude_deg,
                 site_longitude_deg=self.site.longitude_deg,
                 target_ra_h=self._target[0],
                 target_dec_deg=self._target[1],
                 counter=self.counter,
-                ra_current_10ma=round(self._ra.current_a * 100.0),
-                dec_current_10ma=round(self._dec.current_a * 100.0),
-                slewing=self._slewing or self._moving,
-                tracking=not (self._slewing or self._moving),
-                ack_move_ra=command.move_ra and self._moving,
-                ack_move_dec=command.move_dec and self._moving,
-                ack_abort=command.abort,
-                ack_slew=command.slew and not command.abort,
-            )
+                dec_guide_rate_dtics_s=GUIDE_RATE_DTICS_S,
+                ra_guide_rate_dtics_s=GUIDE_RATE_DTICS_S,
+                ra_current_10ma=drive_current_10ma(self._ra.axis),
+                dec_current_10ma=drive_current_10ma(self._dec.axis),
+                does_refraction=self.hardware.does_refraction,
+                pulse_guiding=self._ra.pulsing or self._dec.pulsing,
+                side_of_pier=is_beyond_pole(self._dec.axis.position_deg),
+                slewing=slewing,
+                tracking=not slewing,
+                ack_move_ra="move_ra" in acks,
+                ack_move_dec="move_dec" in acks,
+                ack_abort="abort" in acks,
+                ack_sync="sync" in acks,
+                ack_pulse_guide="pulse_guide" in acks,
+                ack_slew="slew" in acks,
+            ),
+            self._readings,
         )
 
 
 def _is_direction(ra_h: float, dec_deg: float) -> bool:
     """Tell whether a target is one: "verify RA is 0 to 24 and dec is -90 to 90"."""
     return 0.0 <= ra_h <= 24.0 and -90.0 <= dec_deg <= 90.0
-
-
-def _within(rate_deg_s: float, limit_deg_s: float) -> float:
-    return max(-limit_deg_s, min(limit_deg_s, rate_deg_s))
-
-
-def _horizontal(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> tuple[float, float]:
-    """Return altitude and azimuth (from north through east), degrees."""
-    h, d, p = (math.radians(x) for x in (hour_angle_deg, dec_deg, latitude_deg))
-    east = -math.cos(d) * math.sin(h)
-    north = math.cos(p) * math.sin(d) - math.sin(p) * math.cos(d) * math.cos(h)
-    up = math.sin(p) * math.sin(d) + math.cos(p) * math.cos(d) * math.cos(h)
-    return (
-        math.degrees(math.atan2(up, math.hypot(east, north))),
-        math.degrees(math.atan2(east, north)) % 360.0,
-    )

@@ -1,0 +1,57 @@
+"""From axes to directions and back: beyond the pole, altitude and azimuth, refraction. Degrees throughout.
+
+Hour angle and declination axis stand at 0 on the meridian and the equator. Declination axis angles beyond
+90° either way are beyond the pole: the same direction as the supplement, with the hour angle half a turn on.
+"""
+
+from __future__ import annotations
+
+import math
+
+
+def wrapped(angle_deg: float) -> float:
+    """Return an angle's equal from -180 up to and including 180: what an encoder shows at power-up."""
+    angle_deg = math.remainder(angle_deg, 360.0)
+    return 180.0 if angle_deg == -180.0 else angle_deg
+
+
+def is_beyond_pole(dec_axis_deg: float) -> bool:
+    """Tell whether the declination axis stands past a pole."""
+    return not (-90.0 <= dec_axis_deg <= 90.0 or abs(math.remainder(dec_axis_deg, 360.0)) <= 90.0)
+
+
+def direction(hour_angle_deg: float, dec_axis_deg: float) -> tuple[float, float]:
+    """Return hour angle and declination (-90 to 90) of the direction in which two axes point."""
+    if -90.0 <= dec_axis_deg <= 90.0:
+        return hour_angle_deg, dec_axis_deg
+    dec_deg = wrapped(dec_axis_deg)
+    if abs(dec_deg) <= 90.0:
+        return hour_angle_deg, dec_deg
+    return hour_angle_deg + 180.0, math.copysign(180.0, dec_deg) - dec_deg
+
+
+def axes_beyond_pole(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> tuple[float, float]:
+    """Return the axes that point to a direction from beyond the elevated pole, hour angle by half a turn."""
+    pole = 180.0 if latitude_deg >= 0.0 else -180.0
+    return wrapped(hour_angle_deg + 180.0), pole - dec_deg
+
+
+def horizontal(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> tuple[float, float]:
+    """Return altitude and azimuth (from north through east)."""
+    h, d, p = (math.radians(x) for x in (hour_angle_deg, dec_deg, latitude_deg))
+    east = -math.cos(d) * math.sin(h)
+    north = math.cos(p) * math.sin(d) - math.sin(p) * math.cos(d) * math.cos(h)
+    up = math.sin(p) * math.sin(d) + math.cos(p) * math.cos(d) * math.cos(h)
+    return (
+        math.degrees(math.atan2(up, math.hypot(east, north))),
+        math.degrees(math.atan2(east, north)) % 360.0,
+    )
+
+
+def equatorial(altitude_deg: float, azimuth_deg: float, latitude_deg: float) -> tuple[float, float]:
+    """Return hour angle and declination of a direction told by altitude and azimuth."""
+    a, z, p = (math.radians(x) for x in (altitude_deg, azimuth_deg, latitude_deg))
+    west = -math.cos(a) * math.sin(z)
+    south = math.sin(p) * math.cos(a) * math.cos(z) - math.cos(p) * math.sin(a)
+    pole = math.cos(p) * math.cos(a) * math.cos(z) + math.sin(p) * math.sin(a)
+    return math.degrees(math.atan2(west, -south)), math.degrees(math.asin(max(-1.0, min(1.0, pole))))
