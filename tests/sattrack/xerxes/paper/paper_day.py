@@ -11,6 +11,7 @@ import random
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import pytest
 from paper_link import T0, Rules, Wires
 from paper_mount import LOOP_S, Launch, PaperMount, groups
 
@@ -45,6 +46,10 @@ ONE_SHOT_FLAGS: dict[type[Any], str] = {
     FindHome: "FindHomeCmd",
     PulseGuide: "PulseGuideCmd",
 }
+HOURS = pytest.mark.parametrize(
+    "hours", [pytest.param(1.0 / 6.0, id="10 min"), pytest.param(24.0, id="24 h", marks=pytest.mark.soak)]
+)
+LOSSY = {"loss": 0.05, "duplication": 0.01, "reorder": 0.01}
 MOTIONS = (Slew, MoveAxis, EndMove, Abort)
 
 
@@ -222,3 +227,15 @@ def doubled_launches(day: Day, mount: PaperMount) -> list[Doubled]:
         used.add(edge)
         last = edge
     return out
+
+
+def accounts(day: Day, hours: float) -> None:
+    """What holds of every day, whatever the wires did."""
+    assert day.late == []
+    assert day.twice == []
+    assert day.rules.broken == []
+    assert len(day.settled) > 200 * hours
+    states = day.states()
+    assert states[TicketState.COMPLETE] > len(day.settled) / 4
+    assert day.session.health.restarts == 0
+    assert day.session.health.rejected == 0

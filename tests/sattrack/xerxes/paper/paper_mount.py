@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal
 
-from paper_packing import CommandRow, MountGlobals, pack_datagram, unpack_command
+from paper_packing import IN_THE_CODE, TRUE, CommandRow, MountGlobals, pack_datagram, unpack_command
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -105,6 +105,9 @@ class PaperMount:
     """Rates from which the drives slow down."""
     resting: bool = False
     powered: bool = True
+    types: dict[str, Literal["long", "double"]] = field(default_factory=lambda: dict(IN_THE_CODE))
+    """How the doubtful fields of the status are packed."""
+    true_byte: int = TRUE
 
     def receive(self, data: bytes) -> bool:
         """ "The inbound message should be thought of as a mailbox": the latest is what there is."""
@@ -268,7 +271,7 @@ class PaperMount:
         ra, dec = self._drives()
         seen = {name for name, loop in self.acks.items() if loop <= self.loop}
         moving_ra = self.target_deg is not None or "RA" in self.rates_deg_s or self.stopping > 0
-        return pack_datagram(
+        data = pack_datagram(
             MountGlobals(
                 Alt=45.0,
                 Az=180.0,
@@ -291,6 +294,10 @@ class PaperMount:
                 IsDecPulseGuiding="Dec" in self.pulse_s,
                 RASlewInProgress=moving_ra,
                 DecSlewInProgress=moving_ra or "Dec" in self.rates_deg_s,
+                types=self.types,
                 **{ack: command in seen for command, ack in ACKS.items()},
             )
         )
+        if self.true_byte == TRUE:
+            return data
+        return data[:136] + bytes(self.true_byte if flag else 0 for flag in data[136:])

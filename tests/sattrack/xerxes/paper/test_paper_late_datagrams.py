@@ -17,7 +17,7 @@ from paper_link import Bench, Wires
 from paper_mount import PaperMount
 
 from sattrack.mount import MountProfile
-from sattrack.requests import Abort, EndMove, MoveAxis, PulseGuide, Request, Slew, Sync, Ticket
+from sattrack.requests import Abort, EndMove, MoveAxis, PulseGuide, Request, Slew, Sync, Ticket, TicketState
 
 How = Literal["held", "edge"]
 MOVE = MoveAxis(-0.5, 0.25)
@@ -25,7 +25,7 @@ BACK = MoveAxis(0.5, -0.25)
 FIRST: list[Request] = [MOVE, EndMove(), Slew(160.0, 25.0), Abort(), Sync(150.5, 20.25), PulseGuide(300, 300)]
 SECOND: list[Request] = [BACK, EndMove(), Slew(155.0, 23.0), Abort(), Sync(150.1, 20.5), PulseGuide(-300, 0)]
 AROUND = [
-    pytest.param([-1, 0, 1, 2], [3], id="around the change"),
+    pytest.param([0, 1, 2], [3], id="around the change"),
     pytest.param(range(-2, 12), [1, 2, 3], id="each", marks=pytest.mark.soak),
 ]
 """Which datagrams, counted from the change, are late or come twice, and by how many periods."""
@@ -85,7 +85,7 @@ def played(
         if isinstance(second, (MoveAxis, EndMove, Slew, Abort))
         else _after(bench, second)
     )
-    bench.run(3.0)
+    bench.run(2.0)
     return bench, ticket
 
 
@@ -106,7 +106,9 @@ HELD_MOVE_THEN_SLEW = (
 @pytest.mark.parametrize("how", ["held", "edge"])
 @pytest.mark.parametrize("second", SECOND, ids=lambda request: f"then {type(request).__name__}")
 @pytest.mark.parametrize("first", FIRST, ids=lambda request: type(request).__name__)
-@pytest.mark.parametrize("doubled", [False, True], ids=["late", "doubled"])
+@pytest.mark.parametrize(
+    "doubled", [pytest.param(False, id="late", marks=pytest.mark.soak), pytest.param(True, id="doubled")]
+)
 def test_the_mount_ends_up_doing_what_was_asked_for_last(
     how: How,
     first: Request,
@@ -157,6 +159,6 @@ def test_edge_a_late_copy_of_the_old_rates_does_not_keep_the_mount_moving() -> N
     bench.turn()
     assert bench.sent[-1].MoveAxisRA
     end = bench.submit(EndMove())
-    bench.run(30.0)
-    assert end.settled
+    bench.run(90.0)
     assert not bench.mount.moving
+    assert end.state is TicketState.COMPLETE
