@@ -96,6 +96,7 @@ class VirtualRun:
                 data = self.calibrator.send(due)
                 self.commands.append((due, data))
                 self._carry(put, due + self.network.command_s, "command", data)
+                self.calibrator.sent(due)
                 continue
             at, _, kind, data = heapq.heappop(events)
             self.now_utc_s = at

@@ -37,8 +37,8 @@ class Ending:
 class Calibrator:
     """One run, from the first datagram to the mount seen at rest.
 
-    Call `receive` for each datagram, and at `due()` send what `send` returns; all instants are our UTC, POSIX
-    seconds. `stop` ends the run at any moment. When `ending` is set, nothing is left to send.
+    Call `receive` for each datagram, and at `due()` send what `send` returns, then call `sent`; all instants
+    are our UTC, POSIX seconds. `stop` ends the run at any moment. When `ending` is set, it is over.
     """
 
     def __init__(self, surroundings: Surroundings, begin_utc_s: float, plan: Plan | None = None) -> None:
@@ -92,9 +92,11 @@ class Calibrator:
                 self._end(ended.kind, ended.words)
             if now_utc_s - self._begin_utc_s > LARGEST_DURATION_S:
                 self._end(Kind.DOUBT, f"the run took longer than {LARGEST_DURATION_S:g} s")
-        datagram = self._guard.clear(self._sender.next(now_utc_s))
+        return self._guard.clear(self._sender.next(now_utc_s))
+
+    def sent(self, now_utc_s: float) -> None:
+        """Let the run go on when a datagram has left: apart from `send`, which must not be held up."""
         self._resume(now_utc_s)
-        return datagram
 
     def stop(self, words: str) -> None:
         """Bring the mount to rest and end: the operator wants it."""

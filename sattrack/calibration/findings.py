@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -51,6 +51,9 @@ class Delays:
     status_s: Interval
     clock_offset_s: Interval
     """Mount's clock, as UTC by mean sidereal time at the site, less ours, at the end of the run."""
+    best_command_s: float
+    best_status_s: float
+    """Of the fastest status, as the tracker wants it; the middle of what is possible."""
     clock_reading: str | None = None
     """Which kind of true clock the mount has, where the operator states that it is true."""
     clock_reading_s: float | None = None
@@ -91,7 +94,7 @@ def conclude(seen: Observations, longitude_deg: float, truth: ClockTruth | None 
         part = ra.added_deg_s / SIDEREAL_RATE_DEG_S
         raise CalibrationEndedError(
             Kind.DOUBT,
-            f"in right ascension MoveAxis adds {part:.2f} of the sidereal rate: neither all of it nor nothing",
+            f"in right ascension MoveAxis adds {part:.2f} of the sidereal rate: neither all nor none",
         )
     move_axis, zero_ends = _semantics(seen)
     notes: list[str] = []
@@ -137,7 +140,9 @@ def round_trip(seen: Observations, line: ClockLine) -> RoundTrip:
     for edge in seen.edges:
         above, within = (float(line.arrival_at(heard[i].mount_s)) for i in (edge.before, edge.after))
         estimate.add(Bracket(above - edge.sent_utc_s, within - edge.sent_utc_s))
+    # The brackets are those of the fastest statuses; a typical one takes longer by the mean lateness.
     trip = estimate.result()
+    trip = replace(trip, seconds=trip.fastest_s + line.jitter_s)
     if trip.brackets < FEWEST_BRACKETS:
         _refuse(f"only {trip.brackets} acknowledgements could be timed: too many datagrams are lost")
     _refuse(contradiction(trip))
@@ -211,14 +216,15 @@ def split_delays(
     true_deg = mean_sidereal_deg(arrival, longitude_deg)
     # As if the status had taken no time at all; each second that it took, the clock is ahead by as much.
     ahead = ((last.status.sidereal_h * 15.0 - true_deg + 180.0) % 360.0 - 180.0) / SIDEREAL_RATE_DEG_S
-    unknown = Delays(trip, (0.0, most), (0.0, most), (ahead - trip.margin_s, ahead + most))
+    offset = (ahead - trip.margin_s, ahead + trip.fastest_s + trip.margin_s)
+    unknown = Delays(trip, (0.0, most), (0.0, most), offset, trip.fastest_s / 2.0, trip.fastest_s / 2.0)
     if truth is None:
         return unknown
     slack = truth.uncertainty_s + trip.margin_s
     fitting = {
         name: reading - ahead
         for name, reading in truth.readings.items()
-        if -slack <= reading - ahead <= trip.seconds + slack
+        if -slack <= reading - ahead <= trip.fastest_s + slack
     }
     if not fitting:
         notes.append(
@@ -227,9 +233,11 @@ def split_delays(
             "what was stated of it is left out"
         )
         return unknown
+    # These are of the fastest statuses; a typical one takes longer by its mean lateness.
     least_s = max(0.0, min(fitting.values()) - slack)
-    most_s = min(most, max(fitting.values()) + slack)
-    command = (max(0.0, trip.seconds - most_s - trip.margin_s), min(most, most - least_s))
+    most_s = min(most, max(fitting.values()) + slack + line.jitter_s)
+    command = (max(0.0, trip.fastest_s - max(fitting.values()) - slack), min(most, most - least_s))
+    best_s = min(trip.fastest_s, max(0.0, 0.5 * (min(fitting.values()) + max(fitting.values()))))
     one = next(iter(fitting)) if len(fitting) == 1 else None
     if one is None:
         notes.append("the mount's clock fits " + " and ".join(fitting) + ": the intervals hold both")
@@ -239,6 +247,8 @@ def split_delays(
         command,
         (least_s, most_s),
         (min(offsets) - truth.uncertainty_s, max(offsets) + truth.uncertainty_s),
+        trip.fastest_s - best_s,
+        best_s,
         one,
         None if one is None else truth.readings[one],
     )

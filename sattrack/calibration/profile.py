@@ -30,8 +30,8 @@ def calibrated(base: MountProfile, found: Findings, name: str | None, program: s
         "dec_rate_gain": found.dec.gain,
         "additive": found.additive,
         "move_axis": found.move_axis,
-        "command_delay_s": _middle(delays.command_s),
-        "status_delay_s": _middle(delays.status_s),
+        "command_delay_s": delays.best_command_s,
+        "status_delay_s": delays.best_status_s,
         "clock_offset_s": delays.clock_reading_s,
         "readings": {**base.readings, **found.readings},
         "calibration": _record(base, found, program),
@@ -84,10 +84,6 @@ def _limits(base: AxisLimits, found: AxisResponse) -> AxisLimits:
     return msgspec.structs.replace(base, max_acceleration_deg_s2=found.acceleration_deg_s2)
 
 
-def _middle(interval: Interval) -> float:
-    return 0.5 * (interval[0] + interval[1])
-
-
 def table(found: Findings) -> list[tuple[str, str]]:
     """Return rows of name and value, each value with its uncertainty, for the operator."""
     delays, trip = found.delays, found.delays.round_trip
@@ -98,7 +94,7 @@ def table(found: Findings) -> list[tuple[str, str]]:
     ]
     for words, axis in (("right ascension", found.ra), ("declination", found.dec)):
         rows.append((f"{words}, sign", "as commanded" if axis.sign > 0 else "turned"))
-        rows.append((f"{words}, gain", f"{axis.gain:.6f} ± {axis.gain_sigma:.6f}"))
+        rows.append((f"{words}, gain", f"{axis.gain:.7f} ± {axis.gain_sigma:.7f}"))
         rows.append((f"{words}, acceleration limit", _acceleration_words(axis)))
     rows += [
         ("round trip", f"{trip.seconds * 1e3:.2f} ± {trip.sigma_s * 1e3:.2f} ms"),
@@ -132,7 +128,7 @@ def _zero_words(found: Findings) -> str:
 def _acceleration_words(axis: AxisResponse) -> str:
     if axis.acceleration_deg_s2 is None or axis.acceleration_sigma_deg_s2 is None:
         return "too high to be seen; left as it was"
-    return f"{axis.acceleration_deg_s2:.2f} ± {axis.acceleration_sigma_deg_s2:.2f} °/s²"
+    return f"{axis.acceleration_deg_s2:.3f} ± {axis.acceleration_sigma_deg_s2:.3f} °/s²"
 
 
 def _split_words(found: Findings) -> str:

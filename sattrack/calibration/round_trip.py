@@ -34,9 +34,14 @@ class Bracket(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class RoundTrip:
-    """Typical round trip and its standard uncertainty, seconds; `scatter_s` is that of single datagrams."""
+    """Typical round trip and its standard uncertainty, seconds; `scatter_s` is that of single datagrams.
+
+    `fastest_s` has the shortest delay of a status in place of the typical one: it belongs to instants that
+    are told by the fastest arrivals.
+    """
 
     seconds: float
+    fastest_s: float
     sigma_s: float
     scatter_s: float
     brackets: int
@@ -89,7 +94,7 @@ class RoundTripEstimate:
         scatter = float((weights * self._scatters[:, 0]).sum() / weights.sum())
         far = STRAY_BEYOND * scatter + 3.0 * sigma
         strays = sum(1 for b in self._brackets if mean < b.above_s - far or mean > b.within_s + far)
-        return RoundTrip(mean, max(sigma, STEP_S), scatter, len(self._brackets), strays)
+        return RoundTrip(mean, mean, max(sigma, STEP_S), scatter, len(self._brackets), strays)
 
     def _marginal(self) -> Array:
         probability: Array = np.exp(self._log - self._log.max()).sum(axis=0)

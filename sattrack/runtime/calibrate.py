@@ -1,0 +1,274 @@
+"""A calibration run in real time, over UDP: one `select`, and every datagram at the instant it is due."""
+
+from __future__ import annotations
+
+import gc
+import math
+import os
+import select
+import signal
+import sys
+import termios
+import time
+import tty
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sattrack import practice
+from sattrack.calibration.calibrator import Calibrator
+from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, Kind, Surroundings, separation_deg
+from sattrack.calibration.sender import PERIOD_S
+from sattrack.calibration.sky import sun_hour_angle_and_dec
+from sattrack.clock import SimulatedClock
+from sattrack.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
+from sattrack.profiles import ProfileFile, load_profile_file
+from sattrack.runtime.embedded import start_embedded
+from sattrack.runtime.live import StopRequest
+from sattrack.safety import altitude_deg
+from sattrack.xerxes.client import Address, UdpLink
+from sattrack.xerxes.datagrams import Command, encode_command
+from sattrack.xerxes.simulator.mount import SimulatedSite, StartPosition
+from sattrack.xerxes.simulator.process import ClockSetting, SimulatorConfig
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from sattrack.calibration.calibrator import Ending
+    from sattrack.calibration.plan import Plan
+    from sattrack.clock import Clock
+    from sattrack.mount import MountProfile
+    from sattrack.runtime.embedded import EmbeddedMount
+    from tle.site import Site
+
+SHOW_EVERY_S = 0.2
+LAST_STOPS = 40
+CLEAR_BY_DEG = 8.0
+STOPPING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+IGNORED_SIGNALS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+"""A run that is suspended would leave the mount moving with nobody to stop it."""
+_KEY_BYTES = 64
+_INPUT_FLAGS = 0
+
+
+def surroundings(
+    site: Site, profile: MountProfile, utc_s: float, floor_altitude_deg: float = 0.0
+) -> Surroundings:
+    """Return what the run must keep clear of at an instant; the floor is never below FLOOR_ALTITUDE_DEG.
+
+    Raises TimeRangeError where the Earth's orientation is not known.
+    """
+    sun_hour_angle_deg, sun_dec_deg = sun_hour_angle_and_dec(utc_s, site)
+    return Surroundings(
+        latitude_deg=site.latitude_deg,
+        longitude_deg=site.longitude_deg,
+        sun_hour_angle_deg=sun_hour_angle_deg,
+        sun_dec_deg=sun_dec_deg,
+        hour_angle_limit_deg=profile.hour_angle_limit_deg,
+        floor_altitude_deg=max(FLOOR_ALTITUDE_DEG, floor_altitude_deg),
+    )
+
+
+@dataclass(slots=True)
+class PracticeMount:
+    """A simulated mount in a process of its own, and where it listens."""
+
+    embedded: EmbeddedMount
+    address: Address
+
+    def close(self) -> None:
+        """End the process."""
+        self.embedded.close()
+
+
+def start_practice_mount(
+    around: Surroundings, site: Site, clock: Clock, sim_profile: Path | None
+) -> PracticeMount:
+    """Start a simulated mount that stands clear; `sim_profile` describes it, else it is the default one.
+
+    Raises BadInputError for a bad profile, SattrackError where the mount does not come up.
+    """
+    described = ProfileFile() if sim_profile is None else load_profile_file(sim_profile)
+    setting = None
+    if isinstance(clock, SimulatedClock):
+        setting = ClockSetting(clock.start_utc_s, clock.anchor_s, clock.speed)
+    config = SimulatorConfig(
+        SimulatedSite(site.latitude_deg, site.longitude_deg, site.height_m),
+        described.mount,
+        _clear_start(around),
+        clock=setting,
+    )
+    embedded = start_embedded(config)
+    return PracticeMount(embedded, Address("127.0.0.1", embedded.port, 0))
+
+
+def _clear_start(around: Surroundings) -> StartPosition:
+    """Return a place high and far from the Sun; where there is none, one that is refused with reasons."""
+    place = practice.START
+    for hour_angle_deg in (50.0, -50.0, 20.0, -20.0):
+        for nearer_equator_deg in (35.0, 15.0, -10.0):
+            north = math.copysign(1.0, around.latitude_deg)
+            place = StartPosition(hour_angle_deg, around.latitude_deg - north * nearer_equator_deg)
+            high = altitude_deg(place.hour_angle_deg, place.dec_deg, around.latitude_deg)
+            off_sun = separation_deg(
+                place.hour_angle_deg, place.dec_deg, around.sun_hour_angle_deg, around.sun_dec_deg
+            )
+            if (
+                high > around.floor_altitude_deg + CLEAR_BY_DEG
+                and off_sun > around.sun_cone_deg + CLEAR_BY_DEG
+            ):
+                return place
+    return place
+
+
+def calibrate_live(
+    around: Surroundings,
+    address: Address,
+    clock: Clock,
+    show: Callable[[str, float], None],
+    plan: Plan | None = None,
+) -> Calibrator:
+    """Run a calibration to its end, and return it; `show` hears the phase and the part done.
+
+    Any key on the terminal, and any signal that would end the process, brings the mount to rest and ends the
+    run. Raises SattrackError where the port is not to be had.
+    """
+    with ExitStack() as stack:
+        link = UdpLink(address)
+        stack.callback(link.close)
+        stop = StopRequest()
+        stack.enter_context(_signals(stop))
+        keys = stack.enter_context(_any_key())
+        stack.enter_context(_quiet_memory())
+        calibrator = Calibrator(around, clock.utc_s(time.monotonic()), plan)
+        _CalibrationLoop(calibrator, link, clock, show, stop, keys).run()
+    return calibrator
+
+
+@dataclass(slots=True)
+class _CalibrationLoop:
+    calibrator: Calibrator
+    link: UdpLink
+    clock: Clock
+    show: Callable[[str, float], None]
+    stop: StopRequest
+    keys: int | None
+    _shown_s: float = float("-inf")
+    _error: Exception | None = None
+
+    def run(self) -> None:
+        while self.calibrator.ending is None:
+            try:
+                self._turn()
+            except Exception as error:
+                if self._error is not None:
+                    self._last_resort()
+                    raise
+                self._error = error
+                self.calibrator.fail(str(error))
+        if self._error is not None and not isinstance(self._error, SattrackError):
+            raise self._error
+
+    def _last_resort(self) -> None:
+        """Say stop without asking anything that may be broken."""
+        for counter in range(LAST_STOPS):
+            self.link.send(encode_command(Command(counter, abort=counter > 0)))
+            time.sleep(PERIOD_S)
+
+    def _turn(self) -> None:
+        if self.stop.asked:
+            self.calibrator.stop("interrupted")
+        left_s = (self.calibrator.due() - self._now_utc_s()) / self.clock.speed
+        if left_s > 0.0:
+            self._wait(left_s)
+            return
+        now_utc_s = self._now_utc_s()
+        self.link.send(self.calibrator.send(now_utc_s))
+        self.calibrator.sent(now_utc_s)
+        now_s = time.monotonic()
+        if now_s - self._shown_s >= SHOW_EVERY_S:
+            self._shown_s = now_s
+            self.show(self.calibrator.phase, self.calibrator.part_done)
+
+    def _wait(self, left_s: float) -> None:
+        watched: list[UdpLink | int] = [self.link]
+        if self.keys is not None:
+            watched.append(self.keys)
+        readable, _, _ = select.select(watched, [], [], left_s)
+        if self.link in readable:
+            for arrival in self.link.receive():
+                self.calibrator.receive(arrival.data, self.clock.utc_s(arrival.monotonic_s))
+        if self.keys is not None and self.keys in readable:
+            # A terminal that is gone is read as an end: that is a reason to stop, too.
+            if not os.read(self.keys, _KEY_BYTES):
+                self.keys = None
+            self.calibrator.stop("stopped by a key")
+
+    def _now_utc_s(self) -> float:
+        return self.clock.utc_s(time.monotonic())
+
+
+def ending_error(ending: Ending) -> SattrackError | None:
+    """Return the error that a run ended with, its class by the exit code; None where the run is done."""
+    if ending.kind is Kind.DONE and ending.at_rest:
+        return None
+    words = ending.words or "the run is done"
+    if ending.at_rest:
+        words += "; the mount was stopped and seen at rest"
+    elif ending.at_rest is None:
+        words += "; nothing was moved"
+    else:
+        words += "; the mount was NOT seen at rest: look after it, and stop it by its own console"
+    kinds: dict[Kind, type[SattrackError]] = {
+        Kind.LIMIT: SafetyLimitError,
+        Kind.LINK: LinkLostError,
+        Kind.OPERATOR: InterruptedRunError,
+    }
+    return kinds.get(ending.kind, SattrackError)(words)
+
+
+@contextmanager
+def _signals(stop: StopRequest) -> Iterator[None]:
+    before = {number: signal.getsignal(number) for number in (*STOPPING_SIGNALS, *IGNORED_SIGNALS)}
+    for number in STOPPING_SIGNALS:
+        signal.signal(number, lambda *_: stop.ask())
+    for number in IGNORED_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def _any_key() -> Iterator[int | None]:
+    """Give the descriptor that becomes readable at a key, with the terminal set so that each counts."""
+    if not sys.stdin.isatty():
+        yield None
+        return
+    descriptor = sys.stdin.fileno()
+    before = termios.tcgetattr(descriptor)
+    tty.setcbreak(descriptor)
+    attributes = termios.tcgetattr(descriptor)
+    # With flow control, Ctrl-S would not be a key, and would hold up whoever writes to the terminal.
+    attributes[_INPUT_FLAGS] &= ~termios.IXON
+    termios.tcsetattr(descriptor, termios.TCSANOW, attributes)
+    termios.tcflush(descriptor, termios.TCIFLUSH)
+    try:
+        yield descriptor
+    finally:
+        termios.tcflush(descriptor, termios.TCIFLUSH)
+        termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
+
+
+@contextmanager
+def _quiet_memory() -> Iterator[None]:
+    # A collection of garbage would come between an instant and the datagram that belongs to it.
+    gc.collect()
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
