@@ -1,21 +1,24 @@
-"""The loop that feeds a mount in real time: one thread, one `select`, absolute deadlines."""
+"""The loop that feeds a mount in real time: one thread, one `select`, absolute deadlines.
+
+A datagram is computed a little before it is due, for the instant at which it is due, and sent then:
+what the computing takes, and how much that varies, is then no part of the period.
+"""
 
 from __future__ import annotations
 
-import gc
 import select
 import time
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sattrack.errors import SattrackError
 from sattrack.messages import Message, StopNow
 from sattrack.runtime.outcome import Ledger
+from sattrack.runtime.realtime import Grant, undisturbed
 from tle.errors import TleError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
     from sattrack.clock import Clock
     from sattrack.engine import Engine
@@ -27,6 +30,8 @@ if TYPE_CHECKING:
 VIEW_EVERY_TICKS = 2
 RECORD_VIEW_EVERY_TICKS = 10
 LATE_ENOUGH_TO_SKIP_S = 0.5
+LEAD_S = 0.002
+"""How long before it is due a datagram is computed: several times as long as that takes."""
 
 
 class Inbox(Protocol):
@@ -64,18 +69,20 @@ class LiveLoop:
     inbox: Inbox | None = None
     deadline_s: float = float("inf")
     ledger: Ledger = field(default_factory=Ledger)
+    grant: Grant | None = None
+    """What the system granted for the run; None before it."""
     _error: Exception | None = None
 
     def run(self) -> float:
         """Run to the end; return the UTC instant of the end, POSIX seconds."""
-        with _quiet_memory():
+        with undisturbed() as self.grant:
             period_s = self.engine.spec.profile.period_s / self.clock.speed
             due_s = time.monotonic()
             ticks = 0
             while not self.engine.finished:
-                self._guarded(self._wait_until, due_s)
+                self._guarded(self._wait_until, due_s - LEAD_S)
                 self._guarded(self._obey)
-                self._guarded(self._tick, ticks)
+                self._guarded(self._tick, ticks, due_s)
                 ticks += 1
                 due_s += period_s
                 if time.monotonic() - due_s > LATE_ENOUGH_TO_SKIP_S:
@@ -97,7 +104,7 @@ class LiveLoop:
                 self.engine.fail(str(error))
 
     def _wait_until(self, due_s: float) -> None:
-        """Wait for the deadline, taking datagrams as they come."""
+        """Wait for an instant, taking datagrams as they come."""
         while True:
             left_s = due_s - time.monotonic()
             readable, _, _ = select.select([self.link], [], [], max(0.0, left_s))
@@ -121,13 +128,15 @@ class LiveLoop:
             self.sink.operator(now_utc_s, message)
             self.engine.operate(message, now_utc_s)
 
-    def _tick(self, ticks: int) -> None:
-        now_s = time.monotonic()
-        now_utc_s = self.clock.utc_s(now_s)
+    def _tick(self, ticks: int, due_s: float) -> None:
+        now_utc_s = self.clock.utc_s(max(due_s, time.monotonic()))
         self.engine.session.health.strangers = self.link.strangers
         datagram = self.engine.tick(now_utc_s)
+        left_s = due_s - time.monotonic()
+        if left_s > 0.0:
+            time.sleep(left_s)
         self.link.send(datagram)
-        self.ledger.note_sent(now_s * self.clock.speed)
+        self.ledger.note_sent(time.monotonic() * self.clock.speed)
         self.sink.command(now_utc_s, datagram)
         if ticks % VIEW_EVERY_TICKS == 0 and not self.engine.failed:
             view = self.engine.view(now_utc_s)
@@ -145,17 +154,3 @@ class LiveLoop:
             return
         for truth in self.simulated.truths():
             self.ledger.note_truth(self.engine, truth.counter, truth.utc_s, truth.ra_deg, truth.dec_deg)
-
-
-@contextmanager
-def _quiet_memory() -> Iterator[None]:
-    # A collection of garbage would hold the loop for longer than its period allows; what the loop makes is
-    # free of cycles.
-    gc.collect()
-    gc.freeze()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()
-        gc.unfreeze()
