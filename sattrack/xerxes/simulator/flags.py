@@ -8,7 +8,7 @@ it sees the command removed. Where the paper is silent:
 * A flag whose turn does not come, because a higher one is up, has not been seen: if it is still up when the
   higher one has fallen, that is its rising edge.
 * An acknowledgement says that the edge was received and serviced ("it knows that the command has been
-  received"); for a slew, sync or pulse that is ignored, because the mount is slewing, that is all that is done.
+  received"); where a slew, sync or pulse is ignored, because the mount is slewing, that is all it says.
 * MoveAxis flags that rise during a slew are not serviced before its end.
 """
 

@@ -45,7 +45,7 @@ from sattrack.xerxes.datagrams import (
     decode_command,
     encode_status,
 )
-from sattrack.xerxes.simulator.axis import Axis, AxisDrive
+from sattrack.xerxes.simulator.axis import Axis
 from sattrack.xerxes.simulator.drives import GUIDE_RATE_DTICS_S, DrivenAxis, Encoder, Mode
 from sattrack.xerxes.simulator.flags import FlagWatch, highest
 from sattrack.xerxes.simulator.packing import drive_current_10ma, drive_rate_dtics_s, packed_readings
@@ -136,7 +136,7 @@ class SimulatedMount:
         self._clock_offset_s = (profile.clock_offset_s or 0.0) if offset_s is None else offset_s
         self._ra, self._dec = (
             DrivenAxis(
-                Axis(AxisDrive(limits.max_acceleration_deg_s2, limits.slew_rate_deg_s)),
+                Axis(limits, hardware, profile.hour_angle_limit_deg + hardware.hard_margin_deg),
                 Encoder(
                     profile.encoder_tics, zero_deg, hardware.encoder_noise_tics, f"{name} {hardware.seed}"
                 ),
@@ -261,7 +261,8 @@ class SimulatedMount:
         hour_angle_deg = (hour_angle_deg + 180.0) % 360.0 - 180.0
         if self.hardware.flip == "hour_angle" and hour_angle_deg > 0.0:
             hour_angle_deg, dec_deg = axes_beyond_pole(hour_angle_deg, dec_deg, self.site.latitude_deg)
-        if abs(hour_angle_deg) > self.profile.hour_angle_limit_deg:
+        limit_deg = self.profile.hour_angle_limit_deg
+        if abs(hour_angle_deg) > limit_deg or abs(dec_deg) > limit_deg:
             return
         self._target = (command.target_ra_h, command.target_dec_deg)
         self._ra.go(hour_angle_deg, SIDEREAL_RATE_DEG_S)
@@ -356,7 +357,7 @@ class SimulatedMount:
             hour_angle_axis_deg=ra.position_deg + self._ra.turns_deg,
             dec_axis_deg=dec.position_deg + self._dec.turns_deg,
             beyond_pole=beyond,
-            at_limit=False,
+            at_limit=ra.reference.limited or dec.reference.limited,
         )
 
     def _pack(self, now_utc_s: float) -> bytes:

@@ -89,8 +89,8 @@ class SimulatorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     status_delay_s: float | None = None
     status_jitter_s: float = 0.0
     servo: ServoSettings = ServoSettings()
-    slew_jerk_deg_s3: float | None = None
-    """Bound of the slews' jerk, so that they start and end smoothly; left out: none."""
+    slew_jerk_deg_s3: float = 100.0
+    """Bound of the slews' jerk, so that they start and end smoothly; 0: none."""
     settling_arcsec: float = 0.0
     """How far the structure swings, and rings down, for each deg/s² that the axis accelerates."""
     settling_hz: float = 4.0
@@ -118,6 +118,7 @@ class SimulatorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """Raise ValueError, naming the field, where a number cannot be one of a mount."""
         _check_not_negative(
             self,
+            "slew_jerk_deg_s3",
             "command_jitter_s",
             "status_jitter_s",
             "settling_arcsec",
@@ -132,8 +133,6 @@ class SimulatorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             value = getattr(self, name)
             if value is not None and not 0.0 <= value < MOST_DELAY_S:
                 raise ValueError(f"{name} is {value:g}; delays are 0 s or more, and below {MOST_DELAY_S:g} s")
-        if self.slew_jerk_deg_s3 is not None:
-            _check_positive(self, "slew_jerk_deg_s3")
 
 
 def simulator_profile(table: dict[str, Any], where: str = "the mount profile") -> SimulatorProfile:

@@ -214,7 +214,7 @@ class TestClock:
         assert gone_deg == pytest.approx(elapsed * SIDEREAL_DEG_S, abs=1e-8)
 
     def test_right_ascension_stays_within_a_day(self) -> None:
-        bench = Bench()
+        bench = Bench(MountProfile(hour_angle_limit_deg=600.0))
         seen = bench.run(80.0, **moving(6.0, 0.0))
         assert all(0.0 <= s.status.ra_h <= 24.0 for s in seen)
         assert {int(s.status.ra_h) for s in seen} == set(range(24))
