@@ -31,7 +31,7 @@ LARGEST_CLOCK_ERROR_S = 300.0
 SITE_WITHIN_DEG = 0.1
 SILENT_AFTER_S = 0.6
 CLOCK_STEP_S = 0.6
-ANSWERED_AFTER_S = 1.0
+ASTRAY_PROOF = 3
 LARGEST_JUMP_DEG = 0.3
 STRANGE_RATE_DEG_S = 0.01
 GRID = 8
@@ -90,6 +90,9 @@ class Guard:
         self._fastest_deg_s = fastest_deg_s
         self._began: Heard | None = None
         self._before: Heard | None = None
+        self._answered = float("nan")
+        self._astray = -1
+        """Statuses without the right acknowledgements since they came; -1 before they have."""
 
     def clear(self, command: Command) -> bytes:
         """Return the datagram of a command: an abort, a bounded MoveAxis, or neither.
@@ -235,9 +238,11 @@ class Guard:
                 )
 
     def watch_answer(self, heard: Heard, said: Command, since_utc_s: float) -> None:
-        """Raise CalibrationEndedError where acknowledgements are not those of what has been said for long."""
-        if self._began is None or heard.arrival_utc_s - since_utc_s < ANSWERED_AFTER_S:
+        """Raise CalibrationEndedError where acknowledgements come and go while we say the same."""
+        if self._began is None:
             return
+        if self._answered != since_utc_s:
+            self._answered, self._astray = since_utc_s, -1
         status = heard.status
         moves_ra = said.move_ra and said.move_ra_rate_deg_s != 0.0
         moves_dec = said.move_dec and said.move_dec_rate_deg_s != 0.0
@@ -248,11 +253,15 @@ class Guard:
             or (status.ack_move_ra and not said.move_ra)
             or (status.ack_move_dec and not said.move_dec)
         )
-        if wrong:
+        if not wrong:
+            self._astray = max(0, self._astray)
+        elif self._astray >= 0:
+            self._astray += 1
+        if self._astray >= ASTRAY_PROOF:
             raise CalibrationEndedError(
                 Kind.DOUBT,
-                "the mount's acknowledgements are not those of our commands: another program commands it, "
-                "or the network loses them; start again when that is over",
+                "the mount's acknowledgements come and go while ours stay: another program commands it, "
+                "or the network loses much; start again when that is over",
             )
 
     def watch_link(self, log: StatusLog, now_utc_s: float) -> None:

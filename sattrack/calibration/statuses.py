@@ -8,7 +8,8 @@ from sattrack.xerxes.datagrams import DatagramError, Readings, Status, decode_st
 
 SIDEREAL_SECONDS_PER_SECOND = 1.00273790935
 RESTART_COUNTS = 50
-"""A counter that falls by more than this was begun anew; one that falls by less is a late datagram's."""
+"""A counter that falls by less than this is a late datagram's."""
+RESTART_PROOF = 3
 STILL_WITHIN_DEG_S = 5e-4
 STILL_STATUSES = 6
 STILL_SPAN_S = 0.25
@@ -44,6 +45,8 @@ class StatusLog:
     contradictory: set[str] = field(default_factory=set)
     """Doubtful fields that were seen with both types."""
 
+    _anew: list[int] = field(default_factory=list)
+
     @property
     def last(self) -> Heard | None:
         """The newest status."""
@@ -58,8 +61,7 @@ class StatusLog:
             self.rejected += 1
             return None
         before = self.last
-        if before is not None and status.counter <= before.counter:
-            self.restarted = self.restarted or before.counter - status.counter > RESTART_COUNTS
+        if before is not None and status.counter <= before.counter and not self._began_anew(status, before):
             self.late += 1
             return None
         self._note_readings(readings)
@@ -87,6 +89,15 @@ class StatusLog:
             return False
         moved = max(abs(last.hour_angle_deg - first.hour_angle_deg), abs(last.dec_deg - first.dec_deg))
         return moved < STILL_WITHIN_DEG_S * span_s
+
+    def _began_anew(self, status: Status, before: Heard) -> bool:
+        """Tell whether low counters that rise again and again are those of a program started anew."""
+        if before.counter - status.counter <= RESTART_COUNTS:
+            return False
+        rising = bool(self._anew) and status.counter > self._anew[-1]
+        self._anew = [*self._anew, status.counter] if rising else [status.counter]
+        self.restarted = self.restarted or len(self._anew) >= RESTART_PROOF
+        return len(self._anew) >= RESTART_PROOF
 
     @staticmethod
     def _mount_seconds(sidereal_h: float, before: Heard | None) -> float:

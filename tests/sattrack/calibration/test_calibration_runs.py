@@ -1,0 +1,161 @@
+"""What whole runs find out of mounts in closed form, against what those mounts are."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from calibration import Network, Timer
+from calibration_builders import BEGIN, run
+from ramp_mount import RampMount
+
+from sattrack.calibration.findings import ClockTruth, conclude
+from sattrack.calibration.guard import Kind
+from sattrack.calibration.profile import table
+
+
+def drawn(seed: int) -> tuple[RampMount, Network, Timer]:
+    rng = np.random.default_rng([seed, 20])
+
+    def either(a: object, b: object) -> object:
+        return a if rng.random() < 0.5 else b
+
+    mount = RampMount(
+        hour_angle=float(rng.uniform(-40, 40)),
+        declination=float(rng.uniform(5, 70)),
+        ra_sign=either(1, -1),
+        dec_sign=either(1, -1),
+        ra_gain=float(rng.uniform(0.9, 1.1)),
+        dec_gain=float(rng.uniform(0.9, 1.1)),
+        additive=either(True, False),
+        edge=either(True, False),
+        beyond_pole=either(True, False),
+        ra_acceleration=float(rng.uniform(2, 20)),
+        dec_acceleration=float(rng.uniform(2, 20)),
+        clock_ahead=float(rng.uniform(-10, 10)),
+        clock_drift=float(rng.uniform(-5e-5, 5e-5)),
+        doubles=either(True, False),
+    )
+    network = Network(
+        float(rng.uniform(0, 0.08)),
+        float(rng.uniform(0, 0.08)),
+        (0.0, 0.0005, 0.002)[seed % 3],
+        0.01 * (seed % 2),
+    )
+    law = ("even", "windows", "loose")[seed // 3 % 3]
+    return mount, network, Timer(law, phase_s=float(rng.uniform(0, 0.05)))
+
+
+@pytest.mark.parametrize("seed", range(9))
+def test_a_drawn_mount_is_found_out_as_it_is(seed: int) -> None:
+    mount, network, timer = drawn(seed)
+    ended = run(mount, network, timer, seed=seed)
+    assert ended.calibrator.ending is not None
+    assert ended.calibrator.ending.kind is Kind.DONE
+    assert ended.calibrator.ending.at_rest
+    found = conclude(ended.calibrator.seen, mount.longitude)
+    assert (found.ra.sign, found.dec.sign) == (mount.ra_sign, mount.dec_sign)
+    assert found.additive == mount.additive
+    assert found.move_axis == ("edge" if mount.edge else "held")
+    assert found.zero_ends == (True if mount.edge else None)
+    assert found.beyond_pole == mount.beyond_pole
+    assert found.ra.gain == pytest.approx(mount.ra_gain, abs=2e-5)
+    assert found.dec.gain == pytest.approx(mount.dec_gain, abs=2e-5)
+    assert found.ra.acceleration_deg_s2 == pytest.approx(mount.ra_acceleration, rel=0.01)
+    assert found.dec.acceleration_deg_s2 == pytest.approx(mount.dec_acceleration, rel=0.01)
+    assert found.clock.drift_ppm == pytest.approx(mount.clock_drift * 1e6, abs=3.0)
+    assert found.readings["counter"] == ("double" if mount.doubles else "int64")
+
+    delays, late = found.delays, network.jitter_s
+    truth = network.command_s + network.status_s + 2 * late
+    assert delays.round_trip.seconds == pytest.approx(truth, abs=0.0015)
+    for interval, least in ((delays.command_s, network.command_s), (delays.status_s, network.status_s)):
+        assert interval[0] <= least
+        assert least + late <= interval[1]
+        assert interval[1] - interval[0] <= truth + 0.004
+    ahead = mount.clock(found.utc_s) - found.utc_s
+    assert delays.clock_offset_s[0] <= ahead <= delays.clock_offset_s[1]
+    assert delays.clock_offset_s[1] - delays.clock_offset_s[0] <= truth + 0.004
+
+
+def test_a_clock_stated_to_be_true_tells_the_two_ways_apart() -> None:
+    mount, network = RampMount(clock_ahead=-0.5), Network(0.030, 0.010)
+    ended = run(mount, network)
+    # The clock is of kind b, half a second behind mean time with UT1 = UTC.
+    truth = ClockTruth(0.002, {"a": 0.0, "b": -0.5, "c": 0.7})
+    delays = conclude(ended.calibrator.seen, mount.longitude, truth).delays
+    assert delays.clock_reading == "b"
+    assert delays.status_s[0] <= 0.010 <= delays.status_s[1]
+    assert delays.command_s[0] <= 0.030 <= delays.command_s[1]
+    assert delays.status_s[1] - delays.status_s[0] < 0.008
+    assert delays.command_s[1] - delays.command_s[0] < 0.008
+
+
+def test_two_kinds_of_clock_that_fit_alike_leave_an_interval_over_both() -> None:
+    mount, network = RampMount(clock_ahead=0.02), Network(0.030, 0.030)
+    truth = ClockTruth(0.001, {"by UTC": 0.0, "by UT1": 0.02})
+    found = conclude(run(mount, network).calibrator.seen, mount.longitude, truth)
+    assert found.delays.clock_reading is None
+    assert found.delays.status_s[0] <= 0.010
+    assert found.delays.status_s[1] >= 0.030
+    assert any("by UTC and by UT1" in note for note in found.notes)
+
+
+def test_a_clock_stated_to_be_true_that_is_not_is_told_and_left_out() -> None:
+    mount, network = RampMount(clock_ahead=3.0), Network(0.020, 0.020)
+    found = conclude(run(mount, network).calibrator.seen, mount.longitude, ClockTruth(0.002, {"mean": 0.0}))
+    assert any("not true to 0.002 s" in note for note in found.notes)
+    assert found.delays.status_s[0] == 0.0
+    assert found.delays.clock_offset_s[0] <= 3.0 <= found.delays.clock_offset_s[1]
+
+
+def test_the_run_stays_near_where_it_began_and_ends_near_it() -> None:
+    mount = RampMount(ra_gain=1.1, dec_gain=1.1, ra_sign=-1, edge=True)
+    farthest = [0.0, 0.0]
+
+    def watch(now: float, _: object) -> None:
+        for i, (axis, began) in enumerate(((mount.ra, mount.hour_angle), (mount.dec, mount.declination))):
+            farthest[i] = max(farthest[i], abs(axis.at(now)[0] - began))
+
+    ended = run(mount, Network(0.08, 0.08), watch=watch)
+    assert 0.5 < max(farthest) < ended.calibrator.plan.largest_displacement_deg()
+    assert abs(mount.ra.at(ended.run.now_utc_s)[0] - mount.hour_angle) < 2.0
+    assert abs(mount.dec.at(ended.run.now_utc_s)[0] - mount.declination) < 2.0
+
+
+def test_the_same_inputs_give_the_same_datagrams() -> None:
+    commands = [run(*drawn(4)[:2], seed=4).run.commands for _ in range(2)]
+    assert commands[0] == commands[1]
+
+
+def test_every_finding_is_told_with_what_is_not_known_of_it() -> None:
+    mount, network, timer = drawn(2)
+    rows = dict(table(conclude(run(mount, network, timer).calibrator.seen, mount.longitude)))
+    assert "±" in rows["right ascension, gain"]
+    assert "±" in rows["round trip"]
+    assert " to " in rows["status delay"]
+
+
+def test_axes_that_disagree_on_held_and_edge_are_no_finding() -> None:
+    from sattrack.calibration.guard import CalibrationEndedError
+
+    seen = run(RampMount()).calibrator.seen
+    one, other = seen.semantics
+    seen.semantics[1] = dataclasses.replace(
+        other, second_deg_s=other.first_deg_s, after_deg_s=other.first_deg_s
+    )
+    with pytest.raises(CalibrationEndedError, match="do not agree"):
+        conclude(seen, 4.5)
+    seen.semantics[1] = dataclasses.replace(one, second_deg_s=0.75 * one.first_deg_s)
+    with pytest.raises(CalibrationEndedError, match="neither held nor edge"):
+        conclude(seen, 4.5)
+
+
+def test_the_stand_in_follows_its_own_closed_form() -> None:
+    mount = RampMount(dec_acceleration=2.0)
+    mount.begin(BEGIN)
+    mount.dec.go(BEGIN + 1.0, 1.0)
+    # Half a second of ramp covers 0.25 degrees, then 1 degree a second.
+    assert mount.dec.at(BEGIN + 1.5)[0] - mount.declination == pytest.approx(0.25)
+    assert mount.dec.at(BEGIN + 3.5)[0] - mount.declination == pytest.approx(2.25)
