@@ -574,6 +574,35 @@ class TestNeverTwoFlags:
                 assert len(flags_of(row) & ONE_SHOTS) <= 1
 
 
+class TestOneAfterTheOther:
+    """A second motion comes at any instant of the first's: before its flag, under it, after it."""
+
+    @HELD_AND_EDGE
+    @pytest.mark.parametrize("ack_after", [0, 3])
+    @pytest.mark.parametrize("second", [Slew(140.0, 10.0), MoveAxis(0.5, -0.5), EndMove()], ids=request_id)
+    @pytest.mark.parametrize("first", [SLEW, BOTH, PULSE, SYNC, FindHome()], ids=request_id)
+    def test_the_second_is_done_whenever_it_comes(
+        self, how: How, ack_after: int, first: Request, second: Request
+    ) -> None:
+        for after in range(7):
+            bench = awake(PaperMount(move_axis=how, ack_after=ack_after))
+            bench.submit(first)
+            for _ in range(after):
+                bench.turn()
+            ticket = bench.submit(second)
+            assert bench.settle(ticket) is TicketState.COMPLETE, f"after {after} periods"
+            bench.run(0.5)
+            assert bench.rules.broken == []
+            assert bench.mount.crowded == 0
+            if isinstance(second, Slew):
+                # A pulse that still runs shifts it by a fraction of an arcminute.
+                assert (bench.mount.ra_deg, bench.mount.dec_deg) == pytest.approx((140.0, 10.0), abs=0.01)
+            elif isinstance(second, MoveAxis):
+                assert bench.mount.rates_deg_s == {"RA": pytest.approx(-0.5), "Dec": pytest.approx(-0.5)}
+            else:
+                assert not bench.mount.rates_deg_s
+
+
 WAITS_FOR_EVER = pytest.mark.xfail(
     strict=True, reason="a request behind a motion that was asked for stays queued, though the motion is over"
 )
