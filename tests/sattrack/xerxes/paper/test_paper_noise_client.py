@@ -8,6 +8,7 @@ believed: then the claim is that nothing in it makes a client send a flag that n
 from __future__ import annotations
 
 import random
+import struct
 
 import pytest
 from paper_link import T0
@@ -16,7 +17,7 @@ from paper_noise import GROWTH_BYTES, HOW_MANY, STATUS, grown_bytes, mutated, wr
 from paper_packing import unpack_command
 
 from sattrack.mount import MountProfile
-from sattrack.requests import MoveAxis, Slew
+from sattrack.requests import MoveAxis, Slew, Sync
 from sattrack.safety import ClearedRequest
 from sattrack.xerxes.session import Session
 
@@ -60,12 +61,12 @@ class TestTheClient:
     def test_no_status_whatever_makes_it_send_a_flag_unasked(self, count: int) -> None:
         rng = random.Random(2)
         session = Session(MountProfile())
-        mount = PaperMount()
 
         def datagram(number: int) -> None:
             now = T0 + number * LOOP_S
             before = sum(session_counts(session))
-            session.receive(mutated(rng, mount.turn()), now)
+            status = STATUS[:104] + struct.pack("<d", number + 1.0) + STATUS[112:]
+            session.receive(mutated(rng, status), now)
             assert sum(session_counts(session)) == before + 1
             assert not unpack_command(session.compose()).up()
 
@@ -90,3 +91,21 @@ def test_noise_of_the_right_form_never_makes_a_moving_client_send_two_commands_a
         assert unpack_command(session.compose()).up() <= {"MoveAxisRA", "MoveAxisDec"}
         if ticket.settled and number % 97 == 0:
             ticket = session.submit(ClearedRequest(MoveAxis(rng.uniform(-1, 1), rng.uniform(-1, 1))))
+
+
+@pytest.mark.parametrize("count", [1_000, pytest.param(50_000, marks=pytest.mark.soak)])
+def test_requests_that_are_settled_leave_nothing_behind(count: int) -> None:
+    session = Session(MountProfile())
+    mount = PaperMount()
+    now = T0
+
+    def asked(number: int) -> None:
+        nonlocal now
+        ticket = session.submit(ClearedRequest(Sync(150.0 + number % 7, 20.0)))
+        while not ticket.settled:
+            now += LOOP_S
+            mount.receive(session.compose())
+            session.receive(mount.turn(), now)
+        mount.launches.clear()
+
+    assert grown_bytes(asked, count) < GROWTH_BYTES

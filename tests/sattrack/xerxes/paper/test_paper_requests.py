@@ -450,8 +450,16 @@ class TestMoveAxis:
         bench.settle(bench.submit(MoveAxis(1.0, None)))
         bench.settle(bench.submit(MoveAxis(None, 0.5)))
         bench.run(1.0)
-        assert bench.mount.rates_deg_s.get("Dec") == pytest.approx(0.5)
+        assert bench.mount.rates_deg_s == {"RA": pytest.approx(-1.0), "Dec": pytest.approx(0.5)}
         assert bench.rules.broken == []
+
+    @HELD_AND_EDGE
+    def test_a_gain_is_divided_out(self, how: How) -> None:
+        bench = awake(PaperMount(move_axis=how), ra_rate_gain=0.5, dec_rate_gain=2.0)
+        bench.settle(bench.submit(MoveAxis(1.0, 1.0)))
+        row = bench.up_rows("MoveAxisRA")[-1]
+        assert row.MoveAxisRateRA == pytest.approx(-2.0)
+        assert row.MoveAxisRateDec == pytest.approx(0.5)
 
     @HELD_AND_EDGE
     @pytest.mark.parametrize("signs", [(1, 1), (-1, 1), (1, -1), (-1, -1)])

@@ -96,14 +96,15 @@ class TestDeaf:
         assert {launch.command for launch in bench.mount.launches} <= {"MoveAxis"}
         assert (bench.mount.ra_deg, bench.mount.dec_deg) == pytest.approx((150.0, 20.0), abs=1e-9)
 
-    def test_an_abort_that_is_not_heard_is_sent_until_it_is(self) -> None:
+    @pytest.mark.parametrize("deaf_s", [2.0, 120.0])
+    def test_an_abort_that_is_not_heard_is_sent_until_it_is(self, deaf_s: float) -> None:
         bench = awake(PaperMount())
         bench.submit(Slew(300.0, 60.0))
         bench.run(0.5)
         bench.mount.stuck = True
         bench.mount.deaf = True
         bench.submit(Abort())
-        bench.run(2.0)
+        bench.run(deaf_s)
         bench.mount.deaf = False
         bench.turn()
         assert [launch.command for launch in bench.mount.launches][-1] == "AbortSlewCmd"
