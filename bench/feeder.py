@@ -123,8 +123,8 @@ class Ours:
 def world(subject: Subject, scenario: Scenario, seed: int) -> World:
     facts = subject.facts
     begin_s = facts.started_utc_s
-    target = subject.propagator.at(Utc(facts.plan.start_utc_s))
-    hour_angle = mean_sidereal_deg(facts.plan.start_utc_s, facts.site.longitude_deg) - float(target.ra_deg)
+    target = subject.propagator.at(Utc(begin_s))
+    hour_angle = mean_sidereal_deg(begin_s, facts.site.longitude_deg) - float(target.ra_deg)
     start = StartPosition((hour_angle + 180.0) % 360.0 - 180.0, float(target.dec_deg))
     truth = MountProfile(move_axis=scenario.move_axis)
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 from feeder_harness import PERIOD_S, World, wire
 
-from sattrack.control.kalman import AxisFilter, wrap180
+from sattrack.control.feeder import correction_deg_s
+from sattrack.control.kalman import AxisFilter, Noise, wrap180
 from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile
 from sattrack.xerxes.datagrams import decode_status
 from tle.instants import Utc
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from tle.propagator import Propagator
 
 PROFILE = MountProfile()
+GAIN_KNOWN = Noise(first_gain=0.0, gain_walk_sqrt_s=0.0)
 
 
 class Unshifted:
@@ -97,80 +99,87 @@ class Oracle(Unshifted):
     """Knows every delay, every loop instant, the gain and the disturbance; its encoders are as noisy as ours."""
 
     period_s = PERIOD_S
-    SETTLING_S = 0.2
 
     def __init__(self, world: World) -> None:
         self._world = world
         self._turn = 0
-        self._acting: list[tuple[float, float, float]] = []
-        """Loop instants, and the rates that act from each on."""
+        self._read = self._readings()
+        self._sent: dict[int, tuple[float, float]] = {}
         self._filters: tuple[AxisFilter, AxisFilter] | None = None
-        self._at_s = 0.0
-        self._statuses = 0
+        self._index = 0
+        """Index of the loop instant of the last sample."""
+
+    def _readings(self) -> list[int]:
+        """Return which datagram the mount reads at each of its loop instants; -1 before the first."""
+        world = self._world
+        arrivals = []
+        for turn in range(len(world.ticks_s) + 100):
+            sent_s = world.begin_s + world.phase_s + turn * PERIOD_S
+            arrivals += [(sent_s + delay_s, turn) for delay_s in world.delays("command", turn)]
+        arrivals.sort()
+        read, latest, place = [], -1, 0
+        for tick_s in world.ticks_s:
+            while place < len(arrivals) and arrivals[place][0] <= tick_s:
+                latest = arrivals[place][1]
+                place += 1
+            read.append(latest)
+        return read
 
     def status(self, data: bytes, arrival_utc_s: float) -> None:  # noqa: ARG002
         status = decode_status(data)
-        sample_s = self._world.ticks_s[status.counter - 1]
-        if sample_s <= self._at_s:
-            return
+        index = status.counter - 1
         ra_deg = status.ra_h * 15.0
         if self._filters is None:
-            self._filters = (AxisFilter(ra_deg), AxisFilter(status.dec_deg))
+            self._filters = (AxisFilter(ra_deg, GAIN_KNOWN), AxisFilter(status.dec_deg, GAIN_KNOWN))
+        elif index <= self._index:
+            return
         else:
-            moved = self._moved(self._at_s, sample_s)
-            seconds = sample_s - self._at_s
+            moved = self._moved(self._index, index)
+            seconds = self._world.ticks_s[index] - self._world.ticks_s[self._index]
             for one, distance, reported in zip(self._filters, moved, (ra_deg, status.dec_deg), strict=True):
                 one.advance(seconds, distance)
                 one.measure(reported, distance / seconds)
-        self._at_s = sample_s
+        self._index = index
 
     def command(self, now_utc_s: float) -> bytes:
         world, turn = self._world, self._turn
         self._turn += 1
-        acts_s = self._acts(now_utc_s, turn)
-        if self._filters is None or acts_s is None:
+        if self._filters is None or turn not in self._read:
             return wire(PROFILE, turn + 1, 0.0, 0.0)
-        until_s = acts_s
-        follower = turn
-        while until_s <= acts_s and follower < turn + 40:
-            follower += 1
-            later = self._acts(now_utc_s + (follower - turn) * PERIOD_S, follower)
-            until_s = acts_s if later is None else later
-        until_s = until_s if until_s > acts_s else acts_s + PERIOD_S
-        begin, end = (world.propagator.at(Utc(t)) for t in (acts_s, until_s))
-        moved = self._moved(self._at_s, acts_s)
+        first = self._read.index(turn, bisect_left(world.ticks_s, now_utc_s))
+        end = first
+        while end < len(self._read) - 1 and self._read[end] == turn:
+            end += 1
+        acts_s, until_s = world.ticks_s[first], max(world.ticks_s[end], world.ticks_s[first] + 0.01)
+        here, there = (world.propagator.at(Utc(t)) for t in (acts_s, until_s))
+        moved = self._moved(self._index, first)
         rates = []
-        spans = (wrap180(float(end.ra_deg - begin.ra_deg)), float(end.dec_deg - begin.dec_deg))
-        goals = (float(begin.ra_deg), float(begin.dec_deg))
+        spans = (wrap180(float(there.ra_deg - here.ra_deg)), float(there.dec_deg - here.dec_deg))
+        goals = (float(here.ra_deg), float(here.dec_deg))
+        ahead_s = acts_s - world.ticks_s[self._index]
         for i, one in enumerate(self._filters):
-            there = one.position_deg + moved[i] + one.disturbance_deg_s * (acts_s - self._at_s)
-            error = wrap180(there - goals[i])
-            rates.append(spans[i] / (until_s - acts_s) - one.disturbance_deg_s - error / self.SETTLING_S)
+            reached = one.position_deg + moved[i] + one.disturbance_deg_s * ahead_s
+            error = wrap180(reached - goals[i])
+            back = correction_deg_s(error, PROFILE.ra.max_acceleration_deg_s2, PROFILE.ra.max_rate_deg_s)
+            rates.append(spans[i] / (until_s - acts_s) - one.disturbance_deg_s + back)
+        self._sent[turn] = (rates[0], rates[1])
+        self._sent.pop(turn - 100, None)
         gain = world.scenario.gain
-        ra = SIDEREAL_RATE_DEG_S - (SIDEREAL_RATE_DEG_S - rates[0])
-        ra = ra / gain + world.disturbance_deg_s(now_utc_s)
-        dec = rates[1] / gain
-        self._acting = [entry for entry in self._acting if entry[0] < acts_s or entry[0] > acts_s]
-        self._acting.append((acts_s, rates[0], rates[1]))
-        self._acting.sort()
-        del self._acting[:-80]
-        return wire(PROFILE, turn + 1, ra, dec)
+        return wire(PROFILE, turn + 1, (rates[0] + world.disturbance_deg_s(acts_s)) / gain, rates[1] / gain)
 
-    def _acts(self, sent_s: float, turn: int) -> float | None:
-        """Return the loop instant at which the mount reads a datagram, None where it is lost or overtaken."""
-        arrivals = self._world.delays("command", turn)
-        if not arrivals:
-            return None
-        ticks = self._world.ticks_s
-        index = bisect_left(ticks, sent_s + arrivals[0])
-        return ticks[index] if index < len(ticks) else None
-
-    def _moved(self, from_s: float, to_s: float) -> tuple[float, float]:
+    def _moved(self, first: int, last: int) -> tuple[float, float]:
+        """Return how far the commands that are read move the axes between two loop instants."""
         ra = dec = 0.0
-        for i, (begin, ra_rate, dec_rate) in enumerate(self._acting):
-            end = self._acting[i + 1][0] if i + 1 < len(self._acting) else to_s
-            seconds = min(end, to_s) - max(begin, from_s)
-            if seconds > 0.0:
-                ra += ra_rate * seconds
-                dec += dec_rate * seconds
+        for index in range(first, last):
+            begin_s, end_s = self._world.ticks_s[index], self._world.ticks_s[index + 1]
+            turn = self._read[index]
+            if turn >= self._turn:
+                # Overtaken by one that is still to be sent, and that will be right.
+                here, there = (self._world.propagator.at(Utc(t)) for t in (begin_s, end_s))
+                ra += wrap180(float(there.ra_deg - here.ra_deg))
+                dec += float(there.dec_deg - here.dec_deg)
+                continue
+            rates = self._sent.get(turn, (0.0, 0.0))
+            ra += rates[0] * (end_s - begin_s)
+            dec += rates[1] * (end_s - begin_s)
         return ra, dec

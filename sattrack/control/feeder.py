@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-SETTLING_S = 0.2
+SETTLING_S = 0.1
 """Time constant with which a small error is taken out."""
 BRAKING_SHARE = 0.4
 """Share of the axis' acceleration that a large error's approach may plan with."""
