@@ -154,12 +154,12 @@ def bits(value: float) -> bytes:
 
 class TestAppendixA:
     @given(g=mount_globals())
-    @settings(deadline=None, max_examples=200)
+    @settings(deadline=None, max_examples=100)
     def test_a_status_is_packed_as_its_code_packs_it(self, g: MountGlobals) -> None:
         assert encode_status(status(g), readings(g)) == pack_datagram(g)
 
     @given(g=mount_globals())
-    @settings(deadline=None, max_examples=200)
+    @settings(deadline=None, max_examples=100)
     def test_what_its_code_packs_is_read_back(self, g: MountGlobals) -> None:
         got = decode_status(pack_datagram(g))
         for name in DOUBLES + DOUBLES_TOO:
@@ -169,7 +169,7 @@ class TestAppendixA:
         assert got == status(g)
 
     @given(g=mount_globals())
-    @settings(deadline=None, max_examples=200)
+    @settings(deadline=None, max_examples=100)
     def test_the_types_it_was_packed_in_are_told(self, g: MountGlobals) -> None:
         told = status_readings(pack_datagram(g))
         for name in DOUBTFUL:
@@ -240,12 +240,12 @@ class TestAppendixA:
 
 class TestCommandTable:
     @given(row=command_rows())
-    @settings(deadline=None, max_examples=200)
+    @settings(deadline=None, max_examples=100)
     def test_a_command_is_packed_as_the_table_says(self, row: CommandRow) -> None:
         assert encode_command(command(row)) == pack_command(row)
 
     @given(row=command_rows())
-    @settings(deadline=None, max_examples=200)
+    @settings(deadline=None, max_examples=100)
     def test_what_the_table_packs_is_read_back(self, row: CommandRow) -> None:
         got = decode_command(pack_command(row))
         for theirs, ours in IN_THE_COMMAND.items():

@@ -592,7 +592,7 @@ class TestOneAfterTheOther:
     def test_the_second_is_done_whenever_it_comes(
         self, how: How, ack_after: int, first: Request, second: Request
     ) -> None:
-        for after in range(7):
+        for after in (0, 1, 2, 5):
             bench = awake(PaperMount(move_axis=how, ack_after=ack_after))
             bench.submit(first)
             for _ in range(after):
