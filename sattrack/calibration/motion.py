@@ -16,9 +16,13 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 FEWEST_SAMPLES = 8
+LEAST_SIGMA_DEG_S = 1e-7
 BEFORE_S = 0.4
-SLOWEST_SETTLED = 0.003
-"""Two halves of a steady motion whose rates differ by a larger part than this were not steady."""
+SHARES = (0.6, 0.5, 0.4, 0.3)
+"""How much of a motion's end is taken for steady, the most that is straight."""
+STRAIGHT = 3e-5
+"""Part of the rate by which two halves of a steady motion may differ."""
+SETTLING_AT_MOST = 0.02
 ADDED_WITHIN = 0.2
 """Part of the sidereal rate by which what is added may miss either reading."""
 
@@ -86,17 +90,23 @@ def steady_part(stretch: Stretch) -> Steady | None:
     if len(t) < FEWEST_SAMPLES:
         return None
     length = t[-1] - t[0]
-    for share in (0.7, 0.5, 0.35):
+    best: Steady | None = None
+    for share in SHARES:
         use = t >= t[-1] - share * length
         if use.sum() < FEWEST_SAMPLES:
             break
         rate, level, sigma = _line(t[use], x[use])
-        half = t[use] >= t[use].mean()
-        early, _, s1 = _line(t[use][~half], x[use][~half])
-        late, _, s2 = _line(t[use][half], x[use][half])
-        if abs(late - early) < max(SLOWEST_SETTLED * abs(stretch.rate_deg_s), 4.0 * math.hypot(s1, s2)):
-            return _with_lag(stretch, rate, level, sigma)
-    return None
+        late_half = t[use] >= t[use].mean()
+        early, _, s1 = _line(t[use][~late_half], x[use][~late_half])
+        late, _, s2 = _line(t[use][late_half], x[use][late_half])
+        bend = abs(late - early)
+        best = _with_lag(stretch, rate, level, math.hypot(sigma, 0.5 * bend))
+        if bend < max(STRAIGHT * abs(stretch.rate_deg_s), 3.0 * math.hypot(s1, s2)):
+            return best
+    # What is still settling is worth what it has changed by.
+    return (
+        best if best is not None and best.sigma_deg_s < SETTLING_AT_MOST * abs(best.commanded_deg_s) else None
+    )
 
 
 def _line(t: NDArray[np.float64], x: NDArray[np.float64]) -> tuple[float, float, float]:
@@ -126,12 +136,12 @@ def axis_response(parts: Sequence[Steady]) -> AxisResponse | None:
         return None
     commanded = np.array([p.commanded_deg_s for p in parts])
     rates = np.array([p.rate_deg_s for p in parts])
-    design = np.stack([commanded, np.ones_like(commanded)], axis=1)
-    (slope, added), _, _, _ = np.linalg.lstsq(design, rates, rcond=None)
-    residuals = rates - design @ np.array([slope, added])
-    # Servo ripple makes the residuals of a line fit too good to be true; legs against each other are not.
-    own = float(np.mean([p.sigma_deg_s**2 for p in parts]))
-    variance = max(own, float((residuals**2).sum()) / (len(parts) - 2))
+    sigmas = np.array([max(p.sigma_deg_s, LEAST_SIGMA_DEG_S) for p in parts])
+    design = np.stack([commanded, np.ones_like(commanded)], axis=1) / sigmas[:, None]
+    (slope, added), _, _, _ = np.linalg.lstsq(design, rates / sigmas, rcond=None)
+    residuals = rates / sigmas - design @ np.array([slope, added])
+    # Servo ripple makes a line's residuals look better than they are; legs against each other do not.
+    variance = max(1.0, float((residuals**2).sum()) / (len(parts) - 2))
     covariance = variance * np.linalg.inv(design.T @ design)
     acceleration, acceleration_sigma, dead = _acceleration(parts)
     return AxisResponse(

@@ -39,12 +39,12 @@ class Plan:
     """So often where delays scatter."""
     toggles_after: int = 12
     legs: tuple[Leg, ...] = (
-        Leg(-1.0, 1.8),
-        Leg(1.0, 1.8),
-        Leg(-0.5, 2.2),
-        Leg(0.5, 2.2),
-        Leg(-0.25, 2.4),
-        Leg(0.25, 2.4),
+        Leg(-0.8, 2.8),
+        Leg(0.8, 2.8),
+        Leg(-0.4, 3.8),
+        Leg(0.4, 3.8),
+        Leg(-0.2, 4.8),
+        Leg(0.2, 4.8),
     )
 
     @property

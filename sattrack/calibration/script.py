@@ -5,7 +5,6 @@ Nothing here concludes: what was sent when, and which status answered, is kept f
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +20,7 @@ from sattrack.calibration.plan import (
 )
 from sattrack.calibration.round_trip import Bracket, RoundTripEstimate
 from sattrack.calibration.statuses import Heard, StatusLog
+from sattrack.calibration.turns import TurnForecast
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator
@@ -34,7 +34,9 @@ LISTEN_S = 2.0
 FEWEST_STATUSES = 15
 ANSWER_WITHIN_S = 2.0
 REST_WITHIN_S = 6.0
-LATELY_S = 15.0
+LATELY = 300
+"""Statuses of the last 15 seconds or so."""
+FORECAST_FROM = 60
 GOOD_SIGMA_S = 0.00025
 SPREAD_S = 0.001
 QUIET_BEFORE_LEG_S = 0.45
@@ -188,28 +190,21 @@ class Script:
 
     def _fastest_offset_s(self) -> float:
         """Return the fastest arrival lately against the mount's clock."""
-        newest = self._seen.log.heard[-round(LATELY_S / self._turn_s()) :]
-        return min(h.arrival_utc_s - h.mount_s for h in newest)
-
-    def _turn_s(self) -> float:
-        newest = self._seen.log.heard[-40:]
-        turns = newest[-1].counter - newest[0].counter
-        return max(0.01, (newest[-1].mount_s - newest[0].mount_s) / turns)
+        return min(h.arrival_utc_s - h.mount_s for h in self._seen.log.heard[-LATELY:])
 
     def _aimed_instant(self) -> float:
         """Return an instant at which a command is as likely seen by one turn of the loop as by the next.
 
         A little before and after as well: only what is seen too soon or late tells how much delays scatter.
         """
-        last = self._seen.log.heard[-1]
-        turn = self._turn_s()
-        expected = last.mount_s + self._fastest_offset_s()
+        turns = TurnForecast(self._seen.log.heard[-FORECAST_FROM:])
+        offset = self._fastest_offset_s()
         result = self._estimate.result()
         aside = (0.0, 1.0, 0.0, -1.0)[len(self._seen.edges) // 2 % 4]
-        trip = max(0.0, result.seconds + aside * (SPREAD_S + 2.0 * min(result.sigma_s, SPREAD_S)))
+        spread = SPREAD_S + 2.0 * min(max(result.sigma_s, turns.scatter_s), SPREAD_S)
+        trip = max(0.0, result.seconds + aside * spread)
         earliest = self._sender.earliest(self.now_utc_s)
-        turns = math.ceil((earliest + trip - expected) / turn)
-        return expected + turns * turn - trip
+        return turns.next_after(earliest + trip - offset) + offset - trip
 
     def _flag(self, axis: AxisName, rate_deg_s: float) -> dict[str, Any]:
         return {f"move_{axis}": True, f"move_{axis}_rate_deg_s": rate_deg_s}
