@@ -1,0 +1,310 @@
+"""How even the feeder's datagrams are, beside a bare C loop on the same machine at the same time.
+
+python bench/cadence.py [--seconds S | --minutes M] [--around NAME ...] [--feeder normal realtime]
+
+Each run has the feeder follow a satellite that is up, with a simulated mount, over UDP on loopback,
+recording; beside it, C loops without and with real-time priority send at the same period. Periods are the
+differences of the kernel's own stamps at the sockets that the datagrams come to. Around them: nothing, the
+terminal UI drawing on a pseudo-terminal, CPU hogs (as many as the machine has CPUs, or as told), or both.
+Other programs on the machine count as what they are: disturbance, and the same for all.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import fcntl
+import itertools
+import math
+import os
+import pty
+import select
+import shutil
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import tempfile
+import termios
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import erfa
+from sgp4.api import Satrec
+
+from sattrack import practice
+from sattrack.figures import quantile
+from sattrack.runtime.realtime import PRIORITY, VARIABLE
+from tle.elements import Elements
+from tle.formats.registry import write_elements
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+PERIOD_NS = 50_000_000
+SETTLE_S = 12.0
+"""From the feeder's first datagram until periods count: by then it is on the satellite."""
+START_WITHIN_S = 60.0
+END_WITHIN_S = 30.0
+LONGEST_MINUTES = 12.0
+REVOLUTIONS_A_DAY = 12.5
+ROWS, COLUMNS = 40, 120
+SO_TIMESTAMPNS = 35
+TIMESPEC = struct.Struct("@ll")
+REFUSED = 3
+
+HOG = "import sys, time\nend = time.monotonic() + float(sys.argv[1])\nwhile time.monotonic() < end: pass"
+AROUND = {"idle": (False, False), "tui": (True, False), "hogs": (False, True), "both": (True, True)}
+
+
+class Spread(NamedTuple):
+    """Quantiles of the period, and of how far it is from 50 ms, milliseconds."""
+
+    count: int
+    p50: float
+    p99: float
+    p999: float
+    longest: float
+    error_p999: float
+
+    @classmethod
+    def of(cls, stamps_ns: list[int]) -> Spread:
+        periods = sorted((b - a) * 1e-6 for a, b in itertools.pairwise(stamps_ns))
+        errors = sorted(abs(p - PERIOD_NS * 1e-6) for p in periods)
+        p50, p99, p999 = (quantile(periods, share) for share in (0.5, 0.99, 0.999))
+        return cls(len(periods), p50, p99, p999, periods[-1], quantile(errors, 0.999))
+
+
+@dataclass
+class Ear:
+    """A socket on loopback that dates what comes by the kernel's stamp, and hands it on if told to."""
+
+    forward_to: int | None = None
+    stamps_ns: list[int] = field(default_factory=list)
+    bound: socket.socket = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.bound.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
+        self.bound.bind(("127.0.0.1", 0))
+        self.bound.setblocking(False)
+
+    @property
+    def port(self) -> int:
+        return int(self.bound.getsockname()[1])
+
+    def fileno(self) -> int:
+        return self.bound.fileno()
+
+    def close(self) -> None:
+        self.bound.close()
+
+    def take(self) -> None:
+        while True:
+            try:
+                data, ancillary, _, _ = self.bound.recvmsg(2048, 64)
+            except BlockingIOError:
+                return
+            for level, kind, stamp in ancillary:
+                if level == socket.SOL_SOCKET and kind == SO_TIMESTAMPNS:
+                    seconds, nanoseconds = TIMESPEC.unpack_from(stamp)
+                    self.stamps_ns.append(seconds * 1_000_000_000 + nanoseconds)
+            if self.forward_to is not None:
+                self.bound.sendto(data, ("127.0.0.1", self.forward_to))
+
+
+@dataclass
+class Screen:
+    """The bench's end of a pseudo-terminal; what is drawn is read and thrown away."""
+
+    descriptor: int
+    drawn_bytes: int = 0
+
+    def fileno(self) -> int:
+        return self.descriptor
+
+    def close(self) -> None:
+        os.close(self.descriptor)
+
+    def take(self) -> None:
+        try:
+            self.drawn_bytes += len(os.read(self.descriptor, 65536))
+        except OSError:
+            # Linux says so when the other end of a pseudo-terminal has closed.
+            return
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def satellite_overhead(folder: Path, ahead_s: float) -> tuple[Path, str]:
+    """Write elements of a satellite 1500 km high; return the file, and a site that it passes over then."""
+    orbit = Elements.from_tle(practice.LINE_1, practice.LINE_2)
+    epoch = Utc(time.time() // 86400.0 * 86400.0)
+    higher = dataclasses.replace(orbit, epoch=epoch, mean_motion_rev_day=REVOLUTIONS_A_DAY)
+    lines = write_elements([higher], "2le").split("\n")[:2]
+    utc_s = time.time() + ahead_s
+    jd, fraction = 2440587.5 + utc_s // 86400.0, (utc_s % 86400.0) / 86400.0
+    error, r, _ = Satrec.twoline2rv(*lines).sgp4(jd, fraction)
+    assert error == 0
+    longitude = math.degrees(math.atan2(r[1], r[0]) - erfa.gmst82(jd, fraction))
+    latitude = math.degrees(math.atan2(r[2], math.hypot(r[0], r[1])))
+    path = folder / "satellite.tle"
+    path.write_text("".join(f"{line}\n" for line in lines))
+    return path, f"{latitude:.3f},{(longitude + 180.0) % 360.0 - 180.0:.3f},0"
+
+
+def build_peer(folder: Path) -> Path | None:
+    """Compile the C loop; None, with words, where there is no compiler."""
+    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
+    if compiler is None:
+        print("no C compiler (cc): the C loops, and the ratios to them, are left out")
+        return None
+    program = folder / "cadence_peer"
+    source = Path(__file__).with_name("cadence_peer.c")
+    subprocess.run([compiler, "-O2", "-Wall", "-Wextra", "-o", str(program), str(source)], check=True)
+    return program
+
+
+class Run:
+    """One feeder, and the C loops beside it, for some seconds."""
+
+    def __init__(self, stack: ExitStack, folder: Path, peer: Path | None, seconds: float) -> None:
+        self._stack, self._folder, self._peer, self._seconds = stack, folder, peer, seconds
+        self._watched: list[Ear | Screen] = []
+
+    def measure(self, realtime: bool, tui: bool, hogs: int) -> dict[str, Spread]:
+        ear = self._ear()
+        self._start_feeder(ear, realtime, tui)
+        began_s = time.monotonic()
+        self._listen(lambda: not ear.stamps_ns and time.monotonic() < began_s + START_WITHIN_S)
+        if not ear.stamps_ns:
+            raise SystemExit("the feeder did not start")
+        lasts_s = SETTLE_S + self._seconds
+        for _ in range(hogs):
+            self._start([sys.executable, "-c", HOG, f"{lasts_s + 2.0}"])
+        peers = (
+            {}
+            if self._peer is None
+            else {"C": self._start_peer(0), "C, real-time": self._start_peer(PRIORITY)}
+        )
+        began_s = time.monotonic()
+        self._listen(lambda: time.monotonic() < began_s + SETTLE_S)
+        ears = {name: found for name, (found, _) in peers.items()} | {"feeder": ear}
+        for each in ears.values():
+            each.stamps_ns.clear()
+        self._listen(lambda: time.monotonic() < began_s + lasts_s)
+        for name, (_, process) in peers.items():
+            if process.poll() == REFUSED:
+                print(f"  {name}: the priority was refused; left out")
+        return {name: Spread.of(each.stamps_ns) for name, each in ears.items() if len(each.stamps_ns) > 2}
+
+    def _ear(self) -> Ear:
+        ear = Ear()
+        self._watch(ear)
+        return ear
+
+    def _watch(self, source: Ear | Screen) -> None:
+        self._watched.append(source)
+        self._stack.callback(source.close)
+        self._stack.callback(self._watched.remove, source)
+
+    def _start_peer(self, priority: int) -> tuple[Ear, subprocess.Popen[bytes]]:
+        ear = self._ear()
+        lasts = f"{SETTLE_S + self._seconds + 2.0}"
+        return ear, self._start([str(self._peer), str(ear.port), lasts, str(PERIOD_NS), str(priority)])
+
+    def _start_feeder(self, ear: Ear, realtime: bool, tui: bool) -> None:
+        elements, site = satellite_overhead(self._folder, SETTLE_S + 0.5 * self._seconds)
+        sim_port, listen_port = free_port(), free_port()
+        sim = ("sim", "--port", str(sim_port), "--peer", str(listen_port), "--site", site)
+        self._start([sys.executable, "-m", "sattrack", *sim])
+        ear.forward_to = sim_port
+        recording = self._folder / f"{time.monotonic_ns()}.mcap"
+        command = [sys.executable, "-m", "sattrack", "track", "25544", "--site", site]
+        command += ["--elements", str(elements), "--record", str(recording)]
+        command += ["--mount", f"xerxes://127.0.0.1:{ear.port}?listen={listen_port}"]
+        environment = {**os.environ, VARIABLE: "1" if realtime else "0", "TERM": "xterm-256color"}
+        if not tui:
+            self._start([*command, "--headless"], env=environment)
+            return
+        controller, terminal = pty.openpty()
+        fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, COLUMNS, 0, 0))
+        self._watch(Screen(controller))
+        self._start(command, env=environment, stdin=terminal, stdout=terminal, stderr=terminal)
+        os.close(terminal)
+
+    def _start(self, command: list[str], **options: object) -> subprocess.Popen[bytes]:
+        quiet = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)
+        process = subprocess.Popen(command, start_new_session=True, **{**quiet, **options})  # type: ignore[call-overload]
+        self._stack.callback(self._end, process)
+        return process  # type: ignore[no-any-return]
+
+    def _end(self, process: subprocess.Popen[bytes]) -> None:
+        """End a process; what it draws meanwhile is read, so that it can."""
+        process.send_signal(signal.SIGTERM)
+        end_s = time.monotonic() + END_WITHIN_S
+        self._listen(lambda: process.poll() is None and time.monotonic() < end_s)
+        if process.poll() is None:
+            process.kill()
+        process.wait()
+
+    def _listen(self, going: Callable[[], bool]) -> None:
+        while going():
+            for each in select.select(self._watched, [], [], 0.1)[0]:
+                each.take()
+
+
+def tell(spreads: dict[str, Spread]) -> None:
+    for name, spread in spreads.items():
+        other = "C, real-time" if name == "feeder, real-time" else "C"
+        ratio = ""
+        if name not in ("C", "C, real-time") and other in spreads:
+            ratio = f"   {spread.p999 / spreads[other].p999:.3f} of {other}'s"
+        print(
+            f"  {name:<18} {spread.count:>6} {spread.p50:9.3f} {spread.p99:9.3f} {spread.p999:9.3f} "
+            f"{spread.longest:9.3f} {spread.error_p999:9.3f}{ratio}",
+            flush=True,
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--seconds", type=float, default=60.0, help="of each run")
+    parser.add_argument("--minutes", type=float, help="of each run")
+    parser.add_argument("--around", nargs="+", choices=list(AROUND), default=list(AROUND))
+    parser.add_argument("--feeder", nargs="+", choices=["normal", "realtime"], default=["normal", "realtime"])
+    parser.add_argument("--hogs", type=int, default=os.cpu_count() or 1, help="how many of them")
+    options = parser.parse_args()
+    seconds = options.seconds if options.minutes is None else 60.0 * options.minutes
+    if not 5.0 <= seconds <= 60.0 * LONGEST_MINUTES:
+        parser.error(f"give 5 s to {LONGEST_MINUTES:g} min: the satellite is not up for longer")
+    print(f"{os.cpu_count()} CPUs, load {os.getloadavg()[0]:.1f} before; {seconds:g} s each; milliseconds")
+    print(f"  {'':<18} {'count':>6} {'p50':>9} {'p99':>9} {'p99.9':>9} {'max':>9} {'err p99.9':>9}")
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(temporary)
+        peer = build_peer(folder)
+        for around in options.around:
+            for kind in options.feeder:
+                tui, hogs = AROUND[around]
+                with ExitStack() as stack:
+                    spreads = Run(stack, folder, peer, seconds).measure(
+                        kind == "realtime", tui, hogs * options.hogs
+                    )
+                spreads[f"feeder, {kind}".replace("realtime", "real-time")] = spreads.pop("feeder")
+                print(f"{around}, load {os.getloadavg()[0]:.1f}", flush=True)
+                tell(spreads)
+
+
+if __name__ == "__main__":
+    main()
