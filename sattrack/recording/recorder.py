@@ -141,6 +141,7 @@ class Recorder:
 class BackgroundRecorder:
     """A recorder behind a queue and a thread, so that a slow disk never holds the loop.
 
+    The loop takes no lock that the thread may hold: a thread that is kept from running would hold it up.
     `trouble` says what went wrong, if anything did; the run goes on without its recording then.
     """
 
@@ -148,8 +149,8 @@ class BackgroundRecorder:
 
     def __init__(self, recorder: Recorder) -> None:
         self._recorder = recorder
-        self._queue: queue.Queue[tuple[str, float, bytes | Message | TrackView] | None]
-        self._queue = queue.Queue(maxsize=QUEUED_MOST)
+        self._queue: queue.SimpleQueue[tuple[str, float, bytes | Message | TrackView] | None]
+        self._queue = queue.SimpleQueue()
         self.trouble: str | None = None
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._thread.start()
@@ -180,10 +181,10 @@ class BackgroundRecorder:
     def _put(self, item: tuple[str, float, bytes | Message | TrackView]) -> None:
         if self.trouble is not None:
             return
-        try:
-            self._queue.put_nowait(item)
-        except queue.Full:
+        if self._queue.qsize() >= QUEUED_MOST:
             self.trouble = "the disk is too slow; the recording ends here"
+            return
+        self._queue.put(item)
 
     def _work(self) -> None:
         encoder = msgspec.json.Encoder()

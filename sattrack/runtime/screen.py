@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import queue
 import threading
+from collections import deque
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -17,15 +19,15 @@ class Screen:
     """Hands the newest view to `draw` as often as that is ready for one; what it misses is gone.
 
     A terminal that does not drain blocks the thread that writes to it and nothing else. What `draw` raises is
-    raised by the next call of `show`.
+    raised by the next call of `show`. `show` takes no lock that the thread may hold.
     """
 
     def __init__(self, draw: Callable[[TrackView], None]) -> None:
         self._draw = draw
-        self._newest: TrackView | None = None
-        self._ended = False
+        self._newest: deque[TrackView] = deque(maxlen=1)
+        self._news: queue.SimpleQueue[bool] = queue.SimpleQueue()
+        """True where there is a view, False where there will be no more."""
         self._error: Exception | None = None
-        self._news = threading.Condition()
         self._thread = threading.Thread(target=self._work, name="screen", daemon=True)
         self._thread.start()
 
@@ -33,28 +35,22 @@ class Screen:
         """Take a view, without waiting."""
         if self._error is not None:
             raise self._error
-        with self._news:
-            self._newest = view
-            self._news.notify()
+        self._newest.append(view)
+        if self._news.empty():
+            self._news.put(True)
 
     def close(self) -> None:
         """Have the last view drawn, if that does not take long."""
-        with self._news:
-            self._ended = True
-            self._news.notify()
+        self._news.put(False)
         self._thread.join(LAST_VIEW_WITHIN_S)
 
     def _work(self) -> None:
-        while (view := self._next()) is not None:
+        more = True
+        while more:
+            more = self._news.get()
             try:
-                self._draw(view)
+                while self._newest:
+                    self._draw(self._newest.popleft())
             except Exception as error:  # noqa: BLE001 - it is for the loop to decide what that means
                 self._error = error
                 return
-
-    def _next(self) -> TrackView | None:
-        with self._news:
-            while self._newest is None and not self._ended:
-                self._news.wait()
-            view, self._newest = self._newest, None
-            return view
