@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from sattrack.view import Summary
 
+NO_PRIORITY = ", without real-time priority (`sattrack doctor` says how to grant it)"
+
 
 def summary_lines(summary: Summary) -> list[str]:
     """Return the summary for people."""
@@ -28,7 +30,10 @@ def summary_lines(summary: Summary) -> list[str]:
         f"{counts.late} late, {counts.rejected} rejected"
     )
     if summary.period_ms is not None:
-        lines.append(f"  period {summary.period_ms.p50:.2f} ms median, {summary.period_ms.p99:.2f} ms p99")
+        plain = "" if summary.realtime_priority is not False else NO_PRIORITY
+        lines.append(
+            f"  period {summary.period_ms.p50:.2f} ms median, {summary.period_ms.p99:.2f} ms p99{plain}"
+        )
     if summary.bias_along_s or summary.bias_cross_deg:
         lines.append(f"  bias {summary.bias_along_s:+.3f} s along, {summary.bias_cross_deg:+.4f}° across")
     if summary.recording is not None:

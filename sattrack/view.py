@@ -125,3 +125,5 @@ class Summary(msgspec.Struct, frozen=True):
     """Why the run ended, in words, where it did not end as planned."""
     recording_trouble: str | None = None
     """Why the recording is not whole."""
+    realtime_priority: bool | None = None
+    """Whether the loop ran with real-time priority; null in virtual time."""

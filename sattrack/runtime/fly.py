@@ -81,7 +81,8 @@ def fly_live(
         ended_utc_s = loop.run()
     summary = summarise(loop.engine, loop.ledger, ended_utc_s)
     trouble = sink.trouble if isinstance(sink, BackgroundRecorder) else None
-    return msgspec.structs.replace(summary, recording_trouble=trouble)
+    realtime = loop.grant is not None and loop.grant.realtime
+    return msgspec.structs.replace(summary, recording_trouble=trouble, realtime_priority=realtime)
 
 
 def in_run_time(facts: RunFacts, speed: float) -> RunFacts:
