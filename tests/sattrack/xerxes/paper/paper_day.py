@@ -46,8 +46,15 @@ ONE_SHOT_FLAGS: dict[type[Any], str] = {
     FindHome: "FindHomeCmd",
     PulseGuide: "PulseGuideCmd",
 }
-HOURS = pytest.mark.parametrize(
-    "hours", [pytest.param(1.0 / 6.0, id="10 min"), pytest.param(24.0, id="24 h", marks=pytest.mark.soak)]
+TEN_MINUTES = 1.0 / 6.0
+DAYS = pytest.mark.parametrize(
+    ("hours", "how"),
+    [
+        pytest.param(TEN_MINUTES, "held", id="10 min-held"),
+        pytest.param(TEN_MINUTES, "edge", id="10 min-edge"),
+        pytest.param(24.0, "held", id="24 h-held", marks=pytest.mark.soak),
+        pytest.param(24.0, "edge", id="24 h-edge", marks=pytest.mark.soak),
+    ],
 )
 LOSSY = {"loss": 0.05, "duplication": 0.01, "reorder": 0.01}
 MOTIONS = (Slew, MoveAxis, EndMove, Abort)

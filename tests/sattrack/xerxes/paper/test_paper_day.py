@@ -11,7 +11,7 @@ from collections import Counter
 from typing import TYPE_CHECKING, Literal
 
 import pytest
-from paper_day import HOURS, LOSSY, ONE_SHOT_FLAGS, Day, accounts, doubled_launches, paper_day
+from paper_day import DAYS, LOSSY, ONE_SHOT_FLAGS, Day, accounts, doubled_launches, paper_day
 from paper_link import Wires
 
 from sattrack.requests import Abort, Slew, TicketState
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from paper_mount import PaperMount
 
 How = Literal["held", "edge"]
-HELD_AND_EDGE = pytest.mark.parametrize("how", ["held", "edge"])
 
 
 def launches_against_tickets(day: Day, mount: PaperMount, doubled: int) -> None:
@@ -46,8 +45,7 @@ MOUNT_PERIOD_S = 0.0503
 """The two loops slide through each other's phases every eight seconds."""
 
 
-@HOURS
-@HELD_AND_EDGE
+@DAYS
 class TestAgainstTheStandIn:
     def test_every_request_settles_once_and_what_is_doubled_repeats_what_was_just_obeyed(
         self, hours: float, how: How

@@ -6,7 +6,7 @@ import random
 from typing import Any, Literal
 
 import pytest
-from paper_day import HOURS, LOSSY, Day, accounts
+from paper_day import DAYS, LOSSY, Day, accounts
 from paper_link import Wires
 
 from sattrack.mount import AxisLimits, MountProfile
@@ -14,7 +14,6 @@ from sattrack.xerxes.session import Session
 from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 
 How = Literal["held", "edge"]
-HELD_AND_EDGE = pytest.mark.parametrize("how", ["held", "edge"])
 
 
 def simulated_day(seed: int, how: Any, **wires: float) -> Day:
@@ -31,8 +30,7 @@ def simulated_day(seed: int, how: Any, **wires: float) -> Day:
     )
 
 
-@HOURS
-@HELD_AND_EDGE
+@DAYS
 class TestAgainstTheSimulatedMount:
     def test_every_request_settles_once(self, hours: float, how: How) -> None:
         day = simulated_day(201, how, **LOSSY)
