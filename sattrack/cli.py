@@ -24,6 +24,7 @@ COMMANDS = {
     "track": "Follow the pass now in progress, else the next.",
     "sim": "The simulated mount alone, on UDP.",
     "elements": "Fetch, show and check element sets.",
+    "doctor": "What is fine, what is not, and what to do: clock, elements, priority, mount.",
 }
 
 

@@ -1,0 +1,36 @@
+"""Listen to a mount without a word to it: what comes, how evenly, and what is missing."""
+
+from __future__ import annotations
+
+import select
+import time
+from typing import TYPE_CHECKING
+
+from sattrack.clock import SystemClock
+from sattrack.xerxes.client import UdpLink
+from sattrack.xerxes.session import Session
+
+if TYPE_CHECKING:
+    from sattrack.mount import MountProfile
+    from sattrack.xerxes.client import Address
+    from sattrack.xerxes.link import LinkHealth
+
+LISTEN_S = 2.0
+
+
+def listen(address: Address, profile: MountProfile, seconds: float = LISTEN_S) -> LinkHealth:
+    """Return what was heard from a mount within some seconds; nothing is sent.
+
+    Raises SattrackError where the port is not to be had.
+    """
+    link, session, clock = UdpLink(address), Session(profile), SystemClock()
+    try:
+        end_s = time.monotonic() + seconds
+        while (left_s := end_s - time.monotonic()) > 0.0:
+            select.select([link], [], [], left_s)
+            for arrival in link.receive():
+                session.receive(arrival.data, clock.utc_s(arrival.monotonic_s))
+    finally:
+        link.close()
+    session.health.strangers = link.strangers
+    return session.health
