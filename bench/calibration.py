@@ -211,7 +211,7 @@ def draw(number: int, seed: int) -> Drawn:
 
     beyond = one_of(True, False)
     hour_angle, dec = uniform(-40.0, 40.0), uniform(10.0, 70.0)
-    friction = uniform(0.2, 1.5)
+    friction, hunts = uniform(0.2, 1.5), one_of(True, False)
     profile = MountProfile(
         ra=AxisLimits(max_acceleration_deg_s2=uniform(3.0, 20.0)),
         dec=AxisLimits(max_acceleration_deg_s2=uniform(3.0, 20.0)),
@@ -237,10 +237,11 @@ def draw(number: int, seed: int) -> Drawn:
         servo=ServoSettings(
             bandwidth_hz=uniform(3.0, 15.0),
             damping=uniform(0.7, 1.3),
-            integral_hz=uniform(0.2, 1.0),
+            # With an integral part and friction that is not fed forward, these axes hunt and never rest.
+            integral_hz=0.0 if hunts else uniform(0.2, 1.0),
             friction_a=friction,
             stiction_a=friction * uniform(1.0, 1.5),
-            friction_feedforward=uniform(0.7, 1.0),
+            friction_feedforward=uniform(0.7, 1.0) if hunts else 1.0,
             ripple_a=uniform(0.0, 0.1),
         ),
         settling_arcsec=uniform(0.0, 2.0),

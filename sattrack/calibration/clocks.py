@@ -53,13 +53,13 @@ class ClockLine:
 
     def objection(self) -> str | None:
         """Say what is wrong with the mount's clock, if it cannot date statuses."""
-        if abs(self.slope) > LARGEST_DRIFT:
-            return f"the mount's sidereal clock runs {self.drift_ppm:.0f} millionths too fast"
         if self.scatter_s > LARGEST_SCATTER_S:
             return (
                 f"the mount's sidereal clock and the arrivals disagree by {self.scatter_s * 1e3:.0f} ms:"
                 " one of the clocks was set during the run, or the network is too uneven"
             )
+        if abs(self.slope) > LARGEST_DRIFT:
+            return f"the mount's sidereal clock runs {self.drift_ppm:.0f} millionths too fast"
         return None
 
 

@@ -23,6 +23,7 @@ SHARES = (0.6, 0.5, 0.4, 0.3)
 STRAIGHT = 3e-5
 """Part of the rate by which two halves of a steady motion may differ."""
 SETTLING_AT_MOST = 0.02
+GOES_ON_BY = 2.0
 ADDED_WITHIN = 0.2
 """Part of the sidereal rate by which what is added may miss either reading."""
 
@@ -100,7 +101,9 @@ def steady_part(stretch: Stretch) -> Steady | None:
         early, _, s1 = _line(t[use][~late_half], x[use][~late_half])
         late, _, s2 = _line(t[use][late_half], x[use][late_half])
         bend = abs(late - early)
-        best = _with_lag(stretch, rate, level, math.hypot(sigma, 0.5 * bend))
+        # What bends beyond its noise is still settling, and will go on by more than it bends.
+        unsettled = max(0.0, bend - 2.0 * math.hypot(s1, s2))
+        best = _with_lag(stretch, rate, level, math.hypot(sigma, GOES_ON_BY * unsettled))
         if bend < max(STRAIGHT * abs(stretch.rate_deg_s), 3.0 * math.hypot(s1, s2)):
             return best
     # What is still settling is worth what it has changed by.

@@ -23,6 +23,7 @@ STRAY_SHARE = 0.02
 """Prior share of brackets that tell nothing: the command was lost and acted by its repetition."""
 STRAY_BEYOND = 8.0
 LARGEST_STRAY_SHARE = 0.25
+LARGEST_SIGMA_S = 0.01
 
 
 class Bracket(NamedTuple):
@@ -104,6 +105,11 @@ class RoundTripEstimate:
 
 def contradiction(trip: RoundTrip) -> str | None:
     """Say so where acknowledgements do not fit one round trip."""
+    if trip.sigma_s > LARGEST_SIGMA_S:
+        return (
+            f"acknowledgements do not fit one round trip, {trip.seconds * 1e3:.0f} ± {trip.sigma_s * 1e3:.0f} "
+            "ms: another program commands the mount, or the network is too uneven"
+        )
     if trip.brackets and trip.strays > LARGEST_STRAY_SHARE * trip.brackets:
         return (
             f"{trip.strays} of {trip.brackets} acknowledgements do not fit one round trip: "

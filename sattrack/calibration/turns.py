@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 LONGEST_RHYTHM = 8
 FEWEST_PAIRS = 5
+LEAST_TURN_S = 0.01
 CLEARLY = 0.7
 """A longer rhythm is taken where it leaves so much less scatter."""
 
@@ -28,17 +29,14 @@ class TurnForecast:
         self._at = {h.counter: h.mount_s for h in heard}
         self._last = heard[-1].counter
         turns = self._last - heard[0].counter
-        self.mean_s = max(0.01, (heard[-1].mount_s - heard[0].mount_s) / turns)
-        self._rhythm, self.scatter_s = 1, self._scatter(1)
-        for rhythm in range(2, LONGEST_RHYTHM + 1):
-            scatter = self._scatter(rhythm)
-            if scatter < CLEARLY * self.scatter_s:
-                self._rhythm, self.scatter_s = rhythm, scatter
-
-    def _scatter(self, rhythm: int) -> float:
-        """Return the standard deviation of what this many turns take, infinite where too few were heard."""
-        steps = [self._at[c] - self._at[c - rhythm] for c in self._at if c - rhythm in self._at]
-        return float(np.std(steps)) if len(steps) >= FEWEST_PAIRS else float("inf")
+        self._rhythm, self.scatter_s = 1, float("inf")
+        self._mean_s = (heard[-1].mount_s - heard[0].mount_s) / turns
+        for rhythm in range(1, LONGEST_RHYTHM + 1):
+            steps = [self._at[c] - self._at[c - rhythm] for c in self._at if c - rhythm in self._at]
+            if len(steps) >= FEWEST_PAIRS and np.std(steps) < CLEARLY * self.scatter_s:
+                self._rhythm, self.scatter_s = rhythm, float(np.std(steps))
+                self._mean_s = float(np.mean(steps)) / rhythm
+        self._mean_s = max(LEAST_TURN_S, self._mean_s)
 
     def next_after(self, mount_s: float) -> float:
         """Return the first turn foretold at or after a second of the mount's clock."""
@@ -55,4 +53,4 @@ class TurnForecast:
             before -= self._rhythm
         if before not in self._at:
             before = self._last
-        return self._at[before] + (counter - before) * self.mean_s
+        return self._at[before] + (counter - before) * self._mean_s

@@ -1,0 +1,126 @@
+"""What is written into a profile, and that both readers of profiles take it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import msgspec
+import pytest
+from calibration import Network
+from calibration_builders import run
+from ramp_mount import RampMount
+
+from sattrack.calibration.findings import ClockTruth, Findings, conclude
+from sattrack.calibration.profile import calibrated
+from sattrack.calibration.sky import sun_hour_angle_and_dec, true_clocks
+from sattrack.mount import AxisLimits, MountProfile
+from sattrack.profiles import ProfileFile, load_profile, load_profile_file, profile_text
+from tle.site import Site
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def found(truth: ClockTruth | None = None, **mount: object) -> Findings:
+    one = RampMount(**mount)
+    return conclude(run(one, Network(0.02, 0.03)).calibrator.seen, one.longitude, truth)
+
+
+@pytest.fixture(scope="module")
+def normal() -> Findings:
+    return found(ra_sign=-1, dec_sign=1, ra_gain=1.03, edge=True, additive=False, doubles=True)
+
+
+@pytest.fixture(scope="module")
+def beyond() -> Findings:
+    return found(ra_sign=1, dec_sign=-1, beyond_pole=True)
+
+
+def test_a_first_run_writes_the_signs_of_its_side_and_what_else_it_found(normal: Findings) -> None:
+    base = MountProfile(hour_angle_limit_deg=120.0, ra=AxisLimits(max_rate_deg_s=3.0))
+    profile = calibrated(base, normal, "east pier", "test")
+    assert profile.name == "east pier"
+    assert profile.signs(beyond_pole=False) == (-1, 1)
+    assert (profile.ra_rate_sign_beyond_pole, profile.dec_rate_sign_beyond_pole) == (None, None)
+    assert (profile.move_axis, profile.additive) == ("edge", False)
+    assert profile.ra_rate_gain == pytest.approx(1.03, abs=1e-5)
+    assert profile.ra.max_acceleration_deg_s2 == pytest.approx(8.0, rel=1e-3)
+    assert (profile.ra.max_rate_deg_s, profile.hour_angle_limit_deg) == (3.0, 120.0)
+    assert profile.readings["counter"] == "double"
+    # The split is not known: the two delays add up to the round trip, and no clock error is claimed.
+    assert profile.command_delay_s + profile.status_delay_s == pytest.approx(0.05, abs=0.001)
+    assert profile.clock_offset_s is None
+    assert profile.calibration is not None
+    assert (profile.calibration.side_of_pier, profile.calibration.both_sides) == ("normal", False)
+
+
+def test_the_other_side_is_added_and_the_first_kept(normal: Findings, beyond: Findings) -> None:
+    once = calibrated(MountProfile(), normal, None, "test")
+    both = calibrated(once, beyond, None, "test")
+    assert both.signs(beyond_pole=False) == (-1, 1)
+    assert both.signs(beyond_pole=True) == (1, -1)
+    assert both.calibration is not None
+    assert (both.calibration.side_of_pier, both.calibration.both_sides) == ("beyond_pole", True)
+    again = calibrated(both, normal, None, "test")
+    assert again.signs(beyond_pole=True) == (1, -1)
+    assert again.calibration is not None
+    assert again.calibration.both_sides
+
+
+def test_beyond_the_pole_first_serves_both_sides_until_the_other_is_measured(
+    normal: Findings, beyond: Findings
+) -> None:
+    once = calibrated(MountProfile(), beyond, None, "test")
+    assert once.signs(beyond_pole=False) == once.signs(beyond_pole=True) == (1, -1)
+    both = calibrated(once, normal, None, "test")
+    assert (both.signs(beyond_pole=False), both.signs(beyond_pole=True)) == ((-1, 1), (1, -1))
+
+
+def test_the_file_is_read_back_as_it_was_written(normal: Findings, tmp_path: Path) -> None:
+    profile = calibrated(MountProfile(), normal, None, "test")
+    file = tmp_path / "mount.toml"
+    file.write_text(profile_text(profile), encoding="utf-8")
+    assert load_profile(file) == profile
+
+
+def test_what_the_file_says_of_a_simulated_mount_stays(normal: Findings, tmp_path: Path) -> None:
+    file = tmp_path / "mount.toml"
+    file.write_text('name = "x"\n[simulator]\nclock_drift_ppm = 12.0\n', encoding="utf-8")
+    profile = calibrated(load_profile_file(file), normal, None, "test")
+    file.write_text(profile_text(profile), encoding="utf-8")
+    assert load_profile_file(file).simulator == {"clock_drift_ppm": 12.0}
+    assert isinstance(profile, ProfileFile)
+
+
+def test_a_true_clock_is_written_as_known() -> None:
+    profile = calibrated(MountProfile(), found(ClockTruth(0.002, {"mean": 0.0})), None, "test")
+    assert profile.clock_offset_s == 0.0
+    assert profile.status_delay_s == pytest.approx(0.03, abs=0.002)
+    assert profile.command_delay_s == pytest.approx(0.02, abs=0.002)
+
+
+def test_every_number_of_the_record_is_finite(normal: Findings) -> None:
+    record = calibrated(MountProfile(), normal, None, "test").calibration
+    text = msgspec.json.encode(record).decode()
+    # JSON has no NaN: msgspec writes null for what is not a number.
+    assert "null" not in text
+
+
+def test_the_sun_is_overhead_where_the_almanac_has_it() -> None:
+    # Equinox of 2026-03-20, 14:46 UTC: declination 0; equation of time -7.4 minutes.
+    ha, dec = sun_hour_angle_and_dec(1_774_017_960.0, Site(0.0, 0.0))
+    assert dec == pytest.approx(0.0, abs=0.01)
+    solar_noon_min = 12 * 60 + 7.4
+    assert ha == pytest.approx((14 * 60 + 46 - solar_noon_min) / 4.0, abs=0.1)
+
+
+def test_true_clocks_differ_by_the_equation_of_the_equinoxes_and_by_ut1() -> None:
+    import erfa
+
+    clocks = true_clocks(1_774_017_960.0, Site(52.0, 4.5))
+    day = 1_774_017_960.0 / 86400.0 + 40587.0
+    equinoxes_s = float(erfa.ee06a(2400000.5, day + 69.2 / 86400.0)) * 43200.0 / 3.141592653589793
+    assert clocks["mean, UT1 taken as UTC"] == 0.0
+    assert abs(clocks["mean, by UT1"]) < 0.9
+    between = clocks["apparent, by UT1"] - clocks["mean, by UT1"]
+    assert between == pytest.approx(equinoxes_s, abs=0.01)

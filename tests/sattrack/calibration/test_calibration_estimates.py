@@ -1,0 +1,191 @@
+"""Each estimate against closed forms and against draws of its own making."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from sattrack.calibration.clocks import clock_line, status_period
+from sattrack.calibration.motion import Stretch, axis_response, steady_part
+from sattrack.calibration.round_trip import Bracket, RoundTripEstimate, contradiction
+from sattrack.calibration.statuses import Heard, StatusLog
+from sattrack.calibration.turns import TurnForecast
+from sattrack.xerxes.datagrams import Status
+
+SIDEREAL_DEG_S = 360.0 / 86164.0905
+
+
+def heard(counter: int, mount_s: float, arrival_utc_s: float) -> Heard:
+    return Heard(counter, arrival_utc_s, mount_s, 0.0, 0.0, Status())
+
+
+def arrivals(slope: float, jitter_s: float, rng: np.random.Generator, count: int = 1600) -> list[Heard]:
+    return [
+        heard(n, 0.05 * n, 1e9 + 0.05 * n * (1.0 + slope) + 0.03 + float(rng.exponential(jitter_s)))
+        for n in range(count)
+    ]
+
+
+class TestTheRoundTrip:
+    def test_is_exact_where_delays_are_even(self) -> None:
+        estimate = RoundTripEstimate()
+        for n in range(100):
+            # Brackets of a 50 ms loop that share nothing but 83.0 to 83.5 ms.
+            above = 0.0830 - 0.0005 * n
+            estimate.add(Bracket(above, above + 0.05))
+        trip = estimate.result()
+        assert trip.fastest_s == pytest.approx(0.08325, abs=0.0003)
+        assert trip.strays == 0
+
+    def test_has_a_sigma_that_covers_what_it_misses_by(self) -> None:
+        rng, pulls = np.random.default_rng(5), []
+        for _ in range(40):
+            estimate, true_s = RoundTripEstimate(), float(rng.uniform(0.0, 0.16))
+            for _ in range(100):
+                aim_s = true_s + float(rng.uniform(-0.003, 0.003))
+                trip_s = true_s + float(rng.normal(0.0, 0.001))
+                seen = aim_s if trip_s <= aim_s else aim_s + 0.05
+                estimate.add(Bracket(seen - 0.05, seen))
+            trip = estimate.result()
+            pulls.append((trip.fastest_s - true_s) / trip.sigma_s)
+        assert math.sqrt(np.mean(np.square(pulls))) < 1.5
+        assert max(map(abs, pulls)) < 4.0
+
+    def test_shrugs_off_commands_that_were_lost_and_acted_when_repeated(self) -> None:
+        estimate = RoundTripEstimate()
+        for n in range(100):
+            above = 0.06 - 0.0005 * n
+            late = 0.05 if n % 25 == 7 else 0.0
+            estimate.add(Bracket(above + late, above + 0.05 + late))
+        trip = estimate.result()
+        assert trip.fastest_s == pytest.approx(0.06, abs=0.001)
+        assert contradiction(trip) is None
+
+    def test_that_no_value_fits_is_a_contradiction(self) -> None:
+        estimate = RoundTripEstimate()
+        for n in range(40):
+            above = 0.05 if n % 2 else 0.3
+            estimate.add(Bracket(above, above + 0.05))
+        assert "do not fit one round trip" in (contradiction(estimate.result()) or "")
+
+
+class TestTheClock:
+    @pytest.mark.parametrize("jitter_s", [0.0002, 0.002])
+    def test_has_the_slope_of_its_fastest_arrivals_within_its_sigma(self, jitter_s: float) -> None:
+        rng, pulls = np.random.default_rng(7), []
+        for slope in np.linspace(-5e-5, 5e-5, 25):
+            line = clock_line(arrivals(float(slope), jitter_s, rng))
+            pulls.append((line.slope - slope) / line.slope_sigma)
+            assert line.drift_ppm == pytest.approx(-slope * 1e6, abs=1.5)
+            assert float(line.arrival_at(40.0)) == pytest.approx(1e9 + 40.0 * (1 + slope) + 0.03, abs=2e-4)
+            assert line.jitter_s == pytest.approx(jitter_s, rel=0.15)
+        assert 0.4 < math.sqrt(np.mean(np.square(pulls))) < 1.6
+
+    def test_that_was_set_meanwhile_is_no_clock(self) -> None:
+        some = arrivals(0.0, 0.001, np.random.default_rng(1))
+        some = [heard(h.counter, h.mount_s + 0.3 * (h.counter > 700), h.arrival_utc_s) for h in some]
+        assert "was set during the run" in (clock_line(some).objection() or "")
+
+    def test_that_stands_still_is_no_clock(self) -> None:
+        some = [heard(n, 1e-4 * n, 1e9 + 0.05 * n) for n in range(400)]
+        assert clock_line(some).objection() is not None
+
+    def test_periods_count_what_was_lost(self) -> None:
+        some = [heard(n, 0.05 * n + 0.002 * (n % 2), 1e9) for n in range(400) if n % 7]
+        period = status_period(some)
+        assert period.mean_s == pytest.approx(0.05, abs=1e-5)
+        assert period.jitter_s == pytest.approx(0.002, rel=0.02)
+
+
+class TestTurns:
+    def test_of_an_even_loop_are_foretold(self) -> None:
+        forecast = TurnForecast([heard(n, 0.0625 * n, 0.0) for n in range(60)])
+        assert forecast.next_after(59 * 0.0625 + 0.3) == pytest.approx(64 * 0.0625)
+
+    def test_of_a_windows_timer_are_foretold_by_their_rhythm(self) -> None:
+        # Due at multiples of 50 ms, fired at the next multiple of 1/64 s.
+        fired = [math.ceil(n * 0.05 * 64 - 1e-9) / 64 for n in range(90)]
+        some = [heard(n, at, 0.0) for n, at in enumerate(fired[:60]) if n not in {31, 57}]
+        forecast = TurnForecast(some)
+        for at, following in pairwise(fired[60:80]):
+            assert forecast.next_after(at + 0.001) == pytest.approx(following, abs=0.0005)
+
+
+def stretch(rate: float, answer: float, acceleration: float, dead_s: float, before: float = 0.0) -> Stretch:
+    """A ramp from `before` to `answer`, begun `dead_s` after the command was read at 0."""
+    seconds = np.arange(0.0, 3.0, 0.05)
+    ramp = abs(answer - before) / acceleration
+    since = np.maximum(0.0, seconds - dead_s)
+    sped = np.minimum(since, ramp)
+    angle = before * seconds + (answer - before) * (0.5 * sped**2 / ramp + np.maximum(0.0, since - ramp))
+    earlier = np.arange(-0.4, 0.0, 0.05)
+    return Stretch(rate, earlier, before * earlier, seconds, angle, 0.0)
+
+
+class TestMotion:
+    @pytest.mark.parametrize(("sign", "added"), [(1, 0.0), (-1, SIDEREAL_DEG_S), (1, SIDEREAL_DEG_S)])
+    def test_in_closed_form_gives_back_what_made_it(self, sign: int, added: float) -> None:
+        parts = [
+            steady_part(stretch(r, sign * 1.07 * r + added, 4.0, 0.012, SIDEREAL_DEG_S))
+            for r in (-0.8, 0.8, -0.4, 0.4, -0.2, 0.2)
+        ]
+        response = axis_response([p for p in parts if p is not None])
+        assert response is not None
+        assert (response.sign, response.additive) == (sign, added > 0.0)
+        assert response.gain == pytest.approx(1.07, abs=1e-9)
+        assert response.acceleration_deg_s2 == pytest.approx(4.0, rel=1e-6)
+        assert response.dead_time_s == pytest.approx(0.012, abs=1e-7)
+
+    def test_whose_ramps_cannot_be_seen_has_no_acceleration_limit(self) -> None:
+        rng = np.random.default_rng(2)
+        parts = []
+        for rate in (-0.8, 0.8, -0.4, 0.4, -0.2, 0.2):
+            one = steady_part(stretch(rate, rate, 1e4, 0.01))
+            assert one is not None
+            assert one.lag_s is not None
+            parts.append(one.__class__(*one_with_lag(one, one.lag_s + float(rng.normal(0.0, 0.002)))))
+        response = axis_response(parts)
+        assert response is not None
+        assert response.acceleration_deg_s2 is None
+
+    def test_that_adds_half_of_the_sidereal_rate_is_neither_reading(self) -> None:
+        parts = [steady_part(stretch(r, r + 0.5 * SIDEREAL_DEG_S, 5.0, 0.0)) for r in (-0.8, 0.8, 0.4)]
+        response = axis_response([p for p in parts if p is not None])
+        assert response is not None
+        assert response.additive is None
+
+    def test_that_still_settles_tells_a_larger_sigma(self) -> None:
+        plain = stretch(0.4, 0.4, 10.0, 0.0)
+        slow = Stretch(
+            0.4, plain.before_s, plain.before_deg, plain.seconds,
+            plain.angle_deg - 0.01 * (1.0 - np.exp(-plain.seconds)), 0.0,
+        )  # fmt: skip
+        one = steady_part(slow)
+        assert one is not None
+        assert abs(one.rate_deg_s - 0.4) < 3.0 * one.sigma_deg_s
+
+    def test_one_way_only_is_not_enough(self) -> None:
+        parts = [steady_part(stretch(r, r, 5.0, 0.0)) for r in (0.8, 0.4, 0.2)]
+        assert axis_response([p for p in parts if p is not None]) is None
+
+
+def one_with_lag(one: object, lag_s: float) -> list[float]:
+    values = [getattr(one, name) for name in one.__slots__]  # type: ignore[attr-defined]
+    return [*values[:-1], lag_s]
+
+
+def test_the_log_counts_hours_across_midnight_and_turns_across_the_circle() -> None:
+    from sattrack.xerxes.datagrams import encode_status
+
+    log = StatusLog()
+    for n in range(4):
+        sidereal = (23.9999 + n * 0.0001) % 24.0
+        log.take(encode_status(Status(counter=n + 1, sidereal_h=sidereal, ra_h=12.0 + 0.00005 * n)), 1e9 + n)
+    steps = [b.mount_s - a.mount_s for a, b in pairwise(log.heard)]
+    assert steps == pytest.approx([0.36 / 1.00273790935] * 3, abs=1e-6)
+    assert [b.hour_angle_deg - a.hour_angle_deg for a, b in pairwise(log.heard)] == pytest.approx(
+        [0.00075] * 3
+    )
