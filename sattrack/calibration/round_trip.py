@@ -107,8 +107,9 @@ def contradiction(trip: RoundTrip) -> str | None:
     """Say so where acknowledgements do not fit one round trip."""
     if trip.sigma_s > LARGEST_SIGMA_S:
         return (
-            f"acknowledgements do not fit one round trip, {trip.seconds * 1e3:.0f} ± {trip.sigma_s * 1e3:.0f} "
-            "ms: another program commands the mount, or the network is too uneven"
+            "acknowledgements do not fit one round trip: it comes out as "
+            f"{trip.seconds * 1e3:.0f} ± {trip.sigma_s * 1e3:.0f} ms; "
+            "another program commands the mount, or the network is too uneven"
         )
     if trip.brackets and trip.strays > LARGEST_STRAY_SHARE * trip.brackets:
         return (

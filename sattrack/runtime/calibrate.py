@@ -30,6 +30,7 @@ from sattrack.xerxes.client import Address, UdpLink
 from sattrack.xerxes.datagrams import Command, encode_command
 from sattrack.xerxes.simulator.mount import SimulatedSite, StartPosition
 from sattrack.xerxes.simulator.process import ClockSetting, SimulatorConfig
+from sattrack.xerxes.simulator.settings import simulator_profile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -98,6 +99,7 @@ def start_practice_mount(
         described.mount,
         _clear_start(around),
         clock=setting,
+        hardware=simulator_profile(described.simulator, str(sim_profile)),
     )
     embedded = start_embedded(config)
     return PracticeMount(embedded, Address("127.0.0.1", embedded.port, 0))

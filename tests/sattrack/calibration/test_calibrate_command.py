@@ -1,0 +1,142 @@
+"""`sattrack mount calibrate` as a user meets it: what it refuses, what it asks, how it stops."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+from sattrack.calibration.guard import Kind
+from sattrack.calibration.plan import Leg, Plan
+from sattrack.clock import SystemClock
+from sattrack.commands.mount_calibrate import command
+from sattrack.errors import BadInputError, InterruptedRunError, LinkLostError, SattrackError
+from sattrack.runtime.calibrate import calibrate_live, ending_error, start_practice_mount, surroundings
+from tle.site import Site
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SITE = Site(52.0, 4.5)
+QUICK = Plan(toggles=1, most_toggles=1, toggles_after=1, legs=(Leg(-0.4, 1.0), Leg(0.4, 1.0)))
+
+
+def call(*arguments: str) -> int:
+    result = command.main(args=list(arguments), standalone_mode=False)
+    assert isinstance(result, int)
+    return result
+
+
+class TestWhatIsWrongIsToldBeforeAnythingMoves:
+    def test_no_file_to_write(self) -> None:
+        with pytest.raises(BadInputError, match=r"nowhere to write: give --out FILE"):
+            call("--mount", "sim", "--yes")
+
+    def test_a_file_that_is_there_is_not_replaced(self, tmp_path: Path) -> None:
+        file = tmp_path / "mount.toml"
+        file.write_text("name = 'precious'\n", encoding="utf-8")
+        with pytest.raises(BadInputError, match="the file is there; give --force"):
+            call("--mount", "sim", "--yes", "--out", str(file))
+        assert file.read_text(encoding="utf-8") == "name = 'precious'\n"
+
+    def test_a_folder_that_is_not_there(self, tmp_path: Path) -> None:
+        with pytest.raises(BadInputError, match="cannot be written"):
+            call("--mount", "sim", "--yes", "--out", str(tmp_path / "nowhere" / "mount.toml"))
+
+    def test_a_profile_to_update_that_is_none(self, tmp_path: Path) -> None:
+        file = tmp_path / "mount.toml"
+        file.write_text("ra_rate_sign = 3\n", encoding="utf-8")
+        with pytest.raises(BadInputError, match=r"mount.toml:1"):
+            call("--mount", "sim", "--yes", "--update", str(file))
+
+    def test_a_real_mount_needs_a_site(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.chdir(tmp_path)
+        monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+        with pytest.raises(BadInputError, match="no site"):
+            call("--mount", "xerxes://127.0.0.1:9?listen=15998", "--yes", "--out", "x.toml")
+
+    def test_a_real_mount_follows_the_real_clock(self, tmp_path: Path) -> None:
+        with pytest.raises(BadInputError, match="--clock is for simulated mounts only"):
+            call(
+                "--mount", "xerxes://127.0.0.1:9?listen=15998", "--clock", "2026-03-01T00:00:00Z",
+                "--out", str(tmp_path / "x.toml"),
+            )  # fmt: skip
+
+    @pytest.mark.parametrize("stated", ["-1", "5", "nan"])
+    def test_an_uncertainty_that_is_none(self, stated: str, tmp_path: Path) -> None:
+        with pytest.raises(BadInputError, match="give the uncertainty in seconds, 0 to 1"):
+            call("--mount", "sim", "--yes", "--out", str(tmp_path / "x.toml"), "--clock-true", stated)
+
+    def test_without_a_terminal_consent_comes_by_yes_alone(
+        self, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    ) -> None:
+        with pytest.raises(BadInputError, match="no consent"):
+            call("--mount", "sim", "--out", str(tmp_path / "x.toml"))
+        assert "to either side of where it stands" in capsys.readouterr().err
+        assert not (tmp_path / "x.toml").exists()
+
+
+def test_a_mount_that_is_not_there_is_a_lost_link(tmp_path: Path) -> None:
+    out = tmp_path / "x.toml"
+    with pytest.raises(LinkLostError, match=r"no status from the mount within 2 s.*nothing was moved"):
+        call(
+            "--mount", "xerxes://127.0.0.1:9?listen=15998", "--site", "52,4.5,0", "--yes", "--out", str(out)
+        )  # fmt: skip
+    assert not out.exists()
+
+
+def test_a_signal_during_a_motion_stops_the_mount_and_is_told_so() -> None:
+    clock = SystemClock()
+    around = surroundings(SITE, start_profile(), clock.utc_s(time.monotonic()))
+    practice = start_practice_mount(around, SITE, clock, None)
+    signalled: list[str] = []
+
+    def show(phase: str, part_done: float) -> None:
+        assert 0.0 <= part_done <= 1.0
+        if phase.startswith("held or edge") and not signalled:
+            signalled.append(phase)
+            os.kill(os.getpid(), signal.SIGINT)
+
+    try:
+        before = signal.getsignal(signal.SIGINT)
+        calibrator = calibrate_live(around, practice.address, clock, show, QUICK)
+        assert signal.getsignal(signal.SIGINT) is before
+    finally:
+        practice.close()
+    ending = calibrator.ending
+    assert ending is not None
+    assert (ending.kind, ending.at_rest) == (Kind.OPERATOR, True)
+    error = ending_error(ending)
+    assert isinstance(error, InterruptedRunError)
+    assert str(error) == "interrupted; the mount was stopped and seen at rest"
+    assert error.exit_code == 130
+
+
+def test_what_breaks_while_showing_stops_the_mount_before_it_is_raised() -> None:
+    clock = SystemClock()
+    around = surroundings(SITE, start_profile(), clock.utc_s(time.monotonic()))
+    practice = start_practice_mount(around, SITE, clock, None)
+    phases: list[str] = []
+
+    def show(phase: str, _: float) -> None:
+        phases.append(phase)
+        if phase.startswith("held or edge"):
+            raise SattrackError("the screen is gone")
+
+    try:
+        calibrator = calibrate_live(around, practice.address, clock, show, QUICK)
+    finally:
+        practice.close()
+    ending = calibrator.ending
+    assert ending is not None
+    assert (ending.kind, ending.words, ending.at_rest) == (Kind.DOUBT, "the screen is gone", True)
+    assert phases[-1] == "stopping the mount"
+
+
+def start_profile() -> object:
+    from sattrack.mount import MountProfile
+
+    return MountProfile()
