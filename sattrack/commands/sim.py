@@ -4,26 +4,31 @@ from __future__ import annotations
 
 import signal
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+import msgspec
 
 from sattrack import practice
 from sattrack.clock import SimulatedClock
 from sattrack.commands.common import CommandContext, common_options
 from sattrack.commands.json_lines import JsonLines
 from sattrack.errors import BadInputError
-from sattrack.mount import MountProfile
+from sattrack.profiles import ProfileFile, load_profile_file
 from sattrack.xerxes.client import DEFAULT_PORT
-from sattrack.xerxes.simulator.faults import parse_faults
+from sattrack.xerxes.simulator.faults import GRAMMAR, parse_faults
 from sattrack.xerxes.simulator.mount import SimulatedSite
 from sattrack.xerxes.simulator.process import ClockSetting, SimulatorConfig, TruthLine, make_server
+from sattrack.xerxes.simulator.settings import simulator_profile
 
 if TYPE_CHECKING:
     from sattrack.xerxes.simulator.mount import Truth
 
+FAULTS_HELP = "\n".join(f"{example:22}{meaning}" for example, meaning in GRAMMAR)
 
-@click.command("sim")
+
+@click.command("sim", epilog=f"\b\nFaults, separated by commas:\n{FAULTS_HELP}")
 @click.option(
     "--port", default=DEFAULT_PORT, show_default=True, help="UDP port for commands; 0 takes a free one."
 )
@@ -31,10 +36,22 @@ if TYPE_CHECKING:
     "--peer", type=int, metavar="PORT", help="Port to send statuses to; default: where commands come from."
 )
 @click.option(
-    "--faults", metavar="FAULT", help="silent:SECONDS: no status from then on, commands still obeyed."
+    "--profile",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="What mount it is: a mount profile; its table [simulator] says what only a simulated one needs.",
 )
+@click.option("--faults", metavar="FAULT,...", help="What goes wrong, and when; see below.")
+@click.option("--seed", type=int, help="Seed of all that is random in it; default: the profile's.")
 @common_options
-def command(context: CommandContext, port: int, peer: int | None, faults: str | None) -> int:
+def command(
+    context: CommandContext,
+    port: int,
+    peer: int | None,
+    profile: Path | None,
+    faults: str | None,
+    seed: int | None,
+) -> int:
     """Run the simulated mount alone, on UDP, until interrupted.
 
     With --json, one line a status: where the axes really are, in the frame that the mount reports.
@@ -46,14 +63,20 @@ def command(context: CommandContext, port: int, peer: int | None, faults: str | 
     site = SimulatedSite(practice.SITE.latitude_deg, practice.SITE.longitude_deg, practice.SITE.height_m)
     if where is not None:
         site = SimulatedSite(where.latitude_deg, where.longitude_deg, where.height_m)
+    described = ProfileFile() if profile is None else load_profile_file(profile)
+    hardware = simulator_profile(described.simulator, str(profile))
+    if seed is not None:
+        hardware = msgspec.structs.replace(hardware, seed=seed)
+    parse_faults(hardware.faults, f"{profile}, simulator.faults:")
     config = SimulatorConfig(
         site=site,
-        profile=MountProfile(),
+        profile=described.mount,
         start=practice.START,
         port=port,
         peer_port=peer,
         clock=_setting(context),
-        silent_after_s=parse_faults(faults).silent_after_s,
+        hardware=hardware,
+        faults=None if faults is None else parse_faults(faults),
     )
     server = make_server(config)
     ended: list[int] = []

@@ -1,4 +1,7 @@
-"""A run in virtual time: the same engine and the same simulated mount, joined without sockets or waiting."""
+"""A run in virtual time: the same engine and the same simulated mount, joined without sockets or waiting.
+
+The mount's timer, the delays and troubles of its link and its faults are those of its hardware's settings.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any
 
 from sattrack.runtime.outcome import Ledger
+from sattrack.xerxes.simulator.installation import Installation
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -24,7 +28,7 @@ MOUNT_PHASE_S = 0.0217
 
 @dataclass(slots=True)
 class VirtualRun:
-    """An engine and a simulated mount, a fixed delay apart, run from `begin_utc_s` to the mount's rest.
+    """An engine and a simulated mount, joined by its wires, run from `begin_utc_s` to the mount's rest.
 
     `messages` are the operator's, each with its instant. `progress` hears views now and then.
     """
@@ -38,13 +42,19 @@ class VirtualRun:
     ledger: Ledger = field(default_factory=Ledger)
     _queue: list[tuple[float, int, Callable[[float, Any], None], Any]] = field(default_factory=list)
     _order: int = 0
-    _ticks: int = 0
+    _installation: Installation = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Lay the wires; raises BadInputError where the hardware's faults cannot be read."""
+        profile = self.engine.spec.profile
+        self._installation = Installation(self.mount, None, profile.command_delay_s, profile.status_delay_s)
 
     def run(self) -> float:
         """Run to the end; return the UTC instant of the end, POSIX seconds."""
         period_s = self.engine.spec.profile.period_s
         self._at(self.begin_utc_s, self._client_turn, 0)
-        self._at(self.begin_utc_s - period_s + MOUNT_PHASE_S, self._mount_turn, 0)
+        first = self._installation.next_turn_s(self.begin_utc_s - period_s + MOUNT_PHASE_S)
+        self._at(first, self._mount_turn, None)
         for instant, message in self.messages:
             self._at(instant, self._operate, message)
         now_utc_s = self.begin_utc_s
@@ -62,7 +72,8 @@ class VirtualRun:
         datagram = self.engine.tick(now_utc_s)
         self.ledger.note_sent(turn * profile.period_s)
         self.sink.command(now_utc_s, datagram)
-        self._at(now_utc_s + profile.command_delay_s, self._command_arrives, datagram)
+        for delay_s, arriving in self._installation.commands.carry(datagram):
+            self._at(now_utc_s + delay_s, self._command_arrives, arriving)
         # Deadlines are multiples from the beginning, not sums: a sum of roundings would drift.
         self._at(self.begin_utc_s + (turn + 1) * profile.period_s, self._client_turn, turn + 1)
         if turn % RECORD_VIEW_EVERY_TICKS == 0 and (self.sink.wanted or self.progress is not None):
@@ -71,15 +82,15 @@ class VirtualRun:
             if self.progress is not None:
                 self.progress(view)
 
-    def _mount_turn(self, now_utc_s: float, turn: int) -> None:
-        profile = self.engine.spec.profile
-        status, truth = self.mount.tick(now_utc_s)
-        self._at(now_utc_s + profile.status_delay_s, self._status_arrives, (status, truth))
-        first = self.begin_utc_s - profile.period_s + MOUNT_PHASE_S
-        self._at(first + (turn + 1) * profile.period_s, self._mount_turn, turn + 1)
+    def _mount_turn(self, now_utc_s: float, _: None) -> None:
+        status, truth = self._installation.turn(now_utc_s)
+        if status is not None:
+            for delay_s, arriving in self._installation.statuses.carry(status):
+                self._at(now_utc_s + delay_s, self._status_arrives, (arriving, truth))
+        self._at(self._installation.next_turn_s(now_utc_s), self._mount_turn, None)
 
     def _command_arrives(self, _: float, datagram: bytes) -> None:
-        self.mount.receive(datagram)
+        self._installation.receive(datagram)
 
     def _status_arrives(self, now_utc_s: float, what: Any) -> None:
         status, truth = what

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 GUIDE_RATE_DTICS_S = 3500
 """Hard-coded in the paper's mount."""
+STANDING_DEG_S = 1e-5
 GUIDE_RATE_DEG_S = GUIDE_RATE_DTICS_S / DTICS_S_PER_DEG_S
 
 
@@ -95,11 +96,20 @@ class DrivenAxis:
         self.end_pulse()
         self.axis.coast()
 
-    def power_up(self, cable_deg: float) -> None:
-        """Wake at an angle, its cables' turns counted, and track the sky."""
+    @property
+    def turns(self) -> bool:
+        """Whether the axis moves."""
+        return abs(self.axis.velocity_deg_s) > STANDING_DEG_S
+
+    def restart(self) -> None:
+        """Switch the drive and its encoder off and on, wherever the axis is and however it moves."""
+        self.power_up(self.axis.position_deg + self.turns_deg, self.axis.velocity_deg_s)
+
+    def power_up(self, cable_deg: float, rate_deg_s: float | None = None) -> None:
+        """Wake at an angle, its cables' turns counted, and track the sky, as if always: at its rate."""
         known_deg = self.encoder.at_power_up(cable_deg)
         self.turns_deg = cable_deg - known_deg
-        self.axis.place(known_deg, self.sky_rate_deg_s)
+        self.axis.place(known_deg, self.sky_rate_deg_s if rate_deg_s is None else rate_deg_s)
         self.end_pulse()
         self.mode, self.fine_deg_s = Mode.TRACKING, 0.0
         self.obey()
@@ -121,7 +131,9 @@ class DrivenAxis:
         self.mode = Mode.MOVING
 
     def go(self, goal_deg: float, goal_rate_deg_s: float) -> None:
-        """Go to a place that moves."""
+        """Go to a place that moves; without power, stay."""
+        if self.mode is Mode.OFF:
+            return
         self.mode = Mode.GOING
         self.end_pulse()
         self.axis.go(goal_deg, goal_rate_deg_s)

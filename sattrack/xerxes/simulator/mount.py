@@ -49,13 +49,9 @@ from sattrack.xerxes.simulator.axis import Axis
 from sattrack.xerxes.simulator.drives import GUIDE_RATE_DTICS_S, DrivenAxis, Encoder, Mode
 from sattrack.xerxes.simulator.flags import FlagWatch, highest
 from sattrack.xerxes.simulator.packing import drive_current_10ma, drive_rate_dtics_s, packed_readings
-from sattrack.xerxes.simulator.pointing import (
-    axes_beyond_pole,
-    direction,
-    horizontal,
-    is_beyond_pole,
-)
+from sattrack.xerxes.simulator.pointing import direction, horizontal, is_beyond_pole
 from sattrack.xerxes.simulator.settings import SimulatorProfile
+from sattrack.xerxes.simulator.sky import Sky
 
 __all__ = ["SimulatedMount", "SimulatedSite", "StartPosition", "Truth", "mean_sidereal_deg"]
 
@@ -114,17 +110,14 @@ class SimulatedMount:
     """Command datagrams that were no such thing."""
     _ra: DrivenAxis = field(init=False)
     _dec: DrivenAxis = field(init=False)
+    _sky: Sky = field(init=False)
     _readings: Readings = field(init=False)
     _flags: FlagWatch = field(default_factory=FlagWatch)
     _mailbox: Command = field(default_factory=Command)
     _heard: bool = False
     _heard_s: float | None = None
     _now_s: float | None = None
-    _begun_s: float | None = None
-    _clock_offset_s: float = 0.0
     _target: tuple[float, float] = (0.0, 0.0)
-    _shift_deg: tuple[float, float] = (0.0, 0.0)
-    """What syncs have added to right ascension and declination."""
     _parked: bool = False
     _going_home: bool = False
 
@@ -133,7 +126,8 @@ class SimulatedMount:
         profile, hardware = self.profile, self.hardware
         self._readings = packed_readings(profile)
         offset_s = hardware.clock_offset_s
-        self._clock_offset_s = (profile.clock_offset_s or 0.0) if offset_s is None else offset_s
+        offset_s = (profile.clock_offset_s or 0.0) if offset_s is None else offset_s
+        self._sky = Sky(self.site.latitude_deg, self.site.longitude_deg, hardware, offset_s)
         self._ra, self._dec = (
             DrivenAxis(
                 Axis(limits, hardware, profile.hour_angle_limit_deg + hardware.hard_margin_deg),
@@ -183,15 +177,45 @@ class SimulatedMount:
         self.counter += 1
         self._watch_silence(now_utc_s)
         self._obey(self._mailbox, now_utc_s)
-        return self._pack(now_utc_s), self._truth(now_utc_s)
+        return self._pack(), self._truth(now_utc_s)
+
+    def crash(self, now_utc_s: float) -> None:
+        """Let the mount's program end, to be restarted; the drives do as `hardware` says."""
+        self._advance(now_utc_s)
+        if self.hardware.crashed_drives == "stop":
+            self._rest()
+            self._ra.obey()
+            self._dec.obey()
+
+    def restart(self, now_utc_s: float) -> None:
+        """Start the program and the drives anew, wherever the axes are."""
+        self._advance(now_utc_s)
+        self.counter = 0
+        self._flags = FlagWatch()
+        self._mailbox = Command()
+        self._heard, self._heard_s = False, None
+        self._target = (0.0, 0.0)
+        self._parked = self._going_home = False
+        self._sky.forget_sync()
+        for driven in (self._ra, self._dec):
+            driven.restart()
+
+    def fail_drives(self, names: tuple[str, ...], now_utc_s: float) -> None:
+        """Let drives, "ra" or "dec", lose their power until a restart."""
+        self._advance(now_utc_s)
+        for name in names:
+            (self._ra if name == "ra" else self._dec).power_off()
+
+    def step_clock(self, seconds: float) -> None:
+        """Set the mount's clock ahead, or back, by so much."""
+        self._sky.offset_s += seconds
 
     def _advance(self, now_utc_s: float) -> None:
-        if self._now_s is None:
-            self._begun_s = now_utc_s
-        elif now_utc_s > self._now_s:
+        if self._now_s is not None and now_utc_s > self._now_s:
             self._ra.advance(self._now_s, now_utc_s)
             self._dec.advance(self._now_s, now_utc_s)
         self._now_s = now_utc_s
+        self._sky.set_clock(now_utc_s)
 
     def _watch_silence(self, now_utc_s: float) -> None:
         if self._heard:
@@ -229,11 +253,11 @@ class SimulatedMount:
             case "park":
                 self._park()
             case "sync" if not slewing:
-                self._sync(command, now_utc_s)
+                self._sync(command)
             case _ if slewing or self._parked:
                 return
             case "slew":
-                self._start_slew(command, now_utc_s)
+                self._start_slew(command)
             case "find_home":
                 self._go_home()
             case "pulse_guide":
@@ -253,14 +277,8 @@ class SimulatedMount:
         for driven in (self._ra, self._dec):
             driven.power_off()
 
-    def _start_slew(self, command: Command, now_utc_s: float) -> None:
-        shift_ra_deg, shift_dec_deg = self._shift_deg
-        ra_deg, dec_deg = command.target_ra_h * 15.0 - shift_ra_deg, command.target_dec_deg - shift_dec_deg
-        hour_angle_deg, dec_deg = direction(self._sidereal_deg(now_utc_s) - ra_deg, dec_deg)
-        # The cable wrap allows half a turn either way of the meridian.
-        hour_angle_deg = (hour_angle_deg + 180.0) % 360.0 - 180.0
-        if self.hardware.flip == "hour_angle" and hour_angle_deg > 0.0:
-            hour_angle_deg, dec_deg = axes_beyond_pole(hour_angle_deg, dec_deg, self.site.latitude_deg)
+    def _start_slew(self, command: Command) -> None:
+        hour_angle_deg, dec_deg = self._sky.axes(command.target_ra_h * 15.0, command.target_dec_deg)
         limit_deg = self.profile.hour_angle_limit_deg
         if abs(hour_angle_deg) > limit_deg or abs(dec_deg) > limit_deg:
             return
@@ -277,12 +295,11 @@ class SimulatedMount:
         self._dec.go(home.dec_deg, 0.0)
         self._going_home = True
 
-    def _sync(self, command: Command, now_utc_s: float) -> None:
+    def _sync(self, command: Command) -> None:
         self._target = (command.target_ra_h, command.target_dec_deg)
-        hour_angle_deg, dec_deg = direction(self._ra.known_deg(), self._dec.known_deg())
-        ra_deg = self._sidereal_deg(now_utc_s) - hour_angle_deg
-        shift_ra_deg = math.remainder(command.target_ra_h * 15.0 - ra_deg, 360.0)
-        self._shift_deg = (shift_ra_deg, command.target_dec_deg - dec_deg)
+        self._sky.sync(
+            command.target_ra_h * 15.0, command.target_dec_deg, self._ra.known_deg(), self._dec.known_deg()
+        )
 
     def _move(self, command: Command) -> None:
         if self._parked or Mode.GOING in (self._ra.mode, self._dec.mode):
@@ -326,27 +343,10 @@ class SimulatedMount:
             if driven.mode is Mode.GOING:
                 driven.mode = Mode.RESTING if self._going_home else Mode.TRACKING
 
-    def _clock_utc_s(self, now_utc_s: float) -> float:
-        """Return what the mount's own clock shows."""
-        begun_s = now_utc_s if self._begun_s is None else self._begun_s
-        drift_s = (now_utc_s - begun_s) * self.hardware.clock_drift_ppm * 1e-6
-        return now_utc_s + self._clock_offset_s + drift_s
-
-    def _sidereal_deg(self, now_utc_s: float) -> float:
-        return mean_sidereal_deg(self._clock_utc_s(now_utc_s), self.site.longitude_deg)
-
-    def _reported(self, now_utc_s: float, hour_angle_deg: float, dec_deg: float) -> tuple[float, float]:
-        """Return right ascension and declination of a direction as the mount reports it."""
-        ra_deg = self._sidereal_deg(now_utc_s) - hour_angle_deg
-        if self._shift_deg != (0.0, 0.0):
-            turn_deg, dec_deg = direction(0.0, dec_deg + self._shift_deg[1])
-            ra_deg += self._shift_deg[0] + turn_deg
-        return ra_deg % 360.0, dec_deg
-
     def _truth(self, now_utc_s: float) -> Truth:
         ra, dec = self._ra.axis, self._dec.axis
         beyond = is_beyond_pole(dec.position_deg)
-        ra_deg, dec_deg = self._reported(now_utc_s, *direction(ra.position_deg, dec.position_deg))
+        ra_deg, dec_deg = self._sky.reported(ra.position_deg + ra.swing_deg, dec.position_deg + dec.swing_deg)
         return Truth(
             counter=self.counter,
             utc_s=now_utc_s,
@@ -360,12 +360,20 @@ class SimulatedMount:
             at_limit=ra.reference.limited or dec.reference.limited,
         )
 
-    def _pack(self, now_utc_s: float) -> bytes:
+    def _at_home(self, ra_axis_deg: float, dec_axis_deg: float) -> bool:
+        home = self.profile.home
+        if home is None or self._ra.turns or self._dec.turns:
+            return False
+        off_deg = (ra_axis_deg - home.hour_angle_deg, dec_axis_deg - home.dec_deg)
+        return all(abs(math.remainder(off, 360.0)) < AT_PLACE_DEG for off in off_deg)
+
+    def _pack(self) -> bytes:
         ra_axis_deg, dec_axis_deg = self._ra.known_deg(), self._dec.known_deg()
         hour_angle_deg, dec_deg = direction(ra_axis_deg, dec_axis_deg)
         altitude_deg, azimuth_deg = horizontal(hour_angle_deg, dec_deg, self.site.latitude_deg)
-        ra_deg, dec_deg = self._reported(now_utc_s, hour_angle_deg, dec_deg)
+        ra_deg, dec_deg = self._sky.reported(ra_axis_deg, dec_axis_deg)
         acks, slewing = self._flags.acknowledged, self.slewing
+        tells_places = self.hardware.reports_home_and_park
         return encode_status(
             Status(
                 altitude_deg=altitude_deg,
@@ -374,7 +382,7 @@ class SimulatedMount:
                 dec_rate_dtics_s=drive_rate_dtics_s(self._dec.axis),
                 ra_h=ra_deg / 15.0,
                 ra_rate_dtics_s=drive_rate_dtics_s(self._ra.axis),
-                sidereal_h=self._sidereal_deg(now_utc_s) / 15.0,
+                sidereal_h=self._sky.sidereal_deg / 15.0,
                 site_height_m=self.site.height_m,
                 site_latitude_deg=self.site.latitude_deg,
                 site_longitude_deg=self.site.longitude_deg,
@@ -385,6 +393,8 @@ class SimulatedMount:
                 ra_guide_rate_dtics_s=GUIDE_RATE_DTICS_S,
                 ra_current_10ma=drive_current_10ma(self._ra.axis),
                 dec_current_10ma=drive_current_10ma(self._dec.axis),
+                at_home=tells_places and self._at_home(ra_axis_deg, dec_axis_deg),
+                at_park=tells_places and self._parked and not (self._ra.turns or self._dec.turns),
                 does_refraction=self.hardware.does_refraction,
                 pulse_guiding=self._ra.pulsing or self._dec.pulsing,
                 side_of_pier=is_beyond_pole(self._dec.axis.position_deg),

@@ -55,3 +55,30 @@ def equatorial(altitude_deg: float, azimuth_deg: float, latitude_deg: float) -> 
     south = math.sin(p) * math.cos(a) * math.cos(z) - math.cos(p) * math.sin(a)
     pole = math.cos(p) * math.cos(a) * math.cos(z) + math.sin(p) * math.sin(a)
     return math.degrees(math.atan2(west, -south)), math.degrees(math.asin(max(-1.0, min(1.0, pole))))
+
+
+LOWEST_DEG = -1.0
+"""Refraction is not counted below: its formula ends there."""
+
+
+def airless(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> tuple[float, float]:
+    """Return the direction that light came from before the air bent it to where the axes point."""
+    altitude_deg, azimuth_deg = horizontal(hour_angle_deg, dec_deg, latitude_deg)
+    return equatorial(altitude_deg - refraction_deg(altitude_deg), azimuth_deg, latitude_deg)
+
+
+def refracted(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> tuple[float, float]:
+    """Return where the axes must point for a direction told without air: the inverse of `airless`."""
+    altitude_deg, azimuth_deg = horizontal(hour_angle_deg, dec_deg, latitude_deg)
+    apparent_deg = altitude_deg
+    for _ in range(12):
+        apparent_deg = altitude_deg + refraction_deg(apparent_deg)
+    return equatorial(apparent_deg, azimuth_deg, latitude_deg)
+
+
+def refraction_deg(apparent_altitude_deg: float) -> float:
+    """Return the refraction at an apparent altitude, degrees, at 1010 hPa and 10 °C (Bennett 1982)."""
+    if apparent_altitude_deg < LOWEST_DEG:
+        return 0.0
+    h = apparent_altitude_deg
+    return max(0.0, 1.0 / math.tan(math.radians(h + 7.31 / (h + 4.4))) / 60.0)

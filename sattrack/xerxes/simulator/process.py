@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from operator import attrgetter
 
 import msgspec
 
@@ -16,8 +17,10 @@ from sattrack.clock import Clock, SimulatedClock, SystemClock
 from sattrack.errors import SattrackError
 from sattrack.mount import MountProfile
 from sattrack.xerxes.simulator.faults import Faults
+from sattrack.xerxes.simulator.installation import Installation
 from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, Truth
 from sattrack.xerxes.simulator.server import SimulatorServer
+from sattrack.xerxes.simulator.settings import SimulatorProfile
 
 
 class ClockSetting(msgspec.Struct, frozen=True):
@@ -29,7 +32,10 @@ class ClockSetting(msgspec.Struct, frozen=True):
 
 
 class SimulatorConfig(msgspec.Struct, frozen=True):
-    """Everything that makes one simulated mount; port 0 takes any free one."""
+    """Everything that makes one simulated mount; port 0 takes any free one.
+
+    `faults` replace those of the hardware's settings.
+    """
 
     site: SimulatedSite
     profile: MountProfile = MountProfile()
@@ -37,7 +43,8 @@ class SimulatorConfig(msgspec.Struct, frozen=True):
     port: int = 0
     peer_port: int | None = None
     clock: ClockSetting | None = None
-    silent_after_s: float | None = None
+    hardware: SimulatorProfile = SimulatorProfile()
+    faults: Faults | None = None
 
 
 class Ready(msgspec.Struct, frozen=True):
@@ -55,6 +62,13 @@ class TruthLine(msgspec.Struct, frozen=True, array_like=True):
     dec_deg: float
     ra_rate_deg_s: float
     dec_rate_deg_s: float
+    hour_angle_axis_deg: float
+    dec_axis_deg: float
+    beyond_pole: bool
+    at_limit: bool
+
+
+truth_values = attrgetter(*TruthLine.__struct_fields__)
 
 
 def make_clock(setting: ClockSetting | None) -> Clock:
@@ -65,11 +79,14 @@ def make_clock(setting: ClockSetting | None) -> Clock:
 
 
 def make_server(config: SimulatorConfig) -> SimulatorServer:
-    """Return the mount on its port; raises SattrackError where the port is in use."""
-    mount = SimulatedMount(config.profile, config.site, config.start)
+    """Return the mount on its port.
+
+    Raises SattrackError where the port is in use, BadInputError where the settings say what cannot be.
+    """
+    mount = SimulatedMount(config.profile, config.site, config.start, config.hardware)
     peer = None if config.peer_port is None else ("127.0.0.1", config.peer_port)
-    faults = Faults(silent_after_s=config.silent_after_s)
-    return SimulatorServer(mount, make_clock(config.clock), "127.0.0.1", config.port, peer, faults)
+    installation = Installation(mount, config.faults)
+    return SimulatorServer(installation, make_clock(config.clock), "127.0.0.1", config.port, peer)
 
 
 def serve(server: SimulatorServer) -> None:
@@ -87,16 +104,7 @@ def serve(server: SimulatorServer) -> None:
             return
 
     def tell(truth: Truth) -> None:
-        write(
-            TruthLine(
-                truth.counter,
-                truth.utc_s,
-                truth.ra_deg,
-                truth.dec_deg,
-                truth.ra_rate_deg_s,
-                truth.dec_rate_deg_s,
-            )
-        )
+        write(TruthLine(*truth_values(truth)))
 
     def going() -> bool:
         try:

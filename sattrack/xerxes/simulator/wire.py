@@ -38,6 +38,11 @@ class Wire:
         """Begin the stream."""
         self._random = random.Random(self.seed)
 
+    @property
+    def delays(self) -> bool:
+        """Whether datagrams may take longer than the real way does."""
+        return bool(self.law.delay_s or self.law.jitter_s or self.law.reorder or self.law.duplicate)
+
     def carry(self, data: bytes) -> list[tuple[float, bytes]]:
         """Return what arrives of one datagram: none, one or two of (seconds after it was sent, bytes)."""
         law, rng = self.law, self._random
