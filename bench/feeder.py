@@ -26,6 +26,7 @@ from sattrack.runtime.facts import RunFacts, build_engine, choose_pass, plan_for
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
 from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, mean_sidereal_deg
+from sattrack.xerxes.simulator.settings import ServoSettings, SimulatorProfile
 from tle.elements import Elements
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -39,12 +40,22 @@ KANOPUS = (
 SETTLED_S = 10.0
 BEFORE_S = 8.0
 
+ENCODER_NOISE_TICS = 0.5
+BANDWIDTH_HZ = 5.0
+ROUGH = {
+    "friction_a": 0.5,
+    "stiction_a": 0.7,
+    "friction_feedforward": 0.8,
+    "integral_hz": 1.0,
+    "ripple_a": 0.05,
+    "ripple_per_turn": 60,
+}
 SCENARIOS = (
     Scenario("2 ms each way"),
     Scenario("20 ms ± 5 ms each way", Link(0.020, 0.020, jitter_s=0.005)),
     Scenario("3 % loss, 1 % doubled, 1 % reordered", Link(loss=0.03, doubled=0.01, held_back=0.01)),
     Scenario("gain off by 1 %", gain=1.01),
-    Scenario("10″/s disturbance", disturbance_arcsec_s=10.0),
+    Scenario("stiction, ripple, 10″/s disturbance", disturbance_arcsec_s=10.0, servo=ROUGH),
     Scenario("delays 5 and 35 ms, clock true", Link(0.005, 0.035)),
     Scenario("edge", move_axis="edge"),
 )
@@ -120,15 +131,23 @@ class Ours:
         return self.engine.tracker.send_shift_s(now_utc_s)
 
 
-def world(subject: Subject, scenario: Scenario, seed: int) -> World:
+def world(subject: Subject, scenario: Scenario, seed: int, bandwidth_hz: float = BANDWIDTH_HZ) -> World:
     facts = subject.facts
     begin_s = facts.started_utc_s
     target = subject.propagator.at(Utc(begin_s))
     hour_angle = mean_sidereal_deg(begin_s, facts.site.longitude_deg) - float(target.ra_deg)
     start = StartPosition((hour_angle + 180.0) % 360.0 - 180.0, float(target.dec_deg))
-    truth = MountProfile(move_axis=scenario.move_axis)
+    truth = MountProfile(
+        ra_rate_gain=scenario.gain, dec_rate_gain=scenario.gain, move_axis=scenario.move_axis
+    )
+    hardware = SimulatorProfile(
+        clock_offset_s=0.0,
+        encoder_noise_tics=ENCODER_NOISE_TICS,
+        servo=ServoSettings(**{"bandwidth_hz": bandwidth_hz, **scenario.servo}),
+        seed=seed,
+    )
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
-    mount = SimulatedMount(truth, site, start)
+    mount = SimulatedMount(truth, site, start, hardware)
     return World(scenario, mount, subject.propagator, (begin_s, facts.plan.end_utc_s), seed)
 
 

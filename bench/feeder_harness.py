@@ -52,7 +52,8 @@ class Scenario:
     disturbance_arcsec_s: float = 0.0
     """Rate that comes on top of the commanded one in right ascension, from the middle of the pass on."""
     move_axis: str = "held"
-    hardware: dict[str, float] = field(default_factory=dict)
+    servo: dict[str, float] = field(default_factory=dict)
+    """What the drives have beside their bandwidth."""
     nudges: bool = False
 
 
@@ -170,22 +171,14 @@ class World:
 
     def _disturbed(self, data: bytes, now_s: float) -> bytes:
         extra = self.disturbance_deg_s(now_s)
-        gain = self.scenario.gain
-        if not extra and gain == 1.0:
+        if not extra:
             return data
         command = decode_command(data)
         if not command.move_ra:
             return data
         values = {name: getattr(command, name) for name in Command.__slots__}
-        return encode_command(
-            Command(
-                **{
-                    **values,
-                    "move_ra_rate_deg_s": gain * command.move_ra_rate_deg_s + extra,
-                    "move_dec_rate_deg_s": gain * command.move_dec_rate_deg_s,
-                }
-            )
-        )
+        changed = {"move_ra_rate_deg_s": command.move_ra_rate_deg_s + extra}
+        return encode_command(Command(**{**values, **changed}))
 
     def _judge(self, truth: Any) -> None:
         target = self.propagator.at(Utc(truth.utc_s))
