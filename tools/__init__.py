@@ -1,0 +1,1 @@
+"""What keeps documents and other people's tools in step with the code; not part of the installed packages."""
