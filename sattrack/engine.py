@@ -144,6 +144,13 @@ class Engine:
             self.tracker.note_sent(self.session.begun_move, now_utc_s)
         return datagram
 
+    def send_shift_s(self, now_utc_s: float) -> float:
+        """Return by how much later than a period from now the next `tick` had better come, seconds; UTC.
+
+        So the datagrams fall into step with the mount's loop, and it is not in doubt which turn reads one.
+        """
+        return 0.0 if self.failed else self.tracker.send_shift_s(now_utc_s)
+
     def fail(self, words: str) -> None:
         """Stop the mount and nothing else from now on: what computes directions is not to be relied on."""
         self.failed = True

@@ -20,11 +20,11 @@ from sattrack.runtime.virtual import VirtualRun
 from sattrack.xerxes.client import Address, UdpLink
 from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite
 from sattrack.xerxes.simulator.process import ClockSetting, SimulatorConfig
+from sattrack.xerxes.simulator.settings import simulator_profile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from sattrack.clock import Clock
     from sattrack.messages import Message
     from sattrack.runtime.facts import RunFacts
     from sattrack.runtime.live import Inbox
@@ -45,7 +45,8 @@ def fly_virtual(
     facts = prepared.facts
     with ExitStack() as stack:
         sink = stack.enter_context(_recording(facts, background=False))
-        mount = SimulatedMount(facts.profile, _simulated_site(facts), practice.START)
+        hardware = simulator_profile(prepared.simulator)
+        mount = SimulatedMount(facts.profile, _simulated_site(facts), practice.START, hardware)
         run = VirtualRun(build_engine(facts), mount, facts.started_utc_s, sink, messages, progress)
         ended_utc_s = run.run()
     return summarise(run.engine, run.ledger, ended_utc_s)
@@ -68,7 +69,7 @@ def fly_live(
         simulated: EmbeddedMount | None = None
         address = prepared.address
         if address is None:
-            simulated = start_embedded(_simulator_config(facts, prepared.clock))
+            simulated = start_embedded(_simulator_config(prepared))
             stack.callback(simulated.close)
             address = Address("127.0.0.1", simulated.port, 0)
         link = UdpLink(address)
@@ -101,11 +102,14 @@ def _simulated_site(facts: RunFacts) -> SimulatedSite:
     return SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
 
 
-def _simulator_config(facts: RunFacts, clock: Clock) -> SimulatorConfig:
+def _simulator_config(prepared: Prepared) -> SimulatorConfig:
+    facts, clock = prepared.facts, prepared.clock
     setting = None
     if isinstance(clock, SimulatedClock):
         setting = ClockSetting(clock.start_utc_s, clock.anchor_s, clock.speed)
-    return SimulatorConfig(_simulated_site(facts), facts.profile, practice.START, clock=setting)
+    hardware = simulator_profile(prepared.simulator)
+    site = _simulated_site(facts)
+    return SimulatorConfig(site, facts.profile, practice.START, clock=setting, hardware=hardware)
 
 
 @contextmanager

@@ -84,7 +84,7 @@ class LiveLoop:
                 self._guarded(self._obey)
                 self._guarded(self._tick, ticks, due_s)
                 ticks += 1
-                due_s += period_s
+                due_s += period_s + self._shift_s()
                 if time.monotonic() - due_s > LATE_ENOUGH_TO_SKIP_S:
                     due_s = time.monotonic()
         self._guarded(self._show_end)
@@ -144,6 +144,9 @@ class LiveLoop:
             if ticks % RECORD_VIEW_EVERY_TICKS == 0:
                 self.sink.view(now_utc_s, view)
         self._gather_truth()
+
+    def _shift_s(self) -> float:
+        return self.engine.send_shift_s(self.clock.utc_s(time.monotonic())) / self.clock.speed
 
     def _show_end(self) -> None:
         if not self.engine.failed:

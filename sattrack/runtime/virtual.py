@@ -70,12 +70,12 @@ class VirtualRun:
     def _client_turn(self, now_utc_s: float, turn: int) -> None:
         profile = self.engine.spec.profile
         datagram = self.engine.tick(now_utc_s)
-        self.ledger.note_sent(turn * profile.period_s)
+        self.ledger.note_sent(now_utc_s)
         self.sink.command(now_utc_s, datagram)
         for delay_s, arriving in self._installation.commands.carry(datagram):
             self._at(now_utc_s + delay_s, self._command_arrives, arriving)
-        # Deadlines are multiples from the beginning, not sums: a sum of roundings would drift.
-        self._at(self.begin_utc_s + (turn + 1) * profile.period_s, self._client_turn, turn + 1)
+        next_utc_s = now_utc_s + profile.period_s + self.engine.send_shift_s(now_utc_s)
+        self._at(next_utc_s, self._client_turn, turn + 1)
         if turn % RECORD_VIEW_EVERY_TICKS == 0 and (self.sink.wanted or self.progress is not None):
             view = self.engine.view(now_utc_s)
             self.sink.view(now_utc_s, view)
