@@ -57,6 +57,7 @@ ROWS, COLUMNS = 40, 120
 SO_TIMESTAMPNS = 35
 TIMESPEC = struct.Struct("@ll")
 REFUSED = 3
+KEPT_BYTES = 4000
 
 HOG = "import sys, time\nend = time.monotonic() + float(sys.argv[1])\nwhile time.monotonic() < end: pass"
 AROUND = {"idle": (False, False), "tui": (True, False), "hogs": (False, True), "both": (True, True)}
@@ -120,10 +121,10 @@ class Ear:
 
 @dataclass
 class Screen:
-    """The bench's end of a pseudo-terminal; what is drawn is read and thrown away."""
+    """The bench's end of a pseudo-terminal; of what is drawn, the last is kept."""
 
     descriptor: int
-    drawn_bytes: int = 0
+    drawn: bytes = b""
 
     def fileno(self) -> int:
         return self.descriptor
@@ -133,7 +134,7 @@ class Screen:
 
     def take(self) -> None:
         try:
-            self.drawn_bytes += len(os.read(self.descriptor, 65536))
+            self.drawn = (self.drawn + os.read(self.descriptor, 65536))[-KEPT_BYTES:]
         except OSError:
             # Linux says so when the other end of a pseudo-terminal has closed.
             return
@@ -183,7 +184,7 @@ class Run:
 
     def measure(self, realtime: bool, tui: bool, hogs: int) -> dict[str, Spread]:
         ear = self._ear()
-        self._start_feeder(ear, realtime, tui)
+        feeder, screen = self._start_feeder(ear, realtime, tui)
         began_s = time.monotonic()
         self._listen(lambda: not ear.stamps_ns and time.monotonic() < began_s + START_WITHIN_S)
         if not ear.stamps_ns:
@@ -201,7 +202,9 @@ class Run:
         ears = {name: found for name, (found, _) in peers.items()} | {"feeder": ear}
         for each in ears.values():
             each.stamps_ns.clear()
-        self._listen(lambda: time.monotonic() < began_s + lasts_s)
+        self._listen(lambda: time.monotonic() < began_s + lasts_s and feeder.poll() is None)
+        if feeder.poll() is not None:
+            raise SystemExit(f"the feeder ended before its time: {screen.drawn.decode(errors='replace')}")
         for name, (_, process) in peers.items():
             if process.poll() == REFUSED:
                 print(f"  {name}: the priority was refused; left out")
@@ -222,7 +225,7 @@ class Run:
         lasts = f"{SETTLE_S + self._seconds + 2.0}"
         return ear, self._start([str(self._peer), str(ear.port), lasts, str(PERIOD_NS), str(priority)])
 
-    def _start_feeder(self, ear: Ear, realtime: bool, tui: bool) -> None:
+    def _start_feeder(self, ear: Ear, realtime: bool, tui: bool) -> tuple[subprocess.Popen[bytes], Screen]:
         elements, site = satellite_overhead(self._folder, SETTLE_S + 0.5 * self._seconds)
         sim_port, listen_port = free_port(), free_port()
         sim = ("sim", "--port", str(sim_port), "--peer", str(listen_port), "--site", site)
@@ -233,14 +236,15 @@ class Run:
         command += ["--elements", str(elements), "--record", str(recording)]
         command += ["--mount", f"xerxes://127.0.0.1:{ear.port}?listen={listen_port}"]
         environment = {**os.environ, VARIABLE: "1" if realtime else "0", "TERM": "xterm-256color"}
-        if not tui:
-            self._start([*command, "--headless"], env=environment)
-            return
         controller, terminal = pty.openpty()
         fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, COLUMNS, 0, 0))
-        self._watch(Screen(controller))
-        self._start(command, env=environment, stdin=terminal, stdout=terminal, stderr=terminal)
+        screen = Screen(controller)
+        self._watch(screen)
+        if not tui:
+            command.append("--headless")
+        process = self._start(command, env=environment, stdin=terminal, stdout=terminal, stderr=terminal)
         os.close(terminal)
+        return process, screen
 
     def _start(self, command: list[str], **options: object) -> subprocess.Popen[bytes]:
         quiet = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.DEVNULL)

@@ -114,8 +114,8 @@ def check_elements(facts: ElementFacts, now_utc_s: float) -> Check:
     ages = [(now_utc_s - epoch_s) / DAY_S for epoch_s in facts.epochs_utc_s]
     old = sum(abs(age) > OLD_ELEMENTS_DAYS for age in ages)
     what = (
-        f"{len(ages)} objects, epochs {Utc(oldest_s).isoformat('minutes')} to "
-        f"{Utc(newest_s).isoformat('minutes')}, the newest {_age(now_utc_s - newest_s)}, "
+        f"{len(ages)} objects, epochs {Utc(oldest_s).isoformat('seconds')} to "
+        f"{Utc(newest_s).isoformat('seconds')}, the newest {_age(now_utc_s - newest_s)}, "
         f"{old} more than {OLD_ELEMENTS_DAYS:g} days off{refusal}"
     )
     todo: list[str] = []
@@ -168,12 +168,12 @@ def check_priority(grant: Grant, ways: Sequence[str]) -> Check:
     return Check("priority", "warn", f"{why}; on a busy machine datagrams go out late", tuple(ways))
 
 
-def check_memory(grant: Grant) -> Check:
+def check_memory(grant: Grant, ways: Sequence[str]) -> Check:
     """Judge whether the loop's memory stays in memory."""
     if grant.memory_locked:
         return Check("memory", "ok", "can be locked: the loop never waits for a page from the disk")
     why = "; ".join(words for words in grant.refusals if "memory" in words) or "not locked"
-    return Check("memory", "warn", why, ("granted together with the priority, see there",))
+    return Check("memory", "warn", why, tuple(ways) if grant.realtime else ("as for the priority",))
 
 
 def check_terminal(facts: TerminalFacts) -> Check:

@@ -104,8 +104,9 @@ def _checks(context: CommandContext, options: dict[str, Any]) -> Iterator[Check]
     with undisturbed() as grant:
         # Asked for and given back at once: nothing else tells for certain what a run will get.
         pass
-    yield doctor.check_priority(grant, how_to_grant(_user()))
-    yield doctor.check_memory(grant)
+    ways = how_to_grant(_user())
+    yield doctor.check_priority(grant, ways)
+    yield doctor.check_memory(grant, ways)
     yield doctor.check_terminal(_terminal_facts())
     yield doctor.check_extras(
         {

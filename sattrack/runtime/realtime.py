@@ -9,9 +9,11 @@ from __future__ import annotations
 import ctypes
 import gc
 import os
+import re
 import sys
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -74,7 +76,8 @@ def undisturbed(ask: bool | None = None) -> Iterator[Grant]:
             yield Grant(priority, locked is not None, tuple(refusals))
         finally:
             if priority is not None:
-                os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+                # Without privileges, what was asked for once about children cannot be taken back.
+                os.sched_setscheduler(0, os.SCHED_OTHER | os.SCHED_RESET_ON_FORK, os.sched_param(0))
             if locked is not None:
                 locked.munlockall()
 
@@ -122,11 +125,11 @@ def _unlimited_locking() -> bool:
     if resource.getrlimit(resource.RLIMIT_MEMLOCK)[0] == resource.RLIM_INFINITY:
         return True
     try:
-        with open("/proc/self/status", encoding="ascii") as status:  # noqa: PTH123 - pathlib costs an import
-            capabilities = next((line for line in status if line.startswith("CapEff:")), "CapEff: 0")
+        status = Path("/proc/self/status").read_bytes()
     except OSError:
         return False
-    return bool(int(capabilities.split()[1], 16) >> _CAP_IPC_LOCK & 1)
+    capabilities = re.search(rb"^CapEff:\s*([0-9a-f]+)", status, re.MULTILINE)
+    return capabilities is not None and bool(int(capabilities[1], 16) >> _CAP_IPC_LOCK & 1)
 
 
 @contextmanager

@@ -1,0 +1,60 @@
+"""Showing views from a thread: the loop never waits for whoever looks."""
+
+from __future__ import annotations
+
+import threading
+from typing import TYPE_CHECKING, cast
+
+import pytest
+
+from sattrack.runtime.screen import Screen
+
+if TYPE_CHECKING:
+    from sattrack.view import TrackView
+
+
+def numbered(number: int) -> TrackView:
+    """Something to be shown; a screen looks at nothing in it."""
+    return cast("TrackView", number)
+
+
+def test_while_one_view_is_being_drawn_the_next_are_taken_and_the_newest_is_drawn() -> None:
+    drawn: list[object] = []
+    drawing, go_on = threading.Event(), threading.Event()
+
+    def draw(view: TrackView) -> None:
+        drawn.append(view)
+        drawing.set()
+        assert go_on.wait(30.0)
+
+    screen = Screen(draw)
+    screen.show(numbered(0))
+    assert drawing.wait(30.0)
+    for number in range(1, 1000):
+        screen.show(numbered(number))
+    go_on.set()
+    screen.close()
+    assert drawn == [0, 999]
+
+
+def test_the_last_view_is_drawn_before_the_end() -> None:
+    drawn: list[object] = []
+    screen = Screen(drawn.append)
+    screen.show(numbered(7))
+    screen.close()
+    assert drawn[-1] == 7
+
+
+def test_what_drawing_raises_is_raised_to_the_loop() -> None:
+    broken = threading.Event()
+
+    def draw(view: TrackView) -> None:
+        broken.set()
+        raise BrokenPipeError(view)
+
+    screen = Screen(draw)
+    screen.show(numbered(0))
+    assert broken.wait(30.0)
+    screen.close()
+    with pytest.raises(BrokenPipeError):
+        screen.show(numbered(1))
