@@ -80,8 +80,9 @@ class Installation:
         """Run the loop at an instant, as far as faults let it."""
         if self._begun_s is None:
             self._begun_s = now_utc_s
-        self._befall(now_utc_s - self._begun_s, now_utc_s)
         elapsed_s = now_utc_s - self._begun_s
+        if self._events or self._down_until_s is not None:
+            self._befall(elapsed_s, now_utc_s)
         if self._down_until_s is not None or elapsed_s < self._frozen_until_s:
             return Turn(None, None)
         status, truth = self.mount.tick(now_utc_s)

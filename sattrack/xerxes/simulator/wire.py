@@ -33,10 +33,13 @@ class Wire:
     seed: str = ""
     lost: int = 0
     _random: random.Random = field(init=False)
+    _troubled: bool = field(init=False)
 
     def __post_init__(self) -> None:
         """Begin the stream."""
         self._random = random.Random(self.seed)
+        law = self.law
+        self._troubled = bool(law.jitter_s or law.loss or law.duplicate or law.reorder or law.corrupt)
 
     @property
     def delays(self) -> bool:
@@ -46,6 +49,8 @@ class Wire:
     def carry(self, data: bytes) -> list[tuple[float, bytes]]:
         """Return what arrives of one datagram: none, one or two of (seconds after it was sent, bytes)."""
         law, rng = self.law, self._random
+        if not self._troubled:
+            return [(law.delay_s, data)]
         if law.loss and rng.random() < law.loss:
             self.lost += 1
             return []
