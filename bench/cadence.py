@@ -293,6 +293,8 @@ def main() -> None:
     seconds = options.seconds if options.minutes is None else 60.0 * options.minutes
     if not 5.0 <= seconds <= 60.0 * LONGEST_MINUTES:
         parser.error(f"give 5 s to {LONGEST_MINUTES:g} min: the satellite is not up for longer")
+    # Whatever ends the bench ends what it started.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     print(f"{os.cpu_count()} CPUs, load {os.getloadavg()[0]:.1f} before; {seconds:g} s each; milliseconds")
     print(f"  {'':<18} {'count':>6} {'p50':>9} {'p99':>9} {'p99.9':>9} {'max':>9} {'err p99.9':>9}")
     with tempfile.TemporaryDirectory() as temporary:

@@ -71,6 +71,7 @@ class LiveLoop:
     ledger: Ledger = field(default_factory=Ledger)
     grant: Grant | None = None
     """What the system granted for the run; None before it."""
+    _shift_s: float = 0.0
     _error: Exception | None = None
 
     def run(self) -> float:
@@ -84,7 +85,8 @@ class LiveLoop:
                 self._guarded(self._obey)
                 self._guarded(self._tick, ticks, due_s)
                 ticks += 1
-                due_s += period_s + self._shift_s()
+                self._guarded(self._find_shift)
+                due_s += period_s + self._shift_s
                 if time.monotonic() - due_s > LATE_ENOUGH_TO_SKIP_S:
                     due_s = time.monotonic()
         self._guarded(self._show_end)
@@ -145,8 +147,9 @@ class LiveLoop:
                 self.sink.view(now_utc_s, view)
         self._gather_truth()
 
-    def _shift_s(self) -> float:
-        return self.engine.send_shift_s(self.clock.utc_s(time.monotonic())) / self.clock.speed
+    def _find_shift(self) -> None:
+        now_utc_s = self.clock.utc_s(time.monotonic())
+        self._shift_s = self.engine.send_shift_s(now_utc_s) / self.clock.speed
 
     def _show_end(self) -> None:
         if not self.engine.failed:
