@@ -32,7 +32,7 @@ def launches_against_tickets(day: Day, mount: PaperMount, doubled: int) -> None:
         raised = sum(TicketState.RAISED in ticket.history for ticket in tickets)
         complete = sum(ticket.state is TicketState.COMPLETE for ticket in tickets)
         if kind is Slew:
-            # One whose target was written under the flag of another rises once more by itself, and so does one
+            # One whose target was written under the flag of another rises once more by itself, as does one
             # that the mount ignored because a doubled one before it had set it slewing.
             assert rises[flag] <= raised + day.rules.changed + len(mount.ignored)
         elif kind is not Abort:
