@@ -1,0 +1,143 @@
+"""The loop alone, with an engine and a link that only note when they are called."""
+
+from __future__ import annotations
+
+import itertools
+import socket
+import time
+from dataclasses import dataclass, field
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from sattrack.clock import SimulatedClock
+from sattrack.messages import StopNow
+from sattrack.recording.recorder import NoRecording
+from sattrack.runtime.live import LiveLoop, StopRequest
+
+TICKS = 60
+PERIOD_S = 0.005
+
+
+@dataclass
+class NotedEngine:
+    """Ends after some ticks; `instants_s` are what they were for, `called_s` when they were asked for."""
+
+    shift_s: float = 0.0
+    breaks_at: int | None = None
+    instants_s: list[float] = field(default_factory=list)
+    called_s: list[float] = field(default_factory=list)
+    operated: list[Any] = field(default_factory=list)
+    told: list[str] = field(default_factory=list)
+    failed: bool = False
+    spec: Any = field(default_factory=lambda: SimpleNamespace(profile=SimpleNamespace(period_s=PERIOD_S)))
+    tracker: Any = field(default_factory=lambda: SimpleNamespace(ended_by=None))
+    session: Any = field(default_factory=lambda: SimpleNamespace(health=SimpleNamespace(strangers=0)))
+
+    @property
+    def finished(self) -> bool:
+        return len(self.instants_s) >= TICKS
+
+    def tick(self, now_utc_s: float) -> bytes:
+        self.called_s.append(time.monotonic())
+        self.instants_s.append(now_utc_s)
+        return b""
+
+    def send_shift_s(self, _: float) -> float:
+        if len(self.instants_s) == self.breaks_at:
+            raise ArithmeticError("no next turn")
+        return self.shift_s
+
+    def operate(self, message: object, _: float) -> None:
+        self.operated.append(message)
+
+    def fail(self, words: str) -> None:
+        self.failed = True
+        self.told.append(words)
+
+    def view(self, _: float) -> None:
+        """Nobody looks."""
+
+
+class NotedLink:
+    """Sends nothing anywhere, and nothing comes; a socket that nobody knows is there to be waited on."""
+
+    strangers = unsent = 0
+
+    def __init__(self) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.bind(("127.0.0.1", 0))
+        self.sent_s: list[float] = []
+
+    def fileno(self) -> int:
+        return self._socket.fileno()
+
+    def receive(self) -> list[Any]:
+        return []
+
+    def send(self, _: bytes) -> None:
+        self.sent_s.append(time.monotonic())
+
+    def close(self) -> None:
+        self._socket.close()
+
+
+def run(engine: NotedEngine, stop: StopRequest | None = None, speed: float = 1.0) -> NotedLink:
+    """Run the loop to its end by a clock that shows the monotonic one's own reading."""
+    link = NotedLink()
+    screen = SimpleNamespace(show=lambda _: None)
+    clock = SimulatedClock(0.0, 0.0, speed)
+    parts: Any = (engine, link, clock, NoRecording(), screen, stop or StopRequest())
+    try:
+        LiveLoop(*parts).run()
+    finally:
+        link.close()
+    return link
+
+
+def median(values: list[float]) -> float:
+    return sorted(values)[len(values) // 2]
+
+
+def test_a_datagram_is_computed_before_the_instant_it_is_for_and_never_sent_before_it() -> None:
+    engine = NotedEngine()
+    link = run(engine)
+    assert len(link.sent_s) == TICKS
+    # The first is due at once.
+    ahead_s = [due - called for due, called in zip(engine.instants_s, engine.called_s, strict=True)][1:]
+    assert median(ahead_s) > 0.0
+    assert all(sent >= due for due, sent in zip(engine.instants_s, link.sent_s, strict=True))
+
+
+def test_deadlines_are_a_period_apart_and_as_much_as_the_engine_asks() -> None:
+    for shift_s in (0.0, 0.001):
+        engine = NotedEngine(shift_s)
+        run(engine)
+        periods_s = [b - a for a, b in itertools.pairwise(engine.instants_s)]
+        assert median(periods_s) == pytest.approx(PERIOD_S + shift_s, rel=1e-6)
+
+
+def test_a_clock_that_runs_faster_shortens_the_real_period() -> None:
+    engine = NotedEngine()
+    link = run(engine, speed=2.0)
+    periods_s = [b - a for a, b in itertools.pairwise(engine.instants_s)]
+    assert median(periods_s) == pytest.approx(PERIOD_S, rel=1e-6)
+    assert link.sent_s[-1] - link.sent_s[0] >= (TICKS - 2) * PERIOD_S / 2.0
+
+
+def test_a_stop_is_obeyed_in_the_datagram_that_is_computed_next() -> None:
+    stop = StopRequest()
+    stop.ask()
+    engine = NotedEngine()
+    run(engine, stop)
+    assert engine.operated[0] == StopNow()
+    assert len(engine.operated) == TICKS
+
+
+def test_datagrams_go_on_where_finding_the_next_deadline_breaks() -> None:
+    engine = NotedEngine(breaks_at=5)
+    with pytest.raises(ArithmeticError):
+        run(engine)
+    assert engine.told == ["no next turn"]
+    assert len(engine.instants_s) == TICKS
