@@ -1,12 +1,14 @@
 """How even the feeder's datagrams are, beside a bare C loop on the same machine at the same time.
 
-python bench/cadence.py [--seconds S | --minutes M] [--around NAME ...] [--feeder normal realtime]
+python bench/cadence.py [--seconds S | --minutes M] [--around NAME ...] [--feeder KIND ...] [--hogs N]
+python bench/cadence.py --footprint
 
 Each run has the feeder follow a satellite that is up, with a simulated mount, over UDP on loopback,
 recording; beside it, C loops without and with real-time priority send at the same period. Periods are the
 differences of the kernel's own stamps at the sockets that the datagrams come to. Around them: nothing, the
 terminal UI drawing on a pseudo-terminal, CPU hogs (as many as the machine has CPUs, or as told), or both.
-Other programs on the machine count as what they are: disturbance, and the same for all.
+Other programs on the machine count as what they are: disturbance, and the same for all. `--footprint` tells
+what the feeder's process holds: modules and memory.
 """
 
 from __future__ import annotations
@@ -28,6 +30,7 @@ import sys
 import tempfile
 import termios
 import time
+from collections import Counter
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -267,6 +270,27 @@ class Run:
                 each.take()
 
 
+def footprint() -> None:
+    """Run the demonstration, and tell what its process holds while it feeds the mount."""
+    command = [sys.executable, "-X", "importtime", "-m", "sattrack", "demo", "--headless", "--seconds", "8"]
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    modules: Counter[str] = Counter()
+    for line in process.stderr:
+        if line.startswith("import time:"):
+            modules[line.rpartition("|")[2].strip().partition(".")[0]] += 1
+        elif "link up" in line:
+            status = Path(f"/proc/{process.pid}/status").read_text()
+            names = ("VmSize", "VmRSS", "VmLck", "Threads")
+            print(*(line for line in status.splitlines() if line.startswith(names)), sep="\n")
+            break
+    print(f"{modules.total()} modules: " + ", ".join(f"{name} {n}" for name, n in modules.most_common(8)))
+    absent = [name for name in ("textual", "matplotlib", "asyncio", "aiohttp") if name not in modules]
+    print(f"not imported: {', '.join(absent)}")
+    process.stderr.read()
+    process.wait()
+
+
 def tell(spreads: dict[str, Spread]) -> None:
     for name, spread in spreads.items():
         other = "C, real-time" if name == "feeder, real-time" else "C"
@@ -289,7 +313,11 @@ def main() -> None:
     parser.add_argument("--around", nargs="+", choices=list(AROUND), default=list(AROUND))
     parser.add_argument("--feeder", nargs="+", choices=["normal", "realtime"], default=["normal", "realtime"])
     parser.add_argument("--hogs", type=int, default=os.cpu_count() or 1, help="how many of them")
+    parser.add_argument("--footprint", action="store_true", help="what the feeder's process holds")
     options = parser.parse_args()
+    if options.footprint:
+        footprint()
+        return
     seconds = options.seconds if options.minutes is None else 60.0 * options.minutes
     if not 5.0 <= seconds <= 60.0 * LONGEST_MINUTES:
         parser.error(f"give 5 s to {LONGEST_MINUTES:g} min: the satellite is not up for longer")
