@@ -59,7 +59,7 @@ def command_example() -> str:
     slew, move = encode_command(SLEW), encode_command(MOVE)
     lines = ["```"]
     lines += _dump(slew, COMMAND_FIELDS, decode_command(slew))
-    lines += ["```", "", "MoveAxis on both axes, with the next datagram; what differs:", "", "```"]
+    lines += ["```", "", "MoveAxis on both axes; what differs:", "", "```"]
     lines += _dump(move, COMMAND_FIELDS, decode_command(move), beside=slew)
     return "\n".join([*lines, "```"])
 

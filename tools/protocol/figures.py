@@ -52,7 +52,7 @@ def readings_table() -> str:
     years = 2**53 * PERIOD_S / SECONDS_PER_YEAR
     least = struct.unpack("<d", struct.pack("<q", 2**53))[0]
     return "\n".join(lines) + (
-        f"\n\nThe border is 2^53 = {2**53}: up to there every integer is a double too. A counter gets there "
+        f"\n\nThe border is 2^53 = {2**53}: up to there every integer is a double too. A counter\ngets there "
         f"after {years / 1e6:.0f} million years, and no double between 0 and {least:.2g} is any rate."
     )
 
