@@ -1,12 +1,15 @@
-"""Showing views from a thread: the loop never waits for whoever looks."""
+"""Showing and recording from threads: the loop never waits for whoever looks, nor for the disk."""
 
 from __future__ import annotations
 
+import io
 import threading
 from typing import TYPE_CHECKING, cast
 
+import msgspec
 import pytest
 
+from sattrack.recording.recorder import QUEUED_MOST, BackgroundRecorder, Recorder
 from sattrack.runtime.screen import Screen
 
 if TYPE_CHECKING:
@@ -58,3 +61,34 @@ def test_what_drawing_raises_is_raised_to_the_loop() -> None:
     screen.close()
     with pytest.raises(BrokenPipeError):
         screen.show(numbered(1))
+
+
+class StandingDisk(io.BytesIO):
+    """A disk that stands still, once told to, until it is let go on."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.stands = False
+        self.asked, self.go_on = threading.Event(), threading.Event()
+
+    def write(self, data: object) -> int:
+        if self.stands:
+            self.asked.set()
+            assert self.go_on.wait(30.0)
+        return super().write(data)  # type: ignore[arg-type]
+
+
+def test_a_disk_that_stands_still_is_told_of_and_holds_nobody_up() -> None:
+    disk = StandingDisk()
+    recorder = BackgroundRecorder(Recorder(disk, msgspec.Raw(b"{}")))
+    disk.stands = True
+    recorder.command(1.0, bytes(82))
+    assert disk.asked.wait(30.0)
+    told = 0
+    while recorder.trouble is None and told <= QUEUED_MOST:
+        recorder.command(1.0, bytes(82))
+        told += 1
+    assert told == QUEUED_MOST + 1
+    assert recorder.trouble == "the disk is too slow; the recording ends here"
+    disk.go_on.set()
+    recorder.close()
