@@ -18,10 +18,8 @@ from sattrack import doctor
 from sattrack.commands.common import CommandContext, common_options, profile_option
 from sattrack.doctor import Check, ElementFacts, TerminalFacts
 from sattrack.errors import SattrackError
-from sattrack.runtime.facts import SIMULATED
+from sattrack.mount import MountProfile
 from sattrack.runtime.kernel_clock import read_kernel_clock
-from sattrack.runtime.listen import LISTEN_S, listen
-from sattrack.runtime.prepare import mount_address
 from sattrack.runtime.realtime import how_to_grant, undisturbed
 from sattrack.settings import find_settings_file, load_settings
 from tle.earth import earth_orientation_age
@@ -31,7 +29,6 @@ from tle.sources import newest
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sattrack.mount import MountProfile
     from tle.instants import Utc
 
 EXTRA_MODULES = {"tui": ("textual", "textual_plot"), "plot": ("matplotlib",), "keyring": ("keyring",)}
@@ -163,7 +160,7 @@ def _terminal_facts() -> TerminalFacts:
 
 
 def _check_mount(context: CommandContext, url: str | None, explicit: Path | None) -> Iterator[Check]:
-    real = url is not None and url != SIMULATED
+    real = url not in (None, "sim")
     configured = str(explicit) if explicit is not None else context.settings.mount.profile
     profile: MountProfile | None = None
     error = None
@@ -176,12 +173,20 @@ def _check_mount(context: CommandContext, url: str | None, explicit: Path | None
         words = "no mount is set: with --mount, or [mount] url in sattrack.toml, its statuses are listened to"
         yield Check("link", "ok", words)
         return
+    yield _check_link(url, profile or MountProfile())
+
+
+def _check_link(url: str, profile: MountProfile) -> Check:
+    # The session's modules are many; without a mount they are not needed.
+    from sattrack.runtime.listen import LISTEN_S, listen
+    from sattrack.runtime.prepare import mount_address
+
     try:
         address = mount_address(url)
-        health = None if address is None or profile is None else listen(address, profile)
-        yield doctor.check_link(url, health, LISTEN_S, None)
+        health = None if address is None else listen(address, profile)
     except SattrackError as refusal:
-        yield doctor.check_link(url, None, LISTEN_S, str(refusal))
+        return doctor.check_link(url, None, LISTEN_S, str(refusal))
+    return doctor.check_link(url, health, LISTEN_S, None)
 
 
 def _check_disk(folder: Path) -> Check:
