@@ -8,6 +8,7 @@ import subprocess
 import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import pytest
 from literal_datagrams import COUNTER_AS_DOUBLE, MOVE, RATE_AS_DOUBLE, SLEW, STATUS, Frame, capture, put
@@ -258,17 +259,11 @@ class TestPictures:
         assert all((ROOT / "docs" / link).is_file() for link in links)
 
 
-@pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed")
-def test_wireshark_takes_the_display_filters_of_the_page(tmp_path: Path) -> None:
+def test_wireshark_takes_the_display_filters_of_the_page(tshark: Any, tmp_path: Path) -> None:
     filters = re.search(r"Useful display filters:\n\n```\n(.*?)```", PAGE, re.DOTALL)
     assert filters is not None
     file = tmp_path / "slew.pcap"
     file.write_bytes(capture([Frame(SLEW)]))
     for one in filters[1].splitlines():
-        done = subprocess.run(
-            ["tshark", "-r", str(file), "-X", f"lua_script:{ROOT / GENERATED[1]}", "-Y", one],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
+        done = tshark("-r", str(file), "-Y", one)
         assert done.returncode == 0, (one, done.stderr)
