@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 STEP_S = 0.001
 STEP_OF_BANDWIDTH = 0.2
 TORQUE_MARGIN = 1.5
-"""The servo may accelerate this much harder than the reference asks for."""
+"""The servo may accelerate this much harder than the reference ever does, friction overcome."""
 INTEGRAL_REST_DEG = 5e-7
 """Errors so small, a tenth of an encoder tic, are left: integrating them would make a sticking axis hunt."""
 AT_REST_DEG_S = 1e-6
@@ -120,18 +120,20 @@ class Plant:
     def _drive(self, wanted_deg_s2: float, behind_deg: float, reference_rate_deg_s: float, dt: float) -> None:
         """Set the current that the servo sends for an acceleration."""
         servo = self.servo
-        most = self.max_acceleration_deg_s2 * TORQUE_MARGIN
-        wanted_a = max(-most, min(most, wanted_deg_s2)) * servo.inertia_a_per_deg_s2
+        against_a = max(servo.friction_a, servo.stiction_a) + servo.ripple_a
+        wanted_a = wanted_deg_s2 * servo.inertia_a_per_deg_s2
         if servo.friction_feedforward and reference_rate_deg_s:
             wanted_a += math.copysign(servo.friction_feedforward * servo.friction_a, reference_rate_deg_s)
-        limit_a = math.inf if servo.current_limit_a is None else servo.current_limit_a
+        limit_a = self.max_acceleration_deg_s2 * TORQUE_MARGIN * servo.inertia_a_per_deg_s2 + against_a
+        if servo.current_limit_a is not None:
+            limit_a = min(limit_a, servo.current_limit_a)
         self.current_a = max(-limit_a, min(limit_a, wanted_a + self._integral_a))
         if servo.integral_hz and abs(behind_deg) > INTEGRAL_REST_DEG and abs(self.current_a) < limit_a:
             stiffness = (2.0 * math.pi * servo.bandwidth_hz) ** 2
             gain = 2.0 * math.pi * servo.integral_hz * stiffness * servo.inertia_a_per_deg_s2
             self._integral_a += gain * behind_deg * dt
-            # More than all friction, ripple and one acceleration is never of use.
-            most_a = 2.0 * max(servo.friction_a, servo.stiction_a) + servo.ripple_a
+            # More than from all friction one way to all the other way is never of use.
+            most_a = 2.0 * against_a
             self._integral_a = max(-most_a, min(most_a, self._integral_a))
 
     def _move(self, current_a: float, dt: float, *, powered: bool) -> None:

@@ -40,11 +40,14 @@ class Trajectory:
     def __post_init__(self) -> None:
         """Lay out the legs of the trapezoid."""
         self._build_up_s = self.acceleration / self.jerk if self.jerk else 0.0
-        # The average lags by half its span at the beginning, and not at the end, where all stands.
-        begin = -self.distance + self.rate * self._build_up_s / 2.0
+        begin, parts = self._begin()
+        if parts[1][0] < self._build_up_s:
+            # Without a cruise that long, acceleration goes from one extreme to the other at once.
+            self._build_up_s *= 2.0
+            begin, parts = self._begin()
         self._legs = [_Leg(-math.inf, begin, self.rate, 0.0, 0.0)]
         time_s = 0.0
-        for seconds, acceleration in self._accelerations(-begin):
+        for seconds, acceleration in parts:
             if seconds > 0.0:
                 position, rate, moment = self._moved(self._legs[-1], time_s)
                 self._legs.append(_Leg(time_s, position, rate, acceleration, moment))
@@ -64,6 +67,12 @@ class Trajectory:
             return position, rate, leg.acceleration
         before = self._moved(self._leg(time_s - span_s), time_s - span_s)
         return (moment - before[2]) / span_s, (position - before[0]) / span_s, (rate - before[1]) / span_s
+
+    def _begin(self) -> tuple[float, tuple[tuple[float, float], ...]]:
+        """Return where the trapezoid begins, and its parts."""
+        # The average lags by half its span at the beginning, and not at the end, where all stands.
+        begin = -self.distance + self.rate * self._build_up_s / 2.0
+        return begin, self._accelerations(-begin)
 
     def _accelerations(self, distance: float) -> tuple[tuple[float, float], ...]:
         """Return seconds and acceleration of speeding up (or down), cruising and braking."""
