@@ -145,7 +145,10 @@ class Oracle(Unshifted):
         world, turn = self._world, self._turn
         self._turn += 1
         if self._filters is None or turn not in self._read:
-            return wire(PROFILE, turn + 1, 0.0, 0.0)
+            # Never read, as far as rounding lets one say so: the target's own rate does no harm.
+            now = world.propagator.at(Utc(now_utc_s))
+            self._sent[turn] = (float(now.ra_rate_deg_s), float(now.dec_rate_deg_s))
+            return wire(PROFILE, turn + 1, *self._sent[turn])
         first = self._read.index(turn, bisect_left(world.ticks_s, now_utc_s))
         end = first
         while end < len(self._read) - 1 and self._read[end] == turn:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from sattrack.mount import MountProfile
 
-LARGEST_INT32 = 2**31 - 1
+INT32 = range(-(2**31), 2**31)
 LARGEST_FINE_RATE_DEG_S = 0.1
 """A fine rate adjusts the tracking; anything near an axis' own speeds is a slip of the unit."""
 
@@ -214,6 +214,6 @@ def _pulse_objection(request: PulseGuide) -> str | None:
     if request.ra_ms == 0 and request.dec_ms == 0:
         return "a pulse of 0 ms on both axes guides nothing"
     for axis, duration in (("right ascension", request.ra_ms), ("declination", request.dec_ms)):
-        if abs(duration) > LARGEST_INT32:
-            return f"pulse in {axis} is {duration} ms; it must fit 32 bits"
+        if duration not in INT32:
+            return f"pulse in {axis} is {duration} ms; it must be a whole number of 32 bits"
     return None

@@ -107,6 +107,21 @@ def altitude_deg(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> 
     return math.degrees(math.asin(max(-1.0, min(1.0, sine))))
 
 
+def park_objection(profile: MountProfile, stance: Stance) -> str | None:
+    """Return why the drives' power may not be cut as the mount stands, or None where it may."""
+    park = profile.park
+    if park is None:
+        return "the mount profile has no park position, and parking cuts the drives' power"
+    hour_angle = math.remainder(stance.sidereal_deg - stance.ra_deg - park.hour_angle_deg, 360.0)
+    # At the pole the hour angle says nothing of where the tube points, but the axis has its place.
+    off = max(abs(hour_angle), abs(stance.dec_deg - park.dec_deg))
+    if off > PARKED_WITHIN_DEG:
+        return f"the mount stands {off:.2f}° away from its park position: slew there and stop first"
+    if stance.slewing or not stance.drives_at_rest:
+        return "the mount moves: parking cuts the drives' power, so stop it first"
+    return None
+
+
 class Safety:
     """Clears motions; once an interlock has stopped the mount, only stops are cleared."""
 
@@ -197,21 +212,9 @@ class Safety:
                 if name is not None:
                     return f"the mount stands at its {ROWS[name].name} limit ({ROWS[name].watches})"
             case Park():
-                return self._park_objection(stance)
+                return park_objection(self._profile, stance)
             case FindHome() if stance.slewing:
                 return "the mount is slewing: end that first"
-        return None
-
-    def _park_objection(self, stance: Stance) -> str | None:
-        park = self._profile.park
-        assert park is not None
-        hour_angle = math.remainder(stance.sidereal_deg - stance.ra_deg - park.hour_angle_deg, 360.0)
-        # At the pole the hour angle says nothing of where the tube points, but the axis has its place.
-        off = max(abs(hour_angle), abs(stance.dec_deg - park.dec_deg))
-        if off > PARKED_WITHIN_DEG:
-            return f"the mount stands {off:.2f}° away from its park position: slew there and stop first"
-        if stance.slewing or not stance.drives_at_rest:
-            return "the mount moves: parking cuts the drives' power, so stop it first"
         return None
 
     def _clear_move(self, move: MoveAxes, hour_angle_deg: float, dec_deg: float, age_s: float) -> Cleared:

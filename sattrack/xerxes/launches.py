@@ -24,6 +24,7 @@ from sattrack.requests import (
     TicketState,
     TrackingRate,
 )
+from sattrack.safety import Stance, park_objection
 from sattrack.xerxes.datagrams import DTICS_S_PER_DEG_S
 from sattrack.xerxes.handshake import Handshake, OneShot
 
@@ -41,9 +42,22 @@ SHOWN_WITHIN = 20
 """Statuses within which what was acknowledged must show."""
 SYNCED_WITHIN_DEG = 0.02
 FINE_RATE_SHARE = 0.2
+REST_RATE_DTICS_S = 0.5 * SIDEREAL_RATE_DEG_S * DTICS_S_PER_DEG_S
 
 Launchable = Sync | PulseGuide | FindHome | Park | FineRate | TrackingRate
 ACKNOWLEDGED_KINDS = (Sync, PulseGuide)
+
+
+def stance_of(status: Status) -> Stance:
+    """Return how a mount stands by one of its statuses, as safety wants to know it."""
+    resting = max(abs(status.ra_rate_dtics_s), abs(status.dec_rate_dtics_s)) < REST_RATE_DTICS_S
+    return Stance(
+        sidereal_deg=status.sidereal_h * 15.0,
+        ra_deg=status.ra_h * 15.0,
+        dec_deg=status.dec_deg,
+        slewing=status.slewing,
+        drives_at_rest=resting,
+    )
 
 
 @dataclass(slots=True)
@@ -101,18 +115,22 @@ class Launches:
             self._end(self._active, TicketState.FAILED, "the mount restarted meanwhile")
         self._sync_flag, self._pulse_flag = OneShot(), OneShot()
 
-    def compose(self, clear: bool, status: Status | None) -> Launchable | None:
-        """Return the request whose flag is up in the next datagram; `clear` where a flag may rise."""
+    def tick(self) -> None:
+        """Count one datagram, whatever it says; give up what has waited too long."""
         self._ticks += 1
         self._expire_queue()
+        if self._active is not None:
+            self._active.ticks += 1
+            self._watch_time(self._active)
+
+    def compose(self, clear: bool, status: Status | None) -> Launchable | None:
+        """Return the request whose flag is up in the next datagram; `clear` where a flag may rise."""
         released = all(flag.state is Handshake.IDLE for flag in (self._sync_flag, self._pulse_flag))
         if self._active is None and self._queue and clear and released and status is not None:
             self._launch(self._queue.popleft()[0], status)
         active = self._active
         if active is None:
             return None
-        active.ticks += 1
-        self._watch_time(active)
         request: Launchable = active.ticket.request  # type: ignore[assignment]
         return request if active.flag.up else None
 
@@ -137,6 +155,12 @@ class Launches:
 
     def _launch(self, ticket: Ticket, status: Status) -> None:
         flag = OneShot()
+        if isinstance(ticket.request, Park):
+            # It was judged when it was submitted; what counts is where the mount stands as the flag rises.
+            refused = park_objection(self.profile, stance_of(status))
+            if refused is not None:
+                ticket.become(TicketState.FAILED, refused)
+                return
         match ticket.request:
             case Sync():
                 flag = self._sync_flag

@@ -56,6 +56,9 @@ class MoveAxisRule(Protocol):
     def stopped(self) -> None:
         """Note that an abort was acknowledged: nothing is in force any more."""
 
+    def insist(self) -> None:
+        """Ask for the end anew: the mount moves on though it has acknowledged it."""
+
 
 @dataclass(slots=True)
 class HeldMove:
@@ -97,6 +100,9 @@ class HeldMove:
 
     def stopped(self) -> None:
         """Nothing to do: flags that are down have let go already."""
+
+    def insist(self) -> None:
+        """Nothing to do, for the same reason."""
 
 
 @dataclass(slots=True)
@@ -149,6 +155,11 @@ class EdgeMove:
     def stopped(self) -> None:
         """Note that an abort was acknowledged."""
         self._in_force = NO_RATES
+
+    def insist(self) -> None:
+        """Ask for the end anew: a late copy of an edge was read, and acknowledged, in place of the end."""
+        if self.over:
+            self._in_force = AxisRates(math.nan, math.nan)
 
 
 def _moving(rates: AxisRates) -> AxisRates:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,8 @@ TRUSTED_JUMP = 400
 TRUSTED_JUMP_PER_S = 40.0
 """How far a counter may run ahead: 20 s of statuses, and twice the nominal rate for the time of silence."""
 REMEMBERED = 400
+LATE_WITHIN_S = 0.5
+"""How late a missed status may still come; one that comes later belongs to a mount that counts anew."""
 
 
 @dataclass(slots=True)
@@ -25,7 +28,8 @@ class StatusSequence:
     health: LinkHealth
     _last: int | None = None
     _last_arrival_s: float = 0.0
-    _missing: set[int] = field(default_factory=set)
+    _missing: dict[int, float] = field(default_factory=dict)
+    """Counts that were missed, and when that was noticed."""
     _candidate: int | None = None
     _run: int = 0
 
@@ -36,8 +40,8 @@ class StatusSequence:
             ahead = counter - last
             silence_s = max(0.0, arrival_utc_s - self._last_arrival_s)
             if 0 < ahead <= TRUSTED_JUMP + TRUSTED_JUMP_PER_S * silence_s:
-                self._note_missing(last + 1, counter)
-            elif not self._is_restart(counter, last):
+                self._note_missing(last + 1, counter, arrival_utc_s)
+            elif not self._is_restart(counter, last, arrival_utc_s):
                 self._count_refused(counter, ahead)
                 return False
         self.health.hear(arrival_utc_s, 1 if last is None else counter - last)
@@ -45,11 +49,11 @@ class StatusSequence:
         self._candidate, self._run = None, 0
         return True
 
-    def _note_missing(self, first: int, end: int) -> None:
+    def _note_missing(self, first: int, end: int, noticed_utc_s: float) -> None:
         self.health.lost += end - first
-        self._missing.update(range(max(first, end - REMEMBERED), end))
+        self._missing.update(dict.fromkeys(range(max(first, end - REMEMBERED), end), noticed_utc_s))
         if len(self._missing) > 2 * REMEMBERED:
-            self._missing = {number for number in self._missing if number > end - REMEMBERED}
+            self._missing = {number: at for number, at in self._missing.items() if number > end - REMEMBERED}
 
     def _count_refused(self, counter: int, ahead: int) -> None:
         if ahead == 0:
@@ -59,11 +63,12 @@ class StatusSequence:
         else:
             self.health.late += 1
             if counter in self._missing:
-                self._missing.remove(counter)
+                del self._missing[counter]
                 self.health.lost -= 1
 
-    def _is_restart(self, counter: int, last: int) -> bool:
-        if counter == last or counter in self._missing:
+    def _is_restart(self, counter: int, last: int, arrival_utc_s: float) -> bool:
+        latecomer = arrival_utc_s - self._missing.get(counter, -math.inf) < LATE_WITHIN_S
+        if counter == last or latecomer:
             self._candidate, self._run = None, 0
             return False
         follows = self._candidate is not None and 0 < counter - self._candidate <= RESTART_STEP

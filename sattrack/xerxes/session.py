@@ -68,6 +68,8 @@ if TYPE_CHECKING:
 
 ABORT_AGAIN_TICKS = 8
 QUIET_TICKS = 4
+NOT_SLOWING_STATUSES = 3
+STILL_MOVING_STATUSES = 20
 READINGS_EVERY = 20
 REST_RATE_DEG_S = SIDEREAL_RATE_DEG_S * 0.5
 """A drive this near to standstill, or to sidereal tracking, is where it should be."""
@@ -98,11 +100,19 @@ class Session:
     _abort: OneShot = field(default_factory=OneShot)
     _slew_flag: OneShot = field(default_factory=OneShot)
     _slew: Slewing | None = None
+    _asked_target: SlewTo | None = None
     _aborted: bool = False
+    _not_slowing: int = 0
+    """Statuses in a row that show the mount moving, and no slower than before."""
+    _speed_dtics_s: float = 0.0
+    _still_moving: int = 0
+    """Statuses in a row with Slewing though nothing of ours should make the mount move."""
     _ack_stands: int = 0
     """Statuses in a row that acknowledge an abort which we have not sent."""
     _motion_ticket: MotionTicket | None = None
     _motion_sent: bool = False
+    _moved: bool = False
+    """Whether MoveAxis has ever been asked for: nobody else's motion is ended."""
     _since_slew_ticks: int = QUIET_TICKS
     _since_other_ticks: int = QUIET_TICKS
 
@@ -168,7 +178,8 @@ class Session:
             self._launches.submit(ticket)
             return ticket
         self._supersede("another motion was asked for")
-        self._launches.supersede("a motion was asked for")
+        if not isinstance(cleared.request, EndMove):
+            self._launches.supersede("a motion was asked for")
         self._motion_ticket, self._motion_sent = MotionTicket(ticket), False
         self._want(motion)
         return ticket
@@ -177,9 +188,14 @@ class Session:
         """Return the next datagram to send."""
         self.health.sent += 1
         self.begun_move = None
+        self._launches.tick()
+        self._make_way()
         command = self._next_command()
         self._acks.sent(command)
-        others = (command.abort, command.sync, command.pulse_guide, command.park, command.find_home)
+        others = (
+            *(command.abort, command.sync, command.pulse_guide, command.park, command.find_home),
+            *(command.move_ra, command.move_dec),
+        )
         self._since_other_ticks = 0 if any(others) else self._since_other_ticks + 1
         self._since_slew_ticks = 0 if command.slew else self._since_slew_ticks + 1
         if self._motion_ticket is not None and self._motion_ticket.tick(self._seen()):
@@ -277,6 +293,12 @@ class Session:
             if not isinstance(self._wanted, Stop):
                 self._want(Hold())
 
+    def _make_way(self) -> None:
+        """Let go of a motion that is done where another request waits for the mount."""
+        done = self.stopped or self.slew_state is SlewState.DONE
+        if done and self._launches.busy and not self._abort.up:
+            self._want(Hold())
+
     def _next_command(self) -> Command:
         if self._abort.up or isinstance(self._wanted, Stop):
             # An abort that is on its way is seen through, whatever is wanted by now.
@@ -307,9 +329,10 @@ class Session:
     def _compose_stop(self) -> Command:
         self._slew_flag.happen("withdraw")
         status = self.status
-        if self._abort.state is Handshake.IDLE and status is not None and status.slewing:
+        if self._abort.state is Handshake.IDLE and self._not_slowing >= NOT_SLOWING_STATUSES:
             # A late datagram, or another client, has set the mount going again: the mount ignores counters.
             self._aborted = False
+            self._not_slowing = 0
         if not self._aborted and (status is None or not status.ack_abort):
             self._abort.happen("request")
         stuck = self._ack_stands >= QUIET_STATUSES
@@ -320,6 +343,7 @@ class Session:
 
     def _compose_move(self, wish: AxisRates, meant: MoveAxes) -> Command:
         rates, begins = self._move.compose(wish)
+        self._moved = self._moved or rates != NO_RATES
         if begins:
             self.begun_move = meant
             self._motion_sent = True
@@ -340,14 +364,16 @@ class Session:
             ra = ra or NEVER_ZERO_DEG_S
         return AxisRates(ra if self._move_axes[0] else None, dec if self._move_axes[1] else None)
 
-    def _compose_slew(self, target: SlewTo) -> Command:
+    def _compose_slew(self, wanted: SlewTo) -> Command:
         slew, status = self._slew, self.status
         # A late slew does not hurt another: the mount ignores it while it slews.
         if slew is not None and status is not None and self._since_other_ticks >= QUIET_TICKS:
             standing = self._move.over and not status.slewing and not status.ack_slew
-            if standing:
-                slew.ask(self._slew_flag)
+            if standing and slew.ask(self._slew_flag):
+                self._asked_target = wanted
         self._motion_sent = self._motion_sent or self._slew_flag.up
+        # The target stays with its flag: another one wanted meanwhile needs an edge of its own.
+        target = self._asked_target if self._slew_flag.up and self._asked_target is not None else wanted
         return self._command(
             slew=self._slew_flag.up,
             target_ra_h=target.ra_deg % 360.0 / 15.0,
@@ -361,6 +387,18 @@ class Session:
         quiet = min(self._since_slew_ticks, self._since_other_ticks) >= QUIET_TICKS
         clear = idle and standing and quiet
         return self._command(**_launch_fields(self._launches.compose(clear, status)))
+
+    def _watch_motion(self, status: Status) -> None:
+        """Take notice of a mount that does not slow down, or that moves on after the end of MoveAxis."""
+        speed = abs(status.ra_rate_dtics_s) + abs(status.dec_rate_dtics_s)
+        slowing = speed < self._speed_dtics_s
+        self._speed_dtics_s = speed
+        self._not_slowing = self._not_slowing + 1 if status.slewing and not slowing else 0
+        waiting = self.slew_state is SlewState.WAITING or isinstance(self._wanted, Hold)
+        self._still_moving = self._still_moving + 1 if status.slewing and waiting and not slowing else 0
+        if self._still_moving >= STILL_MOVING_STATUSES and self._moved:
+            self._still_moving = 0
+            self._move.insist()
 
     def _read_types(self, data: bytes) -> None:
         seen = status_readings(data)
@@ -391,6 +429,7 @@ class Session:
 
     def _follow_acknowledgements(self, status: Status) -> None:
         self._acks.see(status)
+        self._watch_motion(status)
         self._move.see(status)
         if self._abort.see(status.ack_abort):
             self._aborted = True

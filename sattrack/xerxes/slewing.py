@@ -40,10 +40,12 @@ class Slewing:
     _seen_moving: bool = False
     _statuses_since_ack: int = 0
 
-    def ask(self, flag: OneShot) -> None:
-        """Raise the flag, where it may rise."""
-        if self.state is SlewState.WAITING and flag.happen("request"):
-            self.state = SlewState.ASKED
+    def ask(self, flag: OneShot) -> bool:
+        """Raise the flag, where it may rise; tell whether it rose."""
+        if self.state is not SlewState.WAITING or not flag.happen("request"):
+            return False
+        self.state = SlewState.ASKED
+        return True
 
     def see(self, status: Status, flag: OneShot, launched: bool) -> None:
         """Take one status; `launched` tells whether it brought the acknowledgement."""

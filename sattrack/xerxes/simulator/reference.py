@@ -71,11 +71,23 @@ class Reference:
             self.limited = False
             self._step_ramp(seconds, self._asked_deg_s)
             return
-        steps = max(1, math.ceil(seconds / LIMIT_STEP_S))
-        for _ in range(steps):
-            allowed = self._allowed(seconds / steps)
+        self._step_near_limit(seconds, fastest)
+
+    def _step_near_limit(self, seconds: float, fastest: float) -> None:
+        """Let time pass within reach of the limit: in small steps from where braking may begin."""
+        braking = fastest * fastest / self.max_acceleration_deg_s2
+        while seconds > 0.0:
+            room = self.limit_deg - abs(self.position_deg) - braking
+            if room > fastest * LIMIT_STEP_S:
+                step_s, allowed = min(seconds, room / fastest), self._asked_deg_s
+            else:
+                step_s, allowed = min(seconds, LIMIT_STEP_S), self._allowed(LIMIT_STEP_S)
             self.limited = allowed != self._asked_deg_s
-            self._step_ramp(seconds / steps, allowed)
+            if not allowed and not self.rate_deg_s:
+                self.acceleration_deg_s2 = 0.0
+                return
+            self._step_ramp(step_s, allowed)
+            seconds -= step_s
 
     def _step_way(self, way: Trajectory, seconds: float) -> None:
         self._way_s += seconds

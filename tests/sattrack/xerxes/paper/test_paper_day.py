@@ -49,13 +49,8 @@ MOUNT_PERIOD_S = 0.0503
 @DAYS
 class TestAgainstTheStandIn:
     def test_every_request_settles_once_and_what_is_doubled_repeats_what_was_just_obeyed(
-        self, hours: float, how: How, request: pytest.FixtureRequest
+        self, hours: float, how: How
     ) -> None:
-        if hours > 1.0 and how == "held":
-            reason = (
-                "the flag after held MoveAxis flags rises too soon: a late one of theirs launches over it"
-            )
-            request.applymarker(pytest.mark.xfail(strict=True, reason=reason))
         day, mount = paper_day(101, how, MOUNT_PERIOD_S, **LOSSY)
         day.run(hours)
         day.finish()

@@ -97,11 +97,6 @@ def _after(bench: Bench, request: Request) -> Ticket:
     return bench.submit(request)
 
 
-HELD_MOVE_THEN_SLEW = (
-    "a slew rises one datagram after held MoveAxis flags fell, so a late one of theirs launches over it"
-)
-
-
 @pytest.mark.parametrize(("datagrams", "lateness"), AROUND)
 @pytest.mark.parametrize("how", ["held", "edge"])
 @pytest.mark.parametrize("second", SECOND, ids=lambda request: f"then {type(request).__name__}")
@@ -116,10 +111,7 @@ def test_the_mount_ends_up_doing_what_was_asked_for_last(
     doubled: bool,
     datagrams: list[int],
     lateness: list[int],
-    request: pytest.FixtureRequest,
 ) -> None:
-    if how == "held" and isinstance(first, MoveAxis) and isinstance(second, Slew):
-        request.applymarker(pytest.mark.xfail(strict=True, reason=HELD_MOVE_THEN_SLEW))
     expected = outcome(*played(how, first, second, -100, 0, doubled))
     wrong = []
     for which in datagrams:
@@ -145,10 +137,6 @@ class Script(Wires):
         return [self.all_sent[sent] for sent in self.script.get(period, [period])]
 
 
-@pytest.mark.xfail(
-    strict=True,
-    reason="the acknowledgement of a late copy of the old edge is taken for that of the end",
-)
 def test_edge_a_late_copy_of_the_old_rates_does_not_keep_the_mount_moving() -> None:
     wires = Script(random.Random(0))
     # The edge of the move comes again three periods late, while that of its end is held up.

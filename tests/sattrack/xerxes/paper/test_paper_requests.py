@@ -177,11 +177,14 @@ class TestWithoutAcknowledgement:
         self, request_: Request, flag: str
     ) -> None:
         bench = awake()
+        # Power is cut at standstill only, and a mount that tracks the sky does not stand still.
+        assert bench.settle(bench.submit(Abort())) is TicketState.COMPLETE
+        launched = len(bench.mount.launches)
         ticket = bench.submit(request_)
         assert bench.settle(ticket) is TicketState.UNCONFIRMED
         assert ticket.reason
         bench.run(5.0)
-        assert bench.rules.rose(flag) == len(bench.mount.launches) == 1
+        assert bench.rules.rose(flag) == len(bench.mount.launches) - launched == 1
         # Longer than one datagram, so that the loss of one does not lose the command.
         assert len(bench.up_rows(flag)) >= 4
         assert not bench.sent[-1].up()
@@ -542,9 +545,6 @@ class TestAbort:
         bench.run(0.5)
         assert bench.mount.moving
 
-    @pytest.mark.xfail(
-        strict=True, reason="an abort is raised again every other datagram while the mount slows down"
-    )
     @HELD_AND_EDGE
     @pytest.mark.parametrize("state", [Slew(300.0, 60.0), BOTH], ids=request_id)
     def test_it_is_not_repeated_while_the_mount_is_seen_to_slow_down(self, how: How, state: Request) -> None:
@@ -611,13 +611,7 @@ class TestOneAfterTheOther:
                 assert not bench.mount.rates_deg_s
 
 
-WAITS_FOR_EVER = pytest.mark.xfail(
-    strict=True, reason="a request behind a motion that was asked for stays queued, though the motion is over"
-)
-
-
 class TestNothingWaitsForEver:
-    @WAITS_FOR_EVER
     @pytest.mark.parametrize("later", [SYNC, PULSE, FindHome(), *FLAGLESS], ids=request_id)
     def test_what_is_asked_for_after_a_slew_is_done(self, later: Request) -> None:
         bench = awake()
@@ -625,7 +619,6 @@ class TestNothingWaitsForEver:
         state = bench.settle(bench.submit(later))
         assert state in {TicketState.COMPLETE, TicketState.UNCONFIRMED}
 
-    @WAITS_FOR_EVER
     @pytest.mark.parametrize("later", [SYNC, PULSE, FindHome(), *FLAGLESS], ids=request_id)
     def test_what_is_asked_for_after_an_abort_is_done(self, later: Request) -> None:
         bench = awake()
@@ -633,7 +626,6 @@ class TestNothingWaitsForEver:
         state = bench.settle(bench.submit(later))
         assert state in {TicketState.COMPLETE, TicketState.UNCONFIRMED}
 
-    @WAITS_FOR_EVER
     @pytest.mark.parametrize("later", [SYNC, PULSE, FindHome(), *FLAGLESS], ids=request_id)
     def test_what_is_asked_for_behind_a_slew_is_done_after_it(self, later: Request) -> None:
         bench = awake()
@@ -643,7 +635,6 @@ class TestNothingWaitsForEver:
         assert state in {TicketState.COMPLETE, TicketState.UNCONFIRMED}
         assert (bench.mount.ra_deg, bench.mount.dec_deg) == pytest.approx((200.0, 30.0), abs=60.0)
 
-    @WAITS_FOR_EVER
     @HELD_AND_EDGE
     @pytest.mark.parametrize("later", [SYNC, PULSE, FindHome(), *FLAGLESS], ids=request_id)
     def test_what_is_asked_for_during_moveaxis_settles(self, how: How, later: Request) -> None:
@@ -678,9 +669,6 @@ class TestReadings:
 class TestParkBehindOthers:
     """ "It disables the drives wherever the mount is": what was cleared in one place is to go out there."""
 
-    @pytest.mark.xfail(
-        strict=True, reason="a park that waits behind a motion goes out wherever that motion ends"
-    )
     def test_a_park_that_waited_behind_a_slew_is_not_sent_elsewhere(self) -> None:
         bench = awake()
         bench.submit(SLEW)
@@ -692,9 +680,6 @@ class TestParkBehindOthers:
         assert bench.mount.powered
         assert park.state in {TicketState.FAILED, TicketState.SUPERSEDED, TicketState.TIMED_OUT}
 
-    @pytest.mark.xfail(
-        strict=True, reason="a park that waits behind a sync goes out though the sync moved the position"
-    )
     def test_a_park_that_waited_behind_a_sync_is_not_sent_where_the_position_is_another(self) -> None:
         bench = awake()
         bench.submit(Sync(250.0, -20.0))
