@@ -54,7 +54,7 @@ def equatorial(altitude_deg: float, azimuth_deg: float, latitude_deg: float) -> 
     west = -math.cos(a) * math.sin(z)
     south = math.sin(p) * math.cos(a) * math.cos(z) - math.cos(p) * math.sin(a)
     pole = math.cos(p) * math.cos(a) * math.cos(z) + math.sin(p) * math.sin(a)
-    return math.degrees(math.atan2(west, -south)), math.degrees(math.asin(max(-1.0, min(1.0, pole))))
+    return math.degrees(math.atan2(west, -south)), math.degrees(math.atan2(pole, math.hypot(west, south)))
 
 
 LOWEST_DEG = -1.0
