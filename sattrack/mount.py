@@ -50,9 +50,9 @@ class CalibrationRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     """What a calibration run found beside the profile's own values, and how sure it was.
 
     Intervals are (lowest, highest) and hold the truth as far as the run could tell; `clock_offset_s` is the
-    mount's sidereal clock, as a UTC instant by the profile's site, minus ours. `both_sides` where the signs of
-    the other side of the pier were measured too, by an earlier run. An acceleration's sigma is None where the
-    limit was too high to be seen.
+    mount's sidereal clock, as a UTC instant by the profile's site, minus ours. `both_sides` where the signs
+    of the other side of the pier were measured too, by an earlier run. An acceleration's sigma is None where
+    the limit was too high to be seen.
     """
 
     utc: str
@@ -104,8 +104,8 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     command_delay_s: float = 0.0003
     status_delay_s: float = 0.0001
     clock_offset_s: float | None = None
-    """The mount's sidereal clock ahead of local mean sidereal time by UTC at the site, seconds; None where it is
-    not known, and arrivals must tell when a status was sampled."""
+    """The mount's sidereal clock ahead of local mean sidereal time by UTC at the site, seconds; None where it
+    is not known, and arrivals must tell when a status was sampled."""
     encoder_tics: int = 2**26
     watchdog_s: float | None = None
     park: AxesPosition | None = None
