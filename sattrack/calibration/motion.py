@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 FEWEST_SAMPLES = 8
 LEAST_SIGMA_DEG_S = 1e-7
+RIPPLES = tuple(1e-7 * 1.25**n for n in range(60))
+FEWEST_LAGS = 4
 BEFORE_S = 0.4
 SHARES = (0.6, 0.5, 0.4, 0.3)
 """How much of a motion's end is taken for steady, the most that is straight."""
@@ -139,13 +141,18 @@ def axis_response(parts: Sequence[Steady]) -> AxisResponse | None:
         return None
     commanded = np.array([p.commanded_deg_s for p in parts])
     rates = np.array([p.rate_deg_s for p in parts])
-    sigmas = np.array([max(p.sigma_deg_s, LEAST_SIGMA_DEG_S) for p in parts])
-    design = np.stack([commanded, np.ones_like(commanded)], axis=1) / sigmas[:, None]
-    (slope, added), _, _, _ = np.linalg.lstsq(design, rates / sigmas, rcond=None)
-    residuals = rates / sigmas - design @ np.array([slope, added])
-    # Servo ripple makes a line's residuals look better than they are; legs against each other do not.
-    variance = max(1.0, float((residuals**2).sum()) / (len(parts) - 2))
-    covariance = variance * np.linalg.inv(design.T @ design)
+    own = np.array([max(p.sigma_deg_s, LEAST_SIGMA_DEG_S) for p in parts])
+    # Servo ripple makes a line's residuals look better than they are; motions against each other do not. So
+    # the same is added to each sigma until the motions agree with one gain.
+    for ripple in (0.0, *RIPPLES):
+        sigmas = np.hypot(own, ripple)
+        design = np.stack([commanded, np.ones_like(commanded)], axis=1) / sigmas[:, None]
+        (slope, added), _, _, _ = np.linalg.lstsq(design, rates / sigmas, rcond=None)
+        residuals = rates / sigmas - design @ np.array([slope, added])
+        variance = float((residuals**2).sum()) / (len(parts) - 2)
+        if variance <= 1.0:
+            break
+    covariance = max(1.0, variance) * np.linalg.inv(design.T @ design)
     acceleration, acceleration_sigma, dead = _acceleration(parts)
     return AxisResponse(
         sign=1 if slope > 0.0 else -1,
@@ -161,22 +168,23 @@ def axis_response(parts: Sequence[Steady]) -> AxisResponse | None:
 
 
 def _acceleration(parts: Sequence[Steady]) -> tuple[float | None, float | None, float | None]:
-    """Return the acceleration limit, its sigma and the dead time, from lag = dead time + change / (2 a)."""
+    """Return the acceleration limit, its sigma and the dead time.
+
+    The angle by which a motion stays behind is friction / stiffness + dead time x rate + rate^2 / (2 a).
+    """
     seen = [(abs(p.change_deg_s), p.lag_s) for p in parts if p.lag_s is not None]
-    if len(seen) < 3:
-        return None, None, None
     change = np.array([s[0] for s in seen])
-    lag = np.array([s[1] for s in seen])
-    if change.max() < 1.5 * change.min():
+    if len(seen) < FEWEST_LAGS or change.max() < 1.5 * change.min():
         return None, None, None
-    # A given error of angle is an error of lag that falls with the rate.
-    weights = change
-    design = np.stack([np.ones_like(change), change], axis=1) * weights[:, None]
-    (dead, slope), _, _, _ = np.linalg.lstsq(design, lag * weights, rcond=None)
-    residuals = lag * weights - design @ np.array([dead, slope])
-    variance = float((residuals**2).sum()) / (len(seen) - 2)
-    slope_sigma = math.sqrt(variance * np.linalg.inv(design.T @ design)[1, 1])
-    if slope < 3.0 * slope_sigma or slope <= 0.0:
-        return None, None, float(dead)
-    acceleration = 1.0 / (2.0 * float(slope))
-    return acceleration, acceleration * slope_sigma / float(slope), float(dead)
+    behind = change * np.array([s[1] for s in seen])
+    terms = 3 if len(seen) > FEWEST_LAGS else 2
+    design = np.stack([change**2, change, np.ones_like(change)][:terms], axis=1)
+    fit, _, rank, _ = np.linalg.lstsq(design, behind, rcond=None)
+    if rank < terms:
+        return None, None, None
+    residuals = behind - design @ fit
+    variance = float((residuals**2).sum()) / max(1, len(seen) - terms)
+    slope, sigma = float(fit[0]), math.sqrt(variance * np.linalg.inv(design.T @ design)[0, 0])
+    if slope <= 0.0 or slope < 3.0 * sigma:
+        return None, None, float(fit[1])
+    return 0.5 / slope, 0.5 / slope * sigma / slope, float(fit[1])

@@ -5,6 +5,7 @@ Nothing here concludes: what was sent when, and which status answered, is kept f
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from sattrack.calibration.guard import CalibrationEndedError, Kind
 from sattrack.calibration.plan import (
+    CENTRED_WITHIN_DEG,
     FIRST_RATE_DEG_S,
     LARGEST_GAIN,
     SECOND_RATE_DEG_S,
@@ -19,6 +21,7 @@ from sattrack.calibration.plan import (
     Plan,
 )
 from sattrack.calibration.round_trip import Bracket, RoundTripEstimate
+from sattrack.calibration.sender import PERIOD_S
 from sattrack.calibration.statuses import Heard, StatusLog
 from sattrack.calibration.turns import TurnForecast
 
@@ -125,7 +128,9 @@ class Script:
             if count + 1 >= self._plan.toggles and self._estimate.result().sigma_s < GOOD_SIGMA_S:
                 break
         for axis in ("dec", "ra"):
+            began = self._angle(axis)
             yield from self._semantics(axis)
+            yield from self._centre(axis, began)
             for leg in self._plan.legs:
                 self.phase = f"moving in {AXIS_WORDS[axis]}, {leg.rate_deg_s:+g} °/s"
                 yield from self._leg(axis, leg.rate_deg_s, leg.seconds)
@@ -288,6 +293,21 @@ class Script:
             raise CalibrationEndedError(Kind.LINK, "too few statuses came while an axis moved")
         angles = [h.dec_deg if axis == "dec" else h.hour_angle_deg for h in newest]
         return float(np.polyfit([h.mount_s - last for h in newest], angles, 1)[0])
+
+    def _angle(self, axis: AxisName) -> float:
+        last = self._seen.log.heard[-1]
+        return last.dec_deg if axis == "dec" else last.hour_angle_deg
+
+    def _centre(self, axis: AxisName, angle_deg: float) -> Steps:
+        """Bring an axis back to where it was before, by the sign that it has shown."""
+        off = angle_deg - self._angle(axis)
+        if abs(off) < CENTRED_WITHIN_DEG:
+            return
+        shown = self._seen.semantics[-1].first_deg_s
+        yield from self._raise(axis, math.copysign(FIRST_RATE_DEG_S, off * shown))
+        # The ways there and back add to the motion, and so does a turn of the loop.
+        yield from self._wait(max(0.0, abs(off / shown) - self._estimate.median_s - PERIOD_S))
+        yield from self._rest()
 
     def _leg(self, axis: AxisName, rate_deg_s: float, seconds: float) -> Steps:
         yield from self._wait(QUIET_BEFORE_LEG_S)
