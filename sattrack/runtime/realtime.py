@@ -35,7 +35,7 @@ _CAP_IPC_LOCK = 14
 
 @dataclass(frozen=True, slots=True)
 class Grant:
-    """What was granted; what was not is None in its own field and said in words, without how to get it."""
+    """What was granted, `priority` None where none was; `refusals` say why, without how to get it."""
 
     priority: int | None
     memory_locked: bool

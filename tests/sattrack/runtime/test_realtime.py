@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ctypes
 import gc
 import json
 import os
@@ -9,12 +10,14 @@ import re
 import subprocess
 import sys
 import threading
+import time
 from pathlib import Path
 
 import pytest
 
 from sattrack.commands.json_lines import JsonLines
 from sattrack.recording.replay import Recording, replay
+from sattrack.runtime import kernel_clock
 from sattrack.runtime.facts import build_engine, decode_facts
 from sattrack.runtime.realtime import PRIORITY, how_to_grant, undisturbed, wanted
 
@@ -167,3 +170,17 @@ def test_json_lines_into_a_full_pipe_do_not_wait(monkeypatch: pytest.MonkeyPatch
     whole = read.splitlines()
     assert 0 < len(whole) < 20_000
     assert [json.loads(line)["number"] for line in whole] == list(range(len(whole)))
+
+
+@linux
+def test_the_kernel_s_account_of_its_clock_is_read_at_the_right_places() -> None:
+    """A tick is 10 ms and may be set to within a tenth of that (adjtimex(2)); the time is the time."""
+    timex = kernel_clock._Timex()
+    before_s = time.time()
+    assert ctypes.CDLL(None).adjtimex(ctypes.byref(timex)) >= 0
+    assert int(before_s) <= timex.time[0] <= time.time()
+    assert 9000 <= timex.tick <= 11000
+    clock = kernel_clock.read_kernel_clock()
+    assert clock is not None
+    assert clock.synchronised is not bool(timex.status & 0x40)
+    assert clock.largest_error_s >= 0.0
