@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from sattrack.xerxes.simulator.settings import SimulatorProfile
 
 SAME = 1e-10
+SETTLED_DEG = 1e-4
 
 
 @dataclass(slots=True)
@@ -30,6 +31,7 @@ class Axis:
     plant: Plant = field(init=False)
     powered: bool = True
     _faultless: bool = field(init=False)
+    _settled_deg: float = field(init=False)
 
     def __post_init__(self) -> None:
         """Build the drive, at rest at 0."""
@@ -42,6 +44,8 @@ class Axis:
             swing = Swing(hardware.settling_arcsec / 3600.0, hardware.settling_hz, hardware.settling_s)
         self.plant = Plant(hardware.servo, limits.max_acceleration_deg_s2, swing)
         self._faultless = self.plant.faultless
+        # Friction leaves an error that the servo's stiffness alone cannot take away.
+        self._settled_deg = SETTLED_DEG + 2.0 * self.plant.friction_error_deg
 
     @property
     def position_deg(self) -> float:
@@ -60,8 +64,9 @@ class Axis:
 
     @property
     def going(self) -> bool:
-        """Whether a place that was asked for has not been reached."""
-        return self.reference.going
+        """Whether a place that was asked for has not been reached, or the servo has not settled there."""
+        behind_deg = self.reference.position_deg - self.plant.position_deg
+        return self.reference.going or abs(behind_deg) > self._settled_deg
 
     @property
     def swing_deg(self) -> float:

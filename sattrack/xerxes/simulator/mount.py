@@ -33,8 +33,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 
-import msgspec
-
 from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile, mean_sidereal_deg
 from sattrack.xerxes.datagrams import (
     DTICS_S_PER_DEG_S,
@@ -47,6 +45,7 @@ from sattrack.xerxes.datagrams import (
 )
 from sattrack.xerxes.simulator.axis import Axis
 from sattrack.xerxes.simulator.drives import GUIDE_RATE_DTICS_S, DrivenAxis, Encoder, Mode
+from sattrack.xerxes.simulator.facts import SimulatedSite, StartPosition, Truth
 from sattrack.xerxes.simulator.flags import FlagWatch, highest
 from sattrack.xerxes.simulator.packing import drive_current_10ma, drive_rate_dtics_s, packed_readings
 from sattrack.xerxes.simulator.pointing import direction, horizontal, is_beyond_pole
@@ -57,40 +56,6 @@ __all__ = ["SimulatedMount", "SimulatedSite", "StartPosition", "Truth", "mean_si
 
 AT_PLACE_DEG = 0.001
 BUSY = (Mode.GOING, Mode.MOVING)
-
-
-class SimulatedSite(msgspec.Struct, frozen=True):
-    """Where the simulated mount believes it stands, degrees and metres."""
-
-    latitude_deg: float
-    longitude_deg: float
-    height_m: float = 0.0
-
-
-class StartPosition(msgspec.Struct, frozen=True):
-    """Where the axes are at power-up, degrees: of the axes, cables counted, so 190 is not -170."""
-
-    hour_angle_deg: float = -30.0
-    dec_deg: float = 20.0
-
-
-@dataclass(frozen=True, slots=True)
-class Truth:
-    """Where the axes really were when a status was packed, in the frame that the mount reports.
-
-    The axes' own angles have their cables' turns counted; `at_limit` tells that a hard limit holds an axis.
-    """
-
-    counter: int
-    utc_s: float
-    ra_deg: float
-    dec_deg: float
-    ra_rate_deg_s: float
-    dec_rate_deg_s: float
-    hour_angle_axis_deg: float
-    dec_axis_deg: float
-    beyond_pole: bool
-    at_limit: bool
 
 
 @dataclass(slots=True)

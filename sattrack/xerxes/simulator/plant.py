@@ -71,6 +71,13 @@ class Plant:
             and (servo.current_limit_a is None or servo.current_limit_a >= needed_a)
         )
 
+    @property
+    def friction_error_deg(self) -> float:
+        """How far the axis is behind where stiffness alone balances friction and ripple."""
+        servo = self.servo
+        against_a = max(servo.friction_a, servo.stiction_a) + servo.ripple_a
+        return against_a / servo.inertia_a_per_deg_s2 / (2.0 * math.pi * servo.bandwidth_hz) ** 2
+
     def place(self, position_deg: float, rate_deg_s: float) -> None:
         """Begin anew somewhere, at a rate."""
         self.position_deg, self.rate_deg_s, self.acceleration_deg_s2 = position_deg, rate_deg_s, 0.0

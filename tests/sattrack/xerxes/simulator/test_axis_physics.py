@@ -257,6 +257,21 @@ class TestCurrent:
         sampled(moved, 10.0)
         assert moved.velocity_deg_s == pytest.approx(5.0, abs=1e-3)
 
+    def test_a_place_is_reached_when_the_servo_is_there_and_not_before(self) -> None:
+        limits = AxisLimits(max_acceleration_deg_s2=10.0, slew_rate_deg_s=10.0)
+        quick, weak = axis(limits), axis(limits, current_limit_a=1.0)
+        took_s = []
+        for moved in (quick, weak):
+            moved.go(20.0, 0.0)
+            time_s = 0.0
+            while moved.going:
+                moved.advance(0.05)
+                time_s += 0.05
+                assert time_s < 60.0
+            took_s.append(time_s)
+            assert moved.position_deg == pytest.approx(20.0, abs=0.01)
+        assert took_s[1] > took_s[0] + 1.0
+
     def test_an_axis_that_cannot_move_is_refused_by_name(self) -> None:
         with pytest.raises(ValueError, match=r"stiction_a is 0\.1, below friction_a"):
             ServoSettings(friction_a=0.5, stiction_a=0.1)
