@@ -25,10 +25,15 @@ from sattrack.xerxes.simulator.settings import simulator_profile
 if TYPE_CHECKING:
     from sattrack.xerxes.simulator.mount import Truth
 
-FAULTS_HELP = "\n".join(f"{example:22}{meaning}" for example, meaning in GRAMMAR)
+FAULTS_HELP = "\n".join(
+    (
+        "Faults, separated by commas; those with = are for one way alone as in loss-status=3%:",
+        *(f"{example:22}{meaning}" for example, meaning in GRAMMAR),
+    )
+)
 
 
-@click.command("sim", epilog=f"\b\nFaults, separated by commas:\n{FAULTS_HELP}")
+@click.command("sim", epilog=f"\b\n{FAULTS_HELP}")
 @click.option(
     "--port", default=DEFAULT_PORT, show_default=True, help="UDP port for commands; 0 takes a free one."
 )

@@ -49,11 +49,11 @@ MOST_DELAY_S = 5.0
 
 
 class FaultEvent(msgspec.Struct, frozen=True):
-    """What happens so many seconds after the start, and how long it lasts or how large it is."""
+    """What happens so many seconds after the start, and its length (None: for good) or size."""
 
     kind: Kind
     at_s: float
-    amount_s: float = math.inf
+    amount_s: float | None = None
 
 
 class WireFaults(msgspec.Struct, frozen=True):

@@ -91,16 +91,17 @@ class Installation:
     def _befall(self, elapsed_s: float, now_utc_s: float) -> None:
         while self._events and self._events[0].at_s <= elapsed_s:
             event = self._events.pop(0)
+            amount_s = math.inf if event.amount_s is None else event.amount_s
             match event.kind:
                 case "freeze":
-                    self._frozen_until_s = event.at_s + event.amount_s
+                    self._frozen_until_s = event.at_s + amount_s
                 case "crash":
-                    self._down_until_s = event.at_s + event.amount_s
+                    self._down_until_s = event.at_s + amount_s
                     self.mount.crash(now_utc_s)
                 case "silent":
-                    self._silent_until_s = event.at_s + event.amount_s
+                    self._silent_until_s = event.at_s + amount_s
                 case "clock-step":
-                    self.mount.step_clock(event.amount_s)
+                    self.mount.step_clock(amount_s)
                 case _:
                     self.mount.fail_drives(DRIVES[event.kind], now_utc_s)
         if self._down_until_s is not None and elapsed_s >= self._down_until_s:

@@ -126,6 +126,10 @@ class SimulatorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             "hard_margin_deg",
         )
         _check_positive(self, "settling_hz", "settling_s")
+        for name in ("clock_offset_s", "ra_encoder_zero_deg", "dec_encoder_zero_deg"):
+            value = getattr(self, name)
+            if value is not None and not math.isfinite(value):
+                raise ValueError(f"{name} is {value:g}; it must be a number")
         for name in ("clock_drift_ppm", "timer_drift_ppm"):
             if not abs(getattr(self, name)) <= MOST_DRIFT_PPM:
                 raise ValueError(f"{name} is {getattr(self, name):g}; give {MOST_DRIFT_PPM:g} ppm at most")

@@ -90,6 +90,7 @@ def test_the_edge_one_packs_doubles() -> None:
         ({"servo": {"bandwidth_hz": 0.0}}, "bandwidth_hz is 0"),
         ({"command_delay_s": 9.0}, "command_delay_s is 9"),
         ({"no_such_thing": 1}, "no_such_thing"),
+        ({"clock_offset_s": math.nan}, "clock_offset_s is nan"),
         ({"encoder_noise_tics": -1.0}, "encoder_noise_tics is -1"),
     ],
 )
