@@ -32,7 +32,7 @@ HELD_BACK_S = 0.08
 
 @dataclass(frozen=True)
 class Link:
-    """Delays in seconds, one way each, uniform within `jitter_s`; shares of datagrams lost, doubled, held back."""
+    """Delays in seconds, one way each, uniform within `jitter_s`; shares lost, doubled and held back."""
 
     command_s: float = 0.002
     status_s: float = 0.002
@@ -47,6 +47,8 @@ class Scenario:
     """One row: how the mount, the link and the world differ from what the controller is told."""
 
     name: str
+    bounds_arcsec: tuple[float, float]
+    """RMS and peak that are not to be passed."""
     link: Link = field(default_factory=Link)
     gain: float = 1.0
     disturbance_arcsec_s: float = 0.0
@@ -54,7 +56,6 @@ class Scenario:
     move_axis: str = "held"
     servo: dict[str, float] = field(default_factory=dict)
     """What the drives have beside their bandwidth."""
-    nudges: bool = False
 
 
 class Controller(Protocol):
@@ -92,7 +93,7 @@ class Timer:
 
 
 class World:
-    """One run: every loop instant of the mount and every delay is drawn beforehand, so an oracle may know them."""
+    """One run: all loop instants and delays can be told beforehand, so an oracle may know them."""
 
     def __init__(
         self,

@@ -10,7 +10,7 @@ from feeder_harness import PERIOD_S, World, wire
 
 from sattrack.control.feeder import correction_deg_s
 from sattrack.control.kalman import AxisFilter, Noise, wrap180
-from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile
+from sattrack.mount import MountProfile
 from sattrack.xerxes.datagrams import decode_status
 from tle.instants import Utc
 
@@ -24,7 +24,7 @@ GAIN_KNOWN = Noise(first_gain=0.0, gain_walk_sqrt_s=0.0)
 class Unshifted:
     """Sends at its own phase."""
 
-    def shift_s(self, now_utc_s: float) -> float:  # noqa: ARG002
+    def shift_s(self, now_utc_s: float) -> float:
         return 0.0
 
 
@@ -40,7 +40,7 @@ class Proportional(Unshifted):
     _reported: tuple[float, float] | None = None
     _sum: list[float] = field(default_factory=lambda: [0.0, 0.0])
 
-    def status(self, data: bytes, arrival_utc_s: float) -> None:  # noqa: ARG002
+    def status(self, data: bytes, arrival_utc_s: float) -> None:
         status = decode_status(data)
         self._reported = (status.ra_h * 15.0, status.dec_deg)
 
@@ -61,7 +61,7 @@ class Proportional(Unshifted):
 
 @dataclass
 class Compensated(Unshifted):
-    """Feed-forward of the mean rate, PI on the error at the sample's own instant: the true delays are given."""
+    """Feed-forward of the mean rate, PI on the error at the sample's instant: the true delays are given."""
 
     propagator: Propagator
     command_s: float
@@ -96,7 +96,7 @@ class Compensated(Unshifted):
 
 
 class Oracle(Unshifted):
-    """Knows every delay, every loop instant, the gain and the disturbance; its encoders are as noisy as ours."""
+    """Knows every delay and loop instant, the gain and the disturbance; its encoders are as noisy as ours."""
 
     period_s = PERIOD_S
 
@@ -125,7 +125,7 @@ class Oracle(Unshifted):
             read.append(latest)
         return read
 
-    def status(self, data: bytes, arrival_utc_s: float) -> None:  # noqa: ARG002
+    def status(self, data: bytes, arrival_utc_s: float) -> None:
         status = decode_status(data)
         index = status.counter - 1
         ra_deg = status.ra_h * 15.0

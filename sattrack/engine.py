@@ -262,9 +262,7 @@ class Engine:
         if status is None or record is None:
             return []
         beyond = status.side_of_pier
-        measured = (record.side_of_pier == "beyond_pole") == beyond or (
-            beyond and self.spec.profile.dec_rate_sign_beyond_pole is not None
-        )
+        measured = record.both_sides or (record.side_of_pier == "beyond_pole") == beyond
         words = "this side of the pier is not in the mount's profile: its rates may go the other way"
         return [] if measured else [words]
 
