@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import pty
 import signal
+import termios
 import time
 from typing import TYPE_CHECKING
 
@@ -134,6 +136,34 @@ def test_what_breaks_while_showing_stops_the_mount_before_it_is_raised() -> None
     assert ending is not None
     assert (ending.kind, ending.words, ending.at_rest) == (Kind.DOUBT, "the screen is gone", True)
     assert phases[-1] == "stopping the mount"
+
+
+@pytest.mark.parametrize("key", [b"x", b"\x13"])
+def test_any_key_stops_the_mount_and_the_terminal_is_as_it_was(
+    key: bytes, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    master, slave = pty.openpty()
+    clock = SystemClock()
+    around = surroundings(SITE, start_profile(), clock.utc_s(time.monotonic()))
+    practice = start_practice_mount(around, SITE, clock, None)
+    pressed: list[str] = []
+
+    def show(phase: str, _: float) -> None:
+        if phase.startswith("held or edge") and not pressed:
+            pressed.append(phase)
+            os.write(master, key)
+
+    try:
+        with os.fdopen(slave) as terminal:
+            monkeypatch.setattr("sys.stdin", terminal)
+            before = termios.tcgetattr(slave)
+            ending = calibrate_live(around, practice.address, clock, show, QUICK).ending
+            assert termios.tcgetattr(slave) == before
+    finally:
+        practice.close()
+        os.close(master)
+    assert ending is not None
+    assert (ending.kind, ending.words, ending.at_rest) == (Kind.OPERATOR, "stopped by a key", True)
 
 
 def start_profile() -> object:
