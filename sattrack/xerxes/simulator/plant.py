@@ -107,7 +107,7 @@ class Plant:
             # The mean over the step: what it has to be for the reference to be where it will be.
             wanted = (reference.rate_deg_s - before) / dt + stiffness * behind + drag * slow
             self._drive(wanted, behind, before, dt)
-            self._move(self.current_a, dt, powered=True)
+            self.push(self.current_a, dt)
 
     def coast(self, seconds: float) -> None:
         """Let time pass without power: friction alone, until it stands."""
@@ -143,11 +143,11 @@ class Plant:
             most_a = 2.0 * against_a
             self._integral_a = max(-most_a, min(most_a, self._integral_a))
 
-    def _move(self, current_a: float, dt: float, *, powered: bool) -> None:
-        """Move by Newton's law under a current, the ripple and friction."""
+    def push(self, current_a: float, seconds: float) -> None:
+        """Let a short time pass by Newton's law under a drive's current, its ripple and friction."""
         servo = self.servo
         force_a = current_a
-        if servo.ripple_a and powered:
+        if servo.ripple_a:
             angle = math.radians(self.position_deg) * servo.ripple_per_turn
             force_a += servo.ripple_a * math.sin(angle)
         rate = self.rate_deg_s
@@ -158,15 +158,15 @@ class Plant:
         else:
             friction_a = math.copysign(servo.friction_a, rate if rate else force_a)
             acceleration = (force_a - friction_a) / servo.inertia_a_per_deg_s2
-            rate_after = rate + acceleration * dt
+            rate_after = rate + acceleration * seconds
             if rate * rate_after < 0.0 and abs(force_a) <= stiction_a:
                 # It came to rest within the step, and friction holds it there.
                 stop_s = -rate / acceleration
                 self.position_deg += 0.5 * rate * stop_s
                 self.rate_deg_s = 0.0
             else:
-                self.position_deg += (rate + 0.5 * acceleration * dt) * dt
+                self.position_deg += (rate + 0.5 * acceleration * seconds) * seconds
                 self.rate_deg_s = rate_after
             self.acceleration_deg_s2 = acceleration
         if self.swing is not None:
-            self.swing.step(acceleration, dt)
+            self.swing.step(acceleration, seconds)

@@ -180,7 +180,7 @@ class TestFriction:
     def test_it_breaks_loose_above_the_stiction_alone(self, current_a: float, moves: bool) -> None:
         plant = axis(friction_a=0.4, stiction_a=0.6).plant
         for _ in range(200):
-            plant._move(current_a, STEP_S, powered=True)
+            plant.push(current_a, STEP_S)
         assert (plant.rate_deg_s != 0.0) is moves
         if moves:
             # Once loose, Coulomb friction alone brakes it.
@@ -191,11 +191,11 @@ class TestFriction:
         plant = axis(friction_a=0.4, stiction_a=0.6).plant
         plant.place(0.0, 0.5)
         for _ in range(1000):
-            plant._move(0.3, STEP_S, powered=True)
+            plant.push(0.3, STEP_S)
         assert plant.rate_deg_s == 0.0
         at_deg = plant.position_deg
         for _ in range(1000):
-            plant._move(-0.55, STEP_S, powered=True)
+            plant.push(-0.55, STEP_S)
         assert plant.position_deg == at_deg
 
     def test_without_an_integral_the_offset_is_friction_over_stiffness(self) -> None:

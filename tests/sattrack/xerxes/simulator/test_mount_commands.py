@@ -349,8 +349,6 @@ class TestHome:
 
 
 class TestBeyondThePole:
-    PROFILE = MountProfile()
-
     @pytest.mark.parametrize(("east_deg", "beyond"), [(10.0, False), (-60.0, True)])
     def test_a_mount_that_flips_does_so_past_the_meridian(self, east_deg: float, beyond: bool) -> None:
         bench = Bench(flip="hour_angle")
