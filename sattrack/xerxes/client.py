@@ -12,6 +12,7 @@ import struct
 import sys
 import time
 from dataclasses import dataclass
+from ipaddress import IPv4Address
 from typing import NamedTuple
 from urllib.parse import parse_qs, urlsplit
 
@@ -21,6 +22,9 @@ DEFAULT_PORT = 15001
 RECEIVE_BYTES = 2048
 BURST = 64
 """Datagrams taken at one go, so that a flood cannot hold the loop."""
+MOST_STRANGERS = 4
+"""Other hosts whose addresses are kept, so that a flood of made-up ones takes no room."""
+REFUSED_WITHIN_S = 0.3
 _SO_TIMESTAMPNS = 35
 _TIMESPEC = struct.Struct("@ll")
 _LONGEST_KERNEL_WAIT_S = 1.0
@@ -61,11 +65,42 @@ def parse_address(url: str) -> Address:
         host = socket.gethostbyname(parts.hostname)
     except (OSError, UnicodeError) as error:
         raise BadInputError(f"--mount {url}: no such host {parts.hostname!r}") from error
-    if host.startswith("127.") and port == listen:
+    place = IPv4Address(host)
+    if place.is_unspecified or place.is_multicast or host == "255.255.255.255":
+        raise BadInputError(f"--mount {url}: {host} is the address of no mount; write that of its computer")
+    if port == listen and (place.is_loopback or is_own_host(host)):
         raise BadInputError(
-            f"--mount {url}: both ends would be 127.0.0.1:{port}; give another port with ?listen=PORT"
+            f"--mount {url}: both ends would be {host}:{port}; give another port with ?listen=PORT"
         )
     return Address(host, port, listen)
+
+
+def is_own_host(host: str) -> bool:
+    """Tell whether an address is one of this machine's own: only those can be bound to."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.bind((host, 0))
+        except OSError:
+            return False
+    return True
+
+
+def nobody_listens(address: Address, datagram: bytes, within_s: float = REFUSED_WITHIN_S) -> bool:
+    """Send one datagram to the mount's end and tell whether its host answers that nothing listens there.
+
+    False says nothing: the host may be off, or keep it to itself.
+    """
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.settimeout(within_s)
+        try:
+            probe.connect((address.host, address.port))
+            probe.send(datagram)
+            probe.recv(RECEIVE_BYTES)
+        except ConnectionRefusedError:
+            return True
+        except OSError:
+            return False
+    return False
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +118,8 @@ class UdpLink:
         self.address = address
         self.strangers = 0
         """Datagrams from other hosts, dropped."""
+        self.stranger_hosts: list[str] = []
+        """The first MOST_STRANGERS of those hosts."""
         self.unsent = 0
         """Datagrams that the network refused to take."""
         self._socket = bind(address.host, address.listen_port)
@@ -117,7 +154,7 @@ class UdpLink:
                 continue
             # The host decides and not the port: a mount may send from another port than it listens on.
             if sender[0] != self.address.host:
-                self.strangers += 1
+                self._note_stranger(sender[0])
                 continue
             arrivals.append(Arrival(data, self._arrived(ancillary)))
         return arrivals
@@ -125,6 +162,11 @@ class UdpLink:
     def close(self) -> None:
         """Give the port back."""
         self._socket.close()
+
+    def _note_stranger(self, host: str) -> None:
+        self.strangers += 1
+        if len(self.stranger_hosts) < MOST_STRANGERS and host not in self.stranger_hosts:
+            self.stranger_hosts.append(host)
 
     def _arrived(self, ancillary: list[tuple[int, int, bytes]]) -> float:
         # The order matters: whatever holds us up between the two readings makes the arrival late and never

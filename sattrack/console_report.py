@@ -1,0 +1,210 @@
+"""What a console shows: its state as an immutable view, and requests, limits and warnings in words."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from sattrack.console_view import AskedView, ConsoleView, ReadingsView, StatusView
+from sattrack.mount import Hold, MoveAxes, SlewTo, Stop
+from sattrack.requests import (
+    Abort,
+    EndMove,
+    FindHome,
+    FineRate,
+    MoveAxis,
+    Park,
+    PulseGuide,
+    Request,
+    Slew,
+    Sync,
+    Ticket,
+    TrackingRate,
+)
+from sattrack.safety import ROWS
+from sattrack.view import LinkView
+from sattrack.xerxes.datagrams import DTICS_S_PER_DEG_S
+from sattrack.xerxes.link import LinkState
+
+if TYPE_CHECKING:
+    from sattrack.console import Console
+    from sattrack.xerxes.datagrams import Status
+
+SITE_TOLERANCE_DEG = 0.1
+CLOCK_OFF_S = 2.0
+LONGEST_WORDS = 160
+"""A view has to fit into what a pipe takes as a whole."""
+_MOTIONS = {Hold: "none", SlewTo: "slew", MoveAxes: "move", Stop: "stop"}
+_PLAIN: dict[type, str] = {Abort: "abort", Park: "park", FindHome: "home", EndMove: "end the move"}
+
+
+@dataclass(slots=True)
+class Asked:
+    """One thing that was asked of the mount, its ticket, and when."""
+
+    number: int
+    ticket: Ticket
+    utc_s: float
+
+
+def view_of(console: Console, now_utc_s: float) -> ConsoleView:
+    """Return what anyone who looks at a console may see, as of an instant."""
+    sample, wanted = console.session.sample, console.session.wanted
+    rates = wanted if isinstance(wanted, MoveAxes) else MoveAxes(0.0, 0.0)
+    status = console.session.status
+    guide = None if status is None else _finite(status.ra_guide_rate_dtics_s)
+    hour_angle = None if sample is None else math.remainder(sample.sidereal_h * 15.0 - sample.ra_deg, 360.0)
+    return ConsoleView(
+        utc_s=now_utc_s,
+        mount=console.mount_name,
+        profile=console.profile.name,
+        move_axis=console.profile.move_axis,
+        doing=_doing(console),
+        motion=_MOTIONS[type(wanted)],
+        at_rest=console.at_rest,
+        status=None if status is None else _status_view(status),
+        readings=_readings(console),
+        hour_angle_deg=hour_angle,
+        clock_offset_s=console.clock_offset_s,
+        ra_rate_deg_s=rates.ra_rate_deg_s,
+        dec_rate_deg_s=rates.dec_rate_deg_s,
+        max_ra_rate_deg_s=console.profile.ra.max_rate_deg_s,
+        max_dec_rate_deg_s=console.profile.dec.max_rate_deg_s,
+        guide_rate_deg_s=None if guide is None else guide / DTICS_S_PER_DEG_S,
+        floor_altitude_deg=console.limits.floor_altitude_deg,
+        can_park=console.profile.park is not None,
+        link=_link_view(console, now_utc_s),
+        stranger_hosts=console.stranger_hosts,
+        asked=tuple(_asked_view(asked) for asked in console.asked),
+        refusal=_cut(console.refusal),
+        tripped=console.safety.tripped,
+        warnings=tuple(words[:LONGEST_WORDS] for words in _warnings(console)),
+    )
+
+
+def _doing(console: Console) -> str:
+    if console.stopping:
+        return "stopping"
+    if console.procedure is not None:
+        return console.procedure.doing
+    return "jogging" if console.jogs else "idle"
+
+
+def _readings(console: Console) -> ReadingsView:
+    seen = console.session.readings
+    types = {name: getattr(seen, name) for name in type(seen).__slots__}
+    return ReadingsView(**types, tracking=console.tracking_reading)
+
+
+def _link_view(console: Console, now_utc_s: float) -> LinkView:
+    health = console.session.health
+    return LinkView(
+        state=console.session.link_state(now_utc_s).value,
+        age_s=health.age_s(now_utc_s),
+        sent=health.sent,
+        received=health.received,
+        lost=health.lost,
+        late=health.late,
+        duplicate=health.duplicate,
+        rejected=health.rejected,
+        rate_hz=health.rate_hz,
+        jitter_ms=None if health.jitter_s is None else health.jitter_s * 1000.0,
+        restarts=health.restarts,
+        strangers=health.strangers,
+        doubled_launches=health.doubled_launches,
+        foreign_acks=health.foreign_acks,
+    )
+
+
+def _warnings(console: Console) -> list[str]:
+    warnings = []
+    if console.link_state is LinkState.LOST:
+        warnings.append(f"{console.mount_name} is silent: check its power and the cable")
+    if console.session.intruder is not None:
+        warnings.append(console.session.intruder)
+    if console.safety.tripped is not None:
+        warnings.append(limit_words(console.safety.tripped))
+    if console.stopping and not console.session.stopped:
+        warnings.append("the stop is not confirmed yet: it is being sent again and again")
+    warnings += _site_warnings(console) + _reading_warnings(console)
+    offset_s = console.clock_offset_s
+    if offset_s is not None and abs(offset_s) > CLOCK_OFF_S:
+        words = f"the mount's clock is {abs(offset_s):.1f} s {'ahead' if offset_s > 0.0 else 'behind'}"
+        warnings.append(f"{words}: its hour angles, and so its limits, are off by it")
+    if console.stranger_hosts:
+        hosts = ", ".join(console.stranger_hosts)
+        warnings.append(f"datagrams from {hosts} were dropped: they are not from the mount")
+    return warnings
+
+
+def _site_warnings(console: Console) -> list[str]:
+    status, site = console.session.status, console.site
+    if status is None or site is None:
+        return []
+    latitude, longitude = status.site_latitude_deg, status.site_longitude_deg
+    if latitude == longitude == 0.0:
+        return []
+    off = (abs(latitude - site.latitude_deg), abs(math.remainder(longitude - site.longitude_deg, 360.0)))
+    if max(off) < SITE_TOLERANCE_DEG:
+        return []
+    return [f"the mount believes it stands at {latitude:.2f}, {longitude:.2f}: check the site on both sides"]
+
+
+def _reading_warnings(console: Console) -> list[str]:
+    seen = console.session.readings
+    return [
+        f"the profile has {name} as {said}, the mount sends {getattr(seen, name)}"
+        for name, said in console.profile.readings.items()
+        if getattr(seen, name, None) not in (None, said)
+    ]
+
+
+def limit_words(name: str) -> str:
+    """Return what a safety limit did, and which way out there is."""
+    row = ROWS[name]
+    return f"safety stopped the mount at its {row.name} limit ({row.watches}); to go on: {row.way_out}"
+
+
+def request_words(request: Request) -> str:
+    """Return a request in words, with its numbers."""
+    match request:
+        case Slew() | Sync():
+            verb = "slew" if isinstance(request, Slew) else "sync"
+            return f"{verb} to RA {request.ra_deg:.4f}° Dec {request.dec_deg:+.4f}°"
+        case MoveAxis():
+            rates = (("RA", request.ra_rate_deg_s), ("Dec", request.dec_rate_deg_s))
+            return "move " + " ".join(f"{axis} {rate:+g} °/s" for axis, rate in rates if rate is not None)
+        case PulseGuide():
+            return f"pulse RA {request.ra_ms:+d} ms Dec {request.dec_ms:+d} ms"
+        case FineRate():
+            return f"fine rate RA {request.ra_deg_s:+g} °/s Dec {request.dec_deg_s:+g} °/s"
+        case TrackingRate():
+            return f"tracking rate {request.rate}"
+    return _PLAIN[type(request)]
+
+
+def _asked_view(asked: Asked) -> AskedView:
+    ticket = asked.ticket
+    return AskedView(
+        number=asked.number,
+        what=request_words(ticket.request),
+        state=ticket.state.value,
+        acknowledged=ticket.was_acknowledged,
+        settled=ticket.settled,
+        reason=_cut(ticket.reason),
+        utc_s=asked.utc_s,
+    )
+
+
+def _status_view(status: Status) -> StatusView:
+    values: dict[str, Any] = {name: _finite(getattr(status, name)) for name in StatusView.__struct_fields__}
+    return StatusView(**values)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None
+
+
+def _cut(words: str | None) -> str | None:
+    return None if words is None else words[:LONGEST_WORDS]

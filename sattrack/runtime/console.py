@@ -1,0 +1,262 @@
+"""Manual operation in real time: one thread, one `select`, a datagram at each of its absolute deadlines."""
+
+from __future__ import annotations
+
+import select
+import signal
+import sys
+import time
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol
+
+import msgspec
+
+from sattrack import practice
+from sattrack.clock import SimulatedClock
+from sattrack.console_messages import LeaveOrder, decode_order
+from sattrack.runtime.embedded import LineReader, start_embedded
+from sattrack.runtime.fly import IGNORED_SIGNALS, STOPPING_SIGNALS
+from sattrack.runtime.live import StopRequest
+from sattrack.runtime.realtime import undisturbed
+from sattrack.xerxes.client import Address, UdpLink, nobody_listens
+from sattrack.xerxes.datagrams import Command, encode_command
+from sattrack.xerxes.simulator.mount import SimulatedSite
+from sattrack.xerxes.simulator.process import ClockSetting, SimulatorConfig
+from sattrack.xerxes.simulator.settings import simulator_profile
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from sattrack.clock import Clock
+    from sattrack.console import Console
+    from sattrack.console_messages import ConsoleMessage
+    from sattrack.profiles import ProfileFile
+    from sattrack.runtime.embedded import EmbeddedMount
+    from sattrack.sitting import Sitting
+    from tle.site import Site
+
+LATE_ENOUGH_TO_SKIP_S = 0.5
+LAST_STOPS = 40
+SHOW_EVERY_TICKS = 2
+
+
+class Part(Protocol):
+    """What the loop drives: an errand, a look, or an operator's sitting."""
+
+    @property
+    def console(self) -> Console:
+        """The console at work."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether there is nothing left to do."""
+
+    def receive(self, data: bytes, arrival_utc_s: float) -> None:
+        """Take one datagram from the mount."""
+
+    def tick(self, now_utc_s: float) -> bytes | None:
+        """Return the datagram to send now, if any."""
+
+    def interrupt(self, now_utc_s: float) -> None:
+        """Come to a safe end."""
+
+    def fail(self, words: str, now_utc_s: float) -> None:
+        """Come to a safe end, for a defect."""
+
+
+@dataclass(slots=True)
+class Connection:
+    """A socket towards a mount, and the clock to run by; `simulated` is the one started for it."""
+
+    link: UdpLink
+    clock: Clock
+    simulated: EmbeddedMount | None = None
+
+    def now_utc_s(self) -> float:
+        """Return the instant that is now, UTC."""
+        return self.clock.utc_s(time.monotonic())
+
+    def refused(self) -> bool:
+        """Tell whether the mount's host says that nothing listens at the mount's port."""
+        return nobody_listens(self.link.address, encode_command(Command()))
+
+
+@contextmanager
+def connected(
+    address: Address | None, described: ProfileFile, site: Site | None, clock: Clock
+) -> Iterator[Connection]:
+    """Give a connection to a mount; with `address` None, to a simulated one in a process of its own.
+
+    Raises SattrackError where the port, or the simulated mount, is not to be had.
+    """
+    with ExitStack() as stack:
+        simulated = None
+        if address is None:
+            simulated = start_embedded(_simulator_config(described, site, clock))
+            stack.callback(simulated.close)
+            address = Address("127.0.0.1", simulated.port, 0)
+        link = UdpLink(address)
+        stack.callback(link.close)
+        yield Connection(link, clock, simulated)
+
+
+def _simulator_config(described: ProfileFile, site: Site | None, clock: Clock) -> SimulatorConfig:
+    where = practice.SITE.place() if site is None else site
+    setting = None
+    if isinstance(clock, SimulatedClock):
+        setting = ClockSetting(clock.start_utc_s, clock.anchor_s, clock.speed)
+    return SimulatorConfig(
+        SimulatedSite(where.latitude_deg, where.longitude_deg, where.height_m),
+        described.mount,
+        practice.START,
+        clock=setting,
+        hardware=simulator_profile(described.simulator),
+    )
+
+
+class OrderInbox:
+    """An operator's orders as JSON lines; the end of the channel is a leave. Other lines do nothing."""
+
+    def __init__(self, descriptor: int | None = None) -> None:
+        self._reader = LineReader(sys.stdin.fileno() if descriptor is None else descriptor)
+        self._ended = False
+        self.ignored = 0
+        """Lines that were no orders."""
+
+    def orders(self) -> Sequence[ConsoleMessage]:
+        """Return what has come, without waiting."""
+        if self._ended:
+            return ()
+        orders: list[ConsoleMessage] = []
+        for line in self._reader.lines():
+            try:
+                orders.append(decode_order(line))
+            except (msgspec.MsgspecError, RecursionError):
+                self.ignored += 1
+        if self._reader.ended:
+            self._ended = True
+            orders.append(LeaveOrder())
+        return orders
+
+
+@dataclass(slots=True)
+class ConsoleLoop:
+    """Feeds one part from one socket until it is finished; `show` is called a few times a second."""
+
+    part: Part
+    connection: Connection
+    stop: StopRequest
+    show: Callable[[float], None]
+    obey: Callable[[float], None] | None = None
+    _error: Exception | None = None
+    _interrupted: bool = field(default=False)
+
+    def run(self) -> None:
+        """Run to the end. Whatever breaks stops the mount first and is raised then."""
+        with undisturbed():
+            period_s = self.part.console.profile.period_s / self.connection.clock.speed
+            due_s, ticks = time.monotonic(), 0
+            while not self.part.finished:
+                self._guarded(self._wait_until, due_s)
+                self._guarded(self._listen_to_operator)
+                self._guarded(self._tick)
+                if ticks % SHOW_EVERY_TICKS == 0:
+                    self._guarded(self.show, self.connection.now_utc_s())
+                ticks += 1
+                due_s += period_s
+                if time.monotonic() - due_s > LATE_ENOUGH_TO_SKIP_S:
+                    due_s = time.monotonic()
+        if self._error is not None:
+            raise self._error
+
+    def _guarded(self, part: Callable[..., None], *arguments: Any) -> None:
+        try:
+            part(*arguments)
+        except Exception as error:
+            if self._error is not None:
+                if part == self._tick:
+                    self._last_resort()
+                    raise
+                return
+            self._error = error
+            self.part.fail(str(error), self.connection.now_utc_s())
+
+    def _last_resort(self) -> None:
+        """Say stop without asking anything that may be broken."""
+        for counter in range(LAST_STOPS):
+            self.connection.link.send(encode_command(Command(counter, abort=counter > 0)))
+            time.sleep(self.part.console.profile.period_s)
+
+    def _wait_until(self, due_s: float) -> None:
+        """Wait for an instant, taking datagrams as they come."""
+        link = self.connection.link
+        while True:
+            left_s = due_s - time.monotonic()
+            readable, _, _ = select.select([link], [], [], max(0.0, left_s))
+            if readable:
+                for arrival in link.receive():
+                    self.part.receive(arrival.data, self.connection.clock.utc_s(arrival.monotonic_s))
+            if due_s - time.monotonic() <= 0.0:
+                return
+
+    def _listen_to_operator(self) -> None:
+        now_utc_s = self.connection.now_utc_s()
+        if self.stop.asked and not self._interrupted:
+            self._interrupted = True
+            self.part.interrupt(now_utc_s)
+        if self.obey is not None:
+            self.obey(now_utc_s)
+        if self.connection.simulated is not None:
+            # Nobody asks for the truth here, but the pipe must not fill up.
+            self.connection.simulated.truths()
+
+    def _tick(self) -> None:
+        console, link = self.part.console, self.connection.link
+        console.session.health.strangers = link.strangers
+        if len(link.stranger_hosts) > len(console.stranger_hosts):
+            console.stranger_hosts = tuple(link.stranger_hosts)
+        datagram = self.part.tick(self.connection.now_utc_s())
+        if datagram is not None:
+            link.send(datagram)
+
+
+def attend(part: Part, connection: Connection, show: Callable[[float], None]) -> bool:
+    """Run an errand or a look to its end; return whether a signal interrupted it.
+
+    Signals that end programs bring the mount to rest first, however often they come.
+    """
+    stop = StopRequest()
+    with signals(stop):
+        ConsoleLoop(part, connection, stop, show).run()
+    return stop.asked
+
+
+def attend_sitting(
+    sitting: Sitting, connection: Connection, inbox: OrderInbox, show: Callable[[float], None]
+) -> bool:
+    """Run an operator's sitting to its end; return whether a signal ended it."""
+    stop = StopRequest()
+
+    def obey(now_utc_s: float) -> None:
+        for order in inbox.orders():
+            sitting.obey(order, now_utc_s)
+
+    with signals(stop):
+        ConsoleLoop(sitting, connection, stop, show, obey).run()
+    return stop.asked
+
+
+@contextmanager
+def signals(stop: StopRequest) -> Iterator[None]:
+    """Turn the signals that end programs into a request to stop; suspending is ignored meanwhile."""
+    before = {number: signal.getsignal(number) for number in (*STOPPING_SIGNALS, *IGNORED_SIGNALS)}
+    for number in STOPPING_SIGNALS:
+        signal.signal(number, lambda *_: stop.ask())
+    for number in IGNORED_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,138 @@
+"""A console with an operator before it, without I/O: obeys orders until the operator leaves.
+
+Until it is asked for something, it keeps silent where it hears the mount obey somebody else.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from sattrack.console_messages import (
+    AbortOrder,
+    ConsoleMessage,
+    HomeOrder,
+    JogOrder,
+    LeaveOrder,
+    ParkOrder,
+    ResetOrder,
+    SlewOrder,
+    SyncOrder,
+)
+from sattrack.errand import LISTEN_S, LISTEN_STATUSES, STOP_UNCONFIRMED_S, STOP_UNHEARD_S, acknowledged
+from sattrack.requests import FindHome, Park, Slew, Sync
+from sattrack.xerxes.link import LinkState
+
+if TYPE_CHECKING:
+    from sattrack.console import Console
+    from sattrack.console_view import ConsoleView
+
+LINGER_S = 0.25
+NOT_ALONE = "another program drives this mount: nothing is sent from here until you ask for something"
+
+
+class Sitting:
+    """One operator's time with one mount; call `tick` once a period until `finished`."""
+
+    def __init__(self, console: Console, started_utc_s: float) -> None:
+        self.console = console
+        self.finished = False
+        self.mount_stopped: bool | None = None
+        """Whether the stop at the end was seen through; None where none was needed."""
+        self._started_utc_s = started_utc_s
+        self._sending = False
+        self._heard = 0
+        self._others: set[str] = set()
+        self._leaving_utc_s: float | None = None
+        self._stopping = False
+        self._rest_utc_s: float | None = None
+
+    @property
+    def leaving(self) -> bool:
+        """Whether the operator has left."""
+        return self._leaving_utc_s is not None
+
+    def receive(self, data: bytes, arrival_utc_s: float) -> None:
+        """Take one datagram from the mount."""
+        received = self.console.session.health.received
+        self.console.receive(data, arrival_utc_s)
+        if not self._sending and self.console.session.health.received > received:
+            self._heard += 1
+            self._others |= acknowledged(data)
+
+    def obey(self, order: ConsoleMessage, now_utc_s: float) -> None:
+        """Do what the operator says; why not, where it is refused, stands in the view."""
+        console = self.console
+        if isinstance(order, LeaveOrder):
+            self.interrupt(now_utc_s)
+            return
+        if self.leaving:
+            return
+        self._sending = True
+        match order:
+            case AbortOrder():
+                console.abort(now_utc_s)
+            case JogOrder():
+                console.jog(order.ra_rate_deg_s, order.dec_rate_deg_s, now_utc_s)
+            case SlewOrder():
+                console.request(Slew(order.ra_deg, order.dec_deg), now_utc_s)
+            case SyncOrder():
+                console.request(Sync(order.ra_deg, order.dec_deg), now_utc_s)
+            case ParkOrder():
+                console.request(Park(), now_utc_s)
+            case HomeOrder():
+                console.request(FindHome(), now_utc_s)
+            case ResetOrder():
+                console.reset()
+
+    def interrupt(self, now_utc_s: float) -> None:
+        """Leave: stop what was begun from here, and end."""
+        if self.leaving:
+            return
+        self._leaving_utc_s = now_utc_s
+        self._stopping = self.console.moving or self.console.stopping
+        if self._stopping:
+            self.console.abort(now_utc_s)
+
+    def fail(self, words: str, now_utc_s: float) -> None:
+        """Stop the mount and leave: something here is not to be relied on."""
+        self._leaving_utc_s = now_utc_s if self._leaving_utc_s is None else self._leaving_utc_s
+        self._stopping = self._sending
+        self.console.fail(words)
+
+    def tick(self, now_utc_s: float) -> bytes | None:
+        """Return the datagram to send now, None while nothing is to be sent; call once a period."""
+        if not self._sending:
+            listened = self._heard >= LISTEN_STATUSES or now_utc_s - self._started_utc_s >= LISTEN_S
+            self._sending = listened and not self._others
+            self.finished = self.leaving
+            if not self._sending:
+                return None
+        datagram = self.console.tick(now_utc_s)
+        if self._leaving_utc_s is not None:
+            self._watch_end(now_utc_s, now_utc_s - self._leaving_utc_s)
+        return datagram
+
+    def view(self, now_utc_s: float) -> ConsoleView:
+        """Return what the operator is to see."""
+        view = self.console.view(now_utc_s)
+        if self._others and not self._sending:
+            return msgspec.structs.replace(view, warnings=(NOT_ALONE, *view.warnings))
+        return view
+
+    def _watch_end(self, now_utc_s: float, waited_s: float) -> None:
+        console = self.console
+        if not self._stopping:
+            self.finished = waited_s >= LINGER_S
+            return
+        if not console.session.stopped:
+            self._rest_utc_s = None
+        elif self._rest_utc_s is None:
+            self._rest_utc_s = now_utc_s
+        rested = self._rest_utc_s is not None and now_utc_s - self._rest_utc_s >= LINGER_S
+        never_heard = console.sample is None and waited_s >= LINGER_S
+        heard = console.session.link_state(now_utc_s) in {LinkState.UP, LinkState.STALE}
+        if rested or never_heard or waited_s > (STOP_UNCONFIRMED_S if heard else STOP_UNHEARD_S):
+            self.finished = True
+            self.mount_stopped = None if console.sample is None else rested

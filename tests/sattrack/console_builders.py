@@ -1,0 +1,102 @@
+"""A console, or an errand, and a simulated mount in virtual time: one turn of each every 50 ms."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from sattrack.console import Console
+from sattrack.errand import Errand
+from sattrack.mount import AxesPosition, MountProfile
+from sattrack.safety import SafetyLimits
+from sattrack.xerxes.datagrams import Command, decode_command
+from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.xerxes.simulator.settings import SimulatorProfile
+from tle.site import Site
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sattrack.procedures import Procedure
+    from sattrack.xerxes.simulator.mount import Truth
+
+T0 = 1_790_000_000.0
+PERIOD_S = 0.05
+SITE = Site(52.0, 4.5, 0.0)
+PROFILE = MountProfile(park=AxesPosition(20.0, 40.0), home=AxesPosition(0.0, 0.0))
+
+
+@dataclass
+class Bench:
+    """Both ends and what passed between them; `cut` loses every datagram of the mount."""
+
+    profile: MountProfile = PROFILE
+    hardware: SimulatorProfile = field(default_factory=SimulatorProfile)
+    start: StartPosition = field(default_factory=StartPosition)
+    site: Site | None = SITE
+    limits: SafetyLimits = field(default_factory=SafetyLimits)
+    cut: bool = False
+    now_s: float = T0
+    commands: list[Command] = field(default_factory=list)
+    truth: Truth | None = None
+
+    def __post_init__(self) -> None:
+        self.mount = SimulatedMount(self.profile, SimulatedSite(52.0, 4.5), self.start, self.hardware)
+        self.console = Console(self.profile, self.limits, self.site, "bench")
+
+    def turn(self, errand: Errand | None = None) -> None:
+        """Let 50 ms pass: the mount's turn, then ours."""
+        self.now_s += PERIOD_S
+        status, self.truth = self.mount.tick(self.now_s)
+        end = self.console if errand is None else errand
+        if not self.cut:
+            end.receive(status, self.now_s + 0.001)
+        datagram = end.tick(self.now_s + 0.002)
+        if datagram is not None:
+            self.commands.append(decode_command(datagram))
+            self.mount.receive(datagram)
+
+    def run(self, seconds: float) -> None:
+        for _ in range(round(seconds / PERIOD_S)):
+            self.turn()
+
+    def until(self, happens: Callable[[], bool], within_s: float = 60.0) -> None:
+        for _ in range(round(within_s / PERIOD_S)):
+            if happens():
+                return
+            self.turn()
+        raise AssertionError(f"did not happen within {within_s} s; the console is {self.console.view(self.now_s)}")
+
+    def carry_out(
+        self,
+        procedure: Procedure,
+        timeout_s: float | None = None,
+        at: tuple[tuple[float, Callable[[Errand], None]], ...] = (),
+        within_s: float = 120.0,
+    ) -> Errand:
+        """Run an errand to its end; `at` gives what befalls it so many seconds after its beginning."""
+        errand, begin_s = Errand(self.console, procedure, self.now_s, timeout_s), self.now_s
+        coming = list(at)
+        while not errand.finished:
+            assert self.now_s - begin_s < within_s, f"not over: {errand.phase}"
+            while coming and self.now_s - begin_s >= coming[0][0]:
+                coming.pop(0)[1](errand)
+            self.turn(errand)
+        return errand
+
+    @property
+    def moves_itself(self) -> bool:
+        """Whether an axis really moves otherwise than with the sky."""
+        assert self.truth is not None
+        resting = min(abs(self.truth.ra_rate_deg_s), abs(self.truth.ra_rate_deg_s - 360.0 / 86164.1)) < 1e-4
+        return not (resting and abs(self.truth.dec_rate_deg_s) < 1e-4)
+
+    def flags(self) -> list[str]:
+        """The flags that were up, in the order of their rising."""
+        risen: list[str] = []
+        names = ("abort", "find_home", "move_ra", "move_dec", "park", "pulse_guide", "slew", "sync")
+        before = Command()
+        for command in self.commands:
+            risen += [name for name in names if getattr(command, name) and not getattr(before, name)]
+            before = command
+        return risen
