@@ -22,6 +22,7 @@ COMMANDS = {
     "ephemeris": "Directions and rates of a satellite.",
     "passes": "Coming passes of one satellite, some, or a whole catalogue.",
     "track": "Follow the pass now in progress, else the next.",
+    "mount": "Look at a mount, and operate it by hand: status, watch, slew, park, ...",
     "sim": "The simulated mount alone, on UDP.",
     "elements": "Fetch, show and check element sets.",
     "doctor": "What is fine, what is not, and what to do: clock, elements, priority, mount.",

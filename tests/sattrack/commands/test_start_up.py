@@ -29,7 +29,7 @@ def test_every_command_has_help_and_the_options_of_every_command() -> None:
         done = subprocess.run(
             [sys.executable, "-m", "sattrack", name, "--help"], capture_output=True, text=True, check=True
         )
-        if name == "elements":
+        if name in ("elements", "mount"):
             continue
         for option in ("--config", "--site", "--elements", "--clock", "--json", "--debug"):
             assert option in done.stdout

@@ -1,0 +1,226 @@
+"""What the verbs of `sattrack mount` share: their options, one errand with a mount, and what came of it."""
+
+from __future__ import annotations
+
+import functools
+import math
+import select
+import sys
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import click
+import msgspec
+
+from sattrack import practice
+from sattrack.commands.common import CommandContext, common_options, profile_option
+from sattrack.console import Console
+from sattrack.console_view import ConsoleView, ReadingsView, StatusView
+from sattrack.console_words import where_words
+from sattrack.errand import DONE, Errand
+from sattrack.errors import (
+    BadInputError,
+    InterruptedRunError,
+    LinkLostError,
+    SafetyLimitError,
+    SattrackError,
+)
+from sattrack.requests import objection
+from sattrack.runtime.console import Connection, attend, connected
+from sattrack.runtime.prepare import mount_address
+from sattrack.safety import SafetyLimits
+from sattrack.view import LinkView
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from contextlib import AbstractContextManager
+
+    from sattrack.clock import Clock
+    from sattrack.procedures import Outcome, Procedure
+    from sattrack.profiles import ProfileFile
+    from sattrack.requests import Request
+    from sattrack.xerxes.client import Address
+    from tle.site import Site
+
+SILENT_ADVICE = (
+    "check that the mount is on, that {host}:{port} is its address and port, and that its own window sends "
+    "to this machine's address, port {listen}"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class MountCall:
+    """Which mount a verb is for, and how it is to be met; `address` None is the simulated one."""
+
+    context: CommandContext
+    address: Address | None
+    described: ProfileFile
+    site: Site | None
+    clock: Clock
+    timeout_s: float | None
+
+    @property
+    def name(self) -> str:
+        """The mount's name for people."""
+        return "sim" if self.address is None else str(self.address)
+
+    def console(self) -> Console:
+        """Return a console for it."""
+        return Console(self.described.mount, SafetyLimits(), self.site, self.name)
+
+    def connected(self) -> AbstractContextManager[Connection]:
+        """Return a connection to it, to be entered."""
+        return connected(self.address, self.described, self.site, self.clock)
+
+    def check(self, request: Request) -> None:
+        """Raise BadInputError where a request cannot be one, before anything is sent."""
+        words = objection(request, self.described.mount)
+        if words is not None:
+            raise BadInputError(f"{words}; nothing was sent")
+
+    def silence(self, connection: Connection) -> str:
+        """Return what to check where a mount was not heard."""
+        if self.address is None:
+            return "the simulated mount did not answer"
+        host, port, listen = self.address
+        if host.startswith("127.") and connection.refused():
+            return f"nothing listens on {host}:{port}"
+        return SILENT_ADVICE.format(host=host, port=port, listen=listen)
+
+
+def mount_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of every verb; the function's first argument becomes a CommandContext."""
+    options = (
+        common_options,
+        profile_option,
+        click.option("--mount", "mount_url", metavar="URL", help="sim, or xerxes://HOST:PORT?listen=PORT."),
+        click.option(
+            "--timeout", type=float, metavar="S", help="Give up, and stop the mount, after so long."
+        ),
+    )
+    return functools.reduce(lambda made, option: option(made), options, function)
+
+
+def resolve(context: CommandContext, options: dict[str, Any], needs_site: bool = True) -> MountCall:
+    """Return which mount a verb is for. Raises BadInputError; no socket is opened."""
+    address = mount_address(options["mount_url"] or context.settings.mount.url)
+    if address is not None and context.clock_option is not None:
+        raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
+    timeout_s = options["timeout"]
+    if timeout_s is not None and not (math.isfinite(timeout_s) and timeout_s > 0.0):
+        raise BadInputError(f"--timeout {timeout_s:g}: give seconds, above 0")
+    described = context.profile(options["profile"])
+    site = context.site() if context.has_site() or (needs_site and address is not None) else None
+    if site is None and address is None:
+        site = practice.SITE.place()
+    return MountCall(context, address, described, site, context.clock(), timeout_s)
+
+
+class VerbResult(msgspec.Struct, frozen=True):
+    """What came of a verb, as scripts read it."""
+
+    request: dict[str, Any]
+    state: str
+    acknowledged: bool
+    reason: str | None
+    ended_by: str
+    mount_stopped: bool | None
+    """Whether the mount was told to stop at the end and seen at rest; null where it was not told to."""
+    mount: str
+    status: StatusView | None
+    readings: ReadingsView
+    link: LinkView
+    clock_offset_s: float | None
+    stranger_hosts: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+@dataclass(slots=True)
+class Progress:
+    """A line about an errand that renews itself, on a terminal only, and never waited for."""
+
+    errand: Errand
+    _shown: bool = False
+
+    def show(self, now_utc_s: float) -> None:
+        """Renew it."""
+        if not sys.stderr.isatty():
+            return
+        _, writable, _ = select.select([], [sys.stderr], [], 0.0)
+        if writable:
+            self._shown = True
+            words = where_words(self.errand.console.view(now_utc_s))
+            click.echo(f"\r\x1b[K{self.errand.doing}: {words}", nl=False, err=True)
+
+    def wipe(self) -> None:
+        """Take the line away."""
+        if self._shown:
+            click.echo("\r\x1b[K", nl=False, err=True)
+
+
+def perform(call: MountCall, procedure: Procedure, asked: dict[str, Any], words: str) -> int:
+    """Carry a procedure out and tell what came of it; `words` say what was asked.
+
+    Raises the SattrackError whose exit code the verb ends with, else returns 0.
+    """
+    with call.connected() as connection:
+        errand = Errand(call.console(), procedure, connection.now_utc_s(), call.timeout_s)
+        progress = Progress(errand)
+        attend(errand, connection, progress.show)
+        progress.wipe()
+        never_heard = errand.console.sample is None
+        advice = call.silence(connection) if never_heard else None
+        view = errand.console.view(connection.now_utc_s())
+    outcome = errand.outcome
+    assert outcome is not None
+    if call.context.json:
+        click.echo(msgspec.json.encode(_result(asked, errand, outcome, view)).decode())
+    failed = failure(errand, outcome, words, advice)
+    if failed is not None:
+        raise failed
+    if not call.context.json:
+        how = outcome.state.value + (", acknowledged" if outcome.acknowledged else "")
+        click.echo(f"{words}: {how}" + (f" ({outcome.reason})" if outcome.reason else ""))
+        click.echo(where_words(view))
+        for warning in view.warnings:
+            click.echo(f"sattrack: {warning}", err=True)
+    return 0
+
+
+def _result(asked: dict[str, Any], errand: Errand, outcome: Outcome, view: ConsoleView) -> VerbResult:
+    return VerbResult(
+        request=asked,
+        state=outcome.state.value,
+        acknowledged=outcome.acknowledged,
+        reason=outcome.reason,
+        ended_by=errand.ended_by or "error",
+        mount_stopped=errand.mount_stopped,
+        mount=view.mount,
+        status=view.status,
+        readings=view.readings,
+        link=view.link,
+        clock_offset_s=view.clock_offset_s,
+        stranger_hosts=view.stranger_hosts,
+        warnings=view.warnings,
+    )
+
+
+def failure(errand: Errand, outcome: Outcome, words: str, advice: str | None) -> SattrackError | None:
+    """Return the error that a verb ends with, its class by the exit code; None where it was done."""
+    why = errand.ended_by or "error"
+    if why == "done" and outcome.state in DONE:
+        return None
+    told = f"{words}: {outcome.reason or outcome.state.value}"
+    if advice is not None:
+        told += f"; {advice}"
+    if errand.mount_stopped:
+        told += "; the mount was stopped and seen at rest"
+    elif errand.mount_stopped is False:
+        told += "; THE MOUNT DID NOT CONFIRM THE STOP: stop it by its own console"
+    elif not errand.begun:
+        told += "; nothing was asked of the mount"
+    by_safety = outcome.refusal is not None and outcome.refusal.by_safety
+    if why.startswith("limit:") or (why in ("refused", "done") and by_safety):
+        return SafetyLimitError(told)
+    kinds: dict[str, type[SattrackError]] = {"link": LinkLostError, "operator": InterruptedRunError}
+    return kinds.get(why, SattrackError)(told)

@@ -1,0 +1,52 @@
+"""`sattrack mount abort`, `park` and `home`: what brings a mount to rest, or to where it rests."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sattrack.commands.mount_common import mount_options, perform, resolve
+from sattrack.procedures import procedure_for
+from sattrack.requests import Abort, FindHome, Park
+
+if TYPE_CHECKING:
+    from sattrack.commands.common import CommandContext
+    from sattrack.requests import Request
+
+
+@click.command("abort")
+@mount_options
+def abort(context: CommandContext, **options: Any) -> int:
+    """Stop both axes at once, and see them at rest; the drives stay on. A silent mount is told, too."""
+    return _ask(context, "abort", Abort(), options, needs_site=False)
+
+
+@click.command("park")
+@mount_options
+def park(context: CommandContext, **options: Any) -> int:
+    """Slew to the profile's park position, stop there, see the mount at rest, cut the drives' power.
+
+    The protocol has no acknowledgement for parking: it ends as "sent, unconfirmed" unless the mount says that
+    it is at park. There is no unpark: the mount's own window gives the power back.
+    """
+    return _ask(context, "park", Park(), options)
+
+
+@click.command("home")
+@mount_options
+def home(context: CommandContext, **options: Any) -> int:
+    """Go to the home position and watch the way there.
+
+    The protocol has no acknowledgement for it: it ends as "sent, unconfirmed" unless the mount says that it
+    is at home.
+    """
+    return _ask(context, "home", FindHome(), options)
+
+
+def _ask(
+    context: CommandContext, name: str, request: Request, options: dict[str, Any], needs_site: bool = True
+) -> int:
+    call = resolve(context, options, needs_site)
+    call.check(request)
+    return perform(call, procedure_for(request, call.described.mount), {"type": name}, name)
