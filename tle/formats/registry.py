@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 from typing import TYPE_CHECKING
 
 from tle.errors import ElementsError, FormatError, SourceError
-from tle.formats import gpredict, omm_csv, omm_json, omm_kvn, omm_xml, tle, tle_writer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from tle.elements import Elements
 
-    # Name, whether a text looks like it, and the reader of a text from a named source.
-    _Reader = tuple[str, Callable[[str], bool], Callable[[str, str], Iterator[Elements | ElementsError]]]
+    _Reader = Callable[[str, str], Iterator[Elements | ElementsError]]
 
-_READERS: tuple[_Reader, ...] = (
-    ("xml", omm_xml.looks_like_xml, omm_xml.read),
-    ("json", omm_json.looks_like_json, omm_json.read),
-    ("gpredict", gpredict.looks_like_gpredict, gpredict.read),
-    ("csv", omm_csv.looks_like_csv, omm_csv.read),
-    ("kvn", omm_kvn.looks_like_kvn, omm_kvn.read),
-    ("tle", tle.looks_like_tle, tle.read),
+# Name, what a text of it cannot be without, and the module, imported only for a text that may be of it.
+_READERS: tuple[tuple[str, Callable[[str], bool], str], ...] = (
+    ("xml", lambda text: text.lstrip()[:1] == "<", "omm_xml"),
+    ("json", lambda text: text.lstrip()[:1] in ("[", "{"), "omm_json"),
+    ("gpredict", lambda text: "TLE1=" in text, "gpredict"),
+    ("csv", lambda text: "MEAN_MOTION" in text or "NORAD_CAT_ID" in text, "omm_csv"),
+    ("kvn", lambda text: "=" in text, "omm_kvn"),
+    ("tle", lambda _: True, "tle"),
 )
 WRITTEN = ("csv", "json", "xml", "kvn", "tle", "2le")
 _TDM = re.compile(r"^\s*CCSDS_TDM_VERS\b|<(?:\w+:)?tdm\b", re.ASCII)
@@ -33,7 +33,19 @@ _HTML = re.compile(r"\s*<(?:!doctype\s+html|html|head|body)\b", re.IGNORECASE)
 
 def recognise(text: str) -> str | None:
     """Return the format of a text, one of xml, json, gpredict, csv, kvn, tle; None where it is none."""
-    return next((name for name, looks_like, _ in _READERS if looks_like(text)), None)
+    found = _reader(text)
+    return None if found is None else found[0]
+
+
+def _reader(text: str) -> tuple[str, _Reader] | None:
+    """Return the name of the format that a text is in, and its reader."""
+    for name, may_be, module_name in _READERS:
+        if not may_be(text):
+            continue
+        module = importlib.import_module(f"tle.formats.{module_name}")
+        if getattr(module, f"looks_like_{name}")(text):
+            return name, module.read
+    return None
 
 
 def is_html(text: str) -> bool:
@@ -49,12 +61,11 @@ def parse_elements(text: str, source: str = "") -> list[Elements | ElementsError
     text = text.removeprefix("\ufeff")
     if "\n" not in text:
         text = text.replace("\r", "\n")
-    for _, looks_like, read in _READERS:
-        if looks_like(text):
-            found = list(read(text, source))
-            if found:
-                return found
-            break
+    reader = _reader(text)
+    if reader is not None:
+        found = list(reader[1](text, source))
+        if found:
+            return found
     return [FormatError(_nothing(text), source=source or "the text")]
 
 
@@ -65,16 +76,16 @@ def write_elements(elements: Iterable[Elements], form: str, created: str = "", o
     (ISO 8601 UTC) and `originator` go into the headers of XML and KVN. Raises UnwritableError where a TLE
     cannot hold a value, SourceError for an unknown format.
     """
-    if form == "csv":
-        return omm_csv.write(elements)
-    if form == "json":
-        return omm_json.write(elements)
-    if form == "xml":
-        return omm_xml.write(elements, created, originator)
-    if form == "kvn":
-        return omm_kvn.write(elements, created, originator)
     if form in ("tle", "2le"):
+        from tle.formats import tle_writer
+
         return tle_writer.write(elements, names=form == "tle")
+    if form in ("csv", "json"):
+        text: str = importlib.import_module(f"tle.formats.omm_{form}").write(elements)
+        return text
+    if form in ("xml", "kvn"):
+        headed: str = importlib.import_module(f"tle.formats.omm_{form}").write(elements, created, originator)
+        return headed
     raise SourceError(f"{form!r} is no format of elements: give one of {', '.join(WRITTEN)}")
 
 
