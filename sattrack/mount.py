@@ -82,9 +82,10 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     says so, None where that side was never measured and is taken to be like the other. A gain is the rate
     that comes of a commanded one, divided by it. `additive` where MoveAxis rates add to sidereal tracking.
     `move_axis` is "held" where the latest rates act while the flag is up, and "edge" where they are read as
-    the flag rises and stay in force after its fall. Delays are seconds from our send call to the mount's
-    mailbox and from its sample to our socket. `watchdog_s` is the silence after which the mount stops by
-    itself, None where it never does. `readings` are the types of the doubtful fields of a status.
+    the flag rises and stay in force after its fall. Delays are seconds: the mean one from our send call to
+    the mount's mailbox, and the shortest one from its sample to our socket, as samples are dated by the
+    fastest arrivals. `watchdog_s` is the silence after which the mount stops by itself, None where it never
+    does. `readings` are the types of the doubtful fields of a status.
     """
 
     name: str = "xerxes-default"

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 SECONDS_BETWEEN_LINES = 5.0
 OLD_AFTER_DAYS = 3.0
+TELLING_DELAY_S = 0.0005
 
 
 class SummaryLine(msgspec.Struct, frozen=True):
@@ -76,6 +77,15 @@ def announcement(facts: RunFacts) -> list[str]:
     age_days = (plan.start_utc_s - float(facts.elements.epoch.unix_s)) / 86400.0
     if abs(age_days) > OLD_AFTER_DAYS:
         lines.append(f"the elements are {abs(age_days):.1f} days off the pass: expect it early or late")
+    record = facts.profile.calibration
+    if record is not None and facts.profile.clock_offset_s is None:
+        low, high = record.status_delay_interval_s
+        off_s = max(high - facts.profile.status_delay_s, facts.profile.status_delay_s - low)
+        if off_s > TELLING_DELAY_S:
+            lines.append(
+                f"the mount's delays are known to {off_s * 1000.0:.0f} ms: at 1 °/s, up to "
+                f"{off_s * 3600.0:.0f}″ along the track that the reported error does not show"
+            )
     return lines
 
 
