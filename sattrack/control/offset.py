@@ -1,0 +1,147 @@
+"""One offset over time: its total, its rate, and changes spread so that the mount can follow them.
+
+Every change is a quintic in time from the value, rate and acceleration of its beginning to the wanted line,
+so value, rate and acceleration are continuous, and the end is reached exactly and not merely approached.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+SHORTEST_S = 1.5
+LONGEST_S = 60.0
+GROWTH = 1.1
+SAMPLES = 24
+KEPT = 64
+"""Changes that are remembered: instants before them are asked for only within seconds."""
+
+
+class State(NamedTuple):
+    """Value, rate a second and acceleration a second squared, in the offset's own unit."""
+
+    value: float
+    rate: float
+    acceleration: float
+
+
+class Bounds(NamedTuple):
+    """What a change may ask of the mount, in the offset's own unit: rate and acceleration."""
+
+    rate: float
+    acceleration: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Change:
+    begins_utc_s: float
+    seconds: float
+    coefficients: tuple[float, float, float, float, float, float]
+    total: float
+    """Value at the end of the change."""
+    rate: float
+    """Rate from then on."""
+
+    def state(self, utc_s: float) -> State:
+        if utc_s >= self.begins_utc_s + self.seconds:
+            return State(self.total_at(utc_s), self.rate, 0.0)
+        c0, c1, c2, c3, c4, c5 = self.coefficients
+        u = max(0.0, (utc_s - self.begins_utc_s) / self.seconds)
+        value = c0 + u * (c1 + u * (c2 + u * (c3 + u * (c4 + u * c5))))
+        rate = c1 + u * (2.0 * c2 + u * (3.0 * c3 + u * (4.0 * c4 + u * 5.0 * c5)))
+        acceleration = 2.0 * c2 + u * (6.0 * c3 + u * (12.0 * c4 + u * 20.0 * c5))
+        return State(value, rate / self.seconds, acceleration / self.seconds**2)
+
+    def total_at(self, utc_s: float) -> float:
+        return self.total + self.rate * (utc_s - self.begins_utc_s - self.seconds)
+
+
+@dataclass(slots=True)
+class Offset:
+    """An offset: `total_at` is what is asked for, `state` what is applied; instants of changes never fall."""
+
+    start: float = 0.0
+    _changes: list[_Change] = field(default_factory=list)
+    _begins: list[float] = field(default_factory=list)
+
+    @property
+    def rate(self) -> float:
+        """Rate asked for, a second."""
+        return self._changes[-1].rate if self._changes else 0.0
+
+    def total_at(self, utc_s: float) -> float:
+        """Return the total asked for as of an instant: the line that the offset is on or on its way to."""
+        return self._changes[-1].total_at(utc_s) if self._changes else self.start
+
+    def state(self, utc_s: float) -> State:
+        """Return what is applied at an instant."""
+        index = bisect_right(self._begins, utc_s) - 1
+        if index >= 0:
+            return self._changes[index].state(utc_s)
+        return self._changes[0].state(self._begins[0]) if self._changes else State(self.start, 0.0, 0.0)
+
+    def add(self, amount: float, begins_utc_s: float, bounds: Bounds) -> None:
+        """Add to the total; a rate goes on."""
+        self._change(self.total_at(begins_utc_s) + amount, self.rate, begins_utc_s, bounds)
+
+    def set(self, total: float, begins_utc_s: float, bounds: Bounds) -> None:
+        """Go to a total as soon as the bounds allow, and rest there."""
+        self._change(total, 0.0, begins_utc_s, bounds)
+
+    def run(self, rate: float, begins_utc_s: float, bounds: Bounds) -> None:
+        """Change by `rate` a second from an instant on."""
+        # The line's foot is chosen so that the change is a plain ramp of the rate.
+        now = self.state(begins_utc_s)
+        foot = now.value + 0.5 * (now.rate - rate) * SHORTEST_S
+        self._change(foot, rate, begins_utc_s, bounds)
+
+    def gradual(self, total: float, seconds: float, begins_utc_s: float, bounds: Bounds) -> None:
+        """Reach a total in so many seconds, or as soon after as the bounds allow."""
+        self._change(total, 0.0, begins_utc_s, bounds, seconds)
+
+    def stop(self, begins_utc_s: float, bounds: Bounds) -> None:
+        """Come to rest about where the offset is: the total is what is reached."""
+        now = self.state(begins_utc_s)
+        self._change(now.value + 0.5 * now.rate * SHORTEST_S, 0.0, begins_utc_s, bounds)
+
+    def reset(self, begins_utc_s: float, bounds: Bounds) -> None:
+        """Take the offset away."""
+        self._change(0.0, 0.0, begins_utc_s, bounds)
+
+    def _change(
+        self, foot: float, rate: float, begins_utc_s: float, bounds: Bounds, seconds: float = SHORTEST_S
+    ) -> None:
+        """Go over to the line that has `foot` at the beginning and `rate`, within the bounds."""
+        now = self.state(begins_utc_s)
+        seconds = max(seconds, SHORTEST_S)
+        change = _joined(now, foot, rate, begins_utc_s, seconds)
+        while seconds < LONGEST_S and not _within(change, now, bounds):
+            seconds *= GROWTH
+            change = _joined(now, foot, rate, begins_utc_s, seconds)
+        self._changes = [*self._changes, change][-KEPT:]
+        self._begins = [one.begins_utc_s for one in self._changes]
+
+
+def _joined(now: State, foot: float, rate: float, begins_utc_s: float, seconds: float) -> _Change:
+    total = foot + rate * seconds
+    way = total - now.value
+    v0, v1, a0 = now.rate * seconds, rate * seconds, now.acceleration * seconds**2
+    coefficients = (
+        now.value,
+        v0,
+        0.5 * a0,
+        10.0 * way - 6.0 * v0 - 4.0 * v1 - 1.5 * a0,
+        -15.0 * way + 8.0 * v0 + 7.0 * v1 + 1.5 * a0,
+        6.0 * way - 3.0 * (v0 + v1) - 0.5 * a0,
+    )
+    return _Change(begins_utc_s, seconds, coefficients, total, rate)
+
+
+def _within(change: _Change, now: State, bounds: Bounds) -> bool:
+    """Tell whether a change keeps to the bounds, or at least to what it begins and ends with."""
+    most_rate = max(bounds.rate, abs(now.rate), abs(change.rate))
+    most_acceleration = max(bounds.acceleration, abs(now.acceleration))
+    steps = (change.begins_utc_s + change.seconds * i / SAMPLES for i in range(SAMPLES + 1))
+    states = [change.state(t) for t in steps]
+    return all(abs(s.rate) <= most_rate and abs(s.acceleration) <= most_acceleration for s in states)
