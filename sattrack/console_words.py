@@ -61,12 +61,6 @@ def degrees(value_deg: float | None) -> str:
     return f"{before}{whole // 3600:02d}° {whole // 60 % 60:02d}′ {whole % 60:02d}″"
 
 
-def drive(rate_dtics_s: float) -> str:
-    """Return a drive's rate as the mount tells it, and in degrees a second."""
-    deg_s = number(rate_dtics_s / DTICS_S_PER_DEG_S, 4, "°/s", sign=True)
-    return f"{number(rate_dtics_s, 0, sign=True)} ({deg_s})"
-
-
 def yes(flag: bool) -> str:
     """Return a flag in a word."""
     return "yes" if flag else "no"
@@ -117,8 +111,10 @@ def drives(view: ConsoleView, status: StatusView) -> Group:
     return Group(
         "drives (tics/10 s)",
         (
-            Line("RA rate", drive(status.ra_rate_dtics_s)),
-            Line("Dec rate", drive(status.dec_rate_dtics_s)),
+            Line("RA rate", number(status.ra_rate_dtics_s, 0, sign=True)),
+            Line("  in °/s", number(status.ra_rate_dtics_s / DTICS_S_PER_DEG_S, 4, sign=True)),
+            Line("Dec rate", number(status.dec_rate_dtics_s, 0, sign=True)),
+            Line("  in °/s", number(status.dec_rate_dtics_s / DTICS_S_PER_DEG_S, 4, sign=True)),
             Line("RA current", number(status.ra_current_10ma / 100.0, 2, " A")),
             Line("Dec current", number(status.dec_current_10ma / 100.0, 2, " A")),
             Line("RA guide", number(status.ra_guide_rate_dtics_s, 0)),

@@ -1,0 +1,73 @@
+"""`sattrack mount watch`: the manual console on a terminal, or as a stream of JSON lines."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sattrack.commands.json_lines import JsonLines
+from sattrack.commands.mount_common import MountCall, mount_options, resolve
+from sattrack.commands.running import tui_possible
+from sattrack.errors import BadInputError, SattrackError
+from sattrack.runtime.console import OrderInbox, attend_sitting
+from sattrack.sitting import Sitting
+
+if TYPE_CHECKING:
+    from sattrack.commands.common import CommandContext
+
+
+@click.command("watch")
+@click.option("--stream", is_flag=True, help="No screen: views as JSON lines on standard output.")
+@click.option(
+    "--control", is_flag=True, help="With --stream: orders as JSON lines on standard input; its end leaves."
+)
+@mount_options
+def watch(context: CommandContext, stream: bool, control: bool, **options: Any) -> int:
+    """Operate a mount by hand, full screen: every field of its status live; jog, slew, sync, park, stop.
+
+    SPACE stops the mount, everywhere. A jog ends by itself when its key is let go.
+    """
+    call = resolve(context, options)
+    if call.clock.speed != 1.0:
+        raise BadInputError("--clock: a person jogs in real time; leave its speed out")
+    if control and not stream:
+        raise BadInputError("--control goes with --stream")
+    if call.timeout_s is not None:
+        raise BadInputError("--timeout: a console lasts until it is left")
+    if stream:
+        return _stream(call, control)
+    if not tui_possible():
+        raise BadInputError(
+            "watch needs a terminal; `sattrack mount status` is one look, --stream is for programs"
+        )
+    from sattrack.tui.console_launch import watch_with_tui
+
+    return watch_with_tui([sys.executable, "-m", "sattrack", *sys.argv[1:], "--stream", "--control"])
+
+
+class _NoOrders(OrderInbox):
+    """Nobody's orders."""
+
+    def __init__(self) -> None:
+        self.ignored = 0
+
+    def orders(self) -> tuple[()]:
+        """Return none."""
+        return ()
+
+
+def _stream(call: MountCall, control: bool) -> int:
+    lines = JsonLines()
+    inbox = OrderInbox() if control else _NoOrders()
+    with call.connected() as connection:
+        sitting = Sitting(call.console(), connection.now_utc_s())
+        attend_sitting(sitting, connection, inbox, lambda now_utc_s: lines.write(sitting.view(now_utc_s)))
+    if inbox.ignored:
+        click.echo(f"sattrack: {inbox.ignored} control lines were no orders", err=True)
+    if sitting.mount_stopped is False:
+        raise SattrackError("THE MOUNT DID NOT CONFIRM THE STOP: stop it by its own console")
+    if sitting.mount_stopped:
+        click.echo("sattrack: the mount was stopped and seen at rest", err=True)
+    return 0

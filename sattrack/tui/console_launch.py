@@ -1,0 +1,93 @@
+"""Start the console in a process of its own, and its screen here on top of it."""
+
+from __future__ import annotations
+
+import importlib
+import signal
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import click
+
+from sattrack.console_messages import LeaveOrder
+from sattrack.errors import SattrackError
+from sattrack.tui.console_child import ConsoleProcess
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from sattrack.tui.console_feed import ConsoleFeed
+
+PATIENCE_S = 75.0
+"""Longer than the console goes on sending stops to a mount that does not come to rest."""
+TELL_AFTER_S = 0.6
+GRACE_S = 2.0
+INTERRUPTED = 130
+LEAVING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+
+
+def watch_with_tui(
+    command: Sequence[str],
+    show: Callable[[ConsoleFeed], bool] | None = None,
+    patience_s: float = PATIENCE_S,
+) -> int:
+    """Run `command` (a console with `--stream --control`) under the screen; return its exit code.
+
+    However the screen ends, the console is told to leave, and has `patience_s` to bring to rest what it has
+    set going. `show` stands in for the screen; it tells whether it was interrupted.
+    """
+    console = ConsoleProcess(command)
+    if show is None:
+        # While the console starts: the screen is to be there with its first view.
+        importlib.import_module("sattrack.tui.console_app")
+    interrupted = False
+    code: int | None = None
+    try:
+        if console.wait_first_view():
+            interrupted = (show or show_console)(console)
+    except KeyboardInterrupt:
+        interrupted = True
+    finally:
+        code = _end(console, patience_s)
+        told = console.close()
+        if told:
+            click.echo(told, err=True, nl=not told.endswith("\n"))
+    return INTERRUPTED if interrupted and code == 0 else code
+
+
+def show_console(feed: ConsoleFeed) -> bool:
+    """Run the screen until it is left; raises SattrackError where it broke."""
+    from sattrack.tui.console_app import ConsoleApp
+
+    app = ConsoleApp(feed)
+    with _leaving(app.ask_to_leave):
+        app.run()
+    if app.return_code:
+        raise SattrackError("the screen broke; the mount was told to stop")
+    return app.interrupted
+
+
+def _end(console: ConsoleProcess, patience_s: float) -> int:
+    """Have the console leave, and wait for its end for a bounded time."""
+    console.tell(LeaveOrder())
+    console.close_input()
+    code = console.wait(min(TELL_AFTER_S, patience_s))
+    if code is None:
+        click.echo("sattrack: waiting for the mount to come to rest …", err=True)
+        code = console.wait(patience_s)
+    if code is None:
+        click.echo("sattrack: THE CONSOLE DOES NOT END: STOP THE MOUNT BY HAND; ending it by force", err=True)
+        console.end_by_force(GRACE_S)
+        return 1
+    return code if code >= 0 else 128 - code
+
+
+@contextmanager
+def _leaving(leave: Callable[[], None]) -> Iterator[None]:
+    """Have the signals that end programs leave the screen as its own key does, the terminal restored."""
+    before = {number: signal.signal(number, lambda *_: leave()) for number in LEAVING_SIGNALS}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

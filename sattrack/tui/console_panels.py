@@ -1,0 +1,306 @@
+"""The panels of the console's screen."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, ClassVar
+
+from rich.cells import cell_len
+from textual.content import Content
+from textual.widget import Widget
+
+from sattrack import console_words
+from sattrack.console_words import Group, Line, number
+from sattrack.tui import words
+from sattrack.tui.console_scene import ConsoleScene, cautions, headline, jog_rates_deg_s
+from sattrack.tui.look import DIM, PLATE, SPOKEN
+from sattrack.tui.panels import Part, Row, labelled, rows_content
+from sattrack.tui.scene import Tone
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable
+
+    from sattrack.console_view import AskedView, ConsoleView, StatusView
+
+LOUD = SPOKEN[Tone.NOTICE]
+LAMP_ON, LAMP_OFF = "●", "○"
+
+
+class ConsolePanel(Widget):
+    """Draws one aspect of a scene: in rows where it has room for them, else in few."""
+
+    grows: ClassVar[bool] = False
+    """Whether its height follows what it says."""
+    small: ClassVar[int] = 2
+    """The most rows in which it is drawn compactly."""
+
+    def __init__(self, id: str | None = None) -> None:  # noqa: A002 - Textual's own name
+        super().__init__(id=id)
+        self._scene: ConsoleScene | None = None
+        self._drawn = Content("")
+
+    def show(self, scene: ConsoleScene) -> None:
+        """Take a new scene; nothing is redrawn where nothing has changed."""
+        self._scene = scene
+        if not self._content().is_same(self._drawn):
+            self.refresh(layout=self.grows)
+
+    def render(self) -> Content:
+        """Draw."""
+        self._drawn = self._content()
+        return self._drawn
+
+    def _content(self) -> Content:
+        if self._scene is None:
+            return Content("")
+        rows = self.full(self._scene) if self.content_size.height > self.small else self.compact(self._scene)
+        return rows_content(rows)
+
+    def full(self, scene: ConsoleScene) -> list[Row]:
+        """Return the rows for a panel with room."""
+        raise NotImplementedError
+
+    def compact(self, scene: ConsoleScene) -> list[Row]:
+        """Return the one or two rows for a small terminal."""
+        return self.full(scene)
+
+
+class ConsoleTitle(ConsolePanel):
+    """Which mount, by which profile, and what time it is."""
+
+    def full(self, scene: ConsoleScene) -> list[Row]:
+        """Return the one row."""
+        view = scene.view
+        time = f"{words.date(view.utc_s)} {words.clock(view.utc_s)} UTC"
+        room = self.content_size.width - cell_len(f"mount    profile {view.profile}  {time}")
+        # Addresses can be long; nothing else in this row may give way.
+        mount = view.mount if len(view.mount) <= room else view.mount[: max(0, room - 1)] + "…"
+        gap = max(1, room - len(mount) + 2)
+        return [
+            [
+                ("mount ", DIM),
+                (mount, "bold"),
+                ("   profile ", DIM),
+                view.profile,
+                " " * (gap - 1),
+                (time, "bold"),
+            ]
+        ]
+
+
+class ConsoleHeadline(ConsolePanel):
+    """What the mount does, or whatever matters more."""
+
+    def full(self, scene: ConsoleScene) -> list[Row]:
+        """Return the one row."""
+        word, rest, tone = headline(scene)
+        return [[(f" {word} ", PLATE[tone]), " ", (rest, SPOKEN[tone])]]
+
+
+class ConsoleCautions(ConsolePanel):
+    """What wants attention, each with what to do; takes no room where there is nothing."""
+
+    grows = True
+
+    def _content(self) -> Content:
+        return Content("") if self._scene is None else rows_content(self.full(self._scene))
+
+    def full(self, scene: ConsoleScene) -> list[Row]:
+        """Return one row for each."""
+        return [[(f"! {what}", SPOKEN[tone]), f": {do}" if do else ""] for what, do, tone in cautions(scene)]
+
+    def show(self, scene: ConsoleScene) -> None:
+        """Take a new scene, and no room where there is nothing to say."""
+        super().show(scene)
+        self.display = bool(cautions(scene))
+
+
+class GroupPanel(ConsolePanel):
+    """A group of the status' fields, a row each."""
+
+    def __init__(self, make: Callable[[ConsoleView, StatusView], Group], id: str) -> None:  # noqa: A002
+        super().__init__(id=id)
+        self._make = make
+
+    def full(self, scene: ConsoleScene) -> list[Row]:
+        """Return the rows."""
+        status = scene.view.status
+        if status is None:
+            return [[(words.NOTHING, DIM)]]
+        return _rows(self._make(scene.view, status).lines)
+
+    def compact(self, scene: ConsoleScene) -> list[Row]:
+        """Return all of them in one row."""
+        status = scene.view.status
+        if status is None:
+            return []
+        return [
+            _joined(
+                Line(_SHORT.get(line.name, line.name), *line[1:])
+                for line in self._make(scene.view, status).lines
+            )
+        ]
+
+
+class AcksPanel(GroupPanel):
+    """Which commands the mount acknowledges: lamps, so that a glance suffices."""
+
+    def __init__(self, id: str) -> None:  # noqa: A002
+        super().__init__(console_words.acknowledgements, id)
+
+    def full(self, scene: ConsoleScene) -> list[Row]:
+        """Return a lamp a row."""
+        return [[(part, style), f" {name}"] for name, part, style in self._lamps(scene)]
+
+    def compact(self, scene: ConsoleScene) -> list[Row]:
+        """Return the lamps in one row."""
+        row: Row = [] if self.styles.border_top[0] else [("acknowledged ", DIM)]
+        for name, lamp, style in self._lamps(scene):
+            row += [(lamp, style), f" {name}  "]
+        return [row]
+
+    def _lamps(self, scene: ConsoleScene) -> list[tuple[str, str, str]]:
+        status = scene.view.status
+        if status is None:
+            return []
+        on = SPOKEN[Tone.GOOD]
+        return [
+            (line.name, LAMP_ON, on) if line.value == "yes" else (line.name, LAMP_OFF, DIM)
+            for line in self._make(scene.view, status).lines
+        ]
+
+
+class ReadingsPanel(ConsolePanel):
+    """How the fields that can be read in two ways are read."""
+
+    def full(self, scene: ConsoleScene) -> list[Row]:
+        """Return the rows."""
+        return _rows(console_words.readings(scene.view).lines)
+
+    def compact(self, scene: ConsoleScene) -> list[Row]:
+        """Return two rows."""
+        seen = scene.view.readings
+        rates = f"{seen.ra_rate_dtics_s or '?'}/{seen.dec_rate_dtics_s or '?'}"
+        guides = f"{seen.ra_guide_rate_dtics_s or '?'}/{seen.dec_guide_rate_dtics_s or '?'}"
+        first: Row = [("read as ", DIM), "rates ", (rates, "bold"), ("   counter ", DIM), seen.counter or "?"]
+        first += [("   guide ", DIM), guides, ("   MoveAxis ", DIM), scene.view.move_axis]
+        return [first, [("        tracking is ", DIM), seen.tracking or "not told yet: it has not slewed"]]
+
+
+class LinkPanel(ConsolePanel):
+    """How the mount is heard."""
+
+    small: ClassVar[int] = 3
+
+    def full(self, scene: ConsoleScene) -> list[Row]:
+        """Return the lines in two columns."""
+        lines = console_words.link(scene.view).lines
+        half = (len(lines) + 1) // 2
+        rows = []
+        for left, right in zip(lines[:half], (*lines[half:], None), strict=False):
+            row = _row(left, 8)
+            if right is not None:
+                row += [" " * max(1, 14 - cell_len(left.value)), *_row(right, 14)]
+            rows.append(row)
+        return rows
+
+    def compact(self, scene: ConsoleScene) -> list[Row]:
+        """Return them in three rows."""
+        state, *others = console_words.link(scene.view).lines
+        return [
+            [("link    ", DIM), (state.value, LOUD if state.loud else "bold"), "  ", *_joined(others[:5])],
+            ["        ", *_joined(others[5:10])],
+            ["        ", *_joined(others[10:])],
+        ]
+
+
+class AskedPanel(ConsolePanel):
+    """What was asked of late, the newest first, and how far it has come."""
+
+    def _content(self) -> Content:
+        return Content("") if self._scene is None else rows_content(self.full(self._scene))
+
+    def full(self, scene: ConsoleScene) -> list[Row]:
+        """Return as many rows as there is room for."""
+        asked = [_asked(one) for one in reversed(scene.view.asked)]
+        return asked or [[("nothing asked yet: g slew  s sync  p park  h home, arrows jog", DIM)]]
+
+
+class JogPanel(ConsolePanel):
+    """The arrows, and how fast they move the mount."""
+
+    def full(self, scene: ConsoleScene) -> list[Row]:
+        """Return the arrows as they lie, and the rates."""
+        rates = jog_rates_deg_s(scene.view)
+        rows: list[Row] = [
+            [("          ↑ ", "bold"), "north"],
+            [("   east ", ""), ("←", "bold"), "   ", ("→", "bold"), " west    against the stars"],
+            [("          ↓ ", "bold"), "south"],
+            [],
+        ]
+        for keys in ((1, 2, 3), (4, 5, 6)):
+            row: Row = []
+            for key in keys:
+                row += [_rate_key(key, rates[key - 1], key == scene.rate, wide=True), "  "]
+            rows.append(row)
+        return rows
+
+    def compact(self, scene: ConsoleScene) -> list[Row]:
+        """Return the one row."""
+        row: Row = [("jog ", DIM), ("↑", "bold"), "N ", ("↓", "bold"), "S ", ("←", "bold"), "E "]
+        row += [("→", "bold"), "W  "]
+        for key, rate in enumerate(jog_rates_deg_s(scene.view), start=1):
+            row += [_rate_key(key, rate, key == scene.rate, wide=False), " "]
+        return [[*row, ("°/s", DIM)]]
+
+
+class ConsoleKeys(ConsolePanel):
+    """The keys."""
+
+    def full(self, scene: ConsoleScene) -> list[Row]:
+        """Return the one row."""
+        row: Row = []
+        for key, what in (("g", "slew"), ("s", "sync"), ("p", "park"), ("h", "home")):
+            row += [(key, "bold"), (f" {what}   ", DIM)]
+        if scene.view.tripped is not None:
+            row += [("r", "bold"), (" reset   ", DIM)]
+        row += [(" SPACE STOP ", PLATE[Tone.BAD]), "   "]
+        for key, what in (("q", "quit"), ("?", "help")):
+            row += [(key, "bold"), (f" {what}   ", DIM)]
+        return [row]
+
+
+_SHORT = {"latitude": "lat", "longitude": "lon", "height": "h", "UTC bytes": "UTC"}
+
+
+def _rows(lines: tuple[Line, ...]) -> list[Row]:
+    cells = max(len(line.name) for line in lines) + 1
+    return [_row(line, cells) for line in lines]
+
+
+def _row(line: Line, cells: int) -> Row:
+    return labelled(line.name, (line.value, LOUD if line.loud else "bold"), cells=cells)
+
+
+def _joined(lines: Iterable[Line]) -> Row:
+    row: Row = []
+    for line in lines:
+        row += ["  " if row else "", (f"{line.name} ", DIM), (line.value, LOUD if line.loud else "")]
+    return row
+
+
+def _asked(asked: AskedView) -> Row:
+    good = asked.state == "complete"
+    tone = Tone.GOOD if good else Tone.CALM if not asked.settled else Tone.NOTICE
+    reason = f" ({asked.reason})" if asked.reason else ""
+    return [
+        (f"{words.clock(asked.utc_s)} ", DIM),
+        f"{asked.what}: ",
+        (asked.state, SPOKEN[tone]),
+        (reason, DIM),
+    ]
+
+
+def _rate_key(key: int, rate_deg_s: float, chosen: bool, wide: bool) -> Part:
+    digits = number(rate_deg_s, 4).rstrip("0").rstrip(".")
+    text = f"{key} {digits:<6} °/s" if wide else f"{key}:{digits}"
+    return (f"[{text}]", PLATE[Tone.CALM]) if chosen else (f" {text} ", DIM)
