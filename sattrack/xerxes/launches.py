@@ -126,13 +126,21 @@ class Launches:
     def compose(self, clear: bool, status: Status | None) -> Launchable | None:
         """Return the request whose flag is up in the next datagram; `clear` where a flag may rise."""
         released = all(flag.state is Handshake.IDLE for flag in (self._sync_flag, self._pulse_flag))
-        if self._active is None and self._queue and clear and released and status is not None:
+        may_rise = self._active is None and self._queue and clear and released
+        if may_rise and status is not None and not self._waits_for_rest(status):
             self._launch(self._queue.popleft()[0], status)
         active = self._active
         if active is None:
             return None
         request: Launchable = active.ticket.request  # type: ignore[assignment]
         return request if active.flag.up else None
+
+    def _waits_for_rest(self, status: Status) -> bool:
+        """Tell whether the next request is a park at the right place, where the mount still swings."""
+        stance = stance_of(status)
+        if not isinstance(self._queue[0][0].request, Park) or stance.drives_at_rest:
+            return False
+        return park_objection(self.profile, stance._replace(drives_at_rest=True)) is None
 
     def see(self, status: Status) -> None:
         """Take one status."""
