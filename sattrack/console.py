@@ -121,8 +121,9 @@ class Console:
         if sample is None:
             return
         self._watch(before, sample)
-        if self.site is not None:
-            ours_deg = mean_sidereal_deg(arrival_utc_s, self.site.longitude_deg)
+        longitude_deg = self._longitude_deg()
+        if longitude_deg is not None:
+            ours_deg = mean_sidereal_deg(arrival_utc_s, longitude_deg)
             self._offsets.append(
                 math.remainder(sample.sidereal_h * 15.0 - ours_deg, 360.0) / SIDEREAL_RATE_DEG_S
             )
@@ -216,6 +217,13 @@ class Console:
         datagram = self.session.compose()
         self._move_begun = self._move_begun or self.session.begun_move is not None
         return datagram
+
+    def _longitude_deg(self) -> float | None:
+        """Return the longitude that the mount's clock is for: what it tells itself, else the site's."""
+        status = self.session.status
+        if status is not None and math.isfinite(status.site_longitude_deg) and status.site_longitude_deg:
+            return status.site_longitude_deg
+        return None if self.site is None else self.site.longitude_deg
 
     def _refuse(self, refusal: Refusal) -> Refusal:
         self.refusal = refusal.words

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sattrack.console_view import AskedView, ConsoleView, ReadingsView, StatusView
+from sattrack.console_words import degrees, hours
 from sattrack.mount import Hold, MoveAxes, SlewTo, Stop
 from sattrack.requests import (
     Abort,
@@ -99,9 +100,10 @@ def _readings(console: Console) -> ReadingsView:
 
 def _link_view(console: Console, now_utc_s: float) -> LinkView:
     health = console.session.health
+    age_s = health.age_s(now_utc_s)
     return LinkView(
         state=console.session.link_state(now_utc_s).value,
-        age_s=health.age_s(now_utc_s),
+        age_s=None if age_s is None else max(0.0, age_s),
         sent=health.sent,
         received=health.received,
         lost=health.lost,
@@ -171,7 +173,7 @@ def request_words(request: Request) -> str:
     match request:
         case Slew() | Sync():
             verb = "slew" if isinstance(request, Slew) else "sync"
-            return f"{verb} to RA {request.ra_deg:.4f}° Dec {request.dec_deg:+.4f}°"
+            return f"{verb} to RA {hours(request.ra_deg / 15.0)} Dec {degrees(request.dec_deg)}"
         case MoveAxis():
             rates = (("RA", request.ra_rate_deg_s), ("Dec", request.dec_rate_deg_s))
             return "move " + " ".join(f"{axis} {rate:+g} °/s" for axis, rate in rates if rate is not None)

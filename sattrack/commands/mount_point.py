@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sattrack.commands.mount_common import mount_options, perform, resolve
-from sattrack.console_words import degrees, hours
+from sattrack.console_report import request_words
 from sattrack.coordinates import DEC_FORMS, MINUS, RA_FORMS, parse_dec, parse_ra
 from sattrack.procedures import procedure_for
 from sattrack.requests import Slew, Sync
@@ -60,6 +60,5 @@ def _point(context: CommandContext, request: Slew | Sync, options: dict[str, Any
     call = resolve(context, options)
     call.check(request)
     kind = "slew" if isinstance(request, Slew) else "sync"
-    words = f"{kind} to RA {hours(request.ra_deg / 15.0)} Dec {degrees(request.dec_deg)}"
     asked = {"type": kind, "ra_deg": request.ra_deg, "dec_deg": request.dec_deg}
-    return perform(call, procedure_for(request, call.described.mount), asked, words)
+    return perform(call, procedure_for(request, call.described.mount), asked, request_words(request))

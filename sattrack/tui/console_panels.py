@@ -182,8 +182,9 @@ class ReadingsPanel(ConsolePanel):
         rates = f"{seen.ra_rate_dtics_s or '?'}/{seen.dec_rate_dtics_s or '?'}"
         guides = f"{seen.ra_guide_rate_dtics_s or '?'}/{seen.dec_guide_rate_dtics_s or '?'}"
         first: Row = [("read as ", DIM), "rates ", (rates, "bold"), ("   counter ", DIM), seen.counter or "?"]
-        first += [("   guide ", DIM), guides, ("   MoveAxis ", DIM), scene.view.move_axis]
-        return [first, [("        tracking is ", DIM), seen.tracking or "not told yet: it has not slewed"]]
+        first += [("   guide ", DIM), guides]
+        second: Row = [("        tracking ", DIM), seen.tracking or "not seen slewing"]
+        return [first, [*second, ("   MoveAxis ", DIM), f"{scene.view.move_axis}, by the profile"]]
 
 
 class LinkPanel(ConsolePanel):

@@ -72,7 +72,8 @@ def _doing_of(view: ConsoleView, status: StatusView) -> Headline:
         ra, dec = number(view.ra_rate_deg_s, 4, sign=True), number(view.dec_rate_deg_s, 4, sign=True)
         return Headline("JOGGING", f"RA {ra}  Dec {dec} °/s against the stars", Tone.NOTICE)
     if view.doing != "idle":
-        return Headline("BUSY", view.doing, Tone.NOTICE)
+        word, _, rest = view.doing.partition(" ")
+        return Headline(word.upper(), rest or "by order from here", Tone.NOTICE)
     return _idle(view, status)
 
 

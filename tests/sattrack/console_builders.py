@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sattrack.console import Console
-from sattrack.errand import Errand
+from sattrack.errand import Errand, Look
 from sattrack.mount import AxesPosition, MountProfile
 from sattrack.safety import SafetyLimits
 from sattrack.xerxes.datagrams import Command, decode_command
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.procedures import Procedure
+    from sattrack.sitting import Sitting
     from sattrack.xerxes.simulator.mount import Truth
 
 T0 = 1_790_000_000.0
@@ -28,7 +29,7 @@ PROFILE = MountProfile(park=AxesPosition(20.0, 40.0), home=AxesPosition(0.0, 0.0
 
 @dataclass
 class Bench:
-    """Both ends and what passed between them; `cut` loses every datagram of the mount."""
+    """Both ends and what passed between them; `cut` loses what the mount sends, `deaf` what we send."""
 
     profile: MountProfile = PROFILE
     hardware: SimulatorProfile = field(default_factory=SimulatorProfile)
@@ -36,6 +37,7 @@ class Bench:
     site: Site | None = SITE
     limits: SafetyLimits = field(default_factory=SafetyLimits)
     cut: bool = False
+    deaf: bool = False
     now_s: float = T0
     commands: list[Command] = field(default_factory=list)
     truth: Truth | None = None
@@ -44,17 +46,18 @@ class Bench:
         self.mount = SimulatedMount(self.profile, SimulatedSite(52.0, 4.5), self.start, self.hardware)
         self.console = Console(self.profile, self.limits, self.site, "bench")
 
-    def turn(self, errand: Errand | None = None) -> None:
-        """Let 50 ms pass: the mount's turn, then ours."""
+    def turn(self, part: Errand | Look | Sitting | None = None) -> None:
+        """Let 50 ms pass: the mount's turn, then that of the part, or of the bare console."""
         self.now_s += PERIOD_S
         status, self.truth = self.mount.tick(self.now_s)
-        end = self.console if errand is None else errand
+        end = self.console if part is None else part
         if not self.cut:
             end.receive(status, self.now_s + 0.001)
         datagram = end.tick(self.now_s + 0.002)
         if datagram is not None:
             self.commands.append(decode_command(datagram))
-            self.mount.receive(datagram)
+            if not self.deaf:
+                self.mount.receive(datagram)
 
     def run(self, seconds: float) -> None:
         for _ in range(round(seconds / PERIOD_S)):
@@ -65,7 +68,9 @@ class Bench:
             if happens():
                 return
             self.turn()
-        raise AssertionError(f"did not happen within {within_s} s; the console is {self.console.view(self.now_s)}")
+        raise AssertionError(
+            f"did not happen within {within_s} s; the console is {self.console.view(self.now_s)}"
+        )
 
     def carry_out(
         self,
