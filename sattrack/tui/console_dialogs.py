@@ -14,6 +14,7 @@ from sattrack.errors import BadInputError
 
 if TYPE_CHECKING:
     from textual.app import ComposeResult
+    from textual.events import Key
 
 HELP = """\
 SPACE     STOP: both axes, at once, whatever goes on; in dialogs too
@@ -46,6 +47,14 @@ class Direction(NamedTuple):
     dec_deg: float
 
 
+class AngleInput(Input):
+    """A field that leaves SPACE to the stop."""
+
+    def check_consume_key(self, key: str, character: str | None) -> bool:
+        """Take printable keys as an Input does, but for the one that stops the mount."""
+        return key != "space" and super().check_consume_key(key, character)
+
+
 class DirectionDialog(ModalScreen[Direction | None]):
     """Asks for right ascension and declination; nothing is handed on until both can be read."""
 
@@ -60,9 +69,9 @@ class DirectionDialog(ModalScreen[Direction | None]):
         with Vertical(classes="dialog"):
             yield Label(self._title, classes="dialog-title", markup=False)
             yield Label(f"right ascension: {RA_FORMS}", markup=False)
-            yield Input(id="ra", compact=True)
+            yield AngleInput(id="ra", compact=True)
             yield Label(f"declination: {DEC_FORMS}", markup=False)
-            yield Input(id="dec", compact=True)
+            yield AngleInput(id="dec", compact=True)
             yield Label("", id="complaint", markup=False)
             yield Label(f"{self._note}  Enter goes on, Esc closes, SPACE stops the mount", markup=False)
 
@@ -92,8 +101,6 @@ class DirectionDialog(ModalScreen[Direction | None]):
 class Question(ModalScreen[bool]):
     """Asks for a yes; every other key is a no."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [Binding("y", "dismiss(True)", "yes", show=False)]
-
     def __init__(self, title: str, text: str) -> None:
         super().__init__()
         self._title, self._text = title, text
@@ -105,9 +112,10 @@ class Question(ModalScreen[bool]):
             yield Static(self._text, markup=False)
             yield Label("y does it; any other key does not", markup=False)
 
-    def on_key(self) -> None:
-        """Take any other key for a no."""
-        self.dismiss(False)
+    def on_key(self, event: Key) -> None:
+        """Take y for a yes, any other key for a no, and none for what it does elsewhere."""
+        event.stop()
+        self.dismiss(event.key == "y")
 
 
 class ConsoleHelp(ModalScreen[None]):
