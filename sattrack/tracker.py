@@ -40,6 +40,7 @@ MOST_CROSS_DEG = 5.0
 MOST_SHIFT_S = 0.0002
 SHIFT_SHARE = 0.02
 """How fast the sending falls into step with the mount's loop: too slow for the period to show it."""
+SAME_INSTANT_S = 0.0005
 EDGE_PERIODS = 2.0
 MOST_EDGE_PERIODS = 6.0
 """How long the rates of one edge act: until the next, which the handshake lets through after some periods."""
@@ -79,6 +80,13 @@ class SkyError(NamedTuple):
     across_arcsec: float
 
 
+class Target(NamedTuple):
+    """Where the satellite is fed, degrees."""
+
+    ra_deg: float
+    dec_deg: float
+
+
 class Tracker:
     """Follows one satellite over one window with one mount."""
 
@@ -98,6 +106,9 @@ class Tracker:
         self._intercept: Intercept | None = None
         self._near = 0
         self._sidereal_deg = 0.0
+        self._foretold: Direction | None = None
+        """The target at the end of the interval that the last command is for."""
+        self._foretold_utc_s = 0.0
         self._last_edge_utc_s: float | None = None
         edge = profile.move_axis == "edge"
         self._acting_s = profile.period_s * (EDGE_PERIODS if edge else 1.0)
@@ -115,6 +126,7 @@ class Tracker:
     def use(self, propagator: Propagator) -> None:
         """Take directions from another propagator of the same satellite from now on."""
         self._propagator = propagator
+        self._foretold = None
 
     def direction_at(self, utc_s: float) -> Direction:
         """Return where the satellite is fed at an instant, the biases of that instant applied."""
@@ -144,6 +156,7 @@ class Tracker:
         # A bias begins to move the target only when a command that knows of it can act.
         begins_s = now_utc_s + REACTION_PERIODS * self._profile.period_s + self._profile.command_delay_s
         self.refusal = None
+        self._foretold = None
         match message:
             case Nudge():
                 self._nudge(self.along.goal + message.along_s, self.cross.goal + message.cross_deg, begins_s)
@@ -229,8 +242,9 @@ class Tracker:
         arrives = now_utc_s + self._profile.command_delay_s
         acts = self._loop.first_from(max(arrives, axes.sample_utc_s + 0.5 * self._loop.mean_period_s))
         interval = max(self._loop.first_from(arrives + self._acting_s) - acts, self._loop.mean_period_s)
-        begin = self.direction_at(acts)
-        end = self.direction_at(acts + interval)
+        begin = self._foreseen(acts)
+        end = self._foretold = self.direction_at(acts + interval)
+        self._foretold_utc_s = acts + interval
         moved_ra, moved_dec = self._history.displacement(axes.sample_utc_s, acts)
         ahead_s = acts - axes.sample_utc_s
         ra_gain, dec_gain = 1.0 + axes.ra.gain_error, 1.0 + axes.dec.gain_error
@@ -257,6 +271,21 @@ class Tracker:
             / dec_gain,
         )
         return self.rates
+
+    def _foreseen(self, utc_s: float) -> Target:
+        """Return the target's place at an instant: that of the last interval's end, where it is the same.
+
+        The loop's turns are foretold a little differently each time. Over SAME_INSTANT_S the target's rate
+        makes up for that to a thousandth of an arcsecond.
+        """
+        late_s = utc_s - self._foretold_utc_s
+        known = self._foretold
+        if known is None or abs(late_s) > SAME_INSTANT_S:
+            known, late_s = self.direction_at(utc_s), 0.0
+        return Target(
+            float(known.ra_deg) + float(known.ra_rate_deg_s) * late_s,
+            float(known.dec_deg) + float(known.dec_rate_deg_s) * late_s,
+        )
 
     def send_shift_s(self, now_utc_s: float) -> float:
         """Return by how much later than a period from now the next datagram had better go, seconds."""

@@ -147,6 +147,15 @@ _SETS = st.builds(
 )
 
 
+def test_a_name_that_begins_like_a_comment_is_no_comment():
+    header = "OBJECT_NAME,NORAD_CAT_ID,EPOCH,MEAN_MOTION,ECCENTRICITY,INCLINATION,RA_OF_ASC_NODE"
+    header += ",ARG_OF_PERICENTER,MEAN_ANOMALY,BSTAR"
+    row = "#1 SAT,25544,2026-10-02T00:00:00,15.5,0.0006,51.6,131.4,211.9,148.1,0.0001"
+    found = parse_elements(f"{header}\n# fetched today, by hand\n{row}\n", "x")
+    assert [one.name for one in found if isinstance(one, Elements)] == ["#1 SAT"]
+    assert write_elements(found, "csv").splitlines()[1].startswith('"#1 SAT",')
+
+
 @given(st.lists(_SETS, min_size=1, max_size=3), st.sampled_from(OMM))
 def test_a_message_keeps_every_value_exactly(sets, form):
     found = parse_elements(write_elements(sets, form), "x")

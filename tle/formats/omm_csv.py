@@ -34,7 +34,8 @@ def read(text: str, source: str = "") -> Iterator[Elements | ElementsError]:
     header: list[str] | None = None
     for number, raw in enumerate(text.split("\n"), start=1):
         line = raw.strip()
-        if not line or line.startswith("#"):
+        # A satellite's name may begin with # too: what has the header's number of cells is no comment.
+        if not line or (line.startswith("#") and (header is None or line.count(",") != len(header) - 1)):
             continue
         place = Place(source, number)
         cells = _cells(line)
@@ -49,7 +50,10 @@ def write(elements: Iterable[Elements]) -> str:
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow([field.keyword for field in FIELDS])
-    writer.writerows(keyword_values(one).values() for one in elements)
+    # Quoted, a name that begins with # is no comment to anybody.
+    careful = csv.writer(out, lineterminator="\n", quoting=csv.QUOTE_ALL)
+    for one in elements:
+        (careful if one.name.startswith("#") else writer).writerow(keyword_values(one).values())
     return out.getvalue()
 
 
