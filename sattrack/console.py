@@ -78,6 +78,8 @@ class Console:
         """Whether touches are those of a key that was held while the stop came."""
         self._move_begun = False
         self._rest_since_utc_s: float | None = None
+        self.stopping_since_utc_s: float | None = None
+        """Since when a stop has been asked for; None where none is."""
         self.link_state = LinkState.SILENT
         self._offsets: deque[float] = deque(maxlen=OFFSETS)
         self.tracking_reading: str | None = None
@@ -214,6 +216,10 @@ class Console:
             self._step(now_utc_s)
             self._clear_again(now_utc_s)
             self._let_go(now_utc_s)
+        if not self.stopping:
+            self.stopping_since_utc_s = None
+        elif self.stopping_since_utc_s is None:
+            self.stopping_since_utc_s = now_utc_s
         datagram = self.session.compose()
         self._move_begun = self._move_begun or self.session.begun_move is not None
         return datagram
@@ -349,6 +355,8 @@ class Console:
             self._rest_since_utc_s = now_utc_s
         elif now_utc_s - self._rest_since_utc_s >= LINGER_S and self.procedure is None:
             self._rest_since_utc_s = None
+            if self.trouble == "link":
+                self.refusal = f"{self.mount_name} was silent for a while; it was stopped"
             self.session.apply(self.safety.clear(Hold(), 0.0, 0.0, 0.0))
 
     @property

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 SITE_TOLERANCE_DEG = 0.1
 CLOCK_OFF_S = 2.0
+STOPS_WITHIN_S = 1.0
+"""A stop that has not been seen through by then is worth a word."""
 LONGEST_WORDS = 160
 """A view has to fit into what a pipe takes as a whole."""
 _MOTIONS = {Hold: "none", SlewTo: "slew", MoveAxes: "move", Stop: "stop"}
@@ -80,7 +82,7 @@ def view_of(console: Console, now_utc_s: float) -> ConsoleView:
         asked=tuple(_asked_view(asked) for asked in console.asked),
         refusal=_cut(console.refusal),
         tripped=console.safety.tripped,
-        warnings=tuple(words[:LONGEST_WORDS] for words in _warnings(console)),
+        warnings=tuple(words[:LONGEST_WORDS] for words in _warnings(console, now_utc_s)),
     )
 
 
@@ -119,7 +121,7 @@ def _link_view(console: Console, now_utc_s: float) -> LinkView:
     )
 
 
-def _warnings(console: Console) -> list[str]:
+def _warnings(console: Console, now_utc_s: float) -> list[str]:
     warnings = []
     if console.link_state is LinkState.LOST:
         warnings.append(f"{console.mount_name} is silent: check its power and the cable")
@@ -127,7 +129,9 @@ def _warnings(console: Console) -> list[str]:
         warnings.append(console.session.intruder)
     if console.safety.tripped is not None:
         warnings.append(limit_words(console.safety.tripped))
-    if console.stopping and not console.session.stopped:
+    since_utc_s = console.stopping_since_utc_s
+    overdue = since_utc_s is not None and now_utc_s - since_utc_s > STOPS_WITHIN_S
+    if overdue and not console.session.stopped:
         warnings.append("the stop is not confirmed yet: it is being sent again and again")
     warnings += _site_warnings(console) + _reading_warnings(console)
     offset_s = console.clock_offset_s

@@ -78,12 +78,12 @@ class MountCall:
         if words is not None:
             raise BadInputError(f"{words}; nothing was sent")
 
-    def silence(self, connection: Connection) -> str:
-        """Return what to check where a mount was not heard."""
+    def silence(self, connection: Connection, sent: bool) -> str:
+        """Return what to check where a mount was not heard; `sent` where it has been written to anyway."""
         if self.address is None:
             return "the simulated mount did not answer"
         host, port, listen = self.address
-        if host.startswith("127.") and connection.refused():
+        if sent and connection.refused():
             return f"nothing listens on {host}:{port}"
         return SILENT_ADVICE.format(host=host, port=port, listen=listen)
 
@@ -169,7 +169,7 @@ def perform(call: MountCall, procedure: Procedure, asked: dict[str, Any], words:
         attend(errand, connection, progress.show)
         progress.wipe()
         never_heard = errand.console.sample is None
-        advice = call.silence(connection) if never_heard else None
+        advice = call.silence(connection, sent=True) if never_heard else None
         view = errand.console.view(connection.now_utc_s())
     outcome = errand.outcome
     assert outcome is not None

@@ -35,7 +35,7 @@ def status(context: CommandContext, **options: Any) -> int:
         interrupted = attend(look, connection, lambda _: None)
         view = look.console.view(connection.now_utc_s())
         silent = view.status is None
-        advice = call.silence(connection) if silent and not interrupted else ""
+        advice = call.silence(connection, sent=local) if silent and not interrupted else ""
     if interrupted:
         raise InterruptedRunError("interrupted; nothing was asked of the mount")
     if context.json:

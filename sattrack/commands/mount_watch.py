@@ -36,6 +36,9 @@ def watch(context: CommandContext, stream: bool, control: bool, **options: Any) 
         raise BadInputError("--control goes with --stream")
     if call.timeout_s is not None:
         raise BadInputError("--timeout: a console lasts until it is left")
+    if stream and sys.stdout.isatty():
+        # A terminal that is held, by Ctrl-S or a full line, would hold up the loop that ends jogs.
+        raise BadInputError("--stream is for programs, not for a terminal; leave it out, or pipe it on")
     if stream:
         return _stream(call, control)
     if not tui_possible():

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import signal
+import sys
+import termios
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
@@ -59,6 +61,9 @@ def show_console(feed: ConsoleFeed) -> bool:
     """Run the screen until it is left; raises SattrackError where it broke."""
     from sattrack.tui.console_app import ConsoleApp
 
+    if sys.stdin.isatty():
+        # Keys from before there was a screen were not meant for it.
+        termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
     app = ConsoleApp(feed)
     with _leaving(app.ask_to_leave):
         app.run()
