@@ -63,7 +63,8 @@ class Console:
         self.outcome: Outcome | None = None
         """How the last procedure ended; None while one is under way."""
         self.trouble: str | None = None
-        """What brought the mount to a stop unasked: "link" or "limit:NAME"; the next request clears it."""
+        """What brought the mount to a stop unasked: "link", "restart" or "limit:NAME"; a new request
+        clears it."""
         self.stranger_hosts: tuple[str, ...] = ()
         self.failed: str | None = None
         self.limits, self.site = limits, site
@@ -118,10 +119,12 @@ class Console:
 
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
-        before = self.session.sample
+        before, restarts = self.session.sample, self.session.health.restarts
         sample = self.session.receive(data, arrival_utc_s)
         if sample is None:
             return
+        if self.session.health.restarts > restarts and isinstance(self.session.wanted, MoveAxes):
+            self._stop("restart", "the mount restarted meanwhile: it is not set going again unasked")
         self._watch(before, sample)
         longitude_deg = self._longitude_deg()
         if longitude_deg is not None:

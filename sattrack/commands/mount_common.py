@@ -126,6 +126,7 @@ class VerbResult(msgspec.Struct, frozen=True):
     ended_by: str
     mount_stopped: bool | None
     """Whether the mount was told to stop at the end and seen at rest; null where it was not told to."""
+    hour_angle_deg: float | None
     mount: str
     status: StatusView | None
     readings: ReadingsView
@@ -174,7 +175,8 @@ def perform(call: MountCall, procedure: Procedure, asked: dict[str, Any], words:
     outcome = errand.outcome
     assert outcome is not None
     if call.context.json:
-        click.echo(msgspec.json.encode(_result(asked, errand, outcome, view)).decode())
+        ending = (errand.ended_by or "error", errand.mount_stopped)
+        tell_result(asked, outcome, ending, view)
     failed = failure(errand, outcome, words, advice)
     if failed is not None:
         raise failed
@@ -187,14 +189,19 @@ def perform(call: MountCall, procedure: Procedure, asked: dict[str, Any], words:
     return 0
 
 
-def _result(asked: dict[str, Any], errand: Errand, outcome: Outcome, view: ConsoleView) -> VerbResult:
-    return VerbResult(
+def tell_result(
+    asked: dict[str, Any], outcome: Outcome, ending: tuple[str, bool | None], view: ConsoleView
+) -> None:
+    """Write the document of a verb; `ending` is what ended it, and whether the mount was stopped then."""
+    ended_by, mount_stopped = ending
+    result = VerbResult(
         request=asked,
         state=outcome.state.value,
         acknowledged=outcome.acknowledged,
         reason=outcome.reason,
-        ended_by=errand.ended_by or "error",
-        mount_stopped=errand.mount_stopped,
+        ended_by=ended_by,
+        mount_stopped=mount_stopped,
+        hour_angle_deg=view.hour_angle_deg,
         mount=view.mount,
         status=view.status,
         readings=view.readings,
@@ -203,6 +210,7 @@ def _result(asked: dict[str, Any], errand: Errand, outcome: Outcome, view: Conso
         stranger_hosts=view.stranger_hosts,
         warnings=view.warnings,
     )
+    click.echo(msgspec.json.encode(result).decode())
 
 
 def failure(errand: Errand, outcome: Outcome, words: str, advice: str | None) -> SattrackError | None:

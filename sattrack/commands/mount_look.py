@@ -5,16 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import click
-import msgspec
 
-from sattrack.commands.mount_common import mount_options, resolve
+from sattrack.commands.mount_common import MountCall, mount_options, resolve, tell_result
 from sattrack.console_words import status_text
 from sattrack.errand import Look
 from sattrack.errors import InterruptedRunError, LinkLostError
+from sattrack.procedures import Outcome
+from sattrack.requests import TicketState
 from sattrack.runtime.console import attend
 
 if TYPE_CHECKING:
     from sattrack.commands.common import CommandContext
+    from sattrack.console_view import ConsoleView
 
 PATIENCE_S = 3.0
 
@@ -38,21 +40,27 @@ def status(context: CommandContext, **options: Any) -> int:
         advice = call.silence(connection, sent=local) if silent and not interrupted else ""
     if interrupted:
         raise InterruptedRunError("interrupted; nothing was asked of the mount")
+    words = _silence_words(call, view, advice)
     if context.json:
-        click.echo(msgspec.json.encode(view).decode())
-    if silent:
-        counted = [
-            f"{count} {what}"
-            for count, what in (
-                (view.link.rejected, "datagrams came that are no status"),
-                (view.link.strangers, f"came from other hosts ({', '.join(view.stranger_hosts)})"),
-            )
-            if count
-        ]
-        heard = f" ({', '.join(counted)})" if counted else ""
-        raise LinkLostError(
-            f"no status from {call.name} within {call.timeout_s or PATIENCE_S:g} s{heard}; {advice}"
-        )
-    if not context.json:
+        state = TicketState.FAILED if silent else TicketState.COMPLETE
+        outcome = Outcome(state, False, words if silent else None)
+        tell_result({"type": "status"}, outcome, ("link" if silent else "done", None), view)
+    elif not silent:
         click.echo(status_text(view))
+    if silent:
+        raise LinkLostError(words)
     return 0
+
+
+def _silence_words(call: MountCall, view: ConsoleView, advice: str) -> str:
+    """Return that a mount was not heard, what came in its stead, and what to check."""
+    counted = [
+        f"{count} {what}"
+        for count, what in (
+            (view.link.rejected, "datagrams came that are no status"),
+            (view.link.strangers, f"came from other hosts: {', '.join(view.stranger_hosts)}"),
+        )
+        if count
+    ]
+    heard = f" ({', '.join(counted)})" if counted else ""
+    return f"no status from {call.name} within {call.timeout_s or PATIENCE_S:g} s{heard}; {advice}"

@@ -371,6 +371,15 @@ class TestWhatGoesWrongEndsWithAMountAtRest:
         bench.run(1.0)
         assert not bench.moves_itself
 
+    def test_a_mount_that_restarts_in_a_move_or_a_jog_is_not_set_going_again(self) -> None:
+        bench = Bench()
+        errand = bench.carry_out(
+            MoveFor(MoveAxis(1.0, 0.0), 60.0), at=((2.0, lambda _: bench.mount.restart(bench.now_s)),)
+        )
+        assert (errand.ended_by, errand.mount_stopped) == ("restart", True)
+        assert bench.now_s - T0 < 5.0
+        assert not bench.moves_itself
+
     def test_a_move_into_the_horizon_is_stopped_above_it(self) -> None:
         bench = Bench()
         errand = bench.carry_out(MoveFor(MoveAxis(None, -5.0), 60.0))

@@ -177,6 +177,9 @@ def test_a_mount_that_is_not_heard_ends_with_4_and_says_what_to_check(
         f"sattrack: no status from xerxes://127.0.0.1:{port} within 0.3 s; "
         f"nothing listens on 127.0.0.1:{port}\n"
     )
+    assert run(["mount", "status", "--mount", url, "--timeout", "0.1", "--json"]) == 4
+    told = document(capsys.readouterr().out)
+    assert (told["state"], told["ended_by"], told["status"]) == ("failed", "link", None)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as deaf:
         deaf.bind(("127.0.0.1", port))
         assert run(["mount", "status", "--mount", url, "--timeout", "0.1"]) == 4
@@ -230,6 +233,7 @@ def test_verbs_over_real_udp_one_after_the_other(
         common = ("--mount", mount.url, *SITE)
         assert run(["mount", "status", *common, "--json"]) == 0
         view = document(capsys.readouterr().out)
+        assert (view["request"], view["state"], view["reason"]) == ({"type": "status"}, "complete", None)
         assert view["status"]["ra_rate_dtics_s"] in (7788, 7789, 7790)
         assert view["readings"]["counter"] == "int64"
         assert view["link"]["state"] == "up"
