@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 NOTHING = "–"
 MINUS = "\N{MINUS SIGN}"
 DTICS_S_PER_DEG_S = 2**26 / 360.0 * 10.0
+"""Tenths of encoder tics a second in a degree a second: 2^26 tics a turn, by the protocol's paper."""
 SIDEREAL_DTICS_S = 7789.0
 ARCSEC_PER_SECOND = 15.041
 """How far the sky turns in a second of UTC."""

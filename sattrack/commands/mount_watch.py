@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -41,6 +42,8 @@ def watch(context: CommandContext, stream: bool, control: bool, **options: Any) 
         raise BadInputError("--stream is for programs, not for a terminal; leave it out, or pipe it on")
     if stream:
         return _stream(call, control)
+    if importlib.util.find_spec("textual") is None:
+        raise SattrackError("the screen needs textual: pip install 'sattrack[tui]'")
     if not tui_possible():
         raise BadInputError(
             "watch needs a terminal; `sattrack mount status` is one look, --stream is for programs"

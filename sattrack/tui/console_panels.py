@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from sattrack.console_view import AskedView, ConsoleView, StatusView
 
 LOUD = SPOKEN[Tone.NOTICE]
+ASKED_AT_MOST = 5
 LAMP_ON, LAMP_OFF = "●", "○"
 
 
@@ -221,9 +222,18 @@ class AskedPanel(ConsolePanel):
         return Content("") if self._scene is None else rows_content(self.full(self._scene))
 
     def full(self, scene: ConsoleScene) -> list[Row]:
-        """Return as many rows as there is room for."""
-        asked = [_asked(one) for one in reversed(scene.view.asked)]
-        return asked or [[("nothing asked yet: g slew  s sync  p park  h home, arrows jog", DIM)]]
+        """Return a row for each, or two where there is room."""
+        asked = scene.view.asked
+        if not asked:
+            return [[("nothing asked yet: g slew  s sync  p park  h home, arrows jog", DIM)]]
+        rows: list[Row] = []
+        for one in reversed(asked):
+            what, became = _asked(one)
+            if self.content_size.height < 2 * ASKED_AT_MOST:
+                rows.append([*what, ": ", *became])
+            else:
+                rows += [what, [" " * 9, *became]]
+        return rows
 
 
 class JogPanel(ConsolePanel):
@@ -289,16 +299,13 @@ def _joined(lines: Iterable[Line]) -> Row:
     return row
 
 
-def _asked(asked: AskedView) -> Row:
+def _asked(asked: AskedView) -> tuple[Row, Row]:
+    """Return what was asked, and what became of it."""
     good = asked.state == "complete"
     tone = Tone.GOOD if good else Tone.CALM if not asked.settled else Tone.NOTICE
     reason = f" ({asked.reason})" if asked.reason else ""
-    return [
-        (f"{words.clock(asked.utc_s)} ", DIM),
-        f"{asked.what}: ",
-        (asked.state, SPOKEN[tone]),
-        (reason, DIM),
-    ]
+    what: Row = [(f"{words.clock(asked.utc_s)} ", DIM), asked.what]
+    return what, [(asked.state, SPOKEN[tone]), (reason, DIM)]
 
 
 def _rate_key(key: int, rate_deg_s: float, chosen: bool, wide: bool) -> Part:
