@@ -26,14 +26,14 @@ if TYPE_CHECKING:
 
 ROUND_TERMS, ECCENTRIC_TERMS = 8, 14
 # What a fit may miss: 0.1 m, passed in 13 µs in a low orbit; farther off 0.02″ as seen from the site.
-_FIT_KM, _FIT_RAD = 1e-4, 1e-7
-_MOST_HALVINGS = 8
-_SHORTEST_S = 1.0
+FIT_KM, FIT_RAD = 1e-4, 1e-7
+MOST_HALVINGS = 8
+SHORTEST_S = 1.0
 # Pieces a turn of orbits that are about round, and of others.
 _ROUND, _ECCENTRIC, ROUND_BELOW = 5, 6, 0.05
 
 
-class _Basis(NamedTuple):
+class Basis(NamedTuple):
     """For polynomials of so many terms: nodes, values to Chebyshev coefficients, those to powers, and the
     largest first and second derivative of each Chebyshev polynomial on -1 to 1 (V. A. Markov).
     """
@@ -46,11 +46,12 @@ class _Basis(NamedTuple):
 
 
 @lru_cache
-def _basis(terms: int) -> _Basis:
+def basis_of(terms: int) -> Basis:
+    """Return what polynomials of so many terms are made with."""
     nodes = chebyshev.chebpts1(terms)
     powers = [chebyshev.cheb2poly(row) for row in np.eye(terms)]
     degree = np.arange(float(terms))
-    return _Basis(
+    return Basis(
         nodes=nodes,
         to_chebyshev=np.asarray(np.linalg.inv(chebyshev.chebvander(nodes, terms - 1)), dtype=np.float64),
         to_powers=np.array([np.pad(p, (0, terms - len(p))) for p in powers]).T,
@@ -131,13 +132,13 @@ def fit_arcs(windows: Windows, pieces: Pieces, sample: Sampler, terms: int) -> t
     window, first, last = pieces
     done: list[tuple[Index, Array, Array, Array]] = []
     failed: list[Index] = []
-    for halving in range(_MOST_HALVINGS + 1):
+    for halving in range(MOST_HALVINGS + 1):
         fitted = _fit(windows.obj[window], first, last, sample, terms)
         off = _missed(fitted)
         good = off <= 1.0
         done.append((window[good], first[good], last[good], fitted[:, :, good]))
         bad = ~good
-        hopeless = bad & (~np.isfinite(off) | (last - first < _SHORTEST_S) | (halving == _MOST_HALVINGS))
+        hopeless = bad & (~np.isfinite(off) | (last - first < SHORTEST_S) | (halving == MOST_HALVINGS))
         failed.append(windows.obj[window[hopeless]])
         again = bad & ~np.isin(windows.obj[window], failed[-1])
         if not again.any():
@@ -158,7 +159,7 @@ def fit_arcs(windows: Windows, pieces: Pieces, sample: Sampler, terms: int) -> t
     fitted = np.take(fitted, np.flatnonzero(keep)[order], axis=2)
     half = 0.5 * (last - first)
     size = np.sqrt(np.sum(fitted * fitted, axis=1))
-    basis = _basis(terms)
+    basis = basis_of(terms)
     arcs = Arcs(
         obj=windows.obj[window],
         window=window,
@@ -197,14 +198,14 @@ def anomaly_pieces(elements: Elements, start_s: float, span_s: float, window: in
     steps = (anomaly - e * np.sin(anomaly)) * (turn_s / (2.0 * math.pi))
     turns = np.arange(math.floor(mean), math.floor(mean) + math.ceil(span_s / turn_s) + 1) - mean
     edges = (turns[:, None] * turn_s + steps).ravel()
-    edges = edges[(edges > _SHORTEST_S) & (edges < span_s - _SHORTEST_S)]
+    edges = edges[(edges > SHORTEST_S) & (edges < span_s - SHORTEST_S)]
     first, last = np.concatenate([[0.0], edges]), np.concatenate([edges, [span_s]])
     return np.full(len(first), window), first, last
 
 
 def _fit(obj: Index, first: Array, last: Array, sample: Sampler, terms: int) -> Array:
     """Return Chebyshev coefficients, shape (terms, 3, k)."""
-    basis = _basis(terms)
+    basis = basis_of(terms)
     half = 0.5 * (last - first)
     times = (0.5 * (first + last))[:, None] + half[:, None] * basis.nodes
     return _mixed(basis.to_chebyshev, np.ascontiguousarray(sample(obj, times).transpose(2, 0, 1)))
@@ -231,8 +232,14 @@ def _missed(fitted: Array) -> Array:
     last = size[-1] + size[-2]
     before = size[-3] + size[-4]
     next_ = last * np.minimum(last / np.maximum(before, 1e-300), 1.0)
-    missed: Array = next_ / (_FIT_KM + _FIT_RAD * size[0])
+    missed: Array = next_ / (FIT_KM + FIT_RAD * size[0])
     return missed
+
+
+def longest_piece_s(period_s: Array, eccentricity: Array) -> Array:
+    """Return how long pieces of near-Earth orbits may be; perigee is passed faster than a round orbit is."""
+    longest: Array = period_s / _ROUND * (1.0 - eccentricity) ** 1.5
+    return longest
 
 
 def terms_for(eccentricity: float) -> int:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
+from tle import compiled_search
 from tle.catalogue_search import CatalogueSearch, SearchTask, shared
 from tle.crossing_columns import joined, select
 from tle.horizon import Horizon
@@ -26,6 +27,10 @@ if TYPE_CHECKING:
     from tle.site import Site
 
     Index = NDArray[np.intp]
+
+
+# Objects times hours from which on numba's start, over half a second, is paid back.
+_WORTH_COMPILING = 400_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +89,7 @@ class CataloguePasses(Sequence[SatellitePass]):
         return [SatellitePass(self.elements[o], p) for o, p in zip(chosen.obj.tolist(), passes, strict=True)]
 
 
-def find_catalogue_passes(
+def find_catalogue_passes(  # noqa: PLR0913 - all that a search needs, most of it by name
     elements: Sequence[Elements],
     site: Site,
     start: Utc,
@@ -94,19 +99,25 @@ def find_catalogue_passes(
     earth: EarthOrientation | None = None,
     workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
+    compiled: bool | None = None,
 ) -> CataloguePasses:
     """Return the passes of many satellites over a site, geometric and airless, as `find_passes` does for one.
 
     `horizon` is a least altitude in degrees, or a `Horizon` with a mask.
     No pass longer than half a second is missed; see `gate` and `crossings` for the proof. `progress` is told,
-    now and then, how many objects are done and how many there are. `workers` above 1 share large catalogues
-    with as many processes; a script that asks for it must guard its own work by `if __name__ == "__main__"`.
-    Raises TimeRangeError, SiteError; what SGP4 refuses is listed in `failed`.
+    now and then, how many objects are done and how many there are. `compiled` searches with code compiled by
+    numba (the extra `fast`), which finds the same; if not said, where numba is installed and the work is
+    enough to outweigh its start. `workers` above 1 share large catalogues with as many threads of compiled
+    code, or processes; a script that asks for these must guard its own work by `if __name__ == "__main__"`.
+    Raises TimeRangeError, SiteError, ImportError where numba is wanted and missing; what SGP4 refuses is
+    listed in `failed`.
     """
     check_hours(hours)
     level = horizon if isinstance(horizon, Horizon) else Horizon(horizon)
     task = SearchTask(elements, site, (float(start.unix_s), hours * HOUR_S), level, earth)
-    search = CatalogueSearch(task)
+    if compiled is None:
+        compiled = len(elements) * hours >= _WORTH_COMPILING and compiled_search.available()
+    search = CatalogueSearch(task, compiled)
     pieces: list[Crossings] = []
     left: list[int] = []
     done = 0

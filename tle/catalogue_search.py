@@ -9,16 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tle.arcs import Windows, anomaly_pieces, even_pieces, fit_arcs, terms_for
+from tle import compiled_search
+from tle.arcs import Windows, even_pieces, fit_arcs, longest_piece_s, terms_for
 from tle.crossing_columns import crossings_of
 from tle.crossings import Crossings, find_crossings
+from tle.deep_space import DeepSpace
 from tle.earth import EarthOrientation
 from tle.errors import PropagationError
 from tle.gate import drag_share
 from tle.ground import Ground
-from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
+from tle.instants import DAY_S, Utc
 from tle.near_earth import DEEP_SPACE_MIN, brouwer_mean_motion, start_near_earth
-from tle.near_search import ARCS_A_TURN, near_crossings, near_places
+from tle.near_search import near_crossings, near_places
 from tle.passes import HOUR_S, find_passes
 
 if TYPE_CHECKING:
@@ -70,9 +72,10 @@ class Chunk:
 class CatalogueSearch:
     """A search for the passes of many objects, a chunk at a time. Raises TimeRangeError, SiteError."""
 
-    def __init__(self, task: SearchTask) -> None:
-        """Look up what all chunks share."""
+    def __init__(self, task: SearchTask, compiled: bool = False) -> None:
+        """Look up what all chunks share; `compiled` wants numba."""
         self.task = task
+        self.compiled = compiled
         self.elements = task.elements
         self.start_s, self.span_s = task.span
         self.horizon = task.horizon
@@ -114,12 +117,13 @@ class CatalogueSearch:
         elements = [self.elements[i] for i in names.tolist()]
         e = np.array([one.eccentricity for one in elements])
         period_s = np.array([one.period_s for one in elements])
-        longest_s = period_s / ARCS_A_TURN * (1.0 - e) ** 1.5
+        longest_s = longest_piece_s(period_s, e)
         local = Windows(obj, windows.first_s, windows.last_s)
         pieces = even_pieces(local, longest_s[obj])
         terms = terms_for(float(e.max(initial=0.0)))
         if deep:
-            arcs, without = fit_arcs(local, pieces, lambda o, s: self._deep_places(names, o, s), terms)
+            records = DeepSpace([self.elements[i] for i in names.tolist()], self.ground, self.task.span)
+            arcs, without = fit_arcs(local, pieces, records.places, terms)
         else:
             c = start_near_earth(elements)
             arcs, without = fit_arcs(
@@ -170,39 +174,20 @@ class CatalogueSearch:
             )
 
     def _near(self, chunk: Index, c: NearEarth) -> Found:
-        found, left = near_crossings(c, self.ground, self.task.span, self.horizon)
+        near = compiled_search.near_crossings if self.compiled else near_crossings
+        found, left = near(c, self.ground, self.task.span, self.horizon)
         return len(chunk), found.renamed(chunk), chunk[left].tolist()
 
     def _deep(self, chunk: Index) -> Found:
-        count = len(chunk)
-        windows = Windows(np.arange(count), np.zeros(count), np.full(count, self.span_s))
-        each = [
-            anomaly_pieces(self.elements[i], self.start_s, self.span_s, k)
-            for k, i in enumerate(chunk.tolist())
-        ]
-        window, first, last = (np.concatenate(parts) for parts in zip(*each, strict=True))
+        records = DeepSpace([self.elements[i] for i in chunk.tolist()], self.ground, self.task.span)
+        windows, pieces = records.windows(self.horizon.lowest_deg)
         terms = terms_for(self.elements[int(chunk[-1])].eccentricity)
-        arcs, without = fit_arcs(
-            windows, (window, first, last), lambda o, s: self._deep_places(chunk, o, s), terms
-        )
-        return count, find_crossings(arcs, self.horizon).renamed(chunk), chunk[without].tolist()
-
-    def _deep_places(self, chunk: Index, obj: Index, since_s: Array) -> Array:
-        unix_s = self.start_s + since_s
-        days = np.floor(unix_s / DAY_S)
-        jd, fraction = days + UNIX_EPOCH_JD, (unix_s - days * DAY_S) / DAY_S
-        # Resonant orbits are integrated from the epoch on: one object after the other, in order of time.
-        order = np.lexsort((since_s[:, 0], obj))
-        places = np.full((*since_s.shape, 3), np.nan)
-        for rows in np.split(order, np.flatnonzero(np.diff(obj[order])) + 1):
-            try:
-                record = self.elements[int(chunk[obj[rows[0]]])].satrec()
-            except PropagationError:
-                continue
-            code, r, _ = record.sgp4_array(jd[rows].ravel(), fraction[rows].ravel())
-            places[rows] = np.where(code[:, None] == 0, r, np.nan).reshape(len(rows), -1, 3)
-        x, y, z = np.ascontiguousarray(places.transpose(2, 0, 1))
-        return self.ground.east_north_up(unix_s, (x, y, z))
+        arcs, without = fit_arcs(windows, pieces, records.places, terms)
+        if self.compiled:
+            found = compiled_search.crossings(compiled_search.rows_of(arcs), self.horizon)
+        else:
+            found = find_crossings(arcs, self.horizon)
+        return len(chunk), found.renamed(chunk), chunk[without].tolist()
 
 
 def shared(search: CatalogueSearch, chunks: list[Chunk], workers: int) -> Iterator[Found]:
@@ -210,7 +195,28 @@ def shared(search: CatalogueSearch, chunks: list[Chunk], workers: int) -> Iterat
     if workers <= 1 or len(search.elements) * max(1.0, search.span_s / DAY_S) < _FEWEST_TO_SHARE:
         for chunk in chunks:
             yield search.run(chunk)
-        return
+    elif search.compiled:
+        yield from _by_threads(search, chunks, workers)
+    else:
+        yield from _by_processes(search, chunks, workers)
+
+
+def _by_threads(search: CatalogueSearch, chunks: list[Chunk], workers: int) -> Iterator[Found]:
+    """Yield what is found in each chunk by threads of this process: compiled code holds no lock."""
+    from concurrent.futures import ThreadPoolExecutor, as_completed
+
+    with ThreadPoolExecutor(workers) as pool:
+        flying = [pool.submit(search.run, chunk) for chunk in chunks]
+        try:
+            for done in as_completed(flying):
+                yield done.result()
+        finally:
+            for waiting in flying:
+                waiting.cancel()
+
+
+def _by_processes(search: CatalogueSearch, chunks: list[Chunk], workers: int) -> Iterator[Found]:
+    """Yield what is found in each chunk by processes of their own."""
     from concurrent.futures import ProcessPoolExecutor
     from multiprocessing import get_context
 

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 SURE_S = 0.5
 _LOOKS = 9
 # Ridders' method squares the error: the step after one of this size is below a microsecond.
-_CLOSE_S, _WALL_CLOSE_S = 3e-3, 1e-5
+CLOSE_S, _WALL_CLOSE_S = 3e-3, 1e-5
 _DEG = 180.0 / math.pi
 
 
@@ -286,7 +286,7 @@ def _borders(
         (looks.x[low_same], looks.x[high_same]),
         (shape(looks.height[low_same]), shape(looks.height[high_same])),
         lambda columns, at: shape(_height(places(columns, at), horizon)),
-        _CLOSE_S if horizon.mask is None else _WALL_CLOSE_S,
+        CLOSE_S if horizon.mask is None else _WALL_CLOSE_S,
     )
     found[closed] = arcs.seconds(looks.arc[low], x)
     place[:, closed] = arcs.at(looks.arc[low], x)
@@ -299,7 +299,7 @@ def _roots(
     ends: tuple[Array, Array],
     at_ends: tuple[Array, Array],
     function: Callable[[Array, Array], Array],
-    close_s: float = _CLOSE_S,
+    close_s: float = CLOSE_S,
 ) -> Array:
     """Return x of a root in each bracket of a function of an arc's columns and x, known at its ends."""
     columns = arcs.columns(arc)

@@ -7,9 +7,11 @@ amplitudes add up to `short_period_bound_km`, 10 to 40 km. With z = q·û - sin 
 altitude exceeds a) a shift of the satellite by d changes z by (1 + |sin a|) d at most, so that a satellite
 above has z > -(1 + |sin a|) d in the mean orbit. Between two instants z stays under a parabola whose bend
 follows from the orbit's lowest point (see `crossings`); a stretch is dropped where that parabola stays under
-the margin. Before that, stretches are dropped in which the orbit's plane is so far from the site that no
-point of it on or under the apogee is above: over a stretch the angle between plane and site changes by no
-more than the Earth and the node turn.
+the margin. Before that, stretches are dropped in which the satellite stands so far round the Earth from the
+site that no point on or under the apogee is above: first by the angle between the orbit's plane and the site,
+which over a stretch changes by no more than the Earth and the node turn, then by the angle between the site
+and the mean satellite, from which the true one is at most three eccentricities away (the equation of the
+centre stays under 3e for any e), and which goes on by no more than the mean motion.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ import numpy as np
 
 from tle.arcs import Windows
 from tle.crossings import highest_between
-from tle.near_earth import RADIUS_KM, in_plane, mean_orbit, short_period_bound_km
+from tle.near_earth import RADIUS_KM, in_plane, mean_longitude, mean_orbit, short_period_bound_km
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -34,8 +36,10 @@ if TYPE_CHECKING:
 
 _MU_KM3_S2 = 398600.8
 _EARTH_RAD_S = 7.2921159e-5
-_STRETCHES_A_TURN = 8
-_HALVINGS = 2
+STRETCHES_A_TURN = 8
+HALVINGS = 2
+# The equation of the centre in eccentricities, at most.
+_CENTRE = 3.0
 # Beyond this the drag of the elements is no orbit's: such objects are left to a search without a gate.
 _MOST_DRAG = 0.02
 # Single precision, a rough Kepler's equation, the Earth's turn taken as even; J2's part of gravity (0.3 %).
@@ -52,6 +56,8 @@ class Bounds(NamedTuple):
     regular: NDArray[np.bool_]
     lowest_km: Array
     highest_km: Array
+    eccentricity: Array
+    drag: Array
     speed: Array
     bend: Array
     margin_km: Array
@@ -89,7 +95,71 @@ def orbit_bounds(c: NearEarth, start_s: float, span_s: float) -> Bounds:
     safe = np.maximum(lowest, 0.9 * RADIUS_KM)
     speed = np.sqrt(2.0 * _MU_KM3_S2 / safe) * _GRAVITY_SLACK + _EARTH_RAD_S * safe
     bend = _MU_KM3_S2 / safe**2 * _GRAVITY_SLACK + 2.0 * _EARTH_RAD_S * speed + _EARTH_RAD_S**2 * highest
-    return Bounds(regular, safe, highest, speed, bend, sway + _SLACK_KM)
+    return Bounds(regular, safe, highest, e, drag, speed, bend, sway + _SLACK_KM)
+
+
+class Gate(NamedTuple):
+    """What decides about the stretches of each object; shapes (n,).
+
+    An object has so many `stretches` of `step_s`. It can be above only where the sine of the site's angle
+    from its plane is at most `plane_sine`, the cosine of its angle round the Earth from the site, in the middle of
+    the stretch, is at least `round_cosine`, and a parabola of `bend` rises over `-margin_km`. At the instant
+    itself the mean satellite is within `reach_rad` of the site, whose direction seen from the orbit's plane
+    turns by at most `sway_rad_s`.
+    """
+
+    stretches: Index
+    step_s: Array
+    plane_sine: Array
+    round_cosine: Array
+    margin_km: Array
+    bend: Array
+    reach_rad: Array
+    sway_rad_s: Array
+
+
+def gate_of(
+    c: NearEarth,
+    bounds: Bounds,
+    ground: Ground,
+    span: tuple[float, float],
+    lowest_deg: float,
+    a_turn: Array | float = STRETCHES_A_TURN,
+) -> Gate:
+    """Return the gate of each object, with stretches so many a turn, over a span (first second, length)."""
+    start_s, span_s = span
+    count = np.maximum(np.ceil(span_s / c.period_s * a_turn), 1.0)
+    step_s = span_s / count
+    # The site's vertical is not quite its direction from the Earth's centre.
+    least = math.radians(lowest_deg) - ground.tilt_rad
+    reach = np.arccos(np.minimum(ground.distance_km * math.cos(least) / bounds.highest_km, 1.0)) - least
+    reach = np.where(ground.distance_km < bounds.highest_km, reach, math.pi)
+    reach = reach + bounds.margin_km / bounds.lowest_km
+    t_most = np.abs(c.nodecf) * np.maximum(np.abs(start_s - c.epoch_s), np.abs(start_s + span_s - c.epoch_s))
+    sway_rad_s = _EARTH_RAD_S * 1.001 + (np.abs(c.nodedot) + t_most / 30.0) / 60.0
+    sway = 0.5 * step_s * sway_rad_s
+    plane = np.where(reach < math.pi / 2.0, np.sin(np.clip(reach, 0.0, math.pi / 2.0)), 2.0) + sway
+    # SGP4's own quickening by drag is three times its share at most.
+    motion = (np.abs(c.mdot) + np.abs(c.argpdot)) * (1.0 + 4.0 * bounds.drag) / 60.0
+    t = np.maximum(np.abs(start_s - c.epoch_s), np.abs(start_s + span_s - c.epoch_s)) / 60.0
+    quickening = np.abs(c.t2cof) + t * 3.0 * np.abs(c.t3cof)
+    quickening += t * t * (6.0 * np.abs(c.t4cof) + t * 10.0 * np.abs(c.t5cof))
+    uneven = c.no * quickening * (step_s / 60.0) ** 2
+    reach = reach + _CENTRE * bounds.eccentricity + np.abs(c.xlcof) / c.ao + uneven + 1e-4
+    aside = reach + sway + 0.5 * step_s * motion
+    sine = math.sin(math.radians(lowest_deg))
+    # Below the horizon a satellite is no nearer than its height over the site, nor than the looks allow.
+    nearest = np.maximum(bounds.lowest_km - ground.distance_km, 50.0)
+    return Gate(
+        stretches=count.astype(np.intp),
+        step_s=step_s,
+        plane_sine=plane,
+        round_cosine=np.where(aside < math.pi, np.cos(np.minimum(aside, math.pi)), -2.0),
+        margin_km=(1.0 + abs(sine)) * bounds.margin_km,
+        bend=bounds.bend * (1.0 + abs(sine)) + max(sine, 0.0) * bounds.speed**2 / nearest,
+        reach_rad=reach,
+        sway_rad_s=sway_rad_s,
+    )
 
 
 def possible_windows(
@@ -97,7 +167,8 @@ def possible_windows(
 ) -> Windows:
     """Return the windows, cut to the span, outside which no object is above `lowest_deg` of altitude."""
     sine = math.sin(math.radians(lowest_deg))
-    obj, first, last = _stretches(c, bounds, ground, (start_s, span_s), lowest_deg)
+    gate = gate_of(c, bounds, ground, (start_s, span_s), lowest_deg)
+    obj, first, last = _stretches(c, gate, ground, (start_s, span_s))
     # Single precision for what follows; it counts from the middle of the span, where it is best.
     rough = _Rough(c, ground, start_s, span_s, sine)
     # Neighbours share an end, which is worked out once: an end is new where the stretch before is not kept.
@@ -107,15 +178,11 @@ def possible_windows(
     z_first = np.empty_like(z_last)
     z_first[1:] = z_last[:-1]
     z_first[new] = rough.height_km(obj[new], first[new])
-    margin = (1.0 + abs(sine)) * bounds.margin_km
-    # Below the horizon a satellite is no nearer than its height over the site, nor than the looks allow.
-    nearest = np.maximum(bounds.lowest_km - ground.distance_km, 50.0)
-    bend = bounds.bend * (1.0 + abs(sine)) + max(sine, 0.0) * bounds.speed**2 / nearest
-    for halving in range(_HALVINGS + 1):
-        keep = highest_between(z_first, z_last, bend[obj], last - first) > -margin[obj]
+    for halving in range(HALVINGS + 1):
+        keep = highest_between(z_first, z_last, gate.bend[obj], last - first) > -gate.margin_km[obj]
         obj, first, last = obj[keep], first[keep], last[keep]
         z_first, z_last = z_first[keep], z_last[keep]
-        if halving == _HALVINGS:
+        if halving == HALVINGS:
             break
         middle = 0.5 * (first + last)
         z = rough.height_km(obj, middle)
@@ -130,33 +197,32 @@ def possible_windows(
 
 
 def _stretches(
-    c: NearEarth, bounds: Bounds, ground: Ground, span: tuple[float, float], lowest_deg: float
+    c: NearEarth, gate: Gate, ground: Ground, span: tuple[float, float]
 ) -> tuple[Index, Array, Array]:
-    """Return object, first and last second of even stretches in which the orbit's plane is near the site."""
+    """Return object, first and last second of even stretches in which the object may be near the site."""
     start_s, span_s = span
-    count = np.ceil(span_s / c.period_s * _STRETCHES_A_TURN).astype(np.intp)
-    obj = np.repeat(np.arange(len(count)), count)
-    number = np.arange(len(obj)) - np.repeat(np.cumsum(count) - count, count)
-    length = span_s / count
-    middle = (number + 0.5) * length[obj]
-    t = ((start_s - c.epoch_s)[obj] + middle) / 60.0
-    node = c.nodeo[obj] + t * (c.nodedot[obj] + c.nodecf[obj] * t)
+    obj = np.repeat(np.arange(len(gate.stretches)), gate.stretches)
+    number = np.arange(len(obj)) - np.repeat(np.cumsum(gate.stretches) - gate.stretches, gate.stretches)
+    middle = (number + 0.5) * gate.step_s[obj]
+    t = ((start_s - c.epoch_s) / 60.0)[obj] + middle / 60.0
+    turn = ground.turn_rad(start_s, middle) - c.nodeo[obj] - t * (c.nodedot[obj] + c.nodecf[obj] * t)
     x, y, z = ground.direction
-    turn = ground.turn_rad(start_s, middle) - node
+    # The site's direction along the node, and across it in the equator.
+    cos, sin = np.cos(turn), np.sin(turn)
+    across = x * sin + y * cos
     # The sine of the site's angle from the plane: its direction times the plane's normal.
-    off_plane = c.cosio[obj] * z - c.sinio[obj] * (x * np.sin(turn) + y * np.cos(turn))
-    # The site's vertical is not quite its direction from the Earth's centre.
-    least = math.radians(lowest_deg) - ground.tilt_rad
-    reach = np.arccos(np.minimum(ground.distance_km * math.cos(least) / bounds.highest_km, 1.0)) - least
-    reach = np.where(ground.distance_km < bounds.highest_km, reach, math.pi / 2.0)
-    reach = reach + bounds.margin_km / bounds.lowest_km
-    t_most = np.abs(c.nodecf) * np.maximum(np.abs(start_s - c.epoch_s), np.abs(start_s + span_s - c.epoch_s))
-    sway = 0.5 * length * (_EARTH_RAD_S * 1.001 + (np.abs(c.nodedot) + t_most / 30.0) / 60.0)
-    bound = np.where(reach < math.pi / 2.0, np.sin(np.clip(reach, 0.0, math.pi / 2.0)), 2.0) + sway
-    keep = np.abs(off_plane) <= bound[obj]
+    keep = np.flatnonzero(np.abs(c.cosio[obj] * z - c.sinio[obj] * across) <= gate.plane_sine[obj])
+    obj, number, t, across = obj[keep], number[keep], t[keep], across[keep]
+    along = x * cos[keep] - y * sin[keep]
+    powers = mean_longitude(c)
+    longitude = powers[-1][obj]
+    for power in powers[-2::-1]:
+        longitude = longitude * t + power[obj]
+    ahead = c.cosio[obj] * across + c.sinio[obj] * z
+    keep = along * np.cos(longitude) + ahead * np.sin(longitude) >= gate.round_cosine[obj]
     obj, number = obj[keep], number[keep]
-    step = length[obj]
-    return obj, number * step, np.where(number + 1 == count[obj], span_s, (number + 1) * step)
+    step = gate.step_s[obj]
+    return obj, number * step, np.where(number + 1 == gate.stretches[obj], span_s, (number + 1) * step)
 
 
 class _Rough:

@@ -18,12 +18,15 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+# A revolution in a mean sidereal day.
+EVEN_TURN_RAD_S = 7.292115855e-5
+
 
 class Ground:
     """A site during a span. Earth orientation is linear between its values at 0h UTC, as `earth` has it.
 
-    `place`, `up` and `direction` (unit, from the Earth's centre) are in the ITRS, `distance_km` is from the
-    Earth's centre and `tilt_rad` bounds the angle of `up` from `direction`.
+    `place`, `axes` (east, north, up) and `direction` (unit, from the Earth's centre) are in the ITRS,
+    `distance_km` is from the Earth's centre and `tilt_rad` bounds the angle of `up` from `direction`.
     """
 
     def __init__(self, site: Site, earth: EarthOrientation, start_s: float, span_s: float) -> None:
@@ -54,11 +57,16 @@ class Ground:
             -sum(a * b for a, b in zip(axis, site.itrs_km, strict=True))
             for axis in (site.east, site.north, site.up)
         )
-        self._axes = (site.east, site.north, site.up)
+        self.axes = (site.east, site.north, site.up)
 
     def turn_rad(self, start_s: float, since_s: Array) -> Array:
         """Return the Earth's turn, GMST82, with the middle day's offset: good to a thousandth of a second."""
         return _even(since_s, self._knots_s[0] - start_s) + self._turn
+
+    @property
+    def knots(self) -> tuple[Array, Array, Array, Array]:
+        """Give what is linear between: POSIX seconds; the Earth's turn less the even one; the pole; rad."""
+        return self._knots_s, self._theta, np.array(self._xp), np.array(self._yp)
 
     def stretched(self, place: Array) -> Array:
         """Return a place east, north, up from the Earth's centre, in equatorial radii, shape (3, m).
@@ -80,9 +88,9 @@ class Ground:
         yp = np.interp(unix_s, self._knots_s, self._yp)
         sx, sy, sz = self.place
         x, y, z = x + xp * z - sx, y - yp * z - sy, z - xp * x + yp * y - sz
-        return np.stack([x * a + y * b + z * c for a, b, c in self._axes])
+        return np.stack([x * a + y * b + z * c for a, b, c in self.axes])
 
 
 def _even(instants: Array, zero: float) -> Array:
     """Return an even turn, a revolution in a mean sidereal day, since an instant."""
-    return (instants - zero) * 7.292115855e-5
+    return (instants - zero) * EVEN_TURN_RAD_S

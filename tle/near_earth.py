@@ -148,11 +148,25 @@ def start_near_earth(elements: Sequence[Elements]) -> NearEarth:
         ]
     ).reshape(-1, 8)
     epoch_s, ecco, inclo, nodeo, argpo, mo, kozai, bstar = (np.ascontiguousarray(c) for c in columns.T)
+    no = _brouwer(kozai, ecco * ecco, np.cos(inclo) ** 2)
+    return _start(epoch_s, (ecco, inclo, nodeo, argpo, mo), no, bstar)
+
+
+def mean_start(eccentricity: Array, inclination_rad: Array, motion_rad_min: Array) -> NearEarth:
+    """Return what SGP4 would start from of mean orbits, by Brouwer's motion, without drag; angles are 0."""
+    none = np.zeros_like(eccentricity)
+    return _start(none, (eccentricity, inclination_rad, none, none, none), motion_rad_min, none)
+
+
+def _start(
+    epoch_s: Array, elements: tuple[Array, Array, Array, Array, Array], no: Array, bstar: Array
+) -> NearEarth:
+    """Return what SGP4 starts from; elements are eccentricity and four angles, no is Brouwer's motion."""
+    ecco, inclo, nodeo, argpo, mo = elements
     e2 = ecco * ecco
     cosio, sinio = np.cos(inclo), np.sin(inclo)
     cos2 = cosio * cosio
     cos4 = cos2 * cos2
-    no = _brouwer(kozai, e2, cos2)
     ao = (XKE / no) ** (2.0 / 3.0)
     con41, con42, x1mth2 = 3.0 * cos2 - 1.0, 1.0 - 5.0 * cos2, 1.0 - cos2
     beta2 = 1.0 - e2
@@ -268,6 +282,23 @@ def mean_orbit(c: NearEarth, t: Array, since: Array | None = None) -> MeanOrbit:
     temp = 1.0 / (am * (1.0 - em * em))
     ayn = em * np.sin(argp) + temp * c.aycof
     return MeanOrbit(am, axn, ayn, mean + c.no * templ + argp + temp * c.xlcof * axn, node)
+
+
+def mean_longitude(c: NearEarth) -> Array:
+    """Return SGP4's mean anomaly plus argument of perigee as a polynomial in minutes since the epochs.
+
+    Coefficients of the powers 0 to 5, rad, shape (6, n).
+    """
+    return np.stack(
+        [
+            c.mo + c.argpo,
+            c.mdot + c.argpdot,
+            c.no * c.t2cof,
+            c.no * c.t3cof,
+            c.no * c.t4cof,
+            c.no * c.t5cof,
+        ]
+    )
 
 
 def in_plane(orbit: MeanOrbit, exact: bool) -> tuple[Array, Array, Array, Array, Array]:

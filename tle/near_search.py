@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tle.arcs import even_pieces, fit_arcs, terms_for
+from tle.arcs import even_pieces, fit_arcs, longest_piece_s, terms_for
 from tle.crossings import Crossings, find_crossings
 from tle.gate import orbit_bounds, possible_windows
 from tle.near_earth import teme_km
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
-
-ARCS_A_TURN = 5.0
 
 
 def near_crossings(
@@ -38,8 +36,7 @@ def near_crossings(
     if len(left):
         c, bounds = c.take(regular), bounds.take(regular)
     windows = possible_windows(c, bounds, ground, start_s, span_s, horizon.lowest_deg)
-    # Perigee is passed faster than a round orbit would be.
-    longest_s = (c.period_s / ARCS_A_TURN * (1.0 - c.ecco) ** 1.5)[windows.obj]
+    longest_s = longest_piece_s(c.period_s, c.ecco)[windows.obj]
     arcs, without = fit_arcs(
         windows,
         even_pieces(windows, longest_s),

@@ -13,10 +13,14 @@ from skyfield.timelib import Timescale
 from tle_facts import DECAYING, ISS, LEIDEN, MOLNIYA, PARANAL, STARLINK_ALPHA5, TDRS3
 
 from tle.catalogue_passes import find_catalogue_passes
+from tle.compiled_search import available
 from tle.crossings import SURE_S, highest_between
+from tle.deep_gate import gated, mean_places
+from tle.deep_space import DeepSpace
 from tle.earth import EarthOrientation
 from tle.elements import Elements
 from tle.gate import orbit_bounds
+from tle.ground import Ground
 from tle.horizon import Horizon, HorizonMask
 from tle.instants import Utc
 from tle.near_earth import brouwer_mean_motion, in_plane, mean_orbit, start_near_earth, teme_km
@@ -25,6 +29,12 @@ from tle.propagator import Propagator
 from tle.site import Site
 from tle.sources import parse_elements
 
+# The search by numpy, and by code compiled with numba where the extra `fast` is installed.
+PATHS = [
+    pytest.param(False, id="default"),
+    pytest.param(True, id="fast", marks=pytest.mark.skipif(not available(), reason="numba is not installed")),
+]
+both_paths = pytest.mark.parametrize("compiled", PATHS)
 SETS = (ISS, STARLINK_ALPHA5, MOLNIYA, TDRS3)
 START = Utc.parse("2026-10-02")
 EARTH = EarthOrientation.fixed(0.05, 0.17, 0.32)
@@ -85,10 +95,11 @@ def sites(draw):
     return Site(latitude, longitude, draw(st.floats(-400.0, 6000.0)))
 
 
-@settings(max_examples=150, deadline=None, derandomize=True)
-@given(orbits(), sites(), st.floats(-5.0, 80.0))
-def test_nothing_is_missed_or_invented(elements, site, min_alt_deg):
-    passes = find_catalogue_passes([elements], site, START, 12.0, min_alt_deg, earth=EARTH)
+@both_paths
+@settings(max_examples=100, deadline=None, derandomize=True)
+@given(elements=orbits(), site=sites(), min_alt_deg=st.floats(-5.0, 80.0))
+def test_nothing_is_missed_or_invented(compiled, elements, site, min_alt_deg):
+    passes = find_catalogue_passes([elements], site, START, 12.0, min_alt_deg, earth=EARTH, compiled=compiled)
     since, above = above_every_second(elements, site, START, 12.0, Horizon(min_alt_deg))
     assert passes.failed == []
     assert (told_every_second(passes.found, since) == above).all()
@@ -102,22 +113,24 @@ SKYLINES = (
 )
 
 
+@both_paths
 @pytest.mark.parametrize("mask", SKYLINES, ids=["hills", "tower", "one point"])
 @pytest.mark.parametrize("lines", SETS, ids=["ISS", "Starlink", "Molniya", "TDRS"])
-def test_a_skyline(lines, mask):
+def test_a_skyline(lines, mask, compiled):
     elements, site = Elements.from_tle(*lines), Site(*LEIDEN)
     horizon = Horizon(3.0, mask)
-    passes = find_catalogue_passes([elements], site, START, 24.0, horizon, earth=EARTH)
+    passes = find_catalogue_passes([elements], site, START, 24.0, horizon, earth=EARTH, compiled=compiled)
     since, above = above_every_second(elements, site, START, 24.0, horizon)
     assert (told_every_second(passes.found, since) == above).all()
     alone = find_passes(Propagator(elements, site, earth=EARTH), START, 24.0, 3.0, mask)
     assert len(alone) == len(passes)
 
 
+@both_paths
 @pytest.mark.parametrize("place", [LEIDEN, PARANAL])
-def test_many_are_found_as_one_is(place):
+def test_many_are_found_as_one_is(place, compiled):
     elements, site = [Elements.from_tle(*lines) for lines in SETS], Site(*place)
-    passes = find_catalogue_passes(elements, site, START, 48.0, 5.0, earth=EARTH)
+    passes = find_catalogue_passes(elements, site, START, 48.0, 5.0, earth=EARTH, compiled=compiled)
     alone = [
         (one, p)
         for one in elements
@@ -135,16 +148,17 @@ def test_many_are_found_as_one_is(place):
     assert passes[1:3] == list(passes)[1:3]
 
 
-def test_grazing_passes_down_to_the_stated_length():
+@both_paths
+def test_grazing_passes_down_to_the_stated_length(compiled):
     site = Site(*LEIDEN)
     elements = Elements.from_tle(*ISS)
     tops = [p.seen.max_alt_deg for p in find_catalogue_passes([elements], site, START, 24.0, 0.0)]
     for top in tops:
         for below_deg in (1e-6, 1e-5, 1e-3, 0.1):
-            passes = find_catalogue_passes([elements], site, START, 24.0, top - below_deg)
+            passes = find_catalogue_passes([elements], site, START, 24.0, top - below_deg, compiled=compiled)
             assert np.abs(passes.found.max_alt_deg - top).min() < 5e-7
-        over = find_catalogue_passes([elements], site, START, 24.0, top + 1e-6).found.max_alt_deg
-        assert np.abs(over - top).min(initial=9.0) > 5e-7
+        over = find_catalogue_passes([elements], site, START, 24.0, top + 1e-6, compiled=compiled)
+        assert np.abs(over.found.max_alt_deg - top).min(initial=9.0) > 5e-7
     assert SURE_S <= 1.0
 
 
@@ -222,6 +236,35 @@ def test_the_mean_orbit_stays_within_its_bound(catalogue):
         assert (distance < bounds.highest_km).all()
 
 
+def bounded_by_a_closed_form():
+    anomaly = np.linspace(0.0, np.pi, 20001)
+    for e in np.linspace(0.0, 0.99, 100):
+        true = 2.0 * np.arctan(np.sqrt((1.0 + e) / (1.0 - e)) * np.tan(0.5 * anomaly[:-1]))
+        yield e, np.max(true - anomaly[:-1] + e * np.sin(anomaly[:-1]))
+
+
+def test_the_equation_of_the_centre_stays_under_three_eccentricities():
+    for e, most in bounded_by_a_closed_form():
+        assert most <= 3.0 * e + 1e-12
+
+
+@pytest.mark.parametrize(("start", "hours"), [("2025-09-01", 24.0), ("2025-10-20", 72.0)])
+def test_deep_space_stays_within_the_margin_of_its_gate(catalogue, start, hours):
+    deep = [e for e in catalogue if e.period_s >= 225.0 * 60.0][::3]
+    span = (Utc.parse(start).unix_s, hours * 3600.0)
+    ground = Ground(Site(*LEIDEN), EARTH, *span)
+    objects = DeepSpace(deep, ground, span)
+    orbits = objects.mean_orbits()
+    index = np.flatnonzero(gated(orbits, span[1]))
+    assert len(index) > 0.9 * len(deep)
+    orbits = orbits.take(index)
+    for part in np.linspace(0.0, 1.0, 9):
+        rough, margin_km = mean_places(orbits, ground, span, part * span[1])
+        true = objects.places(index, np.full((len(index), 1), part * span[1]))[:, :, 0]
+        off = np.linalg.norm(true - rough, axis=0)
+        assert (off < 0.5 * margin_km).all()
+
+
 def test_skyfield_finds_the_same(catalogue):
     timescale = _timescale(0.05, 0.17, 0.32)
     start = Utc.parse("2025-09-02")
@@ -248,18 +291,42 @@ def test_skyfield_finds_the_same(catalogue):
     assert compared > 80
 
 
-def test_two_processes_find_what_one_does(catalogue):
+@both_paths
+def test_two_at_work_find_what_one_does(catalogue, compiled):
     chosen = catalogue[::5]
     told = []
     one, two = (
         find_catalogue_passes(
-            chosen, Site(*LEIDEN), Utc.parse("2025-09-01"), 6.0, workers=n, progress=lambda *a: told.append(a)
+            chosen,
+            Site(*LEIDEN),
+            Utc.parse("2025-09-01"),
+            6.0,
+            workers=n,
+            progress=lambda *a: told.append(a),
+            compiled=compiled,
         )
         for n in (1, 2)
     )
     assert np.array_equal(one.found.rise_s, two.found.rise_s, equal_nan=True)
     assert np.array_equal(one.found.obj, two.found.obj)
     assert told[-1] == (len(chosen), len(chosen))
+
+
+@pytest.mark.skipif(not available(), reason="numba is not installed")
+def test_compiled_code_finds_the_same_in_a_catalogue(catalogue):
+    chosen = catalogue[::12]
+    one, two = (
+        find_catalogue_passes(
+            chosen, Site(*LEIDEN), Utc.parse("2025-09-01"), 24.0, earth=EARTH, compiled=compiled
+        ).found
+        for compiled in (False, True)
+    )
+    assert len(one.obj) > 8000
+    assert np.array_equal(one.obj, two.obj)
+    assert np.array_equal(one.peak_run, two.peak_run)
+    for name in ("rise_s", "set_s", "culminate_s", "peak_s"):
+        np.testing.assert_allclose(getattr(two, name), getattr(one, name), rtol=0.0, atol=2e-4)
+    np.testing.assert_allclose(two.max_alt_deg, one.max_alt_deg, rtol=0.0, atol=1e-5)
 
 
 def _timescale(dut1_s, xp_arcsec, yp_arcsec):
