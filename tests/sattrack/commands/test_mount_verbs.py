@@ -262,13 +262,12 @@ def test_verbs_over_real_udp_one_after_the_other(
         mount.wait_until_moving(False)
 
 
-@pytest.mark.parametrize(("number", "times"), [(signal.SIGINT, 3), (signal.SIGTERM, 1)])
-def test_a_signal_brings_the_mount_to_rest_and_ends_with_130(number: int, times: int) -> None:
+def test_signals_bring_the_mount_to_rest_and_end_with_130() -> None:
     with simulated_mount() as mount:
         arguments = ("move", "--ra-rate", "2", "--seconds", "60", "--mount", mount.url, *SITE, "--json")
         with closed(program("mount", *arguments)) as process:
             mount.wait_until_moving(True)
-            for _ in range(times):
+            for number in (signal.SIGINT, signal.SIGINT, signal.SIGTERM):
                 process.send_signal(number)
             out, err = process.communicate(timeout=30.0)
         assert process.returncode == 130

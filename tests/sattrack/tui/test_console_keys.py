@@ -22,7 +22,7 @@ from sattrack.tui.console_dialogs import DirectionDialog
 from sattrack.tui.console_feed import Latest
 
 RA = ("5", "h")
-DEC = ("minus", "5", "full_stop", "5")
+DEC = ("minus", "5")
 
 
 def press(feed: FakeConsole, *keys: str) -> ConsoleApp:
@@ -46,42 +46,53 @@ def east(rate_deg_s: float) -> JogOrder:
     return JogOrder(ra_rate_deg_s=rate_deg_s)
 
 
-@pytest.mark.parametrize(
-    ("keys", "orders"),
-    [
-        (["up", "up", "down", "left", "right"], [*[north(0.02)] * 2, north(-0.02), east(0.02), east(-0.02)]),
-        (
-            ["1", "up", "2", "up", "3", "up", "4", "up", "5", "left", "6", "right"],
-            [north(GUIDE_DEG_S), north(0.02), north(0.1), north(0.5), east(2.0), east(-4.0)],
-        ),
-        (["g", *RA, "enter", *DEC, "enter"], [SlewOrder(75.0, -5.5)]),
-        (["g", *RA, "tab", *DEC, "enter"], [SlewOrder(75.0, -5.5)]),
-        (["g", *RA, "enter", *DEC, "escape"], []),
-        (["g", *RA, "enter", "9", "1", "enter"], []),
-        (["g", "2", "4", "h", "enter", "5", "enter"], []),
-        (["g", "enter", "enter", "q", "p", "r", "up", "left"], []),
-        (["g", *RA, "space"], [AbortOrder()]),
-        (["g", "tab", "space"], [AbortOrder()]),
-        (["s", *RA, "enter", *DEC, "enter", "y"], [SyncOrder(75.0, -5.5)]),
-        (["s", *RA, "enter", *DEC, "enter", "enter"], []),
-        (["s", *RA, "enter", *DEC, "enter", "space"], [AbortOrder()]),
-        (["p", "y"], [ParkOrder()]),
-        (["p", "n", "p", "enter", "p", "escape", "p", "p", "p", "q", "p", "up", "p", "h"], []),
-        (["p", "space"], [AbortOrder()]),
-        (["p", "ctrl+c"], [LeaveOrder()]),
-        (["h", "r", "space", "space"], [HomeOrder(), ResetOrder(), AbortOrder(), AbortOrder()]),
-        (["q"], [LeaveOrder()]),
-        (["ctrl+c"], [LeaveOrder()]),
-        (["ctrl+q"], [LeaveOrder()]),
-        (["question_mark", "up", "h", "space"], [AbortOrder()]),
-        (["question_mark", "question_mark", "h", "tab", "space"], [HomeOrder(), AbortOrder()]),
-        (["a", "enter", "x", "f5", "home", "ctrl+p", "7", "0"], []),
-    ],
-)
-def test_each_key_gives_exactly_its_orders(keys: list[str], orders: list[ConsoleMessage]) -> None:
+ORDERS: list[tuple[list[str], list[ConsoleMessage]]] = [
+    (["up", "up", "down", "left", "right"], [*[north(0.02)] * 2, north(-0.02), east(0.02), east(-0.02)]),
+    (
+        ["1", "up", "2", "up", "3", "up", "4", "up", "5", "left", "6", "right", "2"],
+        [north(GUIDE_DEG_S), north(0.02), north(0.1), north(0.5), east(2.0), east(-4.0)],
+    ),
+    (["g", *RA, "enter", *DEC, "enter"], [SlewOrder(75.0, -5.0)]),
+    (["g", *RA, "tab", *DEC, "enter"], [SlewOrder(75.0, -5.0)]),
+    (["g", *RA, "enter", "5", "escape"], []),
+    (["g", *RA, "enter", "9", "1", "enter"], []),
+    (["g", "2", "4", "h", "enter", "5", "enter"], []),
+    (["g", "enter", "enter", "q", "p", "r", "up", "left"], []),
+    (["g", *RA, "space"], [AbortOrder()]),
+    (["s", *RA, "enter", *DEC, "enter", "y"], [SyncOrder(75.0, -5.0)]),
+    (["s", *RA, "enter", *DEC, "enter", "enter"], []),
+    (["s", *RA, "enter", *DEC, "enter", "space"], [AbortOrder()]),
+    (["p", "y"], [ParkOrder()]),
+    (["p", "n", "p", "enter", "p", "p", "p", "q", "p", "up"], []),
+    (["p", "space"], [AbortOrder()]),
+    (["h", "r", "space", "space"], [HomeOrder(), ResetOrder(), AbortOrder(), AbortOrder()]),
+    (["question_mark", "up", "h", "space"], [AbortOrder()]),
+    (["question_mark", "question_mark", "h", "tab", "space"], [HomeOrder(), AbortOrder()]),
+    (["a", "enter", "x", "f5", "home", "ctrl+p", "7", "0"], []),
+]
+
+
+def test_each_key_gives_exactly_its_orders() -> None:
+    async def run() -> None:
+        feed = FakeConsole()
+        app = ConsoleApp(feed, monotonic=HandClock())
+        async with app.run_test(size=(80, 24)) as pilot:
+            for keys, orders in ORDERS:
+                await pilot.press(*keys)
+                await pilot.pause()
+                assert feed.told == orders, keys
+                feed.told.clear()
+                if len(app.screen_stack) > 1:
+                    await pilot.press("escape")
+
+    asyncio.run(run())
+
+
+@pytest.mark.parametrize("keys", [["q"], ["ctrl+c"], ["ctrl+q"], ["p", "ctrl+c"], ["g", "ctrl+q"]])
+def test_leaving_is_said_once_and_from_everywhere(keys: list[str]) -> None:
     feed = FakeConsole()
     press(feed, *keys)
-    assert feed.told == orders
+    assert feed.told == [LeaveOrder()]
 
 
 def test_a_stop_closes_what_lies_over_the_screen_and_shows_until_it_is_obeyed() -> None:
