@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 import json
+import re
 import select
 import signal
 import socket
+import threading
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
 from mount_programs import SITE, closed, free_port, program, simulated_mount
 
 from sattrack.cli import run
+from sattrack.commands.mount_common import failure
 from sattrack.errors import BadInputError
+from sattrack.procedures import Outcome, Refusal
+from sattrack.requests import TicketState
 from sattrack.xerxes import client
 from sattrack.xerxes.client import UdpLink, is_own_host, nobody_listens, parse_address
 
@@ -186,6 +192,74 @@ def test_a_mount_that_is_not_heard_ends_with_4_and_says_what_to_check(
     err = capsys.readouterr().err
     assert f"that 127.0.0.1:{port} is its address and port" in err
     assert f"sends to this machine's address, port {listen}" in err
+
+
+def test_what_comes_in_place_of_a_status_is_counted(capsys: pytest.CaptureFixture[str]) -> None:
+    port, listen = free_port(), free_port()
+    ended = threading.Event()
+
+    def talk() -> None:
+        with (
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mount,
+            socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as stranger,
+        ):
+            stranger.bind(("127.0.0.3", 0))
+            while not ended.wait(0.02):
+                mount.sendto(b"XERXESxx and no more", ("127.0.0.1", listen))
+                stranger.sendto(b"x" * 160, ("127.0.0.1", listen))
+
+    talker = threading.Thread(target=talk)
+    talker.start()
+    try:
+        url = f"xerxes://127.0.0.1:{port}?listen={listen}"
+        assert run(["mount", "status", "--mount", url, "--timeout", "0.4"]) == 4
+    finally:
+        ended.set()
+        talker.join()
+    err = capsys.readouterr().err
+    assert re.search(r"\([1-9]\d* datagrams came that are no status, ", err)
+    assert re.search(r"[1-9]\d* came from other hosts: 127\.0\.0\.3\)", err)
+
+
+SENT = Outcome(TicketState.COMPLETE, True)
+UNSURE = Outcome(TicketState.UNCONFIRMED, False, "no acknowledgement")
+LATE = Outcome(TicketState.TIMED_OUT, False, "the mount did not acknowledge it")
+LOW = Outcome(TicketState.FAILED, False, "too low", Refusal("too low", by_safety=True))
+BUSY = Outcome(TicketState.FAILED, False, "it slews", Refusal("it slews"))
+AT_REST, UNSEEN = "; the mount was stopped and seen at rest", "; THE MOUNT DID NOT CONFIRM THE STOP"
+NOTHING = "; nothing was asked of the mount"
+
+
+@pytest.mark.parametrize(
+    ("ended_by", "outcome", "begun", "stopped", "code", "words"),
+    [
+        ("done", SENT, True, None, 0, ""),
+        ("done", UNSURE, True, None, 0, ""),
+        ("done", LATE, True, True, 1, f"park: the mount did not acknowledge it{AT_REST}"),
+        ("done", LOW, True, True, 3, f"park: too low{AT_REST}"),
+        ("refused", LOW, False, None, 3, f"park: too low{NOTHING}"),
+        ("refused", BUSY, False, None, 1, f"park: it slews{NOTHING}"),
+        ("limit:altitude", LOW, True, True, 3, f"park: too low{AT_REST}"),
+        ("link", LATE, True, False, 4, f"park: the mount did not acknowledge it{UNSEEN}"),
+        ("link", LATE, False, None, 4, f"park: the mount did not acknowledge it{NOTHING}"),
+        ("operator", LATE, True, True, 130, f"park: the mount did not acknowledge it{AT_REST}"),
+        ("operator", LATE, True, False, 130, f"park: the mount did not acknowledge it{UNSEEN}"),
+        ("timeout", LATE, True, True, 1, f"park: the mount did not acknowledge it{AT_REST}"),
+        ("restart", LATE, True, True, 1, f"park: the mount did not acknowledge it{AT_REST}"),
+        ("error", LATE, True, True, 1, f"park: the mount did not acknowledge it{AT_REST}"),
+    ],
+)
+def test_every_end_has_its_exit_code_and_says_whether_the_mount_rests(
+    ended_by: str, outcome: Outcome, begun: bool, stopped: bool | None, code: int, words: str
+) -> None:
+    errand = SimpleNamespace(ended_by=ended_by, begun=begun, mount_stopped=stopped)
+    error = failure(errand, outcome, "park", None)
+    if code == 0:
+        assert error is None
+        return
+    assert error is not None
+    assert error.exit_code == code
+    assert str(error).startswith(words)
 
 
 def test_a_port_that_is_taken_is_told(capsys: pytest.CaptureFixture[str]) -> None:
