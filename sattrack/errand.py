@@ -1,7 +1,7 @@
 """One procedure with one mount, from listening to its end, without I/O: what a verb on the command line does.
 
 1. Listen, and send nothing: who hears the mount obey somebody else does not join in.
-2. Send datagrams without a flag until the mount is heard, then begin.
+2. Send datagrams without a flag until the mount is heard, obeying nobody; then begin.
 3. However it ends, datagrams go on until no flag is on its way; after trouble, until the mount is at rest.
 """
 
@@ -90,7 +90,7 @@ class Errand:
         if self.console.session.health.received == received:
             return
         self._heard += 1
-        if self.phase is Phase.LISTENING:
+        if self.phase in {Phase.LISTENING, Phase.CALLING}:
             self._others.update(acknowledged(data))
 
     def interrupt(self, now_utc_s: float) -> None:
@@ -113,6 +113,8 @@ class Errand:
             return None
         if self.phase is Phase.CALLING:
             self._call(now_utc_s)
+        if self.finished:
+            return None
         datagram = self.console.tick(now_utc_s)
         if self.phase is Phase.RUNNING:
             self._watch(now_utc_s)
@@ -127,13 +129,19 @@ class Errand:
         if self._stops:
             self._begin(now_utc_s)
             return True
-        if self._others:
-            refusal = Refusal(NOT_ALONE.format(", ".join(sorted(self._others))))
-            self._end("refused", refused(refusal), now_utc_s, stop=False)
+        if self._leave_to_others(now_utc_s):
             return False
         if self._heard < LISTEN_STATUSES and now_utc_s - self._started_utc_s < LISTEN_S:
             return False
         self.phase = Phase.CALLING
+        return True
+
+    def _leave_to_others(self, now_utc_s: float) -> bool:
+        """End where the mount acknowledges commands, of which none was ours so far; tell whether it does."""
+        if not self._others:
+            return False
+        refusal = Refusal(NOT_ALONE.format(", ".join(sorted(self._others))))
+        self._end("refused", refused(refusal), now_utc_s, stop=False)
         return True
 
     @property
@@ -141,7 +149,9 @@ class Errand:
         return isinstance(self._procedure, Once) and isinstance(self._procedure.request, Abort)
 
     def _call(self, now_utc_s: float) -> None:
-        if self.console.sample is not None:
+        if self._leave_to_others(now_utc_s):
+            return
+        if self._heard >= LISTEN_STATUSES:
             self._begin(now_utc_s)
         elif now_utc_s - self._started_utc_s > NO_ANSWER_AFTER_S:
             words = f"no status from {self.console.mount_name} within {NO_ANSWER_AFTER_S:g} s"

@@ -41,7 +41,8 @@ class Sitting:
         self.mount_stopped: bool | None = None
         """Whether the stop at the end was seen through; None where none was needed."""
         self._started_utc_s = started_utc_s
-        self._sending = False
+        self._asked = False
+        """Whether the operator has asked for anything."""
         self._heard = 0
         self._others: set[str] = set()
         self._leaving_utc_s: float | None = None
@@ -57,7 +58,7 @@ class Sitting:
         """Take one datagram from the mount."""
         received = self.console.session.health.received
         self.console.receive(data, arrival_utc_s)
-        if not self._sending and self.console.session.health.received > received:
+        if not self._asked and self.console.session.health.received > received:
             self._heard += 1
             self._others |= acknowledged(data)
 
@@ -69,7 +70,7 @@ class Sitting:
             return
         if self.leaving:
             return
-        self._sending = True
+        self._asked = True
         match order:
             case AbortOrder():
                 console.abort(now_utc_s)
@@ -98,16 +99,15 @@ class Sitting:
     def fail(self, words: str, now_utc_s: float) -> None:
         """Stop the mount and leave: something here is not to be relied on."""
         self._leaving_utc_s = now_utc_s if self._leaving_utc_s is None else self._leaving_utc_s
-        self._stopping = self._sending
+        self._stopping = self._asked
         self.console.fail(words)
 
     def tick(self, now_utc_s: float) -> bytes | None:
         """Return the datagram to send now, None while nothing is to be sent; call once a period."""
-        if not self._sending:
+        if not self._asked:
             listened = self._heard >= LISTEN_STATUSES or now_utc_s - self._started_utc_s >= LISTEN_S
-            self._sending = listened and not self._others
-            self.finished = self.leaving
-            if not self._sending:
+            if self._others or not listened:
+                self.finished = self.leaving
                 return None
         datagram = self.console.tick(now_utc_s)
         if self._leaving_utc_s is not None:
@@ -117,7 +117,7 @@ class Sitting:
     def view(self, now_utc_s: float) -> ConsoleView:
         """Return what the operator is to see."""
         view = self.console.view(now_utc_s)
-        if self._others and not self._sending:
+        if self._others and not self._asked:
             return msgspec.structs.replace(view, warnings=(NOT_ALONE, *view.warnings))
         return view
 

@@ -281,6 +281,18 @@ class TestWhatIsRefusedBeforeAnythingIsSent:
             "it, or did and was killed; end it, or stop the mount with `sattrack mount abort`, then ask again"
         )
 
+    def test_a_mount_that_tells_its_status_only_when_called_is_left_to_the_other_too(self) -> None:
+        bench = Bench(cut=True)
+        errand = Errand(bench.console, plain(Slew(10.0, 50.0)), bench.now_s)
+        while not bench.commands:
+            bench.turn(errand)
+        bench.cut = False
+        while not errand.finished:
+            bench.mount.receive(encode_command(Command(1, move_ra=True, move_ra_rate_deg_s=1.0)))
+            bench.turn(errand)
+        assert errand.ended_by == "refused"
+        assert bench.flags() == []
+
     def test_an_abort_is_sent_to_it_all_the_same(self) -> None:
         bench = Bench()
         bench.mount.receive(encode_command(Command(1, move_ra=True, move_ra_rate_deg_s=1.0)))
@@ -594,6 +606,17 @@ class TestASitting:
             bench.turn(sitting)
         assert bench.commands[0].abort
         assert not bench.moves_itself
+
+    def test_it_falls_silent_when_somebody_else_begins_to_drive(self) -> None:
+        bench = Bench()
+        sitting = self.sit(bench, 1.0)
+        sent = len(bench.commands)
+        assert sent > 0
+        for _ in range(10):
+            bench.mount.receive(encode_command(Command(1, move_ra=True, move_ra_rate_deg_s=0.5)))
+            bench.turn(sitting)
+        assert len(bench.commands) <= sent + 1
+        assert sitting.view(bench.now_s).warnings[0] == NOT_ALONE
 
     def test_a_slew_under_way_is_seen_in_the_view_and_settles(self) -> None:
         bench = Bench()
