@@ -1,6 +1,7 @@
 """A console with an operator before it, without I/O: obeys orders until the operator leaves.
 
-Until it is asked for something, it keeps silent where it hears the mount obey somebody else.
+Where it hears the mount obey somebody else, and nothing was asked of it from here, it keeps silent until it is
+told to stop the mount.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
     from sattrack.console_view import ConsoleView
 
 LINGER_S = 0.25
-NOT_ALONE = "another program drives this mount: nothing is sent from here until you ask for something"
+NOT_ALONE = "another program drives this mount: nothing is sent from here, unless you stop the mount"
 
 
 class Sitting:
@@ -69,6 +70,10 @@ class Sitting:
             self.interrupt(now_utc_s)
             return
         if self.leaving:
+            return
+        if self._others and not self._asked and not isinstance(order, AbortOrder):
+            # A key that is touched by accident must not mix with what somebody else does.
+            console.refusal = "another program drives this mount"
             return
         self._asked = True
         match order:

@@ -599,8 +599,12 @@ class TestASitting:
         bench = Bench()
         bench.mount.receive(encode_command(Command(1, move_ra=True, move_ra_rate_deg_s=0.5)))
         sitting = self.sit(bench, 1.0)
+        for order in (JogOrder(1.0, None), HomeOrder(), ResetOrder()):
+            sitting.obey(order, bench.now_s)
+            bench.turn(sitting)
         assert bench.commands == []
         assert sitting.view(bench.now_s).warnings[0] == NOT_ALONE
+        assert sitting.view(bench.now_s).refusal == "another program drives this mount"
         sitting.obey(AbortOrder(), bench.now_s)
         for _ in range(60):
             bench.turn(sitting)
