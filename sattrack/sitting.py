@@ -1,7 +1,7 @@
 """A console with an operator before it, without I/O: obeys orders until the operator leaves.
 
-Where it hears the mount obey somebody else, and nothing was asked of it from here, it keeps silent until it is
-told to stop the mount.
+Where it hears the mount obey somebody else, and nothing was asked of it from here, it keeps silent until it
+is told to stop the mount.
 """
 
 from __future__ import annotations
