@@ -107,19 +107,21 @@ class Arcs:
 
 def places(columns: Array, x: Array) -> Array:
     """Return the values at x, shape (3, m), of polynomials (terms, 3, m), or of shapes that go together."""
-    place: Array = columns[-1] * np.ones_like(x)
-    for column in columns[-2::-1]:
-        place *= x
+    place: Array = columns[-1] * x
+    for column in columns[-2:0:-1]:
         place += column
+        place *= x
+    place += columns[0]
     return place
 
 
 def slopes(columns: Array, x: Array) -> Array:
     """Return the derivatives by x, shape (3, m), of polynomials (terms, 3, m); as `places`."""
-    slope: Array = columns[-1] * np.full_like(x, len(columns) - 1.0)
-    for term in range(len(columns) - 2, 0, -1):
-        slope *= x
+    slope: Array = columns[-1] * ((len(columns) - 1.0) * x)
+    for term in range(len(columns) - 2, 1, -1):
         slope += columns[term] * float(term)
+        slope *= x
+    slope += columns[1]
     return slope
 
 
@@ -130,11 +132,42 @@ def fit_arcs(windows: Windows, pieces: Pieces, sample: Sampler, terms: int) -> t
     halved. Objects left over (NaN, or a way that is not smooth) appear in no arc.
     """
     window, first, last = pieces
+    fitted = _fit(windows.obj[window], first, last, sample, terms)
+    off = _missed(fitted)
+    without = np.empty(0, dtype=np.intp)
+    if not (off <= 1.0).all():
+        (window, first, last), fitted, without = _halved(windows, pieces, (fitted, off), sample)
+    half = 0.5 * (last - first)
+    size = np.sqrt(np.sum(fitted * fitted, axis=1))
+    basis = basis_of(terms)
+    arcs = Arcs(
+        obj=windows.obj[window],
+        window=window,
+        mid_s=0.5 * (first + last),
+        half_s=half,
+        powers=_mixed(basis.to_powers, fitted),
+        speed=np.sum(size * basis.slope[:, None], axis=0) / half,
+        bend=np.sum(size * basis.bend[:, None], axis=0) / half**2,
+    )
+    return arcs, without
+
+
+def _halved(
+    windows: Windows, pieces: Pieces, begun: tuple[Array, Array], sample: Sampler
+) -> tuple[Pieces, Array, Index]:
+    """Return pieces in order of window and time, their coefficients, and the objects that have none.
+
+    `begun` are the coefficients of the pieces, and what they miss; where that is too much they are halved.
+    """
+    window, first, last = pieces
+    fitted, off = begun
+    terms = len(fitted)
     done: list[tuple[Index, Array, Array, Array]] = []
     failed: list[Index] = []
     for halving in range(MOST_HALVINGS + 1):
-        fitted = _fit(windows.obj[window], first, last, sample, terms)
-        off = _missed(fitted)
+        if halving:
+            fitted = _fit(windows.obj[window], first, last, sample, terms)
+            off = _missed(fitted)
         good = off <= 1.0
         done.append((window[good], first[good], last[good], fitted[:, :, good]))
         bad = ~good
@@ -150,26 +183,10 @@ def fit_arcs(windows: Windows, pieces: Pieces, sample: Sampler, terms: int) -> t
     window = np.concatenate([part[0] for part in done])
     first = np.concatenate([part[1] for part in done])
     last = np.concatenate([part[2] for part in done])
-    fitted = np.concatenate([part[3] for part in done], axis=2)
-    keep = np.ones(len(window), dtype=bool)
-    if len(without):
-        keep = ~np.isin(windows.obj[window], without)
-    order = np.lexsort((first[keep], window[keep]))
-    window, first, last = window[keep][order], first[keep][order], last[keep][order]
-    fitted = np.take(fitted, np.flatnonzero(keep)[order], axis=2)
-    half = 0.5 * (last - first)
-    size = np.sqrt(np.sum(fitted * fitted, axis=1))
-    basis = basis_of(terms)
-    arcs = Arcs(
-        obj=windows.obj[window],
-        window=window,
-        mid_s=0.5 * (first + last),
-        half_s=half,
-        powers=_mixed(basis.to_powers, fitted),
-        speed=np.sum(size * basis.slope[:, None], axis=0) / half,
-        bend=np.sum(size * basis.bend[:, None], axis=0) / half**2,
-    )
-    return arcs, without
+    keep = np.flatnonzero(~np.isin(windows.obj[window], without))
+    keep = keep[np.lexsort((first[keep], window[keep]))]
+    fitted = np.take(np.concatenate([part[3] for part in done], axis=2), keep, axis=2)
+    return (window[keep], first[keep], last[keep]), fitted, without
 
 
 def even_pieces(windows: Windows, longest_s: Array) -> Pieces:

@@ -343,7 +343,7 @@ def _round_windows(
 @kernel
 def _joined(found: Array, count: int, i: int, low: float, high: float) -> tuple[Array, int]:
     """Return windows, and how many, with a stretch joined to the last one or put behind it."""
-    if count and found[count - 1, 0] == i and found[count - 1, 2] >= low:
+    if count and found[count - 1, 0] == i and found[count - 1, 2] >= low - 1e-6:
         found[count - 1, 2] = max(found[count - 1, 2], high)
         return found, count
     if count == len(found):

@@ -11,7 +11,7 @@ import numpy as np
 from tle import arcs as arcs_
 from tle.arcs import Arcs
 from tle.crossings import CLOSE_S, SURE_S, Crossings, find_crossings
-from tle.gate import HALVINGS, STRETCHES_A_TURN, gate_of, orbit_bounds
+from tle.gate import HALVINGS, ROUND_BELOW, STRETCHES_A_TURN, gate_of, orbit_bounds
 from tle.ground import EVEN_TURN_RAD_S
 from tle.near_earth import mean_longitude
 
@@ -25,10 +25,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
-
-
-# Below this eccentricity the mean longitude alone tells well enough where an object is.
-_ROUND_BELOW, _ROUND_A_TURN = 0.02, 1.0
 
 
 def available() -> bool:
@@ -48,8 +44,8 @@ def near_crossings(
     left = np.flatnonzero(~bounds.regular)
     if len(left):
         c, bounds = c.take(regular), bounds.take(regular)
-    is_round = bounds.eccentricity < _ROUND_BELOW
-    a_turn = np.where(is_round, _ROUND_A_TURN, STRETCHES_A_TURN)
+    is_round = bounds.eccentricity < ROUND_BELOW
+    a_turn = np.where(is_round, 1.0, STRETCHES_A_TURN)
     gate = np.column_stack([*gate_of(c, bounds, ground, span, horizon.lowest_deg, a_turn), is_round])
     sine = math.sin(math.radians(horizon.lowest_deg))
     fit = _fit(arcs_.terms_for(float(c.ecco.max(initial=0.0))))

@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 
 SURE_S = 0.5
 _LOOKS = 9
-# Ridders' method squares the error: the step after one of this size is below a microsecond.
-CLOSE_S, _WALL_CLOSE_S = 3e-3, 1e-5
+# Ridders' method squares the error: the step after one of this size is about a millisecond.
+CLOSE_S, _WALL_CLOSE_S = 2e-2, 1e-5
 _DEG = 180.0 / math.pi
 
 

@@ -17,6 +17,7 @@ centre stays under 3e for any e), and which goes on by no more than the mean mot
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
 _MU_KM3_S2 = 398600.8
 _EARTH_RAD_S = 7.2921159e-5
 STRETCHES_A_TURN = 8
+# Below this eccentricity the mean longitude alone tells well enough where an object is.
+ROUND_BELOW = 0.02
 HALVINGS = 2
 # The equation of the centre in eccentricities, at most.
 _CENTRE = 3.0
@@ -166,6 +169,120 @@ def possible_windows(
     c: NearEarth, bounds: Bounds, ground: Ground, start_s: float, span_s: float, lowest_deg: float
 ) -> Windows:
     """Return the windows, cut to the span, outside which no object is above `lowest_deg` of altitude."""
+    is_round = bounds.eccentricity < ROUND_BELOW
+    span = (start_s, span_s)
+    parts = []
+    for index, find in ((np.flatnonzero(is_round), _round_windows), (np.flatnonzero(~is_round), _windows)):
+        if len(index):
+            all_ = len(index) == len(is_round)
+            some, some_bounds = (c, bounds) if all_ else (c.take(index), bounds.take(index))
+            found = find(some, some_bounds, ground, span, lowest_deg)
+            parts.append(found if all_ else replace(found, obj=index[found.obj]))
+    if len(parts) == 1:
+        return parts[0]
+    return Windows(
+        np.concatenate([np.empty(0, dtype=np.intp), *(w.obj for w in parts)]),
+        np.concatenate([np.empty(0), *(w.first_s for w in parts)]),
+        np.concatenate([np.empty(0), *(w.last_s for w in parts)]),
+    )
+
+
+def _round_windows(
+    c: NearEarth, bounds: Bounds, ground: Ground, span: tuple[float, float], lowest_deg: float
+) -> Windows:
+    """Return the windows of orbits about round, turn by turn, by the angle of the mean satellite from the site.
+
+    The site is taken as at rest in the orbit's plane, first at the turn's middle, then at that of the time
+    found; by as far as it may move meanwhile, the angle allowed is wider.
+    """
+    start_s, span_s = span
+    gate = gate_of(c, bounds, ground, span, lowest_deg, 1.0)
+    obj = np.repeat(np.arange(len(gate.stretches)), gate.stretches)
+    number = np.arange(len(obj)) - np.repeat(np.cumsum(gate.stretches) - gate.stretches, gate.stretches)
+    step = gate.step_s[obj]
+    low = number * step
+    near = _Near(c, gate, ground, start_s)
+    offset, half, turn_s = near.when(obj, low + 0.5 * step, 0.5 * step)
+    keep = np.flatnonzero(half >= 0.0)
+    obj, low, step, half, turn_s = obj[keep], low[keep], step[keep], half[keep], turn_s[keep]
+    about = low + 0.5 * step + offset[keep]
+    # The nearest time may lie over either end of the turn, and belong to the next one too.
+    whose, places = [np.arange(len(obj))], [about]
+    for side in (-1.0, 1.0):
+        other = about + side * turn_s
+        over = np.flatnonzero((other + half > low) & (other - half < low + step) & (half < 0.5 * step))
+        whose.append(over)
+        places.append(other[over])
+    own, about = np.concatenate(whose), np.concatenate(places)
+    obj, low, half = obj[own], low[own], half[own]
+    high = np.minimum(np.minimum(low + step[own], about + half), span_s)
+    low = np.maximum(low, about - half)
+    again, less, _ = near.when(obj, about, half)
+    first = np.maximum(low, about + again - less)
+    last = np.minimum(high, about + again + less)
+    keep = np.flatnonzero((less >= 0.0) & (first < last))
+    keep = keep[np.lexsort((first[keep], obj[keep]))]
+    return _merged(obj[keep], first[keep], last[keep])
+
+
+def _merged(obj: Index, first: Array, last: Array) -> Windows:
+    """Return stretches, in order of object and time, with those that touch put together."""
+    new = np.ones(len(obj), dtype=bool)
+    # Neighbours that are computed apart may miss each other by rounding.
+    new[1:] = (obj[1:] != obj[:-1]) | (first[1:] > last[:-1] + 1e-6)
+    starts = np.flatnonzero(new)
+    ends = np.append(starts[1:], len(obj))[: len(starts)] - 1
+    return Windows(obj[starts], first[starts], last[ends])
+
+
+class _Near:
+    """When mean satellites may be near the site."""
+
+    def __init__(self, c: NearEarth, gate: Gate, ground: Ground, start_s: float) -> None:
+        self._c, self._gate, self._ground, self._start_s = c, gate, ground, start_s
+        self._age_min = (start_s - c.epoch_s) / 60.0
+        self._longitude = mean_longitude(c)
+
+    def when(self, obj: Index, since_s: Array, about_s: Array) -> tuple[Array, Array, Array]:
+        """Return seconds to the middle, and half the length, of times near the site; and of a turn.
+
+        Instants are seconds of the span, the answer holds for `about_s` on both sides. A negative length
+        means never.
+        """
+        c, gate = self._c, self._gate
+        x, y, z = self._ground.direction
+        t = self._age_min[obj] + since_s / 60.0
+        node = c.nodeo[obj] + t * (c.nodedot[obj] + c.nodecf[obj] * t)
+        turn = self._ground.turn_rad(self._start_s, since_s) - node
+        cos, sin = np.cos(turn), np.sin(turn)
+        along = x * cos - y * sin
+        ahead = c.cosio[obj] * (x * sin + y * cos) + c.sinio[obj] * z
+        powers = self._longitude
+        mean, rate = powers[-1][obj], 0.0
+        for power in powers[-2::-1]:
+            rate = rate * t + mean
+            mean = mean * t + power[obj]
+        rate = rate / 60.0
+        reach = gate.reach_rad[obj] + gate.sway_rad_s[obj] * about_s
+        cosine = np.cos(np.minimum(reach, math.pi))
+        nearest = np.sqrt(along * along + ahead * ahead)
+        half = np.arccos(np.minimum(np.abs(cosine / nearest), 1.0)) / rate
+        half = np.where(nearest <= cosine, -1.0, half)
+        offset = np.arctan2(ahead, along) - mean
+        offset -= 2.0 * math.pi * np.floor(offset / (2.0 * math.pi) + 0.5)
+        always = reach >= math.pi / 2.0
+        return (
+            np.where(always, 0.0, offset / rate),
+            np.where(always, about_s, half),
+            2.0 * math.pi / rate,
+        )
+
+
+def _windows(
+    c: NearEarth, bounds: Bounds, ground: Ground, span: tuple[float, float], lowest_deg: float
+) -> Windows:
+    """Return the windows of any orbits."""
+    start_s, span_s = span
     sine = math.sin(math.radians(lowest_deg))
     gate = gate_of(c, bounds, ground, (start_s, span_s), lowest_deg)
     obj, first, last = _stretches(c, gate, ground, (start_s, span_s))
@@ -189,11 +306,7 @@ def possible_windows(
         obj = np.repeat(obj, 2)
         first, last = _interleaved(first, middle), _interleaved(middle, last)
         z_first, z_last = _interleaved(z_first, z), _interleaved(z, z_last)
-    new = np.ones(len(obj), dtype=bool)
-    new[1:] = (obj[1:] != obj[:-1]) | (first[1:] != last[:-1])
-    starts = np.flatnonzero(new)
-    ends = np.concatenate([starts[1:], [len(obj)]])[: len(starts)] - 1
-    return Windows(obj[starts], first[starts], last[ends])
+    return _merged(obj, first, last)
 
 
 def _stretches(

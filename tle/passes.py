@@ -15,7 +15,7 @@ from tle.errors import TimeRangeError
 from tle.ground import Ground
 from tle.horizon import Horizon
 from tle.instants import Utc
-from tle.near_earth import DEEP_SPACE_MIN, brouwer_mean_motion, start_near_earth
+from tle.near_earth import DEEP_SPACE_MIN, start_near_earth
 from tle.near_search import near_crossings
 
 if TYPE_CHECKING:
@@ -93,11 +93,14 @@ def find_passes(
 
 def _near(propagator: Propagator, span: tuple[float, float], horizon: Horizon) -> Crossings | None:
     """Return the crossings of a near-Earth object that keeps its orbit, None for any other."""
-    elements = [propagator.elements]
-    if 2.0 * math.pi / float(brouwer_mean_motion(elements)[0]) >= DEEP_SPACE_MIN:
+    # What Brouwer's mean motion differs by from the elements' own is far below a tenth.
+    if propagator.elements.period_s > 1.1 * 60.0 * DEEP_SPACE_MIN:
+        return None
+    c = start_near_earth([propagator.elements])
+    if float(c.period_s[0]) >= 60.0 * DEEP_SPACE_MIN:
         return None
     ground = Ground(propagator.site, propagator.earth, *span)
-    found, left = near_crossings(start_near_earth(elements), ground, span, horizon)
+    found, left = near_crossings(c, ground, span, horizon)
     return None if len(left) else found
 
 
@@ -125,16 +128,17 @@ def passes_of(found: Crossings, start_s: float) -> list[Pass]:
         tops,
         strict=True,
     )
+    isnan = math.isnan
     return [
         Pass(
-            rise_utc=None if math.isnan(rise) else Utc(start_s + rise),
-            culminate_utc=Utc(start_s + top),
-            set_utc=None if math.isnan(end) else Utc(start_s + end),
-            rise_az_deg=None if math.isnan(rise) else rise_az,
-            culminate_az_deg=top_az,
-            set_az_deg=None if math.isnan(end) else set_az,
-            max_alt_deg=alt,
-            culminations_utc=tuple(all_tops),
+            None if isnan(rise) else Utc(start_s + rise),
+            Utc(start_s + top),
+            None if isnan(end) else Utc(start_s + end),
+            None if isnan(rise) else rise_az,
+            top_az,
+            None if isnan(end) else set_az,
+            alt,
+            tuple(all_tops),
         )
         for rise, top, end, rise_az, top_az, set_az, alt, all_tops in rows
     ]

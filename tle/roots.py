@@ -32,26 +32,24 @@ def roots(
     """
     if len(low) == 0:
         return low
-    low, high = low.copy(), high.copy()
     at_low, at_high = (value(low), value(high)) if at_ends is None else at_ends
     found = low
     for _ in range(_MOST_ROUNDS):
         middle = 0.5 * (low + high)
         at_middle = value(middle)
         spread = np.sqrt(np.maximum(at_middle * at_middle - at_low * at_high, 1e-300))
-        new = np.clip(middle + (middle - low) * np.sign(at_low - at_high) * at_middle / spread, low, high)
+        new = middle + (middle - low) * np.sign(at_low - at_high) * at_middle / spread
         moved = np.abs(new - found)
         found = new
         if (moved < close).all():
             break
         at_new = value(new)
-        # The bracket shrinks to the closest pair of signs among its ends, the middle and the new point.
-        for point, at_point in ((middle, at_middle), (new, at_new)):
-            inside = (point >= low) & (point <= high)
-            same = inside & ((at_point > 0.0) == (at_low > 0.0))
-            other = inside & ~same
-            low, at_low = np.where(same, point, low), np.where(same, at_point, at_low)
-            high, at_high = np.where(other, point, high), np.where(other, at_point, at_high)
+        # The bracket goes on from the new point to the closest one on the other side of the root.
+        over = at_new > 0.0
+        by_middle, by_low = (at_middle > 0.0) != over, (at_low > 0.0) != over
+        high = np.where(by_middle, middle, np.where(by_low, low, high))
+        at_high = np.where(by_middle, at_middle, np.where(by_low, at_low, at_high))
+        low, at_low = new, at_new
     return found
 
 
