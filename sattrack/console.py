@@ -36,6 +36,8 @@ FRESH_TOUCH_S = 0.4
 LINGER_S = 0.5
 REMEMBERED = 5
 OFFSETS = 100
+END_WITHIN_TICKS = 20
+"""Datagrams, a second, within which the end of a MoveAxis must be seen; else the mount is stopped."""
 LONGEST_STEP_S = 0.5
 NEED_SITE = (Slew, Sync, MoveAxis, FindHome, Park)
 """What is judged by its altitude."""
@@ -78,6 +80,8 @@ class Console:
         self._blocked = False
         """Whether touches are those of a key that was held while the stop came."""
         self._move_begun = False
+        self._ending_ticks = 0
+        """Datagrams that ask for the end of a MoveAxis, without its being seen."""
         self._rest_since_utc_s: float | None = None
         self.stopping_since_utc_s: float | None = None
         """Since when a stop has been asked for; None where none is."""
@@ -109,7 +113,8 @@ class Console:
     def moving(self) -> bool:
         """Whether anything of ours is under way that leaving would leave moving."""
         wanted = self.session.wanted
-        return self.procedure is not None or self.session.busy or isinstance(wanted, MoveAxes | SlewTo)
+        ours = isinstance(wanted, MoveAxes | SlewTo) or not self.session.move_over
+        return self.procedure is not None or self.session.busy or ours
 
     @property
     def at_rest(self) -> bool:
@@ -146,6 +151,10 @@ class Console:
 
     def begin(self, procedure: Procedure, now_utc_s: float) -> Refusal | None:
         """Carry out a procedure, in place of whatever is under way; return why not, where it is refused."""
+        if self.jogs:
+            # A jog lives by its key alone: nothing else may carry its motion on.
+            self.jogs.clear()
+            self._apply(Hold(), now_utc_s)
         refusal = procedure.begin(self, now_utc_s)
         if refusal is not None:
             return self._refuse(refusal)
@@ -203,7 +212,9 @@ class Console:
         """Let the mount move again after a safety limit has stopped it; refused until it is at rest."""
         if self.safety.tripped is not None and not self.at_rest:
             return self._refuse(Refusal("the mount is not at rest yet"))
-        self.safety, self.trouble, self.refusal = self._new_safety(), None, None
+        fresh = self._new_safety()
+        fresh.follow_on(self.safety)
+        self.safety, self.trouble, self.refusal = fresh, None, None
         return None
 
     def fail(self, words: str) -> None:
@@ -217,6 +228,7 @@ class Console:
         if self.failed is None:
             self._end_jogs(now_utc_s)
             self._step(now_utc_s)
+            self._end_orphans(now_utc_s)
             self._clear_again(now_utc_s)
             self._let_go(now_utc_s)
         if not self.stopping:
@@ -243,7 +255,10 @@ class Console:
 
     def _watch(self, before: StatusSample | None, sample: StatusSample) -> None:
         """Let safety see where the axes are, and how the mount moved since the status before."""
-        hour_angle_deg = sample.sidereal_h * 15.0 - sample.ra_deg
+        status = self.session.status
+        # Beyond the pole the axis stands half a turn from the hour angle that is reported.
+        beyond_deg = 180.0 if status is not None and status.side_of_pier else 0.0
+        hour_angle_deg = sample.sidereal_h * 15.0 - sample.ra_deg + beyond_deg
         seconds, moved = 0.0, MoveAxes(0.0, 0.0)
         if before is not None:
             step_deg = math.remainder((sample.sidereal_h - before.sidereal_h) * 15.0, 360.0)
@@ -313,6 +328,17 @@ class Console:
         if isinstance(self.session.wanted, SlewTo):
             # It tracks there by itself; what it does later by other hands is not for us to undo.
             self._apply(Hold(), 0.0)
+
+    def _end_orphans(self, now_utc_s: float) -> None:
+        """End a motion that neither a key nor a procedure stands for."""
+        orphan = isinstance(self.session.wanted, MoveAxes) and not self.jogs and self.procedure is None
+        if orphan:
+            self._apply(Hold(), now_utc_s)
+        ending = isinstance(self.session.wanted, Hold) and not self.session.move_over
+        self._ending_ticks = self._ending_ticks + 1 if ending else 0
+        if self._ending_ticks > END_WITHIN_TICKS:
+            self._ending_ticks = 0
+            self._stop("move", "the end of the move was not acknowledged: the mount is being stopped")
 
     def _clear_again(self, now_utc_s: float) -> None:
         wanted = self.session.wanted

@@ -98,7 +98,11 @@ class Engine:
         moved = MoveAxes(
             wrap180(sample.ra_deg - was.ra_deg) / seconds, (sample.dec_deg - was.dec_deg) / seconds
         )
-        self.safety.watch(sample.sidereal_h * 15.0 - sample.ra_deg, moved, self._commanded, seconds)
+        status = self.session.status
+        # Beyond the pole the axis stands half a turn from the hour angle that is reported.
+        beyond_deg = 180.0 if status is not None and status.side_of_pier else 0.0
+        hour_angle_deg = sample.sidereal_h * 15.0 - sample.ra_deg + beyond_deg
+        self.safety.watch(hour_angle_deg, moved, self._commanded, seconds)
 
     def _count(self, error: SkyError, counter: int, seconds: float) -> None:
         """Take an error into the figures: everything from the first acquisition on, lost or not."""
@@ -292,6 +296,8 @@ class Engine:
             warnings.append(self.tracker.refusal)
         if self.session.intruder is not None:
             warnings.append(self.session.intruder)
+        if not self.tracker.clock_holds:
+            warnings.append("the mount's clock is not where the profile says: samples are dated by arrival")
         warnings.extend(self._side_warnings())
         warnings.extend(self._site_warnings())
         if self.message:

@@ -54,7 +54,7 @@ INTERLOCKS = (
     Interlock(
         "obedience",
         "rates that the mount reports against those commanded, while either is above 0.5 °/s",
-        "not the opposite way, nor at rest, for a second",
+        "not the opposite way, nor at rest, nor faster than twice as fast and 1 °/s, for a second",
         Reaction.STOP,
         "check the profile's signs and the drives",
     ),
@@ -67,6 +67,8 @@ LATENCY_S = 0.2
 PARKED_WITHIN_DEG = 0.5
 DISOBEDIENT_DEG_S = 0.5
 DISOBEDIENT_FOR_S = 1.0
+RUNAWAY_DEG_S = 1.0
+"""A mount that moves faster than twice what it was told, and this, for so long, does not obey either."""
 
 
 class SafetyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -151,10 +153,17 @@ class Safety:
             (commanded.ra_rate_deg_s, moved.ra_rate_deg_s),
             (commanded.dec_rate_deg_s, moved.dec_rate_deg_s),
         )
-        disobeyed = any(abs(c) > DISOBEDIENT_DEG_S and m * c < 0.05 * c * c for c, m in pairs)
+        disobeyed = any(
+            (abs(c) > DISOBEDIENT_DEG_S and m * c < 0.05 * c * c) or abs(m) > 2.0 * abs(c) + RUNAWAY_DEG_S
+            for c, m in pairs
+        )
         self._disobeyed_s = self._disobeyed_s + seconds if disobeyed else 0.0
         if self._disobeyed_s > DISOBEDIENT_FOR_S:
             self._trip("obedience")
+
+    def follow_on(self, former: Safety) -> None:
+        """Take over how far the cables are wound from a former one, whose stop is over."""
+        self._hour_angle_deg = former._hour_angle_deg
 
     def clear(
         self, motion: Motion, sidereal_deg: float, ra_deg: float, dec_deg: float, age_s: float = 0.0

@@ -128,6 +128,11 @@ class Tracker:
         self._propagator = propagator
         self._foretold = None
 
+    @property
+    def clock_holds(self) -> bool:
+        """Whether the mount's clock is where the profile says, if it says so."""
+        return self._clock.known_holds
+
     def direction_at(self, utc_s: float) -> Direction:
         """Return where the satellite is fed at an instant, the biases of that instant applied."""
         bias = Bias(self.along.value(utc_s), self.cross.value(utc_s))
@@ -245,7 +250,7 @@ class Tracker:
         begin = self._foreseen(acts)
         end = self._foretold = self.direction_at(acts + interval)
         self._foretold_utc_s = acts + interval
-        moved_ra, moved_dec = self._history.displacement(axes.sample_utc_s, acts)
+        moved_ra, moved_dec = axes.moved_by(acts)
         ahead_s = acts - axes.sample_utc_s
         ra_gain, dec_gain = 1.0 + axes.ra.gain_error, 1.0 + axes.dec.gain_error
         ra = axes.ra.position_deg + moved_ra * ra_gain + axes.ra.disturbance_deg_s * ahead_s

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from sattrack.control.kalman import AxisFilter, wrap180
 
 if TYPE_CHECKING:
-    from sattrack.control.history import CommandHistory
+    from sattrack.control.history import CommandHistory, Motion
     from sattrack.mount import MountProfile, StatusSample
 
 GATE_DEG = 0.1
@@ -39,6 +39,8 @@ class Axes:
     dec: AxisFilter
     sample_utc_s: float
     outliers: int = 0
+    rates_deg_s: tuple[float, float] | None = None
+    """How fast the axes move at the last sample, by the commands and what the axes can do."""
     _rates_deg_s: tuple[float, float] | None = None
     """Mean commanded rates over the last interval."""
     misread: int = 0
@@ -69,9 +71,11 @@ class Axes:
         seconds = utc_s - self.sample_utc_s
         if commanded:
             ra_moved, dec_moved = self._explain(sample, utc_s)
+            self.rates_deg_s = self._motion(utc_s).rates_deg_s
         else:
             ra_moved = wrap180(sample.ra_deg - self.ra.position_deg)
             dec_moved = sample.dec_deg - self.dec.position_deg
+            self.rates_deg_s = (ra_moved / seconds, dec_moved / seconds)
         ra_jolt, dec_jolt = self._jolts((ra_moved, dec_moved), seconds)
         self.ra.advance(seconds, ra_moved, commanded, ra_jolt)
         self.dec.advance(seconds, dec_moved, commanded, dec_jolt)
@@ -89,9 +93,17 @@ class Axes:
         self.dec.measure(sample.dec_deg, dec_moved / seconds)
         return True
 
+    def moved_by(self, utc_s: float) -> tuple[float, float]:
+        """Return how far the commands will have moved the axes from the last sample to an instant."""
+        return self._motion(utc_s).moved
+
+    def _motion(self, utc_s: float) -> Motion:
+        limits = (self.profile.ra.max_acceleration_deg_s2, self.profile.dec.max_acceleration_deg_s2)
+        return self.history.motion(self.sample_utc_s, utc_s, self.rates_deg_s, limits)
+
     def _explain(self, sample: StatusSample, utc_s: float) -> tuple[float, float]:
         """Return how far the commands moved the axes since the last sample."""
-        expected = self.history.displacement(self.sample_utc_s, utc_s)
+        expected = self._motion(utc_s).moved
         surprise = self._surprise(sample, utc_s, expected)
         # Over a gap of lost samples, more than one command acted, and there is no telling.
         if surprise < SURPRISE_SIGMAS**2 or not self.history.is_one_turn(self.sample_utc_s, utc_s):

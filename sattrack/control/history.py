@@ -6,9 +6,10 @@ such instant after it arrived, until the first one after its successor arrived.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
     from sattrack.control.mount_loop import MountLoop
@@ -23,6 +24,40 @@ class SentRates:
     sent_utc_s: float
     ra_rate_deg_s: float
     dec_rate_deg_s: float
+
+
+class Motion(NamedTuple):
+    """How far both axes were moved, degrees, and their rates at the end, degrees per second."""
+
+    moved: tuple[float, float]
+    rates_deg_s: tuple[float, float]
+
+
+@dataclass(slots=True)
+class _Ramp:
+    """One axis that changes its rate no faster than its acceleration allows."""
+
+    rate_deg_s: float | None
+    acceleration_deg_s2: float
+    moved_deg: float = 0.0
+
+    @property
+    def now_deg_s(self) -> float:
+        return self.rate_deg_s or 0.0
+
+    def run(self, wanted_deg_s: float, seconds: float) -> None:
+        """Let time pass with a rate asked for."""
+        change = 0.0 if self.rate_deg_s is None else wanted_deg_s - self.rate_deg_s
+        takes_s = abs(change) / self.acceleration_deg_s2
+        self.rate_deg_s = wanted_deg_s
+        self.moved_deg += wanted_deg_s * seconds
+        if takes_s <= seconds:
+            self.moved_deg -= 0.5 * change * takes_s
+            return
+        # It does not come to the rate in the time there is.
+        short = change * (1.0 - seconds / takes_s)
+        self.rate_deg_s = wanted_deg_s - short
+        self.moved_deg -= 0.5 * (change + short) * seconds
 
 
 AT_REST = SentRates(float("-inf"), 0.0, 0.0)
@@ -75,9 +110,22 @@ class CommandHistory:
         """Return how far the commands move right ascension and declination between two instants, degrees.
 
         `from_utc_s` must be a loop instant of the mount; further ones are as the loop is foretold, so that
-        a gap of lost statuses is predicted through.
+        a gap of lost statuses is predicted through. See `motion`.
         """
-        ra = dec = 0.0
+        return self.motion(from_utc_s, to_utc_s, None, (math.inf, math.inf)).moved
+
+    def motion(
+        self,
+        from_utc_s: float,
+        to_utc_s: float,
+        rates_deg_s: tuple[float, float] | None,
+        accelerations_deg_s2: tuple[float, float],
+    ) -> Motion:
+        """Return the same with axes that have rates at first, and take their time to change them."""
+        axes = [
+            _Ramp(rate, limit)
+            for rate, limit in zip(rates_deg_s or (None, None), accelerations_deg_s2, strict=True)
+        ]
         half_s = 0.5 * self.loop.mean_period_s
         at = from_utc_s
         while at < to_utc_s - 1e-6:
@@ -86,7 +134,7 @@ class CommandHistory:
             if to_utc_s - until < half_s:
                 until = to_utc_s
             acting = self.acting(at)
-            ra += acting.ra_rate_deg_s * (until - at)
-            dec += acting.dec_rate_deg_s * (until - at)
+            axes[0].run(acting.ra_rate_deg_s, until - at)
+            axes[1].run(acting.dec_rate_deg_s, until - at)
             at = until
-        return ra, dec
+        return Motion((axes[0].moved_deg, axes[1].moved_deg), (axes[0].now_deg_s, axes[1].now_deg_s))

@@ -37,6 +37,8 @@ class Noise:
 
 
 SURPRISE_SIGMAS = 4.0
+MOST_RATE_DEG_S, MOST_GAIN = 0.1, 0.25
+"""No disturbance is larger, and no gain further off: what seems so is a filter that is led astray."""
 SMALLEST_NOISE_SHARE, LARGEST_NOISE_SHARE = 0.02, 400.0
 """How far the measurement's variance may go from the expected one: a seventh of the sigma to twenty times."""
 INPUT = np.array([[1.0], [0.0], [0.0]])
@@ -126,6 +128,9 @@ class AxisFilter:
             self._surprised_deg = 0.0
             self._learn_noise(surprise * surprise / expected)
         self._kalman.update(predicted + surprise, R=np.array([[variance]]))
+        state = self._kalman.x
+        state[1, 0] = max(-MOST_RATE_DEG_S, min(MOST_RATE_DEG_S, state[1, 0]))
+        state[2, 0] = max(-MOST_GAIN, min(MOST_GAIN, state[2, 0]))
         self.innovation_sigma_deg = math.sqrt(float(self._kalman.S[0, 0]))
         self.innovation_sigmas = float(self._kalman.y[0, 0]) / self.innovation_sigma_deg
 
@@ -144,7 +149,7 @@ class AxisFilter:
         self._surprised_deg = surprise_deg
         if not again:
             return surprise_deg * surprise_deg / SURPRISE_SIGMAS**2 - expected
-        self._kalman.P[1, 1] += (surprise_deg / self._seconds) ** 2
+        self._kalman.P[1, 1] += min(abs(surprise_deg) / self._seconds, MOST_RATE_DEG_S) ** 2
         self._kalman.P[0, 0] += surprise_deg * surprise_deg
         return 0.0
 

@@ -23,8 +23,8 @@ STEP_PROOF = 10
 """Samples in a row that all come later than the envelope by STEP_S are a clock that was set, not delays."""
 PLAUSIBLE_RATE_ERROR = 0.01
 TRUST_SAMPLES = 40
-KNOWN_EARLY_S = 0.005
-KNOWN_LATE_S = 0.5
+KNOWN_WITHIN_S = 0.015
+"""How far the fastest arrivals may be from the profile's delay: jitter is no more than that."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +103,7 @@ class MountClock:
     _lately: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=TRUST_SAMPLES))
     _envelope: Envelope | None = None
     _astray: int = 0
+    _known_delays: deque[float] = field(default_factory=lambda: deque(maxlen=TRUST_SAMPLES))
 
     def date(self, sidereal_h: float, arrival_utc_s: float) -> float:
         """Return the UTC instant of a sample; call once a sample, in the order of arrival."""
@@ -113,8 +114,7 @@ class MountClock:
         self._take(mount_s, since_first_s - mount_s)
         if self.known is not None:
             dated_utc_s = self.known.date(sidereal_h, arrival_utc_s)
-            # A date after the arrival, or long before it, is of a clock that was set since it was measured.
-            self.known_holds = -KNOWN_EARLY_S < arrival_utc_s - dated_utc_s < KNOWN_LATE_S
+            self._judge_known(arrival_utc_s - dated_utc_s)
             if self.known_holds:
                 return dated_utc_s
         if not self.trusted:
@@ -127,6 +127,16 @@ class MountClock:
     def drift(self) -> float:
         """Our clock's rate against the mount's, less one."""
         return 0.0 if self._envelope is None else self._envelope.drift
+
+    def _judge_known(self, delay_s: float) -> None:
+        """Believe the known clock as long as its fastest arrivals are as late as the profile has them.
+
+        Else it was set since it was measured. Believing it again takes more than ceasing to.
+        """
+        self._known_delays.append(delay_s)
+        off_s = abs(min(self._known_delays) - self.status_delay_s)
+        bound_s = KNOWN_WITHIN_S if self.known_holds else 0.5 * KNOWN_WITHIN_S
+        self.known_holds = off_s < bound_s
 
     def _mount_seconds(self, sidereal_h: float, arrival_utc_s: float) -> float:
         if self._first_h is None:

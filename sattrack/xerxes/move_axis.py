@@ -59,6 +59,9 @@ class MoveAxisRule(Protocol):
     def insist(self) -> None:
         """Ask for the end anew: the mount moves on though it has acknowledged it."""
 
+    def renew(self) -> None:
+        """Send the next rates even where they are those in force."""
+
 
 @dataclass(slots=True)
 class HeldMove:
@@ -104,6 +107,9 @@ class HeldMove:
     def insist(self) -> None:
         """Nothing to do, for the same reason."""
 
+    def renew(self) -> None:
+        """Nothing to do: every datagram has them."""
+
 
 @dataclass(slots=True)
 class EdgeMove:
@@ -122,7 +128,8 @@ class EdgeMove:
         """Return what the next datagram says."""
         begins = False
         if self._flags.state is Handshake.IDLE:
-            rates = _ending(self._in_force) if wish == NO_RATES else wish
+            # What is wanted is wanted whole: an axis that it does not name has its motion ended.
+            rates = _over(_ending(self._in_force), wish)
             if _moving(_over(self._in_force, rates)) != self._in_force:
                 begins = self._flags.happen("request")
                 self._latched = rates
@@ -155,6 +162,10 @@ class EdgeMove:
     def stopped(self) -> None:
         """Note that an abort was acknowledged."""
         self._in_force = NO_RATES
+
+    def renew(self) -> None:
+        """Send the next rates even where they are those in force."""
+        self._in_force = AxisRates(*(None if rate is None else math.nan for rate in self._in_force))
 
     def insist(self) -> None:
         """Ask for the end anew: a late copy of an edge was read, and acknowledged, in place of the end."""

@@ -35,6 +35,7 @@ from sattrack.requests import (
     Abort,
     EndMove,
     FindHome,
+    FineRate,
     MoveAxis,
     Park,
     PulseGuide,
@@ -102,6 +103,8 @@ class Session:
     _slew: Slewing | None = None
     _asked_target: SlewTo | None = None
     _aborted: bool = False
+    _stop_ticks: int = 0
+    """Datagrams since the stop was asked for."""
     _not_slowing: int = 0
     """Statuses in a row that show the mount moving, and no slower than before."""
     _speed_dtics_s: float = 0.0
@@ -112,7 +115,7 @@ class Session:
     _motion_ticket: MotionTicket | None = None
     _motion_sent: bool = False
     _moved: bool = False
-    """Whether MoveAxis has ever been asked for: nobody else's motion is ended."""
+    """Whether the mount may still be in a MoveAxis of ours: nobody else's motion is ended."""
     _since_slew_ticks: int = QUIET_TICKS
     _since_other_ticks: int = QUIET_TICKS
 
@@ -218,6 +221,11 @@ class Session:
         return self._wanted
 
     @property
+    def move_over(self) -> bool:
+        """Whether the mount no longer moves by MoveAxis, as far as statuses tell."""
+        return self._move.over
+
+    @property
     def busy(self) -> bool:
         """Whether a request waits or is under way."""
         motion = self._motion_ticket
@@ -242,6 +250,7 @@ class Session:
             self._slew = Slewing(motion)
         if isinstance(motion, Stop) and not isinstance(self._wanted, Stop):
             self._aborted = False
+            self._stop_ticks = 0
         if not isinstance(motion, SlewTo):
             self._slew = None
         self._wanted = motion
@@ -254,10 +263,13 @@ class Session:
                 self._slew = None
                 return SlewTo(request.ra_deg, request.dec_deg)
             case Abort():
-                # Asked for again, it is sent again.
+                # Asked for again, it is sent again; and nothing that moves an axis outlasts it.
                 self._aborted = False
+                self._stop_ticks = 0
+                self._launches.fine_rate = FineRate()
                 return Stop()
             case MoveAxis():
+                self._move.renew()
                 return self._joined(request)
             case EndMove():
                 return Hold()
@@ -335,9 +347,11 @@ class Session:
             self._not_slowing = 0
         if not self._aborted and (status is None or not status.ack_abort):
             self._abort.happen("request")
-        stuck = self._ack_stands >= QUIET_STATUSES
-        # An acknowledgement that never falls must not keep a stop from going out: raise the flag anew.
-        again = stuck and self.health.sent % ABORT_AGAIN_TICKS < ABORT_AGAIN_TICKS // 2
+        # An acknowledgement that stands, ours or another's, must not keep a stop from going out, statuses or
+        # none: the flag then rises by the count of datagrams.
+        standing = not self._aborted and not self._abort.up
+        again = standing and self._stop_ticks % ABORT_AGAIN_TICKS < ABORT_AGAIN_TICKS // 2
+        self._stop_ticks += 1
         self._motion_sent = self._motion_sent or self._abort.up or again
         return self._command(abort=self._abort.up or again)
 
@@ -393,6 +407,7 @@ class Session:
         speed = abs(status.ra_rate_dtics_s) + abs(status.dec_rate_dtics_s)
         slowing = speed < self._speed_dtics_s
         self._speed_dtics_s = speed
+        self._moved = self._moved and not (self._move.over and not status.slewing)
         self._not_slowing = self._not_slowing + 1 if status.slewing and not slowing else 0
         waiting = self.slew_state is SlewState.WAITING or isinstance(self._wanted, Hold)
         self._still_moving = self._still_moving + 1 if status.slewing and waiting and not slowing else 0

@@ -724,10 +724,24 @@ class TestAnySequence:
 
     @given(steps=STEPS)
     @settings(max_examples=100, deadline=None)
-    def test_no_edge_while_its_acknowledgement_stands(self, steps: list[Motion | Heard | str]) -> None:
+    def test_no_slew_rises_while_its_acknowledgement_stands(self, steps: list[Motion | Heard | str]) -> None:
         for turn in played(steps):
             assert not ("slew" in turn.rises and turn.last.ack_slew)
-            assert not ("abort" in turn.rises and turn.last.ack_abort)
+
+    @pytest.mark.parametrize("heard", [True, False])
+    def test_a_stop_goes_out_at_once_whatever_acknowledgement_stands(self, heard: bool) -> None:
+        """A stop is one call away from every state; an acknowledgement may stand by another sender's doing."""
+        client = Client()
+        for _ in range(5):
+            client.hear(ack_abort=True)
+            client.send()
+        assert client.asks(Stop()).abort or client.send().abort
+        client.asks(MOVE)
+        for _ in range(3):
+            if heard:
+                client.hear(ack_abort=True, slewing=True)
+            client.send()
+        assert client.asks(Stop()).abort or client.send().abort
 
     @given(steps=STEPS)
     @settings(max_examples=100, deadline=None)
