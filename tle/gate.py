@@ -105,9 +105,9 @@ class Gate(NamedTuple):
     """What decides about the stretches of each object; shapes (n,).
 
     An object has so many `stretches` of `step_s`. It can be above only where the sine of the site's angle
-    from its plane is at most `plane_sine`, the cosine of its angle round the Earth from the site, in the middle of
-    the stretch, is at least `round_cosine`, and a parabola of `bend` rises over `-margin_km`. At the instant
-    itself the mean satellite is within `reach_rad` of the site, whose direction seen from the orbit's plane
+    from its plane is at most `plane_sine`, the cosine of its angle round the Earth from the site, in the
+    middle of the stretch, is at least `round_cosine`, and a parabola of `bend` rises over `-margin_km`. At
+    the instant itself the mean satellite is within `reach_rad` of the site, whose direction seen from the orbit's plane
     turns by at most `sway_rad_s`.
     """
 
@@ -190,7 +190,7 @@ def possible_windows(
 def _round_windows(
     c: NearEarth, bounds: Bounds, ground: Ground, span: tuple[float, float], lowest_deg: float
 ) -> Windows:
-    """Return the windows of orbits about round, turn by turn, by the angle of the mean satellite from the site.
+    """Return the windows of orbits about round, turn by turn, by the mean satellite's angle from the site.
 
     The site is taken as at rest in the orbit's plane, first at the turn's middle, then at that of the time
     found; by as far as it may move meanwhile, the angle allowed is wider.
@@ -258,7 +258,8 @@ class _Near:
         along = x * cos - y * sin
         ahead = c.cosio[obj] * (x * sin + y * cos) + c.sinio[obj] * z
         powers = self._longitude
-        mean, rate = powers[-1][obj], 0.0
+        mean = powers[-1][obj]
+        rate: Array = np.zeros_like(mean)
         for power in powers[-2::-1]:
             rate = rate * t + mean
             mean = mean * t + power[obj]

@@ -117,3 +117,14 @@ def test_a_mount_that_is_somewhere_else_is_lost_and_said_to_be() -> None:
         assert not mount.axes.lost
     mount.step()
     assert mount.axes.lost
+
+
+def test_coordinates_that_jump_by_some_degrees_lead_the_filter_astray_for_moments_only() -> None:
+    """A sync by other hands: what the axis cannot do at once is not taken for a disturbance."""
+    mount = settled()
+    mount.ra_deg += 1.5
+    for _ in range(60):
+        mount.step()
+    assert mount.axes is not None
+    assert abs(mount.axes.ra.gain_error) < 0.02
+    assert abs(mount.axes.ra.disturbance_deg_s) < 0.02
