@@ -107,8 +107,8 @@ class Gate(NamedTuple):
     An object has so many `stretches` of `step_s`. It can be above only where the sine of the site's angle
     from its plane is at most `plane_sine`, the cosine of its angle round the Earth from the site, in the
     middle of the stretch, is at least `round_cosine`, and a parabola of `bend` rises over `-margin_km`. At
-    the instant itself the mean satellite is within `reach_rad` of the site, whose direction seen from the orbit's plane
-    turns by at most `sway_rad_s`.
+    the instant itself the mean satellite is within `reach_rad` of the site, whose direction seen from the
+    orbit's plane turns by at most `sway_rad_s`.
     """
 
     stretches: Index
