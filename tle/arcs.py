@@ -12,7 +12,6 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
-from numpy.polynomial import chebyshev
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -48,13 +47,20 @@ class Basis(NamedTuple):
 @lru_cache
 def basis_of(terms: int) -> Basis:
     """Return what polynomials of so many terms are made with."""
-    nodes = chebyshev.chebpts1(terms)
-    powers = [chebyshev.cheb2poly(row) for row in np.eye(terms)]
+    angle = math.pi / terms * (np.arange(terms - 1, -1, -1.0) + 0.5)
     degree = np.arange(float(terms))
+    # Chebyshev polynomials are orthogonal over their nodes.
+    to_chebyshev = 2.0 / terms * np.cos(np.outer(degree, angle))
+    to_chebyshev[0] *= 0.5
+    to_powers = np.zeros((terms, terms))
+    to_powers[0, 0] = to_powers[1, 1] = 1.0
+    for k in range(2, terms):
+        to_powers[1:, k] = 2.0 * to_powers[:-1, k - 1]
+        to_powers[:, k] -= to_powers[:, k - 2]
     return Basis(
-        nodes=nodes,
-        to_chebyshev=np.asarray(np.linalg.inv(chebyshev.chebvander(nodes, terms - 1)), dtype=np.float64),
-        to_powers=np.array([np.pad(p, (0, terms - len(p))) for p in powers]).T,
+        nodes=np.cos(angle),
+        to_chebyshev=to_chebyshev,
+        to_powers=to_powers,
         slope=degree**2,
         bend=degree**2 * (degree**2 - 1.0) / 3.0,
     )

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
-from tle import compiled_search
-from tle.catalogue_search import CatalogueSearch, SearchTask, shared
+from tle.catalogue_search import CatalogueSearch, SearchTask, numba_is_there, shared
 from tle.crossing_columns import joined, select
 from tle.horizon import Horizon
 from tle.instants import Utc
@@ -116,7 +115,7 @@ def find_catalogue_passes(  # noqa: PLR0913 - all that a search needs, most of i
     level = horizon if isinstance(horizon, Horizon) else Horizon(horizon)
     task = SearchTask(elements, site, (float(start.unix_s), hours * HOUR_S), level, earth)
     if compiled is None:
-        compiled = len(elements) * hours >= _WORTH_COMPILING and compiled_search.available()
+        compiled = len(elements) * hours >= _WORTH_COMPILING and numba_is_there()
     search = CatalogueSearch(task, compiled)
     pieces: list[Crossings] = []
     left: list[int] = []

@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, replace
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tle import compiled_search
 from tle.arcs import Windows, even_pieces, fit_arcs, longest_piece_s, terms_for
 from tle.crossing_columns import crossings_of
 from tle.crossings import Crossings, find_crossings
-from tle.deep_space import DeepSpace
 from tle.earth import EarthOrientation
 from tle.errors import PropagationError
 from tle.gate import drag_share
@@ -30,6 +29,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tle.arcs import Arcs
+    from tle.deep_space import DeepSpace
     from tle.elements import Elements
     from tle.horizon import Horizon
     from tle.near_earth import NearEarth
@@ -48,6 +48,11 @@ _STRETCHES_A_SECOND = 8.0 / 6000.0
 _FEWEST_TO_SHARE = 4000
 _AHEAD = 2
 _DECAYED = 6
+
+
+def numba_is_there() -> bool:
+    """Tell whether numba is there to compile with; it is not imported for this."""
+    return find_spec("numba") is not None
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +127,7 @@ class CatalogueSearch:
         pieces = even_pieces(local, longest_s[obj])
         terms = terms_for(float(e.max(initial=0.0)))
         if deep:
-            records = DeepSpace([self.elements[i] for i in names.tolist()], self.ground, self.task.span)
+            records = self._deep_space(names)
             arcs, without = fit_arcs(local, pieces, records.places, terms)
         else:
             c = start_near_earth(elements)
@@ -174,16 +179,28 @@ class CatalogueSearch:
             )
 
     def _near(self, chunk: Index, c: NearEarth) -> Found:
-        near = compiled_search.near_crossings if self.compiled else near_crossings
-        found, left = near(c, self.ground, self.task.span, self.horizon)
+        if self.compiled:
+            from tle import compiled_search
+
+            found, left = compiled_search.near_crossings(c, self.ground, self.task.span, self.horizon)
+        else:
+            found, left = near_crossings(c, self.ground, self.task.span, self.horizon)
         return len(chunk), found.renamed(chunk), chunk[left].tolist()
 
+    def _deep_space(self, obj: Index) -> DeepSpace:
+        # A search for one satellite near the Earth starts sooner without what only deep space needs.
+        from tle.deep_space import DeepSpace
+
+        return DeepSpace([self.elements[i] for i in obj.tolist()], self.ground, self.task.span)
+
     def _deep(self, chunk: Index) -> Found:
-        records = DeepSpace([self.elements[i] for i in chunk.tolist()], self.ground, self.task.span)
+        records = self._deep_space(chunk)
         windows, pieces = records.windows(self.horizon.lowest_deg)
         terms = terms_for(self.elements[int(chunk[-1])].eccentricity)
         arcs, without = fit_arcs(windows, pieces, records.places, terms)
         if self.compiled:
+            from tle import compiled_search
+
             found = compiled_search.crossings(compiled_search.rows_of(arcs), self.horizon)
         else:
             found = find_crossings(arcs, self.horizon)

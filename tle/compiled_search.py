@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,11 +24,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
-
-
-def available() -> bool:
-    """Tell whether numba is there to compile with; it is not imported for this."""
-    return find_spec("numba") is not None
 
 
 def near_crossings(

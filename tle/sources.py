@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import gzip
 import io
 import re
 import sys
-import unicodedata
-import zlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -29,7 +26,8 @@ _SHOWN = 8
 _MOST_BYTES = 256 * 1024 * 1024
 # From this day on CelesTrak has published objects whose numbers no TLE of its can hold (100000 and above).
 _SIX_DIGITS_SINCE = Utc.parse("2026-07-11T00:00:00Z")
-_QUERY = re.compile(r"https?://[^\s\"'<>]*/(?:sup-)?gp\.php\?([^\s\"'<>]*)", re.IGNORECASE)
+# Compiled where it is used: most runs need none of these.
+_QUERY = r"https?://[^\s\"'<>]*/(?:sup-)?gp\.php\?([^\s\"'<>]*)"
 _HEAD = 2000
 
 
@@ -85,8 +83,10 @@ def lacks_new_objects(source: str, text: str, accepted: Sequence[Elements]) -> b
     since such objects exist, and none of them is in it.
     """
     head = "\n".join(line for line in text[:_HEAD].split("\n") if line.startswith("#"))
-    match = _QUERY.match(source) or _QUERY.search(head)
-    if match is None or not accepted:
+    if not accepted or "gp.php" not in (source + head).lower():
+        return False
+    match = re.match(_QUERY, source, re.IGNORECASE) or re.search(_QUERY, head, re.IGNORECASE)
+    if match is None:
         return False
     asked = dict(part.upper().partition("=")[::2] for part in match.group(1).split("&"))
     return (
@@ -174,7 +174,11 @@ def _by_part(elements: Sequence[Elements], key: str) -> list[Elements]:
 
 
 def _plain(name: str) -> str:
-    apart = name if name.isascii() else unicodedata.normalize("NFKD", name)
+    apart = name
+    if not name.isascii():
+        import unicodedata
+
+        apart = unicodedata.normalize("NFKD", name)
     return "".join(c for c in apart.casefold() if c.isalnum())
 
 
@@ -237,6 +241,9 @@ def _decoded(data: bytes) -> str:
 
 def _unpacked(data: bytes) -> bytes:
     """Return what gzip packed; raises OSError or ValueError where it is damaged or too much."""
+    import gzip
+    import zlib
+
     try:
         with gzip.GzipFile(fileobj=io.BytesIO(data)) as file:
             unpacked = file.read(_MOST_BYTES + 1)

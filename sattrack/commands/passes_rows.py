@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
-import json
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -105,11 +102,16 @@ class Row:
 
 def as_json(rows: list[Row]) -> str:
     """Return one JSON array."""
+    import json
+
     return json.dumps([row.document() for row in rows], allow_nan=False)
 
 
 def as_csv(rows: list[Row]) -> str:
     """Return the fields of JSON that are single values, with a line of titles."""
+    import csv
+    import io
+
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(_SINGLE)

@@ -13,7 +13,7 @@ from skyfield.timelib import Timescale
 from tle_facts import DECAYING, ISS, LEIDEN, MOLNIYA, PARANAL, STARLINK_ALPHA5, TDRS3
 
 from tle.catalogue_passes import find_catalogue_passes
-from tle.compiled_search import available
+from tle.catalogue_search import numba_is_there
 from tle.crossings import SURE_S, highest_between
 from tle.deep_gate import gated, mean_places
 from tle.deep_space import DeepSpace
@@ -32,7 +32,7 @@ from tle.sources import parse_elements
 # The search by numpy, and by code compiled with numba where the extra `fast` is installed.
 PATHS = [
     pytest.param(False, id="default"),
-    pytest.param(True, id="fast", marks=pytest.mark.skipif(not available(), reason="numba is not installed")),
+    pytest.param(True, id="fast", marks=pytest.mark.skipif(not numba_is_there(), reason="numba is not installed")),
 ]
 both_paths = pytest.mark.parametrize("compiled", PATHS)
 SETS = (ISS, STARLINK_ALPHA5, MOLNIYA, TDRS3)
@@ -312,7 +312,7 @@ def test_two_at_work_find_what_one_does(catalogue, compiled):
     assert told[-1] == (len(chosen), len(chosen))
 
 
-@pytest.mark.skipif(not available(), reason="numba is not installed")
+@pytest.mark.skipif(not numba_is_there(), reason="numba is not installed")
 def test_compiled_code_finds_the_same_in_a_catalogue(catalogue):
     chosen = catalogue[::12]
     one, two = (

@@ -25,10 +25,11 @@ _READERS: tuple[tuple[str, Callable[[str], bool], str], ...] = (
     ("tle", lambda _: True, "tle"),
 )
 WRITTEN = ("csv", "json", "xml", "kvn", "tle", "2le")
-_TDM = re.compile(r"^\s*CCSDS_TDM_VERS\b|<(?:\w+:)?tdm\b", re.ASCII)
+# Compiled where they are used: a text that can be read needs none of these.
+_TDM = r"^\s*CCSDS_TDM_VERS\b|<(?:\w+:)?tdm\b"
 # gpredict's categories: a title, then numbers.
-_NUMBERS = re.compile(r"[^\n]{0,200}\n(?:\d{1,9}\r?\n)+\s*", re.ASCII)
-_HTML = re.compile(r"\s*<(?:!doctype\s+html|html|head|body)\b", re.IGNORECASE)
+_NUMBERS = r"[^\n]{0,200}\n(?:\d{1,9}\r?\n)+\s*"
+_HTML = r"\s*<(?:!doctype\s+html|html|head|body)\b"
 
 
 def recognise(text: str) -> str | None:
@@ -50,7 +51,7 @@ def _reader(text: str) -> tuple[str, _Reader] | None:
 
 def is_html(text: str) -> bool:
     """Tell whether a text is a web page."""
-    return _HTML.match(text) is not None
+    return re.match(_HTML, text, re.IGNORECASE) is not None
 
 
 def parse_elements(text: str, source: str = "") -> list[Elements | ElementsError]:
@@ -95,8 +96,8 @@ def _nothing(text: str) -> str:
         return "is empty: no element sets in it"
     if is_html(text):
         return "is a web page and holds no element sets: save the data itself, as CSV or JSON"
-    if _TDM.search(text):
+    if re.search(_TDM, text, re.ASCII):
         return "is a tracking data message (TDM), which holds observations and no element sets"
-    if _NUMBERS.fullmatch(text):
+    if re.fullmatch(_NUMBERS, text, re.ASCII):
         return "is a list of catalogue numbers without element sets: give the sets themselves"
     return "holds no element sets: give a TLE, 3LE or OMM file"
