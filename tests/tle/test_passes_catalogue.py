@@ -32,7 +32,9 @@ from tle.sources import parse_elements
 # The search by numpy, and by code compiled with numba where the extra `fast` is installed.
 PATHS = [
     pytest.param(False, id="default"),
-    pytest.param(True, id="fast", marks=pytest.mark.skipif(not numba_is_there(), reason="numba is not installed")),
+    pytest.param(
+        True, id="fast", marks=pytest.mark.skipif(not numba_is_there(), reason="numba is not installed")
+    ),
 ]
 both_paths = pytest.mark.parametrize("compiled", PATHS)
 SETS = (ISS, STARLINK_ALPHA5, MOLNIYA, TDRS3)

@@ -730,7 +730,7 @@ class TestAnySequence:
 
     @pytest.mark.parametrize("heard", [True, False])
     def test_a_stop_goes_out_at_once_whatever_acknowledgement_stands(self, heard: bool) -> None:
-        """A stop is one call away from every state; an acknowledgement may stand by another sender's doing."""
+        """A stop is one call away from every state; another sender may have caused an acknowledgement."""
         client = Client()
         for _ in range(5):
             client.hear(ack_abort=True)
