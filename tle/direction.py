@@ -10,6 +10,7 @@ import numpy as np
 from tle.earth import to_tirs
 from tle.quantities import Functions, functions_for
 from tle.sun import is_sunlit, sun_km
+from tle.turns import Turn, turned_on_sky
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -151,6 +152,15 @@ class Direction:
         sun = np.einsum("...ij,...j->...i", to_date, sun_km(self.utc))
         lit = is_sunlit(stacked(turned(self._satellite, self._turn[2])), sun)
         return lit if self.utc.is_array else bool(lit)
+
+    def turned(self, turn: Turn) -> Direction:
+        """Return the same sight of one instant with its direction turned on the sky, all rates with it.
+
+        East and north are those of this direction, of date; not for an astrometric place, nor for arrays.
+        """
+        q, q_rate = turned_on_sky(self._q, self._q_rate, turn)
+        sight: Sight = (q, q_rate, self.range_km, self.range_rate_km_s, self._satellite, self.error, None)
+        return Direction(self.utc, sight, self._turn, self._observer)
 
     def _make_equatorial(self) -> tuple[Quantity, Quantity, Quantity, Quantity]:
         fn = functions_for(self.range_km)
