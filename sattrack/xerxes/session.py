@@ -105,6 +105,8 @@ class Session:
     _aborted: bool = False
     _stop_ticks: int = 0
     """Datagrams since the stop was asked for."""
+    _blind_left: int = 0
+    """Datagrams that an abort stays up for which no acknowledgement can tell of, because one stands already."""
     _not_slowing: int = 0
     """Statuses in a row that show the mount moving, and no slower than before."""
     _speed_dtics_s: float = 0.0
@@ -312,7 +314,7 @@ class Session:
             self._want(Hold())
 
     def _next_command(self) -> Command:
-        if self._abort.up or isinstance(self._wanted, Stop):
+        if self._abort.up or self._blind_left or isinstance(self._wanted, Stop):
             # An abort that is on its way is seen through, whatever is wanted by now.
             self._move.hush()
             return self._compose_stop()
@@ -350,7 +352,10 @@ class Session:
         # An acknowledgement that stands, ours or another's, must not keep a stop from going out, statuses or
         # none: the flag then rises by the count of datagrams.
         standing = not self._aborted and not self._abort.up
-        again = standing and self._stop_ticks % ABORT_AGAIN_TICKS < ABORT_AGAIN_TICKS // 2
+        if standing and self._stop_ticks % ABORT_AGAIN_TICKS == 0:
+            self._blind_left = ABORT_AGAIN_TICKS // 2
+        again = standing and self._blind_left > 0
+        self._blind_left = max(0, self._blind_left - 1) if standing else 0
         self._stop_ticks += 1
         self._motion_sent = self._motion_sent or self._abort.up or again
         return self._command(abort=self._abort.up or again)

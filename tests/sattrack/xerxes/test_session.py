@@ -754,9 +754,12 @@ class TestAnySequence:
     @given(steps=STEPS)
     @settings(max_examples=100, deadline=None)
     def test_an_abort_falls_only_on_its_acknowledgement(self, steps: list[Motion | Heard | str]) -> None:
+        """Where one stands already it tells nothing: the abort then stays up for four datagrams at least."""
+        untold = 0
         for turn in played(steps):
             if turn.before.abort and not turn.command.abort:
-                assert any(heard.ack_abort for heard in turn.heard)
+                assert any(heard.ack_abort for heard in turn.heard) or untold >= 4
+            untold = untold + 1 if turn.command.abort and turn.last.ack_abort else 0
 
     @given(steps=STEPS)
     @settings(max_examples=100, deadline=None)
