@@ -106,7 +106,7 @@ class Session:
     _stop_ticks: int = 0
     """Datagrams since the stop was asked for."""
     _blind_left: int = 0
-    """Datagrams that an abort stays up for which no acknowledgement can tell of, because one stands already."""
+    """Datagrams left of an abort of which no acknowledgement can tell, because one stands already."""
     _not_slowing: int = 0
     """Statuses in a row that show the mount moving, and no slower than before."""
     _speed_dtics_s: float = 0.0
