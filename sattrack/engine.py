@@ -76,6 +76,11 @@ class Engine:
         self._counted: set[int] = set()
         self._before: StatusSample | None = None
 
+    @property
+    def mount_stopped(self) -> bool | None:
+        """Whether the mount was told to stop and seen at rest; None where it was never heard."""
+        return None if self.session.sample is None else self.session.stopped
+
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
         first = self.session.sample is None

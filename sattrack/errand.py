@@ -225,6 +225,8 @@ class Look:
     ) -> None:
         self.console = console
         self.finished = False
+        self.mount_stopped: bool | None = None
+        """None: nothing is ever asked of the mount."""
         self.doing = "listening"
         self._started_utc_s, self._timeout_s, self._look_s = started_utc_s, timeout_s, look_s
         self._knock = knock

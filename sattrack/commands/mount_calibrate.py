@@ -151,7 +151,7 @@ def _fly(
             stack.callback(simulated.close)
             address = simulated.address
         stack.callback(_wipe)
-        return calibrate_live(around, address, clock, _show)
+        return calibrate_live(around, address, clock, _show, profile=profile)
 
 
 def _show(phase: str, part_done: float) -> None:

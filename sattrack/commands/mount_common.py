@@ -68,9 +68,9 @@ class MountCall:
         """Return a console for it."""
         return Console(self.described.mount, SafetyLimits(), self.site, self.name)
 
-    def connected(self) -> AbstractContextManager[Connection]:
-        """Return a connection to it, to be entered."""
-        return connected(self.address, self.described, self.site, self.clock)
+    def connected(self, own: bool = True) -> AbstractContextManager[Connection]:
+        """Return a connection to it, to be entered; without `own`, only to look at it."""
+        return connected(self.address, self.described, self.site, self.clock, own)
 
     def check(self, request: Request) -> None:
         """Raise BadInputError where a request cannot be one, before anything is sent."""

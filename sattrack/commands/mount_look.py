@@ -30,7 +30,7 @@ def status(context: CommandContext, **options: Any) -> int:
     is a simulated one, is sent datagrams without a command where it keeps silent.
     """
     call = resolve(context, options, needs_site=False)
-    with call.connected() as connection:
+    with call.connected(own=False) as connection:
         local = connection.link.address.host.startswith("127.")
         began_utc_s = connection.now_utc_s()
         look = Look(call.console(), began_utc_s, call.timeout_s or PATIENCE_S, knock=local)

@@ -24,9 +24,10 @@ from sattrack.clock import SimulatedClock
 from sattrack.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
 from sattrack.profiles import ProfileFile, load_profile_file
 from sattrack.runtime.embedded import start_embedded
+from sattrack.runtime.guard import Guard, owned
 from sattrack.runtime.live import StopRequest
 from sattrack.safety import altitude_deg
-from sattrack.xerxes.client import Address, UdpLink
+from sattrack.xerxes.client import Address
 from sattrack.xerxes.datagrams import Command, encode_command
 from sattrack.xerxes.simulator.mount import SimulatedSite, StartPosition
 from sattrack.xerxes.simulator.process import ClockSetting, SimulatorConfig
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from sattrack.clock import Clock
     from sattrack.mount import MountProfile
     from sattrack.runtime.embedded import EmbeddedMount
+    from sattrack.xerxes.client import UdpLink
     from tle.site import Site
 
 SHOW_EVERY_S = 0.2
@@ -130,6 +132,7 @@ def calibrate_live(
     clock: Clock,
     show: Callable[[str, float], None],
     plan: Plan | None = None,
+    profile: MountProfile | None = None,
 ) -> Calibrator:
     """Run a calibration to its end, and return it; `show` hears the phase and the part done.
 
@@ -137,14 +140,13 @@ def calibrate_live(
     run. Raises SattrackError where the port is not to be had.
     """
     with ExitStack() as stack:
-        link = UdpLink(address)
-        stack.callback(link.close)
+        link, guard = stack.enter_context(owned(address, profile, clock.speed))
         stop = StopRequest()
         stack.enter_context(_signals(stop))
         keys = stack.enter_context(_any_key())
         stack.enter_context(_quiet_memory())
         calibrator = Calibrator(around, clock.utc_s(time.monotonic()), plan)
-        _CalibrationLoop(calibrator, link, clock, show, stop, keys).run()
+        _CalibrationLoop(calibrator, link, guard, clock, show, stop, keys).run()
     return calibrator
 
 
@@ -152,6 +154,7 @@ def calibrate_live(
 class _CalibrationLoop:
     calibrator: Calibrator
     link: UdpLink
+    guard: Guard
     clock: Clock
     show: Callable[[str, float], None]
     stop: StopRequest
@@ -160,7 +163,7 @@ class _CalibrationLoop:
     _error: Exception | None = None
 
     def run(self) -> None:
-        while self.calibrator.ending is None:
+        while self.calibrator.ending is None and not self.guard.deposed:
             try:
                 self._turn()
             except Exception as error:
@@ -169,24 +172,35 @@ class _CalibrationLoop:
                     raise
                 self._error = error
                 self.calibrator.fail(str(error))
+        if self.guard.deposed:
+            raise SattrackError(self.guard.trouble)
+        assert self.calibrator.ending is not None
+        self.guard.release(self.calibrator.ending.at_rest)
         if self._error is not None and not isinstance(self._error, SattrackError):
             raise self._error
 
     def _last_resort(self) -> None:
         """Say stop without asking anything that may be broken."""
         for counter in range(LAST_STOPS):
-            self.link.send(encode_command(Command(counter, abort=counter > 0)))
+            stop = encode_command(Command(counter, abort=counter > 0))
+            if self.guard.beat(stop):
+                self.link.send(stop)
             time.sleep(PERIOD_S)
 
     def _turn(self) -> None:
-        if self.stop.asked:
+        if self.guard.trouble is not None:
+            self.calibrator.fail(self.guard.trouble)
+        if self.stop.asked or self.guard.stop_asked:
             self.calibrator.stop("interrupted")
         left_s = (self.calibrator.due() - self._now_utc_s()) / self.clock.speed
         if left_s > 0.0:
             self._wait(left_s)
             return
         now_utc_s = self._now_utc_s()
-        self.link.send(self.calibrator.send(now_utc_s))
+        datagram = self.calibrator.send(now_utc_s)
+        if not self.guard.beat(datagram):
+            return
+        self.link.send(datagram)
         self.calibrator.sent(now_utc_s)
         now_s = time.monotonic()
         if now_s - self._shown_s >= SHOW_EVERY_S:

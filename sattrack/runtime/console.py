@@ -15,8 +15,10 @@ import msgspec
 from sattrack import practice
 from sattrack.clock import SimulatedClock
 from sattrack.console_messages import LeaveOrder, decode_order
+from sattrack.errors import SattrackError
 from sattrack.runtime.embedded import LineReader, start_embedded
 from sattrack.runtime.fly import IGNORED_SIGNALS, STOPPING_SIGNALS
+from sattrack.runtime.guard import Guard, Unguarded, owned
 from sattrack.runtime.live import StopRequest
 from sattrack.runtime.realtime import undisturbed
 from sattrack.xerxes.client import Address, UdpLink, nobody_listens
@@ -52,6 +54,10 @@ class Part(Protocol):
     def finished(self) -> bool:
         """Whether there is nothing left to do."""
 
+    @property
+    def mount_stopped(self) -> bool | None:
+        """Whether a stop at the end was seen through; None where there was none, or nobody to see it."""
+
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
 
@@ -67,11 +73,15 @@ class Part(Protocol):
 
 @dataclass(slots=True)
 class Connection:
-    """A socket towards a mount, and the clock to run by; `simulated` is the one started for it."""
+    """A socket towards a mount, and the clock to run by; `simulated` is the one started for it.
+
+    `guard` watches whoever may set the mount going.
+    """
 
     link: UdpLink
     clock: Clock
     simulated: EmbeddedMount | None = None
+    guard: Guard = field(default_factory=Unguarded)
 
     def now_utc_s(self) -> float:
         """Return the instant that is now, UTC."""
@@ -84,11 +94,12 @@ class Connection:
 
 @contextmanager
 def connected(
-    address: Address | None, described: ProfileFile, site: Site | None, clock: Clock
+    address: Address | None, described: ProfileFile, site: Site | None, clock: Clock, own: bool = True
 ) -> Iterator[Connection]:
     """Give a connection to a mount; with `address` None, to a simulated one in a process of its own.
 
-    Raises SattrackError where the port, or the simulated mount, is not to be had.
+    With `own`, the mount is owned, and guarded, meanwhile; without, nothing may be asked of it. Raises
+    SattrackError where it has another owner, or the port, or the simulated mount, is not to be had.
     """
     with ExitStack() as stack:
         simulated = None
@@ -96,6 +107,11 @@ def connected(
             simulated = start_embedded(_simulator_config(described, site, clock))
             stack.callback(simulated.close)
             address = Address("127.0.0.1", simulated.port, 0)
+        if own:
+            name = None if simulated is None else "sim"
+            link, guard = stack.enter_context(owned(address, described.mount, clock.speed, name))
+            yield Connection(link, clock, simulated, guard)
+            return
         link = UdpLink(address)
         stack.callback(link.close)
         yield Connection(link, clock, simulated)
@@ -157,8 +173,10 @@ class ConsoleLoop:
         with undisturbed():
             period_s = self.part.console.profile.period_s / self.connection.clock.speed
             due_s, ticks = time.monotonic(), 0
-            while not self.part.finished:
+            guard = self.connection.guard
+            while not self.part.finished and not guard.deposed:
                 self._guarded(self._wait_until, due_s)
+                self._guarded(self._heed_guard)
                 self._guarded(self._listen_to_operator)
                 self._guarded(self._tick)
                 if ticks % SHOW_EVERY_TICKS == 0:
@@ -167,6 +185,9 @@ class ConsoleLoop:
                 due_s += period_s
                 if time.monotonic() - due_s > LATE_ENOUGH_TO_SKIP_S:
                     due_s = time.monotonic()
+        if guard.deposed:
+            raise SattrackError(guard.trouble)
+        guard.release(self.part.mount_stopped)
         if self._error is not None:
             raise self._error
 
@@ -185,7 +206,9 @@ class ConsoleLoop:
     def _last_resort(self) -> None:
         """Say stop without asking anything that may be broken."""
         for counter in range(LAST_STOPS):
-            self.connection.link.send(encode_command(Command(counter, abort=counter > 0)))
+            stop = encode_command(Command(counter, abort=counter > 0))
+            if self.connection.guard.beat(stop):
+                self.connection.link.send(stop)
             time.sleep(self.part.console.profile.period_s)
 
     def _wait_until(self, due_s: float) -> None:
@@ -199,6 +222,14 @@ class ConsoleLoop:
                     self.part.receive(arrival.data, self.connection.clock.utc_s(arrival.monotonic_s))
             if due_s - time.monotonic() <= 0.0:
                 return
+
+    def _heed_guard(self) -> None:
+        """Stop where somebody asks for it from outside, or where the guardian is lost."""
+        guard = self.connection.guard
+        if guard.stop_asked:
+            self.stop.ask()
+        if guard.trouble is not None:
+            raise SattrackError(guard.trouble)
 
     def _listen_to_operator(self) -> None:
         now_utc_s = self.connection.now_utc_s()
@@ -217,7 +248,7 @@ class ConsoleLoop:
         if len(link.stranger_hosts) > len(console.stranger_hosts):
             console.stranger_hosts = tuple(link.stranger_hosts)
         datagram = self.part.tick(self.connection.now_utc_s())
-        if datagram is not None:
+        if self.connection.guard.beat(datagram) and datagram is not None:
             link.send(datagram)
 
 

@@ -13,11 +13,12 @@ from sattrack.clock import SimulatedClock
 from sattrack.recording.recorder import BackgroundRecorder, NoRecording, Recorder, Sink, create
 from sattrack.runtime.embedded import EmbeddedMount, start_embedded
 from sattrack.runtime.facts import build_engine, encode_facts
+from sattrack.runtime.guard import owned
 from sattrack.runtime.live import LiveLoop, StopRequest
 from sattrack.runtime.outcome import summarise
 from sattrack.runtime.screen import Screen
 from sattrack.runtime.virtual import VirtualRun
-from sattrack.xerxes.client import Address, UdpLink
+from sattrack.xerxes.client import Address
 from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite
 from sattrack.xerxes.simulator.process import ClockSetting, SimulatorConfig
 from sattrack.xerxes.simulator.settings import simulator_profile
@@ -61,26 +62,29 @@ def fly_live(
 ) -> Summary:
     """Run in real time, over UDP; the simulated mount is started beside it where there is no other.
 
-    Raises SattrackError where a port or the simulated mount is not to be had.
+    Raises SattrackError where the mount has an owner, or a port or the simulated mount is not to be had.
     """
     facts = prepared.facts
     with ExitStack() as stack:
-        sink = stack.enter_context(_recording(facts, background=True))
         simulated: EmbeddedMount | None = None
         address = prepared.address
         if address is None:
             simulated = start_embedded(_simulator_config(prepared))
             stack.callback(simulated.close)
             address = Address("127.0.0.1", simulated.port, 0)
-        link = UdpLink(address)
-        stack.callback(link.close)
+        link, guard = stack.enter_context(
+            owned(address, facts.profile, prepared.clock.speed, facts.mount_name)
+        )
+        sink = stack.enter_context(_recording(facts, background=True))
         screen = Screen(show)
         stack.callback(screen.close)
         engine = build_engine(in_run_time(facts, prepared.clock.speed))
-        loop = LiveLoop(engine, link, prepared.clock, sink, screen, stop, simulated, inbox, deadline_s)
+        loop = LiveLoop(engine, link, prepared.clock, sink, screen, stop, simulated, inbox, deadline_s, guard)
         stack.enter_context(_signals(stop))
         ended_utc_s = loop.run()
-    summary = summarise(loop.engine, loop.ledger, ended_utc_s)
+        summary = summarise(loop.engine, loop.ledger, ended_utc_s)
+        if guard.deposed:
+            summary = msgspec.structs.replace(summary, mount_stopped=guard.mount_stopped)
     trouble = sink.trouble if isinstance(sink, BackgroundRecorder) else None
     realtime = loop.grant is not None and loop.grant.realtime
     return msgspec.structs.replace(summary, recording_trouble=trouble, realtime_priority=realtime)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from sattrack.errors import SattrackError
 from sattrack.messages import Message, StopNow
+from sattrack.runtime.guard import Guard, Unguarded
 from sattrack.runtime.outcome import Ledger
 from sattrack.runtime.realtime import Grant, undisturbed
 from tle.errors import TleError
@@ -68,6 +69,7 @@ class LiveLoop:
     simulated: EmbeddedMount | None = None
     inbox: Inbox | None = None
     deadline_s: float = float("inf")
+    guard: Guard = field(default_factory=Unguarded)
     ledger: Ledger = field(default_factory=Ledger)
     grant: Grant | None = None
     """What the system granted for the run; None before it."""
@@ -80,8 +82,9 @@ class LiveLoop:
             period_s = self.engine.spec.profile.period_s / self.clock.speed
             due_s = time.monotonic()
             ticks = 0
-            while not self.engine.finished:
+            while not self.engine.finished and not self.guard.deposed:
                 self._guarded(self._wait_until, due_s - LEAD_S)
+                self._guarded(self._heed_guard)
                 self._guarded(self._obey)
                 self._guarded(self._tick, ticks, due_s)
                 ticks += 1
@@ -89,6 +92,9 @@ class LiveLoop:
                 due_s += period_s + self._shift_s
                 if time.monotonic() - due_s > LATE_ENOUGH_TO_SKIP_S:
                     due_s = time.monotonic()
+        self._guarded(self._heed_guard)
+        if self.engine.finished and not self.guard.deposed:
+            self.guard.release(self.engine.mount_stopped)
         self._guarded(self._show_end)
         self.ledger.strangers, self.ledger.unsent = self.link.strangers, self.link.unsent
         if self._error is not None and not isinstance(self._error, SattrackError | TleError):
@@ -121,6 +127,13 @@ class LiveLoop:
             self.sink.status(arrived_utc_s, arrival.data)
             self.engine.receive(arrival.data, arrived_utc_s)
 
+    def _heed_guard(self) -> None:
+        """Stop where somebody asks for it from outside, or where the guardian is lost, or has the mount."""
+        if self.guard.stop_asked:
+            self.stop.ask()
+        if self.guard.trouble is not None:
+            raise SattrackError(self.guard.trouble)
+
     def _obey(self) -> None:
         messages: list[Message] = list(self.inbox.messages()) if self.inbox is not None else []
         if (self.stop.asked or time.monotonic() >= self.deadline_s) and self.engine.tracker.ended_by is None:
@@ -137,6 +150,8 @@ class LiveLoop:
         left_s = due_s - time.monotonic()
         if left_s > 0.0:
             time.sleep(left_s)
+        if not self.guard.beat(datagram):
+            return
         self.link.send(datagram)
         self.ledger.note_sent(time.monotonic() * self.clock.speed)
         self.sink.command(now_utc_s, datagram)

@@ -48,7 +48,6 @@ class Ledger:
 def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
     """Return the summary of a finished run."""
     spec, tracker, health = engine.spec, engine.tracker, engine.session.health
-    heard = engine.session.sample is not None
     acquired = tracker.acquired_utc_s
     followable = tracker.followable_utc_s
     return Summary(
@@ -78,7 +77,7 @@ def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
         bias_along_s=tracker.along.goal,
         bias_cross_deg=tracker.cross.goal,
         recording=spec.recording,
-        mount_stopped=engine.session.stopped if heard else None,
+        mount_stopped=engine.mount_stopped,
         message=engine.message or _never_followed(engine),
     )
 

@@ -112,9 +112,12 @@ class Arrival:
 
 
 class UdpLink:
-    """A bound socket towards one mount. Raises SattrackError where the port is not to be had."""
+    """A bound socket towards one mount: one of its own, else `bound`, which another process has bound.
 
-    def __init__(self, address: Address) -> None:
+    Raises SattrackError where the port is not to be had.
+    """
+
+    def __init__(self, address: Address, bound: socket.socket | None = None) -> None:
         self.address = address
         self.strangers = 0
         """Datagrams from other hosts, dropped."""
@@ -122,7 +125,7 @@ class UdpLink:
         """The first MOST_STRANGERS of those hosts."""
         self.unsent = 0
         """Datagrams that the network refused to take."""
-        self._socket = bind(address.host, address.listen_port)
+        self._socket = bind(address.host, address.listen_port) if bound is None else bound
         _ask_for_stamps(self._socket)
 
     def fileno(self) -> int:

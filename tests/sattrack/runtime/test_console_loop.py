@@ -31,6 +31,7 @@ class BrokenPart:
     ticks: int = 0
     failed: list[str] = field(default_factory=list)
     interrupted: int = 0
+    mount_stopped: bool | None = None
 
     @property
     def finished(self) -> bool:

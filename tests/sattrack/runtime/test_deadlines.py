@@ -31,6 +31,7 @@ class NotedEngine:
     operated: list[Any] = field(default_factory=list)
     told: list[str] = field(default_factory=list)
     failed: bool = False
+    mount_stopped: bool = True
     spec: Any = field(default_factory=lambda: SimpleNamespace(profile=SimpleNamespace(period_s=PERIOD_S)))
     tracker: Any = field(default_factory=lambda: SimpleNamespace(ended_by=None))
     session: Any = field(default_factory=lambda: SimpleNamespace(health=SimpleNamespace(strangers=0)))

@@ -1,0 +1,251 @@
+"""The feeder's end of its guardian: own the mount, be watched, and let go of it in good order.
+
+A guardian is a small process in a session of its own, so that what ends the feeder does not end it. It holds
+the feeder's socket, so that the port stays bound, and the mount's name. It stops the mount when the feeder is
+gone without having let go, or stands still for HANG_AFTER_S; a feeder that wakes up then finds that it is no
+longer to send.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import socket
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Protocol
+
+import msgspec
+
+from sattrack.errors import SattrackError
+from sattrack.mount import MountProfile
+from sattrack.runtime import guard_memory
+from sattrack.runtime.guard_memory import Release, Word
+from sattrack.runtime.guardian import GuardianTask
+from sattrack.runtime.owner import Owner, claim, this_command, this_user
+from sattrack.xerxes.client import UdpLink
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sattrack.xerxes.client import Address
+
+HANG_AFTER_S = 1.0
+"""How long a feeder may stand still before its guardian takes the mount from it."""
+START_WITHIN_S = 10.0
+END_WITHIN_S = 3.0
+LOOK_EVERY_BEATS = 20
+NO_FLAGS = bytes(8)
+FLAGS = slice(73, 81)
+COUNTER = slice(8, 16)
+"""Where a command has its flags, and its number."""
+
+
+class Guard(Protocol):
+    """What a loop that feeds a mount says to whoever watches it, and hears."""
+
+    @property
+    def deposed(self) -> bool:
+        """Whether the mount was taken away: nothing more is to be sent, and the loop is to end."""
+
+    @property
+    def stop_asked(self) -> bool:
+        """Whether the mount is to be stopped and the session to end."""
+
+    @property
+    def trouble(self) -> str | None:
+        """Why the loop is to stop the mount, or has lost it, in words; None while all is well."""
+
+    def beat(self, datagram: bytes | None = None) -> bool:
+        """Say that the loop turns, just before `datagram` is sent; tell whether it may be."""
+
+    def release(self, at_rest: bool | None) -> None:
+        """Let go: the loop's work is done, and this is what is known of the mount."""
+
+
+class Unguarded:
+    """Nobody watches."""
+
+    deposed = stop_asked = False
+    trouble: str | None = None
+
+    def beat(self, datagram: bytes | None = None) -> bool:
+        """See Guard."""
+        del datagram
+        return True
+
+    def release(self, at_rest: bool | None) -> None:
+        """See Guard."""
+        del at_rest
+
+
+class Guarded:
+    """A guardian at work; where it dies, another takes its place once, and then the run is to end."""
+
+    def __init__(self, link: UdpLink, door: int, profile: MountProfile, speed: float, name: str) -> None:
+        self._memory = guard_memory.create()
+        self._words = guard_memory.words(self._memory)
+        address = link.address
+        self._task = GuardianTask(
+            memory=self._memory,
+            link=link.fileno(),
+            door=door,
+            address=address,
+            profile=profile,
+            speed=speed,
+            hang_after_s=HANG_AFTER_S,
+            owner=Owner(
+                pid=os.getpid(),
+                user=this_user(),
+                command=this_command(),
+                since_utc=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+                mount=f"{address.host}:{address.port}",
+                listen_port=link.listen_port,
+            ),
+        )
+        self._name = name
+        self._beats = 0
+        self._armed = False
+        self._restarted = False
+        self._lost: str | None = None
+        self._process, self._life = self._start()
+
+    @property
+    def pid(self) -> int:
+        """The guardian's process number."""
+        return self._process.pid
+
+    @property
+    def deposed(self) -> bool:
+        """See Guard."""
+        return self._words[Word.DEPOSED] != 0
+
+    @property
+    def mount_stopped(self) -> bool | None:
+        """Whether the guardian, where it had to, saw the mount at rest; None before, or without an answer."""
+        told = self._words[Word.STOPPED]
+        return Release(told).at_rest if told else None
+
+    @property
+    def stop_asked(self) -> bool:
+        """See Guard."""
+        if not self._words[Word.STOP_ASKED]:
+            return False
+        self._words[Word.OBEYING] = 1
+        return True
+
+    @property
+    def trouble(self) -> str | None:
+        """See Guard."""
+        if not self.deposed:
+            return self._lost
+        rest = "was told to stop, and NOT SEEN AT REST" if self.mount_stopped is False else "is being stopped"
+        if self.mount_stopped:
+            rest = "was stopped and seen at rest"
+        return f"this process stood still, so its guardian took the mount from it: {self._name} {rest}"
+
+    def beat(self, datagram: bytes | None = None) -> bool:
+        """See Guard. Writes a few words of memory; once a second it asks whether the guardian lives."""
+        words = self._words
+        if words[Word.DEPOSED]:
+            return False
+        self._beats = words[Word.BEATS] = self._beats + 1
+        if datagram is not None:
+            words[Word.COUNTER] = int.from_bytes(datagram[COUNTER], "little")
+            if not self._armed and datagram[FLAGS] != NO_FLAGS:
+                self._armed = True
+                words[Word.ARMED] = 1
+        if self._beats % LOOK_EVERY_BEATS == 0 and self._lost is None:
+            self._look()
+        return True
+
+    def release(self, at_rest: bool | None) -> None:
+        """See Guard."""
+        if not self.deposed:
+            self._words[Word.RELEASED] = Release.of(at_rest)
+
+    def wait_ready(self) -> None:
+        """Wait until the guardian watches; raises SattrackError where it does not come up."""
+        readable, _, _ = select.select([self._life], [], [], START_WITHIN_S)
+        if not readable or self._life.recv(1) != b"r":
+            self._process.kill()
+            self._process.wait()
+            raise SattrackError(
+                "the guardian did not start: nothing is moved without; "
+                f"`{sys.executable} -m sattrack.runtime.guardian` shows why"
+            )
+        self._life.setblocking(False)
+
+    def close(self) -> None:
+        """End the watch. Without a `release`, the guardian first stops a mount that was asked to move."""
+        self._life.close()
+        ends_by_itself = self._words[Word.RELEASED] or not self._armed
+        try:
+            self._process.wait(END_WITHIN_S)
+        except subprocess.TimeoutExpired:
+            if ends_by_itself:
+                self._process.kill()
+                self._process.wait()
+        os.close(self._memory)
+
+    def _start(self) -> tuple[subprocess.Popen[bytes], socket.socket]:
+        ours, theirs = socket.socketpair()
+        with theirs:
+            process = subprocess.Popen(
+                [sys.executable, "-m", "sattrack.runtime.guardian", str(theirs.fileno())],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                pass_fds=[
+                    number
+                    for number in (theirs.fileno(), self._memory, self._task.link, self._task.door)
+                    if number >= 0
+                ],
+                # Whatever is sent to the feeder's terminal or process group is not for its guardian.
+                start_new_session=True,
+            )
+        ours.sendall(msgspec.json.encode(self._task) + b"\n")
+        return process, ours
+
+    def _look(self) -> None:
+        """Replace a guardian that has died, once."""
+        try:
+            alive = self._life.recv(1) != b""
+        except BlockingIOError:
+            return
+        except OSError:
+            alive = False
+        if alive:
+            return
+        self._life.close()
+        self._process.poll()
+        if self._restarted:
+            self._lost = "the guardian died twice: the mount is not moved without one"
+            return
+        self._restarted = True
+        try:
+            self._process, self._life = self._start()
+        except OSError as error:
+            self._lost = f"the guardian died and cannot be started again ({error.strerror})"
+        self._life.setblocking(False)
+
+
+@contextmanager
+def owned(
+    address: Address, profile: MountProfile | None, speed: float = 1.0, name: str | None = None
+) -> Iterator[tuple[UdpLink, Guarded]]:
+    """Own a mount: give a socket towards it and the guard of whoever feeds it; `profile` None: not known yet.
+
+    Raises Taken, naming the owner, where the mount has one, SattrackError where the port is not to be had.
+    """
+    with contextlib.ExitStack() as stack:
+        held = claim(address)
+        stack.callback(held.close)
+        link = UdpLink(address)
+        stack.callback(link.close)
+        guard = Guarded(link, held.fileno(), profile or MountProfile(), speed, name or str(address))
+        stack.callback(guard.close)
+        guard.wait_ready()
+        yield link, guard

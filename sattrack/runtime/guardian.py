@@ -1,0 +1,328 @@
+"""The guardian: a small process that stops the mount when the feeder cannot do it any more.
+
+Started by `guard.Guarded`, told everything in one JSON line on the descriptor that is its only argument. The
+end of that channel is the feeder's end; `guard_memory` tells whether it turns, and whether it has let go.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import select
+import signal
+import socket
+import sys
+import time
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+
+from sattrack.halt import Halt
+from sattrack.mount import MountProfile
+from sattrack.runtime import guard_memory
+from sattrack.runtime.guard_memory import Release, Word
+from sattrack.runtime.owner import LONGEST_LINE, Ask, Owner, Stopped
+from sattrack.xerxes.client import Address, UdpLink, nobody_listens
+from sattrack.xerxes.datagrams import Command, encode_command
+
+POLL_S = 0.1
+OBEY_WITHIN_S = 1.0
+"""How long a feeder whose loop turns may ignore that it is to stop."""
+GONE_AFTER_S = 1.0
+"""After so long in silence, a mount on this machine is asked whether it is there at all."""
+MOST_VISITORS = 32
+IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGPIPE)
+
+
+class GuardianTask(msgspec.Struct, frozen=True):
+    """Everything that a guardian is told: descriptors, the mount, and whose it is."""
+
+    memory: int
+    link: int
+    door: int
+    address: Address
+    profile: MountProfile
+    speed: float
+    hang_after_s: float
+    owner: Owner
+
+
+@dataclass(slots=True)
+class Visitor:
+    """Somebody at the door, and what was said so far."""
+
+    door: socket.socket
+    said: bytes = b""
+    waits: bool = False
+    """Whether a stop was asked for, and its end is to be told."""
+
+
+@dataclass(slots=True)
+class Watch:
+    """What a guardian knows of its feeder, and what to make of it; without I/O.
+
+    `silent_s` counts only time in which the guardian itself was awake: where the whole machine stood still,
+    nobody is to blame.
+    """
+
+    words: memoryview
+    hang_after_s: float
+    silent_s: float = 0.0
+    ignored_s: float = 0.0
+    _beats: int = 0
+
+    def look(self, elapsed_s: float) -> str | None:
+        """Return why the mount is to be taken from a feeder that lives, in words, or None."""
+        elapsed_s = min(elapsed_s, 2.0 * POLL_S)
+        words = self.words
+        if words[Word.RELEASED] or not words[Word.ARMED]:
+            return None
+        beats = words[Word.BEATS]
+        self.silent_s = 0.0 if beats != self._beats else self.silent_s + elapsed_s
+        self._beats = beats
+        ignores = words[Word.STOP_ASKED] and not words[Word.OBEYING]
+        self.ignored_s = self.ignored_s + elapsed_s if ignores else 0.0
+        if self.silent_s > self.hang_after_s:
+            return f"stood still for {self.silent_s:.1f} s"
+        if self.ignored_s > OBEY_WITHIN_S:
+            return "did not obey a stop"
+        return None
+
+
+@dataclass(slots=True)
+class Guardian:
+    """Watches one feeder until it has ended, and the mount's rest after that if need be."""
+
+    task: GuardianTask
+    life: socket.socket
+    words: memoryview
+    link: UdpLink
+    door: socket.socket | None
+    feeder: int | None
+    """Descriptor of the feeder's process, for its end by force; None where there is no such thing."""
+    visitors: list[Visitor] = field(default_factory=list)
+    _watch: Watch = field(init=False)
+    _halt: Halt | None = None
+    _why: str = ""
+    _begun_s: float = 0.0
+    _due_s: float = 0.0
+    _told: bool = False
+    _gone: bool = False
+
+    def __post_init__(self) -> None:
+        """Begin to watch."""
+        self._watch = Watch(self.words, self.task.hang_after_s)
+
+    def run(self) -> None:
+        """Watch to the end."""
+        looked_s = time.monotonic()
+        while not self._over():
+            self._wait()
+            now_s = time.monotonic()
+            if self._halt is None:
+                self._judge(now_s - looked_s)
+            else:
+                self._stop_mount(now_s)
+            looked_s = now_s
+        self._answer_all()
+
+    def _over(self) -> bool:
+        if self._halt is not None:
+            return self._gone and self._told
+        return self._gone and not self._left_moving()
+
+    def _left_moving(self) -> bool:
+        return bool(self.words[Word.ARMED]) and not self.words[Word.RELEASED]
+
+    def _wait(self) -> None:
+        watched: list[socket.socket | UdpLink] = [visitor.door for visitor in self.visitors]
+        if not self._gone:
+            watched.append(self.life)
+        if self.door is not None and len(self.visitors) < MOST_VISITORS:
+            watched.append(self.door)
+        timeout_s = POLL_S
+        if self._halt is not None:
+            watched.append(self.link)
+            timeout_s = max(0.0, self._due_s - time.monotonic())
+        readable, _, _ = select.select(watched, [], [], timeout_s)
+        if self.life in readable:
+            self._hear_feeder()
+        if self.door is not None and self.door in readable:
+            self._admit()
+        for visitor in [visitor for visitor in self.visitors if visitor.door in readable]:
+            self._hear(visitor)
+        if self._halt is not None and self.link in readable:
+            for arrival in self.link.receive():
+                self._halt.receive(arrival.data, arrival.monotonic_s * self.task.speed)
+
+    def _hear_feeder(self) -> None:
+        try:
+            self._gone = self.life.recv(LONGEST_LINE) == b""
+        except OSError:
+            self._gone = True
+
+    def _judge(self, elapsed_s: float) -> None:
+        """Decide whether the mount is the guardian's from here on."""
+        if self._gone:
+            if self._left_moving():
+                self._take_over("ended without a word")
+            return
+        why = self._watch.look(elapsed_s)
+        if why is not None:
+            self.words[Word.DEPOSED] = 1
+            self._take_over(why)
+        elif self.words[Word.RELEASED]:
+            self._answer_all()
+
+    def _take_over(self, why: str) -> None:
+        self._why = why
+        now_s = self._begun_s = self._due_s = time.monotonic()
+        counter = self.words[Word.COUNTER]
+        self._halt = Halt(self.task.profile, now_s * self.task.speed, counter)
+        # What has waited unread since the feeder read last is old, but for the newest.
+        for arrival in self.link.receive()[-1:]:
+            self._halt.receive(arrival.data, arrival.monotonic_s * self.task.speed)
+        self._stop_mount(now_s)
+
+    def _stop_mount(self, now_s: float) -> None:
+        """Send the datagram that is due, and tell how the stop has ended, once it has."""
+        assert self._halt is not None
+        if now_s < self._due_s:
+            return
+        self.link.send(self._halt.tick(now_s * self.task.speed))
+        self._due_s = max(self._due_s + self.task.profile.period_s / self.task.speed, now_s)
+        if not self._told and (self._halt.finished or self._nobody_there(now_s)):
+            self._told = True
+            self.words[Word.STOPPED] = Release.of(self._halt.at_rest)
+            self._tell()
+            self._answer_all()
+
+    def _nobody_there(self, now_s: float) -> bool:
+        """Tell whether a mount on this machine, simulated then, has ended itself."""
+        address = self.task.address
+        silent = self._halt is not None and self._halt.session.sample is None
+        if not (silent and address.host.startswith("127.") and now_s - self._begun_s > GONE_AFTER_S):
+            return False
+        return nobody_listens(address, encode_command(Command()), 0.05)
+
+    def _tell(self) -> None:
+        """Say what was done, to whoever has the feeder's terminal, and to a file."""
+        assert self._halt is not None
+        owner, now_s = self.task.owner, time.monotonic()
+        rest = "the mount is not there any more"
+        if self._halt.at_rest:
+            rest = f"stopped the mount: seen at rest after {now_s - self._begun_s:.1f} s"
+        elif self._halt.finished:
+            rest = "told the mount to stop, and DID NOT SEE IT AT REST: stop it by its own console"
+        words = f"process {owner.pid} (`{owner.command}`) {self._why}; its guardian {rest}"
+        with contextlib.suppress(OSError):
+            os.write(2, f"sattrack: {words}\n".encode())
+        with contextlib.suppress(OSError):
+            path = log_path()
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.open("a", encoding="utf-8") as file:
+                file.write(f"{time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())} {owner.mount} {words}\n")
+
+    def _admit(self) -> None:
+        assert self.door is not None
+        with contextlib.suppress(OSError):
+            door, _ = self.door.accept()
+            door.setblocking(False)
+            self.visitors.append(Visitor(door))
+
+    def _hear(self, visitor: Visitor) -> None:
+        try:
+            data = visitor.door.recv(LONGEST_LINE)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        visitor.said += data
+        if not data or len(visitor.said) > LONGEST_LINE:
+            self._dismiss(visitor)
+        elif visitor.said.endswith(b"\n"):
+            self._obey(visitor)
+
+    def _obey(self, visitor: Visitor) -> None:
+        try:
+            ask = msgspec.json.decode(visitor.said, type=Ask).ask
+        except msgspec.MsgspecError:
+            self._dismiss(visitor)
+            return
+        visitor.said = b""
+        if ask == "who":
+            self._say(visitor, msgspec.structs.replace(self.task.owner, state=self._state()))
+            return
+        visitor.waits = True
+        self.words[Word.STOP_ASKED] = 1
+        if self._told or (self._halt is None and self.words[Word.RELEASED]):
+            self._answer_all()
+
+    def _state(self) -> str:
+        if self._gone:
+            return "ended without a word, its guardian stops the mount"
+        if self.words[Word.DEPOSED]:
+            return "hangs, its guardian has the mount"
+        return "stopping" if self.words[Word.OBEYING] or self.words[Word.RELEASED] else "running"
+
+    def _answer_all(self) -> None:
+        """Tell those who wait for the stop what came of it; a feeder that hangs is ended with it."""
+        waiting = [visitor for visitor in self.visitors if visitor.waits]
+        if not waiting:
+            return
+        if self._halt is not None:
+            self._end_feeder()
+            stopped = Stopped("guardian", self._halt.at_rest)
+        else:
+            released = self.words[Word.RELEASED]
+            stopped = Stopped("session", Release(released).at_rest if released else None)
+        for visitor in waiting:
+            self._say(visitor, stopped)
+            self._dismiss(visitor)
+
+    def _end_feeder(self) -> None:
+        if not self._gone and self.feeder is not None:
+            with contextlib.suppress(OSError):
+                signal.pidfd_send_signal(self.feeder, signal.SIGKILL)
+
+    def _say(self, visitor: Visitor, what: object) -> None:
+        try:
+            visitor.door.send(msgspec.json.encode(what) + b"\n")
+        except OSError:
+            self._dismiss(visitor)
+
+    def _dismiss(self, visitor: Visitor) -> None:
+        visitor.door.close()
+        self.visitors = [other for other in self.visitors if other is not visitor]
+
+
+def log_path() -> Path:
+    """Return the file in which guardians say what they did: $XDG_STATE_HOME/sattrack/guardian.log."""
+    home = os.environ.get("XDG_STATE_HOME") or "~/.local/state"
+    return Path(home).expanduser() / "sattrack" / "guardian.log"
+
+
+def main() -> int:
+    """Run the process; returns its exit code."""
+    for number in IGNORED:
+        signal.signal(number, signal.SIG_IGN)
+    life = socket.socket(fileno=int(sys.argv[1]))
+    with life.makefile("rb") as lines:
+        task = msgspec.json.decode(lines.readline(), type=GuardianTask)
+    words = guard_memory.words(task.memory)
+    link = UdpLink(task.address, socket.socket(fileno=task.link))
+    door = None if task.door < 0 else socket.socket(fileno=task.door)
+    feeder = None
+    with contextlib.suppress(OSError, AttributeError):
+        feeder = os.pidfd_open(task.owner.pid)
+        if os.getppid() != task.owner.pid:
+            feeder = None
+    life.sendall(b"r")
+    life.setblocking(False)
+    Guardian(task, life, words, link, door, feeder).run()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,234 @@
+"""One owner of a mount at a time on this machine: a name that the kernel gives to one session only.
+
+The name is that of a Unix socket in Linux's abstract namespace, made of the mount's address. It is taken by
+binding to it, freed by the kernel when the last process that holds the socket is gone, however that went, and
+leaves no file behind that could be stale; a recycled process number means nothing to it. It counts for all
+users of a machine (of a network namespace). The same socket is the session's door: whoever connects can ask
+who owns the mount, and ask for a stop; the session's guardian answers, also where the session hangs.
+
+Two machines, or two containers, know nothing of one another's names: there, only acknowledgements that are
+not ours tell of another sender (see `xerxes.ack_watch`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import struct
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import msgspec
+
+from sattrack.errors import SattrackError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sattrack.xerxes.client import Address
+
+PREFIX = "sattrack-mount/"
+ANSWER_WITHIN_S = 3.0
+STOP_WITHIN_S = 75.0
+"""Longer than stops are sent to a mount that does not come to rest."""
+LONGEST_LINE = 4096
+BACKLOG = 16
+_CREDENTIALS = struct.Struct("3i")
+
+
+class Owner(msgspec.Struct, frozen=True):
+    """Who owns a mount: a session on this machine."""
+
+    pid: int
+    user: int
+    command: str
+    since_utc: str
+    mount: str
+    listen_port: int
+    state: str = "running"
+    """"running", "stopping", "hangs" or "ended without a word"."""
+
+    def __str__(self) -> str:
+        """Say it in words."""
+        doing = "" if self.state == "running" else f", {self.state}"
+        return f"`{self.command}`, process {self.pid}{doing}, since {self.since_utc}"
+
+
+class Ask(msgspec.Struct, frozen=True):
+    """What whoever connects may say."""
+
+    ask: Literal["who", "stop"]
+
+
+class Stopped(msgspec.Struct, frozen=True):
+    """What came of a stop that was asked for."""
+
+    by: Literal["session", "guardian"]
+    at_rest: bool | None
+    """Whether the mount was seen at rest; None where it was not heard, or nothing had been asked of it."""
+
+
+class Taken(SattrackError):  # noqa: N818 - it is said of the mount
+    """The mount has an owner already."""
+
+
+class Claim:
+    """The name of one mount, held until `close`, and by whoever inherits its descriptor."""
+
+    def __init__(self, bound: socket.socket | None) -> None:
+        self._socket = bound
+
+    def fileno(self) -> int:
+        """Give the descriptor to hand on; -1 where names are not to be had."""
+        return -1 if self._socket is None else self._socket.fileno()
+
+    def close(self) -> None:
+        """Give the name back."""
+        if self._socket is not None:
+            self._socket.close()
+
+
+def claim(address: Address) -> Claim:
+    """Take a mount's name. Raises Taken, naming the owner, where somebody has it.
+
+    Off Linux there are no such names, and nothing is held.
+    """
+    if not sys.platform.startswith("linux"):
+        return Claim(None)
+    bound = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        bound.bind(_name(address.host, address.port))
+        bound.listen(BACKLOG)
+    except OSError as error:
+        bound.close()
+        raise Taken(_refusal(address)) from error
+    bound.setblocking(False)
+    return Claim(bound)
+
+
+def owner_of(host: str, port: int) -> Owner | None:
+    """Return who owns the mount at an address; None where nobody on this machine does."""
+    return _ask_who(_name(host, port))
+
+
+def owners() -> list[Owner]:
+    """Return who owns mounts on this machine, each session once."""
+    found = []
+    for name in sorted(_names()):
+        owner = _ask_who("\0" + name)
+        if owner is not None:
+            found.append(owner)
+    return found
+
+
+def ask_stop(owner: Owner, waiting: Callable[[], None], within_s: float = STOP_WITHIN_S) -> Stopped | None:
+    """Have a session stop its mount and end; `waiting` is called now and then until it has.
+
+    None where the session is gone without an answer. Raises SattrackError where it does not answer in time.
+    """
+    host, _, port = owner.mount.rpartition(":")
+    try:
+        with _connected(_name(host, int(port)), 0.2) as door:
+            door.sendall(msgspec.json.encode(Ask("stop")) + b"\n")
+            line = _line(door, within_s, waiting)
+    except ConnectionError:
+        return None
+    if line is None:
+        raise SattrackError(
+            f"{owner} does not answer within {within_s:g} s: end it with `kill {owner.pid}`, "
+            "and stop the mount by its own console"
+        )
+    return msgspec.json.decode(line, type=Stopped) if line else None
+
+
+def _name(host: str, port: int) -> str:
+    return f"\0{PREFIX}{host}:{port}"
+
+
+def _names() -> set[str]:
+    """Return the names that are taken, as the kernel lists them."""
+    try:
+        table = Path("/proc/net/unix").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return set()
+    words = (line.rpartition(" ")[2] for line in table.splitlines())
+    return {word[1:] for word in words if word.startswith(f"@{PREFIX}")}
+
+
+def _ask_who(name: str) -> Owner | None:
+    try:
+        with _connected(name, ANSWER_WITHIN_S) as door:
+            pid, user, _ = _CREDENTIALS.unpack(
+                door.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+            )
+            door.sendall(msgspec.json.encode(Ask("who")) + b"\n")
+            line = _line(door, ANSWER_WITHIN_S)
+    except ConnectionError:
+        return None
+    if line:
+        with contextlib.suppress(msgspec.MsgspecError):
+            return msgspec.json.decode(line, type=Owner)
+    mount = name.removeprefix(f"\0{PREFIX}")
+    return Owner(pid, user, _command_of(pid), "an unknown instant", mount, 0, "does not answer")
+
+
+def _connected(name: str, within_s: float) -> socket.socket:
+    """Return a connection to a session's door; raises ConnectionError where there is none."""
+    if not sys.platform.startswith("linux"):
+        raise ConnectionRefusedError
+    door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        door.settimeout(within_s)
+        door.connect(name)
+    except OSError as error:
+        door.close()
+        raise ConnectionRefusedError from error
+    return door
+
+
+def _line(door: socket.socket, within_s: float, waiting: Callable[[], None] | None = None) -> bytes | None:
+    """Return the line that is answered, empty where the door closes without, None where none comes."""
+    until_s, data = time.monotonic() + within_s, b""
+    door.settimeout(0.2)
+    while time.monotonic() < until_s and len(data) < LONGEST_LINE:
+        try:
+            more = door.recv(LONGEST_LINE)
+        except TimeoutError:
+            if waiting is not None:
+                waiting()
+            continue
+        data += more
+        if not more or data.endswith(b"\n"):
+            return data
+    return None
+
+
+def _refusal(address: Address) -> str:
+    owner = owner_of(address.host, address.port)
+    if owner is None:
+        return f"{address} was owned by another session until just now: ask again"
+    way = "`sattrack stop` ends it"
+    if owner.state == "does not answer":
+        way = f"end it with `kill {owner.pid}`"
+    return f"{address} has an owner: {owner}; {way}"
+
+
+def _command_of(pid: int) -> str:
+    try:
+        words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+    except OSError:
+        return "a session"
+    return b" ".join(words).decode(errors="replace").strip()[:200]
+
+
+def this_command() -> str:
+    """Return this process' command line for people."""
+    return " ".join(["sattrack", *sys.argv[1:]])[:200]
+
+
+def this_user() -> int:
+    """Return the number of the user who runs this."""
+    return os.getuid()
