@@ -9,6 +9,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sattrack.control.kalman import wrap180
+from sattrack.bias_view import (
+    bias_fields,
+    estimate_view,
+    observation_warnings,
+    offset_views,
+    search_view,
+)
 from sattrack.figures import RunningError, WindowedError
 from sattrack.mount import Hold, Motion, MoveAxes, StatusSample
 from sattrack.safety import ROWS, Safety, SafetyLimits
@@ -53,6 +60,8 @@ class RunSpec:
     started_utc_s: float
     simulated: bool = False
     recording: str | None = None
+    camera_rotation_deg: float = 0.0
+    """Position angle of the camera's y axis, from north through east."""
 
 
 class Engine:
@@ -61,7 +70,9 @@ class Engine:
     def __init__(self, spec: RunSpec) -> None:
         self.spec = spec
         self.session = Session(spec.profile)
-        self.tracker = Tracker(spec.propagator, spec.plan, spec.profile, spec.bias)
+        self.tracker = Tracker(spec.propagator, spec.plan, spec.profile, spec.bias, spec.camera_rotation_deg)
+        self.malformed = 0
+        """Lines that came where observations or messages were expected, and were neither."""
         self.safety = Safety(spec.profile, spec.limits, spec.propagator.site.latitude_deg)
         self.reported = RunningError()
         self.on_target_s = 0.0
@@ -240,10 +251,10 @@ class Engine:
             dec_rate_deg_s=tracker.rates.dec_rate_deg_s,
             max_ra_rate_deg_s=spec.profile.ra.max_rate_deg_s,
             max_dec_rate_deg_s=spec.profile.dec.max_rate_deg_s,
-            bias_along_s=tracker.along.value(now_utc_s),
-            bias_cross_deg=tracker.cross.value(now_utc_s),
-            bias_along_goal_s=tracker.along.goal,
-            bias_cross_goal_deg=tracker.cross.goal,
+            **bias_fields(tracker, now_utc_s),
+            offsets=offset_views(tracker, now_utc_s),
+            search=search_view(tracker, now_utc_s),
+            estimate=estimate_view(tracker, now_utc_s, self.malformed),
             link=LinkView(
                 state=self._link_state.value,
                 age_s=age_s,
@@ -299,6 +310,7 @@ class Engine:
             warnings.append("the stop is not confirmed yet: it is being sent again and again")
         if self.tracker.refusal is not None:
             warnings.append(self.tracker.refusal)
+        warnings.extend(observation_warnings(self.tracker, self.malformed))
         if self.session.intruder is not None:
             warnings.append(self.session.intruder)
         if not self.tracker.clock_holds:

@@ -1,11 +1,38 @@
-"""What an operator can say to a run, and how it is written: one JSON object a line.
+"""What an operator, or a camera's program, can say to a run, and how it is written: one JSON object a line.
 
-`{"type":"nudge","along_s":0.1}`, `{"type":"clear_bias"}`, `{"type":"stop"}`.
+`{"type":"nudge","along_s":0.1}`, `{"type":"clear_bias"}`, `{"type":"stop"}`,
+`{"type":"offset","what":"along_s","how":"add","value":0.5}`,
+`{"type":"search","how":"spiral","spacing_deg":0.05,"speed_deg_s":0.05}`,
+`{"type":"observation","utc":"2026-10-02T13:05:24.5Z","ra_deg":1.2,"dec_deg":3.4,"frame":"icrs",
+"sigma_arcsec":20}`.
 """
 
 from __future__ import annotations
 
+from typing import Literal, get_args
+
 import msgspec
+
+from tle.errors import TimeFormatError
+from tle.instants import Utc
+
+Quantity = Literal[
+    "along_s",
+    "cross_deg",
+    "ra_cos_dec_deg",
+    "dec_deg",
+    "ra_axis_deg",
+    "dec_axis_deg",
+    "camera_x_deg",
+    "camera_y_deg",
+]
+"""What can be offset: along the track in seconds, across it; right ascension on the sky and declination; the
+axes' own angles; the camera's two directions. Degrees but for the first."""
+How = Literal["add", "set", "rate", "gradual", "stop", "reset"]
+SearchHow = Literal["spiral", "sweep", "stop", "cancel"]
+ObservedFrame = Literal["icrs", "j2000", "of_date"]
+MOST_SIGMA_ARCSEC = 3600.0
+LEAST_SIGMA_ARCSEC = 0.01
 
 
 class Nudge(msgspec.Struct, frozen=True, tag="nudge", forbid_unknown_fields=True):
@@ -16,18 +43,97 @@ class Nudge(msgspec.Struct, frozen=True, tag="nudge", forbid_unknown_fields=True
 
 
 class ClearBias(msgspec.Struct, frozen=True, tag="clear_bias", forbid_unknown_fields=True):
-    """Take all bias away."""
+    """Take all offsets, the search and the estimate away."""
 
 
 class StopNow(msgspec.Struct, frozen=True, tag="stop", forbid_unknown_fields=True):
     """Stop the mount and end the run."""
 
 
-Message = Nudge | ClearBias | StopNow
+class OffsetBy(msgspec.Struct, frozen=True, tag="offset", forbid_unknown_fields=True):
+    """Change one offset.
 
-_DECODER: msgspec.json.Decoder[Nudge | ClearBias | StopNow] = msgspec.json.Decoder(
-    Nudge | ClearBias | StopNow
-)
+    `value` is in the unit that `what` names: added (`add`), the new total (`set`), the new total in so many
+    `seconds` (`gradual`), or the change a second (`rate`). `stop` ends a rate where the offset is; `reset`
+    takes the offset away.
+    """
+
+    what: str
+    how: str
+    value: float | None = None
+    seconds: float | None = None
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where fields are missing, or there that mean nothing."""
+        _one_of("what", self.what, get_args(Quantity))
+        _one_of("how", self.how, get_args(How))
+        _given("value", self.value, self.how, self.how in {"add", "set", "rate", "gradual"})
+        _given("seconds", self.seconds, self.how, self.how == "gradual")
+
+
+class Search(msgspec.Struct, frozen=True, tag="search", forbid_unknown_fields=True):
+    """Run a pattern about where the target is fed, or end the one that runs.
+
+    `spiral`: arms `spacing_deg` apart, at `speed_deg_s` on the sky. `sweep`: along the track by `reach_s`
+    ahead and behind, there and back in `period_s`. `stop` keeps where it is as an offset along and across
+    the track; `cancel` goes back to the centre.
+    """
+
+    how: str
+    spacing_deg: float | None = None
+    speed_deg_s: float | None = None
+    reach_s: float | None = None
+    period_s: float | None = None
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where fields are missing, or there that mean nothing."""
+        _one_of("how", self.how, get_args(SearchHow))
+        _given("spacing_deg", self.spacing_deg, self.how, self.how == "spiral")
+        _given("speed_deg_s", self.speed_deg_s, self.how, self.how == "spiral")
+        _given("reach_s", self.reach_s, self.how, self.how == "sweep")
+        _given("period_s", self.period_s, self.how, self.how == "sweep")
+
+
+class Observation(msgspec.Struct, frozen=True, tag="observation", forbid_unknown_fields=True):
+    """Where the satellite was seen at an instant.
+
+    `utc` is ISO 8601 with Z. Frames: "icrs" and "j2000" are astrometric, as a plate solution among catalogued
+    stars gives; "of_date" is apparent, true equator and equinox of date, where the mount had to point to see
+    it there (air included where the run includes it). `sigma_arcsec` is one standard deviation of each of the
+    two directions on the sky.
+    """
+
+    utc: str
+    ra_deg: float
+    dec_deg: float
+    frame: str
+    sigma_arcsec: float
+    catalog_number: int | None = None
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where a number cannot be one of an observation."""
+        if not self.utc.endswith("Z"):
+            raise ValueError(f"utc {self.utc!r} does not end with Z: give UTC as 2026-10-02T13:05:24.5Z")
+        try:
+            Utc.parse(self.utc)
+        except TimeFormatError as error:
+            raise ValueError(f"utc: {error}") from None
+        _one_of("frame", self.frame, get_args(ObservedFrame))
+        if not 0.0 <= self.ra_deg <= 360.0:
+            raise ValueError(f"ra_deg {self.ra_deg:g} is outside 0 to 360")
+        if not -90.0 <= self.dec_deg <= 90.0:
+            raise ValueError(f"dec_deg {self.dec_deg:g} is outside -90 to 90")
+        if not LEAST_SIGMA_ARCSEC <= self.sigma_arcsec <= MOST_SIGMA_ARCSEC:
+            raise ValueError(
+                f"sigma_arcsec {self.sigma_arcsec:g} is outside {LEAST_SIGMA_ARCSEC:g} to {MOST_SIGMA_ARCSEC:g}"
+            )
+
+
+Message = Nudge | ClearBias | StopNow | OffsetBy | Search | Observation
+
+_Any = Nudge | ClearBias | StopNow | OffsetBy | Search | Observation
+_DECODER: msgspec.json.Decoder[_Any] = msgspec.json.Decoder(_Any)
+_OBSERVATIONS: msgspec.json.Decoder[Observation] = msgspec.json.Decoder(Observation)
 
 
 def encode_message(message: Message) -> bytes:
@@ -38,3 +144,20 @@ def encode_message(message: Message) -> bytes:
 def decode_message(line: bytes) -> Message:
     """Return the message of one JSON line; raises msgspec.MsgspecError."""
     return _DECODER.decode(line)
+
+
+def decode_observation(line: bytes) -> Observation:
+    """Return the observation of one JSON line, its type given or left out; raises msgspec.MsgspecError."""
+    return _OBSERVATIONS.decode(line)
+
+
+def _one_of(field: str, value: str, words: tuple[str, ...]) -> None:
+    if value not in words:
+        raise ValueError(f"{field} {value!r} is not known: give one of {', '.join(words)}")
+
+
+def _given(field: str, value: float | None, how: str, wanted: bool) -> None:
+    if wanted and value is None:
+        raise ValueError(f"{how} needs {field}")
+    if not wanted and value is not None:
+        raise ValueError(f"{field} does not go with {how}")

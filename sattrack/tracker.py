@@ -12,18 +12,19 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
+from sattrack.control import orders
 from sattrack.control.acquisition import Intercept, plan_intercept
 from sattrack.control.axes import Axes
-from sattrack.control.blend import Blend
+from sattrack.control.biases import Biases
+from sattrack.control.estimate import Estimator
 from sattrack.control.feeder import rate_deg_s
 from sattrack.control.history import CommandHistory, SentRates
 from sattrack.control.kalman import wrap180
 from sattrack.control.latency import KnownClock, MountClock
 from sattrack.control.mount_loop import MountLoop
-from sattrack.messages import ClearBias, Message, Nudge, StopNow
+from sattrack.messages import ClearBias, Message, Nudge, Observation, OffsetBy, Search, StopNow
 from sattrack.mount import Hold, Motion, MountProfile, MoveAxes, SlewTo, StatusSample, Stop
 from tle.bias import Bias
-from tle.instants import Utc
 
 if TYPE_CHECKING:
     from tle.direction import Direction
@@ -34,9 +35,6 @@ LOST_ARCSEC = 120.0
 SLEW_OVERDUE_S = 60.0
 """Lateness of a slew after which the mount is taken not to obey."""
 REACTION_PERIODS = 3.0
-MOST_ALONG_S = 60.0
-MOST_CROSS_DEG = 5.0
-"""Biases beyond these are slips of the finger: no elements that are worth following are so far off."""
 MOST_SHIFT_S = 0.0002
 SHIFT_SHARE = 0.02
 """How fast the sending falls into step with the mount's loop: too slow for the period to show it."""
@@ -90,12 +88,20 @@ class Target(NamedTuple):
 class Tracker:
     """Follows one satellite over one window with one mount."""
 
-    def __init__(self, propagator: Propagator, plan: TrackPlan, profile: MountProfile, bias: Bias) -> None:
-        self._propagator = propagator
+    def __init__(
+        self,
+        propagator: Propagator,
+        plan: TrackPlan,
+        profile: MountProfile,
+        bias: Bias,
+        camera_rotation_deg: float = 0.0,
+    ) -> None:
         self.plan = plan
         self._profile = profile
-        self.along = Blend(bias.along_s)
-        self.cross = Blend(bias.cross_deg)
+        self.biases = Biases(bias, propagator, profile, camera_rotation_deg)
+        self.estimator = Estimator(propagator.elements.catalog_number, plan.start_utc_s)
+        self._estimated = False
+        """Whether the estimate is news that is not followed yet."""
         known = None
         if profile.clock_offset_s is not None:
             known = KnownClock(propagator.site.longitude_deg, profile.clock_offset_s)
@@ -125,7 +131,7 @@ class Tracker:
 
     def use(self, propagator: Propagator) -> None:
         """Take directions from another propagator of the same satellite from now on."""
-        self._propagator = propagator
+        self.biases.use(propagator)
         self._foretold = None
 
     @property
@@ -134,9 +140,8 @@ class Tracker:
         return self._clock.known_holds
 
     def direction_at(self, utc_s: float) -> Direction:
-        """Return where the satellite is fed at an instant, the biases of that instant applied."""
-        bias = Bias(self.along.value(utc_s), self.cross.value(utc_s))
-        return self._propagator.at(Utc(utc_s), bias)
+        """Return where the satellite is fed at an instant, all offsets of that instant applied."""
+        return self.biases.at(utc_s)
 
     def take(self, sample: StatusSample) -> SkyError:
         """Take in one sample; return its error on the sky, dated by the mount's own clock."""
@@ -157,28 +162,52 @@ class Tracker:
         return self.error
 
     def operate(self, message: Message, now_utc_s: float) -> None:
-        """Obey the operator."""
-        # A bias begins to move the target only when a command that knows of it can act.
-        begins_s = now_utc_s + REACTION_PERIODS * self._profile.period_s + self._profile.command_delay_s
-        self.refusal = None
-        self._foretold = None
+        """Obey the operator, and listen to whoever observes."""
+        begins_s = self._begins_s(now_utc_s)
         match message:
+            case Observation():
+                self._observe(message, now_utc_s, begins_s)
+                return
             case Nudge():
-                self._nudge(self.along.goal + message.along_s, self.cross.goal + message.cross_deg, begins_s)
+                self.refusal = orders.nudge(self.biases, message.along_s, message.cross_deg, begins_s)
+            case OffsetBy():
+                self.refusal = orders.offset(self.biases, message, begins_s)
+            case Search():
+                self.refusal = orders.search(self.biases, message, begins_s)
             case ClearBias():
-                self.along.ask(0.0, begins_s)
-                self.cross.ask(0.0, begins_s)
+                self.refusal = None
+                self.estimator.forget()
+                self._estimated = False
+                orders.clear(self.biases, begins_s)
             case StopNow():
+                self.refusal = None
                 self.end("operator")
+        self._foretold = None
 
-    def _nudge(self, along_s: float, cross_deg: float, begins_s: float) -> None:
-        if not (abs(along_s) <= MOST_ALONG_S and abs(cross_deg) <= MOST_CROSS_DEG):
-            self.refusal = (
-                f"nudge refused: biases go to {MOST_ALONG_S:g} s along and {MOST_CROSS_DEG:g}° across"
-            )
-            return
-        self.along.ask(along_s, begins_s)
-        self.cross.ask(cross_deg, begins_s)
+    def _begins_s(self, now_utc_s: float) -> float:
+        """Return when a change that is asked for now begins: when a command that knows of it can act."""
+        return now_utc_s + REACTION_PERIODS * self._profile.period_s + self._profile.command_delay_s
+
+    def _observe(self, seen: Observation, now_utc_s: float, begins_s: float) -> None:
+        """Take an observation in; the estimate is followed from the next step on."""
+        along_s, cross_deg = self.biases.totals(begins_s)
+        expected = Bias(along_s, cross_deg)
+        if self.estimator.take(seen, now_utc_s, self.biases.course, expected):
+            self._estimated = True
+
+    def _watch_biases(self, now_utc_s: float) -> None:
+        """Follow the estimate where there is a new one, and end what has gone as far as it may."""
+        known = self.estimator.filter
+        if known is not None and self._estimated:
+            first = self.biases.estimated_along.idle
+            begins_s = self._begins_s(now_utc_s)
+            orders.follow_estimate(self.biases, known.along_s, known.cross_km, first, begins_s)
+            self._estimated = False
+            self._foretold = None
+        ended = orders.watch(self.biases, self._begins_s(now_utc_s)) if self.biases.moving else None
+        if ended is not None:
+            self.refusal = ended
+            self._foretold = None
 
     def step(self, now_utc_s: float, slew_done: bool) -> Motion:
         """Return the motion wanted from now on; call once a period, after the samples that came.
@@ -190,6 +219,7 @@ class Tracker:
         if now_utc_s >= self.plan.end_utc_s:
             self.end("set")
             return Stop()
+        self._watch_biases(now_utc_s)
         if self._axes is None:
             return Hold()
         if self.phase is Phase.WAITING and now_utc_s >= self.plan.start_utc_s - self.plan.approach_s:

@@ -40,6 +40,44 @@ class ErrorView(msgspec.Struct, frozen=True):
     across_arcsec: float
 
 
+class OffsetView(msgspec.Struct, frozen=True):
+    """One of the operator's offsets: `what` names it and its unit; the rate is a second."""
+
+    what: str
+    total: float
+    """What was asked for."""
+    applied: float
+    """What is in force."""
+    rate: float
+
+
+class SearchView(msgspec.Struct, frozen=True):
+    """The search that runs: how, since when, and where it is of its centre."""
+
+    how: str
+    elapsed_s: float
+    along_s: float
+    cross_deg: float
+
+
+class EstimateView(msgspec.Struct, frozen=True):
+    """What observations say of the biases, each with one sigma, and what became of the observations.
+
+    The numbers are None before the first was taken; `last_utc_s` is the instant of the newest that was.
+    """
+
+    along_s: float | None
+    along_sigma_s: float | None
+    cross_deg: float | None
+    cross_sigma_deg: float | None
+    accepted: int
+    rejected: int
+    """Those that contradict the elements or the estimate."""
+    refused: int
+    """Those that cannot be of this pass, and lines that are none."""
+    last_utc_s: float | None
+
+
 class TrackView(msgspec.Struct, frozen=True, tag="view"):
     """Everything about a run at one instant. Directions in degrees, true of date; UTC as POSIX seconds."""
 
@@ -75,6 +113,11 @@ class TrackView(msgspec.Struct, frozen=True, tag="view"):
     recording: str | None
     ended_by: str | None
     warnings: tuple[str, ...] = ()
+    offsets: tuple[OffsetView, ...] = ()
+    """The operator's offsets that are not nothing."""
+    search: SearchView | None = None
+    estimate: EstimateView | None = None
+    """None while no observation has come."""
 
 
 class PeriodView(msgspec.Struct, frozen=True):
@@ -125,5 +168,8 @@ class Summary(msgspec.Struct, frozen=True):
     """Why the run ended, in words, where it did not end as planned."""
     recording_trouble: str | None = None
     """Why the recording is not whole."""
+    offsets: tuple[OffsetView, ...] = ()
+    """The operator's offsets at the end."""
+    estimate: EstimateView | None = None
     realtime_priority: bool | None = None
     """Whether the loop ran with real-time priority; null in virtual time."""

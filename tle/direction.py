@@ -162,6 +162,27 @@ class Direction:
         sight: Sight = (q, q_rate, self.range_km, self.range_rate_km_s, self._satellite, self.error, None)
         return Direction(self.utc, sight, self._turn, self._observer)
 
+    def drifting(self, sooner: Direction, later: Direction, apart_s: float) -> Direction:
+        """Return the same sight of one instant, moving as well from `sooner` to `later` in `apart_s` seconds.
+
+        For what changes with time beside the satellite and the Earth: the two are sights of the same instant
+        with that changed. Not for an astrometric place, nor for arrays.
+        """
+        x, y, z = (
+            rate + (after - before) / apart_s
+            for rate, before, after in zip(self._q_rate, sooner._q, later._q, strict=True)
+        )
+        sight: Sight = (
+            self._q,
+            (x, y, z),
+            self.range_km,
+            self.range_rate_km_s,
+            self._satellite,
+            self.error,
+            None,
+        )
+        return Direction(self.utc, sight, self._turn, self._observer)
+
     def _make_equatorial(self) -> tuple[Quantity, Quantity, Quantity, Quantity]:
         fn = functions_for(self.range_km)
         if self._icrf is None:

@@ -14,8 +14,8 @@ SHORTEST_S = 1.5
 LONGEST_S = 60.0
 GROWTH = 1.1
 SAMPLES = 24
-KEPT = 64
-"""Changes that are remembered: instants before them are asked for only within seconds."""
+KEPT = 128
+"""Changes that are remembered, six seconds of one a tick: earlier instants are asked for by nobody."""
 
 
 class State(NamedTuple):
@@ -24,6 +24,15 @@ class State(NamedTuple):
     value: float
     rate: float
     acceleration: float
+
+
+REST = State(0.0, 0.0, 0.0)
+
+
+def added(*states: State) -> State:
+    """Return what several offsets make together."""
+    values, rates, accelerations = zip(*states, strict=True)
+    return State(sum(values), sum(rates), sum(accelerations))
 
 
 class Bounds(NamedTuple):
@@ -59,7 +68,10 @@ class _Change:
 
 @dataclass(slots=True)
 class Offset:
-    """An offset: `total_at` is what is asked for, `state` what is applied; instants of changes never fall."""
+    """An offset: `total_at` is what is asked for, `state` what is applied; instants of changes never fall.
+
+    `start` is what it is before its first change.
+    """
 
     start: float = 0.0
     _changes: list[_Change] = field(default_factory=list)
@@ -79,7 +91,17 @@ class Offset:
         index = bisect_right(self._begins, utc_s) - 1
         if index >= 0:
             return self._changes[index].state(utc_s)
-        return self._changes[0].state(self._begins[0]) if self._changes else State(self.start, 0.0, 0.0)
+        return State(self.start, 0.0, 0.0)
+
+    @property
+    def idle(self) -> bool:
+        """Whether it never was anything but nothing."""
+        return self.start == 0.0 and not self._changes
+
+    def ended_utc_s(self) -> float:
+        """Return the instant at which the last change is over; negative infinity where there was none."""
+        last = self._changes[-1] if self._changes else None
+        return float("-inf") if last is None else last.begins_utc_s + last.seconds
 
     def add(self, amount: float, begins_utc_s: float, bounds: Bounds) -> None:
         """Add to the total; a rate goes on."""
@@ -109,17 +131,44 @@ class Offset:
         """Take the offset away."""
         self._change(0.0, 0.0, begins_utc_s, bounds)
 
+    def take_over(self, moving: State, total: float, begins_utc_s: float, bounds: Bounds) -> None:
+        """Go to a total from where the offset is together with what something else does until then."""
+        self._change(total, 0.0, begins_utc_s, bounds, moving=moving)
+
+    def keep(self, moving: State, begins_utc_s: float, bounds: Bounds) -> None:
+        """Come to rest about where the offset is together with what something else does until then."""
+        now = added(self.state(begins_utc_s), moving)
+        self._change(now.value + 0.5 * now.rate * SHORTEST_S, 0.0, begins_utc_s, bounds, moving=moving)
+
+    def give_up(self, begins_utc_s: float) -> State:
+        """Be nothing from an instant on, at once, and return what the offset is then, for another to take."""
+        now = self.state(begins_utc_s)
+        self._append(_Change(begins_utc_s, 1.0, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), 0.0, 0.0))
+        return now
+
     def _change(
-        self, foot: float, rate: float, begins_utc_s: float, bounds: Bounds, seconds: float = SHORTEST_S
+        self,
+        foot: float,
+        rate: float,
+        begins_utc_s: float,
+        bounds: Bounds,
+        seconds: float = SHORTEST_S,
+        moving: State = REST,
     ) -> None:
         """Go over to the line that has `foot` at the beginning and `rate`, within the bounds."""
-        now = self.state(begins_utc_s)
+        now = added(self.state(begins_utc_s), moving)
         seconds = max(seconds, SHORTEST_S)
         change = _joined(now, foot, rate, begins_utc_s, seconds)
         while seconds < LONGEST_S and not _within(change, now, bounds):
             seconds *= GROWTH
             change = _joined(now, foot, rate, begins_utc_s, seconds)
-        self._changes = [*self._changes, change][-KEPT:]
+        self._append(change)
+
+    def _append(self, change: _Change) -> None:
+        self._changes = [*self._changes, change]
+        if len(self._changes) > KEPT:
+            forgotten, *self._changes = self._changes
+            self.start = forgotten.state(self._changes[0].begins_utc_s).value
         self._begins = [one.begins_utc_s for one in self._changes]
 
 

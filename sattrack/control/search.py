@@ -14,10 +14,12 @@ _ROUNDS = 8
 
 
 class SpiralPoint(NamedTuple):
-    """Where a spiral is: degrees on the sky along and across the track."""
+    """Where a spiral is, degrees on the sky along and across the track, and its rates, degrees a second."""
 
     along_deg: float
     cross_deg: float
+    along_deg_s: float
+    cross_deg_s: float
 
 
 def eased_s(elapsed_s: float) -> float:
@@ -33,6 +35,12 @@ def eased_s(elapsed_s: float) -> float:
     return START_S * u**3 * (1.0 - 0.5 * u)
 
 
+def eased_rate(elapsed_s: float) -> float:
+    """Return the share of its full speed that a pattern has."""
+    u = min(1.0, max(0.0, elapsed_s / START_S))
+    return u * u * (3.0 - 2.0 * u)
+
+
 def spiral(elapsed_s: float, spacing_deg: float, speed_deg_s: float) -> SpiralPoint:
     """Return the point of an Archimedean spiral whose arms lie `spacing_deg` apart, run at one speed.
 
@@ -44,7 +52,17 @@ def spiral(elapsed_s: float, spacing_deg: float, speed_deg_s: float) -> SpiralPo
     for _ in range(_ROUNDS):
         root = math.sqrt(1.0 + theta * theta)
         theta -= (0.5 * (theta * root + math.asinh(theta)) - arc) / root
-    return SpiralPoint(b * theta * math.cos(theta), b * theta * math.sin(theta))
+    turning = speed_deg_s * eased_rate(elapsed_s) / math.sqrt(1.0 + theta * theta)
+    c, s = math.cos(theta), math.sin(theta)
+    return SpiralPoint(b * theta * c, b * theta * s, turning * (c - theta * s), turning * (s + theta * c))
+
+
+def spiral_lasts_s(reach_deg: float, spacing_deg: float, speed_deg_s: float) -> float:
+    """Return how long a spiral takes to come as far out as `reach_deg`, seconds."""
+    b = spacing_deg / (2.0 * math.pi)
+    theta = reach_deg / b
+    arc_deg = 0.5 * b * (theta * math.sqrt(1.0 + theta * theta) + math.asinh(theta))
+    return arc_deg / speed_deg_s + 0.5 * START_S
 
 
 def spiral_acceleration_deg_s2(spacing_deg: float, speed_deg_s: float) -> float:
@@ -56,3 +74,9 @@ def spiral_acceleration_deg_s2(spacing_deg: float, speed_deg_s: float) -> float:
 def sweep_s(elapsed_s: float, reach_s: float, period_s: float) -> float:
     """Return the along-track seconds of a sweep: ahead by `reach_s`, back through the centre, and so on."""
     return reach_s * math.sin(2.0 * math.pi * eased_s(elapsed_s) / period_s)
+
+
+def sweep_rate(elapsed_s: float, reach_s: float, period_s: float) -> float:
+    """Return the rate of a sweep, seconds a second."""
+    turning = 2.0 * math.pi / period_s
+    return reach_s * turning * eased_rate(elapsed_s) * math.cos(turning * eased_s(elapsed_s))

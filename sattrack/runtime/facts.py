@@ -48,6 +48,7 @@ class RunFacts(msgspec.Struct, frozen=True):
     mount_name: str
     started_utc_s: float
     recording: str | None = None
+    camera_rotation_deg: float = 0.0
 
 
 def encode_facts(facts: RunFacts) -> bytes:
@@ -79,6 +80,7 @@ def build_engine(facts: RunFacts) -> Engine:
         started_utc_s=facts.started_utc_s,
         simulated=facts.mount_name == SIMULATED,
         recording=facts.recording,
+        camera_rotation_deg=facts.camera_rotation_deg,
     )
     return Engine(spec)
 

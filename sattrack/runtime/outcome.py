@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from sattrack.bias_view import estimate_view, offset_views
 from sattrack.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
 from sattrack.figures import RunningError, quantile
 from sattrack.view import DatagramsView, PeriodView, Summary
@@ -50,6 +51,7 @@ def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
     spec, tracker, health = engine.spec, engine.tracker, engine.session.health
     acquired = tracker.acquired_utc_s
     followable = tracker.followable_utc_s
+    along_s, cross_deg = tracker.biases.totals(ended_utc_s)
     return Summary(
         name=spec.propagator.elements.label,
         catalog_number=spec.propagator.elements.catalog_number,
@@ -74,8 +76,10 @@ def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
             rejected=health.rejected + ledger.strangers,
             unsent=ledger.unsent,
         ),
-        bias_along_s=tracker.along.goal,
-        bias_cross_deg=tracker.cross.goal,
+        bias_along_s=along_s,
+        bias_cross_deg=cross_deg,
+        offsets=offset_views(tracker, ended_utc_s),
+        estimate=estimate_view(tracker, ended_utc_s, engine.malformed),
         recording=spec.recording,
         mount_stopped=engine.mount_stopped,
         message=engine.message or _never_followed(engine),

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from sattrack import practice
 from sattrack.clock import Clock, make_clock
+from sattrack.control.orders import MOST_ALONG_S, MOST_CROSS_DEG
 from sattrack.errors import BadInputError
 from sattrack.profiles import ProfileFile
 from sattrack.runtime.facts import RunFacts, choose_pass, plan_for
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
-from sattrack.tracker import MOST_ALONG_S, MOST_CROSS_DEG
 from sattrack.xerxes.client import Address, parse_address
 from tle.refraction import Refraction
 from tle.sources import find
@@ -40,6 +40,7 @@ class RunRequest:
     refraction: Literal["auto", "on", "off"] = "auto"
     bias_along_s: float = 0.0
     bias_cross_deg: float = 0.0
+    camera_rotation_deg: float = 0.0
     virtual: bool = False
     record: Path | None = None
     profile: ProfileFile = field(default_factory=ProfileFile)
@@ -95,6 +96,7 @@ def prepare(request: RunRequest) -> Prepared:
         limits=SafetyLimits(),
         bias_along_s=request.bias_along_s,
         bias_cross_deg=request.bias_cross_deg,
+        camera_rotation_deg=request.camera_rotation_deg,
         mount_name="sim" if address is None else str(address),
         started_utc_s=started_s,
         recording=None if request.record is None else str(request.record),
@@ -126,6 +128,8 @@ def _check_bias(request: RunRequest) -> None:
         raise BadInputError(
             f"--bias-cross {request.bias_cross_deg}: give degrees on the sky, {MOST_CROSS_DEG:g} at most"
         )
+    if not abs(request.camera_rotation_deg) <= 360.0:
+        raise BadInputError(f"--camera-rotation {request.camera_rotation_deg}: give degrees, -360 to 360")
 
 
 def _object_and_site(request: RunRequest, practising: bool) -> tuple[list[Elements], Site]:

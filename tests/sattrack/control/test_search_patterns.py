@@ -15,7 +15,7 @@ def test_a_spiral_runs_at_its_speed_and_its_arms_lie_apart_by_its_spacing(
     spacing: float, speed: float
 ) -> None:
     times = np.arange(0.0, 120.0, 0.01)
-    points = np.array([spiral(t, spacing, speed) for t in times])
+    points = np.array([spiral(t, spacing, speed)[:2] for t in times])
     speeds = np.hypot(*np.gradient(points, times, axis=0).T)
     assert speeds[times > START_S + 0.1] == pytest.approx(speed, rel=2e-3)
     radius, angle = np.hypot(*points.T), np.unwrap(np.arctan2(points[:, 1], points[:, 0]))
@@ -26,7 +26,7 @@ def test_a_spiral_runs_at_its_speed_and_its_arms_lie_apart_by_its_spacing(
 
 def test_a_spiral_begins_at_rest_and_keeps_to_its_acceleration() -> None:
     times = np.arange(-1.0, 60.0, 0.01)
-    points = np.array([spiral(t, 0.1, 0.05) for t in times])
+    points = np.array([spiral(t, 0.1, 0.05)[:2] for t in times])
     velocity = np.gradient(points, times, axis=0)
     acceleration = np.hypot(*np.gradient(velocity, times, axis=0).T)
     assert tuple(points[0]) == (0.0, 0.0)

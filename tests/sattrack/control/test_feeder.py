@@ -1,15 +1,12 @@
-"""The commanded rate and the spread of nudges, against what mechanics says."""
+"""The commanded rate and the intercept, against what mechanics says."""
 
 from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 
 from sattrack.control.acquisition import plan_intercept, slew_time_s
-from sattrack.control.blend import RESPONSE_S, Blend
 from sattrack.control.feeder import correction_deg_s, rate_deg_s
 from sattrack.mount import AxisLimits, MountProfile
 
@@ -31,29 +28,6 @@ def test_a_correction_opposes_its_error_and_can_be_braked(error: float) -> None:
 
 def test_no_error_no_correction() -> None:
     assert correction_deg_s(0.0, 10.0, 6.0) == 0.0
-
-
-def test_a_nudge_follows_the_critically_damped_equation() -> None:
-    blend = Blend(0.2)
-    blend.ask(0.7, 100.0)
-    blend.ask(-0.1, 100.25)
-    times = np.linspace(100.25, 103.0, 50)
-
-    def equation(goal: float) -> object:
-        return lambda _, y: [y[1], (goal - y[0]) / RESPONSE_S**2 - 2.0 * y[1] / RESPONSE_S]
-
-    first = solve_ivp(equation(0.7), (100.0, 100.25), [0.2, 0.0], rtol=1e-10, atol=1e-12).y[:, -1]
-    second = solve_ivp(equation(-0.1), (100.25, 103.0), first, t_eval=times, rtol=1e-10, atol=1e-12)
-    assert [blend.value(t) for t in times] == pytest.approx(list(second.y[0]), abs=1e-8)
-    assert blend.value(99.0) == 0.2
-    assert blend.value(200.0) == -0.1
-    assert blend.goal == -0.1
-
-
-def test_a_nudge_of_half_a_second_is_settled_in_two() -> None:
-    blend = Blend()
-    blend.ask(0.5, 10.0)
-    assert blend.value(12.0) == pytest.approx(0.5, rel=0.011)
 
 
 def test_slew_time_is_that_of_a_ramp_up_a_run_and_a_ramp_down() -> None:

@@ -1,0 +1,201 @@
+"""Observations that arrive from outside, made into an estimate of the biases: checked, gated, filtered. Pure.
+
+An observation is held against where the satellite was predicted at the observation's own instant, without any
+bias: how late it comes does not matter. What contradicts the estimate is rejected; where many in a row agree
+among themselves instead, and are no less likely by the elements alone, the estimate begins anew with them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from sattrack.control.bias_filter import BiasFilter, BiasNoise
+from tle.bias import Bias
+from tle.instants import Utc
+from tle.places import apparent_unit
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sattrack.control.course import Course
+    from sattrack.messages import Observation
+    from tle.propagator import Propagator
+    from tle.residuals import Frame
+
+FUTURE_S = 0.1
+"""How far ahead of now an observation may be dated: clocks differ by that much."""
+MOST_ALONG_S = 90.0
+MOST_STEP_S = 20.0
+MOST_STEPS = 12
+NEAR_S = 0.01
+DIFFERENCE_S = 0.1
+ANEW_AFTER = 8
+BETTER_FRAME = 9.0
+"""How much nearer, as a squared distance, the first observation may lie in another frame than its own."""
+FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_date"}
+
+
+class Said(NamedTuple):
+    """What one observation says of the biases, with one sigma each."""
+
+    along_s: float
+    cross_km: float
+    along_sigma_s: float
+    cross_sigma_km: float
+
+
+class Estimator:
+    """The estimate of one run's biases, from the observations handed to it.
+
+    `accepted` were taken, `rejected` contradicted elements or estimate, `refused` could not be of this pass.
+    """
+
+    def __init__(self, catalog_number: int, start_utc_s: float) -> None:
+        self._catalog_number = catalog_number
+        self._start_utc_s = start_utc_s
+        self._noise = BiasNoise()
+        self.filter: BiasFilter | None = None
+        self._rival: BiasFilter | None = None
+        self.accepted = 0
+        self.rejected = 0
+        self.refused = 0
+        self.begun_anew = 0
+        self.words: str | None = None
+        """Why the last observation was not taken; None where it was."""
+        self.last_utc_s: float | None = None
+        """Instant of the newest observation that was taken."""
+
+    def forget(self) -> None:
+        """Begin anew with the next observation."""
+        self.filter = self._rival = None
+
+    def take(self, seen: Observation, now_utc_s: float, course: Course, first: Bias) -> bool:
+        """Take one observation in; tell whether it changed the estimate.
+
+        `first` is what is fed without an estimate: around that the first observation is expected.
+        """
+        utc_s = float(Utc.parse(seen.utc).unix_s)
+        self.words = self._refusal(seen, utc_s, now_utc_s)
+        if self.words is not None:
+            self.refused += 1
+            return False
+        if self.filter is None:
+            range_km = course.going(utc_s + first.along_s).range_km
+            cross_km = range_km * math.tan(math.radians(first.cross_deg))
+            self._noise = BiasNoise(along_s=first.along_s, cross_km=cross_km)
+        said = _said(seen, utc_s, course, seen.frame, self._expected())
+        if said is None or not abs(said.along_s) <= MOST_ALONG_S:
+            self.words = "it lies nowhere near the satellite's track: another satellite's?"
+        elif self.filter is None:
+            self._begin(seen, utc_s, said, course)
+        elif not self.filter.observe(utc_s, *said):
+            self.words = f"it contradicts the estimate{self._hint(seen, utc_s, course)}"
+            self._challenge(seen, utc_s, said, course)
+        else:
+            self._rival = None
+        if self.words is not None:
+            self.rejected += 1
+            return False
+        self.accepted += 1
+        self.last_utc_s = max(utc_s, self.last_utc_s or utc_s)
+        return True
+
+    def _refusal(self, seen: Observation, utc_s: float, now_utc_s: float) -> str | None:
+        if seen.catalog_number is not None and seen.catalog_number != self._catalog_number:
+            return f"it is of satellite {seen.catalog_number}; {self._catalog_number} is followed"
+        if utc_s > now_utc_s + FUTURE_S:
+            return f"it is dated {utc_s - now_utc_s:.1f} s in the future: check the clocks"
+        if utc_s < self._start_utc_s:
+            return f"it is of {seen.utc}, before the pass"
+        return None
+
+    def _expected(self) -> tuple[float, float]:
+        known = self.filter
+        if known is None:
+            return self._noise.along_s, self._noise.cross_km
+        return known.along_s, known.cross_km
+
+    def _begin(self, seen: Observation, utc_s: float, said: Said, course: Course) -> None:
+        fresh = self._plausible(seen, utc_s, said, course)
+        if fresh is None:
+            self.words = f"the elements are not so far off{self._hint(seen, utc_s, course)}"
+        self.filter = fresh
+
+    def _plausible(self, seen: Observation, utc_s: float, said: Said, course: Course) -> BiasFilter | None:
+        """Return a filter that begins with an observation, where elements can be so far off."""
+        fresh = BiasFilter(self._noise)
+        distance = fresh.distance(*said)
+        other = _other_frame(seen.frame)
+        alternative = _said(seen, utc_s, course, other, (said.along_s, self._noise.cross_km))
+        if alternative is not None and fresh.distance(*alternative) + BETTER_FRAME < distance:
+            return None
+        return fresh if fresh.observe(utc_s, *said) else None
+
+    def _challenge(self, seen: Observation, utc_s: float, said: Said, course: Course) -> None:
+        """Hold what was rejected against what was rejected just before, and begin anew where that agrees."""
+        rival = self._rival
+        if rival is None or not rival.observe(utc_s, *said):
+            rival = self._rival = self._plausible(seen, utc_s, said, course)
+        if rival is not None and rival.accepted >= ANEW_AFTER:
+            self.filter, self._rival, self.words = rival, None, None
+            self.begun_anew += 1
+
+    def _hint(self, seen: Observation, utc_s: float, course: Course) -> str:
+        """Say what would explain an observation that does not fit."""
+        other = _other_frame(seen.frame)
+        said = _said(seen, utc_s, course, other, self._expected())
+        known = self.filter or BiasFilter(self._noise)
+        if said is not None and known.distance(*said) < self._noise.gate:
+            return f": in the frame {other} it would fit"
+        return ": another satellite's, or in another frame?"
+
+
+def _other_frame(frame: str) -> str:
+    return "icrs" if frame == "of_date" else "of_date"
+
+
+def _said(
+    seen: Observation,
+    utc_s: float,
+    course: Course,
+    frame: str,
+    expected: tuple[float, float],
+) -> Said | None:
+    """Return what an observation says of the biases, by Newton's method from what is expected of them.
+
+    None where no bias along the track leads near it.
+    """
+    t = Utc(utc_s)
+    propagator = course.propagator if frame == "of_date" else course.airless
+    observed = apparent_unit(seen.ra_deg, seen.dec_deg, t, FRAMES[frame], propagator.site, propagator.earth)
+    along_s, cross_km = expected
+    for _ in range(MOST_STEPS):
+        range_km = course.going(utc_s + along_s).range_km
+        cross_deg = math.degrees(math.atan(cross_km / range_km))
+        here, later, sooner = (
+            _unit(propagator, t, along_s + step_s, cross_deg) for step_s in (0.0, DIFFERENCE_S, -DIFFERENCE_S)
+        )
+        by_along = (later - sooner) / (2.0 * DIFFERENCE_S)
+        by_along = by_along - (by_along @ here) * here
+        pace = math.sqrt(float(by_along @ by_along))
+        if not pace > 0.0:
+            return None
+        ahead, left = by_along / pace, np.cross(here, by_along / pace)
+        height = max(-1.0, min(1.0, float(observed @ left)))
+        step_s = math.atan2(float(observed @ ahead), float(observed @ here)) / pace
+        along_s += max(-MOST_STEP_S, min(MOST_STEP_S, step_s))
+        if abs(step_s) < NEAR_S:
+            range_km = course.going(utc_s + along_s).range_km
+            cross_km = range_km * math.tan(math.radians(cross_deg) + math.asin(height))
+            sigma = math.radians(seen.sigma_arcsec / 3600.0)
+            return Said(along_s, cross_km, sigma / pace, sigma * range_km)
+    return None
+
+
+def _unit(propagator: Propagator, t: Utc, along_s: float, cross_deg: float) -> NDArray[np.float64]:
+    seen = propagator.at(t, Bias(along_s, cross_deg))
+    ra, dec = math.radians(float(seen.ra_deg)), math.radians(float(seen.dec_deg))
+    return np.array([math.cos(dec) * math.cos(ra), math.cos(dec) * math.sin(ra), math.sin(dec)])

@@ -1,0 +1,220 @@
+"""All offsets together: what each moves, against ERFA and the propagator; rates against differences."""
+
+from __future__ import annotations
+
+import math
+
+import erfa
+import numpy as np
+import pytest
+
+from sattrack import practice
+from sattrack.control import orders
+from sattrack.control.biases import Biases
+from sattrack.messages import OffsetBy, Search
+from sattrack.mount import AxisLimits, MountProfile
+from tle.bias import NO_BIAS, Bias
+from tle.instants import Utc
+from tle.propagator import Propagator
+
+CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
+ARCSEC = 1.0 / 3600.0
+SETTLED_S = 3.0
+
+
+@pytest.fixture
+def propagator() -> Propagator:
+    return Propagator(practice.elements(), practice.SITE.place())
+
+
+@pytest.fixture
+def biases(propagator: Propagator) -> Biases:
+    return Biases(NO_BIAS, propagator, MountProfile(), camera_rotation_deg=30.0)
+
+
+def unit(direction: object) -> np.ndarray:
+    return np.asarray(erfa.s2c(math.radians(direction.ra_deg), math.radians(direction.dec_deg)))
+
+
+def offset(biases: Biases, what: str, value: float, at_s: float = CULMINATION_S) -> None:
+    assert orders.offset(biases, OffsetBy(what, "add", value), at_s) is None
+
+
+@pytest.mark.parametrize(
+    ("what", "position_angle_deg"),
+    [
+        ("ra_cos_dec_deg", 90.0),
+        ("dec_deg", 0.0),
+        ("dec_axis_deg", 0.0),
+        ("camera_y_deg", 30.0),
+        ("camera_x_deg", 120.0),
+    ],
+)
+@pytest.mark.parametrize("value", [0.2, -0.05])
+def test_an_offset_on_the_sky_moves_the_target_so_far_in_its_direction(
+    biases: Biases, propagator: Propagator, what: str, position_angle_deg: float, value: float
+) -> None:
+    offset(biases, what, value)
+    for late_s in (SETTLED_S, 60.0):
+        plain = unit(propagator.at(Utc(CULMINATION_S + late_s)))
+        moved = unit(biases.at(CULMINATION_S + late_s))
+        assert math.degrees(erfa.sepp(plain, moved)) == pytest.approx(abs(value), rel=1e-9)
+        angle = erfa.pap(plain, moved) - math.radians(position_angle_deg + (180.0 if value < 0.0 else 0.0))
+        assert math.cos(angle) == pytest.approx(1.0)
+
+
+def test_an_offset_of_the_right_ascension_axis_adds_to_the_right_ascension(
+    biases: Biases, propagator: Propagator
+) -> None:
+    offset(biases, "ra_axis_deg", 0.3)
+    t = CULMINATION_S + SETTLED_S
+    plain, moved = propagator.at(Utc(t)), biases.at(t)
+    assert moved.ra_deg - plain.ra_deg == pytest.approx(0.3)
+    assert moved.dec_deg == pytest.approx(plain.dec_deg)
+
+
+def test_along_and_across_are_the_propagators_own(biases: Biases, propagator: Propagator) -> None:
+    offset(biases, "along_s", 0.5)
+    offset(biases, "cross_deg", -0.1)
+    t = CULMINATION_S + SETTLED_S
+    expected = propagator.at(Utc(t), Bias(0.5, -0.1))
+    assert np.linalg.norm(unit(biases.at(t)) - unit(expected)) < 1e-12
+
+
+def all_at_once(biases: Biases) -> None:
+    begins_s = CULMINATION_S - 20.0
+    biases_of = {
+        "along_s": 0.4,
+        "cross_deg": -0.02,
+        "ra_cos_dec_deg": 0.05,
+        "dec_deg": 0.1,
+        "ra_axis_deg": -0.07,
+        "dec_axis_deg": 0.03,
+        "camera_x_deg": 0.2,
+        "camera_y_deg": -0.1,
+    }
+    for what, value in biases_of.items():
+        offset(biases, what, value, begins_s)
+    assert orders.offset(biases, OffsetBy("along_s", "rate", 0.01), begins_s + 0.5) is None
+    orders.follow_estimate(biases, 0.3, 0.2, False, begins_s + 1.0)
+
+
+@pytest.mark.parametrize("late_s", [0.2, 0.8, 1.7, 5.0, 20.0, 21.3])
+@pytest.mark.parametrize(
+    "search", [None, Search("spiral", 0.2, 0.1), Search("sweep", reach_s=0.5, period_s=10.0)]
+)
+def test_rates_are_derivatives_of_the_positions(biases: Biases, late_s: float, search: Search | None) -> None:
+    all_at_once(biases)
+    if search is not None:
+        assert orders.search(biases, search, CULMINATION_S - 19.9) is None
+    t, step_s = CULMINATION_S - 20.0 + late_s, 2e-3
+    after_s, before_s = t + step_s, t - step_s
+    here, later, sooner = (biases.at(at_s) for at_s in (t, after_s, before_s))
+    for name in ("ra", "dec", "alt", "az"):
+        slope = (getattr(later, f"{name}_deg") - getattr(sooner, f"{name}_deg")) / (after_s - before_s)
+        assert getattr(here, f"{name}_rate_deg_s") == pytest.approx(slope, abs=0.05 * ARCSEC), name
+
+
+def rates(biases: Biases, times: np.ndarray) -> np.ndarray:
+    seen = [biases.at(float(t)) for t in times]
+    return np.array([(d.ra_rate_deg_s, d.dec_rate_deg_s) for d in seen])
+
+
+@pytest.mark.parametrize("how", ["stop", "cancel"])
+@pytest.mark.parametrize(
+    "search",
+    [Search("spiral", 0.2, 0.1), Search("sweep", reach_s=1.0, period_s=20.0)],
+    ids=["spiral", "sweep"],
+)
+def test_a_search_ends_where_it_is_or_in_its_centre_without_a_step(
+    biases: Biases, propagator: Propagator, search: Search, how: str
+) -> None:
+    assert orders.search(biases, search, CULMINATION_S) is None
+    stopped_s = CULMINATION_S + 13.0
+    there = unit(biases.at(stopped_s))
+    away = math.degrees(erfa.sepp(there, unit(propagator.at(Utc(stopped_s)))))
+    assert away > 0.1
+    assert orders.search(biases, Search(how), stopped_s) is None
+    times = np.arange(stopped_s - 1.0, stopped_s + 9.0, 1e-2)
+    jumps = np.abs(np.diff(rates(biases, times), axis=0)) / 1e-2
+    assert jumps.max() < 0.5 * MountProfile().ra.max_acceleration_deg_s2
+    along, cross = biases.applied(times[-1])
+    assert along.rate == cross.rate == 0.0
+    if how == "cancel":
+        assert (along.value, cross.value) == (0.0, 0.0)
+    else:
+        kept = Bias(along.value, cross.value)
+        gap = erfa.sepp(unit(propagator.at(Utc(stopped_s), kept)), there)
+        assert math.degrees(gap) < 0.25
+    assert orders.search(biases, Search(how), stopped_s + 9.0) == "no search is running"
+
+
+def test_a_spiral_that_finds_nothing_goes_back(biases: Biases) -> None:
+    assert orders.search(biases, Search("spiral", 1.0, 0.5), CULMINATION_S - 100.0) is None
+    told = [orders.watch(biases, CULMINATION_S - 100.0 + s) for s in range(200)]
+    words = [w for w in told if w is not None]
+    assert len(words) == 1
+    assert "found nothing within 5.0°" in words[0]
+    assert biases.applied(CULMINATION_S + 120.0)[0].value == 0.0
+
+
+def test_a_rate_is_stopped_where_an_offset_ends(biases: Biases) -> None:
+    assert orders.offset(biases, OffsetBy("dec_deg", "rate", 0.2), CULMINATION_S) is None
+    told = [orders.watch(biases, CULMINATION_S + s) for s in range(60)]
+    assert [w for w in told if w] == ["dec_deg went as far as it may, 5, and was stopped"]
+    assert biases.offsets["dec_deg"].state(CULMINATION_S + 90.0).value == pytest.approx(5.1, abs=0.3)
+
+
+@pytest.mark.parametrize(
+    ("order", "words"),
+    [
+        (OffsetBy("along_s", "add", 61.0), "along_s refused: 61 s; it goes to 60 s either way"),
+        (OffsetBy("along_s", "set", math.nan), "along_s refused: nan s; it goes to 60 s either way"),
+        (
+            OffsetBy("camera_x_deg", "gradual", 6.0, 10.0),
+            "camera_x_deg refused: 6°; it goes to 5° either way",
+        ),
+        (OffsetBy("dec_deg", "rate", 0.6), "dec_deg refused: a rate of 0.6°/s; it goes to 0.5°/s"),
+        (OffsetBy("dec_deg", "gradual", 1.0, 1e9), "dec_deg refused: 1e+09 seconds; give 0 to 3600"),
+        (Search("spiral", 0.0, 0.1), "spiral refused: spacing_deg 0; give 0.001 to 2"),
+        (
+            Search("spiral", 0.01, 1.5),
+            "spiral refused: the mount cannot do 1.5°/s with arms 0.01° apart: slower, or wider",
+        ),
+        (
+            Search("sweep", reach_s=50.0, period_s=2.0),
+            "sweep refused: the mount cannot sweep 50 s in 2 s: less far, or slower",
+        ),
+        (Search("sweep", reach_s=math.inf, period_s=9.0), "sweep refused: reach_s inf; give 0.01 to 60"),
+    ],
+)
+def test_what_goes_too_far_is_refused_in_words_and_changes_nothing(
+    biases: Biases, order: OffsetBy | Search, words: str
+) -> None:
+    before = unit(biases.at(CULMINATION_S + 20.0))
+    obey = orders.offset if isinstance(order, OffsetBy) else orders.search
+    assert obey(biases, order, CULMINATION_S) == words  # type: ignore[arg-type]
+    assert (unit(biases.at(CULMINATION_S + 20.0)) == before).all()
+
+
+def test_clearing_takes_everything_away_without_a_step(biases: Biases, propagator: Propagator) -> None:
+    all_at_once(biases)
+    assert orders.search(biases, Search("spiral", 0.2, 0.1), CULMINATION_S - 15.0) is None
+    begins_s = CULMINATION_S + 1.0
+    orders.clear(biases, begins_s)
+    times = np.arange(begins_s - 0.5, begins_s + 12.0, 1e-2)
+    jumps = np.abs(np.diff(rates(biases, times), axis=0)) / 1e-2
+    assert jumps.max() < 2.0 * MountProfile().ra.max_acceleration_deg_s2
+    end = float(times[-1])
+    assert np.linalg.norm(unit(biases.at(end)) - unit(propagator.at(Utc(end)))) < 1e-12
+
+
+def test_a_slow_mount_is_asked_for_less(propagator: Propagator) -> None:
+    slow = AxisLimits(max_rate_deg_s=2.0, max_acceleration_deg_s2=0.5)
+    biases = Biases(NO_BIAS, propagator, MountProfile(ra=slow, dec=slow))
+    offset(biases, "along_s", 2.0)
+    times = np.arange(CULMINATION_S - 1.0, CULMINATION_S + 30.0, 1e-2)
+    plain = Biases(NO_BIAS, propagator, MountProfile())
+    extra = np.diff(rates(biases, times), axis=0) - np.diff(rates(plain, times), axis=0)
+    assert np.abs(extra).max() / 1e-2 < 0.5
+    assert biases.applied(float(times[-1]))[0].value == 2.0
