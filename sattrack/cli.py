@@ -21,6 +21,7 @@ COMMANDS = {
     "demo": "Follow a real pass with an embedded simulated mount.",
     "ephemeris": "Directions and rates of a satellite.",
     "passes": "Coming passes of one satellite, some, or a whole catalogue.",
+    "rehearse": "The coming pass against the mount's limits: what will be lost, and why.",
     "track": "Follow the pass now in progress, else the next.",
     "mount": "Look at a mount, and operate it by hand: status, watch, slew, park, ...",
     "sim": "The simulated mount alone, on UDP.",

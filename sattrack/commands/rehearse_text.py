@@ -1,0 +1,137 @@
+"""A rehearsal's report as lines of a terminal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from tle.errors import printable
+
+if TYPE_CHECKING:
+    from sattrack.planning.report import CutMoment, Report
+
+
+def report_lines(report: Report) -> list[str]:
+    """Return the report in colours."""
+    return [
+        *_head(report),
+        *_lost(report),
+        *_limits(report),
+        *_keyholes(report),
+        *_sides(report),
+        *_link_loss(report),
+        *_budget(report),
+        *(f"Note: {note}" for note in report.notes),
+    ]
+
+
+def _head(report: Report) -> list[str]:
+    verdict = click.style(report.verdict, fg="green" if report.go else "red", bold=True)
+    return [
+        f"{printable(report.name)} from {report.start_utc[:19]}Z to {report.end_utc[11:19]}, "
+        f"{report.max_alt_deg:.1f}° high at {report.culminate_utc[11:19]}, with {printable(report.profile)}",
+        verdict,
+    ]
+
+
+def _title(words: str) -> str:
+    return click.style(words, bold=True)
+
+
+def _lost(report: Report) -> list[str]:
+    if not report.lost:
+        return []
+    lines = ["", _title(f"{'Lost from':14} {'to':13} {'seconds':>8}  {'limit':13} why")]
+    lines += [
+        f"{lost.from_utc[11:21]:14} {lost.to_utc[11:21]:13} {lost.seconds:8.1f}  {lost.limit:13} {lost.why}"
+        for lost in report.lost
+    ]
+    return lines
+
+
+def _limits(report: Report) -> list[str]:
+    lines = [
+        "",
+        _title(f"{'Axis':13} {'asked °/s':>10} {'reached':>10} {'limit':>8} {'asked °/s²':>11} {'limit':>8}"),
+    ]
+    for peak in report.peaks:
+        reached = "-" if peak.reached_rate_deg_s is None else f"{peak.reached_rate_deg_s:.3f}"
+        over = (
+            peak.asked_rate_deg_s > peak.limit_rate_deg_s
+            or peak.asked_acceleration_deg_s2 > peak.limit_acceleration_deg_s2
+        )
+        lines.append(
+            click.style(
+                f"{peak.axis.replace('_', ' '):13} {peak.asked_rate_deg_s:10.3f} {reached:>10} "
+                f"{peak.limit_rate_deg_s:8g} {peak.asked_acceleration_deg_s2:11.3f} "
+                f"{peak.limit_acceleration_deg_s2:8g}",
+                fg="red" if over else None,
+            )
+        )
+    lines += ["", _title(f"{'Limit':20} {'nearest':>9}  at")]
+    for margin in report.margins:
+        words = f"{margin.limit.replace('_', ' '):20} {margin.least_deg:8.1f}°  {margin.utc[11:19]}"
+        lines.append(click.style(words, fg="red" if margin.least_deg < 0.0 else None))
+    return lines
+
+
+def _keyholes(report: Report) -> list[str]:
+    lines = []
+    for hole in report.keyholes:
+        through = "the mount cannot" if hole.through_pole_s is None else f"{hole.through_pole_s:.1f} s"
+        lines.append(
+            f"Keyhole at {hole.utc[11:19]}, {hole.polar_distance_deg:.2f}° from the pole, "
+            f"{hole.peak_rate_deg_s:.1f} °/s: {hole.clipped_s:.1f} s lost by clipping, {hole.round_s:.1f} s "
+            f"by the best way round, through the pole {through}; it goes {hole.chosen}"
+        )
+    return ["", *lines] if lines else []
+
+
+def _sides(report: Report) -> list[str]:
+    return ["", f"Side: {report.sides.words}"]
+
+
+def _link_loss(report: Report) -> list[str]:
+    loss = report.link_loss
+    words = _cut(loss.worst, loss.looked_s)
+    lines = ["", f"If the link is cut and the mount holds its rates: {words}"]
+    if loss.watchdog_s is None:
+        lines.append("the mount has no watchdog: nothing on this side can stop it then")
+    elif loss.rests_inside:
+        lines.append(
+            f"its watchdog ({loss.watchdog_s:g} s) brings it to rest before any limit, whenever that is"
+        )
+    else:
+        lines.append(
+            click.style(f"its watchdog ({loss.watchdog_s:g} s) comes too late at some moments", fg="red")
+        )
+    return lines
+
+
+def _cut(moment: CutMoment, looked_s: float) -> str:
+    if moment.seconds_to_limit is None:
+        return f"no limit within {looked_s / 60.0:.0f} minutes, at any moment"
+    return (
+        f"at worst {moment.seconds_to_limit:.0f} s to the {(moment.limit or '').replace('_', ' ')} limit "
+        f"(cut at {moment.utc[11:19]})"
+    )
+
+
+def _budget(report: Report) -> list[str]:
+    budget = report.budget
+    lines = [
+        "",
+        _title(f"{'Error expected, 1σ':20} {'along ″':>9} {'across ″':>9}")
+        + f"  at {budget.utc[11:19]}, {budget.alt_deg:.0f}° high",
+    ]
+    lines += [
+        f"{part.name:20} {part.along_arcsec:9.2f} {part.across_arcsec:9.2f}  {part.why}"
+        for part in budget.parts
+    ]
+    words = ""
+    if budget.fov_deg is not None:
+        inside = "within" if budget.fits else "NOT within"
+        words = f"  two sigmas are {inside} a field of {budget.fov_deg:g}°"
+    lines.append(_title(f"{'all':20} {budget.along_arcsec:9.2f} {budget.across_arcsec:9.2f}") + words)
+    return lines

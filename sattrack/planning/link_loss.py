@@ -1,0 +1,98 @@
+"""How long a mount may hold its last rates, once its link is cut, before it meets a limit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sattrack.planning.limits import margins_deg
+from sattrack.planning.path import Pointing
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from sattrack.mount import MountProfile
+    from sattrack.planning.path import AxisPath
+    from sattrack.safety import SafetyLimits
+
+    Array = NDArray[np.float64]
+
+LOOK_STEP_S = 0.25
+LOOKED_S = 900.0
+MOMENTS = 400
+
+
+@dataclass(frozen=True, slots=True)
+class LinkLoss:
+    """For moments of a pass, how long after a cut of the link the first limit is met, and which; shape (n,).
+
+    `seconds` is infinite where none is met within `LOOKED_S`. With a watchdog in the mount, `rests_s` is when
+    the axes are at rest, and `rests_inside` whether that is before the limit; both None without one.
+    """
+
+    utc_s: Array
+    seconds: Array
+    limits: list[str | None]
+    rests_s: Array | None
+    rests_inside: NDArray[np.bool_] | None
+
+    @property
+    def worst(self) -> int:
+        """Index of the moment with the least time."""
+        return int(np.argmin(self.seconds))
+
+
+def link_loss(path: AxisPath, profile: MountProfile, limits: SafetyLimits, latitude_deg: float) -> LinkLoss:
+    """Return what a cut at moments spread over the path comes to if both axes hold their rates from then on.
+
+    Rates beyond what the axes can do count as their limits. The path must hold no NaN.
+    """
+    count = len(path.utc_s)
+    chosen = np.unique(np.linspace(0, count - 1, min(count, MOMENTS)).astype(int))
+    p = path.pointing
+    ha_rate = _within(path.hour_angle_rate_deg_s[chosen], profile.ra.max_rate_deg_s)
+    dec_rate = _within(path.dec_rate_deg_s[chosen], profile.dec.max_rate_deg_s)
+    ahead = np.arange(0.0, LOOKED_S + LOOK_STEP_S, LOOK_STEP_S)
+    seconds = np.full(len(chosen), np.inf)
+    names: list[str | None] = [None] * len(chosen)
+    for k, i in enumerate(chosen.tolist()):
+        held = Pointing(
+            p.utc_s[i] + ahead,
+            p.hour_angle_axis_deg[i] + ha_rate[k] * ahead,
+            p.dec_axis_deg[i] + dec_rate[k] * ahead,
+            p.sun_hour_angle_deg[i] + SUN_RATE_DEG_S * ahead,
+            np.full_like(ahead, p.sun_dec_deg[i]),
+        )
+        for name, margin in margins_deg(held, profile, limits, latitude_deg).items():
+            at = _first_below_zero(margin)
+            if at < seconds[k]:
+                seconds[k], names[k] = at, name
+    rests = inside = None
+    if profile.watchdog_s is not None:
+        braking = np.maximum(
+            np.abs(ha_rate) / profile.ra.max_acceleration_deg_s2,
+            np.abs(dec_rate) / profile.dec.max_acceleration_deg_s2,
+        )
+        rests = profile.watchdog_s + profile.period_s + braking
+        inside = rests < seconds
+    return LinkLoss(p.utc_s[chosen], seconds, names, rests, inside)
+
+
+SUN_RATE_DEG_S = 360.0 / 86400.0
+
+
+def _within(rates: Array, limit: float) -> Array:
+    return np.clip(rates, -limit, limit)
+
+
+def _first_below_zero(margin: Array) -> float:
+    """Return the seconds after which a margin, seen every LOOK_STEP_S, falls below 0; infinity if never."""
+    below = np.flatnonzero(margin < 0.0)
+    if not len(below):
+        return float("inf")
+    i = int(below[0])
+    if i == 0:
+        return 0.0
+    return LOOK_STEP_S * (i - 1 + float(margin[i - 1] / (margin[i - 1] - margin[i])))

@@ -1,0 +1,102 @@
+"""The report of a rehearsal: plain data with units in its names, as `sattrack rehearse --json` prints it."""
+
+from __future__ import annotations
+
+import msgspec
+
+from sattrack.planning.budget import Budget
+from sattrack.planning.sides import Sides
+
+
+class LostStretch(msgspec.Struct, frozen=True):
+    """A stretch of the pass off target: when, to which limit, and what was asked."""
+
+    from_utc: str
+    to_utc: str
+    seconds: float
+    limit: str
+    why: str
+
+
+class Peak(msgspec.Struct, frozen=True):
+    """The most that was asked of one axis, and reached by it in the rehearsed run, against its limits."""
+
+    axis: str
+    asked_rate_deg_s: float
+    asked_rate_utc: str
+    reached_rate_deg_s: float | None
+    """Null where the run never had the satellite."""
+    limit_rate_deg_s: float
+    asked_acceleration_deg_s2: float
+    limit_acceleration_deg_s2: float
+
+
+class Margin(msgspec.Struct, frozen=True):
+    """How near the pass comes to one limit, degrees inside it; negative where it would be passed."""
+
+    limit: str
+    least_deg: float
+    utc: str
+
+
+class KeyholeView(msgspec.Struct, frozen=True):
+    """One keyhole: how near the pole, and the seconds lost by clipping and by the ways past it."""
+
+    utc: str
+    polar_distance_deg: float
+    peak_rate_deg_s: float
+    clipped_s: float
+    round_s: float
+    through_pole_s: float | None
+    chosen: str
+
+
+class CutMoment(msgspec.Struct, frozen=True):
+    """What a cut of the link at one moment leads to; null seconds where no limit is met for long."""
+
+    utc: str
+    seconds_to_limit: float | None
+    limit: str | None
+    seconds_to_rest: float | None
+    """With a watchdog in the mount, when it is at rest."""
+
+
+class LinkLossView(msgspec.Struct, frozen=True):
+    """The worst moment for the link to be cut, and all of them."""
+
+    watchdog_s: float | None
+    looked_s: float
+    worst: CutMoment
+    rests_inside: bool | None
+    """Whether the mount's watchdog stops it before any limit at all moments; null without one."""
+    curve: tuple[CutMoment, ...]
+
+
+class Report(msgspec.Struct, frozen=True):
+    """All that a rehearsal tells."""
+
+    name: str
+    catalog_number: int
+    elements_epoch: str
+    profile: str
+    start_utc: str
+    culminate_utc: str
+    end_utc: str
+    max_alt_deg: float
+    go: bool
+    verdict: str
+    pass_s: float
+    on_target_s: float
+    lost_s: float
+    lost: tuple[LostStretch, ...]
+    rehearsed_until_utc: str
+    step_s: float
+    ended_by: str
+    acquired_after_s: float | None
+    peaks: tuple[Peak, Peak]
+    margins: tuple[Margin, ...]
+    keyholes: tuple[KeyholeView, ...]
+    sides: Sides
+    link_loss: LinkLossView
+    budget: Budget
+    notes: tuple[str, ...] = ()

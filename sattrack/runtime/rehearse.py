@@ -1,0 +1,404 @@
+"""A rehearsal: the very engine and a simulated mount in virtual time, and what is made of it.
+
+The run is that of `virtual`, with directions looked up in a table and a mount without faults or noise; the
+limits that it meets are named, and choices compared, by the kinematics of `planning`.
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+
+from sattrack import practice
+from sattrack.control.acquisition import slew_time_s
+from sattrack.engine import Engine
+from sattrack.errors import BadInputError, SattrackError
+from sattrack.mount import SIDEREAL_RATE_DEG_S
+from sattrack.planning.budget import Circumstances, error_budget
+from sattrack.planning.keyhole import find_keyholes
+from sattrack.planning.kinematics import Ability, losses
+from sattrack.planning.link_loss import LOOKED_S, link_loss
+from sattrack.planning.path import axis_path
+from sattrack.planning.rehearsal import (
+    keyhole_view,
+    link_loss_view,
+    lost_stretches,
+    margins,
+    peaks,
+    verdict,
+)
+from sattrack.planning.report import LostStretch, Report
+from sattrack.planning.sides import choose_sides
+from sattrack.planning.table import TabledPropagator
+from sattrack.planning.trace import Performance, Trace
+from sattrack.recording.recorder import NoRecording
+from sattrack.runtime.facts import SEARCH_HOURS, build_engine, plan_for
+from sattrack.runtime.virtual import VirtualRun
+from sattrack.tracker import Phase
+from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite
+from sattrack.xerxes.simulator.settings import SimulatorProfile, simulator_profile
+from tle.ground import Ground
+from tle.instants import Utc
+from tle.passes import find_passes
+from tle.propagator import Propagator
+from tle.sky_bodies import sun_and_moon
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from sattrack.mount import MountProfile
+    from sattrack.planning.path import AxisPath
+    from sattrack.runtime.facts import RunFacts
+    from sattrack.runtime.prepare import Prepared
+    from sattrack.tracker import TrackPlan
+
+MARGIN_S = 10.0
+MOVING = (Phase.ACQUIRING, Phase.TRACKING)
+FULL_PERIOD_S, SLOW_PERIOD_S = 0.05, 0.1
+SLOW_ERROR_SHARE = 0.025
+"""A slow object's loop may leave so much of what counts as on target by holding its rates twice as long."""
+SLOW_RATE_SHARE = 0.5
+"""A slow object needs no more than this share of the axes' rates."""
+LONGEST_RUN_S = 3000.0
+"""Of longer passes the beginning is run, and kinematics alone tell the rest."""
+PATH_STEP_S, MOST_SAMPLES = 0.05, 20_000
+READY_S = 5.0
+"""How long before its slew a rehearsal begins: the mount's loop and clock are learnt in that time."""
+
+
+@dataclass(slots=True)
+class RehearsedRun(VirtualRun):
+    """A virtual run that notes each status' row."""
+
+    trace: Trace = field(default_factory=Trace)
+
+    def _status_arrives(self, now_utc_s: float, what: Any) -> None:
+        status, truth = what
+        engine = self.engine
+        engine.receive(status, now_utc_s)
+        tracker = engine.tracker
+        error = tracker.error
+        if error is None:
+            return
+        trace = self.trace
+        trace.utc_s.append(error.utc_s)
+        trace.total_arcsec.append(error.total_arcsec)
+        trace.along_arcsec.append(error.along_arcsec)
+        trace.across_arcsec.append(error.across_arcsec)
+        trace.moving.append(tracker.phase in MOVING)
+        trace.acquired.append(tracker.acquired_utc_s is not None)
+        trace.clamping.append(engine.safety.clamping)
+        trace.hour_angle_axis_deg.append(truth.hour_angle_axis_deg)
+        trace.dec_axis_deg.append(truth.dec_axis_deg)
+        trace.hour_angle_rate_deg_s.append(SIDEREAL_RATE_DEG_S - truth.ra_rate_deg_s)
+        trace.dec_rate_deg_s.append(-truth.dec_rate_deg_s if truth.beyond_pole else truth.dec_rate_deg_s)
+
+
+@dataclass(frozen=True, slots=True)
+class Rehearsal:
+    """A report with what it was made of, for pictures: the path as the mount takes it, and the run."""
+
+    report: Report
+    path: AxisPath
+    performance: Performance
+    ability: Ability
+    propagator: Propagator
+
+    @property
+    def sun_cone_deg(self) -> float:
+        """Radius of the cone about the Sun that is kept out of, degrees; 0 for none."""
+        return 0.0
+
+    def skyline_deg(self, azimuth_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the least altitude at azimuths, degrees."""
+        return np.full_like(azimuth_deg, self.ability.limits.floor_altitude_deg)
+
+    def bodies(self) -> list[tuple[str, str, tuple[float, float]]]:
+        """Return name, colour, altitude and azimuth (degrees) of Sun and Moon in the middle of the pass."""
+        site, earth = self.propagator.site, self.propagator.earth
+        middle_s = 0.5 * float(self.path.utc_s[0] + self.path.utc_s[-1])
+        span = (middle_s - 1.0, 2.0)
+        sun, moon = sun_and_moon(Ground(site, earth, *span), earth, span)
+        found = []
+        for name, colour, body in (("Sun", "#edae49", sun), ("Moon", "#c9c9d4", moon)):
+            east, north, up = (float(x[0]) for x in body.east_north_up(np.array([middle_s])))
+            altitude = math.degrees(math.atan2(up, math.hypot(east, north)))
+            found.append((name, colour, (altitude, math.degrees(math.atan2(east, north)) % 360.0)))
+        return found
+
+
+def rehearse(
+    prepared: Prepared, clock_error_s: float | None = None, fov_deg: float | None = None
+) -> Rehearsal:
+    """Run a prepared pass beforehand, moving nothing.
+
+    `clock_error_s` is what is known of the machine's clock, `fov_deg` the field of view. Raises
+    BadInputError, SattrackError where the elements end before the pass does, TleError.
+    """
+    facts = prepared.facts
+    plan = facts.plan
+    spec = build_engine(facts).spec
+    hardware = simulator_profile(prepared.simulator)
+    propagator = spec.if_mount_refracts if hardware.does_refraction else spec.propagator
+    ability = Ability(facts.profile, facts.limits, facts.site.latitude_deg, plan.on_target_arcsec / 3600.0)
+    straight = axis_path(propagator, spec.bias, _instants(plan))
+    if not np.isfinite(straight.pointing.dec_axis_deg).all():
+        raise SattrackError(
+            f"{facts.elements.label}: its elements have it come down before the pass ends; get newer ones"
+        )
+    period_s = loop_period_s(straight, facts.profile, plan)
+    part = _beginning(facts)
+    performance = perform(_sooner(part, straight), prepared.simulator, period_s)
+    path = _as_taken(straight, performance, ability)
+    keyholes = find_keyholes(path, facts.profile.ra, ability.tolerance_deg, ability.through_pole)
+    lost = lost_stretches(performance, part.plan, path.until(part.plan.end_utc_s), ability, keyholes)
+    later = _later(path, part.plan.end_utc_s, ability) if part is not facts else ()
+    lost_s = part.plan.end_utc_s - part.plan.start_utc_s - performance.on_target_s
+    lost_s += sum(stretch.seconds for stretch in later)
+    pass_s = plan.end_utc_s - plan.start_utc_s
+    go, words = verdict((*lost, *later), lost_s, pass_s)
+    acquired = performance.acquired_utc_s
+    report = Report(
+        name=facts.elements.label,
+        catalog_number=facts.elements.catalog_number,
+        elements_epoch=facts.elements.epoch.isoformat("seconds"),
+        profile=facts.profile.name,
+        start_utc=_iso(plan.start_utc_s),
+        culminate_utc=_iso(facts.culminate_utc_s),
+        end_utc=_iso(plan.end_utc_s),
+        max_alt_deg=facts.max_alt_deg,
+        go=go,
+        verdict=words,
+        pass_s=round(pass_s, 3),
+        on_target_s=round(pass_s - lost_s, 3),
+        lost_s=round(lost_s, 3),
+        lost=(*lost, *later),
+        rehearsed_until_utc=_iso(min(performance.ended_utc_s, part.plan.end_utc_s)),
+        step_s=period_s,
+        ended_by=performance.ended_by,
+        acquired_after_s=None if acquired is None else round(max(0.0, acquired - plan.start_utc_s), 3),
+        peaks=peaks(path, performance, facts.profile, plan.on_target_arcsec),
+        margins=margins(path, ability),
+        keyholes=tuple(keyhole_view(k, followed=False) for k in keyholes),
+        sides=choose_sides(straight, ability, hardware.flip),
+        link_loss=link_loss_view(
+            link_loss(path, facts.profile, facts.limits, facts.site.latitude_deg),
+            facts.profile.watchdog_s,
+            LOOKED_S,
+        ),
+        budget=error_budget(
+            propagator,
+            spec.bias,
+            (plan.start_utc_s, plan.end_utc_s),
+            facts.profile,
+            _circumstances(performance, plan, clock_error_s, fov_deg, facts.refraction != "off"),
+        ),
+        notes=_notes(facts, part, performance),
+    )
+    return Rehearsal(report, path, performance, ability, propagator)
+
+
+def choose_nth_pass(prepared: Prepared, number: int, min_alt_deg: float) -> Prepared:
+    """Return a prepared run with the N-th pass, the one in progress or next being the first.
+
+    Raises BadInputError for a number below 1, SattrackError where there are not so many in two days.
+    """
+    if number < 1:
+        raise BadInputError(f"--pass {number}: passes count from 1, the one in progress or the next")
+    if number == 1:
+        return prepared
+    facts = prepared.facts
+    now = Utc(min(prepared.clock.utc_s(time.monotonic()), facts.plan.start_utc_s))
+    found = find_passes(Propagator(facts.elements, facts.site.place()), now, SEARCH_HOURS, min_alt_deg)
+    if number > len(found):
+        raise SattrackError(
+            f"--pass {number}: {facts.elements.label} has {len(found)} passes above {min_alt_deg:g}° within "
+            f"{SEARCH_HOURS:g} hours of {now.isoformat('seconds')}"
+        )
+    chosen = found[number - 1]
+    plan = plan_for(chosen, now)
+    replaced = msgspec.structs.replace(
+        facts,
+        plan=plan,
+        culminate_utc_s=float(chosen.culminate_utc.unix_s),
+        max_alt_deg=float(chosen.max_alt_deg),
+        started_utc_s=max(float(now.unix_s), plan.start_utc_s - plan.approach_s - READY_S),
+    )
+    return replace(prepared, facts=replaced)
+
+
+def loop_period_s(path: AxisPath, profile: MountProfile, plan: TrackPlan) -> float:
+    """Return the period to run at: 50 ms, or twice that for an object so slow that it makes no difference."""
+    allowed_deg_s2 = SLOW_ERROR_SHARE * plan.on_target_arcsec / 3600.0 * 8.0 / SLOW_PERIOD_S**2
+    slow = all(
+        float(np.max(np.abs(acceleration))) <= allowed_deg_s2
+        and float(np.max(np.abs(rate))) <= SLOW_RATE_SHARE * can.max_rate_deg_s
+        for acceleration, rate, can in (
+            (path.hour_angle_acceleration_deg_s2, path.hour_angle_rate_deg_s, profile.ra),
+            (path.dec_acceleration_deg_s2, path.dec_rate_deg_s, profile.dec),
+        )
+    )
+    return SLOW_PERIOD_S if slow or plan.end_utc_s - plan.start_utc_s > LONGEST_RUN_S else FULL_PERIOD_S
+
+
+def _instants(plan: TrackPlan) -> NDArray[np.float64]:
+    """Return the instants of a pass' path, both ends included."""
+    duration_s = plan.end_utc_s - plan.start_utc_s
+    count = min(MOST_SAMPLES, max(8, math.ceil(duration_s / PATH_STEP_S) + 1))
+    return np.linspace(plan.start_utc_s, plan.end_utc_s, count)
+
+
+def _beginning(facts: RunFacts) -> RunFacts:
+    """Return the facts with as much of the pass as is run."""
+    plan = facts.plan
+    if plan.end_utc_s - plan.start_utc_s <= LONGEST_RUN_S:
+        return facts
+    shorter = msgspec.structs.replace(plan, end_utc_s=plan.start_utc_s + LONGEST_RUN_S)
+    return msgspec.structs.replace(facts, plan=shorter)
+
+
+def _sooner(facts: RunFacts, path: AxisPath) -> RunFacts:
+    """Return the facts with an approach no longer than the slew needs: waiting shows nothing."""
+    start = practice.START
+    p = path.pointing
+    far_deg = 360.0 if abs(p.dec_axis_deg[0]) > 90.0 else 180.0
+    slew_s = max(
+        slew_time_s(far_deg, facts.profile.ra),
+        slew_time_s(abs(float(p.dec_axis_deg[0]) - start.dec_deg), facts.profile.dec),
+    )
+    approach_s = min(facts.plan.approach_s, slew_s + READY_S)
+    plan = msgspec.structs.replace(facts.plan, approach_s=approach_s)
+    started = max(facts.started_utc_s, plan.start_utc_s - approach_s - READY_S)
+    return msgspec.structs.replace(facts, plan=plan, started_utc_s=started)
+
+
+def _as_taken(path: AxisPath, performance: Performance, ability: Ability) -> AxisPath:
+    """Return the path from the side of the pier on which the mount followed it, cables as it had them."""
+    trace = performance.trace
+    rows = np.flatnonzero(trace.moving)
+    if not len(rows):
+        return path.wound_anew()
+    at = int(rows[0])
+    beyond = bool(abs(trace.dec_axis_deg[at]) > 90.0)
+    view = path.seen_from(beyond, ability.latitude_deg)
+    there = float(np.interp(trace.utc_s[at], view.utc_s, view.pointing.hour_angle_axis_deg))
+    turns = round((float(trace.hour_angle_axis_deg[at]) - there) / 360.0)
+    return view.wound(360.0 * turns)
+
+
+def _later(path: AxisPath, from_utc_s: float, ability: Ability) -> tuple[LostStretch, ...]:
+    """Return what kinematics say is lost after the part that was run."""
+    first = int(np.searchsorted(path.utc_s, from_utc_s))
+    if len(path.utc_s) - first < 3:
+        return ()
+    found = losses(path.part(first, len(path.utc_s)), ability)
+    return tuple(
+        LostStretch(
+            _iso(loss.begin_utc_s), _iso(loss.end_utc_s), round(loss.seconds, 3), loss.limit, loss.words
+        )
+        for loss in found
+    )
+
+
+def _circumstances(
+    performance: Performance,
+    plan: TrackPlan,
+    clock_error_s: float | None,
+    fov_deg: float | None,
+    refraction_applied: bool,
+) -> Circumstances:
+    trace = performance.trace
+    on = trace.on_target(plan.on_target_arcsec)
+    along, across = (
+        float(np.sqrt(np.mean(np.square(x[on])))) if on.any() else 0.0
+        for x in (trace.along_arcsec, trace.across_arcsec)
+    )
+    why = "as rehearsed, without friction, ripple or wind" if on.any() else "not rehearsed: never on target"
+    return Circumstances(clock_error_s, along, across, why, refraction_applied, fov_deg)
+
+
+def _notes(facts: RunFacts, part: RunFacts, performance: Performance) -> tuple[str, ...]:
+    notes = []
+    if part is not facts:
+        notes.append(
+            f"the first {LONGEST_RUN_S / 60.0:.0f} minutes were run; of the rest kinematics tell what is lost"
+        )
+    if performance.period_s != facts.profile.period_s:
+        notes.append(f"slow enough to be run in steps of {performance.period_s:g} s")
+    if facts.profile.calibration is None:
+        notes.append("the mount's profile was never measured: `sattrack mount calibrate` does that")
+    return tuple(notes)
+
+
+def _iso(utc_s: float) -> str:
+    return Utc(utc_s).isoformat("milliseconds")
+
+
+def ideal_hardware(table: dict[str, Any]) -> SimulatorProfile:
+    """Return the simulated mount of a rehearsal: the profile's ways, without what is random or of the servo.
+
+    Kept are the rule of the pier's sides, the hard stops, refraction and the slews' jerk; friction, ripple,
+    noise, drift, jitter and faults are left out. Raises BadInputError.
+    """
+    said = simulator_profile(table)
+    return SimulatorProfile(
+        flip=said.flip,
+        hard_margin_deg=said.hard_margin_deg,
+        does_refraction=said.does_refraction,
+        slew_jerk_deg_s3=said.slew_jerk_deg_s3,
+    )
+
+
+def perform(facts: RunFacts, table: dict[str, Any], period_s: float) -> Performance:
+    """Run a pass with its plan, profile and limits; `table` is the profile's `[simulator]`.
+
+    The loop runs every `period_s` on both sides. Raises BadInputError, PropagationError.
+    """
+    profile = msgspec.structs.replace(facts.profile, period_s=period_s)
+    facts = msgspec.structs.replace(facts, profile=profile, recording=None)
+    spec = build_engine(facts).spec
+    plan = facts.plan
+    begin, end = facts.started_utc_s - MARGIN_S, plan.end_utc_s + MARGIN_S
+    tabled = TabledPropagator(spec.propagator, spec.bias, begin, end)
+    if_refracts = tabled
+    if spec.if_mount_refracts is not spec.propagator:
+        if_refracts = TabledPropagator(spec.if_mount_refracts, spec.bias, begin, end)
+    # Nobody asks for the true errors: the axes themselves are noted.
+    spec = replace(spec, propagator=tabled, if_mount_refracts=if_refracts, simulated=False)
+    site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
+    mount = SimulatedMount(profile, site, practice.START, ideal_hardware(table))
+    run = RehearsedRun(Engine(spec), mount, facts.started_utc_s, NoRecording())
+    with _without_collector():
+        ended_utc_s = run.run()
+    tracker = run.engine.tracker
+    return Performance(
+        trace=run.trace.arrays(),
+        on_target_s=run.engine.on_target_s,
+        acquired_utc_s=tracker.acquired_utc_s,
+        followable_utc_s=tracker.followable_utc_s,
+        ended_utc_s=ended_utc_s,
+        ended_by=tracker.ended_by or "error",
+        period_s=period_s,
+        message=run.engine.message,
+    )
+
+
+@contextmanager
+def _without_collector() -> Iterator[None]:
+    """Keep the collector of cycles away: a run makes none, but many objects that it would look through."""
+    was = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was:
+            gc.enable()
