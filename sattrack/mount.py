@@ -17,6 +17,7 @@ SIDEREAL_RATE_DEG_S = 360.0 / 86164.0905
 
 
 UNIX_EPOCH_DAYS_FROM_J2000 = -10957.5
+TURN_DEG = 360.0
 
 
 def mean_sidereal_deg(utc_s: float, longitude_deg: float) -> float:
@@ -37,6 +38,8 @@ class AxisLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     max_rate_deg_s: float = 6.0
     max_acceleration_deg_s2: float = 10.0
     slew_rate_deg_s: float = 10.0
+    max_current_a: float | None = None
+    """Drive current above which something is in the way, amperes; None where nothing is known of it."""
 
 
 class AxesPosition(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -44,6 +47,37 @@ class AxesPosition(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     hour_angle_deg: float
     dec_deg: float
+
+
+class SitePlace(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A place on the Earth, degrees north and east."""
+
+    latitude_deg: float
+    longitude_deg: float
+
+
+class PierZone(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where tube or counterweight would meet the pier: a polygon of hour angle and declination, degrees.
+
+    Corners are directions as the mount reports them while it stands on `side` of the pier, joined by straight
+    lines, the last to the first; hour angles may pass ±180 so that the polygon is in one piece. Raises
+    ValueError for fewer than three corners, or one that is no direction.
+    """
+
+    name: str
+    corners: tuple[tuple[float, float], ...]
+    side: Literal["normal", "beyond_pole", "both"] = "both"
+
+    def __post_init__(self) -> None:
+        """Check the corners."""
+        if len(self.corners) < 3:
+            raise ValueError(f"corners is of {len(self.corners)} in {self.name!r}; a zone needs three")
+        for hour_angle, dec in self.corners:
+            if not (abs(hour_angle) <= 360.0 and abs(dec) <= 90.0):
+                raise ValueError(
+                    f"corners is {hour_angle:g}, {dec:g} at one point of {self.name!r}; hour angles go from "
+                    "-360 to 360, declinations from -90 to 90"
+                )
 
 
 class CalibrationRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -101,6 +135,15 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     move_axis: Literal["held", "edge"] = "held"
     hour_angle_limit_deg: float = 200.0
     """How far the hour angle axis may turn either way of the meridian, the cables counted."""
+    dec_axis_limits_deg: tuple[float, float] = (-190.0, 190.0)
+    """How far the declination axis may turn; beyond 90° either way it stands past a pole."""
+    pier_rule: Literal["never", "hour_angle"] = "never"
+    """Where a slew ends: always on the normal side, or beyond the pole for an hour angle above 0."""
+    slew_path: Literal["any", "together"] = "any"
+    """How the axes go in a slew: each in its own time, or on a straight line so that they arrive together."""
+    pier_zones: tuple[PierZone, ...] = ()
+    stands_at: SitePlace | None = None
+    """The site that the profile was made at; None for a profile that may be used anywhere."""
     period_s: float = 0.05
     command_delay_s: float = 0.0003
     status_delay_s: float = 0.0001
@@ -147,6 +190,32 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for name, value in delays.items():
             if not 0.0 <= value < 5.0:
                 raise ValueError(f"{name} is {value:g}; delays are 0 s or more, and below 5 s")
+        self._check_travel()
+
+    def _check_travel(self) -> None:
+        low, high = self.dec_axis_limits_deg
+        if not (-TURN_DEG < low < high < TURN_DEG and low < 90.0 and high > -90.0):
+            raise ValueError(
+                f"dec_axis_limits_deg is {low:g} to {high:g}; give a lower and a higher angle that "
+                "leave some of -90 to 90"
+            )
+        currents = {"ra.max_current_a": self.ra.max_current_a, "dec.max_current_a": self.dec.max_current_a}
+        for name, limit in currents.items():
+            if limit is not None and not (math.isfinite(limit) and limit > 0.0):
+                raise ValueError(f"{name} is {limit:g}; it must be above 0")
+        for name, place in (("park", self.park), ("home", self.home)):
+            if place is None:
+                continue
+            if not abs(place.hour_angle_deg) <= self.hour_angle_limit_deg:
+                raise ValueError(
+                    f"{name} is at hour angle {place.hour_angle_deg:g}, beyond hour_angle_limit_deg, "
+                    f"{self.hour_angle_limit_deg:g}"
+                )
+            if not low <= place.dec_deg <= high:
+                raise ValueError(
+                    f"{name} is at declination {place.dec_deg:g}, "
+                    f"outside dec_axis_limits_deg, {low:g} to {high:g}"
+                )
 
 
 @dataclass(frozen=True, slots=True)

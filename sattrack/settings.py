@@ -8,7 +8,9 @@ from pathlib import Path
 
 import msgspec
 
-from sattrack.toml_file import read_toml
+from sattrack.errors import BadInputError
+from sattrack.safety_settings import SafetySettings
+from sattrack.toml_file import line_of_key, read_toml
 from tle.site import Site
 
 
@@ -38,6 +40,7 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     elements: tuple[str, ...] = ()
     mount: MountSettings = MountSettings()
     min_altitude_deg: float = 10.0
+    safety: SafetySettings = SafetySettings()
 
 
 FILE_NAME = "sattrack.toml"
@@ -74,7 +77,17 @@ def load_settings(explicit: Path | None = None) -> Settings:
     mount = settings.mount
     if mount.profile is not None:
         mount = msgspec.structs.replace(mount, profile=str(here / mount.profile))
-    return msgspec.structs.replace(settings, elements=elements, mount=mount)
+    safety = settings.safety
+    if settings.min_altitude_deg < safety.floor_altitude_deg:
+        raise BadInputError(
+            f"{path}{line_of_key(path, 'floor_altitude_deg')}: safety.floor_altitude_deg is "
+            f"{safety.floor_altitude_deg:g}, above min_altitude_deg, {settings.min_altitude_deg:g}: nothing "
+            "is followed below the floor"
+        )
+    if safety.horizon is not None:
+        safety = msgspec.structs.replace(safety, horizon=str(here / safety.horizon))
+        safety.limits()
+    return msgspec.structs.replace(settings, elements=elements, mount=mount, safety=safety)
 
 
 def _names_a_provider(source: str) -> bool:

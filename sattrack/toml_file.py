@@ -35,6 +35,11 @@ def read_toml(path: Path, kind: type[T], what: str) -> T:
         raise BadInputError(f"{path}: not a TOML file: {error}") from error
 
 
+def line_of_key(path: Path, name: str) -> str:
+    """Return ':LINE' of a key in a TOML file that was read before, or '' where it does not stand there."""
+    return _line_of(path.read_text(encoding="utf-8"), f"{name} is ")
+
+
 def _line_of(text: str, message: str) -> str:
     """Return ':LINE' of the key that a validation message speaks of, or '' where it cannot be found."""
     keys = [*re.findall(r"`\$?\.?([A-Za-z_.0-9]+)`", message), *re.findall(r"^([a-z_.0-9]+) is ", message)]

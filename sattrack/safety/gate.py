@@ -8,12 +8,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple
-
-import msgspec
+from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, Motion, MountProfile, MoveAxes, SlewTo, Stop
 from sattrack.requests import Abort, FindHome, MoveAxis, Park, Request, Slew, Sync, objection
+from sattrack.safety.geometry import altitude_deg
+
+if TYPE_CHECKING:
+    from sattrack.safety.limits import SafetyLimits
 
 
 class Reaction(StrEnum):
@@ -71,12 +73,6 @@ RUNAWAY_DEG_S = 1.0
 """A mount that moves faster than twice what it was told, and this, for so long, does not obey either."""
 
 
-class SafetyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The bounds that are the site's own."""
-
-    floor_altitude_deg: float = 0.0
-
-
 @dataclass(frozen=True, slots=True)
 class Cleared:
     """A motion that safety has let through."""
@@ -100,13 +96,6 @@ class Stance(NamedTuple):
     slewing: bool
     drives_at_rest: bool
     """Whether both drives report standstill, sidereal tracking not counted as rest."""
-
-
-def altitude_deg(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> float:
-    """Return the altitude of a direction given by hour angle and declination, degrees."""
-    h, d, p = (math.radians(x) for x in (hour_angle_deg, dec_deg, latitude_deg))
-    sine = math.sin(p) * math.sin(d) + math.cos(p) * math.cos(d) * math.cos(h)
-    return math.degrees(math.asin(max(-1.0, min(1.0, sine))))
 
 
 def park_objection(profile: MountProfile, stance: Stance) -> str | None:

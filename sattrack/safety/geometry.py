@@ -1,0 +1,184 @@
+"""Where axes point, and bounds over whole boxes of axis angles. Degrees; pure functions.
+
+Axes stand at 0 on the meridian and the equator; the hour angle axis turns west, and a declination axis
+beyond 90° either way points past a pole. All that is said of a direction holds there too. A box is what
+lies between two angles of either axis: a way between two places lies in it whatever the axes' timing.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+TURN_DEG = 360.0
+
+
+@dataclass(frozen=True, slots=True)
+class Box:
+    """All axis angles between a least and a most one of either axis, degrees.
+
+    `x`, `y`, `z` is the unit vector of the middle (to the meridian on the equator, west, north pole);
+    `radius_deg` bounds how far on the sky anything in the box is from it.
+    """
+
+    ha_low_deg: float
+    ha_high_deg: float
+    dec_low_deg: float
+    dec_high_deg: float
+    x: float = field(init=False)
+    y: float = field(init=False)
+    z: float = field(init=False)
+    radius_deg: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Look at the middle."""
+        ha = math.radians(0.5 * (self.ha_low_deg + self.ha_high_deg))
+        dec = math.radians(0.5 * (self.dec_low_deg + self.dec_high_deg))
+        cos_dec = math.cos(dec)
+        half_dec = math.radians(0.5 * (self.dec_high_deg - self.dec_low_deg))
+        half_ha = min(math.pi, math.radians(0.5 * (self.ha_high_deg - self.ha_low_deg)))
+        # The haversine of the farthest corner, with the largest cosine of declination that the box can have.
+        widest = min(1.0, abs(cos_dec) + math.sin(min(0.5 * math.pi, half_dec)))
+        chord2 = math.sin(min(math.pi, half_dec) / 2.0) ** 2
+        chord2 += abs(cos_dec) * widest * math.sin(half_ha / 2.0) ** 2
+        radius = 2.0 * math.degrees(math.asin(min(1.0, math.sqrt(chord2))))
+        object.__setattr__(self, "x", cos_dec * math.cos(ha))
+        object.__setattr__(self, "y", cos_dec * math.sin(ha))
+        object.__setattr__(self, "z", math.sin(dec))
+        object.__setattr__(self, "radius_deg", radius)
+
+    @classmethod
+    def between(cls, one: tuple[float, float], other: tuple[float, float]) -> Box:
+        """Return the box between two places of the axes, hour angle and declination."""
+        return cls(min(one[0], other[0]), max(one[0], other[0]), min(one[1], other[1]), max(one[1], other[1]))
+
+    @property
+    def middle(self) -> Box:
+        """The middle as a box of no size."""
+        ha = 0.5 * (self.ha_low_deg + self.ha_high_deg)
+        dec = 0.5 * (self.dec_low_deg + self.dec_high_deg)
+        return Box(ha, ha, dec, dec)
+
+    @property
+    def widest_deg(self) -> float:
+        """The longer side."""
+        return max(self.ha_high_deg - self.ha_low_deg, self.dec_high_deg - self.dec_low_deg)
+
+    def grown(self, ha_low: float, ha_high: float, dec_low: float, dec_high: float) -> Box:
+        """Return the box with each of its sides moved out by so much."""
+        return Box(
+            self.ha_low_deg - ha_low,
+            self.ha_high_deg + ha_high,
+            self.dec_low_deg - dec_low,
+            self.dec_high_deg + dec_high,
+        )
+
+    def halves(self) -> tuple[Box, Box]:
+        """Return both halves along the longer side."""
+        if self.ha_high_deg - self.ha_low_deg >= self.dec_high_deg - self.dec_low_deg:
+            ha = 0.5 * (self.ha_low_deg + self.ha_high_deg)
+            return (
+                Box(self.ha_low_deg, ha, self.dec_low_deg, self.dec_high_deg),
+                Box(ha, self.ha_high_deg, self.dec_low_deg, self.dec_high_deg),
+            )
+        dec = 0.5 * (self.dec_low_deg + self.dec_high_deg)
+        return (
+            Box(self.ha_low_deg, self.ha_high_deg, self.dec_low_deg, dec),
+            Box(self.ha_low_deg, self.ha_high_deg, dec, self.dec_high_deg),
+        )
+
+
+def altitude_deg(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> float:
+    """Return the altitude of a direction given by hour angle and declination, degrees, without air."""
+    h, d, p = (math.radians(x) for x in (hour_angle_deg, dec_deg, latitude_deg))
+    return _arcsine_deg(math.sin(p) * math.sin(d) + math.cos(p) * math.cos(d) * math.cos(h))
+
+
+def azimuth_deg(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> float:
+    """Return the azimuth of a direction, degrees from north through east, 0 to below 360."""
+    h, d, p = (math.radians(x) for x in (hour_angle_deg, dec_deg, latitude_deg))
+    east = -math.cos(d) * math.sin(h)
+    north = math.cos(p) * math.sin(d) - math.sin(p) * math.cos(d) * math.cos(h)
+    return math.degrees(math.atan2(east, north)) % TURN_DEG
+
+
+def separation_deg(ha_1: float, dec_1: float, ha_2: float, dec_2: float) -> float:
+    """Return the great-circle angle between two directions given by hour angle and declination, degrees."""
+    h, d1, d2 = (math.radians(x) for x in (ha_1 - ha_2, dec_1, dec_2))
+    across = math.hypot(
+        math.cos(d2) * math.sin(h),
+        math.cos(d1) * math.sin(d2) - math.sin(d1) * math.cos(d2) * math.cos(h),
+    )
+    return math.degrees(
+        math.atan2(across, math.sin(d1) * math.sin(d2) + math.cos(d1) * math.cos(d2) * math.cos(h))
+    )
+
+
+def lowest_altitude_deg(box: Box, latitude_deg: float) -> float:
+    """Return the least altitude of anything in a box, degrees.
+
+    The sine of the altitude is a cosine of the hour angle at any declination, and a sine of the declination
+    with a phase at any hour angle: its least value stands at a corner, on the meridian, or where it is -1 of
+    its amplitude.
+    """
+    hours = [box.ha_low_deg, box.ha_high_deg]
+    first = math.ceil(box.ha_low_deg / 180.0)
+    last = math.floor(box.ha_high_deg / 180.0)
+    hours += [180.0 * k for k in range(first, min(last, first + 1) + 1)]
+    sin_lat, cos_lat = math.sin(math.radians(latitude_deg)), math.cos(math.radians(latitude_deg))
+    low, high = math.radians(box.dec_low_deg), math.radians(box.dec_high_deg)
+    sines = ((math.sin(low), math.cos(low)), (math.sin(high), math.cos(high)))
+    least = 1.0
+    for hour in hours:
+        across = cos_lat * math.cos(math.radians(hour))
+        for sine, cosine in sines:
+            least = min(least, sin_lat * sine + across * cosine)
+        # R sin(dec + phase) is least where dec + phase is -90°.
+        trough = -0.5 * math.pi - math.atan2(across, sin_lat)
+        trough += 2.0 * math.pi * math.ceil((low - trough) / (2.0 * math.pi))
+        if trough <= high:
+            least = min(least, -math.hypot(sin_lat, across))
+    return _arcsine_deg(least)
+
+
+def meets_polygon(box: Box, corners: tuple[tuple[float, float], ...]) -> bool:
+    """Tell whether a box and a polygon of hour angles and declinations have a point in common."""
+    left, right, low, high = box.ha_low_deg, box.ha_high_deg, box.dec_low_deg, box.dec_high_deg
+    if any(left <= x <= right and low <= y <= high for x, y in corners):
+        return True
+    edges = list(zip(corners, (*corners[1:], corners[0]), strict=True))
+    if any(_crosses(one, other, box) for one, other in edges):
+        return True
+    return _is_inside(left, low, edges)
+
+
+def _crosses(one: tuple[float, float], other: tuple[float, float], box: Box) -> bool:
+    """Tell whether a straight line between two points meets a box (Liang and Barsky 1984)."""
+    (x, y), begin, end = one, 0.0, 1.0
+    dx, dy = other[0] - x, other[1] - y
+    for step, room in (
+        (-dx, x - box.ha_low_deg),
+        (dx, box.ha_high_deg - x),
+        (-dy, y - box.dec_low_deg),
+        (dy, box.dec_high_deg - y),
+    ):
+        if step == 0.0:
+            if room < 0.0:
+                return False
+        elif step < 0.0:
+            begin = max(begin, room / step)
+        else:
+            end = min(end, room / step)
+    return begin <= end
+
+
+def _is_inside(x: float, y: float, edges: list[tuple[tuple[float, float], tuple[float, float]]]) -> bool:
+    inside = False
+    for (x1, y1), (x2, y2) in edges:
+        if (y1 > y) != (y2 > y) and x < x1 + (y - y1) / (y2 - y1) * (x2 - x1):
+            inside = not inside
+    return inside
+
+
+def _arcsine_deg(sine: float) -> float:
+    return math.degrees(math.asin(max(-1.0, min(1.0, sine))))
