@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from filterpy.kalman import KalmanFilter
 
-from sattrack.control.kalman import AxisFilter, Noise, wrap180
+from sattrack.control.kalman import AxisFilter, LeanKalmanFilter, Noise, wrap180
 
 STEP_S = 0.05
 QUIET = Noise(
@@ -75,3 +76,26 @@ def test_its_sigma_is_what_errors_are() -> None:
 )
 def test_wrap180(angle: float, wrapped: float) -> None:
     assert wrap180(angle) == pytest.approx(wrapped)
+
+
+def test_the_lean_filter_gives_the_numbers_of_filterpy_to_the_last_bit() -> None:
+    dice = np.random.default_rng(8)
+    filters = [kind(dim_x=3, dim_z=1, dim_u=1) for kind in (KalmanFilter, LeanKalmanFilter)]
+    for one in filters:
+        one.x = np.array([[10.0], [0.0], [0.0]])
+        one.P = np.diag([1e-4, 1e-5, 4e-4])
+        one.H = np.array([[1.0, 0.0, 0.0]])
+    given = np.array([[1.0], [0.0], [0.0]])
+    for _ in range(200):
+        moved, seconds = dice.normal(0.0, 0.05), dice.uniform(0.04, 0.06)
+        transition = np.array([[1.0, seconds, moved], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+        process = np.diag(dice.uniform(1e-12, 1e-9, 3))
+        seen, variance = 10.0 + dice.normal(0.0, 0.01), np.array([[dice.uniform(1e-10, 1e-8)]])
+        for one in filters:
+            one.predict(u=np.array([[moved]]), B=given, F=transition, Q=process)
+            one.update(seen, R=variance)
+        theirs, ours = filters
+        assert np.array_equal(theirs.x, ours.x)
+        assert np.array_equal(theirs.P, ours.P)
+        assert np.array_equal(theirs.y, ours.y)
+        assert np.array_equal(theirs.S, ours.S)
