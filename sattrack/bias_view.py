@@ -51,10 +51,13 @@ def search_view(tracker: Tracker, utc_s: float) -> SearchView | None:
     return SearchView(pattern.how, max(0.0, utc_s - pattern.begins_utc_s), along.value, cross.value)
 
 
-def estimate_view(tracker: Tracker, utc_s: float, malformed: int = 0) -> EstimateView | None:
-    """Return what observations say, and what became of them; None where none have come."""
+def estimate_view(tracker: Tracker, utc_s: float, unused: int) -> EstimateView | None:
+    """Return what observations say, and what became of them; None where none have come.
+
+    `unused` counts what came and was not even tried.
+    """
     estimator = tracker.estimator
-    refused = estimator.refused + malformed
+    refused = estimator.refused + unused
     if not (estimator.accepted or estimator.rejected or refused):
         return None
     known = estimator.filter
@@ -74,7 +77,7 @@ def estimate_view(tracker: Tracker, utc_s: float, malformed: int = 0) -> Estimat
     )
 
 
-def observation_warnings(tracker: Tracker, malformed: int) -> list[str]:
+def observation_warnings(tracker: Tracker, malformed: int, dropped: int) -> list[str]:
     """Say which observations were not taken, and why the last of them."""
     estimator = tracker.estimator
     words = []
@@ -87,4 +90,6 @@ def observation_warnings(tracker: Tracker, malformed: int) -> list[str]:
         )
     if malformed:
         words.append(f"{malformed} lines were neither messages nor observations")
+    if dropped:
+        words.append(f"{dropped} observations came faster than they can be used, and were dropped")
     return words

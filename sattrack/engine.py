@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sattrack.control.kalman import wrap180
 from sattrack.bias_view import (
     bias_fields,
     estimate_view,
@@ -16,6 +15,7 @@ from sattrack.bias_view import (
     offset_views,
     search_view,
 )
+from sattrack.control.kalman import wrap180
 from sattrack.figures import RunningError, WindowedError
 from sattrack.mount import Hold, Motion, MoveAxes, StatusSample
 from sattrack.safety import ROWS, Safety, SafetyLimits
@@ -73,6 +73,8 @@ class Engine:
         self.tracker = Tracker(spec.propagator, spec.plan, spec.profile, spec.bias, spec.camera_rotation_deg)
         self.malformed = 0
         """Lines that came where observations or messages were expected, and were neither."""
+        self.dropped = 0
+        """Observations that came faster than they could be used."""
         self.safety = Safety(spec.profile, spec.limits, spec.propagator.site.latitude_deg)
         self.reported = RunningError()
         self.on_target_s = 0.0
@@ -164,6 +166,10 @@ class Engine:
             self.tracker.note_sent(self.session.begun_move, now_utc_s)
         return datagram
 
+    def expect_observations(self) -> None:
+        """Compute beforehand what the first observation needs: it would hold up a turn of the loop."""
+        self.tracker.estimator.warm_up(self.tracker.biases.course, self.spec.plan.end_utc_s)
+
     def send_shift_s(self, now_utc_s: float) -> float:
         """Return by how much later than a period from now the next `tick` had better come, seconds; UTC.
 
@@ -254,7 +260,7 @@ class Engine:
             **bias_fields(tracker, now_utc_s),
             offsets=offset_views(tracker, now_utc_s),
             search=search_view(tracker, now_utc_s),
-            estimate=estimate_view(tracker, now_utc_s, self.malformed),
+            estimate=estimate_view(tracker, now_utc_s, self.malformed + self.dropped),
             link=LinkView(
                 state=self._link_state.value,
                 age_s=age_s,
@@ -310,7 +316,7 @@ class Engine:
             warnings.append("the stop is not confirmed yet: it is being sent again and again")
         if self.tracker.refusal is not None:
             warnings.append(self.tracker.refusal)
-        warnings.extend(observation_warnings(self.tracker, self.malformed))
+        warnings.extend(observation_warnings(self.tracker, self.malformed, self.dropped))
         if self.session.intruder is not None:
             warnings.append(self.session.intruder)
         if not self.tracker.clock_holds:

@@ -7,7 +7,24 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from sattrack.view import Summary
 
+ALONG_AND_ACROSS = ("along_s", "cross_deg")
 NO_PRIORITY = ", without real-time priority (`sattrack doctor` says how to grant it)"
+
+
+def _bias_lines(summary: Summary) -> list[str]:
+    others = [one for one in summary.offsets if one.what not in ALONG_AND_ACROSS]
+    lines = [f"  offset {one.what}: {one.total:+.4f}" for one in others]
+    estimate = summary.estimate
+    if estimate is None:
+        return lines
+    counts = f"{estimate.accepted} taken, {estimate.rejected} rejected, {estimate.refused} refused"
+    lines.append(f"  observations: {counts}")
+    if estimate.along_s is not None and estimate.cross_deg is not None:
+        lines.append(
+            f"  estimated {estimate.along_s:+.4f} ± {estimate.along_sigma_s or 0.0:.4f} s along, "
+            f"{estimate.cross_deg:+.5f} ± {estimate.cross_sigma_deg or 0.0:.5f}° across"
+        )
+    return lines
 
 
 def summary_lines(summary: Summary) -> list[str]:
@@ -36,6 +53,7 @@ def summary_lines(summary: Summary) -> list[str]:
         )
     if summary.bias_along_s or summary.bias_cross_deg:
         lines.append(f"  bias {summary.bias_along_s:+.3f} s along, {summary.bias_cross_deg:+.4f}° across")
+    lines.extend(_bias_lines(summary))
     if summary.recording is not None:
         trouble = "" if summary.recording_trouble is None else f": {summary.recording_trouble}"
         lines.append(f"  recorded in {summary.recording}{trouble}")

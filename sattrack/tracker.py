@@ -102,6 +102,8 @@ class Tracker:
         self.estimator = Estimator(propagator.elements.catalog_number, plan.start_utc_s)
         self._estimated = False
         """Whether the estimate is news that is not followed yet."""
+        self._following_estimate = False
+        self._begun_s = float("-inf")
         known = None
         if profile.clock_offset_s is not None:
             known = KnownClock(propagator.site.longitude_deg, profile.clock_offset_s)
@@ -177,7 +179,7 @@ class Tracker:
             case ClearBias():
                 self.refusal = None
                 self.estimator.forget()
-                self._estimated = False
+                self._estimated = self._following_estimate = False
                 orders.clear(self.biases, begins_s)
             case StopNow():
                 self.refusal = None
@@ -186,7 +188,9 @@ class Tracker:
 
     def _begins_s(self, now_utc_s: float) -> float:
         """Return when a change that is asked for now begins: when a command that knows of it can act."""
-        return now_utc_s + REACTION_PERIODS * self._profile.period_s + self._profile.command_delay_s
+        begins_s = now_utc_s + REACTION_PERIODS * self._profile.period_s + self._profile.command_delay_s
+        self._begun_s = max(self._begun_s, begins_s)
+        return self._begun_s
 
     def _observe(self, seen: Observation, now_utc_s: float, begins_s: float) -> None:
         """Take an observation in; the estimate is followed from the next step on."""
@@ -199,10 +203,10 @@ class Tracker:
         """Follow the estimate where there is a new one, and end what has gone as far as it may."""
         known = self.estimator.filter
         if known is not None and self._estimated:
-            first = self.biases.estimated_along.idle
             begins_s = self._begins_s(now_utc_s)
+            first = not self._following_estimate
             orders.follow_estimate(self.biases, known.along_s, known.cross_km, first, begins_s)
-            self._estimated = False
+            self._estimated, self._following_estimate = False, True
             self._foretold = None
         ended = orders.watch(self.biases, self._begins_s(now_utc_s)) if self.biases.moving else None
         if ended is not None:

@@ -136,6 +136,21 @@ def profile_option(function: Callable[..., Any]) -> Callable[..., Any]:
     )(function)
 
 
+def bias_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of a run about observations and the camera that makes them."""
+    function = click.option(
+        "--observations",
+        metavar="SOURCE",
+        help="Take the satellite's observed directions as JSON lines: udp:PORT (of this machine) or stdin.",
+    )(function)
+    return click.option(
+        "--camera-rotation",
+        default=0.0,
+        metavar="DEG",
+        help="Position angle of the camera's y axis, from north through east.",
+    )(function)
+
+
 def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of every command; the function's first argument becomes a CommandContext."""
 

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from typing import Any
 
 import click
 
 from sattrack import practice
-from sattrack.commands.common import CommandContext, common_options, profile_option
-from sattrack.commands.running import Progress, Stream, finish, fly_and_tell, tui_possible, with_tui
+from sattrack.commands.common import CommandContext, bias_options, common_options, profile_option
+from sattrack.commands.running import (
+    Progress,
+    Stream,
+    check_observations,
+    finish,
+    fly_and_tell,
+    tui_possible,
+    with_tui,
+)
 from sattrack.errors import BadInputError
 from sattrack.profiles import ProfileFile
 from sattrack.runtime.facts import choose_pass
@@ -29,21 +38,25 @@ SHORTEST_S = 5.0
 @click.option(
     "--control", is_flag=True, help="Take messages as JSON lines on standard input; its end stops the mount."
 )
+@bias_options
 @common_options
 def command(context: CommandContext, seconds: float | None, **options: Any) -> int:
     """Follow a real pass of the ISS with an embedded simulated mount, over UDP on loopback."""
     begun_s = time.monotonic() - time.process_time()
     if seconds is not None and not SHORTEST_S <= seconds < float("inf"):
         raise BadInputError(f"--seconds {seconds:g}: give {SHORTEST_S:g} or more")
-    if (
-        not (options["headless"] or context.json or options["stream"] or options["control"])
-        and tui_possible()
-    ):
+    observations, control = options["observations"], options["control"]
+    check_observations(observations, control, ())
+    alone = options["headless"] or context.json or options["stream"] or control or observations == "stdin"
+    if not alone and tui_possible():
         return with_tui(stay=seconds is None)
-    request = demo_request(context.clock_option, options["record"], context.profile(options["profile"]))
+    request = replace(
+        demo_request(context.clock_option, options["record"], context.profile(options["profile"])),
+        camera_rotation_deg=options["camera_rotation"],
+    )
     deadline_s = float("inf") if seconds is None else begun_s + seconds - STOPPING_TAKES_S
     told = Stream() if options["stream"] else Progress(quiet_off_terminal=False)
-    summary, interrupted = fly_and_tell(prepare(request), told, options["control"], deadline_s)
+    summary, interrupted = fly_and_tell(prepare(request), told, control, deadline_s, observations)
     return finish(summary, interrupted, context.json or options["stream"])
 
 

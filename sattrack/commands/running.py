@@ -11,9 +11,11 @@ import click
 import msgspec
 
 from sattrack.commands.json_lines import JsonLines
+from sattrack.errors import BadInputError
 from sattrack.runtime.channel import StdinInbox
 from sattrack.runtime.fly import fly_live
 from sattrack.runtime.live import StopRequest
+from sattrack.runtime.observers import Observers, check_source, open_observers
 from sattrack.runtime.outcome import failure
 from sattrack.summary_text import summary_lines
 from sattrack.view import Summary, TrackView
@@ -128,19 +130,46 @@ class Stream(JsonLines):
 
 
 def fly_and_tell(
-    prepared: Prepared, told: Progress | Stream, control: bool, deadline_s: float = float("inf")
+    prepared: Prepared,
+    told: Progress | Stream,
+    control: bool,
+    deadline_s: float = float("inf"),
+    observations: str | None = None,
 ) -> tuple[Summary, bool]:
     """Fly a run in real time; return its summary and whether a signal interrupted it.
 
-    With `control`, messages come on standard input; which of them did nothing is said at the end.
+    With `control`, messages come on standard input; which of them did nothing is said at the end. With
+    `observations`, what `--observations` takes, observations come from there.
     """
     stop = StopRequest()
-    inbox = StdinInbox() if control else None
-    summary = fly_live(prepared, told.show, stop, inbox, deadline_s)
+    observers = open_observers(observations)
+    inbox = StdinInbox(observers) if control else None
+    listening = observers if control or observations else None
+    try:
+        summary = fly_live(prepared, told.show, stop, inbox, deadline_s, listening)
+    finally:
+        observers.close()
     told.end()
     for words in () if inbox is None else inbox.ignored:
         click.echo(f"sattrack: {words}", err=True)
+    tell_malformed(observers)
     return summary, stop.asked
+
+
+def tell_malformed(observers: Observers) -> None:
+    """Say how many lines were no observations, and what was wrong with the last."""
+    if observers.malformed:
+        words = f"{observers.malformed} lines were no observations; the last: {observers.complaint}"
+        click.echo(f"sattrack: {words}", err=True)
+
+
+def check_observations(source: str | None, control: bool, elements: tuple[str, ...]) -> None:
+    """Refuse an `--observations` that cannot be, or that wants a standard input that is taken."""
+    check_source(source)
+    if source == "stdin" and control:
+        raise BadInputError("--observations stdin: with --control, observations come with the messages")
+    if source == "stdin" and "-" in elements:
+        raise BadInputError("--observations stdin: the elements come from there; give them as a file")
 
 
 def finish(summary: Summary, interrupted: bool, as_json: bool) -> int:

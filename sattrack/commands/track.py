@@ -2,24 +2,28 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
-from sattrack.commands.common import CommandContext, common_options, profile_option
+from sattrack.commands.common import CommandContext, bias_options, common_options, profile_option
 from sattrack.commands.running import (
     Progress,
     Stream,
     announcement,
+    check_observations,
     finish,
     fly_and_tell,
+    tell_malformed,
     tui_possible,
     with_tui,
 )
 from sattrack.errors import BadInputError
 from sattrack.runtime.facts import REFRACTION_MODES
 from sattrack.runtime.fly import fly_virtual
+from sattrack.runtime.observers import read_all
 from sattrack.runtime.prepare import RunRequest, prepare
 
 
@@ -42,6 +46,7 @@ from sattrack.runtime.prepare import RunRequest, prepare
 @click.option(
     "--control", is_flag=True, help="Take messages as JSON lines on standard input; its end stops the mount."
 )
+@bias_options
 @common_options
 def command(context: CommandContext, satellite: str, **options: Any) -> int:
     """Follow the pass now in progress, else the next.
@@ -58,13 +63,18 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
         refraction=options["refraction"],
         bias_along_s=options["bias_along"],
         bias_cross_deg=options["bias_cross"],
+        camera_rotation_deg=options["camera_rotation"],
         virtual=options["virtual"],
         record=options["record"],
         profile=context.profile(options["profile"]),
     )
     if request.virtual and (options["stream"] or options["control"]):
         raise BadInputError("--stream and --control go with real time; leave --virtual out")
-    streams = options["stream"] or options["control"]
+    observations = options["observations"]
+    check_observations(observations, options["control"], context.sources())
+    if request.virtual and observations not in {None, "stdin"}:
+        raise BadInputError(f"--observations {observations}: in virtual time they come from stdin")
+    streams = options["stream"] or options["control"] or observations == "stdin"
     if not (options["headless"] or options["virtual"] or context.json or streams) and tui_possible():
         prepare(request)
         return with_tui()
@@ -76,8 +86,11 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
         click.echo(f"sattrack: {words}", err=True)
     told = Stream() if options["stream"] else Progress(quiet_off_terminal=True)
     if request.virtual:
-        summary, interrupted = fly_virtual(prepared, told.show), False
+        observers = None if observations is None else read_all(sys.stdin.buffer)
+        summary, interrupted = fly_virtual(prepared, told.show, observers=observers), False
         told.end()
+        if observers is not None:
+            tell_malformed(observers)
     else:
-        summary, interrupted = fly_and_tell(prepared, told, options["control"])
+        summary, interrupted = fly_and_tell(prepared, told, options["control"], observations=observations)
     return finish(summary, interrupted, context.json or options["stream"])

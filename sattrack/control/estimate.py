@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from sattrack.control.bias_filter import BiasFilter, BiasNoise
+from sattrack.messages import MOST_SIGMA_ARCSEC, Observation
 from tle.bias import Bias
 from tle.instants import Utc
 from tle.places import apparent_unit
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.control.course import Course
-    from sattrack.messages import Observation
     from tle.propagator import Propagator
     from tle.residuals import Frame
 
@@ -67,6 +67,17 @@ class Estimator:
         """Why the last observation was not taken; None where it was."""
         self.last_utc_s: float | None = None
         """Instant of the newest observation that was taken."""
+
+    def warm_up(self, course: Course, end_utc_s: float) -> None:
+        """Have everything computed once that the first observation of a pass would have to wait for."""
+        for utc_s in (self._start_utc_s, end_utc_s):
+            seen = course.airless.at(Utc(utc_s))
+            known = BiasFilter()
+            text = Utc(utc_s).isoformat()
+            sample = Observation(text, float(seen.ra_deg), float(seen.dec_deg), "icrs", MOST_SIGMA_ARCSEC)
+            said = _said(sample, utc_s, course, "icrs", (0.0, 0.0))
+            if said is not None:
+                known.observe(utc_s, *said)
 
     def forget(self) -> None:
         """Begin anew with the next observation."""

@@ -14,17 +14,25 @@ from sattrack.messages import Message, StopNow, decode_message
 from sattrack.runtime.embedded import LineReader
 
 MOST_COMPLAINTS = 10
+_OBSERVATION = b'"observation"'
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from sattrack.runtime.observers import Observers
+
 
 class StdinInbox:
-    """Messages from standard input; a line that is none does nothing but to be kept in `ignored`."""
+    """Messages from standard input; a line that is none does nothing but to be kept in `ignored`.
 
-    def __init__(self, descriptor: int | None = None) -> None:
+    Observations go to `observers`, to be used when there is time.
+    """
+
+    def __init__(self, observers: Observers, descriptor: int | None = None) -> None:
         self._reader = LineReader(sys.stdin.fileno() if descriptor is None else descriptor)
+        self._observers = observers
         self._ended = False
+        self.malformed = 0
         self.ignored: list[str] = []
 
     def messages(self) -> Sequence[Message]:
@@ -33,9 +41,13 @@ class StdinInbox:
             return ()
         messages: list[Message] = []
         for line in self._reader.lines():
+            if _OBSERVATION in line:
+                self._observers.put(line)
+                continue
             try:
                 messages.append(decode_message(line))
             except (msgspec.MsgspecError, RecursionError) as error:
+                self.malformed += 1
                 if len(self.ignored) < MOST_COMPLAINTS:
                     self.ignored.append(f"a control line was ignored: {error}")
         if self._reader.ended:

@@ -15,6 +15,7 @@ from sattrack.runtime.embedded import EmbeddedMount, start_embedded
 from sattrack.runtime.facts import build_engine, encode_facts
 from sattrack.runtime.guard import owned
 from sattrack.runtime.live import LiveLoop, StopRequest
+from sattrack.runtime.observers import QUEUED_MOST
 from sattrack.runtime.outcome import summarise
 from sattrack.runtime.screen import Screen
 from sattrack.runtime.virtual import VirtualRun
@@ -22,13 +23,15 @@ from sattrack.xerxes.client import Address
 from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite
 from sattrack.xerxes.simulator.process import ClockSetting, SimulatorConfig
 from sattrack.xerxes.simulator.settings import simulator_profile
+from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from sattrack.messages import Message
+    from sattrack.messages import Message, Observation
     from sattrack.runtime.facts import RunFacts
     from sattrack.runtime.live import Inbox
+    from sattrack.runtime.observers import Observers
     from sattrack.runtime.prepare import Prepared
     from sattrack.view import Summary, TrackView
 
@@ -41,14 +44,19 @@ def fly_virtual(
     prepared: Prepared,
     progress: Callable[[TrackView], None] | None = None,
     messages: tuple[tuple[float, Message], ...] = (),
+    observers: Observers | None = None,
 ) -> Summary:
-    """Run in virtual time with a simulated mount, as fast as it goes."""
+    """Run in virtual time with a simulated mount, as fast as it goes; observations come at their instants."""
     facts = prepared.facts
     with ExitStack() as stack:
         sink = stack.enter_context(_recording(facts, background=False))
         hardware = simulator_profile(prepared.simulator)
         mount = SimulatedMount(facts.profile, _simulated_site(facts), practice.START, hardware)
-        run = VirtualRun(build_engine(facts), mount, facts.started_utc_s, sink, messages, progress)
+        engine = build_engine(facts)
+        if observers is not None:
+            messages += tuple(_dated(seen, facts) for seen in observers.observations(QUEUED_MOST))
+            engine.malformed, engine.dropped = observers.malformed, observers.dropped
+        run = VirtualRun(engine, mount, facts.started_utc_s, sink, messages, progress)
         ended_utc_s = run.run()
     return summarise(run.engine, run.ledger, ended_utc_s)
 
@@ -59,6 +67,7 @@ def fly_live(
     stop: StopRequest,
     inbox: Inbox | None = None,
     deadline_s: float = float("inf"),
+    observers: Observers | None = None,
 ) -> Summary:
     """Run in real time, over UDP; the simulated mount is started beside it where there is no other.
 
@@ -80,6 +89,9 @@ def fly_live(
         stack.callback(screen.close)
         engine = build_engine(in_run_time(facts, prepared.clock.speed))
         loop = LiveLoop(engine, link, prepared.clock, sink, screen, stop, simulated, inbox, deadline_s, guard)
+        loop.observers = observers
+        if observers is not None:
+            engine.expect_observations()
         stack.enter_context(_signals(stop))
         ended_utc_s = loop.run()
         summary = summarise(loop.engine, loop.ledger, ended_utc_s)
@@ -88,6 +100,10 @@ def fly_live(
     trouble = sink.trouble if isinstance(sink, BackgroundRecorder) else None
     realtime = loop.grant is not None and loop.grant.realtime
     return msgspec.structs.replace(summary, recording_trouble=trouble, realtime_priority=realtime)
+
+
+def _dated(seen: Observation, facts: RunFacts) -> tuple[float, Message]:
+    return max(facts.started_utc_s, float(Utc.parse(seen.utc).unix_s)), seen
 
 
 def in_run_time(facts: RunFacts, speed: float) -> RunFacts:

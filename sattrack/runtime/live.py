@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from sattrack.engine import Engine
     from sattrack.recording.recorder import Sink
     from sattrack.runtime.embedded import EmbeddedMount
+    from sattrack.runtime.observers import Observers
     from sattrack.runtime.screen import Screen
     from sattrack.xerxes.client import UdpLink
 
@@ -36,7 +37,9 @@ LEAD_S = 0.002
 
 
 class Inbox(Protocol):
-    """Where the operator's messages come from."""
+    """Where the operator's messages come from; `malformed` counts the lines that were none."""
+
+    malformed: int
 
     def messages(self) -> Sequence[Message]:
         """Return what has come, without waiting."""
@@ -70,6 +73,7 @@ class LiveLoop:
     inbox: Inbox | None = None
     deadline_s: float = float("inf")
     guard: Guard = field(default_factory=Unguarded)
+    observers: Observers | None = None
     ledger: Ledger = field(default_factory=Ledger)
     grant: Grant | None = None
     """What the system granted for the run; None before it."""
@@ -87,6 +91,7 @@ class LiveLoop:
                 self._guarded(self._heed_guard)
                 self._guarded(self._obey)
                 self._guarded(self._tick, ticks, due_s)
+                self._guarded(self._listen)
                 ticks += 1
                 self._guarded(self._find_shift)
                 due_s += period_s + self._shift_s
@@ -142,6 +147,18 @@ class LiveLoop:
         for message in messages:
             self.sink.operator(now_utc_s, message)
             self.engine.operate(message, now_utc_s)
+
+    def _listen(self) -> None:
+        """Take in a few observations, when the next datagram is longest away."""
+        if self.observers is None:
+            return
+        for seen in self.observers.observations():
+            now_utc_s = self.clock.utc_s(time.monotonic())
+            self.sink.operator(now_utc_s, seen)
+            self.engine.operate(seen, now_utc_s)
+        malformed = 0 if self.inbox is None else self.inbox.malformed
+        self.engine.malformed = self.observers.malformed + malformed
+        self.engine.dropped = self.observers.dropped
 
     def _tick(self, ticks: int, due_s: float) -> None:
         now_utc_s = self.clock.utc_s(max(due_s, time.monotonic()))
