@@ -52,6 +52,9 @@ class LeanKalmanFilter(KalmanFilter):  # type: ignore[misc]
     and `S` are there.
     """
 
+    x: Matrix
+    P: Matrix
+
     def predict(self, u: Matrix, B: Matrix, F: Matrix, Q: Matrix) -> None:  # noqa: N803 - filterpy's names
         """Predict the next state."""
         self.x = F.dot(self.x) + B.dot(u)
