@@ -10,6 +10,7 @@ that the distance on the sky is |cos δ sin(H - h)| for a target at H, δ and an
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -21,7 +22,7 @@ from sattrack.mount import SIDEREAL_RATE_DEG_S
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sattrack.mount import AxisLimits
+    from sattrack.mount import AxisLimits, MountProfile
     from sattrack.planning.path import AxisPath
 
     Array = NDArray[np.float64]
@@ -152,15 +153,22 @@ def cruise_deg_s(
     return np.asarray(0.5 * (low + high))
 
 
-def find_keyholes(
-    path: AxisPath, limits: AxisLimits, tolerance_deg: float, through_pole: bool
-) -> list[Keyhole]:
+def can_pass_pole(path: AxisPath, profile: MountProfile) -> bool:
+    """Tell whether the declination axis' travel holds all of a path from both sides of the pole."""
+    low, high = profile.dec_axis_limits_deg
+    dec = path.pointing.dec_axis_deg
+    pole = math.copysign(180.0, float(dec[int(np.argmax(np.abs(dec)))]))
+    both = np.concatenate([dec, pole - dec])
+    return bool(np.min(both) >= low and np.max(both) <= high)
+
+
+def find_keyholes(path: AxisPath, profile: MountProfile, tolerance_deg: float) -> list[Keyhole]:
     """Return the keyholes of a target's path, in order.
 
-    `path` needs steps well below a second near the pole. `limits` are those of the hour angle axis,
-    `tolerance_deg` is how far on the sky from the target still counts as on it, `through_pole` whether the
-    declination axis can pass 90°.
+    `path` needs steps well below a second near the pole; `tolerance_deg` is how far on the sky from the
+    target still counts as on it. The pole is passed through where the declination axis' travel allows that.
     """
+    limits = profile.ra
     rate = limits.max_rate_deg_s
     fast = np.abs(path.hour_angle_rate_deg_s) > rate
     fast &= np.abs(path.hour_angle_acceleration_deg_s2) < np.inf
@@ -168,6 +176,9 @@ def find_keyholes(
     # An axis that is too slow for the target wherever it is, and not by the pole, has no keyhole.
     fast &= np.abs(np.abs(path.pointing.dec_axis_deg) - 90.0) < POLE_WITHIN_DEG
     fast &= path.sky_rate_deg_s <= rate
+    if not fast.any():
+        return []
+    through_pole = can_pass_pole(path, profile)
     keyholes: list[Keyhole] = []
     for first, last in _stretches(fast, path.utc_s):
         if keyholes and path.utc_s[last] <= keyholes[-1].end_utc_s:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sattrack.mount import MountProfile
     from sattrack.planning.keyhole import Keyhole
     from sattrack.planning.path import AxisPath
-    from sattrack.safety import SafetyLimits
+    from sattrack.safety.limits import SafetyLimits
 
     Array = NDArray[np.float64]
     Bools = NDArray[np.bool_]
@@ -33,8 +33,8 @@ class Ability:
     limits: SafetyLimits
     latitude_deg: float
     tolerance_deg: float
-    through_pole: bool = False
-    """Whether the mount may go through the pole, to the other side of the pier."""
+    detours: bool = False
+    """Whether what follows takes the best way past the pole, and does not clip."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,11 +86,10 @@ def first_stop(path: AxisPath, ability: Ability) -> Loss | None:
 def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) -> list[Loss]:
     profile = ability.profile
     if keyholes is None:
-        keyholes = find_keyholes(path, profile.ra, ability.tolerance_deg, ability.through_pole)
+        keyholes = find_keyholes(path, profile, ability.tolerance_deg)
     found = [
         Loss(
-            k.begin_utc_s if k.detour is None else min(k.begin_utc_s, k.detour.begin_utc_s),
-            k.begin_utc_s + k.clipped_s if k.detour is None else k.detour.end_utc_s,
+            *_lost_span(k, ability.detours),
             "keyhole",
             f"{k.polar_distance_deg:.2f}° from the pole the hour angle turns {k.peak_rate_deg_s:.0f} °/s "
             f"of {profile.ra.max_rate_deg_s:g} °/s",
@@ -122,6 +121,13 @@ def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) 
             )
             found.append(Loss(begin, end, "rate", words))
     return sorted(found, key=lambda loss: loss.begin_utc_s)
+
+
+def _lost_span(keyhole: Keyhole, detours: bool) -> tuple[float, float]:
+    """Return from when to when a keyhole is lost, POSIX seconds."""
+    if detours and keyhole.detour is not None:
+        return keyhole.detour.begin_utc_s, keyhole.detour.end_utc_s
+    return keyhole.begin_utc_s, keyhole.begin_utc_s + keyhole.clipped_s
 
 
 def _follow(place: Array, utc_s: Array, limit_deg_s: float) -> Array:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from sattrack.mount import MountProfile
     from sattrack.planning.path import AxisPath
-    from sattrack.safety import SafetyLimits
+    from sattrack.safety.limits import SafetyLimits
 
     Array = NDArray[np.float64]
 
@@ -64,6 +64,8 @@ def link_loss(path: AxisPath, profile: MountProfile, limits: SafetyLimits, latit
             p.dec_axis_deg[i] + dec_rate[k] * ahead,
             p.sun_hour_angle_deg[i] + SUN_RATE_DEG_S * ahead,
             np.full_like(ahead, p.sun_dec_deg[i]),
+            p.moon_hour_angle_deg[i] + SUN_RATE_DEG_S * ahead,
+            np.full_like(ahead, p.moon_dec_deg[i]),
         )
         for name, margin in margins_deg(held, profile, limits, latitude_deg).items():
             at = _first_below_zero(margin)

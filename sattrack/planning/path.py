@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sattrack.safety.bodies import moon_over, sun_over
 from tle.instants import Utc
-from tle.sun import sun_km
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from sattrack.safety.bodies import Wanderer
     from tle.bias import Bias
-    from tle.earth import EarthOrientation
     from tle.propagator import Propagator
 
     Array = NDArray[np.float64]
@@ -26,7 +26,7 @@ class Pointing:
     """How a mount's axes stand at instants (POSIX seconds of UTC), with what limits ask for; shape (n,).
 
     `hour_angle_axis_deg` is counted through turns, as cables count it; the declination axis passes 90° where
-    the mount points from beyond the pole. The Sun's place is that of its centre, geocentric, of date.
+    the mount points from beyond the pole. Sun and Moon are those of `sattrack.safety.bodies`.
     """
 
     utc_s: Array
@@ -34,6 +34,8 @@ class Pointing:
     dec_axis_deg: Array
     sun_hour_angle_deg: Array
     sun_dec_deg: Array
+    moon_hour_angle_deg: Array
+    moon_dec_deg: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,11 +117,13 @@ def axis_path(propagator: Propagator, bias: Bias, utc_s: Array) -> AxisPath:
     axis = np.full_like(hour_angle, np.nan)
     good = np.isfinite(hour_angle)
     axis[good] = np.degrees(np.unwrap(np.radians(hour_angle[good])))
-    sidereal_deg = hour_angle + seen.ra_deg
-    sun_ra_deg, sun_dec_deg = sun_place_deg(propagator.earth, utc_s)
+    site = propagator.site
+    bodies = [
+        body_place_deg(over(site.latitude_deg, site.longitude_deg), utc_s) for over in (sun_over, moon_over)
+    ]
     ha_rate, dec_rate = np.asarray(seen.ha_rate_deg_s), np.asarray(seen.dec_rate_deg_s)
     return AxisPath(
-        Pointing(utc_s, axis, np.asarray(seen.dec_deg), sidereal_deg - sun_ra_deg, sun_dec_deg),
+        Pointing(utc_s, axis, np.asarray(seen.dec_deg), *bodies[0], *bodies[1]),
         ha_rate,
         dec_rate,
         np.gradient(ha_rate, utc_s),
@@ -130,17 +134,15 @@ def axis_path(propagator: Propagator, bias: Bias, utc_s: Array) -> AxisPath:
     )
 
 
-SUN_STEP_S = 600.0
+LOOK_S = 120.0
 
 
-def sun_place_deg(earth: EarthOrientation, utc_s: Array) -> tuple[Array, Array]:
-    """Return right ascension (continuous) and declination of the Sun, of date, degrees.
+def body_place_deg(body: Wanderer, utc_s: Array) -> tuple[Array, Array]:
+    """Return hour angle and declination of the Sun or the Moon at rising instants, degrees.
 
-    Interpolated between looks ten minutes apart, over which its way bends by a hundredth of an arcsecond.
+    Interpolated between looks two minutes apart, in which the sky turns by half a degree: good to 8″.
     """
-    looks = np.arange(utc_s[0] - 1.0, utc_s[-1] + SUN_STEP_S + 1.0, SUN_STEP_S)
-    at = Utc(looks)
-    x, y, z = np.einsum("nij,nj->in", earth.celestial_matrix(at), sun_km(at))
-    ra = np.degrees(np.unwrap(np.arctan2(y, x)))
-    dec = np.degrees(np.arctan2(z, np.hypot(x, y)))
-    return np.interp(utc_s, looks, ra), np.interp(utc_s, looks, dec)
+    looks = np.arange(utc_s[0] - 1.0, utc_s[-1] + LOOK_S + 1.0, LOOK_S)
+    seen = [body.at(float(t)) for t in looks]
+    x, y, z = (np.interp(utc_s, looks, [getattr(one, name) for one in seen]) for name in "xyz")
+    return np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))
