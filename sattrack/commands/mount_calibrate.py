@@ -57,7 +57,7 @@ def command(context: CommandContext, **options: Any) -> int:
     must stand clear, 20° high or more, and away from the Sun. Any key stops it.
     """
     from sattrack.runtime.calibrate import ending_error
-    from sattrack.runtime.prepare import mount_address
+    from sattrack.runtime.mounts import mount_address
 
     address = mount_address(options["mount_url"] or context.settings.mount.url)
     _check(context, options, address)

@@ -27,7 +27,7 @@ from sattrack.errors import (
 )
 from sattrack.requests import objection
 from sattrack.runtime.console import Connection, attend, connected
-from sattrack.runtime.prepare import mount_address
+from sattrack.runtime.mounts import mount_address
 from sattrack.safety import SafetyLimits
 from sattrack.view import LinkView
 

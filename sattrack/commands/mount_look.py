@@ -9,10 +9,11 @@ import click
 from sattrack.commands.mount_common import MountCall, mount_options, resolve, tell_result
 from sattrack.console_words import status_text
 from sattrack.errand import Look
-from sattrack.errors import InterruptedRunError, LinkLostError
+from sattrack.errors import InterruptedRunError, LinkLostError, SattrackError
 from sattrack.procedures import Outcome
 from sattrack.requests import TicketState
 from sattrack.runtime.console import attend
+from sattrack.runtime.owner import owner_of
 
 if TYPE_CHECKING:
     from sattrack.commands.common import CommandContext
@@ -30,6 +31,11 @@ def status(context: CommandContext, **options: Any) -> int:
     is a simulated one, is sent datagrams without a command where it keeps silent.
     """
     call = resolve(context, options, needs_site=False)
+    owner = None if call.address is None else owner_of(call.address.host, call.address.port)
+    if owner is not None:
+        raise SattrackError(
+            f"{call.name} tells its status to its owner alone: {owner}; look there, or stop it"
+        )
     with call.connected(own=False) as connection:
         local = connection.link.address.host.startswith("127.")
         began_utc_s = connection.now_utc_s()

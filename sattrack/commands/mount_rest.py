@@ -6,9 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sattrack.commands.common import tell
 from sattrack.commands.mount_common import mount_options, perform, resolve
 from sattrack.procedures import procedure_for
 from sattrack.requests import Abort, FindHome, Park
+from sattrack.runtime.owner import owner_of
+from sattrack.runtime.stopping import stop_session, wait_until_free
 
 if TYPE_CHECKING:
     from sattrack.commands.common import CommandContext
@@ -18,7 +21,16 @@ if TYPE_CHECKING:
 @click.command("abort")
 @mount_options
 def abort(context: CommandContext, **options: Any) -> int:
-    """Stop both axes at once, and see them at rest; the drives stay on. A silent mount is told, too."""
+    """Stop both axes at once, and see them at rest; the drives stay on. A silent mount is told, too.
+
+    A session that owns the mount stops it and ends, as by `sattrack stop`; then it is told once more.
+    """
+    call = resolve(context, options, needs_site=False)
+    owner = None if call.address is None else owner_of(call.address.host, call.address.port)
+    if owner is not None and call.address is not None:
+        stopped = stop_session(owner, lambda: None)
+        tell(f"stopping it through its session, {owner}" if stopped is None else stopped.words)
+        wait_until_free(call.address, lambda: None)
     return _ask(context, "abort", Abort(), options, needs_site=False)
 
 

@@ -14,9 +14,9 @@ from sattrack.commands.json_lines import JsonLines
 from sattrack.errors import BadInputError
 from sattrack.runtime.channel import StdinInbox
 from sattrack.runtime.fly import fly_live
-from sattrack.runtime.live import StopRequest
 from sattrack.runtime.observers import Observers, check_source, open_observers
 from sattrack.runtime.outcome import failure
+from sattrack.runtime.signals import StopRequest
 from sattrack.summary_text import summary_lines
 from sattrack.view import Summary, TrackView
 from tle.instants import Utc

@@ -6,7 +6,6 @@ import gc
 import math
 import os
 import select
-import signal
 import sys
 import termios
 import time
@@ -25,7 +24,7 @@ from sattrack.errors import InterruptedRunError, LinkLostError, SafetyLimitError
 from sattrack.profiles import ProfileFile, load_profile_file
 from sattrack.runtime.embedded import start_embedded
 from sattrack.runtime.guard import Guard, owned
-from sattrack.runtime.live import StopRequest
+from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.safety import altitude_deg
 from sattrack.xerxes.client import Address
 from sattrack.xerxes.datagrams import Command, encode_command
@@ -48,9 +47,6 @@ if TYPE_CHECKING:
 SHOW_EVERY_S = 0.2
 LAST_STOPS = 40
 CLEAR_BY_DEG = 8.0
-STOPPING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-IGNORED_SIGNALS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
-"""A run that is suspended would leave the mount moving with nobody to stop it."""
 _KEY_BYTES = 64
 _INPUT_FLAGS = 0
 
@@ -142,7 +138,7 @@ def calibrate_live(
     with ExitStack() as stack:
         link, guard = stack.enter_context(owned(address, profile, clock.speed))
         stop = StopRequest()
-        stack.enter_context(_signals(stop))
+        stack.enter_context(stopping(stop))
         keys = stack.enter_context(_any_key())
         stack.enter_context(_quiet_memory())
         calibrator = Calibrator(around, clock.utc_s(time.monotonic()), plan)
@@ -242,20 +238,6 @@ def ending_error(ending: Ending) -> SattrackError | None:
         Kind.OPERATOR: InterruptedRunError,
     }
     return kinds.get(ending.kind, SattrackError)(words)
-
-
-@contextmanager
-def _signals(stop: StopRequest) -> Iterator[None]:
-    before = {number: signal.getsignal(number) for number in (*STOPPING_SIGNALS, *IGNORED_SIGNALS)}
-    for number in STOPPING_SIGNALS:
-        signal.signal(number, lambda *_: stop.ask())
-    for number in IGNORED_SIGNALS:
-        signal.signal(number, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
 
 
 @contextmanager

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import select
-import signal
 import sys
 import time
 from contextlib import ExitStack, contextmanager
@@ -17,10 +16,9 @@ from sattrack.clock import SimulatedClock
 from sattrack.console_messages import LeaveOrder, decode_order
 from sattrack.errors import SattrackError
 from sattrack.runtime.embedded import LineReader, start_embedded
-from sattrack.runtime.fly import IGNORED_SIGNALS, STOPPING_SIGNALS
 from sattrack.runtime.guard import Guard, Unguarded, owned
-from sattrack.runtime.live import StopRequest
 from sattrack.runtime.realtime import undisturbed
+from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.xerxes.client import Address, UdpLink, nobody_listens
 from sattrack.xerxes.datagrams import Command, encode_command
 from sattrack.xerxes.simulator.mount import SimulatedSite
@@ -258,7 +256,7 @@ def attend(part: Part, connection: Connection, show: Callable[[float], None]) ->
     Signals that end programs bring the mount to rest first, however often they come.
     """
     stop = StopRequest()
-    with signals(stop):
+    with stopping(stop):
         ConsoleLoop(part, connection, stop, show).run()
     return stop.asked
 
@@ -273,21 +271,6 @@ def attend_sitting(
         for order in inbox.orders():
             sitting.obey(order, now_utc_s)
 
-    with signals(stop):
+    with stopping(stop):
         ConsoleLoop(sitting, connection, stop, show, obey).run()
     return stop.asked
-
-
-@contextmanager
-def signals(stop: StopRequest) -> Iterator[None]:
-    """Turn the signals that end programs into a request to stop; suspending is ignored meanwhile."""
-    before = {number: signal.getsignal(number) for number in (*STOPPING_SIGNALS, *IGNORED_SIGNALS)}
-    for number in STOPPING_SIGNALS:
-        signal.signal(number, lambda *_: stop.ask())
-    for number in IGNORED_SIGNALS:
-        signal.signal(number, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

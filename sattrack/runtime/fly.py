@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
@@ -14,10 +13,11 @@ from sattrack.recording.recorder import BackgroundRecorder, NoRecording, Recorde
 from sattrack.runtime.embedded import EmbeddedMount, start_embedded
 from sattrack.runtime.facts import build_engine, encode_facts
 from sattrack.runtime.guard import owned
-from sattrack.runtime.live import LiveLoop, StopRequest
+from sattrack.runtime.live import LiveLoop
 from sattrack.runtime.observers import QUEUED_MOST
 from sattrack.runtime.outcome import summarise
 from sattrack.runtime.screen import Screen
+from sattrack.runtime.signals import stopping
 from sattrack.runtime.virtual import VirtualRun
 from sattrack.xerxes.client import Address
 from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite
@@ -33,11 +33,8 @@ if TYPE_CHECKING:
     from sattrack.runtime.live import Inbox
     from sattrack.runtime.observers import Observers
     from sattrack.runtime.prepare import Prepared
+    from sattrack.runtime.signals import StopRequest
     from sattrack.view import Summary, TrackView
-
-STOPPING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
-IGNORED_SIGNALS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
-"""A run that is suspended would leave the mount moving with nobody to stop it."""
 
 
 def fly_virtual(
@@ -92,7 +89,7 @@ def fly_live(
         loop.observers = observers
         if observers is not None:
             engine.expect_observations()
-        stack.enter_context(_signals(stop))
+        stack.enter_context(stopping(stop))
         ended_utc_s = loop.run()
         summary = summarise(loop.engine, loop.ledger, ended_utc_s)
         if guard.deposed:
@@ -145,15 +142,3 @@ def _recording(facts: RunFacts, background: bool) -> Iterator[Sink]:
         yield sink
     finally:
         sink.close()
-
-
-@contextmanager
-def _signals(stop: StopRequest) -> Iterator[None]:
-    """Turn the signals that end programs into a stop of the mount first."""
-    before = {number: signal.signal(number, lambda *_: stop.ask()) for number in STOPPING_SIGNALS}
-    before |= {number: signal.signal(number, signal.SIG_IGN) for number in IGNORED_SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

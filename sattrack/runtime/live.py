@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from sattrack.runtime.embedded import EmbeddedMount
     from sattrack.runtime.observers import Observers
     from sattrack.runtime.screen import Screen
+    from sattrack.runtime.signals import StopRequest
     from sattrack.xerxes.client import UdpLink
 
 VIEW_EVERY_TICKS = 2
@@ -43,17 +44,6 @@ class Inbox(Protocol):
 
     def messages(self) -> Sequence[Message]:
         """Return what has come, without waiting."""
-
-
-@dataclass(slots=True)
-class StopRequest:
-    """Set from a signal handler or another thread: the run is to stop the mount and end."""
-
-    asked: bool = False
-
-    def ask(self) -> None:
-        """Ask for the stop."""
-        self.asked = True
 
 
 @dataclass(slots=True)

@@ -11,19 +11,19 @@ from sattrack.control.orders import MOST_ALONG_S, MOST_CROSS_DEG
 from sattrack.errors import BadInputError
 from sattrack.profiles import ProfileFile
 from sattrack.runtime.facts import RunFacts, choose_pass, plan_for
+from sattrack.runtime.mounts import mount_address
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
-from sattrack.xerxes.client import Address, parse_address
 from tle.refraction import Refraction
 from tle.sources import find
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from sattrack.xerxes.client import Address
     from tle.elements import Elements
     from tle.site import Site
 
-NOT_YET = ("antenna", "alpaca")
 VIRTUAL_LEAD_S = 5.0
 
 
@@ -102,23 +102,6 @@ def prepare(request: RunRequest) -> Prepared:
         recording=None if request.record is None else str(request.record),
     )
     return Prepared(facts, clock, address, practising, request.profile.simulator)
-
-
-def mount_address(url: str | None) -> Address | None:
-    """Read `--mount`: None for the simulated mount. Raises BadInputError."""
-    if url is None:
-        raise BadInputError(
-            "no mount: give --mount xerxes://HOST:PORT?listen=PORT or set [mount] url in sattrack.toml; "
-            "--mount sim is a simulated one for practice"
-        )
-    scheme = url.partition(":")[0]
-    if url == "sim":
-        return None
-    if scheme in NOT_YET:
-        raise BadInputError(f"--mount {url}: {scheme} mounts are not supported yet; use xerxes:// or sim")
-    if scheme != "xerxes":
-        raise BadInputError(f"--mount {url}: write sim or xerxes://HOST:PORT?listen=PORT")
-    return parse_address(url)
 
 
 def _check_bias(request: RunRequest) -> None:

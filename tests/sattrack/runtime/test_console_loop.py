@@ -14,7 +14,7 @@ from sattrack.console_messages import AbortOrder, LeaveOrder
 from sattrack.mount import MountProfile
 from sattrack.runtime import console as loop_module
 from sattrack.runtime.console import Connection, ConsoleLoop, OrderInbox
-from sattrack.runtime.live import StopRequest
+from sattrack.runtime.signals import StopRequest
 from sattrack.safety import SafetyLimits
 from sattrack.xerxes.client import Address, UdpLink
 from sattrack.xerxes.datagrams import Command, decode_command, encode_command

@@ -14,7 +14,8 @@ import pytest
 from sattrack.clock import SimulatedClock
 from sattrack.messages import StopNow
 from sattrack.recording.recorder import NoRecording
-from sattrack.runtime.live import LiveLoop, StopRequest
+from sattrack.runtime.live import LiveLoop
+from sattrack.runtime.signals import StopRequest
 
 TICKS = 60
 PERIOD_S = 0.005

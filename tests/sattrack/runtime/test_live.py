@@ -22,8 +22,8 @@ from sattrack.commands.demo import demo_request
 from sattrack.errors import SattrackError
 from sattrack.mount import SIDEREAL_RATE_DEG_S
 from sattrack.runtime.fly import fly_live
-from sattrack.runtime.live import StopRequest
 from sattrack.runtime.prepare import prepare
+from sattrack.runtime.signals import StopRequest
 
 if TYPE_CHECKING:
     import subprocess

@@ -1,0 +1,366 @@
+"""What becomes of a mount whose feeder is killed or hangs, and what its guardian costs.
+
+python bench/guardian.py [--kills N] [--hangs N] [--moves N] [--seed SEED]
+python bench/guardian.py --cost
+
+Feeders follow a satellite through its culmination, at about 1 °/s, with simulated mounts that are programs of
+their own, over UDP on loopback, several at a time; `--moves` feeders move a mount by `mount move` instead. At
+a random instant each is killed (SIGKILL) or halted (SIGSTOP). Told is how long the true axes move on, and
+whether they stay at rest for a second more. `--cost` tells what a guardian takes to start, its memory, and
+what a heartbeat takes of the feeder's turn.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+import random
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import erfa
+from sgp4.api import Satrec
+
+from sattrack import practice
+from sattrack.figures import quantile
+from sattrack.mount import MountProfile
+from sattrack.runtime.guard import owned
+from sattrack.xerxes.client import Address
+from sattrack.xerxes.datagrams import Command, encode_command
+from tle.elements import Elements
+from tle.formats.registry import write_elements
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+SIDEREAL_DEG_S = 360.0 / 86164.0905
+MOVING_DEG_S = 1e-4
+AT_A_TIME = 4
+CULMINATES_AFTER_S = 21.0
+WATCHED_S = 1.0
+TURN_S = 0.05
+FAST_DEG_S = 0.3
+PASS_RATE_DEG_S = 0.8
+
+
+def free_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def speed_deg_s(truth: dict[str, float]) -> float:
+    """How fast the faster axis turns; standing still and turning with the sky both count as rest."""
+    ra = truth["ra_rate_deg_s"]
+    return max(min(abs(ra), abs(ra - SIDEREAL_DEG_S)), abs(truth["dec_rate_deg_s"]))
+
+
+class Mount:
+    """A simulated mount in a program of its own; where its axes are is read as it comes."""
+
+    def __init__(self, site: str, *options: str) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "sattrack", "sim", "--port", "0", "--json", "--site", site, *options],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+        assert self._process.stdout is not None
+        self.port = int(json.loads(self._process.stdout.readline())["listening"])
+        self.truths: list[dict[str, float]] = []
+        self._changed = threading.Condition()
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def url(self, listen: int | None = None) -> str:
+        return f"xerxes://127.0.0.1:{self.port}?listen={listen or free_port()}"
+
+    def wait(self, fast: bool, within_s: float = 60.0, faster_than_deg_s: float = FAST_DEG_S) -> None:
+        """Wait until an axis is faster than so much, or until both rest."""
+
+        def there() -> bool:
+            speed = speed_deg_s(self.truths[-1]) if self.truths else math.nan
+            return speed > faster_than_deg_s if fast else speed < MOVING_DEG_S
+
+        with self._changed:
+            if not self._changed.wait_for(there, within_s):
+                raise AssertionError(
+                    f"the mount {'does not move' if fast else 'moves on'}: {self.truths[-1:]}"
+                )
+
+    def wait_until(self, utc_s: float) -> None:
+        """Wait until the mount has told of an instant."""
+        with self._changed:
+            assert self._changed.wait_for(
+                lambda: bool(self.truths) and self.truths[-1]["utc_s"] > utc_s, utc_s - time.time() + 60.0
+            )
+
+    def moved_on_s(self, since_utc_s: float) -> float:
+        """How long after an instant the axes were last seen to move, plus the turn in which they stopped."""
+        moving = [truth["utc_s"] for truth in self.truths if speed_deg_s(truth) > MOVING_DEG_S]
+        return max(0.0, moving[-1] + TURN_S - since_utc_s) if moving else 0.0
+
+    def end(self) -> None:
+        self._process.terminate()
+        self._reader.join()
+        self._process.wait()
+        assert self._process.stdout is not None
+        self._process.stdout.close()
+
+    def _read(self) -> None:
+        for line in self._process.stdout or ():
+            with self._changed:
+                self.truths.append(json.loads(line))
+                self._changed.notify_all()
+
+
+@contextmanager
+def mount(site: str, *options: str) -> Iterator[Mount]:
+    simulated = Mount(site, *options)
+    try:
+        yield simulated
+    finally:
+        simulated.end()
+
+
+class Feeder:
+    """A `sattrack` command that feeds a mount; its guardian is what its child's command line says it is."""
+
+    def __init__(self, *arguments: str) -> None:
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "sattrack", *arguments],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+
+    def guardian(self) -> int:
+        """Return the guardian's process number."""
+        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+        found = [int(pid) for pid in children if is_guardian(int(pid))]
+        assert len(found) == 1, f"{len(found)} guardians"
+        return found[0]
+
+    def end(self) -> str:
+        """End it if it runs still; return what it, and its guardian, said."""
+        if self.process.poll() is None:
+            self.process.kill()
+        _, said = self.process.communicate()
+        return said
+
+
+def is_guardian(pid: int) -> bool:
+    try:
+        return b"sattrack.runtime.guardian" in Path(f"/proc/{pid}/cmdline").read_bytes()
+    except OSError:
+        return False
+
+
+def gone(pid: int, within_s: float = 20.0) -> bool:
+    """Wait until a process is no more."""
+    until_s = time.monotonic() + within_s
+    while time.monotonic() < until_s:
+        if not is_guardian(pid):
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def satellite(folder: Path, culminates_after_s: float) -> tuple[Path, str]:
+    """Write elements of the ISS with today's epoch; return the file, and a site that it passes over then."""
+    orbit = Elements.from_tle(practice.LINE_1, practice.LINE_2)
+    today = replace(orbit, epoch=Utc(time.time() // 86400.0 * 86400.0))
+    lines = write_elements([today], "2le").split("\n")[:2]
+    utc_s = time.time() + culminates_after_s
+    jd, fraction = 2440587.5 + utc_s // 86400.0, (utc_s % 86400.0) / 86400.0
+    error, r, _ = Satrec.twoline2rv(*lines).sgp4(jd, fraction)
+    assert error == 0
+    longitude = math.degrees(math.atan2(r[1], r[0]) - erfa.gmst82(jd, fraction))
+    latitude = math.degrees(math.atan2(r[2], math.hypot(r[0], r[1])))
+    path = folder / "iss.tle"
+    path.write_text("".join(f"{line}\n" for line in lines))
+    return path, f"{latitude:.3f},{(longitude + 180.0) % 360.0 - 180.0:.3f},0"
+
+
+class Outcome(NamedTuple):
+    """What became of one mount."""
+
+    moved_on_s: float
+    speed_deg_s: float
+    stays: bool
+    clean: bool
+    """Whether no guardian was left."""
+
+
+def of_a_pass(number: int, how: signal.Signals, chance: random.Random, *options: str) -> Outcome:
+    """Strike down a feeder that follows a satellite, at a random instant around its culmination."""
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        elements, site = satellite(folder, CULMINATES_AFTER_S)
+        simulated = stack.enter_context(mount(site, *options))
+        arguments = ["track", "25544", "--mount", simulated.url(), "--site", site, "--elements"]
+        feeder = Feeder(*arguments, str(elements), "--headless", *profile_of(options))
+        stack.callback(feeder.end)
+        culmination_s = time.time() + CULMINATES_AFTER_S - 3.0
+        simulated.wait(fast=True)
+        strike_utc_s = culmination_s + chance.uniform(-4.0, 10.0)
+        simulated.wait_until(strike_utc_s)
+        return strike(simulated, feeder, how)
+
+
+def of_a_move(simulated: Mount, how: signal.Signals, chance: random.Random, *options: str) -> Outcome:
+    """Strike down a feeder that moves a mount by hand, at a random instant."""
+    rate = chance.choice((-1.0, 1.0))
+    feeder = Feeder(
+        *("mount", "move", "--ra-rate", f"{rate}", "--dec-rate", f"{chance.uniform(-0.3, 0.3):.3f}"),
+        *("--seconds", "20", "--mount", simulated.url(), "--site", "52,4.5,0", *profile_of(options)),
+    )
+    try:
+        simulated.wait(fast=True)
+        simulated.wait_until(time.time() + chance.uniform(0.0, 0.5))
+        return strike(simulated, feeder, how)
+    finally:
+        feeder.end()
+
+
+def profile_of(options: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the options that tell the feeder what mount it is: the same file as the simulated one's."""
+    return options[options.index("--profile") :][:2] if "--profile" in options else ()
+
+
+def strike(simulated: Mount, feeder: Feeder, how: signal.Signals) -> Outcome:
+    guardian = feeder.guardian()
+    speed = speed_deg_s(simulated.truths[-1])
+    struck_utc_s = time.time()
+    feeder.process.send_signal(how)
+    simulated.wait_until(struck_utc_s + 0.1)
+    simulated.wait(fast=False)
+    moved_on_s = simulated.moved_on_s(struck_utc_s)
+    simulated.wait_until(time.time() + WATCHED_S)
+    stays = simulated.moved_on_s(struck_utc_s) == moved_on_s
+    if how == signal.SIGSTOP:
+        feeder.process.send_signal(signal.SIGCONT)
+        feeder.process.wait(30.0)
+    return Outcome(moved_on_s, speed, stays, gone(guardian))
+
+
+def tell(name: str, outcomes: list[Outcome]) -> None:
+    if not outcomes:
+        return
+    times = sorted(outcome.moved_on_s for outcome in outcomes)
+    low, mid, high = (quantile(times, share) for share in (0.1, 0.5, 0.9))
+    speeds = sorted(outcome.speed_deg_s for outcome in outcomes)
+    print(
+        f"{name}: {len(outcomes)} at {speeds[0]:.2f} to {speeds[-1]:.2f} °/s; axes at rest after "
+        f"{low:.2f} s (10 %), {mid:.2f} s (50 %), {high:.2f} s (90 %), {times[-1]:.2f} s at most; "
+        f"{sum(not o.stays for o in outcomes)} moved again, "
+        f"{sum(not o.clean for o in outcomes)} guardians left"
+    )
+
+
+def many(count: int, how: signal.Signals, seed: int, *options: str) -> list[Outcome]:
+    """Strike down so many feeders in passes, a few at a time."""
+    outcomes: list[Outcome] = []
+    errors: list[Exception] = []
+
+    def work(numbers: range) -> None:
+        for number in numbers:
+            try:
+                outcomes.append(of_a_pass(number, how, random.Random(f"{seed} {number}"), *options))
+            except (AssertionError, OSError) as error:
+                errors.append(error)
+
+    workers = [
+        threading.Thread(target=work, args=(range(first, count, AT_A_TIME),)) for first in range(AT_A_TIME)
+    ]
+    for worker in workers:
+        worker.start()
+    for worker in workers:
+        worker.join()
+    for error in errors:
+        print(f"a run failed: {error!r}")
+    if errors:
+        raise errors[0]
+    return outcomes
+
+
+def some_moves(count: int, how: signal.Signals, seed: int, *options: str) -> list[Outcome]:
+    """Strike down so many feeders that move one mount by hand, one after the other."""
+    chance = random.Random(seed)
+    with mount("52,4.5,0", *options) as simulated:
+        return [of_a_move(simulated, how, chance, *options) for _ in range(count)]
+
+
+def memory_kb(pid: int) -> dict[str, int]:
+    found = {}
+    for line in Path(f"/proc/{pid}/smaps_rollup").read_text().splitlines()[1:]:
+        name, _, rest = line.partition(":")
+        found[name] = int(rest.split()[0])
+    return found
+
+
+def cost() -> None:
+    starts: list[float] = []
+    datagram = encode_command(Command(7, move_ra=True, move_ra_rate_deg_s=1.0))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as nobody:
+        nobody.bind(("127.0.0.1", 0))
+        for _ in range(10):
+            begun_s = time.perf_counter()
+            with owned(Address("127.0.0.1", nobody.getsockname()[1], 0), MountProfile()) as (_, guard):
+                starts.append(time.perf_counter() - begun_s)
+                memory = memory_kb(guard.pid)
+                beats = []
+                for _ in range(20_000):
+                    before_ns = time.perf_counter_ns()
+                    guard.beat(datagram)
+                    beats.append((time.perf_counter_ns() - before_ns) * 1e-3)
+                time.sleep(1.0 if len(starts) == 10 else 0.0)
+                guard.release(None)
+    beats.sort()
+    print(
+        f"start, from the claim to the watch: {min(starts) * 1e3:.0f} to {max(starts) * 1e3:.0f} ms\n"
+        f"memory: {memory['Rss'] / 1024:.1f} MB resident, {memory['Pss'] / 1024:.1f} MB its share, "
+        f"{(memory['Private_Dirty'] + memory['Private_Clean']) / 1024:.1f} MB its own\n"
+        f"a heartbeat: {quantile(beats, 0.5):.2f} µs (50 %), {quantile(beats, 0.99):.2f} µs (99 %), "
+        f"{quantile(beats, 0.999):.2f} µs (99.9 %), {beats[-1]:.0f} µs at most, of 50000 µs"
+    )
+
+
+def main() -> None:
+    assert __doc__ is not None
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--kills", type=int, default=0)
+    parser.add_argument("--hangs", type=int, default=0)
+    parser.add_argument("--moves", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--profile", help="the mount's profile, on both sides")
+    parser.add_argument("--cost", action="store_true")
+    given: Any = parser.parse_args()
+    options = () if given.profile is None else ("--profile", given.profile)
+    if given.cost or not (given.kills or given.hangs or given.moves):
+        cost()
+    tell("killed in a pass", many(given.kills, signal.SIGKILL, given.seed, *options))
+    tell("halted in a pass", many(given.hangs, signal.SIGSTOP, given.seed, *options))
+    tell(
+        "killed in a move",
+        some_moves(given.moves, signal.SIGKILL, given.seed, *options) if given.moves else [],
+    )
+
+
+if __name__ == "__main__":
+    main()

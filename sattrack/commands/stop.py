@@ -1,0 +1,134 @@
+"""`sattrack stop`: stop the mount from any terminal."""
+
+from __future__ import annotations
+
+import itertools
+import sys
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import click
+import msgspec
+
+from sattrack.commands.common import CommandContext, common_options, profile_option
+from sattrack.errors import BadInputError, SattrackError
+from sattrack.runtime.owner import owner_of, owners, this_user
+from sattrack.runtime.stopping import MountStop, stop_after, stop_directly, stop_session
+from sattrack.xerxes.client import parse_address
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sattrack.mount import MountProfile
+    from sattrack.runtime.owner import Owner
+    from sattrack.xerxes.client import Address
+
+SHOW_EVERY = 4
+
+
+class StopDocument(msgspec.Struct, frozen=True):
+    """What scripts read."""
+
+    stopped: tuple[MountStop, ...]
+    errors: tuple[str, ...]
+
+
+@dataclass(slots=True)
+class Waiting:
+    """A line on a terminal that says that the stop is not seen through yet."""
+
+    _calls: itertools.count[int] = field(default_factory=itertools.count)
+    _shown: bool = False
+
+    def show(self) -> None:
+        """Renew it now and then."""
+        number = next(self._calls)
+        if sys.stderr.isatty() and number and number % SHOW_EVERY == 0:
+            self._shown = True
+            click.echo(f"\r\x1b[Kstopping{'.' * (number // SHOW_EVERY % 4)}", nl=False, err=True)
+
+    def wipe(self) -> None:
+        """Take it away."""
+        if self._shown:
+            click.echo("\r\x1b[K", nl=False, err=True)
+
+
+@click.command("stop")
+@click.option(
+    "--mount",
+    "mount_url",
+    metavar="URL",
+    help="Only this mount: xerxes://HOST:PORT?listen=PORT. Default: whatever sessions of yours move, and "
+    "the mount of the settings.",
+)
+@profile_option
+@common_options
+def command(context: CommandContext, mount_url: str | None, profile: Path | None) -> int:
+    """Stop the mount, from any terminal, and see it at rest.
+
+    The session that owns it stops it and ends: track, demo, a verb, a console; where it hangs, its guardian
+    does. A mount that no session owns is told directly.
+    """
+    url = mount_url or context.settings.mount.url
+    address = _address(url)
+    if mount_url is None:
+        sessions = [owner for owner in owners() if this_user() in (0, owner.user)]
+    else:
+        owner = None if address is None else owner_of(address.host, address.port)
+        sessions = [] if owner is None else [owner]
+    if not sessions and address is None:
+        raise BadInputError(
+            "nothing to stop: no session of yours moves a mount on this machine; "
+            "--mount URL stops a mount directly"
+        )
+    waiting = Waiting()
+    done, failed = _stop_all(sessions, address, context.profile(profile).mount, waiting)
+    waiting.wipe()
+    _tell(done, failed, context.json)
+    if failed:
+        raise failed[0]
+    return 0
+
+
+def _address(url: str | None) -> Address | None:
+    """Return the mount that a URL names; None for simulated ones, which end with their sessions."""
+    if url is None or url == "sim":
+        return None
+    if not url.startswith("xerxes:"):
+        raise BadInputError(f"--mount {url}: write xerxes://HOST:PORT?listen=PORT")
+    return parse_address(url)
+
+
+def _stop_all(
+    sessions: list[Owner], address: Address | None, profile: MountProfile, waiting: Waiting
+) -> tuple[list[MountStop], list[SattrackError]]:
+    """Stop each session's mount, and `address` where it is none of them."""
+    done: list[MountStop] = []
+    failed: list[SattrackError] = []
+    for owner in sessions:
+        try:
+            done.append(stop_session(owner, waiting.show) or stop_after(owner, profile, waiting.show))
+        except SattrackError as error:
+            failed.append(error)
+    here = None if address is None else f"{address.host}:{address.port}"
+    if address is not None and here not in {owner.mount for owner in sessions}:
+        try:
+            done.append(stop_directly(address, profile, waiting.show))
+        except SattrackError as error:
+            failed.append(error)
+    unsure = [stopped.error() for stopped in done]
+    failed.extend(error for error in unsure if error is not None)
+    return done, failed
+
+
+def _tell(done: list[MountStop], failed: list[SattrackError], as_json: bool) -> None:
+    """Tell what came of it; the first error is told by whoever catches it."""
+    if as_json:
+        document = StopDocument(tuple(done), tuple(str(error) for error in failed))
+        click.echo(msgspec.json.encode(document).decode())
+    else:
+        for stopped in done:
+            if stopped.error() is None:
+                click.echo(f"{stopped.mount}: {stopped.words}")
+    for other in failed[1:]:
+        click.echo(f"sattrack: {other}", err=True)

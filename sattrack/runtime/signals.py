@@ -1,0 +1,41 @@
+"""Signals that would end a program, turned into a request to stop the mount first."""
+
+from __future__ import annotations
+
+import signal
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+STOPPING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+IGNORED_SIGNALS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+"""A run that is suspended would leave the mount moving with nobody to stop it."""
+
+
+@dataclass(slots=True)
+class StopRequest:
+    """Set from a signal handler or another thread: the run is to stop the mount and end."""
+
+    asked: bool = False
+
+    def ask(self) -> None:
+        """Ask for the stop."""
+        self.asked = True
+
+
+@contextmanager
+def stopping(stop: StopRequest) -> Iterator[None]:
+    """Have the signals that end programs ask for a stop, however often they come; suspending is ignored."""
+    before = {number: signal.getsignal(number) for number in (*STOPPING_SIGNALS, *IGNORED_SIGNALS)}
+    for number in STOPPING_SIGNALS:
+        signal.signal(number, lambda *_: stop.ask())
+    for number in IGNORED_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

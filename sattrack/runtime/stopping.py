@@ -1,0 +1,117 @@
+"""Stop a mount from outside: through the session that owns it, and directly where there is none."""
+
+from __future__ import annotations
+
+import select
+import time
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from sattrack.errors import LinkLostError, SattrackError
+from sattrack.halt import Halt
+from sattrack.runtime.guard import owned
+from sattrack.runtime.owner import Taken, ask_stop, owner_of
+from sattrack.xerxes.client import Address, nobody_listens
+from sattrack.xerxes.datagrams import Command, encode_command
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sattrack.mount import MountProfile
+    from sattrack.runtime.owner import Owner
+
+NOBODY = "nothing listens there"
+FREE_WITHIN_S = 10.0
+"""How long a session that has stopped its mount may take to close its recording and end."""
+LOOK_AGAIN_S = 0.05
+GONE_AFTER_S = 1.0
+
+
+class MountStop(msgspec.Struct, frozen=True):
+    """What came of the stop of one mount; `at_rest` None where nobody could see it."""
+
+    mount: str
+    by: str
+    """"session", "guardian", "direct", or "gone": a simulated mount ended with its session."""
+    at_rest: bool | None
+    pid: int | None
+    command: str | None
+    words: str
+
+    def error(self) -> SattrackError | None:
+        """Return the error whose exit code this is; None where the mount is at rest, or no more."""
+        if self.at_rest or self.by == "gone":
+            return None
+        return (LinkLostError if self.at_rest is None else SattrackError)(f"{self.mount}: {self.words}")
+
+
+def stop_session(owner: Owner, waiting: Callable[[], None]) -> MountStop | None:
+    """Have a session stop its mount and end; None where the session does not know the mount at rest.
+
+    Raises SattrackError where it does not answer.
+    """
+    stopped = ask_stop(owner, waiting)
+    if stopped is None or not stopped.at_rest:
+        return None
+    who = "its guardian" if stopped.by == "guardian" else "it"
+    words = f"stopped and seen at rest; `{owner.command}`, process {owner.pid}, has ended, {who} saw to it"
+    return MountStop(owner.mount, stopped.by, True, owner.pid, owner.command, words)
+
+
+def stop_directly(address: Address, profile: MountProfile, waiting: Callable[[], None]) -> MountStop:
+    """Stop a mount that no session owns, by datagrams of our own, and see it at rest.
+
+    Raises SattrackError where another session comes in between, or the port is not to be had.
+    """
+    wait_until_free(address, waiting)
+    mount = f"{address.host}:{address.port}"
+    with owned(address, profile) as (link, guard):
+        begun_s = due_s = time.monotonic()
+        halt = Halt(profile, begun_s)
+        while not halt.finished:
+            readable, _, _ = select.select([link], [], [], max(0.0, due_s - time.monotonic()))
+            if readable:
+                for arrival in link.receive():
+                    halt.receive(arrival.data, arrival.monotonic_s)
+            now_s = time.monotonic()
+            if now_s < due_s:
+                continue
+            datagram = halt.tick(now_s)
+            guard.beat(datagram)
+            link.send(datagram)
+            due_s = max(due_s + profile.period_s, now_s)
+            waiting()
+            unheard = halt.session.sample is None and now_s - begun_s > GONE_AFTER_S
+            if unheard and nobody_listens(address, encode_command(Command()), LOOK_AGAIN_S):
+                guard.release(None)
+                return MountStop(mount, "direct", None, None, None, NOBODY)
+        guard.release(halt.at_rest)
+    if halt.at_rest:
+        return MountStop(mount, "direct", True, None, None, "stopped and seen at rest")
+    words = "it was told to stop and IS NOT AT REST" if halt.at_rest is False else "it was told to stop"
+    if halt.at_rest is None:
+        words += ", but is NOT HEARD: nobody knows whether it obeyed"
+    return MountStop(
+        mount, "direct", halt.at_rest, None, None, f"{words}; look after it, and stop it by its own console"
+    )
+
+
+def stop_after(owner: Owner, profile: MountProfile, waiting: Callable[[], None]) -> MountStop:
+    """Stop directly a mount whose session has ended without knowing it at rest. Raises SattrackError."""
+    host, _, port = owner.mount.rpartition(":")
+    stopped = stop_directly(Address(host, int(port), owner.listen_port), profile, waiting)
+    if stopped.words == NOBODY and host.startswith("127."):
+        words = f"the simulated mount has ended with its session, `{owner.command}`, process {owner.pid}"
+        return msgspec.structs.replace(stopped, by="gone", pid=owner.pid, command=owner.command, words=words)
+    return stopped
+
+
+def wait_until_free(address: Address, waiting: Callable[[], None]) -> None:
+    """Wait for the end of a session that owns the mount still; raises Taken where it does not come."""
+    until_s = time.monotonic() + FREE_WITHIN_S
+    while (owner := owner_of(address.host, address.port)) is not None:
+        if time.monotonic() > until_s:
+            raise Taken(f"{address} has an owner: {owner}; it does not end: `kill {owner.pid}`")
+        waiting()
+        time.sleep(LOOK_AGAIN_S)

@@ -1,0 +1,230 @@
+"""The guardian with real processes: feeders are killed and halted, and the true axes tell what follows."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import socket
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from guardian import Feeder, gone, is_guardian, many, mount, some_moves
+
+from sattrack.mount import MountProfile
+from sattrack.runtime.guard import HANG_AFTER_S, LOOK_EVERY_BEATS, Guarded, owned
+from sattrack.runtime.guard_memory import Release, Word
+from sattrack.runtime.guardian import OBEY_WITHIN_S, POLL_S, Watch
+from sattrack.xerxes.client import Address
+from sattrack.xerxes.datagrams import Command, decode_command, encode_command
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+WITHIN_S = 1.0
+HARMLESS = encode_command(Command(6))
+MOVING = encode_command(Command(7, move_ra=True, move_ra_rate_deg_s=1.0))
+EDGE = Path(__file__).parents[3] / "examples" / "profiles" / "edge.toml"
+
+
+def assert_stopped(outcomes: list, count: int, within_s: float) -> None:
+    assert len(outcomes) == count
+    for outcome in outcomes:
+        assert outcome.speed_deg_s > 0.3
+        assert outcome.moved_on_s < within_s
+        assert outcome.stays
+        assert outcome.clean
+
+
+def test_a_feeder_killed_at_a_random_instant_of_a_pass_leaves_the_mount_stopped() -> None:
+    assert_stopped(many(2, signal.SIGKILL, seed=random.randrange(1000)), 2, WITHIN_S)
+
+
+@pytest.mark.parametrize("profile", [(), ("--profile", str(EDGE))], ids=["held", "edge"])
+def test_a_killed_verb_leaves_the_mount_stopped(profile: tuple[str, ...]) -> None:
+    assert_stopped(some_moves(4, signal.SIGKILL, random.randrange(1000), *profile), 4, WITHIN_S)
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("profile", [(), ("--profile", str(EDGE))], ids=["held", "edge"])
+def test_feeders_killed_a_hundred_times(profile: tuple[str, ...]) -> None:
+    assert_stopped(many(50, signal.SIGKILL, 7, *profile), 50, WITHIN_S)
+    assert_stopped(some_moves(50, signal.SIGKILL, 7, *profile), 50, WITHIN_S)
+
+
+def test_a_feeder_that_stands_still_loses_the_mount_and_knows_it_when_it_wakes() -> None:
+    with mount("52,4.5,0") as simulated:
+        feeder = move(simulated.url())
+        try:
+            simulated.wait(fast=True)
+            guardian = feeder.guardian()
+            halted_utc_s = time.time()
+            feeder.process.send_signal(signal.SIGSTOP)
+            simulated.wait_until(halted_utc_s + HANG_AFTER_S)
+            simulated.wait(fast=False)
+            moved_on_s = simulated.moved_on_s(halted_utc_s)
+            assert moved_on_s < HANG_AFTER_S + WITHIN_S
+            simulated.wait_until(time.time() + 1.0)
+            feeder.process.send_signal(signal.SIGCONT)
+            assert feeder.process.wait(30.0) == 1
+            assert gone(guardian)
+            simulated.wait_until(time.time() + 0.5)
+            assert simulated.moved_on_s(halted_utc_s) == moved_on_s
+        finally:
+            said = feeder.end()
+    assert "stood still, so its guardian took the mount from it" in said
+    assert "was stopped and seen at rest" in said
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP, signal.SIGINT])
+def test_what_ends_a_whole_process_group_does_not_end_its_guardian(number: signal.Signals) -> None:
+    with mount("52,4.5,0") as simulated:
+        feeder = move(simulated.url())
+        try:
+            simulated.wait(fast=True)
+            guardian = feeder.guardian()
+            assert os.getsid(guardian) == guardian
+            struck_utc_s = time.time()
+            os.killpg(feeder.process.pid, number)
+            simulated.wait(fast=False)
+            assert simulated.moved_on_s(struck_utc_s) < WITHIN_S
+            feeder.process.wait(30.0)
+            assert gone(guardian)
+        finally:
+            said = feeder.end()
+    killed = "ended without a word; its guardian stopped the mount"
+    assert (killed if number == signal.SIGKILL else "interrupted") in said
+
+
+def move(url: str) -> Feeder:
+    return Feeder(
+        *("mount", "move", "--ra-rate", "-1", "--dec-rate", "0.2", "--seconds", "20"),
+        *("--mount", url, "--site", "52,4.5,0"),
+    )
+
+
+@pytest.fixture
+def mount_socket() -> Iterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.settimeout(10.0)
+        yield listener
+
+
+def address_of(bound: socket.socket) -> Address:
+    return Address("127.0.0.1", bound.getsockname()[1], 0)
+
+
+def test_a_normal_end_leaves_no_guardian_and_sends_nothing(mount_socket: socket.socket) -> None:
+    with owned(address_of(mount_socket), MountProfile()) as (_, guard):
+        assert is_guardian(guard.pid)
+        assert guard.beat(MOVING)
+        guard.release(True)
+    assert not is_guardian(guard.pid)
+    mount_socket.setblocking(False)
+    with pytest.raises(BlockingIOError):
+        mount_socket.recv(200)
+
+
+def test_a_feeder_that_never_asked_for_motion_leaves_nothing_to_stop(mount_socket: socket.socket) -> None:
+    with owned(address_of(mount_socket), MountProfile()) as (_, guard):
+        assert guard.beat(HARMLESS)
+    assert not is_guardian(guard.pid)
+    mount_socket.setblocking(False)
+    with pytest.raises(BlockingIOError):
+        mount_socket.recv(200)
+
+
+def test_the_guardian_goes_on_from_the_same_port_with_the_next_number_and_one_flag(
+    mount_socket: socket.socket,
+) -> None:
+    with owned(address_of(mount_socket), MountProfile()) as (link, guard):
+        port = link.listen_port
+        assert guard.beat(encode_command(Command(4711, move_ra=True, move_ra_rate_deg_s=1.0)))
+        link.close()
+        # The end of the channel without a release is what a killed feeder leaves.
+        guard._life.close()
+        data, sender = mount_socket.recvfrom(200)
+        command = decode_command(data)
+        os.kill(guard.pid, signal.SIGKILL)
+    assert sender == ("127.0.0.1", port)
+    assert command.counter == 4712
+    assert command.abort
+    others = (command.move_ra, command.move_dec, command.slew, command.park, command.pulse_guide)
+    assert not any(others)
+
+
+def beats(guard: Guarded, pid: int) -> None:
+    """Let the loop turn until it has seen that a guardian is gone."""
+    os.kill(pid, signal.SIGKILL)
+    os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)
+    for _ in range(LOOK_EVERY_BEATS):
+        assert guard.beat(MOVING)
+
+
+def test_a_guardian_that_dies_is_replaced_once_and_then_the_run_is_to_end(
+    mount_socket: socket.socket,
+) -> None:
+    with owned(address_of(mount_socket), MountProfile()) as (_, guard):
+        first = guard.pid
+        beats(guard, first)
+        assert guard.trouble is None
+        second = guard.pid
+        assert second != first
+        beats(guard, second)
+        assert guard.trouble == "the guardian died twice: the mount is not moved without one"
+        assert guard.beat(MOVING)
+        guard.release(True)
+    assert not is_guardian(second)
+
+
+def watched() -> tuple[Watch, memoryview]:
+    words = memoryview(bytearray(8 * len(Word))).cast("Q")
+    return Watch(words, hang_after_s=1.0), words
+
+
+def looks(watch: Watch, count: int, elapsed_s: float = POLL_S) -> list[str]:
+    return [why for _ in range(count) if (why := watch.look(elapsed_s)) is not None]
+
+
+class TestWatch:
+    def test_a_loop_that_turns_is_left_alone(self) -> None:
+        watch, words = watched()
+        words[Word.ARMED] = 1
+        for beat in range(100):
+            words[Word.BEATS] = beat
+            assert watch.look(POLL_S) is None
+
+    def test_silence_counts_from_the_last_beat(self) -> None:
+        watch, words = watched()
+        words[Word.ARMED], words[Word.BEATS] = 1, 5
+        assert looks(watch, 11) == []
+        assert looks(watch, 1) == ["stood still for 1.1 s"]
+
+    def test_before_the_first_motion_and_after_the_release_silence_means_nothing(self) -> None:
+        watch, words = watched()
+        words[Word.BEATS] = 5
+        assert looks(watch, 100) == []
+        words[Word.ARMED], words[Word.RELEASED] = 1, Release.AT_REST
+        assert looks(watch, 100) == []
+
+    def test_a_machine_that_stood_still_as_a_whole_is_nobodys_fault(self) -> None:
+        watch, words = watched()
+        words[Word.ARMED], words[Word.BEATS] = 1, 5
+        assert looks(watch, 3, elapsed_s=30.0) == []
+
+    def test_a_loop_that_turns_but_ignores_a_stop_loses_the_mount(self) -> None:
+        watch, words = watched()
+        words[Word.ARMED] = words[Word.STOP_ASKED] = 1
+        whys = []
+        for beat in range(30):
+            words[Word.BEATS] = beat
+            whys.append(watch.look(POLL_S))
+        late = round(OBEY_WITHIN_S / POLL_S)
+        assert whys[: late - 1] == [None] * (late - 1)
+        assert whys[-1] == "did not obey a stop"
+        words[Word.OBEYING] = 1
+        words[Word.BEATS] = 100
+        assert watch.look(POLL_S) is None
