@@ -12,20 +12,24 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import fnmatch
+import math
 import statistics
 from typing import TYPE_CHECKING
 
 import msgspec
+import numpy as np
 from feeder_harness import Controller, Link, Scenario, World
 from feeder_rivals import Compensated, Oracle, Proportional
 
 from sattrack import practice
+from sattrack.messages import Nudge
 from sattrack.mount import MountProfile
 from sattrack.runtime.facts import RunFacts, build_engine, choose_pass, plan_for
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
 from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, mean_sidereal_deg
 from sattrack.xerxes.simulator.settings import ServoSettings, SimulatorProfile
+from tle.bias import Bias
 from tle.elements import Elements
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -35,12 +39,19 @@ from tle.site import Site
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from tle.direction import Direction
+
 KANOPUS = (
     "1 38707U 12039A   24247.82317651  .00138984  00000-0  16635-2 0  9998",
     "2 38707  97.4945 189.8924 0007050 108.0286 252.1739 15.60479551673427",
 )
 SETTLED_S = 10.0
 BEFORE_S = 8.0
+NUDGE_S = 0.5
+NUDGE_EVERY_S = 7.0
+NUDGE_SETTLED_S = 2.0
+RINGING_S = 0.3
+"""How long the drives, 5 Hz wide, take to come to rest after what was commanded has."""
 
 ENCODER_NOISE_TICS = 0.5
 BANDWIDTH_HZ = 5.0
@@ -63,6 +74,9 @@ SCENARIOS = (
     Scenario("delays 5 and 35 ms, clock true", (0.3, 1.0), Link(0.005, 0.035)),
     Scenario("edge", (0.8, 4.0), move_axis="edge"),
 )
+
+
+NUDGES = "nudges of 0.5 s, settled"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -134,6 +148,9 @@ class Ours:
     def shift_s(self, now_utc_s: float) -> float:
         return self.engine.tracker.send_shift_s(now_utc_s)
 
+    def repeat(self) -> bytes | None:
+        return self.engine.repeat()
+
 
 def world(subject: Subject, scenario: Scenario, seed: int, bandwidth_hz: float = BANDWIDTH_HZ) -> World:
     facts = subject.facts
@@ -193,6 +210,9 @@ def main() -> None:
             continue
         for subject in subjects():
             _row(scenario, subject, options, squares)
+    if fnmatch.fnmatch(NUDGES, options.rows):
+        for subject in subjects():
+            _nudge_row(subject, options)
     ours = squares.pop("ours", 0.0)
     for name, theirs in squares.items():
         print(f"over all rows, RMS of {name} over ours: {(theirs / ours) ** 0.5:.1f}")
@@ -218,6 +238,15 @@ def _row(
         print(f"    {name:36} {'':8} {t_square**0.5:8.3f} {t_peak:8.3f}   {ratio:8.1f} ×", flush=True)
 
 
+def _nudge_row(subject: Subject, options: argparse.Namespace) -> None:
+    figures = [nudged(subject, seed, options.bandwidth) for seed in range(1, options.seeds + 1)]
+    rms, peak, step, longest_s = (max(numbers) for numbers in zip(*figures, strict=True))
+    bounds = " ".join(f"{bound:g}″" for bound in SCENARIOS[0].bounds_arcsec)
+    print(f"{NUDGES:40} {subject.name:8} {rms:8.3f} {peak:8.3f}   {bounds}", flush=True)
+    words = f"{100.0 * step:.0f} % of what the mount's acceleration allows"
+    print(f"    largest step of a rate {words}; settled in {longest_s:.1f} s", flush=True)
+
+
 def ours(
     subject: Subject, scenario: Scenario, seed: int, bandwidth_hz: float = BANDWIDTH_HZ
 ) -> tuple[float, float]:
@@ -226,6 +255,52 @@ def ours(
     run.run(Ours(subject, scenario))
     plan = subject.facts.plan
     return run.figures(plan.start_utc_s + SETTLED_S, plan.end_utc_s - 0.1)
+
+
+def nudged(
+    subject: Subject, seed: int, bandwidth_hz: float = BANDWIDTH_HZ
+) -> tuple[float, float, float, float]:
+    """Return RMS and peak after each nudge has settled, the worst step of the rates, the longest settling.
+
+    Nudges of half a second along the track, there and back; they settle in two seconds, later only where the
+    mount's rate does not allow that. The error is against the propagator with that bias, arcseconds, the step
+    a share of what the mount's acceleration allows in a period.
+    """
+    scenario = SCENARIOS[0]
+    run, controller = world(subject, scenario, seed, bandwidth_hz), Ours(subject, scenario)
+    plan = subject.facts.plan
+    instants = list(np.arange(plan.start_utc_s + SETTLED_S, plan.end_utc_s - NUDGE_EVERY_S, NUDGE_EVERY_S))
+    waiting, settled_from_s, given_s = list(instants), list[float](), list[float]()
+    steps: list[float] = []
+
+    def command(now_utc_s: float) -> bytes:
+        if waiting and now_utc_s >= waiting[0]:
+            waiting.pop(0)
+            sign = 1.0 if (len(instants) - len(waiting)) % 2 else -1.0
+            controller.engine.operate(Nudge(along_s=sign * NUDGE_S), now_utc_s)
+            done_s = controller.engine.tracker.biases.offsets["along_s"].ended_utc_s() + RINGING_S
+            settled_from_s.append(max(now_utc_s + NUDGE_SETTLED_S, done_s))
+            given_s.append(now_utc_s)
+        before = controller.engine.tracker.rates
+        data = controller.engine.tick(now_utc_s)
+        after, limits = controller.engine.tracker.rates, controller.engine.spec.profile
+        if now_utc_s > plan.start_utc_s + SETTLED_S:
+            for axis, limit in (("ra", limits.ra), ("dec", limits.dec)):
+                change = getattr(after, f"{axis}_rate_deg_s") - getattr(before, f"{axis}_rate_deg_s")
+                steps.append(abs(change) / (limit.max_acceleration_deg_s2 * limits.period_s))
+        return data
+
+    def target(utc_s: float) -> Direction:
+        done = sum(utc_s >= instant for instant in instants)
+        return subject.propagator.at(Utc(utc_s), Bias(NUDGE_S if done % 2 else 0.0))
+
+    controller.command = command  # type: ignore[method-assign]
+    run.target = target
+    run.run(controller)
+    spans = list(zip(settled_from_s, [*instants[1:], plan.end_utc_s - 0.1], strict=True))
+    settled = [e for utc_s, e in run.errors if any(a <= utc_s < b for a, b in spans)]
+    longest_s = max(a - given for a, given in zip(settled_from_s, given_s, strict=True))
+    return math.sqrt(statistics.fmean(e * e for e in settled)), max(settled), max(steps), longest_s
 
 
 def rival(

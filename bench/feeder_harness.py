@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from sattrack.mount import MountProfile
     from sattrack.xerxes.simulator.mount import SimulatedMount
+    from tle.direction import Direction
     from tle.propagator import Propagator
 
 PERIOD_S = 0.05
@@ -104,6 +105,8 @@ class World:
         seed: int,
     ) -> None:
         self.scenario, self.mount, self.propagator = scenario, mount, propagator
+        self.target: Callable[[float], Direction] = lambda utc_s: propagator.at(Utc(utc_s))
+        """Where the satellite is to be followed: without any bias, unless a run says otherwise."""
         self.begin_s, self.end_s = span
         rng = random.Random(f"{scenario.name} {seed}")
         timer = Timer(self.begin_s - 0.2, rng)
@@ -182,7 +185,7 @@ class World:
         return encode_command(Command(**{**values, **changed}))
 
     def _judge(self, truth: Any) -> None:
-        target = self.propagator.at(Utc(truth.utc_s))
+        target = self.target(truth.utc_s)
         error = sky_error(truth.utc_s, truth.ra_deg, truth.dec_deg, target)
         self.errors.append((truth.utc_s, error.total_arcsec))
         self.rates.append((truth.utc_s, truth.ra_rate_deg_s, truth.dec_rate_deg_s))

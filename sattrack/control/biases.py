@@ -37,7 +37,9 @@ ON_SKY = (
     "camera_y_deg",
 )
 SHARE = 0.45
-"""Of what the mount can do beyond following, what one offset's change may ask: several may come together."""
+"""Of the mount's acceleration, what one offset's change may ask: several may come together."""
+RATE_SHARE = 0.8
+"""Of the rate that the mount has to spare beyond following."""
 LEAST_SPARE = 0.1
 """Share of an axis' rate that counts as spare where the target takes it all."""
 AHEAD_S = 2.0
@@ -190,7 +192,7 @@ class Biases:
 
         `from_s` and `to_s` are the along-track biases between which it happens.
         """
-        needs = [self._need(what, pace) for pace in self._paces(begins_utc_s, from_s, to_s)]
+        needs = [self._need(what, pace, to_s - from_s) for pace in self._paces(begins_utc_s, from_s, to_s)]
         return Bounds(*(min(numbers) for numbers in zip(*needs, strict=True)))
 
     def _paces(self, begins_utc_s: float, from_s: float, to_s: float) -> Iterable[AxisPace]:
@@ -199,23 +201,28 @@ class Biases:
         steps = (from_s + (to_s - from_s) * i / 6.0 for i in range(7))
         return [self.course.axis_pace(begins_utc_s + AHEAD_S, along_s) for along_s in steps]
 
-    def _need(self, what: str, pace: AxisPace) -> Bounds:
+    def _need(self, what: str, pace: AxisPace, change_s: float) -> Bounds:
         ra_by, dec_by = 1.0 / pace.cos_dec, 1.0
+        ra_moving, dec_moving = abs(pace.ra_rate_deg_s), abs(pace.dec_rate_deg_s)
         if what == ALONG:
             ra_by, dec_by = abs(pace.ra_by_along), abs(pace.dec_by_along)
+            if change_s:
+                # Back along the track an axis first loses the rate that it has.
+                ra_moving = pace.ra_rate_deg_s * math.copysign(1.0, pace.ra_by_along * change_s)
+                dec_moving = pace.dec_rate_deg_s * math.copysign(1.0, pace.dec_by_along * change_s)
         elif what == "ra_axis_deg":
             ra_by, dec_by = 1.0, 0.0
         elif what in {"dec_deg", "dec_axis_deg"}:
             ra_by = 0.0
         axes = (
-            (ra_by, pace.ra_rate_deg_s, self._profile.ra),
-            (dec_by, pace.dec_rate_deg_s, self._profile.dec),
+            (ra_by, ra_moving, self._profile.ra),
+            (dec_by, dec_moving, self._profile.dec),
         )
         rate = acceleration = math.inf
         for by, moving, limits in axes:
             if by > 0.0:
-                spare = max(LEAST_SPARE * limits.max_rate_deg_s, limits.max_rate_deg_s - abs(moving))
-                rate = min(rate, SHARE * spare / by)
+                spare = max(LEAST_SPARE * limits.max_rate_deg_s, limits.max_rate_deg_s - moving)
+                rate = min(rate, RATE_SHARE * spare / by)
                 acceleration = min(acceleration, SHARE * limits.max_acceleration_deg_s2 / by)
         return Bounds(rate, acceleration)
 
