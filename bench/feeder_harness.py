@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from sattrack.tracker import sky_error
 from sattrack.xerxes.datagrams import Command, decode_command, encode_command
+from sattrack.xerxes.repeats import REPEAT_AFTER_PERIODS
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -69,6 +70,8 @@ class Controller(Protocol):
     def command(self, now_utc_s: float) -> bytes: ...
 
     def shift_s(self, now_utc_s: float) -> float: ...
+
+    def repeat(self) -> bytes | None: ...
 
 
 @dataclass
@@ -126,7 +129,7 @@ class World:
         if key not in self._delays:
             rng = random.Random(f"{self.phase_s} {way} {number}")
             link = self.scenario.link
-            base_s = link.command_s if way == "command" else link.status_s
+            base_s = link.status_s if way == "status" else link.command_s
             delay_s = max(0.0, base_s + rng.uniform(-link.jitter_s, link.jitter_s))
             if rng.random() < link.held_back:
                 delay_s += HELD_BACK_S
@@ -153,7 +156,14 @@ class World:
             data = controller.command(now_s)
             for delay_s in self.delays("command", turn):
                 at(now_s + delay_s, command_arrives, data)
+            at(now_s + REPEAT_AFTER_PERIODS * PERIOD_S, copy, turn)
             at(now_s + controller.period_s + controller.shift_s(now_s), client_turn, turn + 1)
+
+        def copy(now_s: float, turn: int) -> None:
+            data = controller.repeat()
+            if data is not None:
+                for delay_s in self.delays("copy", turn):
+                    at(now_s + delay_s, command_arrives, data)
 
         def mount_turn(now_s: float, turn: int) -> None:
             status, truth = self.mount.tick(now_s)

@@ -27,6 +27,9 @@ class Unshifted:
     def shift_s(self, now_utc_s: float) -> float:
         return 0.0
 
+    def repeat(self) -> bytes | None:
+        return None
+
 
 @dataclass
 class Proportional(Unshifted):

@@ -166,6 +166,10 @@ class Engine:
             self.tracker.note_sent(self.session.begun_move, now_utc_s)
         return datagram
 
+    def repeat(self) -> bytes | None:
+        """Return what to send once more, REPEAT_AFTER_PERIODS after the last datagram; None for nothing."""
+        return None if self.failed or self.tracker.ended_by is not None else self.session.repeat()
+
     def expect_observations(self) -> None:
         """Compute beforehand what the first observation needs: it would hold up a turn of the loop."""
         self.tracker.estimator.warm_up(self.tracker.biases.course, self.spec.plan.end_utc_s)

@@ -8,15 +8,23 @@ from __future__ import annotations
 
 import msgspec
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 PROFILE = "sattrack"
 
 RUN = "run"
 STATUS = "status"
 COMMAND = "command"
+REPEAT = "repeat"
 OPERATOR = "operator"
 VIEW = "view"
-CHANNELS = {RUN: "json", STATUS: "xerxes-status", COMMAND: "xerxes-command", OPERATOR: "json", VIEW: "json"}
+CHANNELS = {
+    RUN: "json",
+    STATUS: "xerxes-status",
+    COMMAND: "xerxes-command",
+    REPEAT: "xerxes-command",
+    OPERATOR: "json",
+    VIEW: "json",
+}
 
 
 class RunHeader(msgspec.Struct, frozen=True):

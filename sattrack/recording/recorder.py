@@ -17,6 +17,7 @@ from sattrack.recording.format import (
     FORMAT_VERSION,
     OPERATOR,
     PROFILE,
+    REPEAT,
     RUN,
     STATUS,
     VIEW,
@@ -49,6 +50,9 @@ class Sink(Protocol):
     def command(self, utc_s: float, data: bytes) -> None:
         """Take the datagram of a tick, with the tick's instant."""
 
+    def repeat(self, utc_s: float, data: bytes) -> None:
+        """Take a datagram that was sent once more, with the instant of that."""
+
     def operator(self, utc_s: float, message: Message) -> None:
         """Take the operator's word."""
 
@@ -65,6 +69,9 @@ class NoRecording:
         """See Sink."""
 
     def command(self, utc_s: float, data: bytes) -> None:
+        """See Sink."""
+
+    def repeat(self, utc_s: float, data: bytes) -> None:
         """See Sink."""
 
     def operator(self, utc_s: float, message: Message) -> None:
@@ -111,6 +118,10 @@ class Recorder:
     def command(self, utc_s: float, data: bytes) -> None:
         """See Sink."""
         self.write(COMMAND, utc_s, data)
+
+    def repeat(self, utc_s: float, data: bytes) -> None:
+        """See Sink."""
+        self.write(REPEAT, utc_s, data)
 
     def operator(self, utc_s: float, message: Message) -> None:
         """See Sink."""
@@ -162,6 +173,10 @@ class BackgroundRecorder:
     def command(self, utc_s: float, data: bytes) -> None:
         """See Sink."""
         self._put((COMMAND, utc_s, data))
+
+    def repeat(self, utc_s: float, data: bytes) -> None:
+        """See Sink."""
+        self._put((REPEAT, utc_s, data))
 
     def operator(self, utc_s: float, message: Message) -> None:
         """See Sink."""

@@ -18,6 +18,7 @@ from sattrack.recording.format import (
     COMMAND,
     FORMAT_VERSION,
     OPERATOR,
+    REPEAT,
     RUN,
     STATUS,
     VIEW,
@@ -117,6 +118,10 @@ def replay(recording: Recording, build: Callable[[msgspec.Raw], Engine]) -> Repl
             if divergence is None and replayed != entry.data:
                 divergence = Divergence(ticks, entry.utc_s, entry.data, replayed)
             ticks += 1
+        elif entry.topic == REPEAT:
+            replayed = engine.repeat() or b""
+            if divergence is None and replayed != entry.data:
+                divergence = Divergence(ticks - 1, entry.utc_s, entry.data, replayed)
         else:
             assert entry.topic in {VIEW, RUN}
     return Replay(ticks, statuses, divergence, recording.cut_off)

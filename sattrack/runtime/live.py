@@ -16,6 +16,7 @@ from sattrack.messages import Message, StopNow
 from sattrack.runtime.guard import Guard, Unguarded
 from sattrack.runtime.outcome import Ledger
 from sattrack.runtime.realtime import Grant, undisturbed
+from sattrack.xerxes.repeats import REPEAT_AFTER_PERIODS
 from tle.errors import TleError
 
 if TYPE_CHECKING:
@@ -81,6 +82,7 @@ class LiveLoop:
                 self._guarded(self._heed_guard)
                 self._guarded(self._obey)
                 self._guarded(self._tick, ticks, due_s)
+                self._guarded(self._repeat, due_s + REPEAT_AFTER_PERIODS * period_s)
                 self._guarded(self._listen)
                 ticks += 1
                 self._guarded(self._find_shift)
@@ -168,6 +170,16 @@ class LiveLoop:
             if ticks % RECORD_VIEW_EVERY_TICKS == 0:
                 self.sink.view(now_utc_s, view)
         self._gather_truth()
+
+    def _repeat(self, due_s: float) -> None:
+        """Send the last datagram once more where that is wanted; it is no part of the period."""
+        self._wait_until(due_s)
+        if self.stop.asked or self.guard.deposed:
+            return
+        datagram = self.engine.repeat()
+        if datagram is not None:
+            self.sink.repeat(self.clock.utc_s(time.monotonic()), datagram)
+            self.link.send(datagram)
 
     def _find_shift(self) -> None:
         now_utc_s = self.clock.utc_s(time.monotonic())

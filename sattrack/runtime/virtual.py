@@ -10,6 +10,7 @@ from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any
 
 from sattrack.runtime.outcome import Ledger
+from sattrack.xerxes.repeats import REPEAT_AFTER_PERIODS
 from sattrack.xerxes.simulator.installation import Installation
 
 if TYPE_CHECKING:
@@ -72,8 +73,8 @@ class VirtualRun:
         datagram = self.engine.tick(now_utc_s)
         self.ledger.note_sent(now_utc_s)
         self.sink.command(now_utc_s, datagram)
-        for delay_s, arriving in self._installation.commands.carry(datagram):
-            self._at(now_utc_s + delay_s, self._command_arrives, arriving)
+        self._send(now_utc_s, datagram)
+        self._at(now_utc_s + REPEAT_AFTER_PERIODS * profile.period_s, self._repeat, None)
         next_utc_s = now_utc_s + profile.period_s + self.engine.send_shift_s(now_utc_s)
         self._at(next_utc_s, self._client_turn, turn + 1)
         if turn % RECORD_VIEW_EVERY_TICKS == 0 and (self.sink.wanted or self.progress is not None):
@@ -81,6 +82,16 @@ class VirtualRun:
             self.sink.view(now_utc_s, view)
             if self.progress is not None:
                 self.progress(view)
+
+    def _repeat(self, now_utc_s: float, _: None) -> None:
+        datagram = self.engine.repeat()
+        if datagram is not None:
+            self.sink.repeat(now_utc_s, datagram)
+            self._send(now_utc_s, datagram)
+
+    def _send(self, now_utc_s: float, datagram: bytes) -> None:
+        for delay_s, arriving in self._installation.commands.carry(datagram):
+            self._at(now_utc_s + delay_s, self._command_arrives, arriving)
 
     def _mount_turn(self, now_utc_s: float, _: None) -> None:
         status, truth = self._installation.turn(now_utc_s)

@@ -38,7 +38,8 @@ class LinkHealth:
     """Datagrams counted on our side, and how evenly the mount's come.
 
     `strangers` came from other hosts; `doubled_launches` are commands that the mount acknowledged a second
-    time, as a late or duplicated datagram makes it; `foreign_acks` acknowledge what we never sent.
+    time, as a late or duplicated datagram makes it; `foreign_acks` acknowledge what we never sent. `repeated`
+    are copies sent beside those in `sent`.
     """
 
     sent: int = 0
@@ -51,6 +52,7 @@ class LinkHealth:
     strangers: int = 0
     doubled_launches: int = 0
     foreign_acks: int = 0
+    repeated: int = 0
     state: LinkState = LinkState.SILENT
     _last_arrival_s: float | None = None
     _intervals: deque[float] = field(default_factory=lambda: deque(maxlen=REMEMBERED_INTERVALS))

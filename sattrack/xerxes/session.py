@@ -61,6 +61,7 @@ from sattrack.xerxes.launches import Launchable, Launches
 from sattrack.xerxes.link import LinkHealth, LinkState
 from sattrack.xerxes.motion_ticket import MotionTicket, Seen
 from sattrack.xerxes.move_axis import NO_RATES, AxisRates, EdgeMove, HeldMove, MoveAxisRule
+from sattrack.xerxes.repeats import Repeats
 from sattrack.xerxes.sequence import StatusSequence
 from sattrack.xerxes.slewing import Slewing, SlewState
 
@@ -95,6 +96,7 @@ class Session:
     _acks: AckWatch = field(init=False)
     _move: MoveAxisRule = field(init=False)
     _launches: Launches = field(init=False)
+    _repeats: Repeats = field(init=False)
     _wanted: Motion = field(default_factory=Hold)
     _move_axes: tuple[bool, bool] = (True, True)
     """Which axes' flags MoveAxis uses."""
@@ -126,6 +128,7 @@ class Session:
         self._sequence = StatusSequence(self.health)
         self._acks = AckWatch(self.health)
         self._launches = Launches(self.profile)
+        self._repeats = Repeats(self.profile)
         self._move = self._make_move()
 
     def _make_move(self) -> MoveAxisRule:
@@ -149,6 +152,7 @@ class Session:
         if self.health.received % READINGS_EVERY == 0:
             self._read_types(data)
         self.health.received += 1
+        self._repeats.see(arrival_utc_s, self.health.lost)
         self.status = status
         self.sample = StatusSample(
             counter=status.counter,
@@ -206,7 +210,15 @@ class Session:
         if self._motion_ticket is not None and self._motion_ticket.tick(self._seen()):
             # Given up: nothing of it may go on being asked for behind the caller's back.
             self._want(Hold() if not isinstance(self._wanted, Stop) else self._wanted)
-        return encode_command(command)
+        datagram = encode_command(command)
+        self._repeats.sent(command, datagram)
+        return datagram
+
+    def repeat(self) -> bytes | None:
+        """Return the last datagram where it is to go out once more before the next, else None."""
+        copy = self._repeats.copy(self.health.lost) if isinstance(self._wanted, MoveAxes) else None
+        self.health.repeated += copy is not None
+        return copy
 
     def link_state(self, now_utc_s: float) -> LinkState:
         """Return the state of the link at an instant."""

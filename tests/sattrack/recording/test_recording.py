@@ -13,7 +13,7 @@ import pytest
 
 from sattrack.cli import run
 from sattrack.errors import BadInputError
-from sattrack.recording.format import COMMAND, STATUS, from_ns, to_ns
+from sattrack.recording.format import COMMAND, REPEAT, STATUS, from_ns, to_ns
 from sattrack.recording.replay import Recording, Replay, replay
 from sattrack.runtime.facts import build_engine, decode_facts, encode_facts
 
@@ -45,6 +45,16 @@ def test_a_replay_gives_every_datagram_again(recorded: Path) -> None:
     assert result.divergence is None
     assert not result.cut_off
     assert result.ticks == result.statuses > 2000
+
+
+def test_datagrams_that_went_out_twice_on_a_lossy_link_come_again_too(tmp_path: Path) -> None:
+    profile, path = tmp_path / "lossy.toml", tmp_path / "lossy.mcap"
+    profile.write_text('[simulator]\nfaults = "loss=3%"\n')
+    assert run([*PASS, "--profile", str(profile), "--record", str(path)]) == 0
+    copies = [entry for entry in Recording(path).entries() if entry.topic == REPEAT]
+    result = again(path)
+    assert result.divergence is None
+    assert len(copies) > 0.3 * result.ticks
 
 
 def test_it_holds_every_datagram_whole(recorded: Path) -> None:

@@ -29,6 +29,7 @@ class NotedEngine:
     breaks_at: int | None = None
     instants_s: list[float] = field(default_factory=list)
     called_s: list[float] = field(default_factory=list)
+    copy: bytes | None = None
     operated: list[Any] = field(default_factory=list)
     told: list[str] = field(default_factory=list)
     failed: bool = False
@@ -45,6 +46,9 @@ class NotedEngine:
         self.called_s.append(time.monotonic())
         self.instants_s.append(now_utc_s)
         return b""
+
+    def repeat(self) -> bytes | None:
+        return self.copy
 
     def send_shift_s(self, _: float) -> float:
         if len(self.instants_s) == self.breaks_at:
@@ -71,6 +75,7 @@ class NotedLink:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
         self.sent_s: list[float] = []
+        self.periods_s: list[float] = []
 
     def fileno(self) -> int:
         return self._socket.fileno()
@@ -92,9 +97,11 @@ def run(engine: NotedEngine, stop: StopRequest | None = None, speed: float = 1.0
     clock = SimulatedClock(0.0, 0.0, speed)
     parts: Any = (engine, link, clock, NoRecording(), screen, stop or StopRequest())
     try:
-        LiveLoop(*parts).run()
+        loop = LiveLoop(*parts)
+        loop.run()
     finally:
         link.close()
+    link.periods_s = loop.ledger.periods_s
     return link
 
 
@@ -143,3 +150,13 @@ def test_datagrams_go_on_where_finding_the_next_deadline_breaks() -> None:
         run(engine)
     assert engine.told == ["no next turn"]
     assert len(engine.instants_s) == TICKS
+
+
+def test_copies_go_a_quarter_of_a_period_later_and_are_no_part_of_the_period() -> None:
+    engine = NotedEngine(copy=b"copy")
+    link = run(engine)
+    assert len(link.sent_s) == 2 * TICKS
+    assert len(link.periods_s) == TICKS - 1
+    assert median(link.periods_s) == pytest.approx(PERIOD_S, rel=0.2)
+    after_s = [copied - sent for sent, copied in zip(link.sent_s[::2], link.sent_s[1::2], strict=True)]
+    assert median(after_s) == pytest.approx(PERIOD_S / 4.0, rel=0.4)
