@@ -139,7 +139,7 @@ class Guardian:
         watched: list[socket.socket | UdpLink] = [visitor.door for visitor in self.visitors]
         if not self._gone:
             watched.append(self.life)
-        if self.door is not None and len(self.visitors) < MOST_VISITORS:
+        if self.door is not None:
             watched.append(self.door)
         timeout_s = POLL_S
         if self._halt is not None:
@@ -230,6 +230,10 @@ class Guardian:
             door, _ = self.door.accept()
             door.setblocking(False)
             self.visitors.append(Visitor(door))
+        if len(self.visitors) > MOST_VISITORS:
+            # Who has said nothing for the longest time makes room; a stop must always find its way in.
+            idle = [visitor for visitor in self.visitors if not visitor.waits]
+            self._dismiss((idle or self.visitors)[0])
 
     def _hear(self, visitor: Visitor) -> None:
         try:

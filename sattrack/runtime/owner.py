@@ -36,6 +36,7 @@ STOP_WITHIN_S = 75.0
 """Longer than stops are sent to a mount that does not come to rest."""
 LONGEST_LINE = 4096
 BACKLOG = 16
+TRY_AGAIN_S = 0.02
 _CREDENTIALS = struct.Struct("3i")
 
 
@@ -131,11 +132,13 @@ def ask_stop(owner: Owner, waiting: Callable[[], None], within_s: float = STOP_W
     """
     host, _, port = owner.mount.rpartition(":")
     try:
-        with _connected(_name(host, int(port)), 0.2) as door:
+        with _connected(_name(host, int(port)), ANSWER_WITHIN_S) as door:
             door.sendall(msgspec.json.encode(Ask("stop")) + b"\n")
             line = _line(door, within_s, waiting)
     except ConnectionError:
         return None
+    except TimeoutError:
+        line = None
     if line is None:
         raise SattrackError(
             f"{owner} does not answer within {within_s:g} s: end it with `kill {owner.pid}`, "
@@ -168,6 +171,8 @@ def _ask_who(name: str) -> Owner | None:
             line = _line(door, ANSWER_WITHIN_S)
     except ConnectionError:
         return None
+    except TimeoutError:
+        pid, user, line = 0, -1, None
     if line:
         with contextlib.suppress(msgspec.MsgspecError):
             return msgspec.json.decode(line, type=Owner)
@@ -176,17 +181,28 @@ def _ask_who(name: str) -> Owner | None:
 
 
 def _connected(name: str, within_s: float) -> socket.socket:
-    """Return a connection to a session's door; raises ConnectionError where there is none."""
+    """Return a connection to a session's door.
+
+    Raises ConnectionError where there is none, TimeoutError where so many stand there that nobody gets in.
+    """
     if not sys.platform.startswith("linux"):
         raise ConnectionRefusedError
+    until_s = time.monotonic() + within_s
     door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    try:
-        door.settimeout(within_s)
-        door.connect(name)
-    except OSError as error:
-        door.close()
-        raise ConnectionRefusedError from error
-    return door
+    while True:
+        try:
+            door.settimeout(within_s)
+            door.connect(name)
+        except BlockingIOError as error:
+            if time.monotonic() > until_s:
+                door.close()
+                raise TimeoutError from error
+            time.sleep(TRY_AGAIN_S)
+        except OSError as error:
+            door.close()
+            raise ConnectionRefusedError from error
+        else:
+            return door
 
 
 def _line(door: socket.socket, within_s: float, waiting: Callable[[], None] | None = None) -> bytes | None:

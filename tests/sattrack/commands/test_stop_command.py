@@ -1,0 +1,150 @@
+"""`sattrack stop`: whatever moves a mount, and in whatever state it is, the mount comes to rest."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from mount_programs import SITE, Mount, closed, free_port, program, simulated_mount
+
+from sattrack.cli import run
+from sattrack.commands import stop as stop_module
+from sattrack.runtime.owner import owner_of
+from sattrack.runtime.stopping import MountStop
+
+if TYPE_CHECKING:
+    import subprocess
+
+    from sattrack.runtime.owner import Owner
+
+
+@pytest.fixture(autouse=True)
+def alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Find no settings, and no sessions but those of the test: others may run on this machine."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    monkeypatch.setattr(stop_module, "owners", list)
+
+
+def moving(mount: Mount) -> subprocess.Popen[str]:
+    return program(
+        *("mount", "move", "--ra-rate", "-1", "--seconds", "60", "--mount", mount.url, *SITE, "--json")
+    )
+
+
+def owner(mount: Mount) -> Owner:
+    host, _, port = mount.url.removeprefix("xerxes://").partition("?")[0].partition(":")
+    found = owner_of(host, int(port))
+    assert found is not None
+    return found
+
+
+def document(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    read: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return read
+
+
+def test_a_session_stops_its_mount_and_ends(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with simulated_mount() as mount, closed(moving(mount)) as session:
+        mount.wait_until_moving(True)
+        first = owner(mount)
+        assert first.pid == session.pid
+        assert "mount move --ra-rate -1" in first.command
+
+        assert run(["mount", "slew", "5h", "10", "--mount", mount.url, *SITE]) == 1
+        assert f"process {session.pid}, since" in capsys.readouterr().err
+        assert run(["mount", "status", "--mount", mount.url]) == 1
+        assert "tells its status to its owner alone" in capsys.readouterr().err
+        assert session.poll() is None
+
+        monkeypatch.setattr(stop_module, "owners", lambda: [first])
+        assert run(["stop", "--json"]) == 0
+        mount.wait_until_moving(False)
+        out, _ = session.communicate(timeout=30.0)
+        assert session.returncode == 130
+        assert json.loads(out)["mount_stopped"] is True
+    (stopped,) = document(capsys)["stopped"]
+    assert (stopped["by"], stopped["at_rest"], stopped["pid"]) == ("session", True, session.pid)
+
+
+def test_where_the_session_hangs_its_guardian_stops_the_mount_and_ends_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with simulated_mount() as mount, closed(moving(mount)) as session:
+        mount.wait_until_moving(True)
+        session.send_signal(signal.SIGSTOP)
+        assert run(["stop", "--mount", mount.url]) == 0
+        mount.wait_until_moving(False)
+        assert session.wait(30.0) == -signal.SIGKILL
+    out = capsys.readouterr().out
+    assert "stopped and seen at rest" in out
+    assert "its guardian saw to it" in out
+
+
+def test_a_mount_whose_session_and_guardian_were_killed_is_stopped_directly(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with simulated_mount() as mount, closed(moving(mount)) as session:
+        mount.wait_until_moving(True)
+        children = Path(f"/proc/{session.pid}/task/{session.pid}/children").read_text().split()
+        session.send_signal(signal.SIGSTOP)
+        for pid in children:
+            os.kill(int(pid), signal.SIGKILL)
+        session.kill()
+        session.wait(30.0)
+        told = len(mount.truths)
+        assert run(["stop", "--mount", mount.url, "--json"]) == 0
+        mount.wait_until_moving(False)
+        # Nothing but the stop ended the motion.
+        assert len(mount.truths) > told
+        (stopped,) = document(capsys)["stopped"]
+        assert (stopped["by"], stopped["at_rest"], stopped["pid"]) == ("direct", True, None)
+
+        assert run(["stop", "--mount", mount.url]) == 0
+        assert capsys.readouterr().out.endswith(": stopped and seen at rest\n")
+
+
+def test_an_abort_goes_through_the_session_too(capsys: pytest.CaptureFixture[str]) -> None:
+    with simulated_mount() as mount, closed(moving(mount)) as session:
+        mount.wait_until_moving(True)
+        assert run(["mount", "abort", "--mount", mount.url]) == 0
+        mount.wait_until_moving(False)
+        assert session.wait(30.0) == 130
+    out, err = capsys.readouterr()
+    assert out.startswith("abort: complete, acknowledged\n")
+    assert "stopped and seen at rest" in err
+
+
+def test_nothing_to_stop_and_nobody_there(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["stop"]) == 2
+    assert capsys.readouterr().err == (
+        "sattrack: nothing to stop: no session of yours moves a mount on this machine; "
+        "--mount URL stops a mount directly\n"
+    )
+    assert run(["stop", "--mount", "alpaca://127.0.0.1:1/0"]) == 2
+    port = free_port()
+    assert run(["stop", "--mount", f"xerxes://127.0.0.1:{port}?listen={free_port()}", "--json"]) == 4
+    out, err = capsys.readouterr()
+    assert json.loads(out)["stopped"][0]["at_rest"] is None
+    assert err.endswith(f"sattrack: 127.0.0.1:{port}: nothing listens there\n")
+
+
+@pytest.mark.parametrize(
+    ("by", "at_rest", "code"),
+    [
+        ("session", True, 0),
+        ("guardian", True, 0),
+        ("direct", False, 1),
+        ("direct", None, 4),
+        ("gone", None, 0),
+    ],
+)
+def test_only_a_mount_seen_at_rest_counts_as_stopped(by: str, at_rest: bool | None, code: int) -> None:
+    error = MountStop("192.0.2.7:15001", by, at_rest, None, None, "so").error()
+    assert (0 if error is None else error.exit_code) == code

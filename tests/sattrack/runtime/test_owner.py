@@ -1,0 +1,162 @@
+"""One owner of a mount at a time: the name, who has it, and what becomes of it when its holder dies."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from sattrack.mount import MountProfile
+from sattrack.runtime import owner as owner_module
+from sattrack.runtime.guard import owned
+from sattrack.runtime.guardian import MOST_VISITORS
+from sattrack.runtime.owner import Taken, ask_stop, claim, owner_of, owners
+from sattrack.xerxes.client import Address
+from sattrack.xerxes.datagrams import Command, encode_command
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+MOVING = encode_command(Command(7, move_ra=True, move_ra_rate_deg_s=1.0))
+HOLDER = """
+import sys, time
+from sattrack.runtime.owner import claim
+from sattrack.xerxes.client import Address
+held = claim(Address("127.0.0.1", int(sys.argv[1]), 0))
+print("held", flush=True)
+time.sleep(60)
+"""
+
+
+@pytest.fixture
+def address() -> Iterator[Address]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mount:
+        mount.bind(("127.0.0.1", 0))
+        yield Address("127.0.0.1", mount.getsockname()[1], 0)
+
+
+def test_who_comes_second_is_told_who_was_first_and_what_to_do(address: Address) -> None:
+    with owned(address, MountProfile()) as (link, guard):
+        with pytest.raises(Taken) as refused, owned(address, MountProfile()):
+            pass
+        first = owner_of(address.host, address.port)
+        assert first is not None
+        assert first in owners()
+        guard.release(None)
+    words = str(refused.value)
+    assert refused.value.exit_code == 1
+    assert "\n" not in words
+    assert words.startswith(f"{address} has an owner: `sattrack ")
+    assert f"process {os.getpid()}, since 20" in words
+    assert words.endswith("`sattrack stop` ends it")
+    assert first.user == os.getuid()
+    assert first.mount == f"127.0.0.1:{address.port}"
+    assert link.fileno() == -1
+
+
+def test_another_mount_has_another_owner(address: Address) -> None:
+    held = claim(address)
+    try:
+        claim(Address("127.0.0.2", address.port, 0)).close()
+        claim(Address(address.host, address.port % 65535 + 1, 0)).close()
+    finally:
+        held.close()
+
+
+def test_a_name_is_free_again_however_its_holder_ended(
+    address: Address, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(owner_module, "ANSWER_WITHIN_S", 0.2)
+    claim(address).close()
+    with subprocess.Popen(
+        [sys.executable, "-c", HOLDER, str(address.port)], stdout=subprocess.PIPE, text=True
+    ) as holder:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        with pytest.raises(Taken):
+            claim(address)
+        holder.kill()
+    assert owner_of(address.host, address.port) is None
+    claim(address).close()
+
+
+def test_an_owner_that_does_not_answer_is_named_by_its_process(
+    address: Address, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(owner_module, "ANSWER_WITHIN_S", 0.3)
+    held = claim(address)
+    try:
+        with pytest.raises(Taken, match=rf"process {os.getpid()}, does not answer, .*kill {os.getpid()}"):
+            claim(address)
+        silent = owner_of(address.host, address.port)
+        assert silent is not None
+        with pytest.raises(Exception, match=f"end it with `kill {os.getpid()}`"):
+            ask_stop(silent, lambda: None, within_s=0.3)
+    finally:
+        held.close()
+
+
+def test_a_stop_reaches_the_loop_and_its_end_reaches_whoever_asked(address: Address) -> None:
+    with owned(address, MountProfile()) as (_, guard):
+        assert guard.beat(MOVING)
+        assert not guard.stop_asked
+        heard: list[str] = []
+
+        def waiting() -> None:
+            # What the loop does, in between.
+            guard.beat(MOVING)
+            if guard.stop_asked and not heard:
+                first = owner_of(address.host, address.port)
+                assert first is not None
+                heard.append(first.state)
+                guard.release(True)
+
+        first = owner_of(address.host, address.port)
+        assert first is not None
+        stopped = ask_stop(first, waiting)
+    assert heard == ["stopping"]
+    assert stopped is not None
+    assert (stopped.by, stopped.at_rest) == ("session", True)
+    assert ask_stop(first, lambda: None) is None
+
+
+def test_nonsense_at_the_door_changes_nothing(address: Address) -> None:
+    name = f"\0sattrack-mount/127.0.0.1:{address.port}"
+    with owned(address, MountProfile()) as (_, guard):
+        assert guard.beat(MOVING)
+        crowd = []
+        for words in (b"\n", b"stop\n", b'{"ask":"fly"}\n', b"x" * 9000, b'{"ask":', b"") * MOST_VISITORS:
+            door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            crowd.append(door)
+            door.connect(name)
+            with contextlib.suppress(OSError):
+                door.sendall(words)
+        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as door:
+            door.settimeout(5.0)
+            door.connect(name)
+            door.sendall(b'{"ask":"who"}\n')
+            assert json.loads(door.recv(4096))["pid"] == os.getpid()
+        for door in crowd:
+            door.close()
+        assert not guard.stop_asked
+        assert not guard.deposed
+        guard.release(None)
+
+
+def test_the_guardian_keeps_the_name_until_the_mount_is_stopped(address: Address) -> None:
+    with owned(address, MountProfile()) as (_, guard):
+        assert guard.beat(MOVING)
+        pid = guard.pid
+        guard._life.close()
+        while (first := owner_of(address.host, address.port)) is not None and first.state == "running":
+            pass
+        assert first is not None
+        assert first.state == "ended without a word, its guardian stops the mount"
+        os.kill(pid, signal.SIGKILL)
