@@ -1,0 +1,470 @@
+"""The controller: what antcn says in, what it answers and where the antenna is to be out. No I/O, no clock.
+
+"Ideal Field System Antenna Interface", sections 4.0 to 8.0. It never speaks but to answer, answers once, and
+never waits for what was asked to be done.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import TYPE_CHECKING, Literal
+
+from sattrack.antenna.celestial import (
+    Mean,
+    OfDate,
+    PointingModel,
+    Reduction,
+    Satellite,
+    SkyPath,
+    Target,
+)
+from sattrack.antenna.element_store import ElementStore, StoreError
+from sattrack.antenna.line import Check, Framer, Line, LineFault, Synchronised, encode
+from sattrack.antenna.sky import AxisKind, RaDec, Sky
+from sattrack.antenna.trajectory import (
+    MOST_EPOCH_DISTANCE_S,
+    NS,
+    AxisRange,
+    AxisState,
+    Path,
+    Straight,
+    day_start_ns,
+    resolve_epoch,
+    second_of_day,
+)
+from sattrack.antenna.transactions import (
+    OMITTED,
+    Nak,
+    Position,
+    Refusal,
+    Request,
+    acknowledge,
+    parse,
+    position_message,
+    word_of,
+)
+from tle.bias import NO_BIAS, Bias
+from tle.errors import TleError
+from tle.propagator import Propagator
+from tle.refraction import Refraction
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sattrack.antenna.focus import Focus
+
+REMEMBERED_LINES = 50
+
+
+class Doing(StrEnum):
+    """What the antenna was last told to do."""
+
+    IDLE = "IDLE"
+    FOLLOWING = "FOLLOWING"
+    STOW = "STOW"
+    SERVICE = "SERVICE"
+
+
+class Feedback:
+    """What the controller hears of its antenna; this one hears nothing."""
+
+    link_up = False
+    on_trajectory = False
+    """Whether the antenna is where its trajectory is."""
+    outside_limits = False
+    """Whether the trajectory leads where the limits do not let the antenna go."""
+    tripped: str | None = None
+    """Name of the interlock that has stopped the antenna."""
+    does_refraction = False
+
+    def actual(self, utc_ns: int) -> AxisState | None:
+        """Return where the axes are at an instant; None where that is not known."""
+        del utc_ns
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Antenna:
+    """What the antenna has. Positions are those of its axes, degrees."""
+
+    sky: Sky
+    axes: AxisKind
+    range: AxisRange
+    stow: tuple[float, float] | None = None
+    service: tuple[float, float] | None = None
+    focus: Focus | None = None
+    refraction: Literal["auto", "on", "off"] = "auto"
+    """Whether satellites' directions are raised by the air; auto: where the mount does not do it."""
+    check: Check = Check.SUM
+
+
+@dataclass(frozen=True, slots=True)
+class Exchange:
+    """One line that came, and what was answered."""
+
+    utc_ns: int
+    received: str
+    answered: str
+
+
+@dataclass(slots=True)
+class Controller:
+    """One antenna's controller; `path` is the trajectory in force, None where there is none."""
+
+    antenna: Antenna
+    feedback: Feedback = field(default_factory=Feedback)
+    remote: bool = True
+    doing: Doing = Doing.IDLE
+    path: Path | None = None
+    reset_asked: bool = False
+    """Set by RESET; whoever owns the interlocks takes it back."""
+    refused: int = 0
+    last_refusal: Nak | None = None
+    exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=REMEMBERED_LINES))
+    _framer: Framer = field(init=False)
+    _reduction: Reduction = field(init=False)
+    _elements: ElementStore = field(default_factory=ElementStore)
+    _bias: Bias = NO_BIAS
+    _held: SkyPath | None = None
+    """The satellite's way, while SATOFF holds the antenna."""
+
+    def __post_init__(self) -> None:
+        """Begin with no offsets."""
+        self._framer = Framer(self.antenna.check)
+        self._reduction = Reduction(self.antenna.sky, self.antenna.axes)
+
+    def receive(self, data: bytes, now_ns: int) -> tuple[bytes, bool]:
+        """Take bytes that came at an instant; return what to send, and whether to drop what waits to be sent.
+
+        What a position status tells is latched at `now_ns`, the arrival of the line-feed.
+        """
+        answers: list[bytes] = []
+        synchronised = False
+        for event in self._framer.receive(data):
+            if isinstance(event, Synchronised):
+                answers.clear()
+                synchronised = True
+            else:
+                answers.append(self._answer(event, now_ns))
+        return b"".join(answers), synchronised
+
+    def hang_up(self) -> None:
+        """Forget half a line: whoever sent it is gone. The trajectory stays in force."""
+        self._framer.reset()
+
+    def switch(self, remote: bool) -> None:
+        """Put the controller in remote or in local; local ends the trajectory."""
+        self.remote = remote
+        if not remote:
+            self._rest()
+
+    def _answer(self, line: Line, now_ns: int) -> bytes:
+        if line.fault is not None:
+            why = Nak.TRANSMISSION if line.fault is LineFault.TRANSMISSION else Nak.TOO_LONG
+            result: str | Refusal = Refusal(word_of(line.message), why)
+        else:
+            result = self._obey(line.message, now_ns)
+        if isinstance(result, Refusal):
+            self.refused += 1
+            self.last_refusal = result.why
+            result = result.message
+        self.exchanges.append(Exchange(now_ns, line.message, result))
+        return encode(result, self.antenna.check)
+
+    def _obey(self, message: str, now_ns: int) -> str | Refusal:
+        request = parse(message)
+        if isinstance(request, Refusal):
+            return request
+        word = request.command.word
+        if request.command.commands_antenna and not self.remote:
+            return Refusal(word, Nak.LOCAL)
+        handler = _HANDLERS.get(word)
+        answer = Nak.NOT_AVAILABLE if handler is None else handler(self, request, now_ns)
+        if answer is None:
+            return acknowledge(word)
+        return Refusal(word, answer) if isinstance(answer, Nak) else answer
+
+    # Each of these obeys one command: None acknowledges, a Nak refuses, text answers.
+
+    def _designate(self, request: Request, now_ns: int) -> Nak | None:
+        epoch_ns = self._epoch(request, now_ns)
+        if isinstance(epoch_ns, Nak):
+            return epoch_ns
+        straight = Straight(
+            request.number("first"),
+            request.number("second"),
+            request.number("first_rate"),
+            request.number("second_rate"),
+            epoch_ns,
+        )
+        # A wrap is that of the position at its epoch; the shortest way is from here to where it is by now.
+        shortest = request.text("wrap", "S") == "S"
+        first_deg = straight.at(now_ns).first_deg if shortest else straight.first_deg
+        return self._take_up(straight.turned(self._turns(request, first_deg, now_ns)))
+
+    def _epoch(self, request: Request, now_ns: int) -> int | Nak:
+        seconds = request.values["epoch"]
+        if seconds is None or isinstance(seconds, str):
+            return now_ns
+        try:
+            epoch_ns = resolve_epoch(seconds, now_ns)
+        except ValueError:
+            return Nak.RANGE
+        return epoch_ns if abs(epoch_ns - now_ns) <= MOST_EPOCH_DISTANCE_S * NS else Nak.EPOCH
+
+    def _turns(self, request: Request, first_deg: float, now_ns: int) -> int:
+        """Return by how many turns to move a position of the first axis for the wrap that is asked for."""
+        wrap = request.text("wrap", "S")
+        if wrap != "S":
+            return self.antenna.range.turns_to(first_deg, int(wrap))
+        return self.antenna.range.shortest_turns(first_deg, self._where(now_ns))
+
+    def _where(self, now_ns: int) -> float:
+        """Return the place of the first axis from which ways are short: its own, else its trajectory's."""
+        actual = self.feedback.actual(now_ns)
+        if actual is not None:
+            return actual.first_deg
+        return 0.0 if self.path is None else self.path.at(now_ns).first_deg
+
+    def _take_up(self, path: Path, doing: Doing = Doing.FOLLOWING) -> Nak | None:
+        if self.doing is Doing.STOW and doing is not Doing.STOW:
+            return Nak.STATE
+        self.path, self.doing, self._held = path, doing, None
+        return None
+
+    def _rest(self) -> None:
+        self.path = self._held = None
+        if self.doing is not Doing.STOW:
+            self.doing = Doing.IDLE
+
+    def _stop(self, request: Request, now_ns: int) -> None:
+        del request, now_ns
+        self._rest()
+
+    def _reset(self, request: Request, now_ns: int) -> None:
+        del request, now_ns
+        self._rest()
+        self.reset_asked = True
+
+    def commanded(self, utc_ns: int) -> AxisState | None:
+        """Return where the trajectory is at an instant; None without one. A satellite that ends ends it."""
+        if self.path is None:
+            return None
+        try:
+            return self.path.at(utc_ns)
+        except TleError:
+            self._rest()
+            return None
+
+    def _position(self, request: Request, now_ns: int) -> str:
+        del request
+        commanded = self.commanded(now_ns)
+        servo: Literal["IDLE", "SLEWING", "TRACKING"] = "IDLE"
+        if self.path is not None and self.feedback.tripped is None:
+            servo = "TRACKING" if self.feedback.on_trajectory else "SLEWING"
+        told = Position(commanded, self.feedback.actual(now_ns), second_of_day(now_ns), self.remote, servo)
+        return position_message(told, self.antenna.range)
+
+    def _status(self, request: Request, now_ns: int) -> str:
+        del request, now_ns
+        feedback = self.feedback
+        return " ".join(
+            (
+                "STATUS",
+                "REMOTE" if self.remote else "LOCAL",
+                self.doing.value,
+                "LINK-UP" if feedback.link_up else "LINK-DOWN",
+                "OK" if feedback.tripped is None else feedback.tripped,
+                "1" if feedback.outside_limits else "0",
+                str(0 if self.last_refusal is None else self.last_refusal.value),
+            )
+        )
+
+    def _time(self, request: Request, now_ns: int) -> str | Nak:
+        if any(value is not None for value in request.values.values()):
+            return Nak.NOT_AVAILABLE
+        days = day_start_ns(now_ns) // (86400 * NS)
+        return f"TIME {days} {second_of_day(now_ns):.6f}"
+
+    def _stow(self, request: Request, now_ns: int) -> Nak | None:
+        del request
+        return self._stand(self.antenna.stow, Doing.STOW, now_ns)
+
+    def _service(self, request: Request, now_ns: int) -> Nak | None:
+        del request
+        return self._stand(self.antenna.service, Doing.SERVICE, now_ns)
+
+    def _stand(self, place: tuple[float, float] | None, doing: Doing, now_ns: int) -> Nak | None:
+        if place is None:
+            return Nak.NOT_AVAILABLE
+        return self._take_up(Straight(*place, 0.0, 0.0, now_ns), doing)
+
+    def _unstow(self, request: Request, now_ns: int) -> Nak | None:
+        del request, now_ns
+        if self.antenna.stow is None:
+            return Nak.NOT_AVAILABLE
+        if self.doing is Doing.STOW:
+            self.doing = Doing.IDLE
+            self._rest()
+        return None
+
+    def _fixed(self, request: Request, now_ns: int) -> Nak | None:
+        first = request.number("first")
+        turns = self._turns(request, first, now_ns)
+        return self._take_up(Straight(first + 360.0 * turns, request.number("second"), 0.0, 0.0, now_ns))
+
+    def _source(self, request: Request) -> Target:
+        coordinates = RaDec(request.number("ra"), request.number("dec"))
+        if request.text("frame") == "DATE":
+            return OfDate(coordinates)
+        return Mean(coordinates, self.antenna.sky)
+
+    def _follow_source(self, request: Request, now_ns: int) -> Nak | None:
+        return self._follow(self._source(request), request, now_ns)
+
+    def _follow(self, target: Target, request: Request, now_ns: int) -> Nak | None:
+        path = SkyPath(target, self._reduction, 0.0)
+        path.turn_by(self._turns(request, path.at(now_ns).first_deg, now_ns))
+        return self._take_up(path)
+
+    def _fixed_on_sky(self, request: Request, now_ns: int) -> Nak | None:
+        epoch_ns = self._epoch(request, now_ns)
+        if isinstance(epoch_ns, Nak):
+            return epoch_ns
+        there = SkyPath(self._source(request), self._reduction, 0.0).at(epoch_ns)
+        turns = self._turns(request, there.first_deg, now_ns)
+        return self._take_up(Straight(there.first_deg + 360.0 * turns, there.second_deg, 0.0, 0.0, epoch_ns))
+
+    def _offset(self, request: Request, now_ns: int) -> None:
+        del now_ns
+        pair = (request.number("first"), request.number("second"))
+        old = self._reduction
+        kinds = {"RADEC": old.radec, "HADEC": old.hadec, "AZEL": old.azel} | {request.text("kind"): pair}
+        self._reduce(Reduction(old.sky, old.axes, kinds["RADEC"], kinds["HADEC"], kinds["AZEL"], old.model))
+
+    def _pointing(self, request: Request, now_ns: int) -> Nak | None:
+        del now_ns
+        if self.antenna.axes != "hadec":
+            return Nak.NOT_AVAILABLE
+        model = PointingModel(*(request.number(name) for name in ("ih", "id", "ch", "np", "ma", "me")))
+        old = self._reduction
+        self._reduce(Reduction(old.sky, old.axes, old.radec, old.hadec, old.azel, model))
+        return None
+
+    def _reduce(self, reduction: Reduction) -> None:
+        self._reduction = reduction
+        if isinstance(self.path, SkyPath):
+            self.path = self.path.reduced_by(reduction)
+        if self._held is not None:
+            self._held = self._held.reduced_by(reduction)
+
+    def _take_line(self, request: Request, now_ns: int) -> Nak | None:
+        del now_ns
+        number = int(request.number("number"))
+        try:
+            self._elements.take_line(int(request.text("line")), number, request.text("text"))
+        except StoreError as error:
+            return error.why
+        return None
+
+    def _take_value(self, request: Request, now_ns: int) -> Nak | None:
+        del now_ns
+        number = int(request.number("number"))
+        try:
+            self._elements.take_value(number, request.text("keyword"), request.text("value"))
+        except StoreError as error:
+            return error.why
+        return None
+
+    def _satellite(self, request: Request, now_ns: int) -> Nak | None:
+        sky, air = self.antenna.sky, None
+        if self.antenna.refraction == "on" or (
+            self.antenna.refraction == "auto" and not self.feedback.does_refraction
+        ):
+            air = Refraction.standard(sky.site.height_m)
+        try:
+            elements = self._elements.elements(int(request.number("number")))
+            satellite = Satellite(Propagator(elements, sky.site, earth=sky.earth, refraction=air), self._bias)
+            return self._follow(satellite, request, now_ns)
+        except StoreError as error:
+            return error.why
+        except TleError:
+            return Nak.ELEMENTS_USELESS
+
+    def _bias_satellite(self, request: Request, now_ns: int) -> None:
+        self._bias = Bias(request.number("along"), request.number("cross"))
+        following = self._held or self.path
+        if not isinstance(following, SkyPath) or not isinstance(following.target, Satellite):
+            return
+        near_deg = following.at(now_ns).first_deg
+        way = SkyPath(Satellite(following.target.propagator, self._bias), self._reduction, near_deg)
+        if request.text("mode", "TRACK") == "TRACK":
+            self.path, self._held = way, None
+            return
+        there = way.at(now_ns)
+        self.path = Straight(there.first_deg, there.second_deg, 0.0, 0.0, now_ns)
+        self._held = way
+
+    def _focus(self, request: Request, now_ns: int) -> Nak | None:
+        if self.antenna.focus is None:
+            return Nak.NOT_AVAILABLE
+        places = [None if v is None else float(v) for v in request.values.values()]
+        return None if self.antenna.focus.move(places, now_ns) else Nak.NOT_AVAILABLE
+
+    def _sweep_focus(self, request: Request, now_ns: int) -> Nak | None:
+        focus, axis = self.antenna.focus, request.number("axis")
+        if axis != int(axis):
+            return Nak.VALUE
+        if focus is None or axis > len(focus.axes):
+            return Nak.NOT_AVAILABLE
+        focus.axes[int(axis) - 1].sweep(request.number("rate"), now_ns)
+        return None
+
+    def _stop_focus(self, request: Request, now_ns: int) -> Nak | None:
+        del request
+        if self.antenna.focus is None:
+            return Nak.NOT_AVAILABLE
+        self.antenna.focus.stop(now_ns)
+        return None
+
+    def _focus_position(self, request: Request, now_ns: int) -> str | Nak:
+        del request
+        if self.antenna.focus is None:
+            return Nak.NOT_AVAILABLE
+        fields, moves = ["FOCPS"], False
+        for axis in self.antenna.focus.axes:
+            place_mm, moving = axis.at(now_ns)
+            commanded = axis.commanded_mm
+            fields += [OMITTED if commanded is None else f"{commanded:.4f}", f"{place_mm:.4f}"]
+            moves = moves or moving
+        fields += [f"{second_of_day(now_ns):.6f}", "MOVING" if moves else "STOPPED"]
+        return " ".join(fields)
+
+
+_HANDLERS: dict[str, Callable[[Controller, Request, int], str | Nak | None]] = {
+    "TD": Controller._designate,
+    "PS": Controller._position,
+    "STATUS": Controller._status,
+    "STOP": Controller._stop,
+    "STOW": Controller._stow,
+    "UNSTOW": Controller._unstow,
+    "SERVICE": Controller._service,
+    "RESET": Controller._reset,
+    "TIME": Controller._time,
+    "FOCUS": Controller._focus,
+    "FOCSWEEP": Controller._sweep_focus,
+    "FOCSTOP": Controller._stop_focus,
+    "FOCPS": Controller._focus_position,
+    "RADEC": Controller._follow_source,
+    "FIXED": Controller._fixed,
+    "FIXSKY": Controller._fixed_on_sky,
+    "OFFSET": Controller._offset,
+    "POINTING": Controller._pointing,
+    "TLE": Controller._take_line,
+    "OMM": Controller._take_value,
+    "SAT": Controller._satellite,
+    "SATOFF": Controller._bias_satellite,
+}
+"""What obeys each command; those that are not here are not available: pins, brakes and sensors."""
