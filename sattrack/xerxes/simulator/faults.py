@@ -31,11 +31,13 @@ GRAMMAR = (
     ("drive@90s", "both drives lose their power, until a restart; drive-ra@, drive-dec@: one of them"),
     ("clock-step@40s+0.5s", "the mount's clock is set ahead by 0.5 s, or back with -0.5s"),
     ("silent@20s+3s", "no status for 3 s, commands still obeyed; silent:SECONDS: from then on"),
+    ("deaf@20s+3s", "no command arrives for 3 s, statuses still come"),
+    ("cut@20s+3s", "both: the link is cut for 3 s"),
 )
 """What may be asked for: an example of each, and what it does."""
 
 SHARES = ("loss", "duplicate", "reorder", "corrupt")
-Kind = Literal["freeze", "crash", "drive", "drive-ra", "drive-dec", "clock-step", "silent"]
+Kind = Literal["freeze", "crash", "drive", "drive-ra", "drive-dec", "clock-step", "silent", "deaf", "cut"]
 EVENTS: dict[str, Kind] = {kind: kind for kind in get_args(Kind)}
 WITH_DURATION = ("freeze", "crash", "clock-step")
 WITHOUT_DURATION = ("drive", "drive-ra", "drive-dec")

@@ -44,6 +44,9 @@ class Installation:
     _begun_s: float | None = None
     _frozen_until_s: float = -math.inf
     _silent_until_s: float = -math.inf
+    _deaf_until_s: float = -math.inf
+    _elapsed_s: float = 0.0
+    """When the loop ran last, since its begin."""
     _down_until_s: float | None = None
 
     def __post_init__(self) -> None:
@@ -72,7 +75,7 @@ class Installation:
 
     def receive(self, data: bytes) -> bool:
         """Take a datagram that has arrived; False where it is refused, or nobody is there to take it."""
-        if self._down_until_s is not None:
+        if self._down_until_s is not None or self._elapsed_s < self._deaf_until_s:
             return False
         return self.mount.receive(data)
 
@@ -80,7 +83,7 @@ class Installation:
         """Run the loop at an instant, as far as faults let it."""
         if self._begun_s is None:
             self._begun_s = now_utc_s
-        elapsed_s = now_utc_s - self._begun_s
+        elapsed_s = self._elapsed_s = now_utc_s - self._begun_s
         if self._events or self._down_until_s is not None:
             self._befall(elapsed_s, now_utc_s)
         if self._down_until_s is not None or elapsed_s < self._frozen_until_s:
@@ -100,6 +103,10 @@ class Installation:
                     self.mount.crash(now_utc_s)
                 case "silent":
                     self._silent_until_s = event.at_s + amount_s
+                case "deaf":
+                    self._deaf_until_s = event.at_s + amount_s
+                case "cut":
+                    self._silent_until_s = self._deaf_until_s = event.at_s + amount_s
                 case "clock-step":
                     self.mount.step_clock(amount_s)
                 case _:

@@ -232,6 +232,16 @@ class TestEvents:
         assert truth is not None
         assert truth.dec_deg == pytest.approx(20.0 + 7.9, abs=0.1)
 
+    def test_the_deaf_hear_no_end_of_a_motion_and_a_cut_link_is_deaf_and_silent(self) -> None:
+        for fault, gaps in (("deaf@2s+1s", []), ("cut@2s+1s", [pytest.approx((1.95, 3.0), abs=1e-6)])):
+            site = Site(fault)
+            site.until(2.5, **moving(None, 1.0))
+            site.until(5.0)
+            assert site.gaps() == gaps
+            truth = site.last().truth
+            assert truth is not None
+            assert truth.dec_deg == pytest.approx(20.0 + 3.0, abs=0.15)
+
     def test_the_same_seed_gives_the_same_run(self) -> None:
         runs = []
         for seed in (7, 7, 8):
