@@ -14,7 +14,7 @@ from sattrack.errors import SattrackError
 from sattrack.mount import AxisLimits
 from sattrack.profiles import ProfileFile
 from sattrack.recording.format import STATUS, VIEW
-from sattrack.recording.replay import Recording
+from sattrack.recording.reading import Recording
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.view import TrackView

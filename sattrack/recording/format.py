@@ -8,7 +8,10 @@ from __future__ import annotations
 
 import msgspec
 
-FORMAT_VERSION = 2
+from sattrack.recording.environment import Environment
+
+FORMAT_VERSION = 3
+"""1: datagrams, messages, views. 2: datagrams sent once more. 3: what made it, failures, the summary."""
 PROFILE = "sattrack"
 
 RUN = "run"
@@ -16,7 +19,9 @@ STATUS = "status"
 COMMAND = "command"
 REPEAT = "repeat"
 OPERATOR = "operator"
+FAILURE = "failure"
 VIEW = "view"
+SUMMARY = "summary"
 CHANNELS = {
     RUN: "json",
     STATUS: "xerxes-status",
@@ -24,6 +29,8 @@ CHANNELS = {
     REPEAT: "xerxes-command",
     OPERATOR: "json",
     VIEW: "json",
+    FAILURE: "json",
+    SUMMARY: "json",
 }
 
 
@@ -34,6 +41,15 @@ class RunHeader(msgspec.Struct, frozen=True):
     program_version: str
     spec: msgspec.Raw
     """The run's own facts, see `sattrack.runtime.facts.RunFacts`."""
+    fingerprint: str | None = None
+    """Of the code that made the run; None before format 3."""
+    environment: Environment | None = None
+
+
+class Failure(msgspec.Struct, frozen=True):
+    """What broke outside what the engine computes, and turned the run into a stop."""
+
+    words: str
 
 
 def to_ns(utc_s: float) -> int:

@@ -2,126 +2,241 @@
 
 from __future__ import annotations
 
-import struct
-from dataclasses import dataclass
+import gc
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
-import zstandard
-from mcap.exceptions import McapError
-from mcap.records import Channel, Footer, Message
-from mcap.stream_reader import StreamReader
 
-from sattrack.errors import BadInputError
 from sattrack.messages import decode_message
-from sattrack.recording.format import (
-    COMMAND,
-    FORMAT_VERSION,
-    OPERATOR,
-    REPEAT,
-    RUN,
-    STATUS,
-    VIEW,
-    RunHeader,
-    from_ns,
+from sattrack.recording.comparison import (
+    RATES,
+    Choice,
+    Difference,
+    Figures,
+    Tolerances,
+    beyond_rounding,
+    choose,
+    differences,
+    larger_than,
+    worse,
 )
+from sattrack.recording.environment import fingerprint, here
+from sattrack.recording.format import COMMAND, FAILURE, OPERATOR, REPEAT, STATUS, SUMMARY, VIEW, Failure
+from sattrack.recording.reading import GAP, Entry, Recording
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
     from sattrack.engine import Engine
 
-
-class Entry(NamedTuple):
-    """One message of a recording, in the order in which it was written."""
-
-    topic: str
-    utc_s: float
-    data: bytes
+TELL_EVERY = 500
 
 
 class Divergence(NamedTuple):
-    """The first output that came out otherwise: which tick, when, and both datagrams."""
+    """The first output that came out otherwise: which tick, when, after which input, and both datagrams."""
 
     tick: int
     utc_s: float
     recorded: bytes
     replayed: bytes
+    after: str
+    """The input before it, in words."""
+    fields: tuple[Difference, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Replay:
-    """How a replay went; `cut_off` tells that the file ends without its proper end."""
+    """How a replay went.
 
-    ticks: int
-    statuses: int
-    divergence: Divergence | None
-    cut_off: bool
+    `divergence` is the first output that the comparison does not let pass. `largest_rate_deg_s` is the
+    largest difference of a rate command, `other_ticks` counts ticks that differ by more than the tolerances
+    let. `broke` says what today's code raised, and `stopped_utc_s` where a gap ended the comparison.
+    """
 
-
-class Recording:
-    """An open recording: its header at once, its entries as they are asked for."""
-
-    def __init__(self, path: Path) -> None:
-        """Read the header. Raises BadInputError where the file is none of ours."""
-        self.path = path
-        self.cut_off = True
-        """Whether the file lacks its proper end; known once the entries have been read."""
-        self._entries = self._read()
-        first = next(self._entries, None)
-        if first is None or first.topic != RUN:
-            raise BadInputError(f"{path}: no recording of sattrack")
-        try:
-            self.header = msgspec.json.decode(first.data, type=RunHeader)
-        except msgspec.MsgspecError as error:
-            raise BadInputError(f"{path}: the recording's header cannot be read: {error}") from error
-        if self.header.format_version > FORMAT_VERSION:
-            raise BadInputError(
-                f"{path}: written by a newer sattrack, {self.header.program_version}; read it with that one"
-            )
-
-    def entries(self) -> Iterator[Entry]:
-        """Give the entries after the header, once; a file that is cut off ends with its last whole part."""
-        return self._entries
-
-    def _read(self) -> Iterator[Entry]:
-        channels: dict[int, str] = {}
-        try:
-            with self.path.open("rb") as stream:
-                for record in StreamReader(stream).records:
-                    if isinstance(record, Channel):
-                        channels[record.id] = record.topic
-                    elif isinstance(record, Message):
-                        yield Entry(channels[record.channel_id], from_ns(record.log_time), record.data)
-                    elif isinstance(record, Footer):
-                        self.cut_off = False
-        except OSError as error:
-            raise BadInputError(f"{self.path}: cannot be read: {error.strerror}") from error
-        except (McapError, KeyError, struct.error, zstandard.ZstdError):
-            return
-
-
-def replay(recording: Recording, build: Callable[[msgspec.Raw], Engine]) -> Replay:
-    """Run a recording's inputs through the engine that `build` makes of its facts; compare byte for byte."""
-    engine = build(recording.header.spec)
-    ticks = statuses = 0
+    choice: Choice
+    ticks: int = 0
+    statuses: int = 0
+    seconds: float = 0.0
+    differing: int = 0
     divergence: Divergence | None = None
-    for entry in recording.entries():
+    largest_rate_deg_s: float = 0.0
+    other_ticks: int = 0
+    recorded: Figures = field(default_factory=Figures)
+    replayed: Figures = field(default_factory=Figures)
+    broke: str | None = None
+    stopped_utc_s: float | None = None
+    cut_off: bool = False
+    reasons: list[str] = field(default_factory=list)
+    """Why the run is not the recorded one; empty where it is."""
+
+    @property
+    def agrees(self) -> bool:
+        """Whether today's run is the recorded one, by the comparison that applies."""
+        return not self.reasons
+
+
+def replay(
+    recording: Recording,
+    build: Callable[[msgspec.Raw], Engine],
+    *,
+    tolerances: Tolerances | None = None,
+    choice: Choice | None = None,
+    watch: Callable[[Engine, Entry], None] | None = None,
+    progress: Callable[[float], None] | None = None,
+    expected: Recording | None = None,
+) -> Replay:
+    """Run a recording's inputs through the engine that `build` makes of its facts; compare what comes out.
+
+    The comparison is `choice`, or else the one that the recording's header calls for. `watch` is called after
+    each input and each output with the engine and the entry, `progress` now and then with the share done.
+    `expected` gives the outputs to compare with, instead of the recorded ones.
+    """
+    judge = expected or recording
+    chosen = choice or choose(judge.header, fingerprint(), here())
+    run = _Run(Replay(chosen, cut_off=recording.cut_off), tolerances or Tolerances())
+    outputs = None if expected is None else _outputs(expected)
+    with _no_garbage():
+        engine = build(recording.header.spec)
+        first_utc_s = None
+        for number, entry in enumerate(recording.entries()):
+            if entry.topic == GAP:
+                run.result.stopped_utc_s = entry.utc_s
+                break
+            if first_utc_s is None:
+                first_utc_s = entry.utc_s
+            if outputs is not None and entry.topic in {COMMAND, REPEAT, SUMMARY}:
+                entry = next(outputs, entry)  # noqa: PLW2901
+            run.take(engine, entry)
+            run.result.seconds = entry.utc_s - first_utc_s
+            if watch is not None:
+                watch(engine, entry)
+            if progress is not None and number % TELL_EVERY == 0:
+                progress(number / len(recording))
+    return run.judged(engine)
+
+
+def _outputs(expected: Recording) -> Iterator[Entry]:
+    return (entry for entry in expected.entries() if entry.topic in {COMMAND, REPEAT, SUMMARY})
+
+
+@dataclass(slots=True)
+class _Run:
+    """One replay in progress."""
+
+    result: Replay
+    allowed: Tolerances
+    after: str = "the start"
+    view_rms_arcsec: float | None = None
+
+    def take(self, engine: Engine, entry: Entry) -> None:
+        """Hand one entry to the engine; what breaks turns the run into a stop, as it does in a run."""
+        try:
+            self._hand(engine, entry)
+        except Exception as error:  # noqa: BLE001 - a defect of today's code is a finding, not an end
+            if self.result.broke is None:
+                self.result.broke = f"{type(error).__name__}: {error}"
+                engine.fail(str(error))
+            if entry.topic in {COMMAND, REPEAT}:
+                self._compare(entry, b"")
+
+    def _hand(self, engine: Engine, entry: Entry) -> None:
         if entry.topic == STATUS:
-            statuses += 1
+            self.result.statuses += 1
+            self.after = f"status {self.result.statuses}"
             engine.receive(entry.data, entry.utc_s)
-        elif entry.topic == OPERATOR:
-            engine.operate(decode_message(entry.data), entry.utc_s)
         elif entry.topic == COMMAND:
             replayed = engine.tick(entry.utc_s)
-            if divergence is None and replayed != entry.data:
-                divergence = Divergence(ticks, entry.utc_s, entry.data, replayed)
-            ticks += 1
+            if replayed != entry.data:
+                self._compare(entry, replayed)
+            self.result.ticks += 1
         elif entry.topic == REPEAT:
-            replayed = engine.repeat() or b""
-            if divergence is None and replayed != entry.data:
-                divergence = Divergence(ticks - 1, entry.utc_s, entry.data, replayed)
-        else:
-            assert entry.topic in {VIEW, RUN}
-    return Replay(ticks, statuses, divergence, recording.cut_off)
+            copied = engine.repeat() or b""
+            if copied != entry.data:
+                self._compare(entry, copied)
+        elif entry.topic == OPERATOR:
+            self.after = f"the operator's {entry.data.decode('utf-8', 'replace')}"
+            engine.operate(decode_message(entry.data), entry.utc_s)
+        elif entry.topic == FAILURE:
+            words = msgspec.json.decode(entry.data, type=Failure).words
+            self.after = f"the failure {words!r}"
+            if not engine.failed:
+                engine.fail(words)
+        elif entry.topic == VIEW:
+            self.view_rms_arcsec = msgspec.json.decode(entry.data, type=_ViewFigures).rms_pass_arcsec
+        elif entry.topic == SUMMARY:
+            told = msgspec.json.decode(entry.data, type=_SummaryFigures)
+            self.result.recorded = Figures(
+                told.reported_rms_arcsec,
+                told.reported_peak_arcsec,
+                told.samples,
+                told.on_target_s,
+                told.ended_by,
+            )
+
+    def _compare(self, entry: Entry, replayed: bytes) -> None:
+        result = self.result
+        result.differing += 1
+        found = differences(entry.data, replayed)
+        rates = (abs(d.got - d.expected) for d in found if d.field in RATES)
+        result.largest_rate_deg_s = max(result.largest_rate_deg_s, *rates, 0.0)
+        larger = larger_than(found, self.allowed.rate_deg_s)
+        result.other_ticks += larger
+        mode = result.choice.mode
+        lets_pass = (mode == "rounding" and not beyond_rounding(found)) or (mode == "figures" and not larger)
+        if result.divergence is None and not lets_pass:
+            result.divergence = Divergence(
+                result.ticks, entry.utc_s, entry.data, replayed, self.after, tuple(found)
+            )
+
+    def judged(self, engine: Engine) -> Replay:
+        """Return the result with its verdict."""
+        result = self.result
+        reported = engine.reported
+        if result.recorded == Figures():
+            result.recorded = Figures(rms_arcsec=self.view_rms_arcsec)
+        result.replayed = Figures(
+            reported.rms_arcsec,
+            reported.peak_arcsec,
+            reported.count,
+            round(engine.on_target_s, 3),
+            engine.tracker.ended_by,
+        )
+        if result.broke is not None:
+            result.reasons.append(f"today's code broke: {result.broke}")
+        if result.choice.mode == "figures":
+            if result.stopped_utc_s is None:
+                result.reasons += worse(result.recorded, result.replayed, self.allowed)
+            if result.other_ticks > self.allowed.other_ticks * max(1, result.ticks):
+                result.reasons.append(
+                    f"{result.other_ticks} of {result.ticks} commands differ by more than "
+                    f"{self.allowed.rate_deg_s:g} °/s, or in what they ask for"
+                )
+        elif result.divergence is not None:
+            result.reasons.append(f"{result.differing} of {result.ticks} commands differ")
+        return result
+
+
+class _ViewFigures(msgspec.Struct):
+    rms_pass_arcsec: float | None = None
+
+
+class _SummaryFigures(msgspec.Struct):
+    reported_rms_arcsec: float | None = None
+    reported_peak_arcsec: float | None = None
+    samples: int | None = None
+    on_target_s: float | None = None
+    ended_by: str | None = None
+
+
+@contextmanager
+def _no_garbage() -> Iterator[None]:
+    """Keep from looking for cycles of garbage: a replay makes none, and the looking takes its time."""
+    was_enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_enabled:
+            gc.enable()

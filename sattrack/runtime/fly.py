@@ -55,7 +55,9 @@ def fly_virtual(
             engine.malformed, engine.dropped = observers.malformed, observers.dropped
         run = VirtualRun(engine, mount, facts.started_utc_s, sink, messages, progress)
         ended_utc_s = run.run()
-    return summarise(run.engine, run.ledger, ended_utc_s)
+        summary = summarise(run.engine, run.ledger, ended_utc_s)
+        sink.summary(ended_utc_s, summary)
+    return msgspec.structs.replace(summary, recording_trouble=sink.trouble)
 
 
 def fly_live(
@@ -70,7 +72,7 @@ def fly_live(
 
     Raises SattrackError where the mount has an owner, or a port or the simulated mount is not to be had.
     """
-    facts = prepared.facts
+    facts = in_run_time(prepared.facts, prepared.clock.speed)
     with ExitStack() as stack:
         simulated: EmbeddedMount | None = None
         address = prepared.address
@@ -79,12 +81,12 @@ def fly_live(
             stack.callback(simulated.close)
             address = Address("127.0.0.1", simulated.port, 0)
         link, guard = stack.enter_context(
-            owned(address, facts.profile, prepared.clock.speed, facts.mount_name)
+            owned(address, prepared.facts.profile, prepared.clock.speed, facts.mount_name)
         )
         sink = stack.enter_context(_recording(facts, background=True))
         screen = Screen(show)
         stack.callback(screen.close)
-        engine = build_engine(in_run_time(facts, prepared.clock.speed))
+        engine = build_engine(facts)
         loop = LiveLoop(engine, link, prepared.clock, sink, screen, stop, simulated, inbox, deadline_s, guard)
         loop.observers = observers
         if observers is not None:
@@ -94,9 +96,9 @@ def fly_live(
         summary = summarise(loop.engine, loop.ledger, ended_utc_s)
         if guard.deposed:
             summary = msgspec.structs.replace(summary, mount_stopped=guard.mount_stopped)
-    trouble = sink.trouble if isinstance(sink, BackgroundRecorder) else None
+        sink.summary(ended_utc_s, summary)
     realtime = loop.grant is not None and loop.grant.realtime
-    return msgspec.structs.replace(summary, recording_trouble=trouble, realtime_priority=realtime)
+    return msgspec.structs.replace(summary, recording_trouble=sink.trouble, realtime_priority=realtime)
 
 
 def _dated(seen: Observation, facts: RunFacts) -> tuple[float, Message]:

@@ -11,6 +11,8 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
+import msgspec
+
 from sattrack.errors import SattrackError
 from sattrack.messages import Message, StopNow
 from sattrack.runtime.guard import Guard, Unguarded
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from sattrack.runtime.observers import Observers
     from sattrack.runtime.screen import Screen
     from sattrack.runtime.signals import StopRequest
+    from sattrack.view import TrackView
     from sattrack.xerxes.client import UdpLink
 
 VIEW_EVERY_TICKS = 2
@@ -107,6 +110,7 @@ class LiveLoop:
             if self._error is None:
                 self._error = error
                 self.engine.fail(str(error))
+                self.sink.failure(self.clock.utc_s(time.monotonic()), str(error))
 
     def _wait_until(self, due_s: float) -> None:
         """Wait for an instant, taking datagrams as they come."""
@@ -165,11 +169,17 @@ class LiveLoop:
         self.ledger.note_sent(time.monotonic() * self.clock.speed)
         self.sink.command(now_utc_s, datagram)
         if ticks % VIEW_EVERY_TICKS == 0 and not self.engine.failed:
-            view = self.engine.view(now_utc_s)
+            view = self._with_trouble(self.engine.view(now_utc_s))
             self.screen.show(view)
             if ticks % RECORD_VIEW_EVERY_TICKS == 0:
                 self.sink.view(now_utc_s, view)
         self._gather_truth()
+
+    def _with_trouble(self, view: TrackView) -> TrackView:
+        """Add what is wrong with the recording to what is shown."""
+        if self.sink.trouble is None:
+            return view
+        return msgspec.structs.replace(view, warnings=(*view.warnings, self.sink.trouble))
 
     def _repeat(self, due_s: float) -> None:
         """Send the last datagram once more where that is wanted; it is no part of the period."""

@@ -14,7 +14,8 @@ import pytest
 from sattrack.cli import run
 from sattrack.errors import BadInputError
 from sattrack.recording.format import COMMAND, REPEAT, STATUS, from_ns, to_ns
-from sattrack.recording.replay import Recording, Replay, replay
+from sattrack.recording.reading import Recording
+from sattrack.recording.replay import Replay, replay
 from sattrack.runtime.facts import build_engine, decode_facts, encode_facts
 
 if TYPE_CHECKING:

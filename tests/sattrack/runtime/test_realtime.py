@@ -16,7 +16,8 @@ from pathlib import Path
 import pytest
 
 from sattrack.commands.json_lines import JsonLines
-from sattrack.recording.replay import Recording, replay
+from sattrack.recording.reading import Recording
+from sattrack.recording.replay import replay
 from sattrack.runtime import kernel_clock
 from sattrack.runtime.facts import build_engine, decode_facts
 from sattrack.runtime.realtime import PRIORITY, how_to_grant, undisturbed, wanted

@@ -1,0 +1,203 @@
+"""Reading a recording, whatever became of the file: cut off, damaged, two in one, or somebody else's.
+
+An MCAP file is a row of chunks, each compressed and with a checksum of its own. They are found by what they
+begin with and not by the lengths before them, so that one damaged byte costs one chunk, 0.8 s of the run.
+Layout: MCAP format specification, records Chunk (0x06), Message (0x05), Channel (0x04), Footer (0x02).
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from typing import TYPE_CHECKING, NamedTuple
+
+import msgspec
+import zstandard
+
+from sattrack.errors import BadInputError
+from sattrack.recording.format import FORMAT_VERSION, RUN, RunHeader, from_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+GAP = "gap"
+"""Topic of the entry that stands where messages are missing."""
+MAGIC = b"\x89MCAP0\r\n"
+_ZSTD = b"\x04\x00\x00\x00zstd"
+_BEFORE_ZSTD = 37
+_CHUNK_HEAD = struct.Struct("<BQQQQI")
+_U64 = struct.Struct("<Q")
+_RECORD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+_CHANNEL = struct.Struct("<HHI")
+_CHANNEL_CODE, _MESSAGE_CODE, _CHUNK_CODE, _FOOTER_CODE = 4, 5, 6, 2
+_END_BYTES = 37
+"""Footer, with its code and length, and the closing magic."""
+_BETWEEN_BYTES = 400
+"""From one recording's closing magic to the next one's first chunk, and more."""
+LARGEST_CHUNK = 64 * 2**20
+
+
+class Entry(NamedTuple):
+    """One message of a recording, in the order in which it was written."""
+
+    topic: str
+    utc_s: float
+    data: bytes
+
+
+class Recording:
+    """A recording: its header, its entries, and what is wrong with the file in `problems`, in words.
+
+    `part` says which, where a file holds several one after the other. `cut_off` tells that the file ends
+    without its proper end, `whole` that no message is missing before that.
+    """
+
+    def __init__(self, path: Path, part: int = 1) -> None:
+        """Read the file. Raises BadInputError where it is none of ours, or a newer version's."""
+        self.path = path
+        self.problems: list[str] = []
+        self.whole = True
+        try:
+            data = path.read_bytes()
+        except OSError as error:
+            raise BadInputError(f"{path}: cannot be read: {error.strerror}") from error
+        if not data:
+            raise BadInputError(f"{path}: is empty: the run ended before anything was recorded")
+        parts = list(_parts(data, self._note))
+        self.parts = len(parts)
+        if not 1 <= part <= max(1, len(parts)):
+            raise BadInputError(f"{path}: holds {len(parts)} recordings, no number {part}")
+        if not parts:
+            raise BadInputError(f"{path}: {_why_none(data, bool(self.problems))}")
+        (first, *self._entries), self.cut_off = parts[part - 1]
+        if len(parts) > 1:
+            self.problems.append(
+                f"{len(parts)} recordings in one file: this is number {part}; --part N takes another"
+            )
+        self.header = self._read_header(first.data)
+        self.whole = all(entry.topic != GAP for entry in self._entries)
+        if not self.whole:
+            gaps = sum(entry.topic == GAP for entry in self._entries)
+            self.problems.append(f"messages are missing in {gaps} place{'s' * (gaps > 1)}")
+        if self.cut_off:
+            self.problems.append("cut off: the file lacks its end, as after a kill or a full disk")
+
+    def entries(self) -> Iterator[Entry]:
+        """Give the entries after the header, a `GAP` where some are missing."""
+        return iter(self._entries)
+
+    def __len__(self) -> int:
+        """Return how many entries there are."""
+        return len(self._entries)
+
+    def _note(self, words: str) -> None:
+        self.problems.append(words)
+
+    def _read_header(self, data: bytes) -> RunHeader:
+        version = _VersionOnly(0, "")
+        try:
+            version = msgspec.json.decode(data, type=_VersionOnly)
+            if version.format_version <= FORMAT_VERSION:
+                return msgspec.json.decode(data, type=RunHeader)
+        except msgspec.MsgspecError as error:
+            raise BadInputError(f"{self.path}: the recording's header cannot be read: {error}") from error
+        raise BadInputError(
+            f"{self.path}: format {version.format_version}, written by a newer sattrack, "
+            f"{version.program_version}; this one reads formats up to {FORMAT_VERSION}"
+        )
+
+
+class _VersionOnly(msgspec.Struct):
+    format_version: int
+    program_version: str
+
+
+def _why_none(data: bytes, damaged: bool) -> str:
+    if not data.startswith(MAGIC):
+        return "no recording of sattrack: not an MCAP file" + (
+            ", or its beginning is lost" if damaged else ""
+        )
+    if damaged:
+        return "no recording that can be read: its beginning is damaged, and with it the run's facts"
+    if len(data) < 2000:  # a header and nothing else
+        return "no recording that can be read: it ends before the run's facts were written"
+    return "no recording of sattrack: an MCAP file of another program"
+
+
+def _parts(data: bytes, note: Callable[[str], None]) -> Iterator[tuple[list[Entry], bool]]:
+    """Give each recording in a file: its entries, the header's first, and whether its end is missing."""
+    entries: list[Entry] = []
+    expected = 0
+    for at, topic, sequence, utc_s, message in _messages(data, note):
+        if topic == RUN:
+            if entries:
+                yield entries, data[max(0, at - _BETWEEN_BYTES) : at].count(MAGIC) < 2
+            entries = [Entry(topic, utc_s, message)]
+        elif entries:
+            if sequence != expected:
+                entries.append(Entry(GAP, utc_s, b""))
+            entries.append(Entry(topic, utc_s, message))
+        expected = sequence + 1
+    if entries:
+        yield entries, not (data.endswith(MAGIC) and data[-_END_BYTES] == _FOOTER_CODE)
+
+
+def _messages(data: bytes, note: Callable[[str], None]) -> Iterator[tuple[int, str, int, float, bytes]]:
+    """Give every message that can be read: its chunk's place, topic, sequence, instant and content."""
+    channels: dict[int, str] = {}
+    for at, chunk in _chunks(data, note):
+        try:
+            for sequence, channel, log_ns, content in _in_chunk(chunk, channels):
+                topic = channels.get(channel)
+                if topic is not None:
+                    yield at, topic, sequence, from_ns(log_ns), content
+        except struct.error:
+            note(f"what stands at byte {at} is no chunk of messages")
+
+
+def _in_chunk(chunk: bytes, channels: dict[int, str]) -> Iterator[tuple[int, int, int, bytes]]:
+    """Give sequence, channel, instant and content of a chunk's messages; its channels are added to those."""
+    place = 0
+    while place + _RECORD.size <= len(chunk):
+        code, length = _RECORD.unpack_from(chunk, place)
+        place += _RECORD.size
+        if code == _MESSAGE_CODE:
+            channel, sequence, log_ns, _ = _MESSAGE.unpack_from(chunk, place)
+            yield sequence, channel, log_ns, chunk[place + _MESSAGE.size : place + length]
+        elif code == _CHANNEL_CODE:
+            number, _, size = _CHANNEL.unpack_from(chunk, place)
+            begin = place + _CHANNEL.size
+            channels[number] = chunk[begin : begin + size].decode("utf-8", "replace")
+        place += length
+
+
+def _chunks(data: bytes, note: Callable[[str], None]) -> Iterator[tuple[int, bytes]]:
+    """Give place and content of every chunk whose checksum is right; the others are noted."""
+    mark = data.find(_ZSTD, _BEFORE_ZSTD)
+    while mark >= 0:
+        at, begin = mark - _BEFORE_ZSTD, mark + len(_ZSTD) + _U64.size
+        code, told, _, _, size, checksum = _CHUNK_HEAD.unpack_from(data, at)
+        length = _U64.unpack_from(data, begin - _U64.size)[0] if begin <= len(data) else len(data)
+        # The index at a file's end has the same mark. One damaged byte leaves one of the two right.
+        is_chunk = code == _CHUNK_CODE or told == length + begin - at - _RECORD.size
+        later = data.find(_ZSTD, mark + 1)
+        content = _decompressed(data[begin : begin + length], size) if begin + length <= len(data) else None
+        if is_chunk and content is not None and zlib.crc32(content) == checksum:
+            yield at, content
+            mark = data.find(_ZSTD, begin + length)
+            continue
+        if is_chunk and (later >= 0 or begin + length <= len(data)):
+            note(f"damaged at byte {at}: what was recorded there, 0.8 s or so, is lost")
+        mark = later
+
+
+def _decompressed(packed: bytes, size: int) -> bytes | None:
+    """Return a chunk's content; None where it is none of so many bytes."""
+    try:
+        if size > LARGEST_CHUNK or zstandard.frame_content_size(packed) != size:
+            return None
+        return zstandard.ZstdDecompressor().decompress(packed)
+    except zstandard.ZstdError:
+        return None
