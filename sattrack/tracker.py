@@ -35,6 +35,7 @@ LOST_ARCSEC = 120.0
 SLEW_OVERDUE_S = 60.0
 """Lateness of a slew after which the mount is taken not to obey."""
 REACTION_PERIODS = 3.0
+TOLD_FOR_S = 5.0
 MOST_SHIFT_S = 0.0002
 SHIFT_SHARE = 0.02
 """How fast the sending falls into step with the mount's loop: too slow for the period to show it."""
@@ -104,6 +105,7 @@ class Tracker:
         """Whether the estimate is news that is not followed yet."""
         self._following_estimate = False
         self._begun_s = float("-inf")
+        self._told_utc_s = float("-inf")
         known = None
         if profile.clock_offset_s is not None:
             known = KnownClock(propagator.site.longitude_deg, profile.clock_offset_s)
@@ -165,26 +167,30 @@ class Tracker:
 
     def operate(self, message: Message, now_utc_s: float) -> None:
         """Obey the operator, and listen to whoever observes."""
-        begins_s = self._begins_s(now_utc_s)
+        begins_s, told = self._begins_s(now_utc_s), None
         match message:
             case Observation():
                 self._observe(message, now_utc_s, begins_s)
                 return
             case Nudge():
-                self.refusal = orders.nudge(self.biases, message.along_s, message.cross_deg, begins_s)
+                told = orders.nudge(self.biases, message.along_s, message.cross_deg, begins_s)
             case OffsetBy():
-                self.refusal = orders.offset(self.biases, message, begins_s)
+                told = orders.offset(self.biases, message, begins_s)
             case Search():
-                self.refusal = orders.search(self.biases, message, begins_s)
+                told = orders.search(self.biases, message, begins_s)
             case ClearBias():
-                self.refusal = None
                 self.estimator.forget()
                 self._estimated = self._following_estimate = False
                 orders.clear(self.biases, begins_s)
             case StopNow():
-                self.refusal = None
                 self.end("operator")
+        self._tell(told, now_utc_s)
         self._foretold = None
+
+    def _tell(self, words: str | None, now_utc_s: float) -> None:
+        """Keep why something was not done, until something else has been done some seconds later."""
+        if words is not None or now_utc_s - self._told_utc_s > TOLD_FOR_S:
+            self.refusal, self._told_utc_s = words, now_utc_s
 
     def _begins_s(self, now_utc_s: float) -> float:
         """Return when a change that is asked for now begins: when a command that knows of it can act."""
@@ -210,7 +216,7 @@ class Tracker:
             self._foretold = None
         ended = orders.watch(self.biases, self._begins_s(now_utc_s)) if self.biases.moving else None
         if ended is not None:
-            self.refusal = ended
+            self._tell(ended, now_utc_s)
             self._foretold = None
 
     def step(self, now_utc_s: float, slew_done: bool) -> Motion:

@@ -38,6 +38,8 @@ ON_SKY = (
 )
 SHARE = 0.45
 """Of the mount's acceleration, what one offset's change may ask: several may come together."""
+GENTLE_SHARE = 0.15
+"""The same for what is in no hurry: rates that are held for a period are off by its square times that."""
 RATE_SHARE = 0.8
 """Of the rate that the mount has to spare beyond following."""
 LEAST_SPARE = 0.1
@@ -187,13 +189,17 @@ class Biases:
             pole.rate,
         )
 
-    def bounds(self, what: str, begins_utc_s: float, from_s: float, to_s: float) -> Bounds:
-        """Return what a change from an instant on may ask, in the unit of `what` (or "cross_km").
+    def bounds(
+        self, what: str, begins_utc_s: float, from_s: float, to_s: float, share: float = SHARE
+    ) -> Bounds:
+        """Return what a change from an instant on may ask, in the unit of `what`.
 
-        `from_s` and `to_s` are the along-track biases between which it happens.
+        `from_s` and `to_s` are the along-track biases between which it happens, `share` that of the mount's
+        acceleration.
         """
         needs = [self._need(what, pace, to_s - from_s) for pace in self._paces(begins_utc_s, from_s, to_s)]
-        return Bounds(*(min(numbers) for numbers in zip(*needs, strict=True)))
+        rate, acceleration = (min(numbers) for numbers in zip(*needs, strict=True))
+        return Bounds(rate, share * acceleration)
 
     def _paces(self, begins_utc_s: float, from_s: float, to_s: float) -> Iterable[AxisPace]:
         if abs(to_s - from_s) <= LONG_CHANGE_S:
@@ -223,7 +229,7 @@ class Biases:
             if by > 0.0:
                 spare = max(LEAST_SPARE * limits.max_rate_deg_s, limits.max_rate_deg_s - moving)
                 rate = min(rate, RATE_SHARE * spare / by)
-                acceleration = min(acceleration, SHARE * limits.max_acceleration_deg_s2 / by)
+                acceleration = min(acceleration, limits.max_acceleration_deg_s2 / by)
         return Bounds(rate, acceleration)
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from sattrack.control.biases import ALONG, CROSS, Biases
+from sattrack.control.biases import ALONG, CROSS, GENTLE_SHARE, Biases
 from sattrack.control.offset import State, added
 from sattrack.control.pattern import Pattern
 from sattrack.control.search import START_S, spiral_acceleration_deg_s2, spiral_lasts_s
@@ -171,10 +171,10 @@ def follow_estimate(
         cross = added(cross, biases.offsets[CROSS].give_up(begins_utc_s))
     to_s = along_s + biases.offsets[ALONG].total_at(begins_utc_s)
     biases.estimated_along.take_over(
-        along, along_s, begins_utc_s, biases.bounds(ALONG, begins_utc_s, here_s, to_s)
+        along, along_s, begins_utc_s, biases.bounds(ALONG, begins_utc_s, here_s, to_s, GENTLE_SHARE)
     )
     range_km = biases.course.going(begins_utc_s + to_s).range_km
-    on_sky = biases.bounds(CROSS, begins_utc_s, here_s, to_s)
+    on_sky = biases.bounds(CROSS, begins_utc_s, here_s, to_s, GENTLE_SHARE)
     bounds = on_sky._replace(
         rate=math.radians(on_sky.rate) * range_km, acceleration=math.radians(on_sky.acceleration) * range_km
     )

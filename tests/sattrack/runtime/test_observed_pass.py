@@ -1,0 +1,227 @@
+"""Passes with plate solutions of a satellite that is late: as a user runs them, recorded and run again."""
+
+from __future__ import annotations
+
+import json
+import math
+import random
+import socket
+import subprocess
+import sys
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import bias as bench
+import pytest
+from live import ended, free_port, sattrack, until
+
+from sattrack import practice
+from sattrack.messages import encode_message
+from sattrack.recording.format import OPERATOR, VIEW
+from sattrack.recording.replay import Recording, replay
+from sattrack.runtime.facts import build_engine, decode_facts
+from tle.bias import Bias
+from tle.instants import Utc
+from tle.propagator import Propagator
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+BEGIN_S = float(Utc.parse("2026-10-02T13:05:10Z").unix_s)
+LATE_S = 3.0
+TRACK = [
+    "track",
+    "25544",
+    "--virtual",
+    "--mount",
+    "sim",
+    "--json",
+    "--min-alt",
+    "70",
+    "--observations",
+    "stdin",
+]
+
+
+def true_satellite(ahead_s: float = LATE_S) -> Propagator:
+    return bench.true_satellite(practice.elements(), practice.SITE.place(), ahead_s)
+
+
+def solutions(
+    count: int, true: Propagator, from_s: float = BEGIN_S, sigma_arcsec: float = 20.0
+) -> list[bytes]:
+    rng = random.Random(7)
+    return [encode_message(bench.solution(true, from_s + i, rng, sigma_arcsec)) for i in range(count)]
+
+
+def fly(lines: list[bytes], *options: str) -> tuple[dict[str, Any], str]:
+    done = subprocess.run(
+        [sys.executable, "-m", "sattrack", *TRACK, *options],
+        input=b"".join(lines),
+        capture_output=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)["summary"], done.stderr.decode()
+
+
+def test_a_late_satellite_is_found_and_kept_when_observations_end_and_the_recording_runs_again(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "pass.mcap"
+    summary, _ = fly(solutions(15, true_satellite()), "--record", str(path))
+    estimate = summary["estimate"]
+    assert (estimate["accepted"], estimate["rejected"], estimate["refused"]) == (15, 0, 0)
+    assert estimate["along_s"] == pytest.approx(LATE_S, abs=4.0 * estimate["along_sigma_s"])
+    assert summary["bias_along_s"] == estimate["along_s"]
+    assert summary["true_peak_arcsec"] < 5.0, "no jolt on the way"
+    recording = Recording(path)
+    result = replay(recording, lambda spec: build_engine(decode_facts(spec)))
+    assert result.divergence is None
+    assert result.ticks > 600
+    entries = list(Recording(path).entries())
+    assert sum(entry.topic == OPERATOR for entry in entries) == 15
+    views = [json.loads(entry.data) for entry in entries if entry.topic == VIEW]
+    last = [view for view in views if view["phase"] == "tracking"][-1]
+    # Ten seconds after the last observation the mount points where the true satellite is, in its own frame.
+    assert last["utc_s"] - BEGIN_S > 25.0
+    air = replace_air(last["error"]["utc_s"])
+    apart = separation_arcsec((last["mount_ra_deg"], last["mount_dec_deg"]), air)
+    assert apart < 2.5 * 20.0 / math.sqrt(15.0)
+
+
+def replace_air(utc_s: float) -> tuple[float, float]:
+    """Where the true satellite is seen through the air that the run includes."""
+    from tle.refraction import Refraction
+
+    true = true_satellite()
+    bent = Propagator(true.elements, true.site, refraction=Refraction.standard(0.0))
+    seen = bent.at(Utc(utc_s))
+    return float(seen.ra_deg), float(seen.dec_deg)
+
+
+def separation_arcsec(one: tuple[float, float], other: tuple[float, float]) -> float:
+    (ra, dec), (other_ra, other_dec) = one, other
+    east = ((ra - other_ra + 180.0) % 360.0 - 180.0) * math.cos(math.radians(dec))
+    return math.hypot(east, dec - other_dec) * 3600.0
+
+
+def test_a_satellite_a_minute_ahead_is_followed_from_the_first_observation_on() -> None:
+    summary, _ = fly(solutions(5, true_satellite(60.0)))
+    assert summary["estimate"]["accepted"] == 5
+    assert summary["bias_along_s"] == pytest.approx(60.0, abs=0.05)
+    assert summary["ended_by"] == "set"
+
+
+def test_garbage_strangers_and_wrong_frames_leave_the_pass_as_it_was() -> None:
+    plain, _ = fly([])
+    other = replace(practice.elements(), raan_deg=practice.elements().raan_deg + 4.0)
+    on_track = true_satellite(0.0)
+    wrong_frame = [line.replace(b'"icrs"', b'"of_date"') for line in solutions(3, on_track, BEGIN_S - 3.0)]
+    lines = [
+        b"garbage\n",
+        b'{"type":"stop"}\n',
+        b'{"type":"observation","utc":"2026-10-02T13:05:12Z","ra_deg":NaN}\n',
+        *solutions(3, Propagator(other, practice.SITE.place())),
+        *solutions(3, on_track, BEGIN_S - 3600.0),
+        *(line.replace(b"null", b"38707") for line in solutions(3, on_track)),
+        *wrong_frame,
+    ]
+    summary, err = fly(lines)
+    estimate = summary["estimate"]
+    assert (estimate["accepted"], estimate["rejected"], estimate["refused"]) == (0, 6, 9)
+    assert estimate["along_s"] is None
+    assert "3 lines were no observations" in err
+    for name in ("true_rms_arcsec", "on_target_s", "bias_along_s", "bias_cross_deg", "samples"):
+        assert summary[name] == plain[name]
+
+
+def test_without_observations_nothing_is_said_of_them() -> None:
+    summary, err = fly([])
+    assert summary["estimate"] is None
+    assert "observations" not in err
+
+
+def test_a_thousand_at_once_in_real_time_beside_orders_and_udp(tmp_path: Path) -> None:
+    """Datagrams go out all the same, the first observation taken ends the search, the record runs again."""
+    port, path = free_port(), tmp_path / "live.mcap"
+    arguments = ["track", "25544", "--mount", "sim", "--stream", "--control", "--observations", f"udp:{port}"]
+    clock = ["--clock", "2026-10-02T13:04:20Z", "--record", str(path), "--camera-rotation", "30"]
+    true = true_satellite(1.0)
+    with ended(sattrack(*arguments, *clock)) as run:
+        assert run.stdin is not None
+        assert run.stdout is not None
+        until(run, "tracking")
+        for order in (
+            '{"type":"offset","what":"camera_x_deg","how":"set","value":0.02}',
+            '{"type":"offset","what":"dec_deg","how":"add","value":9}',
+            '{"type":"search","how":"sweep","reach_s":0.5,"period_s":10}',
+            '{"type":"offset","what":"sideways","how":"add","value":1}',
+        ):
+            run.stdin.write(f"{order}\n")
+        run.stdin.flush()
+        view = searching(run)
+        assert [one["what"] for one in view["offsets"]] == ["camera_x_deg"]
+        assert any("dec_deg refused: 9°" in words for words in view["warnings"])
+        now_s = view["utc_s"]
+        burst = solutions(1000, true, now_s, 20.0)
+        one = b"".join(solutions(1, true, now_s - 1.0))
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            sender.sendto(one, ("127.0.0.1", port))
+            for _ in range(500):
+                sender.sendto(b"x\n" * 50, ("127.0.0.1", port))
+        run.stdin.write(b"".join(burst).decode())
+        run.stdin.flush()
+        for line in run.stdout:
+            view = json.loads(line)
+            told = view["estimate"]
+            if told is not None and told["accepted"] > 0 and told["refused"] > 100 and view["search"] is None:
+                break
+        assert view["bias_along_goal_s"] == pytest.approx(1.0, abs=0.2)
+        assert view["phase"] == "tracking"
+        out, err = run.communicate(timeout=60.0)
+    summary = json.loads(out.splitlines()[-1])["summary"]
+    assert run.returncode == 0, err
+    assert summary["mount_stopped"] is True
+    assert summary["datagrams"]["unsent"] == 0
+    assert "a control line was ignored: what 'sideways' is not known" in err
+    assert "lines were no observations" in err
+    result = replay(Recording(path), lambda spec: build_engine(decode_facts(spec)))
+    assert result.divergence is None
+
+
+def searching(run: subprocess.Popen[str]) -> dict[str, Any]:
+    for line in run.stdout or ():
+        view: dict[str, Any] = json.loads(line)
+        if view["search"] is not None and view["search"]["elapsed_s"] > 1.0:
+            return view
+    raise AssertionError("no search was begun")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--observations", "udp:99999"], "a port is 1 to 65535; write udp:PORT or stdin"),
+        (["--observations", "serial"], "write udp:PORT or stdin"),
+        (["--observations", "udp:15000", "--virtual"], "in virtual time they come from stdin"),
+        (["--observations", "stdin", "--control"], "with --control, observations come with the messages"),
+        (["--camera-rotation", "361"], "--camera-rotation 361.0: give degrees, -360 to 360"),
+        (["--camera-rotation", "nan"], "--camera-rotation nan: give degrees, -360 to 360"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(
+    options: list[str], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from sattrack.cli import run
+
+    assert run(["track", "25544", "--mount", "sim", "--headless", *options]) == 2
+    err = capsys.readouterr().err
+    assert words in err
+    assert len(err.splitlines()) == 1
+
+
+def test_the_bias_of_a_true_satellite_is_no_bias_of_the_propagators() -> None:
+    """The truth of these tests is SGP4 with another epoch; that `Bias` agrees is what they rest on."""
+    believed = Propagator(practice.elements(), practice.SITE.place())
+    one, other = true_satellite().at(Utc(BEGIN_S)), believed.at(Utc(BEGIN_S), Bias(LATE_S))
+    assert separation_arcsec((one.ra_deg, one.dec_deg), (other.ra_deg, other.dec_deg)) < 0.01
