@@ -146,6 +146,8 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     pier_zones: tuple[PierZone, ...] = ()
     stands_at: SitePlace | None = None
     """The site that the profile was made at; None for a profile that may be used anywhere."""
+    through_pole: bool = False
+    """Whether following may go through the celestial pole, on to the other side of the pier."""
     period_s: float = 0.05
     command_delay_s: float = 0.0003
     status_delay_s: float = 0.0001
@@ -238,6 +240,7 @@ class StatusSample:
     does_refraction: bool
     ra_drive_deg_s: float
     dec_drive_deg_s: float
+    beyond_pole: bool = False
 
 
 @dataclass(frozen=True, slots=True)

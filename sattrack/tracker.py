@@ -16,12 +16,14 @@ from sattrack.control import orders
 from sattrack.control.acquisition import Intercept, plan_intercept
 from sattrack.control.axes import Axes
 from sattrack.control.biases import Biases
+from sattrack.control.detour import Detour
 from sattrack.control.estimate import Estimator
 from sattrack.control.feeder import rate_deg_s
 from sattrack.control.history import CommandHistory, SentRates
 from sattrack.control.kalman import wrap180
 from sattrack.control.latency import KnownClock, MountClock
 from sattrack.control.mount_loop import MountLoop
+from sattrack.control.passage import Passage, Place
 from sattrack.messages import ClearBias, Message, Nudge, Observation, OffsetBy, Search, StopNow
 from sattrack.mount import Hold, Motion, MountProfile, MoveAxes, SlewTo, StatusSample, Stop
 from tle.bias import Bias
@@ -56,13 +58,17 @@ class Phase(StrEnum):
 
 
 class TrackPlan(msgspec.Struct, frozen=True):
-    """When to follow, and how near is near: UTC as POSIX seconds, arcseconds on the sky."""
+    """When to follow, and how near is near: UTC as POSIX seconds, arcseconds on the sky.
+
+    `detours` are ways past the celestial pole where the hour angle turns too fast, in order of time.
+    """
 
     start_utc_s: float
     end_utc_s: float
     approach_s: float = 60.0
     """How long before the start the slew to the waiting point may begin."""
     on_target_arcsec: float = 2.0
+    detours: tuple[Detour, ...] = ()
 
 
 class SkyError(NamedTuple):
@@ -113,6 +119,7 @@ class Tracker:
         self._loop = MountLoop(profile.period_s)
         self._history = CommandHistory(profile.command_delay_s, self._loop)
         self._axes: Axes | None = None
+        self._passage = Passage(plan.detours) if plan.detours else None
         self._intercept: Intercept | None = None
         self._near = 0
         self._sidereal_deg = 0.0
@@ -153,12 +160,13 @@ class Tracker:
         self._loop.note(sample.counter, utc_s)
         axes = self._axes
         believed = True
+        seen = sample if self._passage is None else self._passage.unfolded(sample)
         if axes is None or not axes.follows(utc_s):
-            self._axes = Axes.begin(self._profile, self._history, sample, utc_s)
+            self._axes = Axes.begin(self._profile, self._history, seen, utc_s)
         else:
-            believed = axes.take(sample, utc_s, self.phase in {Phase.ACQUIRING, Phase.TRACKING})
+            believed = axes.take(seen, utc_s, self.phase in {Phase.ACQUIRING, Phase.TRACKING})
             if axes.lost:
-                self._axes = Axes.begin(self._profile, self._history, sample, utc_s)
+                self._axes = Axes.begin(self._profile, self._history, seen, utc_s)
         self._sidereal_deg = sample.sidereal_h * 15.0
         self.error = sky_error(utc_s, sample.ra_deg, sample.dec_deg, self.direction_at(utc_s))
         if believed:
@@ -287,9 +295,7 @@ class Tracker:
         arrives = now_utc_s + self._profile.command_delay_s
         acts = self._loop.first_from(max(arrives, axes.sample_utc_s + 0.5 * self._loop.mean_period_s))
         interval = max(self._loop.first_from(arrives + self._acting_s) - acts, self._loop.mean_period_s)
-        begin = self._foreseen(acts)
-        end = self._foretold = self.direction_at(acts + interval)
-        self._foretold_utc_s = acts + interval
+        begin, end = self._ends(acts, interval)
         moved_ra, moved_dec = axes.moved_by(acts)
         ahead_s = acts - axes.sample_utc_s
         ra_gain, dec_gain = 1.0 + axes.ra.gain_error, 1.0 + axes.dec.gain_error
@@ -315,7 +321,21 @@ class Tracker:
             )
             / dec_gain,
         )
+        if self._passage is not None:
+            self.rates = self._passage.reported(self.rates, dec)
         return self.rates
+
+    def _ends(self, acts_utc_s: float, interval_s: float) -> tuple[Target | Place, Direction | Place]:
+        """Return where the axes are to be at both ends of the interval in which a command acts."""
+        begin = self._foreseen(acts_utc_s)
+        self._foretold_utc_s = acts_utc_s + interval_s
+        end = self._foretold = self.direction_at(self._foretold_utc_s)
+        if self._passage is None:
+            return begin, end
+        return (
+            self._passage.place(acts_utc_s, begin.ra_deg, begin.dec_deg),
+            self._passage.place(self._foretold_utc_s, float(end.ra_deg), float(end.dec_deg)),
+        )
 
     def _foreseen(self, utc_s: float) -> Target:
         """Return the target's place at an instant: that of the last interval's end, where it is the same.
@@ -342,7 +362,8 @@ class Tracker:
         if isinstance(motion, MoveAxes):
             if self._profile.move_axis == "edge":
                 self._note_cycle(now_utc_s)
-            self._history.add(SentRates(now_utc_s, motion.ra_rate_deg_s, motion.dec_rate_deg_s))
+            axes = motion if self._passage is None else self._passage.turned(motion)
+            self._history.add(SentRates(now_utc_s, axes.ra_rate_deg_s, axes.dec_rate_deg_s))
         else:
             self._history.clear()
 

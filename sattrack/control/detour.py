@@ -29,6 +29,8 @@ class Detour(msgspec.Struct, frozen=True):
     last_deg_s: float
     acceleration_deg_s2: float
     through_pole: bool
+    pole_dec_deg: float = 90.0
+    """Which pole it is, 90 or -90."""
 
     def ra_at(self, utc_s: float) -> float:
         """Return the right ascension of the axis at an instant of the detour, unwrapped."""

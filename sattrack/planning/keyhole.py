@@ -153,13 +153,12 @@ def cruise_deg_s(
     return np.asarray(0.5 * (low + high))
 
 
-def can_pass_pole(path: AxisPath, profile: MountProfile) -> bool:
-    """Tell whether the declination axis' travel holds all of a path from both sides of the pole."""
+def can_pass_pole(path: AxisPath, profile: MountProfile, at: int) -> bool:
+    """Tell whether the declination axis' travel holds the path from a sample on, seen across the pole."""
     low, high = profile.dec_axis_limits_deg
-    dec = path.pointing.dec_axis_deg
-    pole = math.copysign(180.0, float(dec[int(np.argmax(np.abs(dec)))]))
-    both = np.concatenate([dec, pole - dec])
-    return bool(np.min(both) >= low and np.max(both) <= high)
+    dec = path.pointing.dec_axis_deg[at:]
+    across = math.copysign(180.0, float(dec[0])) - dec
+    return bool(np.min(across) >= low and np.max(across) <= high)
 
 
 def find_keyholes(path: AxisPath, profile: MountProfile, tolerance_deg: float) -> list[Keyhole]:
@@ -178,11 +177,11 @@ def find_keyholes(path: AxisPath, profile: MountProfile, tolerance_deg: float) -
     fast &= path.sky_rate_deg_s <= rate
     if not fast.any():
         return []
-    through_pole = can_pass_pole(path, profile)
     keyholes: list[Keyhole] = []
     for first, last in _stretches(fast, path.utc_s):
         if keyholes and path.utc_s[last] <= keyholes[-1].end_utc_s:
             continue
+        through_pole = profile.through_pole and can_pass_pole(path, profile, (first + last) // 2)
         keyholes.append(_keyhole(path, first, last, limits, tolerance_deg, through_pole))
     return keyholes
 
@@ -342,6 +341,7 @@ class _Search:
             last_deg_s=SIDEREAL_RATE_DEG_S - way.last_deg_s,
             acceleration_deg_s2=self.acceleration_deg_s2,
             through_pole=way.half_turns % 2.0 == 1.0,
+            pole_dec_deg=math.copysign(90.0, float(self.track.dec_at(np.array(0.0)))),
         )
 
 

@@ -55,7 +55,8 @@ class Loss:
 def losses(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None = None) -> list[Loss]:
     """Return what of a path cannot be followed, in order, not overlapping.
 
-    An interlock that stops the mount loses all that comes after it. The path must hold no NaN.
+    An interlock that stops the mount loses all that comes after it. The path must hold no NaN; where its
+    keyholes are known already they need not be searched.
     """
     found: list[Loss] = []
     stop = first_stop(path, ability)
@@ -87,6 +88,7 @@ def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) 
     profile = ability.profile
     if keyholes is None:
         keyholes = find_keyholes(path, profile, ability.tolerance_deg)
+    begin_utc_s, end_utc_s = float(path.utc_s[0]), float(path.utc_s[-1])
     found = [
         Loss(
             *_lost_span(k, ability.detours),
@@ -95,6 +97,7 @@ def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) 
             f"of {profile.ra.max_rate_deg_s:g} °/s",
         )
         for k in keyholes
+        if begin_utc_s <= k.begin_utc_s < end_utc_s
     ]
     cos_dec = np.abs(np.cos(np.radians(path.pointing.dec_axis_deg)))
     axes = (

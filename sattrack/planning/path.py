@@ -76,6 +76,14 @@ class AxisPath:
             *(getattr(self, name)[cut] for name in AxisPath.__slots__[1:]),
         )
 
+    def thinned(self, every: int) -> AxisPath:
+        """Return each so-manieth sample, the last one kept."""
+        kept = np.unique(np.append(np.arange(0, len(self.utc_s), every), len(self.utc_s) - 1))
+        return AxisPath(
+            Pointing(*(getattr(self.pointing, name)[kept] for name in Pointing.__slots__)),
+            *(getattr(self, name)[kept] for name in AxisPath.__slots__[1:]),
+        )
+
     def wound_anew(self) -> AxisPath:
         """Return the same with the cables as a slew to the first sample leaves them: within half a turn."""
         return self.wound(-360.0 * float(np.floor((self.pointing.hour_angle_axis_deg[0] + 180.0) / 360.0)))

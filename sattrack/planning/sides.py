@@ -17,11 +17,13 @@ from sattrack.planning.kinematics import losses
 from tle.instants import Utc
 
 if TYPE_CHECKING:
+    from sattrack.planning.keyhole import Keyhole
     from sattrack.planning.kinematics import Ability
     from sattrack.planning.path import AxisPath
 
 Rule = Literal["never", "hour_angle"]
-SPLITS = 80
+SPLITS = 40
+STEP_S = 0.25
 WORTH_S = 2.0
 """A flip in mid-pass is recommended only where it saves this much."""
 
@@ -45,16 +47,21 @@ class Sides(msgspec.Struct, frozen=True):
     words: str
 
 
-def choose_sides(path: AxisPath, ability: Ability, rule: Rule) -> Sides:
-    """Return what can be done about sides and cables over a path, seen from the normal side, without NaN."""
+def choose_sides(path: AxisPath, ability: Ability, rule: Rule, keyholes: list[Keyhole]) -> Sides:
+    """Return what can be done about sides and cables over a path, seen from the normal side, without NaN.
+
+    The path's keyholes are the same from both sides.
+    """
+    path = path.thinned(max(1, round(STEP_S / float(path.utc_s[1] - path.utc_s[0]))))
     views = {
         False: path.seen_from(False, ability.latitude_deg),
         True: path.seen_from(True, ability.latitude_deg),
     }
-    by_itself = _option(views[_beyond_after_slew(path, 0, rule)], ability, _beyond_after_slew(path, 0, rule))
+    beyond = _beyond_after_slew(path, 0, rule)
+    by_itself = _option(views[beyond], ability, beyond, keyholes)
     best = by_itself
     if by_itself.lost_s > WORTH_S:
-        split = _best_split(path, views, ability, rule)
+        split = _best_split(path, views, ability, rule, keyholes)
         if split is not None and split.lost_s < by_itself.lost_s - WORTH_S:
             best = split
     return Sides(rule, by_itself, best, _words(rule, by_itself, best))
@@ -66,8 +73,8 @@ def _beyond_after_slew(path: AxisPath, index: int, rule: Rule) -> bool:
     return rule == "hour_angle" and hour_angle > 0.0
 
 
-def _option(view: AxisPath, ability: Ability, beyond: bool) -> SideOption:
-    lost = losses(view, ability)
+def _option(view: AxisPath, ability: Ability, beyond: bool, keyholes: list[Keyhole]) -> SideOption:
+    lost = losses(view, ability, keyholes)
     worst = max(lost, key=lambda loss: loss.seconds, default=None)
     return SideOption(
         side="beyond_pole" if beyond else "normal",
@@ -78,7 +85,7 @@ def _option(view: AxisPath, ability: Ability, beyond: bool) -> SideOption:
 
 
 def _best_split(
-    path: AxisPath, views: dict[bool, AxisPath], ability: Ability, rule: Rule
+    path: AxisPath, views: dict[bool, AxisPath], ability: Ability, rule: Rule, keyholes: list[Keyhole]
 ) -> SideOption | None:
     """Return the best way with a stop, a slew on and a new beginning in mid-pass; None without room."""
     first_beyond = _beyond_after_slew(path, 0, rule)
@@ -90,8 +97,8 @@ def _best_split(
         if join is None:
             continue
         second = views[_beyond_after_slew(path, join, rule)]
-        before = losses(first.part(0, leave + 1), ability)
-        after = losses(second.part(join, count).wound_anew(), ability)
+        before = losses(first.part(0, leave + 1), ability, keyholes)
+        after = losses(second.part(join, count).wound_anew(), ability, keyholes)
         lost = [*before, *after]
         gap_s = float(path.utc_s[join] - path.utc_s[leave])
         total = gap_s + sum(loss.seconds for loss in lost)

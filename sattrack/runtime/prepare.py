@@ -5,12 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
+import msgspec
+
 from sattrack import practice
 from sattrack.clock import Clock, make_clock
 from sattrack.control.orders import MOST_ALONG_S, MOST_CROSS_DEG
 from sattrack.errors import BadInputError
 from sattrack.profiles import ProfileFile
-from sattrack.runtime.facts import RunFacts, choose_pass, plan_for
+from sattrack.runtime.facts import RunFacts, build_engine, choose_pass, plan_for
 from sattrack.runtime.mounts import mount_address
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
@@ -101,7 +103,19 @@ def prepare(request: RunRequest) -> Prepared:
         started_utc_s=started_s,
         recording=None if request.record is None else str(request.record),
     )
+    facts = with_detours(facts)
     return Prepared(facts, clock, address, practising, request.profile.simulator)
+
+
+def with_detours(facts: RunFacts) -> RunFacts:
+    """Return the facts with the ways past the celestial pole in their plan, where the profile has it so."""
+    if not facts.profile.through_pole:
+        return facts
+    from sattrack.planning.passing import detours_for
+
+    spec = build_engine(facts).spec
+    detours = detours_for(spec.propagator, spec.bias, facts.plan, facts.profile)
+    return msgspec.structs.replace(facts, plan=msgspec.structs.replace(facts.plan, detours=detours))
 
 
 def _check_bias(request: RunRequest) -> None:

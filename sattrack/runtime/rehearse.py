@@ -41,6 +41,7 @@ from sattrack.planning.table import TabledPropagator
 from sattrack.planning.trace import Performance, Trace
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.facts import SEARCH_HOURS, build_engine, plan_for
+from sattrack.runtime.prepare import with_detours
 from sattrack.runtime.virtual import VirtualRun
 from sattrack.tracker import ACQUIRED_AFTER_SAMPLES, Phase
 from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite
@@ -150,7 +151,13 @@ def rehearse(
     spec = build_engine(facts).spec
     hardware = simulator_profile(prepared.simulator)
     propagator = spec.if_mount_refracts if hardware.does_refraction else spec.propagator
-    ability = Ability(facts.profile, facts.limits, facts.site.latitude_deg, plan.on_target_arcsec / 3600.0)
+    ability = Ability(
+        facts.profile,
+        facts.limits,
+        facts.site.latitude_deg,
+        plan.on_target_arcsec / 3600.0,
+        detours=bool(plan.detours),
+    )
     straight = axis_path(propagator, spec.bias, _instants(plan))
     if not np.isfinite(straight.pointing.dec_axis_deg).all():
         raise SattrackError(
@@ -189,8 +196,8 @@ def rehearse(
         acquired_after_s=None if acquired is None else round(max(0.0, acquired - plan.start_utc_s), 3),
         peaks=peaks(path, performance, facts.profile, plan.on_target_arcsec),
         margins=margins(path, ability),
-        keyholes=tuple(keyhole_view(k, followed=False) for k in keyholes),
-        sides=choose_sides(straight, ability, _rule(facts.profile, hardware)),
+        keyholes=tuple(keyhole_view(k, followed=bool(plan.detours)) for k in keyholes),
+        sides=choose_sides(straight, ability, _rule(facts.profile, hardware), keyholes),
         link_loss=link_loss_view(
             link_loss(path, facts.profile, facts.limits, facts.site.latitude_deg),
             facts.profile.watchdog_s,
@@ -234,7 +241,7 @@ def choose_nth_pass(prepared: Prepared, number: int, min_alt_deg: float) -> Prep
         max_alt_deg=float(chosen.max_alt_deg),
         started_utc_s=max(float(now.unix_s), plan.start_utc_s - plan.approach_s - READY_S),
     )
-    return replace(prepared, facts=replaced)
+    return replace(prepared, facts=with_detours(replaced))
 
 
 def loop_period_s(path: AxisPath, profile: MountProfile, plan: TrackPlan) -> float:

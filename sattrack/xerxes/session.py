@@ -164,6 +164,7 @@ class Session:
             does_refraction=status.does_refraction,
             ra_drive_deg_s=status.ra_rate_dtics_s / DTICS_S_PER_DEG_S,
             dec_drive_deg_s=status.dec_rate_dtics_s / DTICS_S_PER_DEG_S,
+            beyond_pole=status.side_of_pier,
         )
         self._follow_acknowledgements(status)
         return self.sample
