@@ -1,0 +1,176 @@
+"""How near the antenna interface keeps a simulated mount to a satellite: `python bench/antenna.py`.
+
+The built-in pass, in virtual time: by trajectory designations at 1 Hz and at 10 Hz, and by elements on the
+controller's side; a step of a tenth of a beam; and, over TCP on loopback, how fast PS is answered.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import NamedTuple
+
+from antenna_harness import SITE, VirtualAntenna, rms, separation_arcsec
+
+from sattrack import practice
+from sattrack.antenna.antcn import Antcn
+from sattrack.antenna.antcn_run import AntcnRun
+from sattrack.antenna.line import TCP_CHARACTER_TIME_OUT_S
+from sattrack.antenna.trajectory import NS
+from tle.instants import Utc
+from tle.propagator import Propagator
+
+RISE_UTC_S = Utc.parse("2026-10-02T13:01:56Z").unix_s
+SET_UTC_S = Utc.parse("2026-10-02T13:08:54Z").unix_s
+SETTLED_S = 15.0
+DELAY_S = 0.0003
+
+
+class Figures(NamedTuple):
+    rms_arcsec: float
+    peak_arcsec: float
+    reported_rms_arcsec: float | None
+    stopped: bool | None
+
+
+def satellite() -> Propagator:
+    return Propagator(practice.elements(), SITE)
+
+
+def hadec(propagator: Propagator, utc_s: float) -> tuple[float, float]:
+    seen = propagator.at(Utc(utc_s))
+    return float(seen.ha_deg), float(seen.dec_deg)
+
+
+def azel(propagator: Propagator, utc_s: float) -> tuple[float, float]:
+    seen = propagator.at(Utc(utc_s))
+    return float(seen.az_deg), float(seen.alt_deg)
+
+
+def own_error(tangent: bool, interval_s: float = 1.0) -> float:
+    """Return the RMS error of the straight lines themselves, arcseconds."""
+    propagator, errors = satellite(), []
+    begin = RISE_UTC_S
+    while begin < SET_UTC_S:
+        first = propagator.at(Utc(begin))
+        last = propagator.at(Utc(begin + interval_s))
+        rates = (first.ra_rate_deg_s, first.dec_rate_deg_s)
+        if not tangent:
+            moved = math.remainder(last.ra_deg - first.ra_deg, 360.0), last.dec_deg - first.dec_deg
+            rates = moved[0] / interval_s, moved[1] / interval_s
+        for i in range(10):
+            ahead = interval_s * (i + 0.5) / 10
+            there = propagator.at(Utc(begin + ahead))
+            guess = first.ra_deg + rates[0] * ahead, first.dec_deg + rates[1] * ahead
+            errors.append(separation_arcsec(*guess, there.ra_deg, there.dec_deg))
+        begin += interval_s
+    return rms(errors)
+
+
+def designated(interval_s: float, axes: str = "hadec") -> Figures:
+    """Follow the pass by trajectory designations."""
+    antenna = VirtualAntenna(RISE_UTC_S - 20.0, axes=axes)
+    propagator = satellite()
+    where = hadec if axes == "hadec" else azel
+    run = AntcnRun(
+        Antcn(TCP_CHARACTER_TIME_OUT_S),
+        lambda utc_s: where(propagator, utc_s),
+        RISE_UTC_S,
+        SET_UTC_S,
+        15.0,
+        antenna.begin_utc_s,
+        interval_s=interval_s,
+    )
+
+    def to_controller(now: float, data: bytes) -> None:
+        if data:
+            antenna.call(now + DELAY_S, lambda at: arrive(at, data))
+
+    def arrive(now: float, data: bytes) -> None:
+        answer, _ = antenna.station.receive_command(data, now)
+        if answer:
+            antenna.call(now + DELAY_S, lambda at: hear(at, answer))
+
+    def hear(now: float, data: bytes) -> None:
+        run.receive(data, now)
+        turn(now, again=False)
+
+    def turn(now: float, again: bool = True) -> None:
+        to_controller(now, run.tick(now))
+        if again and not run.finished:
+            antenna.call(max(run.due_utc_s(now), now + 0.001), turn)
+
+    antenna.call(antenna.begin_utc_s, lambda now: to_controller(now, run.begin(now)))
+    antenna.call(antenna.begin_utc_s + 0.001, turn)
+    antenna.run_until(SET_UTC_S + 5.0)
+    errors = true_errors(antenna, propagator)
+    return Figures(rms(errors), max(errors), run.reported.rms_arcsec, run.mount_stopped)
+
+
+def by_elements() -> Figures:
+    """Follow the pass by elements on the controller's side."""
+    antenna = VirtualAntenna(RISE_UTC_S)
+    antenna.run_for(1.0)
+    number = practice.elements().catalog_number
+    for line, text in (("1", practice.LINE_1), ("2", practice.LINE_2)):
+        assert antenna.say(f"TLE {line} {number} {text}") == "TLE ACK"
+    assert antenna.say(f"SAT {number}") == "SAT ACK"
+    antenna.run_until(SET_UTC_S)
+    errors = true_errors(antenna, satellite())
+    return Figures(rms(errors), max(errors), None, None)
+
+
+def true_errors(antenna: VirtualAntenna, propagator: Propagator) -> list[float]:
+    """Return the errors of the simulated axes themselves against the satellite, arcseconds."""
+    errors = []
+    for truth in antenna.truths:
+        if RISE_UTC_S + SETTLED_S < truth.utc_s < SET_UTC_S - 1.0:
+            there = propagator.at(Utc(truth.utc_s))
+            errors.append(separation_arcsec(truth.ra_deg, truth.dec_deg, there.ra_deg, there.dec_deg))
+    return errors
+
+
+def step_settles_s(step_arcsec: float = 30.0, within_arcsec: float = 1.0) -> float:
+    """Return how long after its designation a step is settled, the latest of ten, seconds."""
+    antenna = VirtualAntenna(RISE_UTC_S)
+    antenna.run_for(1.0)
+    rate, worst = 0.0041780746, 0.0
+    antenna.say(f"TD 20 40 {rate} 0")
+    antenna.run_for(15.0)
+    for trial in range(10):
+        antenna.run_for(2.0 + 0.0137 * trial)
+        began = antenna.now_utc_s
+        path = antenna.station.controller.path
+        assert path is not None
+        here = path.at(round(began * 1e6) * 1000)
+        sign = 1 if trial % 2 else -1
+        antenna.say(f"TD {here.first_deg:.9f} {here.second_deg + sign * step_arcsec / 3600.0:.9f} {rate} 0")
+        path = antenna.station.controller.path
+        antenna.run_for(2.0)
+        for truth in antenna.truths:
+            wanted = path.at(round(truth.utc_s * NS))
+            ra_deg = antenna.sky.sidereal_deg(truth.utc_s) - wanted.first_deg
+            off = separation_arcsec(truth.ra_deg, truth.dec_deg, ra_deg, wanted.second_deg)
+            if truth.utc_s > began and off > within_arcsec:
+                worst = max(worst, truth.utc_s - began)
+    return worst
+
+
+def told(figures: Figures) -> str:
+    words = f"true error {figures.rms_arcsec:.3f}″ RMS, {figures.peak_arcsec:.3f}″ peak"
+    if figures.reported_rms_arcsec is not None:
+        words += f"; reported {figures.reported_rms_arcsec:.3f}″ RMS"
+    return words
+
+
+def main() -> None:
+    print(f"straight lines over 1 s: chords {own_error(False):.2f}″ RMS, tangents {own_error(True):.2f}″ RMS")
+    print(f"designated at 1 Hz:  {told(designated(1.0))}")
+    print(f"designated at 10 Hz: {told(designated(0.1))}")
+    print(f"as azimuth and elevation, 1 Hz: {told(designated(1.0, 'azel'))}")
+    print(f"by elements:         {told(by_elements())}")
+    print(f"a step of 30″ is settled to 1″ within {step_settles_s():.2f} s")
+
+
+if __name__ == "__main__":
+    sys.exit(main())
