@@ -1,0 +1,147 @@
+"""The loop of `sattrack serve antenna`: the mount's datagrams at their deadlines, antcn whenever it calls.
+
+One thread, one `select`: a position status is latched when its bytes are read, and answered at once, unless a
+datagram is being computed just then, which takes about a millisecond twenty times a second.
+"""
+
+from __future__ import annotations
+
+import select
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from sattrack.errors import SattrackError
+from sattrack.runtime.realtime import undisturbed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from sattrack.antenna.station import Station
+    from sattrack.runtime.antenna_door import Door
+    from sattrack.runtime.console import Connection
+    from sattrack.runtime.signals import StopRequest
+
+LATE_ENOUGH_TO_SKIP_S = 0.5
+LEAD_S = 0.0015
+"""How long before it is due a datagram is computed."""
+
+
+@dataclass(slots=True)
+class AntennaLoop:
+    """Serves one station at one door until `stop` is asked for and the mount is seen at rest.
+
+    `words` gives what the operator typed since the last call; `tell` takes lines for the log.
+    """
+
+    station: Station
+    connection: Connection
+    door: Door
+    stop: StopRequest
+    tell: Callable[[str], None]
+    words: Callable[[], Sequence[str]]
+    _error: Exception | None = None
+    _told_refusals: int = 0
+    _told_trip: str | None = None
+    _told_link: bool = False
+
+    def run(self) -> None:
+        """Run to the end. Whatever breaks stops the mount first and is raised then."""
+        guard = self.connection.guard
+        with undisturbed():
+            period_s = self.station.profile.period_s / self.connection.clock.speed
+            due_s = time.monotonic()
+            while not self.station.finished and not guard.deposed:
+                self._guarded(self._wait_until, due_s - LEAD_S)
+                self._guarded(self._heed)
+                self._guarded(self._tick, due_s)
+                self._guarded(self._report)
+                shift_s = self.station.send_shift_s(self.connection.now_utc_s())
+                due_s += period_s + shift_s / self.connection.clock.speed
+                if time.monotonic() - due_s > LATE_ENOUGH_TO_SKIP_S:
+                    due_s = time.monotonic()
+        if guard.deposed:
+            raise SattrackError(guard.trouble)
+        guard.release(self.station.mount_stopped)
+        if self._error is not None:
+            raise self._error
+
+    def _guarded(self, part: Callable[..., None], *arguments: Any) -> None:
+        try:
+            part(*arguments)
+        except Exception as error:  # noqa: BLE001 - no error is worth a mount that is left moving
+            if self._error is None:
+                self._error = error
+            self.station.end(self.connection.now_utc_s())
+
+    def _wait_until(self, due_s: float) -> None:
+        """Wait for an instant, taking datagrams and serving antcn as they come."""
+        while True:
+            left_s = max(0.0, due_s - time.monotonic())
+            link, door = self.connection.link, self.door
+            ready, takes_more, _ = select.select([link, *door.readers()], door.writers(), [], left_s)
+            self._serve(ready)
+            if takes_more:
+                door.flush()
+            if link in ready:
+                for arrival in link.receive():
+                    arrived_utc_s = self.connection.clock.utc_s(arrival.monotonic_s)
+                    self.station.receive_status(arrival.data, arrived_utc_s)
+            if time.monotonic() >= due_s:
+                return
+
+    def _serve(self, ready: list[Any]) -> None:
+        if self.door.serve(ready, self.connection.now_utc_s, self.station.receive_command):
+            self.station.controller.hang_up()
+            self.tell("antcn has hung up; the trajectory in force stays")
+
+    def _heed(self) -> None:
+        if self.connection.guard.stop_asked:
+            self.stop.ask()
+        if self.connection.guard.trouble is not None:
+            raise SattrackError(self.connection.guard.trouble)
+        if self.stop.asked:
+            self.station.end(self.connection.now_utc_s())
+        if self.connection.simulated is not None:
+            # Nobody asks for the truth here, but the pipe must not fill up.
+            self.connection.simulated.truths()
+        for word in self.words():
+            self._obey(word)
+
+    def _obey(self, word: str) -> None:
+        """Obey a word typed at the controller's own console."""
+        controller = self.station.controller
+        if word in {"local", "remote"}:
+            controller.switch(word == "remote")
+            self.tell(f"the controller is in {word}")
+        elif word == "last":
+            for exchange in controller.exchanges:
+                self.tell(f"{exchange.received} -> {exchange.answered}")
+        elif word:
+            self.tell(f"{word!r} is no word of this console: local, remote, last")
+
+    def _tick(self, due_s: float) -> None:
+        connection = self.connection
+        datagram = self.station.tick(connection.clock.utc_s(max(due_s, time.monotonic())))
+        while (left_s := due_s - time.monotonic()) > 0.0:
+            # Whoever asks while a datagram waits to be due is not kept waiting.
+            ready, _, _ = select.select(self.door.readers(), [], [], left_s)
+            self._serve(ready)
+        if connection.guard.beat(datagram):
+            connection.link.send(datagram)
+
+    def _report(self) -> None:
+        """Say what has changed: refusals, interlocks, the link."""
+        station = self.station
+        if station.controller.refused != self._told_refusals:
+            self._told_refusals = station.controller.refused
+            last = [e for e in station.controller.exchanges if " NAK " in e.answered]
+            if last:
+                self.tell(f"{last[-1].received} -> {last[-1].answered}")
+        if station.tripped != self._told_trip:
+            self._told_trip = station.tripped
+            if station.tripped is not None:
+                self.tell(f"safety stopped the mount: {station.tripped}; RESET makes it ready again")
+        if station.link_up != self._told_link:
+            self._told_link = station.link_up
+            self.tell("the mount is heard" if station.link_up else "the mount is not heard")
