@@ -1,0 +1,164 @@
+"""The same rows over TCP and over a pair of pseudo-terminals, by the door that the program uses."""
+
+from __future__ import annotations
+
+import os
+import pty
+import select
+import socket
+import termios
+import tty
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import pytest
+from antenna_setup import NOON_NS, make_controller
+from conformance_rows import ROWS, Row
+
+from sattrack.antenna.trajectory import NS
+from sattrack.runtime.antenna_door import Door, SerialChannel, listen
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+PATIENCE_S = 5.0
+ON_LINES = [row for row in ROWS if row.on_a_line]
+
+
+class Caller(Protocol):
+    def send(self, data: bytes) -> None: ...
+
+    def fileno(self) -> int: ...
+
+    def receive(self) -> bytes: ...
+
+
+@dataclass
+class TcpCaller:
+    connection: socket.socket
+
+    def send(self, data: bytes) -> None:
+        self.connection.sendall(data)
+
+    def fileno(self) -> int:
+        return self.connection.fileno()
+
+    def receive(self) -> bytes:
+        return self.connection.recv(4096)
+
+
+@dataclass
+class PtyCaller:
+    master: int
+
+    def send(self, data: bytes) -> None:
+        os.write(self.master, data)
+
+    def fileno(self) -> int:
+        return self.master
+
+    def receive(self) -> bytes:
+        return os.read(self.master, 4096)
+
+
+@pytest.fixture
+def by_tcp() -> Iterator[tuple[Door, Caller]]:
+    door = Door(listen("127.0.0.1", 0))
+    with socket.create_connection(("127.0.0.1", door.port)) as connection:
+        select.select([door.listener], [], [], PATIENCE_S)
+        door.serve(door.readers(), float, lambda data, at: (b"", False))
+        yield door, TcpCaller(connection)
+        door.close()
+
+
+@pytest.fixture
+def by_pty() -> Iterator[tuple[Door, Caller]]:
+    pytest.importorskip("serial")
+    master, slave = pty.openpty()
+    tty.setraw(master, termios.TCSANOW)
+    door = Door(channel=SerialChannel(os.ttyname(slave), 9600))
+    yield door, PtyCaller(master)
+    door.close()
+    os.close(slave)
+    os.close(master)
+
+
+def converse(row: Row, door: Door, caller: Caller) -> None:
+    controller = make_controller()
+    controller.switch(not row.local)
+    for step in row.steps:
+        if step.sent:
+            caller.send(step.sent)
+        taken = got = b""
+        at_ns = NOON_NS + round(step.at_s * NS)
+
+        def answer(data: bytes, _: float, at_ns: int = at_ns) -> tuple[bytes, bool]:
+            nonlocal taken
+            taken += data
+            return controller.receive(data, at_ns)
+
+        while len(taken) < len(step.sent):
+            ready, _, _ = select.select(door.readers(), [], [], PATIENCE_S)
+            assert ready, "what was sent did not come"
+            door.serve(ready, float, answer)
+        while len(got) < len(step.received):
+            readable, _, _ = select.select([caller], [], [], PATIENCE_S)
+            assert readable, f"answered {got!r}, and no more"
+            got += caller.receive()
+        assert got == step.received
+        assert not select.select([caller], [], [], 0.0)[0], "something came unasked"
+
+
+@pytest.mark.parametrize("row", ON_LINES, ids=lambda row: f"{row.section} {row.claim}")
+def test_the_row_holds_over_tcp(row: Row, by_tcp: tuple[Door, Caller]) -> None:
+    converse(row, *by_tcp)
+
+
+@pytest.mark.parametrize("row", ON_LINES, ids=lambda row: f"{row.section} {row.claim}")
+def test_the_row_holds_over_a_pair_of_terminals(row: Row, by_pty: tuple[Door, Caller]) -> None:
+    converse(row, *by_pty)
+
+
+def test_a_second_caller_is_hung_up_on_and_the_first_goes_on(by_tcp: tuple[Door, Caller]) -> None:
+    door, caller = by_tcp
+    with socket.create_connection(("127.0.0.1", door.port)) as second:
+        select.select([door.listener], [], [], PATIENCE_S)
+        door.serve([door.listener], float, lambda data, at: (b"", False))
+        second.settimeout(PATIENCE_S)
+        assert second.recv(100) == b""
+    assert door.hung_up_on == 1
+    converse(ROWS[0], door, caller)
+
+
+def test_a_caller_gone_in_the_middle_of_a_line_leaves_room_for_the_next() -> None:
+    door, controller = Door(listen("127.0.0.1", 0)), make_controller()
+
+    def turn() -> bool:
+        ready, _, _ = select.select(door.readers(), [], [], PATIENCE_S)
+        return door.serve(ready, float, lambda data, _: controller.receive(data, NOON_NS))
+
+    with socket.create_connection(("127.0.0.1", door.port)) as first:
+        turn()
+        first.sendall(b"TD 10 2")
+        turn()
+    assert turn()
+    controller.hang_up()
+    with socket.create_connection(("127.0.0.1", door.port)) as second:
+        turn()
+        second.sendall(b"PS C3\n")
+        turn()
+        second.settimeout(PATIENCE_S)
+        assert second.recv(4096) == ROWS[0].steps[0].received
+    door.close()
+
+
+def test_characters_with_wrong_parity_reach_the_controller_as_zero_bytes() -> None:
+    pytest.importorskip("serial")
+    master, slave = pty.openpty()
+    channel = SerialChannel(os.ttyname(slave), 9600, "7E1")
+    flags = termios.tcgetattr(channel.fileno())[0]
+    assert flags & termios.INPCK
+    assert not flags & (termios.IGNPAR | termios.PARMRK)
+    channel.close()
+    os.close(slave)
+    os.close(master)
