@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.commands.common import CommandContext, common_options
+from sattrack.commands.common import CommandContext, common_options, profile_option
 from sattrack.errors import BadInputError, SattrackError
 from tle.instants import Utc
 
@@ -40,6 +40,9 @@ _SORTS = ("rise", "altitude", "magnitude", "rate", "name")
 )
 @click.option("--sunlit", is_flag=True, help="Only passes with the satellite in full sunlight for a while.")
 @click.option("--dark", is_flag=True, help="Only while the Sun is 6° below the horizon or lower.")
+@click.option("--feasible", is_flag=True, help="Only passes that the mount can follow, by its limits.")
+@click.option("--judged", is_flag=True, help="Say of each pass whether the mount can follow it, and why not.")
+@profile_option
 @click.option(
     "--max-rate",
     "max_rate_deg_s",
@@ -72,6 +75,7 @@ def command(context: CommandContext, satellites: tuple[str, ...], **options: Any
     passes = _search(context, chosen, start, options)
     _tell_failures(passes, bool(satellites))
     rows = _sorted(_rows(passes, options), options["sort"])
+    rows = _judged(context, passes, rows, options)
     if options["plot"]:
         from sattrack.commands.passes_plot import plot_passes
 
@@ -179,6 +183,19 @@ def _rows(passes: CataloguePasses, options: dict[str, Any]) -> list[Row]:
     if options["faintest"] is not None:
         filters.append(lambda row: row.magnitude <= options["faintest"])
     return [row for row in rows if all(keep(row) for keep in filters)]
+
+
+def _judged(
+    context: CommandContext, passes: CataloguePasses, rows: list[Row], options: dict[str, Any]
+) -> list[Row]:
+    """Return the rows with a verdict by the mount's limits where one was asked for, else as they are."""
+    if not (options["feasible"] or options["judged"]):
+        return rows
+    from sattrack.commands.passes_feasible import judged_rows
+
+    profile = context.profile(options["profile"]).mount
+    judged = judged_rows(rows, passes, profile, context.settings.safety.limits())
+    return [row for row in judged if row.why_not is None] if options["feasible"] else judged
 
 
 def _sorted(rows: list[Row], by: str) -> list[Row]:

@@ -49,6 +49,9 @@ class Row:
     elements: Elements
     seen: Pass
     facts: PassFacts | None
+    judged: bool = False
+    """Whether the mount's limits were held against it; then `why_not` is what it cannot be followed for."""
+    why_not: str | None = None
 
     @property
     def begins_s(self) -> float:
@@ -90,8 +93,8 @@ class Row:
             "sun_alt_deg": getattr(facts, "sun_alt_deg", None),
             "min_sun_separation_deg": getattr(facts, "min_sun_separation_deg", None),
             "min_moon_separation_deg": getattr(facts, "min_moon_separation_deg", None),
-            "feasible": None,
-            "why_not": None,
+            "feasible": self.why_not is None if self.judged else None,
+            "why_not": self.why_not,
             "culminate_az_deg": seen.culminate_az_deg,
             "culminations_utc": [_iso(t) for t in seen.culminations_utc],
             "sunlit_utc": [[_iso(a), _iso(b)] for a, b in lit],
@@ -155,7 +158,7 @@ def _line(row: Row) -> str:
             + click.style(f"{facts.sun_alt_deg:5.0f}", fg="blue" if night else None)
             + f" {bright:>5}",
             click.style(f"{light:6}", fg=colour),
-            printable(row.elements.label),
+            printable(row.elements.label) + ("" if row.why_not is None else f"  NOT: {row.why_not}"),
         ]
     )
 
