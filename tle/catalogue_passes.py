@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
-from tle.catalogue_search import CatalogueSearch, SearchTask, numba_is_there, shared
+from tle.catalogue_search import CatalogueSearch, SearchTask, shared
+from tle.compiled_start import NoCompilerError, is_worth_compiling, prepare
 from tle.crossing_columns import joined, select
 from tle.horizon import Horizon
 from tle.instants import Utc
@@ -26,10 +28,6 @@ if TYPE_CHECKING:
     from tle.site import Site
 
     Index = NDArray[np.intp]
-
-
-# Objects times hours from which on numba's start, over half a second, is paid back.
-_WORTH_COMPILING = 400_000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,14 +106,18 @@ def find_catalogue_passes(  # noqa: PLR0913 - all that a search needs, most of i
     numba (the extra `fast`), which finds the same; if not said, where numba is installed and the work is
     enough to outweigh its start. `workers` above 1 share large catalogues with as many threads of compiled
     code, or processes; a script that asks for these must guard its own work by `if __name__ == "__main__"`.
-    Raises TimeRangeError, SiteError, ImportError where numba is wanted and missing; what SGP4 refuses is
-    listed in `failed`.
+    The first compiled search takes some ten seconds more, once: `compiled_start` tells and does that apart.
+    Where `compiled` is not said and numba does not work, that is warned of, and done without.
+    Raises TimeRangeError, SiteError, NoCompilerError where numba is wanted and does not work; what SGP4
+    refuses is listed in `failed`.
     """
     check_hours(hours)
     level = horizon if isinstance(horizon, Horizon) else Horizon(horizon)
     task = SearchTask(elements, site, (float(start.unix_s), hours * HOUR_S), level, earth)
     if compiled is None:
-        compiled = len(elements) * hours >= _WORTH_COMPILING and numba_is_there()
+        compiled = is_worth_compiling(len(elements), hours) and _prepared()
+    elif compiled:
+        prepare()
     search = CatalogueSearch(task, compiled)
     pieces: list[Crossings] = []
     left: list[int] = []
@@ -128,3 +130,13 @@ def find_catalogue_passes(  # noqa: PLR0913 - all that a search needs, most of i
             progress(done, len(elements))
     failed = search.one_by_one(sorted(left), pieces)
     return CataloguePasses(task, joined(pieces), failed)
+
+
+def _prepared() -> bool:
+    """Get ready to search compiled; warn, and tell that it is not, where numba does not work."""
+    try:
+        prepare()
+    except NoCompilerError as error:
+        warnings.warn(str(error), RuntimeWarning, stacklevel=3)
+        return False
+    return True

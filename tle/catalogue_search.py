@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, replace
-from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -48,11 +47,6 @@ _STRETCHES_A_SECOND = 8.0 / 6000.0
 _FEWEST_TO_SHARE = 4000
 _AHEAD = 2
 _DECAYED = 6
-
-
-def numba_is_there() -> bool:
-    """Tell whether numba is there to compile with; it is not imported for this."""
-    return find_spec("numba") is not None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,8 +1,8 @@
 """The search for passes compiled by numba: the same steps as `gate` and `arcs`, object by object.
 
 What decides (bounds, tolerances) comes from those modules as arguments; their proofs hold here too. Importing
-this module needs numba. Machine code is kept where numba keeps it: beside this file, else in the user's cache
-folder (or `NUMBA_CACHE_DIR`); where nothing can be written, each process compiles anew.
+this module needs numba. Machine code is kept in the folder of `compiled_cache`; where nothing can be written,
+each process compiles anew.
 
 Everything travels as rows of numbers, which compiled code takes fastest: an orbit is a row of the columns of
 `near_earth.NearEarth`, a gate one of `gate.Gate` and whether the orbit is about round, an arc its head
@@ -12,11 +12,12 @@ Everything travels as rows of numbers, which compiled code takes fastest: an orb
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, ParamSpec, TypeVar
 
 import numpy as np
-from numba import njit
+from numba import config, njit
 
+from tle.compiled_cache import cache_folder
 from tle.ground import EVEN_TURN_RAD_S
 from tle.near_earth import RADIUS_KM, NearEarth
 
@@ -85,15 +86,33 @@ class Rules(NamedTuple):
     close_s: float
 
 
+_RULES: dict[str, Any] = {"nogil": True, "error_model": "numpy", "fastmath": {"contract"}}
+_LEAF: dict[str, Any] = {**_RULES, "_nrt": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+
+def leaf(function: Callable[P, R]) -> Callable[P, R]:
+    """Compile a function that only other compiled ones call and that makes no arrays.
+
+    Without numba's counting of references, which takes longer than what is done here. Whoever makes arrays
+    must be a `kernel`.
+    """
+    made: Callable[P, R] = njit(**_LEAF)(function)
+    return made
+
+
 def kernel(function: Callable[P, R]) -> Callable[P, R]:
-    """Compile a function so that it runs without the interpreter's lock."""
+    """Compile a function that is called from outside, and keep its machine code where there is a folder."""
+    folder = cache_folder()
+    if folder is None:
+        made: Callable[P, R] = njit(**_RULES)(function)
+        return made
+    settings: Any = config
+    others = settings.CACHE_DIR
+    settings.CACHE_DIR = str(folder)
     try:
-        made: Callable[P, R] = njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})(
-            function
-        )
-    except RuntimeError:
-        # No folder to keep machine code in.
-        made = njit(nogil=True, error_model="numpy")(function)
+        made = njit(cache=True, **_RULES)(function)
+    finally:
+        settings.CACHE_DIR = others
     return made
 
 
@@ -107,7 +126,7 @@ def grown(rows: Array) -> Array:
     return more
 
 
-@kernel
+@leaf
 def _turned(x: float) -> tuple[float, float]:
     """Return cosine and sine of an angle within some 100,000 turns, to rounding."""
     quarter = math.floor(x * (2.0 / math.pi) + 0.5)
@@ -127,13 +146,13 @@ def _turned(x: float) -> tuple[float, float]:
     return c, s
 
 
-@kernel
+@leaf
 def _turned_little(x: float) -> tuple[float, float]:
     """Return cosine and sine of an angle of some thousandths: the next terms are below 1e-13."""
     return 1.0 - 0.5 * x * x, x * (1.0 - x * x * (1.0 / 6.0))
 
 
-@kernel
+@leaf
 def _mean_orbit(o: Array, i: int, t: float) -> tuple[float, float, float, float, float]:
     """Return semi-major axis, eccentricity vector, longitude and node; see `near_earth.mean_orbit`."""
     xmdf = o[i, _MO] + o[i, _MDOT] * t
@@ -157,7 +176,7 @@ def _mean_orbit(o: Array, i: int, t: float) -> tuple[float, float, float, float,
     return am, axn, ayn, mean + o[i, _NO] * templ + argp + temp * o[i, _XLCOF] * axn, node
 
 
-@kernel
+@leaf
 def _in_plane(a: float, axn: float, ayn: float, u: float, enough: float) -> tuple[float, float, float]:
     """Return cos u, sin u and radius; see `near_earth.in_plane`."""
     if not abs(u) < 1e12:
@@ -182,7 +201,7 @@ def _in_plane(a: float, axn: float, ayn: float, u: float, enough: float) -> tupl
     return scale * (c - axn + ayn * temp), scale * (s - ayn - axn * temp), radius
 
 
-@kernel
+@leaf
 def _east_north_up(o: Array, i: int, place: Place, unix_s: float) -> tuple[float, float, float]:
     """Return where SGP4 has an object, relative to the site, km; NaN where it fails.
 
@@ -222,7 +241,7 @@ def _east_north_up(o: Array, i: int, place: Place, unix_s: float) -> tuple[float
     )
 
 
-@kernel
+@leaf
 def _rough_height(o: Array, i: int, place: Place, unix_s: float, sine: float) -> float:
     """Return z, km, of the mean orbit; see `gate._Rough`."""
     a, axn, ayn, longitude, node = _mean_orbit(o, i, (unix_s - o[i, _EPOCH]) / 60.0)
@@ -239,7 +258,7 @@ def _rough_height(o: Array, i: int, place: Place, unix_s: float, sine: float) ->
     return up - sine * math.sqrt(x * x + y * y + z * z)
 
 
-@kernel
+@leaf
 def may_exceed(limit: float, z0: float, z1: float, bend: float, span_s: float) -> bool:
     """Tell whether a parabola through both ends rises above a limit; see `crossings.highest_between`."""
     if z0 > limit or z1 > limit:
@@ -251,7 +270,7 @@ def may_exceed(limit: float, z0: float, z1: float, bend: float, span_s: float) -
     return 0.5 * (z0 + z1) + 0.25 * bow + 0.25 * rise * rise / max(bow, 1e-300) > limit
 
 
-@kernel
+@leaf
 def _site_from(o: Array, i: int, longitude: Array, place: Place, unix_s: float) -> tuple[float, ...]:
     """Return the site's direction: along the orbit's node, 90° on, and over the plane; the mean longitude."""
     t = (unix_s - o[i, _EPOCH]) * (1.0 / 60.0)
@@ -266,7 +285,7 @@ def _site_from(o: Array, i: int, longitude: Array, place: Place, unix_s: float) 
     return px * cos - py * sin, o[i, _COSIO] * across + o[i, _SINIO] * pz, over, mean
 
 
-@kernel
+@leaf
 def _may_be_near(o: Array, i: int, gate: Array, longitude: Array, place: Place, unix_s: float) -> bool:
     """Tell whether an object may stand near enough to the site in the stretch about an instant."""
     along, ahead, over, mean = _site_from(o, i, longitude, place, unix_s)
@@ -277,7 +296,7 @@ def _may_be_near(o: Array, i: int, gate: Array, longitude: Array, place: Place, 
     return near
 
 
-@kernel
+@leaf
 def _when_near(
     o: Array, i: int, gate: Array, longitude: Array, place: Place, at: tuple[float, float], rate: float
 ) -> tuple[float, float]:
@@ -300,22 +319,22 @@ def _when_near(
     return offset / rate, math.acos(cosine / nearest) / rate
 
 
-@kernel
+@leaf
 def _round_windows(
     o: Array,
     i: int,
     gate: Array,
     longitude: Array,
     place: Place,
-    span: tuple[float, float],
+    span: tuple[float, float, float],
     found: Array,
     count: int,
-) -> tuple[Array, int]:
-    """Join to windows the times at which an object in a round orbit may be near the site.
+) -> int:
+    """Join to windows the times at which an object in a round orbit may be near the site; see `_joined`.
 
     Turn by turn: the time about the turn's middle, then more closely about that time's own middle.
     """
-    start_s, span_s = span
+    start_s, span_s, _ = span
     step = gate[i, _STEP]
     for j in range(int(gate[i, _COUNT])):
         low, high = j * step, (j + 1) * step
@@ -336,20 +355,70 @@ def _round_windows(
                 continue
             first, last = max(about + again - less, first), min(about + again + less, last)
             if first < last:
-                found, count = _joined(found, count, i, max(first, 0.0), min(last, span_s))
-    return found, count
+                count = _joined(found, count, i, max(first, 0.0), min(last, span_s))
+                if count < 0:
+                    return count
+    return count
 
 
-@kernel
-def _joined(found: Array, count: int, i: int, low: float, high: float) -> tuple[Array, int]:
-    """Return windows, and how many, with a stretch joined to the last one or put behind it."""
+@leaf
+def _joined(found: Array, count: int, i: int, low: float, high: float) -> int:
+    """Join a stretch to the last window or put it behind it; return how many there are, -1 without room."""
     if count and found[count - 1, 0] == i and found[count - 1, 2] >= low - 1e-6:
         found[count - 1, 2] = max(found[count - 1, 2], high)
-        return found, count
+        return count
     if count == len(found):
-        found = grown(found)
+        return -1
     found[count, 0], found[count, 1], found[count, 2] = i, low, high
-    return found, count + 1
+    return count + 1
+
+
+@leaf
+def _any_windows(  # noqa: PLR0913, PLR0917 - all is made by the caller, for this makes no arrays
+    o: Array,
+    i: int,
+    gate: Array,
+    longitude: Array,
+    place: Place,
+    span: tuple[float, float, float],
+    z: Array,
+    found: Array,
+    count: int,
+) -> int:
+    """Join to windows the times at which an object in any orbit may be up; see `_joined`.
+
+    `z` has room for heights at the ends of the parts that a stretch is cut into, two to some power.
+    """
+    start_s, span_s, sine = span
+    parts = len(z) - 1
+    known = False
+    step, limit, bend = gate[i, _STEP], -gate[i, _MARGIN], gate[i, _BEND]
+    stretches = int(gate[i, _COUNT])
+    for j in range(stretches):
+        if not _may_be_near(o, i, gate, longitude, place, start_s + (j + 0.5) * step):
+            known = False
+            continue
+        low = j * step
+        high = span_s if j + 1 == stretches else (j + 1) * step
+        z[0] = z[parts] if known else _rough_height(o, i, place, start_s + low, sine)
+        z[parts] = _rough_height(o, i, place, start_s + high, sine)
+        known = True
+        # Halves, quarters...: what is ruled out whole is not looked into.
+        n, width = 0, parts
+        while n < parts:
+            a, b = low + (high - low) * n / parts, low + (high - low) * (n + width) / parts
+            if width > 1 and may_exceed(limit, z[n], z[n + width], bend, b - a):
+                width //= 2
+                z[n + width] = _rough_height(o, i, place, start_s + 0.5 * (a + b), sine)
+                continue
+            if width == 1 and may_exceed(limit, z[n], z[n + 1], bend, b - a):
+                count = _joined(found, count, i, a, high if n + 1 == parts else b)
+                if count < 0:
+                    return count
+            n += width
+            while width < parts and n % (2 * width) == 0:
+                width *= 2
+    return count
 
 
 @kernel
@@ -362,47 +431,23 @@ def windows(
     `longitude` has rows of the powers of `near_earth.mean_longitude`; `span` is its first second, its length
     and the sine of the least altitude.
     """
-    start_s, span_s, sine = span
-    found = np.empty((256, 3))
-    count, parts = 0, 1 << halvings
-    z = np.empty(parts + 1)
-    for i in range(len(gate)):
+    found = np.empty((len(gate) + 256, 3))
+    z = np.empty((1 << halvings) + 1)
+    count, i = 0, 0
+    while i < len(gate):
         if gate[i, _IS_ROUND]:
-            found, count = _round_windows(o, i, gate, longitude, place, (start_s, span_s), found, count)
-            continue
-        known = False
-        step, limit, bend = gate[i, _STEP], -gate[i, _MARGIN], gate[i, _BEND]
-        stretches = int(gate[i, _COUNT])
-        for j in range(stretches):
-            if not _may_be_near(o, i, gate, longitude, place, start_s + (j + 0.5) * step):
-                known = False
-                continue
-            low = j * step
-            high = span_s if j + 1 == stretches else (j + 1) * step
-            z[0] = z[parts] if known else _rough_height(o, i, place, start_s + low, sine)
-            z[parts] = _rough_height(o, i, place, start_s + high, sine)
-            known = True
-            # Halves, quarters...: what is ruled out whole is not looked into.
-            n, width = 0, parts
-            while n < parts:
-                a, b = low + (high - low) * n / parts, low + (high - low) * (n + width) / parts
-                if not may_exceed(limit, z[n], z[n + width], bend, b - a):
-                    n += width
-                    while width < parts and n % (2 * width) == 0:
-                        width *= 2
-                elif width > 1:
-                    width //= 2
-                    z[n + width] = _rough_height(o, i, place, start_s + 0.5 * (a + b), sine)
-                else:
-                    b = high if n + 1 == parts else b
-                    found, count = _joined(found, count, i, a, b)
-                    n += 1
-                    while width < parts and n % (2 * width) == 0:
-                        width *= 2
+            more = _round_windows(o, i, gate, longitude, place, span, found, count)
+        else:
+            more = _any_windows(o, i, gate, longitude, place, span, z, found, count)
+        if more < 0:
+            # Some of this object's windows may be there, and will be written again.
+            found = grown(found)
+        else:
+            count, i = more, i + 1
     return found[:count]
 
 
-@kernel
+@leaf
 def _fit(o: Array, i: int, place: Place, fit: Fit, low: float, high: float, work: Array) -> None:
     """Write the Chebyshev coefficients, shape (3, terms), of an object's way between POSIX seconds."""
     terms = work.shape[1]
@@ -419,13 +464,13 @@ def _fit(o: Array, i: int, place: Place, fit: Fit, low: float, high: float, work
             work[2, term] += fit.from_values[k, term] * u
 
 
-@kernel
+@leaf
 def _largest(work: Array, term: int) -> float:
     largest: float = max(abs(work[0, term]), abs(work[1, term]), abs(work[2, term]))
     return largest
 
 
-@kernel
+@leaf
 def _missed(rules: Rules, work: Array) -> float:
     """Return about what a polynomial misses; see `arcs._missed`."""
     terms = work.shape[1]
@@ -438,26 +483,27 @@ def _missed(rules: Rules, work: Array) -> float:
     return following / (rules.fit_km + rules.fit_rad * _largest(work, 0))
 
 
-@kernel
-def _write_arc(row: Array, fit: Fit, work: Array, low: float, high: float) -> None:
-    """Write all of an arc's row but object and window."""
+@leaf
+def _write_arc(arcs: Array, k: int, fit: Fit, work: Array, low: float, high: float) -> None:
+    """Write all of the row of arc k but object and window."""
     terms = work.shape[1]
     half = 0.5 * (high - low)
     speed, bend = 0.0, 0.0
-    for term in range(HEAD, len(row)):
-        row[term] = 0.0
+    for term in range(HEAD, arcs.shape[1]):
+        arcs[k, term] = 0.0
     for other in range(terms):
         e, n, u = work[0, other], work[1, other], work[2, other]
         size = math.sqrt(e * e + n * n + u * u)
         speed += size * fit.slope[other]
         bend += size * fit.bend[other]
         for term in range(other + 1):
-            row[HEAD + term] += fit.to_powers[other, term] * e
+            arcs[k, HEAD + term] += fit.to_powers[other, term] * e
         for term in range(other + 1):
-            row[HEAD + terms + term] += fit.to_powers[other, term] * n
+            arcs[k, HEAD + terms + term] += fit.to_powers[other, term] * n
         for term in range(other + 1):
-            row[HEAD + 2 * terms + term] += fit.to_powers[other, term] * u
-    row[MID], row[HALF], row[SPEED], row[BOW] = 0.5 * (low + high), half, speed / half, bend / (half * half)
+            arcs[k, HEAD + 2 * terms + term] += fit.to_powers[other, term] * u
+    arcs[k, MID], arcs[k, HALF] = 0.5 * (low + high), half
+    arcs[k, SPEED], arcs[k, BOW] = speed / half, bend / (half * half)
 
 
 @kernel
@@ -493,7 +539,7 @@ def near_arcs(
                     if count == len(arcs):
                         arcs = grown(arcs)
                     arcs[count, OBJ], arcs[count, WINDOW] = i, w
-                    _write_arc(arcs[count], fit, work, low, high)
+                    _write_arc(arcs, count, fit, work, low, high)
                     count += 1
                 elif not math.isfinite(off) or high - low < rules.shortest_s or halvings == rules.halvings:
                     without[i] = 1.0
@@ -508,6 +554,7 @@ def near_arcs(
     for k in range(count):
         if not without[int(arcs[k, OBJ])]:
             if kept < k:
-                arcs[kept] = arcs[k]
+                for term in range(arcs.shape[1]):
+                    arcs[kept, term] = arcs[k, term]
             kept += 1
     return arcs[:kept], without

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tle.compiled import BOW, HALF, HEAD, MID, OBJ, SPEED, WINDOW, grown, kernel, may_exceed
+from tle.compiled import BOW, HALF, HEAD, MID, OBJ, SPEED, WINDOW, grown, kernel, leaf, may_exceed
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 _LOOKS = 9
 _MOST_ROUNDS = 60
+# Newton's last step, in shares of the one that Ridders' method may end with: beside a top it halves errors.
+_NEWTON_CLOSE = 0.05
 _DEG = 180.0 / math.pi
 _HEIGHT, _CLIMB = 0, 1
 # A pass's row: object, times in seconds, azimuths and the highest altitude in degrees.
@@ -29,7 +31,7 @@ NAME, RISE, SET, TOP, RISE_AZ, SET_AZ, TOP_AZ, TOP_ALT, WIDTH = range(9)
 _ARC, _X, _Z, _IS_TOP = range(4)
 
 
-@kernel
+@leaf
 def _at(arcs: Array, k: int, x: float) -> tuple[float, float, float]:
     """Return east, north, up on an arc at x."""
     terms = (arcs.shape[1] - HEAD) // 3
@@ -42,7 +44,7 @@ def _at(arcs: Array, k: int, x: float) -> tuple[float, float, float]:
     return e, n, u
 
 
-@kernel
+@leaf
 def _moving(arcs: Array, k: int, x: float) -> tuple[float, float, float, float]:
     """Return east, north, up on an arc at x, and what has the sign of the altitude's rate."""
     terms = (arcs.shape[1] - HEAD) // 3
@@ -56,46 +58,60 @@ def _moving(arcs: Array, k: int, x: float) -> tuple[float, float, float, float]:
     return e, n, u, vu * (e * e + n * n) - u * (e * ve + n * vn)
 
 
-@kernel
-def _value(arcs: Array, k: int, x: float, what: int, sine: float) -> float:
-    """Return the height over the horizon, km, or what has the sign of the altitude's rate."""
+@leaf
+def _height(arcs: Array, k: int, x: float, sine: float) -> float:
+    """Return the height over the horizon, km."""
+    e, n, u = _at(arcs, k, x)
+    return u - sine * math.sqrt(e * e + n * n + u * u)
+
+
+@leaf
+def _sloping(arcs: Array, k: int, x: float, what: int, sine: float) -> tuple[float, float]:
+    """Return the height over the horizon, or what has the sign of the altitude's rate, and its slope by x."""
+    terms = (arcs.shape[1] - HEAD) // 3
+    e, n, u, ve, vn, vu, ae, an, au = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for power in range(1, terms + 1):
+        term = HEAD + terms - power
+        # Of the second derivatives the half.
+        ae, an, au = ae * x + ve, an * x + vn, au * x + vu
+        ve, vn, vu = ve * x + e, vn * x + n, vu * x + u
+        e = e * x + arcs[k, term]
+        n = n * x + arcs[k, term + terms]
+        u = u * x + arcs[k, term + 2 * terms]
+    level2, outward = e * e + n * n, e * ve + n * vn
     if what == _HEIGHT:
-        e, n, u = _at(arcs, k, x)
-        return u - sine * math.sqrt(e * e + n * n + u * u)
-    return _moving(arcs, k, x)[3]
+        far = math.sqrt(level2 + u * u)
+        return u - sine * far, vu - sine * (outward + u * vu) / far
+    bow = ve * ve + vn * vn + 2.0 * (e * ae + n * an)
+    return vu * level2 - u * outward, 2.0 * au * level2 + vu * outward - u * bow
 
 
-@kernel
+@leaf
 def _root(
     arcs: Array, k: int, ends: tuple[float, float], at_ends: tuple[float, float], what: int, rules: Rules
 ) -> float:
-    """Return x of a root between the ends by Ridders' method; see `roots.roots`."""
+    """Return x of a root between the ends by Newton's steps, and halves where these lead out of them."""
     low, high = ends
-    at_low, at_high = at_ends
-    close = rules.close_s / arcs[k, HALF]
-    found = low
+    rising = at_ends[1] > at_ends[0]
+    close = _NEWTON_CLOSE * rules.close_s / arcs[k, HALF]
+    x = low + (high - low) * at_ends[0] / (at_ends[0] - at_ends[1])
     for _ in range(_MOST_ROUNDS):
-        middle = 0.5 * (low + high)
-        at_middle = _value(arcs, k, middle, what, rules.sine)
-        spread = math.sqrt(max(at_middle * at_middle - at_low * at_high, 1e-300))
-        way = 1.0 if at_low > at_high else -1.0
-        new = min(max(middle + (middle - low) * way * at_middle / spread, low), high)
-        moved = abs(new - found)
-        found = new
+        value, slope = _sloping(arcs, k, x, what, rules.sine)
+        if (value > 0.0) == rising:
+            high = x
+        else:
+            low = x
+        new = x - value / slope
+        if not low <= new <= high:
+            new = 0.5 * (low + high)
+        moved = abs(new - x)
+        x = new
         if moved < close:
             break
-        at_new = _value(arcs, k, new, what, rules.sine)
-        for turn in range(2):
-            point, at_point = (middle, at_middle) if turn == 0 else (new, at_new)
-            if low <= point <= high:
-                if (at_point > 0.0) == (at_low > 0.0):
-                    low, at_low = point, at_point
-                else:
-                    high, at_high = point, at_point
-    return found
+    return x
 
 
-@kernel
+@leaf
 def _doubtful(
     arcs: Array, k: int, width: float, z: tuple[float, float], far: tuple[float, float], rules: Rules
 ) -> bool:
@@ -109,24 +125,25 @@ def _doubtful(
     return may_exceed(0.0, z[0], z[1], bend, span_s)
 
 
-@kernel
-def _pushed(looks: Array, count: int, k: int, x: float, z: float, is_top: float) -> Array:
-    """Write one look; return where it went, which has twice the room once that is used up."""
-    if count == len(looks):
-        looks = grown(looks)
+@leaf
+def _put(looks: Array, count: int, k: int, x: float, z: float, is_top: float) -> int:
+    """Write one look, for which there is room; return how many there are."""
     looks[count, _ARC], looks[count, _X], looks[count, _Z], looks[count, _IS_TOP] = k, x, z, is_top
-    return looks
+    return count + 1
 
 
-@kernel
-def _look(arcs: Array, k: int, rules: Rules, looks: Array, count: int, todo: Array) -> tuple[Array, int]:
+@leaf
+def _look(arcs: Array, k: int, rules: Rules, looks: Array, count: int, todo: Array) -> int:
     """Look along arc k at even steps, tops and doubts; see `crossings._look`.
 
-    `todo` has room for doubtful stretches: x of the ends, heights and distances there.
+    Returns how many looks there are, -1 where there is no room for them. `todo` has room for doubtful
+    stretches: x of the ends, heights and distances there.
     """
     x0, z0, far0, climb0 = -1.0, 0.0, 0.0, 0.0
     for look in range(_LOOKS):
         x1 = -1.0 + 2.0 * look / (_LOOKS - 1)
+        if count + 4 > len(looks):
+            return -1
         e, n, u, climb1 = _moving(arcs, k, x1)
         far1 = math.sqrt(e * e + n * n + u * u)
         z1 = u - rules.sine * far1
@@ -135,7 +152,7 @@ def _look(arcs: Array, k: int, rules: Rules, looks: Array, count: int, todo: Arr
             top_x, top_z, is_top = 2.0, 0.0, 0.0
             if (z0 > 0.0 or z1 > 0.0 or doubt) and (climb0 > 0.0) != (climb1 > 0.0):
                 top_x = _root(arcs, k, (x0, x1), (climb0, climb1), _CLIMB, rules)
-                top_z = _value(arcs, k, top_x, _HEIGHT, rules.sine)
+                top_z = _height(arcs, k, top_x, rules.sine)
                 is_top = 1.0 if climb0 > 0.0 else 0.0
             waiting = 0
             if doubt:
@@ -144,16 +161,16 @@ def _look(arcs: Array, k: int, rules: Rules, looks: Array, count: int, todo: Arr
                 waiting = 1
             while waiting:
                 waiting -= 1
+                if count + 4 > len(looks):
+                    return -1
                 a, b, za, zb = todo[waiting, 0], todo[waiting, 1], todo[waiting, 2], todo[waiting, 3]
                 fa, fb = todo[waiting, 4], todo[waiting, 5]
                 if a == b:
                     # The middle of a stretch, in its turn between the two halves.
                     if top_x < a:
-                        looks = _pushed(looks, count, k, top_x, top_z, is_top)
-                        count += 1
+                        count = _put(looks, count, k, top_x, top_z, is_top)
                         top_x = 2.0
-                    looks = _pushed(looks, count, k, a, za, 0.0)
-                    count += 1
+                    count = _put(looks, count, k, a, za, 0.0)
                 elif _doubtful(arcs, k, b - a, (za, zb), (fa, fb), rules):
                     m = 0.5 * (a + b)
                     e, n, u = _at(arcs, k, m)
@@ -166,15 +183,13 @@ def _look(arcs: Array, k: int, rules: Rules, looks: Array, count: int, todo: Arr
                         todo[waiting, 3], todo[waiting, 4], todo[waiting, 5] = zq, fp, fq
                         waiting += 1
             if top_x <= 1.0:
-                looks = _pushed(looks, count, k, top_x, top_z, is_top)
-                count += 1
-        looks = _pushed(looks, count, k, x1, z1, 0.0)
-        count += 1
+                count = _put(looks, count, k, top_x, top_z, is_top)
+        count = _put(looks, count, k, x1, z1, 0.0)
         x0, z0, far0, climb0 = x1, z1, far1, climb1
-    return looks, count
+    return count
 
 
-@kernel
+@leaf
 def _seen(arcs: Array, k: int, x: float) -> tuple[float, float, float]:
     """Return seconds since the span's start, altitude and azimuth in degrees, on arc k at x."""
     e, n, u = _at(arcs, k, x)
@@ -184,7 +199,7 @@ def _seen(arcs: Array, k: int, x: float) -> tuple[float, float, float]:
     return arcs[k, MID] + x * arcs[k, HALF], alt, 0.0 if az >= 360.0 else az
 
 
-@kernel
+@leaf
 def _border(arcs: Array, looks: Array, low: int, rules: Rules) -> tuple[float, float, float]:
     """Return seconds, altitude and azimuth where the horizon is crossed between a look and the next."""
     k, x = int(looks[low, _ARC]), looks[low, _X]
@@ -195,11 +210,40 @@ def _border(arcs: Array, looks: Array, low: int, rules: Rules) -> tuple[float, f
     return _seen(arcs, k, x)
 
 
-@kernel
+@leaf
 def _better(found: Array, p: int, seen: tuple[float, float, float]) -> None:
     """Make an instant a pass's highest if it is."""
     if seen[1] > found[p, TOP_ALT]:
         found[p, TOP], found[p, TOP_ALT], found[p, TOP_AZ] = seen
+
+
+@leaf
+def _begin(arcs: Array, looks: Array, n: int, found: Array, p: int, rules: Rules) -> None:
+    """Write what look n, the first of a pass above the horizon, tells of it."""
+    arc = int(looks[n, _ARC])
+    for column in range(WIDTH):
+        found[p, column] = math.nan
+    found[p, NAME], found[p, TOP_ALT] = arcs[arc, OBJ], -100.0
+    if n:
+        rise = _border(arcs, looks, n - 1, rules)
+        found[p, RISE], found[p, RISE_AZ] = rise[0], rise[2]
+        _better(found, p, rise)
+    else:
+        _better(found, p, _seen(arcs, arc, looks[n, _X]))
+
+
+@leaf
+def _has_ended(arcs: Array, looks: Array, n: int, count: int, found: Array, p: int, rules: Rules) -> bool:
+    """Finish a pass if look n is its last, and tell whether it is."""
+    if n + 1 == count:
+        _better(found, p, _seen(arcs, int(looks[n, _ARC]), looks[n, _X]))
+        return True
+    if looks[n + 1, _Z] > 0.0:
+        return False
+    end = _border(arcs, looks, n, rules)
+    found[p, SET], found[p, SET_AZ] = end[0], end[2]
+    _better(found, p, end)
+    return True
 
 
 @kernel
@@ -211,8 +255,11 @@ def crossings(arcs: Array, rules: Rules) -> tuple[Array, Array]:
     while k < len(arcs):
         count, window = 0, arcs[k, WINDOW]
         while k < len(arcs) and arcs[k, WINDOW] == window:
-            looks, count = _look(arcs, k, rules, looks, count, todo)
-            k += 1
+            more = _look(arcs, k, rules, looks, count, todo)
+            if more < 0:
+                looks = grown(looks)
+            else:
+                count, k = more, k + 1
         for n in range(count):
             if not looks[n, _Z] > 0.0:
                 continue
@@ -220,14 +267,7 @@ def crossings(arcs: Array, rules: Rules) -> tuple[Array, Array]:
             if n == 0 or not looks[n - 1, _Z] > 0.0:
                 if passes == len(found):
                     found = grown(found)
-                found[passes] = math.nan
-                found[passes, NAME], found[passes, TOP_ALT] = arcs[arc, OBJ], -100.0
-                if n:
-                    rise = _border(arcs, looks, n - 1, rules)
-                    found[passes, RISE], found[passes, RISE_AZ] = rise[0], rise[2]
-                    _better(found, passes, rise)
-                else:
-                    _better(found, passes, _seen(arcs, arc, looks[n, _X]))
+                _begin(arcs, looks, n, found, passes, rules)
             if looks[n, _IS_TOP]:
                 top = _seen(arcs, arc, looks[n, _X])
                 _better(found, passes, top)
@@ -235,12 +275,6 @@ def crossings(arcs: Array, rules: Rules) -> tuple[Array, Array]:
                     tops = grown(tops)
                 tops[top_count, 0], tops[top_count, 1] = passes, top[0]
                 top_count += 1
-            if n + 1 == count:
-                _better(found, passes, _seen(arcs, arc, looks[n, _X]))
-                passes += 1
-            elif not looks[n + 1, _Z] > 0.0:
-                end = _border(arcs, looks, n, rules)
-                found[passes, SET], found[passes, SET_AZ] = end[0], end[2]
-                _better(found, passes, end)
+            if _has_ended(arcs, looks, n, count, found, passes, rules):
                 passes += 1
     return found[:passes], tops[:top_count]

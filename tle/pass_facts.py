@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -13,6 +15,8 @@ from tle.brightness import magnitude
 from tle.catalogue_search import CatalogueSearch
 from tle.crossing_columns import select
 from tle.crossings import altaz_deg
+from tle.earth import EarthOrientation
+from tle.ground import Ground
 from tle.instants import Utc
 from tle.roots import least, roots
 from tle.sky_bodies import sun_and_moon
@@ -33,7 +37,8 @@ if TYPE_CHECKING:
 _DEG = 180.0 / math.pi
 _STEP_S, _LONG_STEP_S, _LONG_S = 10.0, 60.0, 3600.0
 _CLOSE_S = 1e-2
-_PASSES_A_CHUNK = 4000
+# The arrays of so many looks stay within a processor's cache.
+_PASSES_A_CHUNK = 500
 Interval = tuple[Utc, Utc]
 
 
@@ -62,16 +67,19 @@ def pass_facts(
     passes: CataloguePasses,
     index: Sequence[int] | Index | None = None,
     magnitudes: Mapping[int, float] | None = None,
+    progress: Callable[[int, int], None] | None = None,
 ) -> list[PassFacts | None]:
     """Return the facts of passes by index, of all without one; None where SGP4 ends before the pass does.
 
-    `magnitudes` are intrinsic ones by catalogue number; see `brightness`.
+    `magnitudes` are intrinsic ones by catalogue number; see `brightness`. `progress` is told, now and then,
+    how many passes are done and how many there are.
     """
     chosen = np.arange(len(passes)) if index is None else np.asarray(index, dtype=np.intp)
     search = CatalogueSearch(passes.task)
     bodies = sun_and_moon(search.ground, search.earth, (search.start_s, search.span_s))
     facts: list[PassFacts | None] = [None] * len(chosen)
     deep = search.are_deep(passes.found.obj[chosen])
+    done = 0
     for is_deep in (False, True):
         group = np.flatnonzero(deep == is_deep)
         for first in range(0, len(group), _PASSES_A_CHUNK):
@@ -79,7 +87,20 @@ def pass_facts(
             ways = _Ways(search, select(passes.found, chosen[part]), is_deep, bodies)
             for k, one in zip(part[ways.known].tolist(), ways.facts(magnitudes or {}), strict=True):
                 facts[k] = one
+            done += len(part)
+            if progress is not None:
+                progress(done, len(chosen))
     return facts
+
+
+def sun_altitudes_deg(passes: CataloguePasses) -> Array:
+    """Return the Sun's geometric altitude at the culmination of each pass, shape (n,): the quickest fact."""
+    task = passes.task
+    earth = task.earth or EarthOrientation.installed()
+    ground = Ground(task.site, earth, *task.span)
+    sun, _ = sun_and_moon(ground, earth, task.span)
+    altitude, _ = altaz_deg(sun.east_north_up(task.span[0] + passes.found.culminate_s))
+    return altitude
 
 
 class _Ways:
@@ -88,8 +109,8 @@ class _Ways:
     def __init__(
         self, search: CatalogueSearch, found: Crossings, deep: bool, bodies: tuple[SkyBody, SkyBody]
     ) -> None:
-        self._search = search
-        self._sun, self._moon = bodies
+        self.search = search
+        self.sun, self.moon = bodies
         first = np.nan_to_num(found.rise_s, nan=0.0)
         last = np.where(np.isnan(found.set_s), search.span_s, found.set_s)
         self._arcs, without = search.arcs(Windows(found.obj, first, last), deep)
@@ -106,18 +127,20 @@ class _Ways:
         self._owner = np.repeat(np.arange(len(count)), count)
         part = (np.arange(len(self._owner)) - self._starts[self._owner]) / (count[self._owner] - 1)
         self._times = self._first[self._owner] + part * (self._last - self._first)[self._owner]
+        self._looks = _Seen(self, self._owner, self._times)
 
     def facts(self, magnitudes: Mapping[int, float]) -> list[PassFacts]:
         """Return the facts of each pass that is known."""
         if len(self._first) == 0:
             return []
-        smallest = [self._smallest(value) for value in (self._from_sun, self._from_moon, self._ha, self._dec)]
-        sun_alt, _ = altaz_deg(self._sun.east_north_up(self._search.start_s + self._top_s))
+        wanted = (_Seen.from_sun, _Seen.from_moon, _Seen.minus_ha_rate, _Seen.minus_dec_rate)
+        smallest = self._smallest(wanted)
+        sun_alt, _ = altaz_deg(self.sun.east_north_up(self.search.start_s + self._top_s))
         # From the whole disc above the limb to none of it, on either side of the centre.
-        whole = self._intervals(lambda owner, t: self._over_limb(owner, t, -1.0))
-        some = self._intervals(lambda owner, t: self._over_limb(owner, t, 1.0))
+        whole = self._intervals(lambda seen: seen.over_limb(-1.0))
+        some = self._intervals(lambda seen: seen.over_limb(1.0))
         bright = self._brightest(magnitudes)
-        start_s = self._search.start_s
+        start_s = self.search.start_s
         return [
             PassFacts(
                 sunlit=_as_utc(whole[k], start_s),
@@ -132,7 +155,7 @@ class _Ways:
             for k in range(len(self._first))
         ]
 
-    def _at(self, owner: Index, t: Array) -> tuple[Array, Array]:
+    def at(self, owner: Index, t: Array) -> tuple[Array, Array]:
         """Return place and velocity, km and km/s, of passes by index at seconds since the span's start."""
         arc = np.searchsorted(self._keys, owner * self._stride_s + t, side="right") - 1
         # Rounding of the keys may lead to the neighbour's arc at the very ends.
@@ -142,63 +165,41 @@ class _Ways:
         x = (t - self._arcs.mid_s[arc]) / self._arcs.half_s[arc]
         return places(columns, x), slopes(columns, x) / self._arcs.half_s[arc]
 
-    def _from_sun(self, owner: Index, t: Array) -> Array:
-        return _angle(self._at(owner, t)[0], self._sun.east_north_up(self._search.start_s + t))
-
-    def _from_moon(self, owner: Index, t: Array) -> Array:
-        return _angle(self._at(owner, t)[0], self._moon.east_north_up(self._search.start_s + t))
-
-    def _ha(self, owner: Index, t: Array) -> Array:
-        """Return minus the size of the rate of hour angle, rad/s."""
-        (x, dx), (y, dy), _ = self._equatorial(owner, t)
-        rate: Array = np.abs(x * dy - y * dx) / (x * x + y * y + 1e-40)
-        return -rate
-
-    def _dec(self, owner: Index, t: Array) -> Array:
-        """Return minus the size of the rate of declination, rad/s."""
-        (x, dx), (y, dy), (z, dz) = self._equatorial(owner, t)
-        xy2 = x * x + y * y + 1e-40
-        rate: Array = np.abs(dz * xy2 - z * (x * dx + y * dy)) / (np.sqrt(xy2) * (xy2 + z * z))
-        return -rate
-
-    def _equatorial(self, owner: Index, t: Array) -> list[tuple[Array, Array]]:
-        """Return components, with rates, to the meridian on the equator, to the west, and to the pole."""
-        q, v = self._at(owner, t)
-        cos, sin = self._search.ground.up_axis
-        return [
-            (cos * q[2] - sin * q[1], cos * v[2] - sin * v[1]),
-            (-q[0], -v[0]),
-            (sin * q[2] + cos * q[1], sin * v[2] + cos * v[1]),
-        ]
-
-    def _over_limb(self, owner: Index, t: Array, side: float) -> Array:
-        """Return the angle of the Sun's lower (-1) or upper (+1) edge above the Earth's limb, rad."""
-        sun = self._sun.east_north_up(self._search.start_s + t)
-        q, _ = self._at(owner, t)
-        distance = np.sqrt(np.sum((sun - q) ** 2, axis=0))
-        geocentric = [self._search.ground.stretched(place) for place in (q, sun)]
-        edge: Array = sun_over_limb_rad(*geocentric) + side * np.arcsin(SUN_RADIUS_KM / distance)
-        return edge
-
-    def _smallest(self, value: Callable[[Index, Array], Array]) -> Array:
-        """Return the least value over each pass: of the looks, and of the valley round the lowest of them."""
-        looks = value(self._owner, self._times)
-        order = np.lexsort((looks, self._owner))
-        best = order[self._starts]
+    def _smallest(self, values: Sequence[Callable[[_Seen], Array]]) -> list[Array]:
+        """Return the least of each value over each pass: of the looks, and of the valley round the lowest."""
+        count = len(self._starts)
         ends = np.append(self._starts[1:], len(self._owner)) - 1
-        low = self._times[np.maximum(best - 1, self._starts)]
-        high = self._times[np.minimum(best + 1, ends)]
-        own = np.arange(len(best))
-        _, found = least(lambda t: value(own, t), low, high)
-        smallest: Array = np.minimum(found, looks[best])
-        return smallest
+        lows, highs, lowest = [], [], []
+        for value in values:
+            looks = value(self._looks)
+            lowest.append(np.minimum.reduceat(looks, self._starts))
+            equal = np.flatnonzero(looks == lowest[-1][self._owner])
+            best = equal[np.searchsorted(self._owner[equal], np.arange(count))]
+            lows.append(self._times[np.maximum(best - 1, self._starts)])
+            highs.append(self._times[np.minimum(best + 1, ends)])
+        own = np.tile(np.arange(count), len(values))
 
-    def _intervals(self, value: Callable[[Index, Array], Array]) -> list[list[tuple[float, float]]]:
+        def all_values(t: Array) -> Array:
+            seen = _Seen(self, own, t)
+            parts = (seen.part(slice(k * count, (k + 1) * count)) for k in range(len(values)))
+            return np.concatenate([value(part) for value, part in zip(values, parts, strict=True)])
+
+        _, found = least(all_values, np.concatenate(lows), np.concatenate(highs))
+        return list(np.minimum(found, np.concatenate(lowest)).reshape(len(values), count))
+
+    def _intervals(self, value: Callable[[_Seen], Array]) -> list[list[tuple[float, float]]]:
         """Return for each pass the intervals in which a value is positive, seconds since the span's start."""
-        positive = value(self._owner, self._times) > 0.0
+        looks = value(self._looks)
+        positive = looks > 0.0
         change = np.flatnonzero((positive[1:] != positive[:-1]) & (self._owner[1:] == self._owner[:-1]))
         own = self._owner[change]
-        borders = roots(lambda t: value(own, t), self._times[change], self._times[change + 1], _CLOSE_S)
+        borders = roots(
+            lambda t: value(_Seen(self, own, t)),
+            self._times[change],
+            self._times[change + 1],
+            _CLOSE_S,
+            (looks[change], looks[change + 1]),
+        )
         found: list[list[float]] = [
             [first] if lit else []
             for first, lit in zip(self._first.tolist(), positive[self._starts].tolist(), strict=True)
@@ -212,22 +213,89 @@ class _Ways:
 
     def _brightest(self, magnitudes: Mapping[int, float]) -> list[float | None]:
         """Return the least magnitude at the looks while any of the Sun is seen."""
-        numbers = [self._search.elements[o].catalog_number for o in self._obj.tolist()]
+        numbers = [self.search.elements[o].catalog_number for o in self._obj.tolist()]
         if not any(number in magnitudes for number in numbers):
             return [None] * len(numbers)
         intrinsic = np.array([magnitudes.get(number, math.nan) for number in numbers])[self._owner]
-        q, _ = self._at(self._owner, self._times)
-        sun = self._sun.east_north_up(self._search.start_s + self._times)
+        q, sun = self._looks.q, self._looks.sun
         bright = magnitude(intrinsic, np.sqrt(np.sum(q * q, axis=0)), _angle(-q, sun - q))
-        seen = self._over_limb(self._owner, self._times, 1.0) > 0.0
+        seen = self._looks.over_limb(1.0) > 0.0
         best = np.minimum.reduceat(np.where(seen & ~np.isnan(bright), bright, math.inf), self._starts)
         return [float(value) if math.isfinite(value) else None for value in best]
 
 
+class _Seen:
+    """What there is to see at instants of passes, by index and seconds since the span's start; shapes (m,).
+
+    `q` and `v` are place and velocity, km and km/s.
+    """
+
+    def __init__(self, ways: _Ways, owner: Index, t: Array) -> None:
+        self._ways, self._unix_s = ways, ways.search.start_s + t
+        self.q, self.v = ways.at(owner, t)
+
+    def part(self, which: slice) -> _Seen:
+        """Return some of the instants."""
+        some = copy(self)
+        some.q, some.v, some._unix_s = self.q[:, which], self.v[:, which], self._unix_s[which]
+        return some
+
+    @cached_property
+    def sun(self) -> Array:
+        """The Sun's place, km."""
+        return self._ways.sun.east_north_up(self._unix_s)
+
+    def from_sun(self) -> Array:
+        """Return the angle from the Sun, rad."""
+        return _angle(self.q, self.sun)
+
+    def from_moon(self) -> Array:
+        """Return the angle from the Moon, rad."""
+        return _angle(self.q, self._ways.moon.east_north_up(self._unix_s))
+
+    def minus_ha_rate(self) -> Array:
+        """Return minus the size of the rate of hour angle, rad/s."""
+        (x, dx), (y, dy), _ = self._equatorial
+        rate: Array = np.abs(x * dy - y * dx) / (x * x + y * y + 1e-40)
+        return -rate
+
+    def minus_dec_rate(self) -> Array:
+        """Return minus the size of the rate of declination, rad/s."""
+        (x, dx), (y, dy), (z, dz) = self._equatorial
+        xy2 = x * x + y * y + 1e-40
+        rate: Array = np.abs(dz * xy2 - z * (x * dx + y * dy)) / (np.sqrt(xy2) * (xy2 + z * z))
+        return -rate
+
+    @cached_property
+    def _equatorial(self) -> list[tuple[Array, Array]]:
+        """Components, with rates, to the meridian on the equator, to the west, and to the pole."""
+        q, v = self.q, self.v
+        cos, sin = self._ways.search.ground.up_axis
+        return [
+            (cos * q[2] - sin * q[1], cos * v[2] - sin * v[1]),
+            (-q[0], -v[0]),
+            (sin * q[2] + cos * q[1], sin * v[2] + cos * v[1]),
+        ]
+
+    def over_limb(self, side: float) -> Array:
+        """Return the angle of the Sun's lower (-1) or upper (+1) edge above the Earth's limb, rad."""
+        centre, radius = self._limb
+        return centre + side * radius
+
+    @cached_property
+    def _limb(self) -> tuple[Array, Array]:
+        """The angles of the Sun's centre above the Earth's limb, and of its radius, rad."""
+        q, sun = self.q, self.sun
+        distance = np.sqrt(np.sum((sun - q) ** 2, axis=0))
+        geocentric = [self._ways.search.ground.stretched(place) for place in (q, sun)]
+        return sun_over_limb_rad(*geocentric), np.arcsin(SUN_RADIUS_KM / distance)
+
+
 def _angle(one: Array, other: Array) -> Array:
     """Return the angle between vectors (3, m), rad, also where it is small."""
-    cross = np.cross(one, other, axis=0)
-    angle: Array = np.arctan2(np.sqrt(np.sum(cross * cross, axis=0)), np.sum(one * other, axis=0))
+    (a, b, c), (x, y, z) = one, other
+    i, j, k = b * z - c * y, c * x - a * z, a * y - b * x
+    angle: Array = np.arctan2(np.sqrt(i * i + j * j + k * k), a * x + b * y + c * z)
     return angle
 
 

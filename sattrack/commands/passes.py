@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import numpy as np
 
 from sattrack.commands.common import CommandContext, common_options, profile_option
 from sattrack.errors import BadInputError, SattrackError
@@ -72,9 +73,12 @@ def command(context: CommandContext, satellites: tuple[str, ...], **options: Any
     _check(options, context.json)
     chosen = _chosen(context.elements(), satellites, options["pattern"])
     start = Utc.parse(options["start"]) if options["start"] else context.now()
+    known = _magnitudes(options)
+    if options["faintest"] is not None:
+        chosen = [e for e in chosen if e.catalog_number in known]
     passes = _search(context, chosen, start, options)
     _tell_failures(passes, bool(satellites))
-    rows = _sorted(_rows(passes, options), options["sort"])
+    rows = _sorted(_rows(passes, known, options), options["sort"])
     rows = _judged(context, passes, rows, options)
     if options["plot"]:
         from sattrack.commands.passes_plot import plot_passes
@@ -126,7 +130,6 @@ def _search(
 ) -> CataloguePasses:
     from tle.catalogue_passes import find_catalogue_passes
 
-    progress = _progress if len(chosen) >= _FEWEST_FOR_PROGRESS and sys.stderr.isatty() else None
     return find_catalogue_passes(
         chosen,
         context.site(),
@@ -134,8 +137,31 @@ def _search(
         options["hours"],
         _horizon(context, options),
         workers=os.cpu_count() or 1,
-        progress=progress,
+        progress=_progress("searched {done} of {total} objects", len(chosen)),
+        compiled=_may_compile(len(chosen), options["hours"]),
     )
+
+
+def _may_compile(objects: int, hours: float) -> bool:
+    """Tell whether to search compiled; where numba does not work, that is told, and done without."""
+    from tle.compiled_start import NoCompilerError, is_compiled, is_worth_compiling, prepare
+
+    if not is_worth_compiling(objects, hours):
+        return False
+    is_slow = sys.stderr.isatty() and not is_compiled()
+    if is_slow:
+        _show("compiling the search: some ten seconds, the first time only")
+    try:
+        prepare()
+    except NoCompilerError as error:
+        problem: NoCompilerError | None = error
+    else:
+        problem = None
+    if is_slow:
+        _show("")
+    if problem is not None:
+        click.echo(f"sattrack: {problem}; searching without it", err=True)
+    return problem is None
 
 
 def _horizon(context: CommandContext, options: dict[str, Any]) -> Horizon:
@@ -148,10 +174,16 @@ def _horizon(context: CommandContext, options: dict[str, Any]) -> Horizon:
     return Horizon(least_deg, mask)
 
 
-def _progress(done: int, total: int) -> None:
-    """Show on the terminal how far the search is; the line is wiped at its end."""
-    told = f"searched {done} of {total} objects" if done < total else ""
-    click.echo(f"\r\x1b[K{told}", nl=False, err=True)
+def _progress(words: str, total: int) -> Callable[[int, int], None] | None:
+    """Return what shows on the terminal how far long work is, and wipes that at its end; else None."""
+    if total < _FEWEST_FOR_PROGRESS or not sys.stderr.isatty():
+        return None
+    return lambda done, all_: _show(words.format(done=done, total=all_) if done < all_ else "")
+
+
+def _show(words: str) -> None:
+    """Write a line on the terminal that the next one overwrites."""
+    click.echo(f"\r\x1b[K{words}", nl=False, err=True)
 
 
 def _tell_failures(passes: CataloguePasses, named: bool) -> None:
@@ -164,20 +196,32 @@ def _tell_failures(passes: CataloguePasses, named: bool) -> None:
     click.echo(f"sattrack: {count} of {len(passes.elements)} objects left out, the first: {first}", err=True)
 
 
-def _rows(passes: CataloguePasses, options: dict[str, Any]) -> list[Row]:
+def _magnitudes(options: dict[str, Any]) -> dict[int, float]:
+    """Return the intrinsic magnitudes of --magnitudes by catalogue number."""
+    if options["magnitudes_file"] is None:
+        return {}
+    from tle.brightness import read_magnitudes
+
+    return read_magnitudes(options["magnitudes_file"])
+
+
+def _rows(passes: CataloguePasses, known: dict[int, float], options: dict[str, Any]) -> list[Row]:
     """Return the passes with their facts that all filters let through."""
     from sattrack.commands.passes_rows import Row
-    from tle.brightness import read_magnitudes
-    from tle.pass_facts import pass_facts
+    from tle import pass_facts
 
-    known = read_magnitudes(options["magnitudes_file"]) if options["magnitudes_file"] else {}
-    facts = pass_facts(passes, magnitudes=known)
-    rows = [Row(one.elements, one.seen, fact) for one, fact in zip(passes, facts, strict=True)]
+    # The Sun's altitude is known at once: what it rules out needs no other facts.
+    alts_deg = pass_facts.sun_altitudes_deg(passes).tolist() if options["dark"] else ()
+    index = [k for k, alt in enumerate(alts_deg) if alt <= _DARK_SUN_DEG]
+    if not options["dark"]:
+        index = list(range(len(passes)))
+    progress = _progress("looked at {done} of {total} passes", len(index))
+    facts = pass_facts.pass_facts(passes, index, known, progress)
+    chosen = passes.take(np.array(index, dtype=np.intp))
+    rows = [Row(one.elements, one.seen, fact) for one, fact in zip(chosen, facts, strict=True)]
     filters: list[Callable[[Row], bool]] = []
     if options["sunlit"]:
         filters.append(lambda row: row.facts is not None and bool(row.facts.sunlit))
-    if options["dark"]:
-        filters.append(lambda row: row.facts is not None and row.facts.sun_alt_deg <= _DARK_SUN_DEG)
     if options["max_rate_deg_s"] is not None:
         filters.append(lambda row: row.peak_rate_deg_s <= options["max_rate_deg_s"])
     if options["faintest"] is not None:

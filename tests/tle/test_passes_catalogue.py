@@ -13,7 +13,7 @@ from skyfield.timelib import Timescale
 from tle_facts import DECAYING, ISS, LEIDEN, MOLNIYA, PARANAL, STARLINK_ALPHA5, TDRS3
 
 from tle.catalogue_passes import find_catalogue_passes
-from tle.catalogue_search import numba_is_there
+from tle.compiled_start import numba_is_there
 from tle.crossings import SURE_S, highest_between
 from tle.deep_gate import gated, mean_places
 from tle.deep_space import DeepSpace
