@@ -1,0 +1,171 @@
+"""`sattrack serve antenna`: the mount as an antenna that a VLBI Field System can drive."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sattrack import practice
+from sattrack.antenna.controller import Antenna
+from sattrack.antenna.focus import Focus, FocusAxis
+from sattrack.antenna.line import Check
+from sattrack.antenna.sky import Sky
+from sattrack.antenna.station import DEC_LIMIT_DEG, Station, axis_range
+from sattrack.commands.common import CommandContext, common_options, profile_option
+from sattrack.commands.json_lines import JsonLines
+from sattrack.errors import BadInputError, InterruptedRunError, SattrackError
+from sattrack.runtime.antenna_door import BAUDS, DEFAULT_FRAMING, Door, SerialChannel, listen
+from sattrack.runtime.antenna_serve import AntennaLoop
+from sattrack.runtime.console import connected
+from sattrack.runtime.mounts import mount_address
+from sattrack.runtime.signals import StopRequest, stopping
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sattrack.clock import Clock
+    from sattrack.mount import AxesPosition
+
+DEFAULT_PORT = 7621
+READ_BYTES = 4096
+
+
+@click.command("antenna")
+@click.option("--mount", "mount_url", metavar="URL", help="sim, or xerxes://HOST:PORT?listen=PORT.")
+@profile_option
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
+@click.option("--port", default=DEFAULT_PORT, show_default=True, help="TCP port; 0 takes a free one.")
+@click.option("--serial", "device", metavar="DEVICE", help="Serve a serial line instead, as /dev/ttyUSB0.")
+@click.option("--baud", type=click.Choice([str(b) for b in BAUDS]), default="9600", show_default=True)
+@click.option("--framing", default=DEFAULT_FRAMING, show_default=True, help="Bits, parity, stop bits.")
+@click.option("--crc", is_flag=True, help="CRC-16 (CCITT) in four digits, not the sum in two.")
+@click.option(
+    "--axes",
+    type=click.Choice(["hadec", "azel"]),
+    default="hadec",
+    show_default=True,
+    help="What positions are: hour angle and declination, the mount's own axes, or azimuth and elevation.",
+)
+@click.option("--local", is_flag=True, help="Begin in local: information only.")
+@click.option("--stow", metavar="FIRST,SECOND", help="Stow position; default: the profile's park.")
+@click.option("--service", metavar="FIRST,SECOND", help="Service position.")
+@click.option("--focus", type=click.IntRange(0, 3), default=0, help="Axes of a simulated focuser.")
+@click.option(
+    "--refraction",
+    type=click.Choice(["auto", "on", "off"]),
+    default="auto",
+    show_default=True,
+    help="For satellites by elements. What is sent as positions is taken as it is.",
+)
+@common_options
+def command(context: CommandContext, **options: Any) -> int:
+    """Serve the Field System's antenna interface, on TCP or on a serial line, until interrupted.
+
+    On standard input: local, remote, last (the last lines). docs/antenna-interface.md tells the commands.
+    """
+    address = mount_address(options["mount_url"] or context.settings.mount.url)
+    if address is not None and context.clock_option is not None:
+        raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
+    described = context.profile(options["profile"])
+    practising = address is None and not context.has_site()
+    site = practice.SITE.place() if practising else context.site()
+    clock = context.clock()
+    axes = options["axes"]
+    span = axis_range(described.mount, axes)
+    antenna = Antenna(
+        Sky(site),
+        axes,
+        span,
+        stow=_place("--stow", options["stow"], axes) or _park(described.mount.park, axes),
+        service=_place("--service", options["service"], axes),
+        focus=Focus([FocusAxis() for _ in range(options["focus"])]) if options["focus"] else None,
+        refraction=options["refraction"],
+        check=Check.CRC16 if options["crc"] else Check.SUM,
+    )
+    station = Station(antenna, described.mount, context.settings.safety.limits())
+    station.controller.switch(not options["local"])
+    door, where = _door(options)
+    stop, log = StopRequest(), Log(clock)
+    try:
+        with connected(address, described, site, clock) as connection, stopping(stop):
+            if context.json:
+                JsonLines().write({"listening": door.port, "serial": options["device"]})
+            log.tell(f"the antenna interface is on {where}; Ctrl-C stops the mount and ends it")
+            AntennaLoop(station, connection, door, stop, log.tell, Words().typed).run()
+    finally:
+        door.close()
+    if station.mount_stopped is False:
+        raise SattrackError("THE MOUNT DID NOT CONFIRM THE STOP: stop it by hand")
+    raise InterruptedRunError("interrupted; " + _end_words(station.mount_stopped))
+
+
+def _end_words(stopped: bool | None) -> str:
+    return "the mount is stopped" if stopped else "nothing was asked of the mount"
+
+
+def _door(options: dict[str, Any]) -> tuple[Door, str]:
+    device = options["device"]
+    if device is not None:
+        channel = SerialChannel(device, int(options["baud"]), options["framing"])
+        return Door(channel=channel), f"{device}, {options['baud']} baud, {options['framing']}"
+    if not 0 <= options["port"] <= 65535:
+        raise BadInputError(f"--port {options['port']}: ports run to 65535; 0 takes a free one")
+    door = Door(listen(options["host"], options["port"]))
+    return door, f"{options['host']}:{door.port}"
+
+
+def _place(option: str, text: str | None, axes: str) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    try:
+        first, second = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise BadInputError(f"{option} {text!r}: write two positions, degrees, as -45,10") from error
+    most = 90.0 if axes == "azel" else DEC_LIMIT_DEG
+    if not (abs(first) <= 360.0 and abs(second) <= most):
+        raise BadInputError(f"{option} {text}: the first goes to 360 degrees, the second to {most:g}")
+    return first, second
+
+
+def _park(park: AxesPosition | None, axes: str) -> tuple[float, float] | None:
+    return None if park is None or axes == "azel" else (park.hour_angle_deg, park.dec_deg)
+
+
+class Log:
+    """Lines on standard error in the Field System's style: year, day of the year, time, words."""
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+
+    def tell(self, words: str) -> None:
+        """Tell one line."""
+        import time
+
+        at = datetime.fromtimestamp(self._clock.utc_s(time.monotonic()), UTC)
+        click.echo(f"{at:%Y.%j.%H:%M:%S}.{at.microsecond // 10000:02d};antenna/{words}", err=True)
+
+
+class Words:
+    """What is typed on standard input, a word a line, without ever waiting for it."""
+
+    def __init__(self) -> None:
+        self._rest = b""
+        self._open = not sys.stdin.closed
+
+    def typed(self) -> Sequence[str]:
+        """Return the words of the lines that are complete now."""
+        try:
+            if not self._open or not select.select([sys.stdin], [], [], 0.0)[0]:
+                return ()
+            data = os.read(sys.stdin.fileno(), READ_BYTES)
+        except (OSError, ValueError):
+            data = b""
+        # The end of standard input ends nothing: a service has none.
+        self._open = bool(data)
+        *lines, self._rest = (self._rest + data)[-READ_BYTES:].split(b"\n")
+        return [line.decode("ascii", "replace").strip().lower() for line in lines]
