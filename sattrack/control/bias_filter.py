@@ -24,8 +24,7 @@ class BiasNoise:
     """What is expected to begin with."""
     first_along_s: float = 30.0
     """Elements are seconds late or early, after a manoeuvre a minute."""
-    first_cross_km: float = 0.3
-    """Errors across the track hardly grow with the elements' age."""
+    first_cross_km: float = 1.0
     along_walk_sqrt_s: float = 5e-6
     cross_walk_km_sqrt_s: float = 3e-5
     gate: float = 18.4

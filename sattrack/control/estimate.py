@@ -8,6 +8,7 @@ among themselves instead, and are no less likely by the elements alone, the esti
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -33,6 +34,8 @@ MOST_STEPS = 12
 NEAR_S = 0.01
 DIFFERENCE_S = 0.1
 ANEW_AFTER = 8
+LIKELY_CROSS_KM = 0.3
+"""How far elements are off across the track, one sigma: that hardly grows with their age."""
 BETTER_FRAME = 9.0
 """How much nearer, as a squared distance, the first observation may lie in another frame than its own."""
 FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_date"}
@@ -137,12 +140,16 @@ class Estimator:
 
     def _plausible(self, seen: Observation, utc_s: float, said: Said, course: Course) -> BiasFilter | None:
         """Return a filter that begins with an observation, where elements can be so far off."""
-        fresh = BiasFilter(self._noise)
-        distance = fresh.distance(*said)
+        likely = BiasFilter(replace(self._noise, first_cross_km=LIKELY_CROSS_KM))
+        distance = likely.distance(*said)
         other = _other_frame(seen.frame)
         alternative = _said(seen, utc_s, course, other, (said.along_s, self._noise.cross_km))
-        if alternative is not None and fresh.distance(*alternative) + BETTER_FRAME < distance:
+        if distance > self._noise.gate:
             return None
+        if alternative is not None and likely.distance(*alternative) + BETTER_FRAME < distance:
+            return None
+        # What was likely has done its work: the estimate itself is to rest on observations alone.
+        fresh = BiasFilter(self._noise)
         return fresh if fresh.observe(utc_s, *said) else None
 
     def _challenge(self, seen: Observation, utc_s: float, said: Said, course: Course) -> None:

@@ -11,9 +11,11 @@ from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal
 from textual.css.query import NoMatches
 
-from sattrack.messages import ClearBias, Nudge, StopNow
+from sattrack.messages import ClearBias, Nudge, OffsetBy, Search, StopNow
 from sattrack.tui import figures, look
+from sattrack.tui.bias_panel import BiasPanel
 from sattrack.tui.error_plot import ErrorPanel
+from sattrack.tui.frames import FRAMES, TRACK
 from sattrack.tui.help import HelpScreen
 from sattrack.tui.history import ErrorHistory
 from sattrack.tui.panels import Cautions, HeadlineBar, KeyBar, Panel, TitleBar
@@ -31,6 +33,11 @@ if TYPE_CHECKING:
 
 LOOK_EVERY_S = 0.1
 PLOT_EVERY_S = 0.25
+SPIRAL_STEPS = 10.0
+SPIRAL_ARMS_S = 0.5
+"""A spiral's arms lie ten steps apart, and half of that is run in a second."""
+SWEEP_STEPS = 10.0
+SWEEP_PERIOD_S = 20.0
 LEAVE_WITHIN_S = 4.0
 """How long the screen stays for the mount to come to rest once it is to be left."""
 
@@ -52,12 +59,17 @@ class TrackApp(App[None]):
         Binding("ctrl+c", "interrupt", "interrupt", priority=True),
         Binding("ctrl+q", "leave", "quit", priority=True),
         Binding("q", "leave", "quit"),
-        Binding("left", "nudge(-1, 0)", "behind"),
-        Binding("right", "nudge(1, 0)", "ahead"),
-        Binding("up", "nudge(0, 1)", "left of motion"),
-        Binding("down", "nudge(0, -1)", "right of motion"),
+        Binding("left", "nudge(-1, 0)", "behind, or less"),
+        Binding("right", "nudge(1, 0)", "ahead, or more"),
+        Binding("up", "nudge(0, 1)", "left of motion, or more"),
+        Binding("down", "nudge(0, -1)", "right of motion, or less"),
         Binding("left_square_bracket", "step(-1)", "smaller step"),
         Binding("right_square_bracket", "step(1)", "larger step"),
+        Binding("f", "frame", "frame"),
+        Binding("s", "search('spiral')", "spiral"),
+        Binding("w", "search('sweep')", "sweep"),
+        Binding("escape", "cancel_search", "cancel search"),
+        Binding("r", "reset", "reset frame"),
         Binding("0", "clear_bias", "clear bias"),
         Binding("question_mark", "help", "help"),
     ]
@@ -74,6 +86,7 @@ class TrackApp(App[None]):
         self._summary: Summary | None = None
         self._ended = False
         self._step = FIRST_STEP
+        self._frame = 0
         self._heard_s = monotonic()
         self._stop_sent_s: float | None = None
         self._leaving_since_s: float | None = None
@@ -95,7 +108,7 @@ class TrackApp(App[None]):
         with Container(id="below"):
             yield figures.LinkPanel(id="link")
             yield figures.MountPanel(id="mount")
-            yield figures.BiasPanel(id="bias")
+            yield BiasPanel(id="bias")
             yield figures.RunPanel(id="run")
         yield KeyBar()
 
@@ -143,6 +156,7 @@ class TrackApp(App[None]):
             leaving=self._leaving_since_s is not None,
             ended=self._ended,
             summary=self._summary,
+            frame=FRAMES[self._frame],
         )
 
     def action_stop(self) -> None:
@@ -171,8 +185,12 @@ class TrackApp(App[None]):
         self.action_leave()
 
     def action_nudge(self, along: int, across: int) -> None:
-        """Move the target by one step along its track, or across it."""
-        step = STEPS[self._step]
+        """Move the target by one step: along its track or across it, or as the frame has it."""
+        step, frame = STEPS[self._step], FRAMES[self._frame]
+        if frame is not TRACK:
+            move, sign = (frame.across, along) if along else (frame.upward, across)
+            self._send(OffsetBy(move.what, "add", sign * step.cross_deg))
+            return
         if along:
             self._send(Nudge(along_s=along * step.along_s))
         if across:
@@ -183,8 +201,39 @@ class TrackApp(App[None]):
         self._step = min(len(STEPS) - 1, max(0, self._step + by))
         self._draw()
 
+    def action_frame(self) -> None:
+        """Go on to the next frame in which the arrows move."""
+        self._frame = (self._frame + 1) % len(FRAMES)
+        self._draw()
+
+    def action_search(self, how: str) -> None:
+        """Begin a search, its size by the step; or end the one that runs where it is."""
+        step = STEPS[self._step]
+        if self._searching:
+            self._send(Search("stop"))
+        elif how == "spiral":
+            spacing_deg = SPIRAL_STEPS * step.cross_deg
+            self._send(Search(how, spacing_deg=spacing_deg, speed_deg_s=SPIRAL_ARMS_S * spacing_deg))
+        else:
+            self._send(Search(how, reach_s=SWEEP_STEPS * step.along_s, period_s=SWEEP_PERIOD_S))
+
+    def action_cancel_search(self) -> None:
+        """End a search that runs, back in its centre."""
+        if self._searching:
+            self._send(Search("cancel"))
+
+    @property
+    def _searching(self) -> bool:
+        return self._view is not None and self._view.search is not None
+
+    def action_reset(self) -> None:
+        """Take the offsets of the frame away."""
+        frame = FRAMES[self._frame]
+        for move in (frame.across, frame.upward):
+            self._send(OffsetBy(move.what, "reset"))
+
     def action_clear_bias(self) -> None:
-        """Take all nudges back."""
+        """Take everything back: nudges, offsets, search and estimate."""
         self._send(ClearBias())
 
     def action_help(self) -> None:

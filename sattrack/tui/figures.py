@@ -231,46 +231,6 @@ def _rate_style(rate: float, limit: float) -> str:
     return SPOKEN[Tone.NOTICE] if abs(rate) >= RATE_NEAR_LIMIT * limit else ""
 
 
-class BiasPanel(Panel):
-    """The biases in force and asked for, and which key moves the satellite which way."""
-
-    def full(self, scene: Scene) -> list[Row]:
-        """Return the biases in rows, each with its keys."""
-        step = scene.step
-        along, across = self._values(scene)
-        return [
-            labelled("along", *along, cells=8),
-            labelled("", ("← behind   → ahead", ""), cells=8),
-            labelled("across", *across, cells=8),
-            labelled("", ("↑ left   ↓ right of motion", ""), cells=8),
-            labelled("step", f"{step.along_s:g} s", ("  and ", DIM), f"{step.cross_deg:g}°", cells=8),
-        ]
-
-    def compact(self, scene: Scene) -> list[Row]:
-        """Return a row for each direction."""
-        step = scene.step
-        along, across = self._values(scene)
-        return [
-            [*labelled("along", *along), ("   ← behind  → ahead on track by ", DIM), f"{step.along_s:g} s"],
-            [*labelled("across", *across), ("   ↑ left  ↓ right of motion by ", DIM), f"{step.cross_deg:g}°"],
-        ]
-
-    @staticmethod
-    def _values(scene: Scene) -> tuple[Row, Row]:
-        view = scene.view
-        along: Row = [
-            (f"{words.signed(view.bias_along_s, 3)} s", "bold"),
-            ("  asked ", DIM),
-            f"{words.signed(view.bias_along_goal_s, 3)} s",
-        ]
-        across: Row = [
-            (f"{words.signed(view.bias_cross_deg, 4)}°", "bold"),
-            ("  asked ", DIM),
-            f"{words.signed(view.bias_cross_goal_deg, 4)}°",
-        ]
-        return along, across
-
-
 class RunPanel(Panel):
     """What is recorded, and how fresh the elements are."""
 

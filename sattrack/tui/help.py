@@ -17,12 +17,14 @@ SPACE     STOP everything, at once: ends the run, the mount comes to
           rest. Works everywhere, here too.
 q  Ctrl-C stop the mount, wait for it, leave; once more: leave at once
 
-← →       point behind / ahead of it on its track (it is late / early),
-          by the step in seconds
-↑ ↓       point left / right of its motion (as it goes, seen from
-          below), by the step in degrees on the sky
-[ ]       smaller / larger step
-0         clear: take all nudges back
+← →       point behind / ahead of it on its track (it is late / early)
+↑ ↓       point left / right of its motion (as it goes, from below)
+f         arrows move by track, sky (→ east, ↑ north), axes or camera
+[ ]       smaller / larger step, in seconds and degrees on the sky
+s  w      search: spiral / sweep along the track; again: keep it there
+Esc       end the search, back in its centre
+r         take the offsets of this frame back
+0         clear: take all back, the search and the estimate too
 
 Nudges add up to the bias, which is reached gently. Errors are mount
 minus satellite: along is positive where the mount is ahead, across

@@ -19,6 +19,7 @@ Part = str | tuple[str, str]
 """Text, plain or with its style."""
 Row = list[Part]
 LABEL_CELLS = 9
+ROOM_FOR_ALL_KEYS = 108
 
 
 def rows_content(rows: Iterable[Row]) -> Content:
@@ -124,7 +125,15 @@ class KeyBar(Panel):
 
     def full(self, scene: Scene) -> list[Row]:
         """Return the one row."""
-        keys = (("←→", "along"), ("↑↓", "across"), ("[ ]", "step"), ("0", "clear"))
+        keys: tuple[tuple[str, str], ...] = (
+            ("←→", "along"),
+            ("↑↓", "across"),
+            ("[ ]", "step"),
+            ("0", "clear"),
+        )
+        if self.content_size.width >= ROOM_FOR_ALL_KEYS:
+            more = (("f", "frame"), ("s", "spiral"), ("w", "sweep"), ("r", "reset"))
+            keys = (*keys[:3], *more, keys[3])
         row: Row = []
         for key, what in keys:
             row += [(key, "bold"), (f" {what}   ", DIM)]

@@ -7,8 +7,10 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.tui import words
+from sattrack.tui.frames import TRACK
 
 if TYPE_CHECKING:
+    from sattrack.tui.frames import Frame
     from sattrack.tui.steps import Step
     from sattrack.view import Summary, TrackView
 
@@ -57,6 +59,8 @@ class Scene:
     ended: bool = False
     """Whether the feeder's process has ended its stream."""
     summary: Summary | None = None
+    frame: Frame = TRACK
+    """What the arrow keys move the target by."""
 
     @property
     def following(self) -> bool:

@@ -1,0 +1,115 @@
+"""Keys and rows of what goes beyond nudges along the track: frames, searches, estimates."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+import pytest
+from tui_builders import FakeFeed, HandClock, changed
+
+from sattrack.messages import OffsetBy, Search
+from sattrack.tui.app import TrackApp
+from sattrack.tui.feed import News
+from sattrack.view import EstimateView, OffsetView, SearchView
+
+if TYPE_CHECKING:
+    from sattrack.messages import Message
+    from sattrack.view import TrackView
+
+SEARCHING = SearchView("spiral", 12.3, 0.1, 0.02)
+ESTIMATE = EstimateView(3.0012, 0.0031, -0.0002, 0.00096, 12, 1, 0, 1790946270.0)
+OFFSETS = (
+    OffsetView("ra_cos_dec_deg", 0.02, 0.02, 0.0),
+    OffsetView("camera_x_deg", 0.05, 0.0123, 0.0),
+)
+
+
+def run(view: TrackView, *keys: str, size: tuple[int, int] = (80, 24)) -> tuple[list[Message], str]:
+    feed = FakeFeed([News((view,))])
+
+    async def drive() -> str:
+        app = TrackApp(feed, monotonic=HandClock())
+        async with app.run_test(size=size) as pilot:
+            await pilot.press(*keys)
+            await pilot.pause()
+            return "\n".join(
+                "".join(s.text for s in strip) for strip in app.screen._compositor.render_strips()
+            )
+
+    return feed.sent, asyncio.run(drive())
+
+
+PRESSED = (
+    ("r", [OffsetBy("along_s", "reset"), OffsetBy("cross_deg", "reset")]),
+    ("f", []),
+    ("right", [OffsetBy("ra_cos_dec_deg", "add", 0.01)]),
+    ("down", [OffsetBy("dec_deg", "add", -0.01)]),
+    ("right_square_bracket", []),
+    ("right", [OffsetBy("ra_cos_dec_deg", "add", 0.05)]),
+    ("left_square_bracket", []),
+    ("f", []),
+    ("left", [OffsetBy("ra_axis_deg", "add", -0.01)]),
+    ("f", []),
+    ("up", [OffsetBy("camera_y_deg", "add", 0.01)]),
+    ("r", [OffsetBy("camera_x_deg", "reset"), OffsetBy("camera_y_deg", "reset")]),
+    ("s", [Search("spiral", spacing_deg=0.1, speed_deg_s=0.05)]),
+    ("w", [Search("sweep", reach_s=1.0, period_s=20.0)]),
+    ("escape", []),
+)
+
+
+def test_each_key_sends_exactly_its_messages() -> None:
+    sent, _ = run(changed(), *(key for key, _ in PRESSED))
+    assert sent == [message for _, messages in PRESSED for message in messages]
+
+
+def test_while_a_search_runs_its_keys_end_it() -> None:
+    sent, _ = run(changed(search=SEARCHING), "s", "w", "escape")
+    assert sent == [Search("stop"), Search("stop"), Search("cancel")]
+
+
+def test_escape_closes_the_help_and_leaves_the_search_alone() -> None:
+    assert run(changed(search=SEARCHING), "question_mark", "escape")[0] == []
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+def test_a_search_shows_with_the_keys_that_end_it(size: tuple[int, int]) -> None:
+    _, text = run(changed(search=SEARCHING), size=size)
+    assert "spiral 12 s   s keep  Esc cancel" in text
+    assert "…" not in text
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+def test_an_estimate_shows_with_its_sigmas_and_what_became_of_the_observations(size: tuple[int, int]) -> None:
+    _, text = run(changed(estimate=ESTIMATE), size=size)
+    assert "12 of 13 seen ±0.0031 s ±0.0010°" in text
+    assert "…" not in text
+
+
+@pytest.mark.parametrize(
+    ("frames", "shown"),
+    [
+        (0, ("f track", "also RA sky, cam x")),
+        (1, ("f sky", "+0.0200°", "also cam x")),
+        (2, ("f axes", "RA axis", "also RA sky, cam x")),
+        (3, ("f camera", "+0.0123°  asked +0.0500°", "also RA sky")),
+    ],
+)
+def test_every_frame_fits_and_shows_its_own_offsets(frames: int, shown: tuple[str, ...]) -> None:
+    _, text = run(changed(offsets=OFFSETS), *["f"] * frames, "left_square_bracket", size=(120, 40))
+    assert "…" not in text
+    for words in shown:
+        assert words in text
+
+
+def test_the_small_screen_shows_the_frame_that_the_arrows_move_in() -> None:
+    _, text = run(changed(offsets=OFFSETS), "f", "f", "f")
+    assert "…" not in text
+    for words in ("cam x    +0.0123°  asked +0.0500°", "← less  → more by 0.01°", "↑ more  ↓ less by 0.01°"):
+        assert words in text
+
+
+def test_rejections_are_told_where_there_is_no_estimate() -> None:
+    none = EstimateView(None, None, None, None, 0, 3, 2, None)
+    assert "0 of 5 seen" in run(changed(estimate=none), size=(120, 40))[1]
