@@ -30,8 +30,10 @@ _CHUNK_HEAD = struct.Struct("<BQQQQI")
 _U64 = struct.Struct("<Q")
 _RECORD = struct.Struct("<BQ")
 _MESSAGE = struct.Struct("<HIQQ")
+_FOOTER = struct.Struct("<BQQQI")
 _CHANNEL = struct.Struct("<HHI")
-_CHANNEL_CODE, _MESSAGE_CODE, _CHUNK_CODE, _FOOTER_CODE = 4, 5, 6, 2
+_CHANNEL_CODE, _MESSAGE_CODE, _CHUNK_CODE = 4, 5, 6
+_FOOTER_CODE, _STATISTICS_CODE = 2, 11
 _END_BYTES = 37
 """Footer, with its code and length, and the closing magic."""
 _BETWEEN_BYTES = 400
@@ -81,6 +83,7 @@ class Recording:
         if not self.whole:
             gaps = sum(entry.topic == GAP for entry in self._entries)
             self.problems.append(f"messages are missing in {gaps} place{'s' * (gaps > 1)}")
+        self._check_count(data)
         if self.cut_off:
             self.problems.append("cut off: the file lacks its end, as after a kill or a full disk")
 
@@ -91,6 +94,17 @@ class Recording:
     def __len__(self) -> int:
         """Return how many entries there are."""
         return len(self._entries)
+
+    def _check_count(self, data: bytes) -> None:
+        """Hold what was read against the count at the file's end: the last chunk has nothing after it."""
+        if self.cut_off or self.parts > 1:
+            return
+        count = _count(data)
+        if count is None:
+            self.problems.append("damaged in the index at its end, which holds nothing of the run")
+        elif self.whole and count > len(self._entries) + 1:
+            self.whole = False
+            self.problems.append(f"damaged: the last {count - len(self._entries) - 1} messages are lost")
 
     def _note(self, words: str) -> None:
         self.problems.append(words)
@@ -142,6 +156,22 @@ def _parts(data: bytes, note: Callable[[str], None]) -> Iterator[tuple[list[Entr
         expected = sequence + 1
     if entries:
         yield entries, not (data.endswith(MAGIC) and data[-_END_BYTES] == _FOOTER_CODE)
+
+
+def _count(data: bytes) -> int | None:
+    """Return how many messages the file's end says there are; None where that is damaged."""
+    footer = len(data) - _END_BYTES
+    _, _, begin, _, checksum = _FOOTER.unpack_from(data, footer)
+    if not 0 < begin <= footer or zlib.crc32(data[begin : footer + _FOOTER.size - 4]) != checksum:
+        return None
+    while begin + _RECORD.size < footer:
+        code, length = _RECORD.unpack_from(data, begin)
+        begin += _RECORD.size
+        if code == _STATISTICS_CODE:
+            count: int = _U64.unpack_from(data, begin)[0]
+            return count
+        begin += length
+    return None
 
 
 def _messages(data: bytes, note: Callable[[str], None]) -> Iterator[tuple[int, str, int, float, bytes]]:

@@ -1,0 +1,143 @@
+"""`sattrack replay`: run a recording's inputs through today's code and compare every output."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import msgspec
+
+from sattrack.commands.common import CommandContext, common_options, tell
+from sattrack.commands.json_lines import JsonLines
+from sattrack.commands.running import SummaryLine, tui_possible
+from sattrack.errors import BadInputError
+from sattrack.recording.format import VIEW
+from sattrack.recording.replay import replay
+from sattrack.recording.wording import replay_lines, replay_view
+from sattrack.runtime.again import engine_of, open_recording
+from sattrack.runtime.outcome import Ledger, summarise
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sattrack.engine import Engine
+    from sattrack.recording.reading import Entry, Recording
+
+LONGEST_PAUSE_S = 5.0
+
+
+@click.command("replay")
+@click.argument("file", type=click.Path(path_type=Path))
+@click.option("--tui", is_flag=True, help="Show the run in the terminal UI, as it was seen.")
+@click.option("--stream", is_flag=True, help="Views as JSON lines on standard output, as they were recorded.")
+@click.option("--speed", type=float, metavar="X", help="With --tui or --stream: so many times as fast (1).")
+@click.option("--control", is_flag=True, hidden=True)
+@click.option("--part", default=1, show_default=True, help="Which, where a file holds several recordings.")
+@common_options
+def command(context: CommandContext, file: Path, **options: Any) -> int:
+    """Run the recorded inputs through today's code and compare every output; exit 1 where they differ.
+
+    Byte for byte where code, libraries and kind of processor are those of the recording; elsewhere commands
+    may differ by 1e-9 °/s; for another version's code, figures are compared.
+    """
+    speed = options["speed"]
+    shown = options["tui"] or options["stream"]
+    if speed is not None and not (shown and 0.0 < speed <= 1000.0):
+        raise BadInputError("--speed: give a factor up to 1000, with --tui or --stream")
+    if options["tui"]:
+        return _with_tui(file, speed or 1.0, options["part"])
+    recording, _ = open_recording(file, options["part"])
+    for words in recording.problems:
+        tell(f"{file}: {words}")
+    if options["stream"]:
+        return _play(recording, _Player(speed or 1.0, options["control"]))
+    began_s = time.perf_counter()
+    result = replay(recording, engine_of, progress=_progress())
+    took_s = time.perf_counter() - began_s
+    _wipe()
+    if context.json:
+        view = replay_view(str(file), result, recording.problems, took_s)
+        click.echo(msgspec.json.encode(view).decode())
+    else:
+        click.echo("\n".join(replay_lines(result, took_s)))
+    return 0 if result.agrees else 1
+
+
+def _play(recording: Recording, player: _Player) -> int:
+    with contextlib.suppress(_LeftError):
+        result = replay(recording, engine_of, watch=player)
+        if not result.agrees:
+            tell("NOT the same as recorded: without --stream, the difference is told")
+    player.finish()
+    return 0
+
+
+class _LeftError(Exception):
+    """Whoever looked on has left."""
+
+
+class _Player(JsonLines):
+    """Writes the views of a run being made again at the pace at which they were seen."""
+
+    def __init__(self, speed: float, control: bool) -> None:
+        super().__init__()
+        self._speed = speed
+        self._control = control
+        self._engine: Engine | None = None
+        self._utc_s: float | None = None
+        self._due_s = time.monotonic()
+
+    def __call__(self, engine: Engine, entry: Entry) -> None:
+        """Take one entry of the recording, handed to the engine already."""
+        if entry.topic != VIEW:
+            return
+        if self._utc_s is not None:
+            # A clock that was set in the middle of the run is no reason to wait for it.
+            self._due_s += max(0.0, min(LONGEST_PAUSE_S, entry.utc_s - self._utc_s)) / self._speed
+        self._engine, self._utc_s = engine, entry.utc_s
+        self._wait()
+        self.write(engine.view(entry.utc_s))
+
+    def _wait(self) -> None:
+        """Wait for the next view's time; raises _LeftError where standard input says stop, or ends."""
+        while True:
+            left_s = max(0.0, self._due_s - time.monotonic())
+            heard, _, _ = select.select([sys.stdin] if self._control else [], [], [], left_s)
+            if not heard:
+                return
+            line = sys.stdin.buffer.readline()
+            if not line or b'"stop"' in line:
+                raise _LeftError
+
+    def finish(self) -> None:
+        """Write what the run came to, as far as it was shown."""
+        self.end()
+        if self._engine is not None and self._utc_s is not None:
+            click.echo(
+                msgspec.json.encode(SummaryLine(summarise(self._engine, Ledger(), self._utc_s))).decode()
+            )
+
+
+def _with_tui(file: Path, speed: float, part: int) -> int:
+    from sattrack.tui.launch import fly_with_tui
+
+    if not tui_possible():
+        raise BadInputError("--tui needs a terminal, and textual: pip install 'sattrack[tui]'")
+    arguments = ["replay", str(file), "--stream", "--control", "--speed", str(speed), "--part", str(part)]
+    return fly_with_tui([sys.executable, "-m", "sattrack", *arguments])
+
+
+def _progress() -> Callable[[float], None] | None:
+    if not sys.stderr.isatty():
+        return None
+    return lambda share: click.echo(f"\r\x1b[K{100.0 * share:.0f} %", err=True, nl=False)
+
+
+def _wipe() -> None:
+    if sys.stderr.isatty():
+        click.echo("\r\x1b[K", err=True, nl=False)
