@@ -218,6 +218,7 @@ def of_a_pass(number: int, how: signal.Signals, chance: random.Random, *options:
         simulated.wait(fast=True)
         strike_utc_s = culmination_s + chance.uniform(-4.0, 10.0)
         simulated.wait_until(strike_utc_s)
+        simulated.wait(fast=True)
         return strike(simulated, feeder, how)
 
 

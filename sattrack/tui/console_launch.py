@@ -14,6 +14,7 @@ import click
 from sattrack.console_messages import LeaveOrder
 from sattrack.errors import SattrackError
 from sattrack.tui.console_child import ConsoleProcess
+from sattrack.tui.hangup import end_with_the_terminal
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -39,6 +40,7 @@ def watch_with_tui(
     set going. `show` stands in for the screen; it tells whether it was interrupted.
     """
     console = ConsoleProcess(command)
+    end_with_the_terminal(console, patience_s, GRACE_S)
     if show is None:
         # While the console starts: the screen is to be there with its first view.
         importlib.import_module("sattrack.tui.console_app")

@@ -13,6 +13,7 @@ from sattrack.errors import SattrackError
 from sattrack.messages import StopNow
 from sattrack.summary_text import summary_lines
 from sattrack.tui.child import FeederProcess
+from sattrack.tui.hangup import end_with_the_terminal
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -39,6 +40,7 @@ def fly_with_tui(
     stands in for the screen.
     """
     feeder = FeederProcess(command)
+    end_with_the_terminal(feeder, patience_s, GRACE_S)
     if show is None:
         # While the feeder starts: the screen is to be there with its first view.
         importlib.import_module("sattrack.tui.app")

@@ -1,0 +1,46 @@
+"""The end of a terminal that nobody tells of: a pseudo-terminal whose other end is gone, without a signal.
+
+A screen that waits for keys from it would wait for ever, and the run with it, with nobody at the stop key.
+"""
+
+from __future__ import annotations
+
+import os
+import select
+import signal
+import stat
+import sys
+import threading
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from sattrack.tui.child import FeederProcess
+
+HUNG_UP = 128 + signal.SIGHUP
+
+
+def end_with_the_terminal(feeder: FeederProcess, patience_s: float, grace_s: float) -> None:
+    """Watch standard input from now on, where that is a terminal; its end ends the feeder, and this process.
+
+    The feeder is told to stop the mount, has `patience_s` for that, and is ended by force after it: its
+    guardian sees to the mount then. Nothing is written any more: there is nobody to read.
+    """
+    try:
+        descriptor = sys.stdin.fileno()
+    except (OSError, ValueError):
+        return
+    # Of a terminal that is gone already, nothing but this tells that it was one.
+    if not stat.S_ISCHR(os.fstat(descriptor).st_mode):
+        return
+    poller = select.poll()
+    # Without any event asked for, only the end is told.
+    poller.register(descriptor, 0)
+
+    def watch() -> None:
+        poller.poll()
+        feeder.close_input()
+        if feeder.wait(patience_s) is None:
+            feeder.end_by_force(grace_s)
+        os._exit(HUNG_UP)
+
+    threading.Thread(target=watch, name="terminal's end", daemon=True).start()

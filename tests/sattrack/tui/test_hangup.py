@@ -1,0 +1,63 @@
+"""A terminal that vanishes without a signal ends the run: nobody is at the stop key any more."""
+
+from __future__ import annotations
+
+import os
+import pty
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from sattrack.tui.hangup import HUNG_UP
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+FEEDER = """
+import pathlib, sys
+print("not a view", flush=True)
+sys.stdin.read()
+pathlib.Path(sys.argv[1]).write_text("stopped")
+"""
+SCREEN = """
+import sys, threading
+from {module} import {launch}
+def stuck(*_):
+    threading.Event().wait()
+from sattrack.tui.child import FeederProcess
+FeederProcess.wait_first_view = lambda self: True
+print("watched", flush=True)
+{launch}([sys.executable, "-c", {feeder!r}, sys.argv[1]], show=stuck, patience_s=20.0)
+"""
+
+
+@pytest.mark.parametrize(
+    ("module", "launch"),
+    [("sattrack.tui.launch", "fly_with_tui"), ("sattrack.tui.console_launch", "watch_with_tui")],
+)
+def test_a_screen_that_waits_for_ever_ends_with_its_terminal_and_the_mount_is_stopped(
+    module: str, launch: str, tmp_path: Path
+) -> None:
+    controller, terminal = pty.openpty()
+    told = tmp_path / "told"
+    script = SCREEN.format(module=module, launch=launch, feeder=FEEDER)
+    process = subprocess.Popen(
+        [sys.executable, "-c", script, str(told)],
+        stdin=terminal,
+        stdout=terminal,
+        stderr=terminal,
+        start_new_session=True,
+    )
+    os.close(terminal)
+    try:
+        drawn = b""
+        while b"watched\r\n" not in drawn:
+            drawn += os.read(controller, 1000)
+        os.close(controller)
+        assert process.wait(60.0) == HUNG_UP
+    finally:
+        process.kill()
+        process.wait()
+    assert told.read_text() == "stopped"
