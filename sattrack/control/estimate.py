@@ -89,7 +89,8 @@ class Estimator:
     def take(self, seen: Observation, now_utc_s: float, course: Course, first: Bias) -> bool:
         """Take one observation in; tell whether it changed the estimate.
 
-        `first` is what is fed without an estimate: around that the first observation is expected.
+        `first` is what is fed without an estimate: the first observation is expected around that, or around
+        what the elements say by themselves.
         """
         utc_s = float(Utc.parse(seen.utc).unix_s)
         self.words = self._refusal(seen, utc_s, now_utc_s)
@@ -140,17 +141,24 @@ class Estimator:
 
     def _plausible(self, seen: Observation, utc_s: float, said: Said, course: Course) -> BiasFilter | None:
         """Return a filter that begins with an observation, where elements can be so far off."""
-        likely = BiasFilter(replace(self._noise, first_cross_km=LIKELY_CROSS_KM))
-        distance = likely.distance(*said)
+        distance, start = self._likeliest(said)
         other = _other_frame(seen.frame)
         alternative = _said(seen, utc_s, course, other, (said.along_s, self._noise.cross_km))
         if distance > self._noise.gate:
             return None
-        if alternative is not None and likely.distance(*alternative) + BETTER_FRAME < distance:
+        if alternative is not None and self._likeliest(alternative)[0] + BETTER_FRAME < distance:
             return None
         # What was likely has done its work: the estimate itself is to rest on observations alone.
-        fresh = BiasFilter(self._noise)
+        fresh = BiasFilter(start)
         return fresh if fresh.observe(utc_s, *said) else None
+
+    def _likeliest(self, said: Said) -> tuple[float, BiasNoise]:
+        """Return how far an observation lies from the elements or from what the operator found, and which."""
+        about = (
+            (replace(start, first_cross_km=LIKELY_CROSS_KM), start) for start in (BiasNoise(), self._noise)
+        )
+        distances = ((BiasFilter(likely).distance(*said), start) for likely, start in about)
+        return min(distances, key=lambda one: one[0])
 
     def _challenge(self, seen: Observation, utc_s: float, said: Said, course: Course) -> None:
         """Hold what was rejected against what was rejected just before, and begin anew where that agrees."""
@@ -165,8 +173,10 @@ class Estimator:
         """Say what would explain an observation that does not fit."""
         other = _other_frame(seen.frame)
         said = _said(seen, utc_s, course, other, self._expected())
-        known = self.filter or BiasFilter(self._noise)
-        if said is not None and known.distance(*said) < self._noise.gate:
+        if said is None:
+            return ": another satellite's?"
+        distance = self._likeliest(said)[0] if self.filter is None else self.filter.distance(*said)
+        if distance < self._noise.gate:
             return f": in the frame {other} it would fit"
         return ": another satellite's, or in another frame?"
 

@@ -215,6 +215,7 @@ def test_what_the_operator_found_far_off_is_where_observations_are_expected(
     one = bench.solution(true, CULMINATION_S, random.Random(2), 20.0)
     assert not take(estimator, course, one)
     assert take(Estimator(25544, RISE_S), course, one, Bias(-3.8, 1.45))
+    assert take(Estimator(25544, RISE_S), course, seen(0.0), Bias(-3.8, 1.45)), "nudges can be wrong"
 
 
 def test_errors_match_the_sigmas_and_the_bound_over_some_seeds() -> None:
