@@ -37,7 +37,6 @@ STOP_UNHEARD_S = 12.0
 STOP_UNCONFIRMED_S = 60.0
 AT_REST_DEG_S = 0.006
 """A stopped mount may stand, or track the sky."""
-LOUD_CLOCK_S = 0.01
 
 
 class Phase(StrEnum):
@@ -71,11 +70,15 @@ class AntcnRun:
     position: PositionReport | None = None
     acquired_utc_s: float | None = None
     followable_utc_s: float | None = None
+    on_target_s: float = 0.0
+    """Seconds on the target, as positions told."""
     designated: int = 0
+    answered: int = 0
     refused: int = 0
     clock_gap_s: float = 0.0
     """By how much, at least, the controller's clock is off ours: by epochs outside of their transactions."""
     _heard_utc_s: float | None = None
+    _last_epoch_s: float | None = None
     _next_td_ns: int | None = None
     _next_ps_utc_s: float = 0.0
     _stop_asked_utc_s: float = 0.0
@@ -90,6 +93,7 @@ class AntcnRun:
         answer = self.line.receive(data, now_utc_s)
         if answer is not None and answer.response is not None:
             self._heard_utc_s = now_utc_s
+            self.answered += 1
             self._take(answer, answer.response)
 
     def tick(self, now_utc_s: float) -> bytes:
@@ -209,6 +213,9 @@ class AntcnRun:
         near = self.error_arcsec <= self.on_target_arcsec
         if self.acquired_utc_s is None and near:
             self.acquired_utc_s = epoch_s
+        if near and self._last_epoch_s is not None:
+            self.on_target_s += max(0.0, epoch_s - self._last_epoch_s)
+        self._last_epoch_s = epoch_s
         if self.acquired_utc_s is not None:
             self.reported.add(self.error_arcsec)
         self.phase = Phase.TRACKING if near else Phase.ACQUIRING

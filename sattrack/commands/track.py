@@ -23,13 +23,16 @@ from sattrack.commands.running import (
 from sattrack.errors import BadInputError
 from sattrack.runtime.facts import REFRACTION_MODES
 from sattrack.runtime.fly import fly_virtual
+from sattrack.runtime.mounts import is_antenna
 from sattrack.runtime.observers import read_all
 from sattrack.runtime.prepare import RunRequest, prepare
 
 
 @click.command("track")
 @click.argument("satellite")
-@click.option("--mount", "mount_url", metavar="URL", help="sim, or xerxes://HOST:PORT?listen=PORT.")
+@click.option(
+    "--mount", "mount_url", metavar="URL", help="sim, xerxes://HOST:PORT?listen=PORT, or antenna://HOST:PORT."
+)
 @profile_option
 @click.option("--headless", is_flag=True, help="No terminal UI.")
 @click.option(
@@ -68,6 +71,10 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
         record=options["record"],
         profile=context.profile(options["profile"]),
     )
+    if is_antenna(request.mount_url):
+        from sattrack.commands.track_antenna import follow
+
+        return follow(context, request, options)
     if request.virtual and (options["stream"] or options["control"]):
         raise BadInputError("--stream and --control go with real time; leave --virtual out")
     observations = options["observations"]

@@ -10,7 +10,12 @@ from sattrack.xerxes.client import parse_address
 if TYPE_CHECKING:
     from sattrack.xerxes.client import Address
 
-NOT_YET = ("antenna", "alpaca")
+NOT_YET = ("alpaca",)
+
+
+def is_antenna(url: str | None) -> bool:
+    """Tell whether `--mount` names an antenna's controller."""
+    return url is not None and url.partition(":")[0] == "antenna"
 
 
 def mount_address(url: str | None) -> Address | None:
@@ -23,6 +28,8 @@ def mount_address(url: str | None) -> Address | None:
     scheme = url.partition(":")[0]
     if url == "sim":
         return None
+    if is_antenna(url):
+        raise BadInputError(f"--mount {url}: an antenna's controller is driven by `sattrack track` alone")
     if scheme in NOT_YET:
         raise BadInputError(f"--mount {url}: {scheme} mounts are not supported yet; use xerxes:// or sim")
     if scheme != "xerxes":

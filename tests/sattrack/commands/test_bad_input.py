@@ -88,7 +88,7 @@ def test_a_time_that_is_none(clock: str, capsys: pytest.CaptureFixture[str]) -> 
     ("mount", "says"),
     [
         ("", "no mount"),
-        ("antenna://there:5000", "not supported yet"),
+        ("antenna://there", "write antenna://HOST:PORT"),
         ("serial://x", "write sim or xerxes://"),
         ("xerxes://", "no host"),
         ("xerxes://127.0.0.1:70000", "Port out of range"),
