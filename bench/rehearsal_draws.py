@@ -50,17 +50,16 @@ class Flown:
     peak_dec_deg_s: float | None
 
 
-def draw(seed: int, near_pole: bool = False, slow_mount: bool = False) -> Prepared:
-    """Return a pass of 90 s to ten minutes, prepared, with a random mount and limits."""
+def draw(seed: int) -> Prepared:
+    """Return a prepared pass of 90 s to ten minutes, with a random mount and limits; two in five are slow."""
     dice = random.Random(f"rehearsal {seed}")
     while True:
-        elements = _orbit(dice)
+        elements = orbit(dice)
         site = Site(dice.uniform(-65.0, 65.0), dice.uniform(-180.0, 180.0), dice.uniform(0.0, 3000.0))
         hour = dice.uniform(0.0, 24.0)
         at = Utc(float(Utc.parse(BEGIN_UTC).unix_s) + hour * 3600.0).isoformat("seconds")
-        top = 2.5 if slow_mount else 7.0
         axis = {
-            "max_rate_deg_s": dice.uniform(0.8 if slow_mount else 1.0, top),
+            "max_rate_deg_s": dice.uniform(0.25, 1.0) if dice.random() < 0.4 else dice.uniform(1.0, 7.0),
             "max_acceleration_deg_s2": dice.uniform(3.0, 12.0),
             "slew_rate_deg_s": dice.uniform(4.0, 12.0),
         }
@@ -89,7 +88,7 @@ def draw(seed: int, near_pole: bool = False, slow_mount: bool = False) -> Prepar
             return prepared
 
 
-def _orbit(dice: random.Random) -> Elements:
+def orbit(dice: random.Random) -> Elements:
     height_km = dice.choice([dice.uniform(350.0, 650.0), dice.uniform(500.0, 1400.0)])
     period_min = 84.4886 * ((6378.135 + height_km) / 6378.135) ** 1.5
     return Elements(

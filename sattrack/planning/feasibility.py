@@ -33,7 +33,11 @@ def ability_at(site: Site, profile: MountProfile, limits: SafetyLimits) -> Abili
 
 
 def why_not_feasible(
-    elements: Elements, site: Site, span: tuple[float, float], ability: Ability, earth: EarthOrientation
+    elements: Elements,
+    site: Site,
+    span: tuple[float, float],
+    ability: Ability,
+    earth: EarthOrientation | None,
 ) -> str | None:
     """Return in words why a mount cannot follow a pass, POSIX seconds of UTC; None where it can.
 

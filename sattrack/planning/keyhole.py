@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-RATE_SHARE, ACCELERATION_SHARE = 0.98, 0.8
+RATE_SHARE, ACCELERATION_SHARE = 0.99, 0.95
 """What a way may use of the axis' limits: the controller needs the rest to correct with."""
 COARSE, FINE = 161, 21
 """Instants to leave and to join that are tried at first, and in each round of refinement."""

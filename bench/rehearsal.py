@@ -1,0 +1,105 @@
+"""Whether a rehearsal tells what the run that follows comes to, and what it costs.
+
+python bench/rehearsal.py [PASSES] [FIRST] [--jobs N]
+
+Random passes of up to ten minutes, over random sites, with random mounts and limits. Each is rehearsed, then
+flown in virtual time by a mount that has its own clock, timer, link and noise, every fourth with friction and
+ripple too; figures of the run are those of its summary and its recording.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from concurrent.futures import ProcessPoolExecutor
+from typing import NamedTuple
+
+from rehearsal_draws import draw, fly, noisy
+
+from sattrack.runtime.rehearse import rehearse
+
+STICKY_EVERY = 4
+LOST_WITHIN_S, PEAKS_WITHIN = 0.5, 0.01
+
+
+class Row(NamedTuple):
+    seed: int
+    pass_s: float
+    step_s: float
+    cpu_s: float
+    foretold_lost_s: float
+    lost_s: float
+    foretold_peaks: tuple[float | None, float | None]
+    peaks: tuple[float | None, float | None]
+    foretold_end: str
+    end: str
+
+    @property
+    def off_s(self) -> float:
+        return abs(self.foretold_lost_s - self.lost_s)
+
+    @property
+    def peaks_off(self) -> float:
+        """The larger of both axes' peaks' relative differences; 0 where neither run was ever on target."""
+        pairs = zip(self.foretold_peaks, self.peaks, strict=True)
+        off = 0.0
+        for foretold, peak in pairs:
+            if foretold is None and peak is None:
+                continue
+            off = 1.0 if foretold is None or peak is None else max(off, abs(foretold / peak - 1.0))
+        return off
+
+
+def compare(seed: int) -> Row:
+    prepared = draw(seed)
+    plan = prepared.facts.plan
+    begun = time.process_time()
+    report = rehearse(prepared).report
+    cpu_s = time.process_time() - begun
+    flown = fly(noisy(prepared, seed, seed % STICKY_EVERY == 0))
+    return Row(
+        seed,
+        plan.end_utc_s - plan.start_utc_s,
+        report.step_s,
+        cpu_s,
+        report.lost_s,
+        flown.lost_s,
+        (report.peaks[0].reached_rate_deg_s, report.peaks[1].reached_rate_deg_s),
+        (flown.peak_hour_angle_deg_s, flown.peak_dec_deg_s),
+        report.ended_by,
+        flown.summary.ended_by,
+    )
+
+
+def quantiles(values: list[float]) -> str:
+    ordered = sorted(values)
+    picked = [ordered[min(len(ordered) - 1, int(share * len(ordered)))] for share in (0.5, 0.9, 0.99)]
+    return f"median {picked[0]:.3g}, 90 % {picked[1]:.3g}, 99 % {picked[2]:.3g}, most {ordered[-1]:.3g}"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser()
+    parser.add_argument("passes", nargs="?", type=int, default=200)
+    parser.add_argument("first", nargs="?", type=int, default=0)
+    parser.add_argument("--jobs", type=int, default=1)
+    asked = parser.parse_args()
+    seeds = range(asked.first, asked.first + asked.passes)
+    with ProcessPoolExecutor(asked.jobs) as pool:
+        rows = list(pool.map(compare, seeds))
+    lossy = sum(row.lost_s > 2.0 for row in rows)
+    stopped = sum(row.end != "set" for row in rows)
+    print(f"{len(rows)} passes; {lossy} lose more than 2 s, {stopped} are ended by a limit")
+    print(f"lost seconds differ: {quantiles([row.off_s for row in rows])}")
+    print(f"peak rates differ: {quantiles([row.peaks_off for row in rows])}")
+    print(f"end differs: {sum(row.foretold_end != row.end for row in rows)}")
+    for name, step_s in (("at 20 Hz", 0.05), ("slow objects, at 10 Hz", 0.1)):
+        costs = [600.0 * row.cpu_s / row.pass_s for row in rows if row.step_s == step_s]
+        if costs:
+            print(f"seconds of a core for ten minutes of pass, {name} ({len(costs)}): {quantiles(costs)}")
+    for row in rows:
+        if row.off_s > LOST_WITHIN_S or row.peaks_off > PEAKS_WITHIN or row.foretold_end != row.end:
+            print(f"beyond {LOST_WITHIN_S:g} s or {PEAKS_WITHIN:.0%}: {row}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,153 @@
+"""Margins, cut links, losses and the table against closed forms and the propagator itself."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from planning_builders import path_of
+
+from sattrack import practice
+from sattrack.mount import AxisLimits, MountProfile, PierZone
+from sattrack.planning.kinematics import Ability, losses, why_not
+from sattrack.planning.limits import margins_deg
+from sattrack.planning.link_loss import link_loss
+from sattrack.planning.path import Pointing, axis_path
+from sattrack.planning.sides import choose_sides
+from sattrack.planning.table import TabledPropagator
+from sattrack.safety.limits import SafetyLimits
+from tle.bias import NO_BIAS
+from tle.instants import Utc
+from tle.propagator import Propagator
+from tle.refraction import Refraction
+
+PASS = (1790946119.0, 1790946528.0)
+DARK = SafetyLimits(optical=False)
+TOLERANCE_DEG = 2.0 / 3600.0
+
+
+def pointing(ha: float, dec: float, sun: tuple[float, float] = (180.0, 0.0)) -> Pointing:
+    one = [np.array([value]) for value in (0.0, ha, dec, *sun, 180.0, 0.0)]
+    return Pointing(*one)
+
+
+def ability(profile: MountProfile, limits: SafetyLimits = DARK, latitude_deg: float = 0.0) -> Ability:
+    return Ability(profile, limits, latitude_deg, TOLERANCE_DEG)
+
+
+def test_margins_of_simple_places_are_those_of_the_sphere() -> None:
+    limits = SafetyLimits(
+        floor_altitude_deg=10.0, horizon=((0.0, 5.0), (90.0, 20.0), (180.0, 5.0), (270.0, 5.0))
+    )
+    # On the equator an hour angle of -60° on the celestial equator stands 30° high in the east.
+    found = margins_deg(pointing(-60.0, 0.0, (-60.0, 40.0)), MountProfile(), limits, 0.0)
+    assert found["altitude"][0] == pytest.approx(20.0)
+    assert found["horizon"][0] == pytest.approx(10.0)
+    assert found["hour_angle"][0] == pytest.approx(140.0)
+    assert found["declination"][0] == pytest.approx(190.0)
+    assert found["sun"][0] == pytest.approx(25.0)
+
+
+def test_the_same_direction_from_beyond_the_pole_has_the_same_altitude_and_sun() -> None:
+    near = margins_deg(pointing(-60.0, 50.0, (10.0, 20.0)), MountProfile(), SafetyLimits(), 40.0)
+    far = margins_deg(pointing(120.0, 130.0, (10.0, 20.0)), MountProfile(), SafetyLimits(), 40.0)
+    assert far["altitude"][0] == pytest.approx(near["altitude"][0])
+    assert far["sun"][0] == pytest.approx(near["sun"][0])
+    assert far["hour_angle"][0] == pytest.approx(80.0)
+
+
+def test_a_pier_zone_counts_on_its_side_and_after_whole_turns() -> None:
+    square = ((20.0, 10.0), (40.0, 10.0), (40.0, 30.0), (20.0, 30.0))
+    profile = MountProfile(pier_zones=(PierZone("pillar", square, "normal"),), hour_angle_limit_deg=500.0)
+    inside = margins_deg(pointing(30.0, 18.0), profile, DARK, 0.0)["pier"][0]
+    assert inside == pytest.approx(-8.0)
+    assert margins_deg(pointing(390.0, 18.0), profile, DARK, 0.0)["pier"][0] == pytest.approx(-8.0)
+    assert margins_deg(pointing(45.0, 20.0), profile, DARK, 0.0)["pier"][0] == pytest.approx(5.0)
+    # From beyond the pole the same direction is another place of the axes.
+    assert margins_deg(pointing(-150.0, 162.0), profile, DARK, 0.0)["pier"][0] > 0.0
+
+
+def test_a_cut_link_leads_to_the_horizon_in_the_time_that_the_rate_says() -> None:
+    # On the equator, through the zenith towards the west at 2 °/s: the altitude is 90° less the hour angle.
+    time_s = np.linspace(0.0, 30.0, 601)
+    path = path_of(time_s, 2.0 * time_s, np.zeros_like(time_s))
+    found = link_loss(path, MountProfile(), DARK, 0.0)
+    left = (90.0 - 2.0 * found.utc_s) / 2.0
+    assert np.allclose(found.seconds, left, atol=1e-6)
+    assert set(found.limits) == {"altitude"}
+    assert found.worst == len(found.utc_s) - 1
+    assert found.rests_s is None
+
+
+def test_a_watchdog_is_told_apart_and_comes_too_late_where_the_limit_is_nearer() -> None:
+    time_s = np.linspace(0.0, 44.0, 881)
+    path = path_of(time_s, 2.0 * time_s, np.zeros_like(time_s))
+    found = link_loss(path, MountProfile(watchdog_s=2.0), DARK, 0.0)
+    assert found.rests_s is not None
+    assert found.rests_inside is not None
+    # Two seconds of silence, a turn of its loop, and braking from 2 °/s at 10 °/s².
+    assert found.rests_s[0] == pytest.approx(2.0 + 0.05 + 0.2)
+    assert bool(found.rests_inside[0])
+    assert not bool(found.rests_inside[-1])
+
+
+def test_an_axis_at_half_the_rate_needs_as_long_again_to_catch_up() -> None:
+    # 2 °/s for 10 s, then at rest: an axis of 1 °/s is 10° behind, and there after 10 s more.
+    time_s = np.linspace(0.0, 60.0, 6001)
+    hour_angle = np.clip(2.0 * (time_s - 20.0), 0.0, 20.0)
+    slow = AxisLimits(max_rate_deg_s=1.0)
+    (found,) = losses(path_of(time_s, hour_angle, np.full_like(time_s, 20.0)), ability(MountProfile(ra=slow)))
+    assert found.limit == "rate"
+    assert found.begin_utc_s == pytest.approx(20.0, abs=0.05)
+    assert found.seconds == pytest.approx(20.0, abs=0.1)
+
+
+def test_what_comes_after_a_limit_of_travel_is_lost_with_its_reason() -> None:
+    time_s = np.linspace(0.0, 100.0, 1001)
+    path = path_of(time_s, time_s - 50.0, np.full_like(time_s, 20.0))
+    profile = MountProfile(hour_angle_limit_deg=30.0)
+    # It begins outside, 50° before the meridian: nothing of it can be followed.
+    (found,) = losses(path, ability(profile))
+    assert (found.limit, found.seconds) == ("hour_angle", pytest.approx(100.0))
+    reason = why_not(path, ability(profile))
+    assert reason is not None
+    assert reason.startswith("hour_angle: ")
+    assert why_not(path, ability(MountProfile())) is None
+
+
+def test_a_stop_and_a_new_beginning_are_recommended_where_the_cables_end() -> None:
+    # Circumpolar, through the lower meridian: at 200° the cables end; a slew winds them back to -160°.
+    time_s = np.linspace(0.0, 300.0, 3001)
+    path = path_of(time_s, 170.0 + 0.3 * time_s, np.full_like(time_s, 70.0))
+    found = choose_sides(path, ability(MountProfile(), latitude_deg=60.0), "never", [])
+    assert found.by_itself.lost_s == pytest.approx(200.0, abs=1.0)
+    assert found.by_itself.limit == "hour_angle"
+    assert found.recommended.flip_utc is not None
+    # Once round at 10 °/s takes 36 s and some for the ramps.
+    assert 36.0 < found.recommended.lost_s < 50.0
+
+
+def test_the_table_gives_the_directions_of_the_propagator() -> None:
+    site = practice.SITE.place()
+    real = Propagator(practice.elements(), site, refraction=Refraction.standard(site.height_m))
+    table = TabledPropagator(real, NO_BIAS, *PASS)
+    for utc_s in np.random.default_rng(1).uniform(*PASS, 300):
+        ours, theirs = table.at(Utc(float(utc_s))), real.at(Utc(float(utc_s)))
+        cos_dec = math.cos(math.radians(float(theirs.dec_deg)))
+        assert abs(float(ours.ra_deg - theirs.ra_deg)) * cos_dec * 3600.0 < 1e-3
+        assert abs(float(ours.dec_deg - theirs.dec_deg)) * 3600.0 < 1e-3
+        assert abs(float(ours.ra_rate_deg_s - theirs.ra_rate_deg_s)) * cos_dec * 3600.0 < 0.01
+        assert abs(float(ours.dec_rate_deg_s - theirs.dec_rate_deg_s)) * 3600.0 < 0.01
+
+
+def test_the_path_has_the_differences_of_the_directions_as_rates() -> None:
+    real = Propagator(practice.elements(), practice.SITE.place())
+    time_s = np.linspace(*PASS, 4091)
+    path = axis_path(real, NO_BIAS, time_s)
+    seen = real.at(Utc(time_s))
+    by_differences = np.gradient(np.unwrap(seen.ha_deg, period=360.0), time_s)
+    assert np.allclose(path.hour_angle_rate_deg_s[1:-1], by_differences[1:-1], atol=2e-5)
+    assert np.allclose(path.dec_rate_deg_s[1:-1], np.gradient(seen.dec_deg, time_s)[1:-1], atol=2e-5)
+    other = path.seen_from(True, 52.0)
+    assert np.allclose(other.pointing.dec_axis_deg, 180.0 - seen.dec_deg)
