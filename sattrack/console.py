@@ -14,9 +14,20 @@ from typing import TYPE_CHECKING
 from sattrack.console_report import Asked, limit_words, view_of
 from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, MoveAxes, SlewTo, Stop, mean_sidereal_deg
 from sattrack.procedures import Outcome, Procedure, Refusal, procedure_for, refused
-from sattrack.requests import Abort, FindHome, MoveAxis, Park, Request, Slew, Sync, Ticket
+from sattrack.requests import (
+    Abort,
+    FindHome,
+    FineRate,
+    MoveAxis,
+    Park,
+    Request,
+    Slew,
+    Sync,
+    Ticket,
+    objection,
+)
 from sattrack.safety import Safety
-from sattrack.xerxes.launches import stance_of
+from sattrack.xerxes.launches import seen_of, stance_of
 from sattrack.xerxes.link import LinkState
 from sattrack.xerxes.session import Session, is_at_rest
 
@@ -38,7 +49,6 @@ REMEMBERED = 5
 OFFSETS = 100
 END_WITHIN_TICKS = 20
 """Datagrams, a second, within which the end of a MoveAxis must be seen; else the mount is stopped."""
-LONGEST_STEP_S = 0.5
 NEED_SITE = (Slew, Sync, MoveAxis, FindHome, Park)
 """What is judged by its altitude."""
 
@@ -124,13 +134,14 @@ class Console:
 
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
-        before, restarts = self.session.sample, self.session.health.restarts
+        restarts = self.session.health.restarts
         sample = self.session.receive(data, arrival_utc_s)
         if sample is None:
             return
         if self.session.health.restarts > restarts and isinstance(self.session.wanted, MoveAxes):
             self._stop("restart", "the mount restarted meanwhile: it is not set going again unasked")
-        self._watch(before, sample)
+        if self.session.status is not None:
+            self.safety.watch(seen_of(self.session.status, arrival_utc_s), self.session.wanted)
         longitude_deg = self._longitude_deg()
         if longitude_deg is not None:
             ours_deg = mean_sidereal_deg(arrival_utc_s, longitude_deg)
@@ -168,7 +179,7 @@ class Console:
         if refusal is not None:
             return refusal
         status = self.session.status
-        cleared = self.safety.clear_request(request, None if status is None else stance_of(status))
+        cleared = self.safety.clear_request(request, None if status is None else stance_of(status), now_utc_s)
         if isinstance(cleared, str):
             return Refusal(cleared, by_safety=status is not None)
         if isinstance(request, Abort):
@@ -188,7 +199,7 @@ class Console:
         """
         fresh = now_utc_s - self._touched_utc_s > FRESH_TOUCH_S
         self._touched_utc_s = now_utc_s
-        refusal = self._jog_objection(MoveAxis(ra_rate_deg_s, dec_rate_deg_s), fresh)
+        refusal = self._jog_objection(MoveAxis(ra_rate_deg_s, dec_rate_deg_s), fresh, now_utc_s)
         if refusal is not None:
             return self._refuse(refusal)
         self.refusal, self._blocked, self.trouble = None, False, None
@@ -230,6 +241,7 @@ class Console:
             self._step(now_utc_s)
             self._end_orphans(now_utc_s)
             self._clear_again(now_utc_s)
+            self._watch_drift(now_utc_s)
             self._let_go(now_utc_s)
         if not self.stopping:
             self.stopping_since_utc_s = None
@@ -251,24 +263,21 @@ class Console:
         return refusal
 
     def _new_safety(self) -> Safety:
-        return Safety(self.profile, self.limits, 0.0 if self.site is None else self.site.latitude_deg)
+        if self.site is None:
+            return Safety(self.profile, self.limits, 0.0)
+        return Safety(self.profile, self.limits, self.site.latitude_deg, self.site.longitude_deg)
 
-    def _watch(self, before: StatusSample | None, sample: StatusSample) -> None:
-        """Let safety see where the axes are, and how the mount moved since the status before."""
+    def way_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | Refusal:
+        """Return the slews that lead to a direction past whatever is in the way."""
+        refusal = self._objection(request)
+        if refusal is not None:
+            return refusal
+        words = objection(request, self.profile)
         status = self.session.status
-        # Beyond the pole the axis stands half a turn from the hour angle that is reported.
-        beyond_deg = 180.0 if status is not None and status.side_of_pier else 0.0
-        hour_angle_deg = sample.sidereal_h * 15.0 - sample.ra_deg + beyond_deg
-        seconds, moved = 0.0, MoveAxes(0.0, 0.0)
-        if before is not None:
-            step_deg = math.remainder((sample.sidereal_h - before.sidereal_h) * 15.0, 360.0)
-            seconds = step_deg / SIDEREAL_RATE_DEG_S
-        if before is not None and 0.0 < seconds < LONGEST_STEP_S:
-            ra_deg = math.remainder(sample.ra_deg - before.ra_deg, 360.0)
-            moved = MoveAxes(ra_deg / seconds, (sample.dec_deg - before.dec_deg) / seconds)
-            self.safety.watch(hour_angle_deg, moved, self.session.wanted, seconds)
-        else:
-            self.safety.watch(hour_angle_deg, moved, Hold(), 0.0)
+        if words is not None or status is None:
+            return (request,)
+        ways = self.safety.way_to(request, stance_of(status), now_utc_s)
+        return Refusal(ways, by_safety=True) if isinstance(ways, str) else ways
 
     def _objection(self, request: Request) -> Refusal | None:
         status = self.session.status
@@ -287,7 +296,7 @@ class Console:
         """Tell whether it is a MoveAxis of ours that makes the mount say that it slews."""
         return isinstance(self.session.wanted, MoveAxes) or self._move_begun
 
-    def _jog_objection(self, move: MoveAxis, fresh: bool) -> Refusal | None:
+    def _jog_objection(self, move: MoveAxis, fresh: bool, now_utc_s: float) -> Refusal | None:
         if self.failed is not None:
             return Refusal(self.failed)
         if self._blocked and (self.stopping or not fresh):
@@ -300,7 +309,7 @@ class Console:
         if refusal is not None:
             return refusal
         status = self.session.status
-        cleared = self.safety.clear_request(move, None if status is None else stance_of(status))
+        cleared = self.safety.clear_request(move, None if status is None else stance_of(status), now_utc_s)
         return Refusal(cleared, by_safety=True) if isinstance(cleared, str) else None
 
     def _jogged(self) -> Motion:
@@ -345,6 +354,19 @@ class Console:
         if isinstance(wanted, MoveAxes | SlewTo):
             self._apply(wanted, now_utc_s)
 
+    def _watch_drift(self, now_utc_s: float) -> None:
+        """End fine rates of ours that lead to a limit."""
+        fine, status = self.session.fine_rate, self.session.status
+        if status is None or fine == FineRate() or isinstance(self.session.wanted, Stop):
+            return
+        name = self.safety.drift_objection(fine, stance_of(status), now_utc_s)
+        if name is None:
+            return
+        self._stop(f"limit:{name}", limit_words(name))
+        cleared = self.safety.clear_request(Abort(), stance_of(status), now_utc_s)
+        if not isinstance(cleared, str):
+            self.session.submit(cleared)
+
     def _apply(self, motion: Motion, now_utc_s: float) -> None:
         """Make a motion the wanted one as far as safety clears it."""
         sample = self.session.sample
@@ -353,7 +375,7 @@ class Console:
         else:
             age_s = max(0.0, now_utc_s - sample.arrival_utc_s)
             lst_deg = sample.sidereal_h * 15.0
-            cleared = self.safety.clear(motion, lst_deg, sample.ra_deg, sample.dec_deg, age_s)
+            cleared = self.safety.clear(motion, lst_deg, sample.ra_deg, sample.dec_deg, age_s, now_utc_s)
         if cleared.motion != self.session.wanted:
             self.session.apply(cleared)
         tripped = self.safety.tripped

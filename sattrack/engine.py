@@ -21,6 +21,7 @@ from sattrack.mount import Hold, Motion, MoveAxes, StatusSample
 from sattrack.safety import ROWS, Safety, SafetyLimits
 from sattrack.tracker import Phase, SkyError, Tracker, TrackPlan, sky_error
 from sattrack.view import ErrorView, LinkView, TrackView
+from sattrack.xerxes.launches import seen_of
 from sattrack.xerxes.link import STALE_AFTER_S, LinkState
 from sattrack.xerxes.session import Session
 from sattrack.xerxes.slewing import SlewState
@@ -40,6 +41,8 @@ LINGER_S = 0.25
 """Flag-free datagrams after the rest was seen, so that no late one is the last that the mount gets."""
 LONGEST_STEP_S = 0.5
 SITE_TOLERANCE_DEG = 0.1
+HOLDING = "holding"
+"""The phase in which a limit keeps the mount off its target."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +78,12 @@ class Engine:
         """Lines that came where observations or messages were expected, and were neither."""
         self.dropped = 0
         """Observations that came faster than they could be used."""
-        self.safety = Safety(spec.profile, spec.limits, spec.propagator.site.latitude_deg)
+        site = spec.propagator.site
+        self.safety = Safety(spec.profile, spec.limits, site.latitude_deg, site.longitude_deg, holds=True)
         self.reported = RunningError()
         self.on_target_s = 0.0
+        self.held_s: dict[str, float] = {}
+        """Seconds for which each limit held the mount off the target."""
         self.message: str | None = None
         self.finished = False
         self.failed = False
@@ -108,23 +114,32 @@ class Engine:
         error = self.tracker.take(sample)
         seconds = 0.0 if before is None else error.utc_s - before.utc_s
         self._before = sample
+        self._watch_profile()
+        if self.session.status is not None:
+            self.safety.watch(seen_of(self.session.status, arrival_utc_s), self._commanded)
         if was is not None and 0.0 < seconds < LONGEST_STEP_S:
-            self._watch_motion(was, sample, seconds)
             self._count(error, sample.counter, seconds)
 
-    def _watch_motion(self, was: StatusSample, sample: StatusSample, seconds: float) -> None:
-        moved = MoveAxes(
-            wrap180(sample.ra_deg - was.ra_deg) / seconds, (sample.dec_deg - was.dec_deg) / seconds
-        )
-        status = self.session.status
-        # Beyond the pole the axis stands half a turn from the hour angle that is reported.
-        beyond_deg = 180.0 if status is not None and status.side_of_pier else 0.0
-        hour_angle_deg = sample.sidereal_h * 15.0 - sample.ra_deg + beyond_deg
-        self.safety.watch(hour_angle_deg, moved, self._commanded, seconds)
+    def _watch_profile(self) -> None:
+        """Give up where statuses are not of the kind that the profile tells: it is another mount's."""
+        if self.tracker.ended_by is not None:
+            return
+        for name, told in self.spec.profile.readings.items():
+            shown = getattr(self.session.readings, name, None)
+            if shown is not None and shown != told:
+                self._give_up(
+                    "error",
+                    f"the profile {self.spec.profile.name!r} is another mount's: it says that {name} is "
+                    f"{told}, and {self.spec.mount_name} sends {shown}; give this mount's profile",
+                )
+                return
 
     def _count(self, error: SkyError, counter: int, seconds: float) -> None:
         """Take an error into the figures: everything from the first acquisition on, lost or not."""
         following = self.tracker.phase in {Phase.ACQUIRING, Phase.TRACKING}
+        if following and self.safety.holding is not None:
+            self.held_s[self.safety.holding] = self.held_s.get(self.safety.holding, 0.0) + seconds
+            following = False
         if not following or self.tracker.acquired_utc_s is None:
             self._recent.clear()
             return
@@ -143,12 +158,13 @@ class Engine:
         """Return the datagram to send now; call once a period."""
         if not self.failed:
             self._watch_link(now_utc_s)
-        motion = self.tracker.step(now_utc_s, self.session.slew_state is SlewState.DONE)
+        arrived = self.session.slew_state is SlewState.DONE and self.safety.on_last_leg
+        motion = self.tracker.step(now_utc_s, arrived)
         sample = self.session.sample
         if sample is not None:
             age_s = max(0.0, now_utc_s - sample.arrival_utc_s)
             lst_deg = sample.sidereal_h * 15.0
-            cleared = self.safety.clear(motion, lst_deg, sample.ra_deg, sample.dec_deg, age_s)
+            cleared = self.safety.clear(motion, lst_deg, sample.ra_deg, sample.dec_deg, age_s, now_utc_s)
             self._commanded = cleared.motion
             self.session.apply(cleared)
             if self.safety.tripped is not None and self.tracker.ended_by is None:
@@ -227,6 +243,12 @@ class Engine:
         self._counted.remove(counter)
         return sky_error(utc_s, ra_deg, dec_deg, self.tracker.direction_at(utc_s))
 
+    @property
+    def phase(self) -> str:
+        """What goes on: the tracker's phase, or "holding" where a limit keeps the mount from following."""
+        following = self.tracker.phase in {Phase.ACQUIRING, Phase.TRACKING}
+        return HOLDING if following and self.safety.holding is not None else self.tracker.phase.value
+
     def view(self, now_utc_s: float) -> TrackView:
         """Return what anyone who looks may see, as of an instant."""
         spec, tracker, sample = self.spec, self.tracker, self.session.sample
@@ -238,7 +260,7 @@ class Engine:
         age_s = None if sample is None else max(0.0, now_utc_s - sample.arrival_utc_s)
         return TrackView(
             utc_s=now_utc_s,
-            phase=tracker.phase.value,
+            phase=self.phase,
             name=spec.propagator.elements.label,
             catalog_number=spec.propagator.elements.catalog_number,
             mount=spec.mount_name,
@@ -314,6 +336,11 @@ class Engine:
         warnings = []
         if self._link_state is LinkState.STALE:
             warnings.append("no fresh status from the mount: following by prediction")
+        if self.phase == HOLDING:
+            row = ROWS[self.safety.holding or ""]
+            warnings.append(
+                f"held at the {row.name} limit ({row.bound}): it goes on when the target comes back"
+            )
         if self.safety.clamping and self.tracker.phase in {Phase.ACQUIRING, Phase.TRACKING}:
             warnings.append("the mount's rate limit is reached")
         if self.tracker.phase is Phase.STOPPING and not self.finished and not self.session.stopped:

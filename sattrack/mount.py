@@ -211,7 +211,7 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for name, place in (("park", self.park), ("home", self.home)):
             if place is None:
                 continue
-            if not abs(place.hour_angle_deg) <= self.hour_angle_limit_deg:
+            if not abs(math.remainder(place.hour_angle_deg, TURN_DEG)) <= self.hour_angle_limit_deg:
                 raise ValueError(
                     f"{name} is at hour angle {place.hour_angle_deg:g}, beyond hour_angle_limit_deg, "
                     f"{self.hour_angle_limit_deg:g}"

@@ -73,6 +73,9 @@ class Desk(Protocol):
     def submit(self, request: Request, now_utc_s: float) -> Ticket | Refusal:
         """Ask for one thing, if safety lets it."""
 
+    def way_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | Refusal:
+        """Return the slews that lead to a direction past whatever is in the way."""
+
 
 class Procedure(Protocol):
     """One thing that was asked for by hand."""
@@ -118,6 +121,49 @@ class Once:
         """See Procedure."""
         del desk, now_utc_s
         return None if self._ticket is None else outcome_of(self._ticket)
+
+
+@dataclass(slots=True)
+class SlewThere:
+    """A slew, or several one after the other where something lies on the straight way."""
+
+    request: Slew
+    doing: str = "slewing"
+    _left: list[Slew] = field(default_factory=list)
+    _ticket: Ticket | None = None
+
+    def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+        """See Procedure."""
+        way = desk.way_to(self.request, now_utc_s)
+        if isinstance(way, Refusal):
+            return way
+        self._left = list(way)
+        return self._next(desk, now_utc_s)
+
+    def step(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+        """See Procedure."""
+        assert self._ticket is not None
+        outcome = outcome_of(self._ticket)
+        if outcome is None or not self._left or outcome.state is not TicketState.COMPLETE:
+            return outcome
+        refusal = self._next(desk, now_utc_s)
+        return None if refusal is None else refused(refusal)
+
+    def _next(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+        """Ask for the next leg; the way is sought anew where something has come into it meanwhile."""
+        asked = desk.submit(self._left[0], now_utc_s)
+        if isinstance(asked, Refusal) and self._ticket is not None:
+            way = desk.way_to(self.request, now_utc_s)
+            if isinstance(way, Refusal):
+                return way
+            self._left = list(way)
+            asked = desk.submit(self._left[0], now_utc_s)
+        if isinstance(asked, Refusal):
+            return asked
+        self._left.pop(0)
+        self._ticket = asked
+        self.doing = "slewing round what is in the way" if self._left else "slewing"
+        return None
 
 
 @dataclass(slots=True)
@@ -172,6 +218,7 @@ class GoHome:
     """Find home, and the way there watched: the protocol acknowledges neither."""
 
     home: AxesPosition | None
+    request: FindHome = field(default_factory=FindHome)
     doing: str = "going home"
     _ticket: Ticket | None = None
     _begun_utc_s: float = 0.0
@@ -179,7 +226,7 @@ class GoHome:
 
     def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
         """See Procedure."""
-        asked = desk.submit(FindHome(), now_utc_s)
+        asked = desk.submit(self.request, now_utc_s)
         if isinstance(asked, Refusal):
             return asked
         self._ticket, self._begun_utc_s = asked, now_utc_s
@@ -220,6 +267,7 @@ class ParkThere:
 
     profile: MountProfile
     doing: str = "slewing to the park position"
+    _way: SlewThere | None = None
     _tickets: list[Ticket] = field(default_factory=list)
     _stopped_utc_s: float | None = None
 
@@ -230,19 +278,25 @@ class ParkThere:
             return Refusal("the mount profile has no park position, and parking cuts the drives' power")
         if sample is None:
             return Refusal("the mount has not been heard yet")
-        return self._ask(desk, self._slew(park, sample), now_utc_s)
+        self._way = SlewThere(self._slew(park, sample))
+        return self._way.begin(desk, now_utc_s)
 
     def step(self, desk: Desk, now_utc_s: float) -> Outcome | None:
         """See Procedure."""
+        if not self._tickets:
+            assert self._way is not None
+            arrived = self._way.step(desk, now_utc_s)
+            if arrived is None or arrived.state is not TicketState.COMPLETE:
+                return arrived
+            self.doing = "stopping at the park position"
+            refusal = self._ask(desk, Abort(), now_utc_s)
+            return None if refusal is None else refused(refusal)
         ticket = self._tickets[-1]
         if not ticket.settled:
             return None
         if isinstance(ticket.request, Park) or ticket.state is not TicketState.COMPLETE:
             return outcome_of(ticket)
-        if isinstance(ticket.request, Slew):
-            self.doing = "stopping at the park position"
-            refusal = self._ask(desk, Abort(), now_utc_s)
-        elif self._rests(desk, now_utc_s):
+        if self._rests(desk, now_utc_s):
             self.doing = "parking"
             refusal = self._ask(desk, Park(), now_utc_s)
         else:
@@ -286,14 +340,15 @@ def procedure_for(request: Request, profile: MountProfile) -> Procedure:
         case Park():
             return ParkThere(profile)
         case FindHome():
-            return GoHome(profile.home)
+            return GoHome(profile.home, request)
+        case Slew():
+            return SlewThere(request)
         case MoveAxis():
             raise ValueError("a MoveAxis needs its length: MoveFor, or a jog")
     return Once(request, _DOING.get(type(request).__name__, "asking"))
 
 
 _DOING = {
-    "Slew": "slewing",
     "Sync": "syncing",
     "Abort": "stopping",
     "PulseGuide": "guiding",

@@ -42,7 +42,12 @@ class Abort:
 
 @dataclass(frozen=True, slots=True)
 class FindHome:
-    """Go to the home position; the protocol has it as not used yet."""
+    """Go to the home position; the protocol has it as not used yet.
+
+    `in_daylight` says that the way there is free of the Sun where nobody but the operator can know.
+    """
+
+    in_daylight: bool = False
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,6 +41,8 @@ def summary_lines(summary: Summary) -> list[str]:
     ):
         if rms is not None and peak is not None:
             lines.append(f"  {word} error {rms:.3f}″ RMS, {peak:.3f}″ peak")
+    for name, seconds in summary.held_s.items():
+        lines.append(f"  held {seconds:.1f} s at the {name} limit")
     counts = summary.datagrams
     lines.append(
         f"  datagrams: {counts.sent} sent, {counts.received} received, {counts.lost} lost, "

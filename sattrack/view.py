@@ -171,5 +171,7 @@ class Summary(msgspec.Struct, frozen=True):
     offsets: tuple[OffsetView, ...] = ()
     """The operator's offsets at the end."""
     estimate: EstimateView | None = None
+    held_s: dict[str, float] = {}
+    """Seconds for which each limit held the mount off its target while it followed."""
     realtime_priority: bool | None = None
     """Whether the loop ran with real-time priority; null in virtual time."""

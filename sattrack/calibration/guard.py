@@ -13,13 +13,15 @@ from typing import TYPE_CHECKING
 
 from sattrack.calibration.plan import BOX_DEG, LARGEST_DISPLACEMENT_DEG, LARGEST_GAIN
 from sattrack.mount import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
-from sattrack.safety import altitude_deg
+from sattrack.safety import ROWS, altitude_deg, separation_deg
+from sattrack.safety.geometry import Box
 from sattrack.xerxes.datagrams import Command, encode_command
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from sattrack.calibration.statuses import Heard, StatusLog
+    from sattrack.safety.bounds import Bounds
 
 FLOOR_ALTITUDE_DEG = 20.0
 SUN_CONE_DEG = 15.0
@@ -68,18 +70,8 @@ class Surroundings:
     hour_angle_limit_deg: float
     floor_altitude_deg: float = FLOOR_ALTITUDE_DEG
     sun_cone_deg: float = SUN_CONE_DEG
-
-
-def separation_deg(ha_1: float, dec_1: float, ha_2: float, dec_2: float) -> float:
-    """Return the great-circle angle between two directions given by hour angle and declination, degrees."""
-    h, d1, d2 = (math.radians(x) for x in (ha_1 - ha_2, dec_1, dec_2))
-    across = math.hypot(
-        math.cos(d2) * math.sin(h),
-        math.cos(d1) * math.sin(d2) - math.sin(d1) * math.cos(d2) * math.cos(h),
-    )
-    return math.degrees(
-        math.atan2(across, math.sin(d1) * math.sin(d2) + math.cos(d1) * math.cos(d2) * math.cos(h))
-    )
+    bounds: Bounds | None = None
+    """The site's and the mount's own limits, at the beginning of the run."""
 
 
 class Guard:
@@ -186,6 +178,7 @@ class Guard:
                 f"the mount stands at hour angle {last.hour_angle_deg:.1f}°, within {farthest:.1f}° of the "
                 f"limit of {around.hour_angle_limit_deg:g}°: slew back and start again",
             )
+        self._refuse_limits(last)
         nearest = min(
             separation_deg(ha, dec, around.sun_hour_angle_deg + later, around.sun_dec_deg)
             for ha, dec in places
@@ -196,6 +189,21 @@ class Guard:
                 Kind.LIMIT,
                 f"the Sun is {nearest:.1f}° from what the mount may point at; at least "
                 f"{around.sun_cone_deg:g}° is needed: slew away from the Sun and start again",
+            )
+
+    def _refuse_limits(self, last: Heard) -> None:
+        if self._around.bounds is None:
+            return
+        ha, dec = last.hour_angle_deg, last.dec_deg
+        if last.status.side_of_pier:
+            ha, dec = ha + 180.0, math.copysign(180.0, self._around.latitude_deg) - dec
+        box = Box(ha, ha, dec, dec).grown(BOX_DEG, BOX_DEG, BOX_DEG, BOX_DEG)
+        name = self._around.bounds.violated(box, {}, SUN_MOVES_DEG / SIDEREAL_RATE_DEG_S)
+        if name is not None:
+            raise CalibrationEndedError(
+                Kind.LIMIT,
+                f"within {BOX_DEG:g}° of where the mount stands is its {name} limit ({ROWS[name].bound}): "
+                "slew away and start again",
             )
 
     def watch(self, heard: Heard, log: StatusLog) -> None:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from sattrack.clock import Clock
     from sattrack.mount import MountProfile
     from sattrack.profiles import ProfileFile
+    from sattrack.safety import SafetyLimits
     from sattrack.xerxes.client import Address
     from tle.site import Site
 
@@ -69,7 +70,8 @@ def command(context: CommandContext, **options: Any) -> int:
             raise BadInputError("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
         site = practice.SITE.place()
     _ask(options["yes"], "sim" if address is None else str(address))
-    calibrator = _fly(context.clock(), site, base.mount, address, options["sim_profile"])
+    limits = context.settings.safety.limits()
+    calibrator = _fly(context.clock(), site, (base.mount, limits), address, options["sim_profile"])
     assert calibrator.ending is not None
     error = ending_error(calibrator.ending)
     if error is not None:
@@ -136,13 +138,17 @@ def _ask(consented: bool, mount_name: str) -> None:
 
 
 def _fly(
-    clock: Clock, site: Site, profile: MountProfile, address: Address | None, sim_profile: Path | None
+    clock: Clock,
+    site: Site,
+    described: tuple[MountProfile, SafetyLimits],
+    address: Address | None,
+    sim_profile: Path | None,
 ) -> Calibrator:
     """Run the calibration, beside a simulated mount of its own where there is no other."""
     from sattrack.runtime.calibrate import calibrate_live, surroundings
-    from sattrack.safety import SafetyLimits
 
-    around = surroundings(site, profile, clock.utc_s(time.monotonic()), SafetyLimits().floor_altitude_deg)
+    profile, limits = described
+    around = surroundings(site, profile, clock.utc_s(time.monotonic()), limits)
     with ExitStack() as stack:
         if address is None:
             from sattrack.runtime.calibrate import start_practice_mount

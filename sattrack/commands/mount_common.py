@@ -28,7 +28,6 @@ from sattrack.errors import (
 from sattrack.requests import objection
 from sattrack.runtime.console import Connection, attend, connected
 from sattrack.runtime.mounts import mount_address
-from sattrack.safety import SafetyLimits
 from sattrack.view import LinkView
 
 if TYPE_CHECKING:
@@ -66,7 +65,7 @@ class MountCall:
 
     def console(self) -> Console:
         """Return a console for it."""
-        return Console(self.described.mount, SafetyLimits(), self.site, self.name)
+        return Console(self.described.mount, self.context.settings.safety.limits(), self.site, self.name)
 
     def connected(self, own: bool = True) -> AbstractContextManager[Connection]:
         """Return a connection to it, to be entered; without `own`, only to look at it."""

@@ -71,6 +71,7 @@ def command(context: CommandContext, satellite: str, number: int, **options: Any
         bias_cross_deg=options["bias_cross"],
         virtual=True,
         profile=context.profile(options["profile"]),
+        limits=context.settings.safety.limits(),
     )
     prepared = choose_nth_pass(prepare(request), number, min_alt_deg)
     if prepared.practising:

@@ -70,6 +70,7 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
         virtual=options["virtual"],
         record=options["record"],
         profile=context.profile(options["profile"]),
+        limits=context.settings.safety.limits(),
     )
     if is_antenna(request.mount_url):
         from sattrack.commands.track_antenna import follow

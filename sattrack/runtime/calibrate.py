@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 from sattrack import practice
 from sattrack.calibration.calibrator import Calibrator
-from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, Kind, Surroundings, separation_deg
+from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, Kind, Surroundings
 from sattrack.calibration.sender import PERIOD_S
 from sattrack.calibration.sky import sun_hour_angle_and_dec
 from sattrack.clock import SimulatedClock
@@ -25,7 +25,8 @@ from sattrack.profiles import ProfileFile, load_profile_file
 from sattrack.runtime.embedded import start_embedded
 from sattrack.runtime.guard import Guard, owned
 from sattrack.runtime.signals import StopRequest, stopping
-from sattrack.safety import altitude_deg
+from sattrack.safety import SafetyLimits, altitude_deg, separation_deg
+from sattrack.safety.bounds import Bounds
 from sattrack.xerxes.client import Address
 from sattrack.xerxes.datagrams import Command, encode_command
 from sattrack.xerxes.simulator.mount import SimulatedSite, StartPosition
@@ -52,20 +53,24 @@ _INPUT_FLAGS = 0
 
 
 def surroundings(
-    site: Site, profile: MountProfile, utc_s: float, floor_altitude_deg: float = 0.0
+    site: Site, profile: MountProfile, utc_s: float, limits: SafetyLimits | None = None
 ) -> Surroundings:
     """Return what the run must keep clear of at an instant; the floor is never below FLOOR_ALTITUDE_DEG.
 
     Raises TimeRangeError where the Earth's orientation is not known.
     """
+    limits = SafetyLimits() if limits is None else limits
     sun_hour_angle_deg, sun_dec_deg = sun_hour_angle_and_dec(utc_s, site)
+    bounds = Bounds(profile, limits, site.latitude_deg, site.longitude_deg)
+    bounds.look(utc_s, 0.0)
     return Surroundings(
         latitude_deg=site.latitude_deg,
         longitude_deg=site.longitude_deg,
         sun_hour_angle_deg=sun_hour_angle_deg,
         sun_dec_deg=sun_dec_deg,
         hour_angle_limit_deg=profile.hour_angle_limit_deg,
-        floor_altitude_deg=max(FLOOR_ALTITUDE_DEG, floor_altitude_deg),
+        floor_altitude_deg=max(FLOOR_ALTITUDE_DEG, limits.floor_altitude_deg),
+        bounds=bounds,
     )
 
 

@@ -83,6 +83,7 @@ def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
         recording=spec.recording,
         mount_stopped=engine.mount_stopped,
         message=engine.message or _never_followed(engine),
+        held_s={name: round(seconds, 3) for name, seconds in engine.held_s.items()},
     )
 
 

@@ -22,10 +22,12 @@ from tle.sources import find
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from sattrack.mount import MountProfile
     from sattrack.xerxes.client import Address
     from tle.elements import Elements
     from tle.site import Site
 
+SAME_SITE_DEG = 0.1
 VIRTUAL_LEAD_S = 5.0
 
 
@@ -46,6 +48,7 @@ class RunRequest:
     virtual: bool = False
     record: Path | None = None
     profile: ProfileFile = field(default_factory=ProfileFile)
+    limits: SafetyLimits = field(default_factory=SafetyLimits)
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,11 +72,12 @@ def prepare(request: RunRequest) -> Prepared:
     if address is not None and request.virtual:
         raise BadInputError("--virtual goes with --mount sim only; a real mount needs real time")
     _check_bias(request)
-    floor_deg = SafetyLimits().floor_altitude_deg
+    floor_deg = request.limits.floor_altitude_deg
     if request.min_alt_deg < floor_deg:
         raise BadInputError(f"--min-alt {request.min_alt_deg:g}: the mount is kept above {floor_deg:g}°")
     practising = address is None and request.elements is None and request.site is None
     elements, site = _object_and_site(request, practising)
+    check_site(request.profile.mount, site)
     clock_text = request.clock_option
     if clock_text is None and practising:
         clock_text = practice.BEFORE_PASS
@@ -95,7 +99,7 @@ def prepare(request: RunRequest) -> Prepared:
         culminate_utc_s=float(satellite_pass.culminate_utc.unix_s),
         max_alt_deg=float(satellite_pass.max_alt_deg),
         profile=request.profile.mount,
-        limits=SafetyLimits(),
+        limits=request.limits,
         bias_along_s=request.bias_along_s,
         bias_cross_deg=request.bias_cross_deg,
         camera_rotation_deg=request.camera_rotation_deg,
@@ -116,6 +120,20 @@ def with_detours(facts: RunFacts) -> RunFacts:
     spec = build_engine(facts).spec
     detours = detours_for(spec.propagator, spec.bias, facts.plan, facts.profile)
     return msgspec.structs.replace(facts, plan=msgspec.structs.replace(facts.plan, detours=detours))
+
+
+def check_site(profile: MountProfile, site: Site) -> None:
+    """Raise BadInputError where a profile was made for a mount that stands elsewhere."""
+    made = profile.stands_at
+    if made is None:
+        return
+    east_deg = (made.longitude_deg - site.longitude_deg + 180.0) % 360.0 - 180.0
+    if max(abs(made.latitude_deg - site.latitude_deg), abs(east_deg)) > SAME_SITE_DEG:
+        raise BadInputError(
+            f"the profile {profile.name!r} is of a mount at {made.latitude_deg:.2f}, "
+            f"{made.longitude_deg:.2f} (stands_at), and the site is {site.latitude_deg:.2f}, "
+            f"{site.longitude_deg:.2f}: give this mount's profile"
+        )
 
 
 def _check_bias(request: RunRequest) -> None:

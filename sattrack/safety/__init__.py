@@ -4,19 +4,11 @@
 takes motions in no other form.
 """
 
-from sattrack.safety.gate import (
-    INTERLOCKS,
-    ROWS,
-    Cleared,
-    ClearedRequest,
-    Interlock,
-    Reaction,
-    Safety,
-    Stance,
-    park_objection,
-)
+from sattrack.safety.gate import Cleared, ClearedRequest, Safety, Stance, park_objection
 from sattrack.safety.geometry import altitude_deg, separation_deg
 from sattrack.safety.limits import SUN_CONE_DEG, SafetyLimits
+from sattrack.safety.table import INTERLOCKS, ROWS, Interlock, Reaction
+from sattrack.safety.watch import Seen
 
 __all__ = [
     "INTERLOCKS",
@@ -28,6 +20,7 @@ __all__ = [
     "Reaction",
     "Safety",
     "SafetyLimits",
+    "Seen",
     "Stance",
     "altitude_deg",
     "park_objection",

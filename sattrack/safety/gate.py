@@ -1,76 +1,54 @@
-"""Limits and interlocks as one table, between everything that moves the mount and the wire.
+"""The gate through which every motion and every request goes.
 
-`Safety.clear` is the only maker of `Cleared`, and a session takes motions in no other form.
+Rates are those of the reported right ascension and declination, as in `mount.MoveAxes`; inside, they are
+those of the axes, hour angle and declination.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, Motion, MountProfile, MoveAxes, SlewTo, Stop
-from sattrack.requests import Abort, FindHome, MoveAxis, Park, Request, Slew, Sync, objection
-from sattrack.safety.geometry import altitude_deg
+from sattrack.requests import (
+    Abort,
+    FindHome,
+    FineRate,
+    MoveAxis,
+    Park,
+    PulseGuide,
+    Request,
+    Slew,
+    Sync,
+    objection,
+)
+from sattrack.safety.bounds import HELD, INSIDE_MARGIN_DEG, Bounds
+from sattrack.safety.geometry import Box, altitude_deg
+from sattrack.safety.held import nearest_rates
+from sattrack.safety.reach import AxisMotion, Delays, reach_deg
+from sattrack.safety.slews import SlewGate
+from sattrack.safety.table import ROWS
+from sattrack.safety.watch import BACKWARD_S, Seen, Watch
 
 if TYPE_CHECKING:
     from sattrack.safety.limits import SafetyLimits
+    from sattrack.safety.route import Place
 
-
-class Reaction(StrEnum):
-    """What an interlock does when its bound is reached."""
-
-    CLAMP = "clamp"
-    STOP = "stop"
-
-
-@dataclass(frozen=True, slots=True)
-class Interlock:
-    """One row: what is watched, its bound, what happens, and which way out there is."""
-
-    name: str
-    watches: str
-    bound: str
-    reaction: Reaction
-    way_out: str
-
-
-INTERLOCKS = (
-    Interlock("rate", "commanded axis rates", "profile's max_rate_deg_s", Reaction.CLAMP, "by itself"),
-    Interlock("command", "commanded numbers", "finite", Reaction.STOP, "start again"),
-    Interlock(
-        "altitude",
-        "altitude where MoveAxis would come to rest if stopped now, and that of a slew's end",
-        "floor_altitude_deg",
-        Reaction.STOP,
-        "slew up by the mount's own console, start again",
-    ),
-    Interlock(
-        "hour_angle",
-        "hour angle where MoveAxis would come to rest if stopped now, turns counted from the first status",
-        "profile's hour_angle_limit_deg either way",
-        Reaction.STOP,
-        "slew back by the mount's own console, start again",
-    ),
-    Interlock(
-        "obedience",
-        "rates that the mount reports against those commanded, while either is above 0.5 °/s",
-        "not the opposite way, nor at rest, nor faster than twice as fast and 1 °/s, for a second",
-        Reaction.STOP,
-        "check the profile's signs and the drives",
-    ),
-)
-ROWS = {row.name: row for row in INTERLOCKS}
-
-
-LATENCY_S = 0.2
-"""How long a stop may take to act, beside the braking itself."""
 PARKED_WITHIN_DEG = 0.5
-DISOBEDIENT_DEG_S = 0.5
-DISOBEDIENT_FOR_S = 1.0
-RUNAWAY_DEG_S = 1.0
-"""A mount that moves faster than twice what it was told, and this, for so long, does not obey either."""
+OLDEST_STATUS_S = 2.5
+PERIODS_UNTIL_OBEYED = 2.0
+"""Ours until the next datagram goes out, and the mount's until its loop reads it."""
+EDGE_PERIODS = 6.0
+"""How long the handshake of a mount that takes rates by edges may hold back a new rate."""
+JITTER_S = 0.1
+STEP_SHARE = 2.0
+"""A mean rate over a ramp is reached by a command twice as large, so steps may be so much of a ramp."""
+GUIDE_RATE_DEG_S = SIDEREAL_RATE_DEG_S
+"""More than any pulse's: the paper's is about half of it."""
+SLOWEST_DRIFT_S = 30.0
+"""A drift that reaches a limit within this is ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,6 +74,7 @@ class Stance(NamedTuple):
     slewing: bool
     drives_at_rest: bool
     """Whether both drives report standstill, sidereal tracking not counted as rest."""
+    beyond_pole: bool = False
 
 
 def park_objection(profile: MountProfile, stance: Stance) -> str | None:
@@ -114,73 +93,123 @@ def park_objection(profile: MountProfile, stance: Stance) -> str | None:
 
 
 class Safety:
-    """Clears motions; once an interlock has stopped the mount, only stops are cleared."""
+    """Clears motions; once an interlock has stopped the mount, only stops are cleared.
 
-    def __init__(self, profile: MountProfile, limits: SafetyLimits, latitude_deg: float) -> None:
+    `latitude_deg` and `longitude_deg` are the site's; without a longitude nobody knows where the Sun is, and
+    nothing is moved unless `limits` say that there are no optics. With `holds`, a stream of rates that would
+    pass a limit is cut down to what keeps inside, and slews go round what is in their way; without, as for
+    what is moved by hand, such rates stop the mount and such slews are refused.
+    """
+
+    def __init__(
+        self,
+        profile: MountProfile,
+        limits: SafetyLimits,
+        latitude_deg: float,
+        longitude_deg: float | None = None,
+        holds: bool = False,
+    ) -> None:
         self._profile = profile
         self._limits = limits
         self._latitude_deg = latitude_deg
+        self._holds = holds
+        self._bounds = Bounds(profile, limits, latitude_deg, longitude_deg)
+        self._watch = Watch(profile, limits.longest_fault_s, longitude_deg, limits.clock_tolerance_s)
+        self._slews = SlewGate(profile, self._bounds, latitude_deg, detours=holds)
         self.tripped: str | None = None
         """Name of the interlock that stopped the mount."""
-        self._hour_angle_deg: float | None = None
-        self._disobeyed_s = 0.0
+        self.holding: str | None = None
+        """Name of the limit at which the stream of rates is held."""
         self.clamping = False
-        """Whether the last command's rates were cut to the limits."""
+        """Whether the last command's rates were cut to the axes' limits."""
+        self._hour_angle_deg: float | None = None
+        self._beyond_pole = False
+        self._slewing = False
+        self._sent: deque[tuple[float, float, float]] = deque()
+        """What was cleared of late: when (UTC), and the rates of both axes."""
+        self._newest_utc_s = -math.inf
+        delay_s = profile.command_delay_s + profile.status_delay_s
+        edge_s = EDGE_PERIODS * profile.period_s if profile.move_axis == "edge" else 0.0
+        self._latency_s = PERIODS_UNTIL_OBEYED * profile.period_s + JITTER_S + delay_s + edge_s
 
-    def watch(self, hour_angle_deg: float, moved: MoveAxes, commanded: Motion, seconds: float) -> None:
-        """Take what a status tells: where the hour angle axis is, and how the mount moved since the last one.
+    @property
+    def on_last_leg(self) -> bool:
+        """Whether the slew that is cleared goes to where it was asked to, and not to a place on the way."""
+        return self._slews.on_last_leg
 
-        `moved` are mean rates over `seconds`, `commanded` what was in force; call once a status.
-        """
-        # Unknown until told, the turns are taken to begin within half a turn of the meridian.
-        before = self._hour_angle_deg or 0.0
-        self._hour_angle_deg = before + (hour_angle_deg - before + 180.0) % 360.0 - 180.0
-        if not isinstance(commanded, MoveAxes):
-            self._disobeyed_s = 0.0
-            return
-        pairs = (
-            (commanded.ra_rate_deg_s, moved.ra_rate_deg_s),
-            (commanded.dec_rate_deg_s, moved.dec_rate_deg_s),
-        )
-        disobeyed = any(
-            (abs(c) > DISOBEDIENT_DEG_S and m * c < 0.05 * c * c) or abs(m) > 2.0 * abs(c) + RUNAWAY_DEG_S
-            for c, m in pairs
-        )
-        self._disobeyed_s = self._disobeyed_s + seconds if disobeyed else 0.0
-        if self._disobeyed_s > DISOBEDIENT_FOR_S:
-            self._trip("obedience")
+    def watch(self, seen: Seen, commanded: Motion) -> None:
+        """Take a status; `commanded` is the motion that was in force. Call once a status."""
+        self._note_axes(seen.sidereal_deg - seen.ra_deg, seen.beyond_pole)
+        self._slewing = seen.slewing
+        tripped = self._watch.see(seen, commanded)
+        if tripped is None and self._slews.strays(self._place(seen.dec_deg), seen):
+            tripped = "obedience"
+        if tripped is not None and self.tripped is None and isinstance(commanded, MoveAxes | SlewTo):
+            self._trip(tripped)
 
     def follow_on(self, former: Safety) -> None:
         """Take over how far the cables are wound from a former one, whose stop is over."""
         self._hour_angle_deg = former._hour_angle_deg
+        self._beyond_pole = former._beyond_pole
 
-    def clear(
-        self, motion: Motion, sidereal_deg: float, ra_deg: float, dec_deg: float, age_s: float = 0.0
+    def clear(  # noqa: PLR0911
+        self,
+        motion: Motion,
+        sidereal_deg: float,
+        ra_deg: float,
+        dec_deg: float,
+        age_s: float = 0.0,
+        utc_s: float | None = None,
     ) -> Cleared:
         """Return what may be sent of `motion`.
 
-        `sidereal_deg` is the mount's local sidereal time, `ra_deg`, `dec_deg` where it was `age_s` ago.
+        `sidereal_deg` is the mount's local sidereal time, `ra_deg`, `dec_deg` where it was `age_s` ago;
+        `utc_s` is the instant now, POSIX seconds, without which the Sun's place is not known.
         """
         self.clamping = False
-        if self.tripped is not None:
+        if self.tripped is not None or isinstance(motion, Stop):
+            self._let_go()
             return Cleared(Stop())
-        match motion:
-            case MoveAxes():
-                return self._clear_move(motion, sidereal_deg - ra_deg, dec_deg, age_s)
-            case SlewTo():
-                if not self._finite(motion.ra_deg, motion.dec_deg):
-                    return self._trip("command")
-                if self._below_floor(sidereal_deg - motion.ra_deg, motion.dec_deg):
-                    return self._trip("altitude")
-                return Cleared(motion)
-            case Hold() | Stop():
-                return Cleared(motion)
+        if isinstance(motion, Hold):
+            self._let_go()
+            return Cleared(motion)
+        numbers = (
+            (motion.ra_rate_deg_s, motion.dec_rate_deg_s)
+            if isinstance(motion, MoveAxes)
+            else (motion.ra_deg, motion.dec_deg)
+        )
+        if not all(math.isfinite(x) for x in (*numbers, sidereal_deg, ra_deg, dec_deg, age_s)):
+            return self._trip("command")
+        if utc_s is not None and utc_s < self._newest_utc_s - BACKWARD_S:
+            return self._trip("clock")
+        if age_s > OLDEST_STATUS_S:
+            return self._trip("status_age")
+        self._newest_utc_s = max(self._newest_utc_s, -math.inf if utc_s is None else utc_s)
+        if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
+            return self._trip("sun")
+        if self._hour_angle_deg is None:
+            self._note_axes(sidereal_deg - ra_deg, self._beyond_pole)
+        turned = self._nearest_turn(sidereal_deg - ra_deg)
+        place = self._place(dec_deg, turned)
+        if isinstance(motion, SlewTo):
+            self._sent.clear()
+            self.holding = None
+            allowed = self._slews.clear(motion, sidereal_deg, (ra_deg, dec_deg), place)
+            if isinstance(allowed, SlewTo) and not self._slewing and self._slews.is_there((ra_deg, dec_deg)):
+                # The mount tracks the sky where it has arrived.
+                waits = Box.between(place, place).grown(0.0, SIDEREAL_RATE_DEG_S, 0.0, 0.0)
+                allowed = self._bounds.violated(waits, {}, 0.0, INSIDE_MARGIN_DEG) or allowed
+            return self._trip(allowed) if isinstance(allowed, str) else Cleared(allowed)
+        self._slews.forget()
+        return self._clear_move(motion, place, age_s, utc_s)
 
-    def clear_request(self, request: Request, stance: Stance | None) -> ClearedRequest | str:
+    def clear_request(
+        self, request: Request, stance: Stance | None, utc_s: float | None = None
+    ) -> ClearedRequest | str:
         """Return a request as it may be submitted, or in words why it may not be.
 
-        `stance` is None where the mount has not been heard: then only an abort passes. The rates of a
-        MoveAxis go on being judged by `clear`, once a period.
+        `stance` is None where the mount has not been heard: then only an abort passes; `utc_s` is the instant
+        now. The rates of a MoveAxis go on being judged by `clear`, once a period.
         """
         if isinstance(request, Abort):
             return ClearedRequest(request)
@@ -192,70 +221,272 @@ class Safety:
                 f"safety has stopped the mount ({ROWS[self.tripped].watches}): {ROWS[self.tripped].way_out}"
             )
         if refused is None and stance is not None:
-            refused = self._request_objection(request, stance)
+            refused = self._request_objection(request, stance, utc_s)
         return ClearedRequest(request) if refused is None else refused
 
-    def _request_objection(self, request: Request, stance: Stance) -> str | None:
+    def way_to(self, request: Slew, stance: Stance, utc_s: float | None) -> tuple[Slew, ...] | str:
+        """Return the slews that lead to a direction past what is in the way, or why there is no way."""
+        if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
+            return NO_SUN
+        place = self._stance_place(stance)
+        found = self._slews.route(SlewTo(request.ra_deg, request.dec_deg), stance.sidereal_deg, place)
+        if isinstance(found, str):
+            return self._slew_words(found, request, stance)
+        return tuple(Slew(leg.ra_deg % 360.0, leg.dec_deg) for leg in found)
+
+    def drift_objection(self, fine: FineRate, stance: Stance, utc_s: float | None) -> str | None:
+        """Return the name of a limit that the mount drifts to under fine rates, tracking the sky; or None."""
+        if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
+            return "sun"
+        ha_deg_s, dec_deg_s = SIDEREAL_RATE_DEG_S + fine.ra_deg_s, fine.dec_deg_s
+        return self._drift_limit(stance, ha_deg_s, dec_deg_s, SLOWEST_DRIFT_S)
+
+    def _request_objection(  # noqa: PLR0911
+        self, request: Request, stance: Stance, utc_s: float | None
+    ) -> str | None:
+        if isinstance(request, Slew | MoveAxis | FindHome | FineRate | PulseGuide) and not self._bounds.look(
+            utc_s, self._watch.clock_gap_deg
+        ):
+            return NO_SUN
         match request:
-            case Slew() | Sync():
-                altitude = altitude_deg(
-                    stance.sidereal_deg - request.ra_deg, request.dec_deg, self._latitude_deg
+            case Sync():
+                return self._floor_words(request, stance)
+            case Slew():
+                name = self._slews.objection(
+                    SlewTo(request.ra_deg, request.dec_deg), stance.sidereal_deg, self._stance_place(stance)
                 )
-                if altitude < self._limits.floor_altitude_deg:
-                    floor = self._limits.floor_altitude_deg
-                    return f"that direction is at {altitude:.1f}° altitude; the limit is {floor:g}°"
+                return None if name is None else self._slew_words(name, request, stance)
             case MoveAxis():
                 move = MoveAxes(request.ra_rate_deg_s or 0.0, request.dec_rate_deg_s or 0.0)
-                name = self._limit_ahead(move, stance.sidereal_deg - stance.ra_deg, stance.dec_deg, 0.0)
+                name = self._move_objection(move, stance)
                 if name is not None:
                     return f"the mount stands at its {ROWS[name].name} limit ({ROWS[name].watches})"
             case Park():
                 return park_objection(self._profile, stance)
             case FindHome() if stance.slewing:
                 return "the mount is slewing: end that first"
+            case FindHome():
+                return self._home_objection(request, stance)
+            case FineRate() | PulseGuide():
+                return self._guide_objection(request, stance)
         return None
 
-    def _clear_move(self, move: MoveAxes, hour_angle_deg: float, dec_deg: float, age_s: float) -> Cleared:
-        if not self._finite(move.ra_rate_deg_s, move.dec_rate_deg_s):
-            return self._trip("command")
-        # The right ascension axis turns with the hour angle, so its bound is on sidereal minus this rate.
-        ra_limit = self._profile.ra.max_rate_deg_s
-        dec_limit = self._profile.dec.max_rate_deg_s
-        ra = max(SIDEREAL_RATE_DEG_S - ra_limit, min(SIDEREAL_RATE_DEG_S + ra_limit, move.ra_rate_deg_s))
-        dec = max(-dec_limit, min(dec_limit, move.dec_rate_deg_s))
-        ahead = self._limit_ahead(MoveAxes(ra, dec), hour_angle_deg, dec_deg, age_s)
-        if ahead is not None:
-            return self._trip(ahead)
-        if ra == move.ra_rate_deg_s and dec == move.dec_rate_deg_s:
-            return Cleared(move)
-        self.clamping = True
-        return Cleared(MoveAxes(ra, dec))
+    def _floor_words(self, request: Slew | Sync, stance: Stance) -> str | None:
+        altitude = altitude_deg(stance.sidereal_deg - request.ra_deg, request.dec_deg, self._latitude_deg)
+        floor = self._limits.floor_altitude_deg
+        if altitude < floor:
+            return f"that direction is at {altitude:.1f}° altitude; the limit is {floor:g}°"
+        return None
 
-    def _limit_ahead(self, move: MoveAxes, hour_angle_deg: float, dec_deg: float, age_s: float) -> str | None:
-        """Return the name of the limit beyond which these rates would come to rest if stopped now."""
-        on = self._way_to_rest_deg(
-            SIDEREAL_RATE_DEG_S - move.ra_rate_deg_s, self._profile.ra.max_acceleration_deg_s2, age_s
+    def _slew_words(self, name: str, request: Slew, stance: Stance) -> str:
+        row = ROWS[name]
+        low = self._floor_words(request, stance)
+        return low or f"no way to there keeps clear of the {row.name} limit ({row.bound})"
+
+    def _move_objection(self, move: MoveAxes, stance: Stance) -> str | None:
+        place = self._stance_place(stance)
+        rates = self._axis_rates(move, stance.beyond_pole)
+        now = (rates, rates)
+        return self._limit_ahead(self._motions(place, now), rates, 0.0, self._margins_at(place))
+
+    def _home_objection(self, request: FindHome, stance: Stance) -> str | None:
+        home = self._profile.home
+        if home is None:
+            if self._bounds.sun_is_up and not request.in_daylight:
+                return (
+                    "the mount profile has no home position, so nobody knows the way there, and the Sun is "
+                    "up: put home into the profile, or say --in-daylight"
+                )
+            return None
+        name = self._slews.way_objection(self._stance_place(stance), (home.hour_angle_deg, home.dec_deg))
+        return None if name is None else f"the way home is not clear of the {ROWS[name].name} limit"
+
+    def _guide_objection(self, request: FineRate | PulseGuide, stance: Stance) -> str | None:
+        if isinstance(request, FineRate):
+            name = self.drift_objection(request, stance, self._bounds.utc_s)
+        else:
+            seconds = max(abs(request.ra_ms), abs(request.dec_ms)) / 1000.0
+            share = [ms / 1000.0 / seconds for ms in (request.ra_ms, request.dec_ms)]
+            name = self._drift_limit(
+                stance,
+                SIDEREAL_RATE_DEG_S + GUIDE_RATE_DEG_S * share[0],
+                GUIDE_RATE_DEG_S * share[1],
+                seconds,
+            )
+        return (
+            None if name is None else f"that would lead past the {ROWS[name].name} limit ({ROWS[name].bound})"
         )
-        up = self._way_to_rest_deg(move.dec_rate_deg_s, self._profile.dec.max_acceleration_deg_s2, age_s)
-        if self._below_floor(hour_angle_deg + on, dec_deg + up):
-            return "altitude"
-        turned = self._hour_angle_deg or 0.0
-        if abs(turned + on) > self._profile.hour_angle_limit_deg and turned * on > 0.0:
-            return "hour_angle"
-        return None
+
+    def _drift_limit(self, stance: Stance, ha_deg_s: float, dec_deg_s: float, seconds: float) -> str | None:
+        place = self._stance_place(stance)
+        sense = -1.0 if stance.beyond_pole else 1.0
+        end = (place[0] + ha_deg_s * seconds, place[1] + sense * dec_deg_s * seconds)
+        return self._bounds.violated(Box.between(place, end), self._margins_at(place), seconds)
+
+    def _clear_move(self, move: MoveAxes, place: Place, age_s: float, utc_s: float | None) -> Cleared:
+        wish = self._axis_rates(move, self._beyond_pole)
+        wanted = self._within_axes(wish, utc_s)
+        self.clamping = self._clipped(wish) != wish
+        now = self._in_force(age_s, utc_s)
+        motions = self._motions(place, now)
+        name = self._limit_ahead(motions, wanted, age_s, HELD)
+        self.holding = name
+        if name is not None:
+            margins = self._bounds.margins_at(self._reach(motions, REST, age_s))
+            if not self._holds:
+                inward = self._limit_ahead(motions, wanted, age_s, margins)
+                if inward is not None:
+                    return self._trip(inward)
+            else:
+                outside = self._bounds.violated(Box.between(place, place), {}, 0.0, INSIDE_MARGIN_DEG)
+                if outside is not None:
+                    return self._trip(outside)
+                wanted = nearest_rates(
+                    wanted,
+                    math.cos(math.radians(place.dec_deg)),
+                    lambda rates: self._limit_ahead(motions, rates, age_s, margins) is None,
+                )
+                if wanted == REST:
+                    wanted = self._retreat(place, name, motions, age_s, margins)
+        if utc_s is not None:
+            self._sent.append((utc_s, *wanted))
+        return Cleared(self._as_move(wanted, move, wish))
+
+    def _retreat(
+        self,
+        place: Place,
+        name: str,
+        motions: tuple[AxisMotion, AxisMotion],
+        age_s: float,
+        margins: dict[str, float],
+    ) -> tuple[float, float]:
+        """Return rates that keep away from what moves towards axes that stand: the Sun, the Moon."""
+        rates = self._bounds.away(name, place)
+        if rates is None or self._limit_ahead(motions, rates, age_s, margins) is not None:
+            return REST
+        return rates
+
+    def _as_move(self, rates: tuple[float, float], move: MoveAxes, wish: tuple[float, float]) -> MoveAxes:
+        if rates == wish:
+            return move
+        sense = -1.0 if self._beyond_pole else 1.0
+        return MoveAxes(
+            move.ra_rate_deg_s if rates[0] == wish[0] else SIDEREAL_RATE_DEG_S - rates[0],
+            move.dec_rate_deg_s if rates[1] == wish[1] else sense * rates[1],
+        )
+
+    def _within_axes(self, wish: tuple[float, float], utc_s: float | None) -> tuple[float, float]:
+        """Return rates within the axes' limits, and for a stream no farther from the last than a ramp."""
+        ha, dec = self._clipped(wish)
+        if not (self._holds and self._sent and utc_s is not None):
+            return ha, dec
+        then_s, ha_before, dec_before = self._sent[-1]
+        seconds = max(self._profile.period_s, utc_s - then_s)
+        profile = self._profile
+        return (
+            _stepped(ha, ha_before, STEP_SHARE * profile.ra.max_acceleration_deg_s2 * seconds),
+            _stepped(dec, dec_before, STEP_SHARE * profile.dec.max_acceleration_deg_s2 * seconds),
+        )
+
+    def _clipped(self, wish: tuple[float, float]) -> tuple[float, float]:
+        most_ha, most_dec = self._profile.ra.max_rate_deg_s, self._profile.dec.max_rate_deg_s
+        return max(-most_ha, min(most_ha, wish[0])), max(-most_dec, min(most_dec, wish[1]))
+
+    def _in_force(self, age_s: float, utc_s: float | None) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Return the least and the greatest rates of both axes that may have been in force of late."""
+        seen = self._axis_rates(self._watch.moved, self._beyond_pole)
+        limits = (self._profile.ra, self._profile.dec)
+        seen = (
+            max(-limits[0].slew_rate_deg_s * 1.5, min(limits[0].slew_rate_deg_s * 1.5, seen[0])),
+            max(-limits[1].slew_rate_deg_s * 1.5, min(limits[1].slew_rate_deg_s * 1.5, seen[1])),
+        )
+        low_ha = high_ha = seen[0]
+        low_dec = high_dec = seen[1]
+        if utc_s is not None:
+            since_s = utc_s - age_s - self._latency_s
+            while self._sent and self._sent[0][0] < since_s and len(self._sent) > 1:
+                self._sent.popleft()
+            for _, ha, dec in self._sent:
+                low_ha, high_ha = min(low_ha, ha), max(high_ha, ha)
+                low_dec, high_dec = min(low_dec, dec), max(high_dec, dec)
+        return (low_ha, low_dec), (high_ha, high_dec)
 
     @staticmethod
-    def _way_to_rest_deg(rate_deg_s: float, acceleration_deg_s2: float, age_s: float) -> float:
-        """Return how far an axis goes on from where it was seen if it is told to stop now."""
-        return rate_deg_s * (age_s + LATENCY_S) + rate_deg_s * abs(rate_deg_s) / (2.0 * acceleration_deg_s2)
+    def _motions(
+        place: Place, now: tuple[tuple[float, float], tuple[float, float]]
+    ) -> tuple[AxisMotion, AxisMotion]:
+        low, high = now
+        return AxisMotion(place[0], low[0], high[0]), AxisMotion(place[1], low[1], high[1])
 
-    def _below_floor(self, hour_angle_deg: float, dec_deg: float) -> bool:
-        return altitude_deg(hour_angle_deg, dec_deg, self._latitude_deg) < self._limits.floor_altitude_deg
+    def _limit_ahead(
+        self,
+        motions: tuple[AxisMotion, AxisMotion],
+        rates: tuple[float, float],
+        age_s: float,
+        margins: dict[str, float],
+    ) -> str | None:
+        """Return the limit that these rates may pass before a stop can hold the axes, or None."""
+        seconds = self._latency_s + self._limits.longest_fault_s
+        return self._bounds.violated(self._reach(motions, rates, age_s), margins, seconds)
 
-    @staticmethod
-    def _finite(*numbers: float) -> bool:
-        return all(math.isfinite(x) for x in numbers)
+    def _reach(self, motions: tuple[AxisMotion, AxisMotion], rates: tuple[float, float], age_s: float) -> Box:
+        """Return where the axes may come under these rates before a stop can hold them."""
+        delays = Delays(age_s, self._latency_s, self._limits.longest_fault_s)
+        ha = reach_deg(motions[0], rates[0], delays, self._profile.ra.max_acceleration_deg_s2)
+        dec = reach_deg(motions[1], rates[1], delays, self._profile.dec.max_acceleration_deg_s2)
+        return Box(*ha, *dec)
+
+    def _margins_at(self, place: Place) -> dict[str, float]:
+        """Return the margins for axes that stand: nearer to a limit already, they may come no nearer."""
+        return self._bounds.margins_at(Box.between(place, place))
+
+    def _axis_rates(self, move: MoveAxes, beyond_pole: bool) -> tuple[float, float]:
+        sense = -1.0 if beyond_pole else 1.0
+        return SIDEREAL_RATE_DEG_S - move.ra_rate_deg_s, sense * move.dec_rate_deg_s
+
+    def _note_axes(self, hour_angle_deg: float, beyond_pole: bool) -> None:
+        self._beyond_pole = beyond_pole
+        self._hour_angle_deg = self._nearest_turn(hour_angle_deg)
+
+    def _nearest_turn(self, hour_angle_deg: float) -> float:
+        """Return the hour angle axis' angle, turns counted, that goes with a hour angle.
+
+        Unknown until told, the turns are taken to begin within half a turn of the meridian. Beyond the pole
+        the axis stands half a turn from the hour angle that is reported.
+        """
+        before = self._hour_angle_deg or 0.0
+        axis_deg = hour_angle_deg + (180.0 if self._beyond_pole else 0.0)
+        return before + (axis_deg - before + 180.0) % 360.0 - 180.0
+
+    def _place(self, dec_deg: float, ha_deg: float | None = None) -> Place:
+        from sattrack.safety.route import Place
+
+        axis = math.copysign(180.0, self._latitude_deg) - dec_deg if self._beyond_pole else dec_deg
+        return Place((self._hour_angle_deg or 0.0) if ha_deg is None else ha_deg, axis)
+
+    def _stance_place(self, stance: Stance) -> Place:
+        self._beyond_pole = stance.beyond_pole
+        return self._place(stance.dec_deg, self._nearest_turn(stance.sidereal_deg - stance.ra_deg))
+
+    def _let_go(self) -> None:
+        self.holding = None
+        self._sent.clear()
+        self._slews.forget()
 
     def _trip(self, name: str) -> Cleared:
         self.tripped = name
+        self._let_go()
         return Cleared(Stop())
+
+
+REST = (0.0, 0.0)
+NO_SUN = (
+    "where the Sun is cannot be told without a site: give --site LAT,LON,HEIGHT, or say optical = false "
+    "under [safety] where there are no optics"
+)
+
+
+def _stepped(rate: float, before: float, step: float) -> float:
+    """Return a rate no more than a step faster either way; slowing down is never held back."""
+    low, high = min(before, 0.0) - step, max(before, 0.0) + step
+    return max(low, min(high, rate))

@@ -72,11 +72,13 @@ _PHASES = {
     "waiting": ("WAITING", "for the satellite to come up", Tone.CALM),
     "slewing": ("SLEWING", "to where the satellite will come by", Tone.CALM),
     "acquiring": ("ACQUIRING", "closing in on the satellite", Tone.NOTICE),
+    "holding": ("HOLDING", "at a limit, until the satellite comes back", Tone.NOTICE),
     "stopping": ("STOPPING", "bringing the mount to rest", Tone.NOTICE),
 }
 
 _ADVICE = (
     ("no fresh status", "check the mount's power and cable; SPACE stops"),
+    ("held at the", "wait, or stop with SPACE"),
     ("the mount's rate limit", "the error grows until the satellite slows; SPACE stops"),
 )
 

@@ -24,7 +24,7 @@ from sattrack.requests import (
     TicketState,
     TrackingRate,
 )
-from sattrack.safety import Stance, park_objection
+from sattrack.safety import Seen, Stance, park_objection
 from sattrack.xerxes.datagrams import DTICS_S_PER_DEG_S
 from sattrack.xerxes.handshake import Handshake, OneShot
 
@@ -57,6 +57,21 @@ def stance_of(status: Status) -> Stance:
         dec_deg=status.dec_deg,
         slewing=status.slewing,
         drives_at_rest=resting,
+        beyond_pole=status.side_of_pier,
+    )
+
+
+def seen_of(status: Status, arrival_utc_s: float) -> Seen:
+    """Return what a status that came at an instant (POSIX seconds of UTC) tells safety."""
+    return Seen(
+        utc_s=arrival_utc_s,
+        sidereal_deg=status.sidereal_h * 15.0,
+        ra_deg=status.ra_h * 15.0,
+        dec_deg=status.dec_deg,
+        beyond_pole=status.side_of_pier,
+        slewing=status.slewing,
+        ra_current_a=status.ra_current_10ma / 100.0,
+        dec_current_a=status.dec_current_10ma / 100.0,
     )
 
 

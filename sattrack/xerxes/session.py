@@ -241,6 +241,11 @@ class Session:
         return self._move.over
 
     @property
+    def fine_rate(self) -> FineRate:
+        """The fine rates that every datagram asks for."""
+        return self._launches.fine_rate
+
+    @property
     def busy(self) -> bool:
         """Whether a request waits or is under way."""
         motion = self._motion_ticket

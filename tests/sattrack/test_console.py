@@ -161,7 +161,7 @@ class TestEachVerbAgainstTheSimulatedMount:
 
     def test_a_mount_without_a_home_is_told_not_to_have_moved(self) -> None:
         bench = Bench(profile=MountProfile())
-        errand = bench.carry_out(procedure_for(FindHome(), MountProfile()))
+        errand = bench.carry_out(procedure_for(FindHome(in_daylight=True), MountProfile()))
         assert errand.outcome is not None
         assert errand.outcome.reason == (
             "the protocol has no acknowledgement for it; the mount was not seen to move"
@@ -533,7 +533,7 @@ class TestJogs:
         assert bench.console.outcome.state is TicketState.COMPLETE
 
     def test_reset_waits_for_rest(self) -> None:
-        bench = Bench(start=StartPosition(-30.0, -25.0))
+        bench = Bench(start=StartPosition(-30.0, -15.0))
         bench.run(0.5)
         for _ in range(60):
             bench.console.jog(None, -6.0, bench.now_s)

@@ -6,10 +6,11 @@ import msgspec
 import pytest
 from console_builders import PROFILE, Bench
 
-from sattrack.mount import MountProfile, MoveAxes
+from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, MountProfile, MoveAxes
 from sattrack.requests import EndMove, FindHome, FineRate, MoveAxis, PulseGuide, Request
-from sattrack.safety import ClearedRequest, Safety, SafetyLimits
+from sattrack.safety import ClearedRequest, Safety, SafetyLimits, Seen
 
+DARK = SafetyLimits(optical=False)
 EDGE = msgspec.structs.replace(PROFILE, move_axis="edge")
 
 
@@ -59,13 +60,12 @@ def test_a_move_asked_for_while_another_ends_does_not_keep_its_other_axis_going(
 
 
 def test_the_cables_turns_are_remembered_after_a_stop() -> None:
-    former = Safety(PROFILE, SafetyLimits(), 52.0)
-    still = MoveAxes(0.0, 0.0)
+    former = Safety(PROFILE, DARK, 52.0)
     for hour_angle in range(0, 200, 20):
-        former.watch(float(hour_angle), still, still, 0.05)
-    later = Safety(PROFILE, SafetyLimits(), 52.0)
+        former.watch(Seen(None, float(hour_angle), 0.0, 40.0), Hold())
+    later = Safety(PROFILE, DARK, 52.0)
     later.follow_on(former)
-    later.watch(198.0 - 360.0, still, still, 0.05)
+    later.watch(Seen(None, 198.0, 0.0, 40.0), Hold())
     # Near the pole no altitude stops it first.
     cleared = later.clear(MoveAxes(-6.0, 0.0), 198.0, 0.0, 89.0)
     assert later.tripped == "hour_angle"
@@ -73,7 +73,8 @@ def test_the_cables_turns_are_remembered_after_a_stop() -> None:
 
 
 def test_a_mount_that_runs_away_is_stopped() -> None:
-    safety = Safety(PROFILE, SafetyLimits(), 52.0)
-    for _ in range(40):
-        safety.watch(0.0, MoveAxes(-5.0, 0.0), MoveAxes(0.1, 0.0), 0.05)
+    safety = Safety(PROFILE, DARK, 52.0)
+    for turn in range(40):
+        sidereal_deg = turn * 0.05 * SIDEREAL_RATE_DEG_S
+        safety.watch(Seen(None, sidereal_deg, 360.0 - 5.0 * 0.05 * turn, 40.0), MoveAxes(0.1, 0.0))
     assert safety.tripped == "obedience"

@@ -67,7 +67,7 @@ def run() -> list[Turn]:
     """Return every turn of a slew, from the last before it to the first after it is seen to end."""
     profile = MountProfile()
     session, mount = Session(profile), SimulatedMount(profile, SITE, StartPosition(-30.0, 20.0))
-    safety = Safety(profile, SafetyLimits(), SITE.latitude_deg)
+    safety = Safety(profile, SafetyLimits(optical=False), SITE.latitude_deg)
     up, down, turns = _Wires([]), _Wires([]), []
     newest, ticket = -WARM_UP, None
     for number in range(-WARM_UP, LONGEST):

@@ -13,7 +13,8 @@ from calibration import Network
 from calibration_builders import BEGIN, CLEAR, SHORT, run
 from ramp_mount import RampMount
 
-from sattrack.calibration.guard import CalibrationEndedError, Guard, Kind, separation_deg
+from sattrack.calibration.guard import CalibrationEndedError, Guard, Kind
+from sattrack.safety import separation_deg
 from sattrack.xerxes.datagrams import Command
 
 if TYPE_CHECKING:

@@ -132,11 +132,13 @@ def test_a_mount_that_goes_the_other_way_is_stopped(turned: dict[str, Any]) -> N
     assert Utc.parse(flown.summary.ended_utc).unix_s - begun.utc_s < 6.0
 
 
-def test_the_hour_angle_axis_stops_inside_its_limit() -> None:
-    limited = msgspec.structs.replace(MountProfile(), hour_angle_limit_deg=70.0)
+def test_the_hour_angle_axis_is_held_inside_its_limit() -> None:
+    limited = msgspec.structs.replace(MountProfile(), hour_angle_limit_deg=60.0)
     flown = fly(profile=limited)
-    assert flown.exit_code == 3
-    assert flown.summary.ended_by == "limit:hour_angle"
+    assert flown.summary.ended_by == "set"
+    assert flown.summary.held_s["hour_angle"] > 10.0
+    assert 59.5 < max(abs(truth.hour_angle_axis_deg) for truth in flown.run.truths) <= 60.0
+    assert any(view.phase == "holding" for view in flown.run.views)
     assert flown.at_rest()
 
 

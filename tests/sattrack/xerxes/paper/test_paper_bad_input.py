@@ -33,6 +33,7 @@ from sattrack.requests import (
     Sync,
     TicketState,
     TrackingRate,
+    objection,
 )
 from sattrack.safety import ClearedRequest, Safety, SafetyLimits, Stance
 from sattrack.xerxes.client import Address, UdpLink, parse_address
@@ -51,7 +52,9 @@ NO_NUMBERS = (math.nan, math.inf, -math.inf)
 
 
 def answer(request: Request, stance: Stance | None = PARKED, profile: MountProfile = PROFILE) -> Any:
-    return Safety(profile, SafetyLimits(), LATITUDE_DEG).clear_request(request, stance)
+    # Where the Sun stands is not asked here: there are no optics.
+    limits = SafetyLimits(optical=False)
+    return Safety(profile, limits, LATITUDE_DEG).clear_request(request, stance)
 
 
 def hours(value: float) -> float:
@@ -123,9 +126,14 @@ class TestRefusedBeforeAnythingIsSent:
         assert refusal
         assert "\n" not in refusal
 
-    @pytest.mark.parametrize("ms", [2**31 - 1, -(2**31) + 1, 1, -1])
-    def test_pulses_of_32_bits_pass(self, ms: int) -> None:
+    @pytest.mark.parametrize("ms", [600_000, -600_000, 1, -1])
+    def test_pulses_of_up_to_minutes_pass(self, ms: int) -> None:
         assert answer(PulseGuide(ms, 0)) == ClearedRequest(PulseGuide(ms, 0))
+
+    @pytest.mark.parametrize("ms", [2**31 - 1, -(2**31) + 1])
+    def test_pulses_of_weeks_would_end_past_a_limit(self, ms: int) -> None:
+        assert objection(PulseGuide(ms, 0), PROFILE) is None
+        assert "limit" in str(answer(PulseGuide(0, ms)))
 
     @pytest.mark.parametrize(
         "request_",

@@ -1,0 +1,143 @@
+"""All regions of one mount at one site at one instant, and the margins by which they are kept."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sattrack.mount import SIDEREAL_RATE_DEG_S
+from sattrack.safety.geometry import Box, altitude_deg
+from sattrack.safety.regions import Cone, Region, fixed_regions, is_clear
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sattrack.mount import MountProfile
+    from sattrack.safety.bodies import Body, Wanderer
+    from sattrack.safety.limits import SafetyLimits
+
+HOLD_MARGIN_DEG = 0.1
+"""How far inside a limit rates are held: what servo, encoder and clocks may be off."""
+INSIDE_MARGIN_DEG = 0.01
+"""Axes nearer to a limit than this have passed what holds them, and are stopped."""
+PIER_MARGIN_DEG = 0.5
+UP_DEG = -3.0
+"""Below this altitude the Sun's light does not reach the site, however high that is."""
+LOOK_S = 1.0
+"""How long a look at the Sun and the Moon holds; their cones are wider by what they come meanwhile."""
+RETREAT_DEG_S = 0.05
+RETREAT_STEP_DEG = 0.05
+SAME_DEG = 1e-6
+HELD: dict[str, float] = {}
+"""Margins as they are where the axes are inside of every one."""
+
+
+class Bounds:
+    """The regions; `look` puts the Sun and the Moon where they stand at an instant."""
+
+    def __init__(
+        self, profile: MountProfile, limits: SafetyLimits, latitude_deg: float, longitude_deg: float | None
+    ) -> None:
+        self._limits = limits
+        self._latitude_deg = latitude_deg
+        self._longitude_deg = longitude_deg
+        self._fixed = fixed_regions(
+            profile, limits.floor_altitude_deg, limits.horizon, latitude_deg, PIER_MARGIN_DEG
+        )
+        self._wanderers: list[tuple[str, Wanderer, float]] | None = None
+        self._cones: list[Cone] = []
+        self.sun_is_up = False
+        """Whether the Sun's light may reach optics; True where nobody knows."""
+        self.utc_s: float | None = None
+        """The instant of the last look that found the Sun, POSIX seconds."""
+
+    def look(self, utc_s: float | None, clock_gap_deg: float) -> bool:
+        """Put Sun and Moon where they stand; False where they matter and cannot be told.
+
+        A mount's clock that is off by an angle makes its directions off by as much: cones grow by it.
+        """
+        if utc_s is not None and self.utc_s is not None and 0.0 <= utc_s - self.utc_s < LOOK_S:
+            return True
+        self._cones = []
+        self.utc_s = None
+        wanted = self._limits.sun_deg > 0.0 or self._limits.moon_cone_deg > 0.0
+        self.sun_is_up = self._limits.optical
+        if not wanted:
+            return True
+        if utc_s is None or self._longitude_deg is None:
+            return False
+        self.utc_s = utc_s
+        for name, wanderer, cone_deg in self._bodies(self._longitude_deg):
+            body = wanderer.at(utc_s)
+            up = self._is_up(body)
+            if name == "sun":
+                self.sun_is_up = up and self._limits.optical
+            if up and cone_deg > 0.0:
+                self._cones.append(Cone(name, body, cone_deg + clock_gap_deg + SIDEREAL_RATE_DEG_S * LOOK_S))
+        return True
+
+    def violated(
+        self, box: Box, margins: Mapping[str, float], seconds: float, margin_deg: float = HOLD_MARGIN_DEG
+    ) -> str | None:
+        """Return the name of a region of which a box is not clear for so many seconds, or None.
+
+        `margins` are those of single regions, `margin_deg` that of the others.
+        """
+        for region in self._fixed:
+            margin = margins.get(region.name, margin_deg)
+            if region.clearance(box).least_deg < margin and not is_clear(region, box, margin):
+                return region.name
+        moves_deg = SIDEREAL_RATE_DEG_S * seconds
+        for cone in self._cones:
+            margin = margins.get(cone.name, margin_deg) + moves_deg
+            if cone.clearance(box).least_deg < margin and not is_clear(cone, box, margin):
+                return cone.name
+        return None
+
+    def margins_at(self, here: Box) -> dict[str, float]:
+        """Return the margins of those regions to which a box is nearer already: just what it has.
+
+        There, axes may move along and away but not nearer. Zones of the pier have no such way out.
+        """
+        regions: list[Region] = [*self._fixed, *self._cones]
+        return {
+            region.name: region.clearance(here).least_deg - SAME_DEG
+            for region in regions
+            if region.clearance(here).least_deg < HOLD_MARGIN_DEG and not _is_struck(region, here)
+        }
+
+    def away(self, name: str, place: tuple[float, float]) -> tuple[float, float] | None:
+        """Return rates of the axes that lead away from the Sun or the Moon, None from anything else."""
+        cone = next((cone for cone in self._cones if cone.name == name), None)
+        if cone is None:
+            return None
+        steps = []
+        for axis in (0, 1):
+            clear = []
+            for step in (-RETREAT_STEP_DEG, RETREAT_STEP_DEG):
+                there = (place[0] + step, place[1]) if axis == 0 else (place[0], place[1] + step)
+                clear.append(cone.clearance(Box.between(there, there)).middle_deg)
+            steps.append(clear[1] - clear[0])
+        largest = max(abs(steps[0]), abs(steps[1]))
+        if largest < SAME_DEG:
+            return None
+        return steps[0] / largest * RETREAT_DEG_S, steps[1] / largest * RETREAT_DEG_S
+
+    def _bodies(self, longitude_deg: float) -> list[tuple[str, Wanderer, float]]:
+        if self._wanderers is None:
+            # ERFA is imported where the sky matters, and not on the way to --help.
+            from sattrack.safety.bodies import moon_over, sun_over
+
+            limits = self._limits
+            self._wanderers = [("sun", sun_over(self._latitude_deg, longitude_deg), limits.sun_deg)]
+            if limits.moon_cone_deg:
+                self._wanderers.append(
+                    ("moon", moon_over(self._latitude_deg, longitude_deg), limits.moon_cone_deg)
+                )
+        return self._wanderers
+
+    def _is_up(self, body: Body) -> bool:
+        return altitude_deg(body.hour_angle_deg, body.dec_deg, self._latitude_deg) > UP_DEG
+
+
+def _is_struck(region: Region, here: Box) -> bool:
+    return region.name == "pier" and region.clearance(here).least_deg < 0.0

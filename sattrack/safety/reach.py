@@ -1,0 +1,52 @@
+"""How far an axis may come before a stop can hold it: closed forms, degrees and seconds; pure.
+
+The mount keeps the last rate that it got. So from a rate that goes out now, an axis may go on as it does
+until that rate arrives, then at that rate for as long as nothing else arrives, and then it brakes.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+BRAKING_SHARE = 0.8
+"""Of the acceleration that the profile has, so much is counted on to brake."""
+
+
+class AxisMotion(NamedTuple):
+    """Where an axis was seen, and the least and the greatest rate at which it may be going since."""
+
+    position_deg: float
+    low_deg_s: float
+    high_deg_s: float
+
+
+class Delays(NamedTuple):
+    """How old what was seen is, how long until a command acts, and how long no other may arrive; seconds."""
+
+    age_s: float
+    latency_s: float
+    fault_s: float
+
+
+def reach_deg(
+    axis: AxisMotion, rate_deg_s: float, delays: Delays, acceleration_deg_s2: float
+) -> tuple[float, float]:
+    """Return the least and the greatest angle at which the axis may be until it has stopped."""
+    braking = BRAKING_SHARE * acceleration_deg_s2
+    up = _ahead_deg(axis.high_deg_s, rate_deg_s, delays, braking)
+    down = _ahead_deg(-axis.low_deg_s, -rate_deg_s, delays, braking)
+    return axis.position_deg - down, axis.position_deg + up
+
+
+def _ahead_deg(going: float, asked: float, delays: Delays, braking: float) -> float:
+    going, asked = max(0.0, going), max(0.0, asked)
+    ahead = going * delays.age_s + max(going, asked) * delays.latency_s + asked * delays.fault_s
+    ahead += asked * asked / (2.0 * braking)
+    if going > asked:
+        ahead += (going - asked) ** 2 / (2.0 * braking)
+    return ahead
+
+
+def standstill_s(rate_deg_s: float, latency_s: float, acceleration_deg_s2: float) -> float:
+    """Return within what time an axis stands after a stop is asked for, a lost datagram not counted."""
+    return latency_s + abs(rate_deg_s) / (BRAKING_SHARE * acceleration_deg_s2)

@@ -1,0 +1,232 @@
+"""Where axes may not be, and whether a whole box is clear of it: travel, floor, skyline, pier, Sun.
+
+Each region bounds from below by how many degrees anything in a box is clear of it; a box for which that bound
+is not enough is halved until it is, or until its middle is found inside.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, NamedTuple, Protocol
+
+from sattrack.safety.geometry import TURN_DEG, Box, azimuth_deg, lowest_altitude_deg, meets_polygon
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from sattrack.mount import MountProfile, PierZone
+    from sattrack.safety.bodies import Body
+    from sattrack.safety.limits import HorizonPoint
+
+SMALLEST_DEG = 0.02
+MOST_BOXES = 4000
+"""A box that takes more halvings than this to be judged counts as not clear."""
+SKYLINE_CELL_DEG = 0.5
+
+
+class Clearance(NamedTuple):
+    """How far a box is clear of a region, degrees: a lower bound for all of it, and that of its middle."""
+
+    least_deg: float
+    middle_deg: float
+
+
+class Region(Protocol):
+    """A part of axis space that is forbidden."""
+
+    @property
+    def name(self) -> str:
+        """The row of the table that it stands for."""
+
+    def clearance(self, box: Box) -> Clearance:
+        """Return how far a box is clear of it."""
+
+
+class Travel:
+    """Angles of one axis outside its travel."""
+
+    def __init__(self, name: str, low_deg: float, high_deg: float) -> None:
+        self.name = name
+        self._low_deg, self._high_deg = low_deg, high_deg
+
+    def clearance(self, box: Box) -> Clearance:
+        """See Region."""
+        if self.name == "hour_angle":
+            low, high = box.ha_low_deg, box.ha_high_deg
+        else:
+            low, high = box.dec_low_deg, box.dec_high_deg
+        middle = 0.5 * (low + high)
+        return Clearance(
+            min(low - self._low_deg, self._high_deg - high),
+            min(middle - self._low_deg, self._high_deg - middle),
+        )
+
+
+class Floor:
+    """Directions below an altitude."""
+
+    name = "altitude"
+
+    def __init__(self, floor_deg: float, latitude_deg: float) -> None:
+        self._floor_deg, self._latitude_deg = floor_deg, latitude_deg
+        self._sine, self._cosine = math.sin(math.radians(latitude_deg)), math.cos(math.radians(latitude_deg))
+
+    def clearance(self, box: Box) -> Clearance:
+        """See Region."""
+        altitude = math.degrees(math.asin(max(-1.0, min(1.0, self._cosine * box.x + self._sine * box.z))))
+        middle = altitude - self._floor_deg
+        if middle - box.radius_deg >= COMFORT_DEG or not box.radius_deg:
+            return Clearance(middle - box.radius_deg, middle)
+        return Clearance(lowest_altitude_deg(box, self._latitude_deg) - self._floor_deg, middle)
+
+
+STRUCK, BESIDE = Clearance(-1.0, -1.0), Clearance(0.05, 0.05)
+COMFORT_DEG = 2.0
+"""A bound this good needs no better one."""
+
+
+class Skyline:
+    """Directions below a horizon of points, straight between them."""
+
+    name = "horizon"
+
+    def __init__(self, points: Sequence[HorizonPoint], latitude_deg: float) -> None:
+        self._latitude_deg = latitude_deg
+        self._sine, self._cosine = math.sin(math.radians(latitude_deg)), math.cos(math.radians(latitude_deg))
+        self._points = [
+            (azimuth + turn, altitude) for turn in (-TURN_DEG, 0.0, TURN_DEG) for azimuth, altitude in points
+        ]
+        self._highest_deg = max(altitude for _, altitude in points)
+        count = round(TURN_DEG / SKYLINE_CELL_DEG)
+        self._cells = [
+            max(
+                self._altitude_deg(k * SKYLINE_CELL_DEG),
+                self._altitude_deg((k + 1) * SKYLINE_CELL_DEG),
+                *(a for z, a in self._points if k <= z / SKYLINE_CELL_DEG <= k + 1),
+            )
+            for k in range(count)
+        ]
+
+    def clearance(self, box: Box) -> Clearance:
+        """See Region."""
+        altitude = math.degrees(math.asin(max(-1.0, min(1.0, self._cosine * box.x + self._sine * box.z))))
+        least = altitude - box.radius_deg
+        if least >= self._highest_deg:
+            return Clearance(least - self._highest_deg, altitude - self._highest_deg)
+        middle = box.middle
+        azimuth = azimuth_deg(middle.ha_low_deg, middle.dec_low_deg, self._latitude_deg)
+        own = altitude - self._altitude_deg(azimuth)
+        return Clearance(least - self._highest_within(azimuth, altitude, box.radius_deg), own)
+
+    def _highest_within(self, azimuth: float, altitude: float, radius_deg: float) -> float:
+        """Return the highest of the skyline in the azimuths that a circle on the sky covers."""
+        if abs(altitude) + radius_deg >= 89.9:
+            return self._highest_deg
+        spread = math.degrees(
+            math.asin(min(1.0, math.sin(math.radians(radius_deg)) / math.cos(math.radians(altitude))))
+        )
+        first = math.floor((azimuth - spread) / SKYLINE_CELL_DEG)
+        last = math.floor((azimuth + spread) / SKYLINE_CELL_DEG)
+        return max(self._cells[k % len(self._cells)] for k in range(first, last + 1))
+
+    def _altitude_deg(self, azimuth: float) -> float:
+        """Return the altitude of the skyline at an azimuth, the higher one at a wall."""
+        for (z1, a1), (z2, a2) in zip(self._points, self._points[1:], strict=False):
+            if z1 == azimuth == z2:
+                return max(a1, a2)
+            if z1 <= azimuth <= z2 and z1 < z2:
+                return a1 + (a2 - a1) * (azimuth - z1) / (z2 - z1)
+        return self._highest_deg
+
+
+class PierCollision:
+    """A zone of the profile, in the axes' own angles; hour angles are the same after a turn."""
+
+    name = "pier"
+
+    def __init__(self, zone: PierZone, margin_deg: float) -> None:
+        self._margin_deg = margin_deg
+        self._polygons = list(_axis_polygons(zone))
+
+    def clearance(self, box: Box) -> Clearance:
+        """See Region: no more is told than whether the zone is met, its margin, or neither."""
+        m = self._margin_deg
+        if not self._meets(box.grown(m, m, m, m)):
+            return Clearance(COMFORT_DEG, COMFORT_DEG)
+        return STRUCK if self._meets(box) else BESIDE
+
+    def _meets(self, box: Box) -> bool:
+        return any(
+            meets_polygon(_turned(box, corners), _moved(corners, k))
+            for corners in self._polygons
+            for k in (-1, 0, 1)
+        )
+
+
+class Cone:
+    """Directions within a cone about the Sun or the Moon, as it stands at one instant."""
+
+    def __init__(self, name: str, body: Body, cone_deg: float) -> None:
+        self.name = name
+        self._body, self._cone_deg = body, cone_deg
+
+    def clearance(self, box: Box) -> Clearance:
+        """See Region."""
+        body = self._body
+        cosine = box.x * body.x + box.y * body.y + box.z * body.z
+        middle = math.degrees(math.acos(max(-1.0, min(1.0, cosine)))) - self._cone_deg
+        return Clearance(middle - box.radius_deg, middle)
+
+
+def fixed_regions(
+    profile: MountProfile,
+    floor_deg: float,
+    horizon: Sequence[HorizonPoint],
+    latitude_deg: float,
+    pier_margin_deg: float,
+) -> list[Region]:
+    """Return all regions that stay where they are."""
+    limit = profile.hour_angle_limit_deg
+    regions: list[Region] = [
+        Travel("hour_angle", -limit, limit),
+        Travel("declination", *profile.dec_axis_limits_deg),
+        Floor(floor_deg, latitude_deg),
+    ]
+    if horizon:
+        regions.append(Skyline(horizon, latitude_deg))
+    regions.extend(PierCollision(zone, pier_margin_deg) for zone in profile.pier_zones)
+    return regions
+
+
+def is_clear(region: Region, box: Box, margin_deg: float) -> bool:
+    """Tell whether everything in a box is clear of a region by a margin; what cannot be told is not."""
+    waiting = [box]
+    for _ in range(MOST_BOXES):
+        if not waiting:
+            return True
+        part = waiting.pop()
+        clearance = region.clearance(part)
+        if clearance.least_deg >= margin_deg:
+            continue
+        if clearance.middle_deg < margin_deg or part.widest_deg < SMALLEST_DEG:
+            return False
+        waiting.extend(part.halves())
+    return False
+
+
+def _axis_polygons(zone: PierZone) -> Iterator[tuple[tuple[float, float], ...]]:
+    if zone.side != "beyond_pole":
+        yield zone.corners
+    if zone.side != "normal":
+        yield tuple((ha + 180.0, 180.0 - dec) for ha, dec in zone.corners)
+
+
+def _turned(box: Box, corners: tuple[tuple[float, float], ...]) -> Box:
+    """Return the same axis angles within a turn of a polygon's, both axes."""
+    ha = TURN_DEG * round((corners[0][0] - 0.5 * (box.ha_low_deg + box.ha_high_deg)) / TURN_DEG)
+    dec = TURN_DEG * round((corners[0][1] - 0.5 * (box.dec_low_deg + box.dec_high_deg)) / TURN_DEG)
+    return box.grown(-ha, ha, -dec, dec)
+
+
+def _moved(corners: tuple[tuple[float, float], ...], turns: int) -> tuple[tuple[float, float], ...]:
+    return tuple((ha + turns * TURN_DEG, dec) for ha, dec in corners)

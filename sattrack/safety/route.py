@@ -1,0 +1,232 @@
+"""Ways of slews: whether the straight one is clear, and a detour of intermediate slews where it is not.
+
+The mount slews by itself, each axis in its own time, so that nobody knows its way between two places but that
+it stays within the box that both span in axis angles: that whole box must be clear. Where the profile says
+that the axes go together, the way is the straight line between them. A detour is looked for on a coarse grid
+and then judged like any other slew, leg by leg.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from sattrack.mount import SIDEREAL_RATE_DEG_S
+from sattrack.safety.geometry import Box
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from sattrack.mount import MountProfile
+
+    Array = NDArray[np.float64]
+    Bools = NDArray[np.bool_]
+    Judge = Callable[[Box, float], str | None]
+    """Names what a box of axis angles is not clear of within so many seconds, or None."""
+
+CELL_DEG = 4.0
+NODE_DEG = 12.0
+EXEMPT_DEG = 8.0
+"""So near to its ends a leg is not judged by the coarse grid, only by the judge."""
+HANDSHAKE_S = 2.0
+RAMP = 1.5
+"""A slew brakes more gently than it can, by so much."""
+MOST_TRIED = 40
+RINGS_DEG = (0.6, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 12.0, 15.0, 18.0, 22.0, 26.0, 30.0, 40.0, 50.0)
+RING_PLACES = 24
+WAIT_MARGIN_DEG = 0.25
+PIECES = 24
+"""Boxes into which a straight way of two axes together is cut."""
+
+
+class Place(NamedTuple):
+    """How the axes stand: hour angle with turns counted, declination axis; degrees."""
+
+    ha_deg: float
+    dec_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class Route:
+    """The places to slew to, the last being the goal; or why there is no way, `blocked_by` naming the row."""
+
+    legs: tuple[Place, ...]
+    blocked_by: str | None = None
+
+
+def slew_s(one: Place, other: Place, profile: MountProfile) -> float:
+    """Return how long a slew takes at most, from the wish to the mount at rest, seconds."""
+    times = [
+        abs(gap) / limits.slew_rate_deg_s
+        + 2.0 * RAMP * limits.slew_rate_deg_s / limits.max_acceleration_deg_s2
+        for gap, limits in ((one[0] - other[0], profile.ra), (one[1] - other[1], profile.dec))
+    ]
+    return HANDSHAKE_S + max(times)
+
+
+def way_boxes(one: Place, other: Place, profile: MountProfile) -> Iterator[Box]:
+    """Yield boxes that hold all of a slew's way."""
+    # The mount joins the sky, which moves on while it slews.
+    drift_deg = SIDEREAL_RATE_DEG_S * slew_s(one, other, profile)
+    if profile.slew_path == "any":
+        yield Box.between(one, other).grown(0.0, drift_deg, 0.0, 0.0)
+        return
+    for k in range(PIECES):
+        ends = [
+            (one[0] + (other[0] - one[0]) * part, one[1] + (other[1] - one[1]) * part)
+            for part in (k / PIECES, (k + 1) / PIECES)
+        ]
+        yield Box.between(ends[0], ends[1]).grown(0.0, drift_deg, 0.0, 0.0)
+
+
+def blocked(
+    one: Place, other: Place, profile: MountProfile, judge: Judge, after_s: float = 0.0
+) -> str | None:
+    """Return the name of the row that a slew's way is not clear of, or None; it begins in `after_s`."""
+    until_s = after_s + slew_s(one, other, profile)
+    for box in way_boxes(one, other, profile):
+        name = judge(box, until_s)
+        if name is not None:
+            return name
+    return None
+
+
+def find_route(
+    start: Place, goal: Place, profile: MountProfile, judge: Judge, leaving: Judge, latitude_deg: float
+) -> Route:
+    """Return the quickest way found from a place to another; `leaving` judges the first leg of it."""
+    straight = blocked(start, goal, profile, leaving)
+    if straight is None:
+        return Route((goal,))
+    at_goal = judge(Box.between(goal, goal), slew_s(start, goal, profile))
+    if at_goal is not None:
+        return Route((), at_goal)
+    nodes = [
+        place for place in reachable(profile, latitude_deg) if judge(Box.between(place, place), 0.0) is None
+    ]
+    grid = _Grid(nodes, start, goal, profile, judge)
+    for legs in grid.ways():
+        before, after_s = start, 0.0
+        for leg in legs:
+            if blocked(before, leg, profile, leaving if before is start else judge, after_s) is not None:
+                break
+            after_s += slew_s(before, leg, profile)
+            before = leg
+        else:
+            return Route(legs)
+    return Route((), straight)
+
+
+def axes_of(hour_angle_deg: float, dec_deg: float, profile: MountProfile, latitude_deg: float) -> Place:
+    """Return how the axes stand after a slew to a direction, by the profile's rule."""
+    hour_angle_deg = (hour_angle_deg + 180.0) % 360.0 - 180.0
+    if profile.pier_rule == "hour_angle" and hour_angle_deg > 0.0:
+        return Place(hour_angle_deg - 180.0, math.copysign(180.0, latitude_deg) - dec_deg)
+    return Place(hour_angle_deg, dec_deg)
+
+
+def direction_of(place: Place) -> tuple[float, float]:
+    """Return hour angle and declination (-90 to 90) of the direction to which two axes point."""
+    dec = math.remainder(place.dec_deg, 360.0)
+    if abs(dec) <= 90.0:
+        return place.ha_deg, dec
+    return place.ha_deg + 180.0, math.copysign(180.0, dec) - dec
+
+
+def reachable(profile: MountProfile, latitude_deg: float) -> list[Place]:
+    """Return places all over the sky at which a slew can end, NODE_DEG apart."""
+    hours = np.arange(-180.0 + NODE_DEG / 2.0, 180.0, NODE_DEG)
+    decs = [*np.arange(-84.0, 85.0, NODE_DEG), 89.0, -89.0]
+    return [axes_of(float(h), float(d), profile, latitude_deg) for h in hours for d in decs]
+
+
+def nearest_clear(goal: Place, latitude_deg: float, profile: MountProfile, judge: Judge) -> Place | None:
+    """Return the place nearest to a goal, on rings about it, where the mount can wait; None if none is."""
+    hour_angle, dec = direction_of(goal)
+    widen = 1.0 / max(0.05, math.cos(math.radians(dec)))
+    for ring in RINGS_DEG:
+        for k in range(RING_PLACES):
+            turn = 2.0 * math.pi * k / RING_PLACES
+            there_dec = dec + ring * math.sin(turn)
+            if abs(there_dec) > 90.0:
+                continue
+            there = axes_of(hour_angle + ring * widen * math.cos(turn), there_dec, profile, latitude_deg)
+            # While it waits it goes on with the sky.
+            box = Box.between(there, there).grown(
+                WAIT_MARGIN_DEG, 2.0 * WAIT_MARGIN_DEG, WAIT_MARGIN_DEG, WAIT_MARGIN_DEG
+            )
+            if judge(box, 0.0) is None:
+                return there
+    return None
+
+
+class _Grid:
+    """Axis angles in cells of CELL_DEG, each clear or not by its middle; boxes looked up by their sums."""
+
+    def __init__(
+        self, nodes: list[Place], start: Place, goal: Place, profile: MountProfile, judge: Judge
+    ) -> None:
+        self._nodes, self._start, self._goal, self._profile = nodes, start, goal, profile
+        every = [*nodes, start, goal]
+        self._low = (min(p[0] for p in every) - CELL_DEG, min(p[1] for p in every) - CELL_DEG)
+        high = (max(p[0] for p in every) + CELL_DEG, max(p[1] for p in every) + CELL_DEG)
+        shape = tuple(math.ceil((h - low) / CELL_DEG) for h, low in zip(high, self._low, strict=True))
+        closed = np.zeros(shape)
+        for i in range(shape[0]):
+            for j in range(shape[1]):
+                middle = Place(self._low[0] + (i + 0.5) * CELL_DEG, self._low[1] + (j + 0.5) * CELL_DEG)
+                exempt = min(_apart(middle, start), _apart(middle, goal)) < EXEMPT_DEG
+                closed[i, j] = not exempt and judge(Box.between(middle, middle), 0.0) is not None
+        self._sums = np.zeros((shape[0] + 1, shape[1] + 1))
+        self._sums[1:, 1:] = closed.cumsum(axis=0).cumsum(axis=1)
+
+    def ways(self) -> Iterator[tuple[Place, ...]]:
+        """Yield promising ways, the quickest first: by one place, then by two."""
+        if not self._nodes:
+            return
+        nodes = np.array(self._nodes)
+        start, goal = np.array(self._start), np.array(self._goal)
+        out, home = self._open(start, nodes), self._open(nodes, goal)
+        out_s, home_s = self._seconds(start, nodes), self._seconds(nodes, goal)
+        single = np.flatnonzero(out & home)
+        for k in single[np.argsort((out_s + home_s)[single], kind="stable")][:MOST_TRIED].tolist():
+            yield self._nodes[k], self._goal
+        first, second = np.flatnonzero(out), np.flatnonzero(home)
+        if not (len(first) and len(second)):
+            return
+        between = self._open(nodes[first][:, None, :], nodes[second][None, :, :])
+        total = self._seconds(nodes[first][:, None, :], nodes[second][None, :, :])
+        total = np.where(between, total + out_s[first][:, None] + home_s[second][None, :], np.inf)
+        for flat in np.argsort(total, axis=None, kind="stable")[:MOST_TRIED].tolist():
+            i, j = divmod(flat, len(second))
+            if math.isfinite(total[i, j]):
+                yield self._nodes[int(first[i])], self._nodes[int(second[j])], self._goal
+
+    def _open(self, one: Array, other: Array) -> Bools:
+        """Tell of which pairs of places the boxes between hold no closed cell."""
+        low = np.floor((np.minimum(one, other) - self._low) / CELL_DEG).astype(np.intp)
+        high = np.floor((np.maximum(one, other) - self._low) / CELL_DEG).astype(np.intp) + 1
+        s = self._sums
+        count = (
+            s[high[..., 0], high[..., 1]]
+            - s[low[..., 0], high[..., 1]]
+            - s[high[..., 0], low[..., 1]]
+            + s[low[..., 0], low[..., 1]]
+        )
+        clear: Bools = count == 0.0
+        return clear
+
+    def _seconds(self, one: Array, other: Array) -> Array:
+        gap = np.abs(one - other)
+        rates = np.array([self._profile.ra.slew_rate_deg_s, self._profile.dec.slew_rate_deg_s])
+        seconds: Array = np.max(gap / rates, axis=-1) + HANDSHAKE_S
+        return seconds
+
+
+def _apart(one: Place, other: Place) -> float:
+    return max(abs(one[0] - other[0]), abs(one[1] - other[1]))

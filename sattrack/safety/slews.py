@@ -1,0 +1,154 @@
+"""Slews: each judged by its whole way once, led round what is in it, and watched on it."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from sattrack.mount import MountProfile, SlewTo
+from sattrack.safety.geometry import Box, separation_deg
+
+if TYPE_CHECKING:
+    from sattrack.safety.bounds import Bounds
+    from sattrack.safety.route import Place
+    from sattrack.safety.watch import Seen
+
+THERE_DEG = 0.1
+STRAYED_DEG = 1.0
+STRAYED_STATUSES = 3
+
+
+class SlewGate:
+    """The slew that is asked for, in legs; without `detours` it is one leg or none."""
+
+    def __init__(self, profile: MountProfile, bounds: Bounds, latitude_deg: float, detours: bool) -> None:
+        self._profile, self._bounds, self._latitude_deg = profile, bounds, latitude_deg
+        self._detours = detours
+        self._target: SlewTo | None = None
+        self._legs: list[SlewTo] = []
+        self._box: Box | None = None
+        self._astray = 0
+
+    @property
+    def on_last_leg(self) -> bool:
+        """Whether what is under way goes to the target itself."""
+        return len(self._legs) <= 1
+
+    def forget(self) -> None:
+        """Something else is asked for."""
+        self._target, self._legs, self._box, self._astray = None, [], None, 0
+
+    def clear(
+        self, target: SlewTo, sidereal_deg: float, reported: tuple[float, float], place: Place
+    ) -> SlewTo | str:
+        """Return the slew to ask for now, or the name of the row that it is not clear of."""
+        if target != self._target:
+            found = self._legs_to(target, sidereal_deg, place)
+            if isinstance(found, str):
+                return found
+            self._target, self._legs = target, list(found)
+            self._enter(place, sidereal_deg)
+        elif not self.on_last_leg and self.is_there(reported):
+            self._legs.pop(0)
+            name = self.objection(self._legs[0], sidereal_deg, place)
+            if name is not None:
+                found = self._legs_to(target, sidereal_deg, place)
+                if isinstance(found, str):
+                    return found
+                self._legs = list(found)
+            self._enter(place, sidereal_deg)
+        return self._legs[0]
+
+    def _legs_to(self, target: SlewTo, sidereal_deg: float, place: Place) -> tuple[SlewTo, ...] | str:
+        if self._detours:
+            return self.route(target, sidereal_deg, place, waits=True)
+        name = self.objection(target, sidereal_deg, place)
+        return (target,) if name is None else name
+
+    def route(
+        self, target: SlewTo, sidereal_deg: float, place: Place, waits: bool = False
+    ) -> tuple[SlewTo, ...] | str:
+        """Return the legs to a target from a place, or the name of the row that is in the way.
+
+        Where the target itself is past a limit and `waits`, the way is to the nearest place that is not.
+        """
+        from sattrack.safety.route import axes_of, direction_of, find_route, nearest_clear
+
+        if self.objection(target, sidereal_deg, place) is None:
+            return (target,)
+        goal = axes_of(sidereal_deg - target.ra_deg, target.dec_deg, self._profile, self._latitude_deg)
+        leaving = self._bounds.margins_at(Box.between(place, place))
+
+        def judge(box: Box, seconds: float) -> str | None:
+            return self._bounds.violated(box, {}, seconds)
+
+        in_goal = judge(Box.between(goal, goal), 0.0)
+        if in_goal is not None:
+            beside = nearest_clear(goal, self._latitude_deg, self._profile, judge) if waits else None
+            if beside is None:
+                return in_goal
+            goal = beside
+        found = find_route(
+            place,
+            goal,
+            self._profile,
+            judge,
+            lambda box, seconds: self._bounds.violated(box, leaving, seconds),
+            self._latitude_deg,
+        )
+        if found.blocked_by is not None:
+            return found.blocked_by
+        legs = [direction_of(leg) for leg in found.legs]
+        slews = [SlewTo((sidereal_deg - ha) % 360.0, dec) for ha, dec in legs]
+        return tuple(slews) if in_goal is not None else (*slews[:-1], target)
+
+    def objection(self, target: SlewTo, sidereal_deg: float, place: Place) -> str | None:
+        """Return the name of the row that the straight way to a target is not clear of, or None."""
+        from sattrack.safety.route import axes_of
+
+        goal = axes_of(sidereal_deg - target.ra_deg, target.dec_deg, self._profile, self._latitude_deg)
+        return self.way_objection(place, goal)
+
+    def way_objection(self, place: Place, goal: tuple[float, float]) -> str | None:
+        """Return the name of the row that the way between two places is not clear of, or None."""
+        from sattrack.safety.route import Place, blocked
+
+        leaving = self._bounds.margins_at(Box.between(place, place))
+        end = Place(*goal)
+        at_end = self._bounds.violated(Box.between(end, end), {}, 0.0)
+        if at_end is not None:
+            return at_end
+        return blocked(
+            place,
+            end,
+            self._profile,
+            lambda box, seconds: self._bounds.violated(box, leaving, seconds),
+        )
+
+    def strays(self, place: Place, seen: Seen) -> bool:
+        """Tell whether the mount has left what its slew was judged by."""
+        box = self._box
+        if box is None or not seen.slewing:
+            self._astray = 0
+            return False
+        m = STRAYED_DEG
+        grown = box.grown(m, m, m, m)
+        inside = (
+            grown.ha_low_deg <= place[0] <= grown.ha_high_deg
+            and grown.dec_low_deg <= place[1] <= grown.dec_high_deg
+        )
+        self._astray = 0 if inside else self._astray + 1
+        return self._astray >= STRAYED_STATUSES
+
+    def _enter(self, place: Place, sidereal_deg: float) -> None:
+        from sattrack.safety.route import axes_of
+
+        leg = self._legs[0]
+        goal = axes_of(sidereal_deg - leg.ra_deg, leg.dec_deg, self._profile, self._latitude_deg)
+        self._box, self._astray = Box.between(place, goal), 0
+
+    def is_there(self, reported: tuple[float, float]) -> bool:
+        """Tell whether the mount reports to be where the leg under way ends."""
+        leg = self._legs[0]
+        off = separation_deg(reported[0], reported[1], leg.ra_deg, leg.dec_deg)
+        return math.isfinite(off) and off < THERE_DEG

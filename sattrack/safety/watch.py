@@ -1,0 +1,157 @@
+"""What statuses tell of a mount that does not do what it is told: obedience, clocks, drive currents.
+
+Rates are those of the reported right ascension and declination.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import TYPE_CHECKING, NamedTuple
+
+from sattrack.mount import SIDEREAL_RATE_DEG_S, Motion, MoveAxes, mean_sidereal_deg
+
+if TYPE_CHECKING:
+    from sattrack.mount import MountProfile
+
+DISOBEDIENT_DEG_S = 0.5
+DISOBEDIENT_FOR_S = 1.0
+RUNAWAY_DEG_S = 1.0
+"""A mount that moves faster than twice what it was told, and this, for so long, does not obey either."""
+WINDOW_S = 3.0
+LOOSE_DEG_S = 0.1
+LOOSE_SHARE = 0.5
+"""How far the mean over the window may be off what was commanded, and by what share of its largest rate."""
+LOOK_EVERY = 8
+"""Statuses from one look at the window to the next."""
+STEP_DEG_S = 40.0
+"""Faster than any axis: a sync, a clock that was set, or the pole."""
+LONGEST_STEP_S = 0.5
+OVERLOADED_FOR_S = 0.5
+BACKWARD_S = 0.5
+
+
+class Seen(NamedTuple):
+    """What one status tells: when it came by our clock, and how the mount stands by its own.
+
+    `utc_s` POSIX seconds, None where nobody knows; degrees, amperes.
+    """
+
+    utc_s: float | None
+    sidereal_deg: float
+    ra_deg: float
+    dec_deg: float
+    beyond_pole: bool = False
+    slewing: bool = False
+    ra_current_a: float = 0.0
+    dec_current_a: float = 0.0
+
+
+class Watch:
+    """Follows the statuses of one mount; `see` names the row that they trip."""
+
+    def __init__(
+        self, profile: MountProfile, longest_fault_s: float, longitude_deg: float | None, tolerance_s: float
+    ) -> None:
+        self._profile = profile
+        self._fault_s = longest_fault_s
+        self._longitude_deg = longitude_deg
+        self._tolerance_s = tolerance_s
+        self._before: Seen | None = None
+        self._disobeyed_s = 0.0
+        self._overloaded_s = 0.0
+        self._window: deque[tuple[float, float, float]] = deque()
+        self._window_s = 0.0
+        self._turn = 0
+        self._commanded: deque[tuple[float, float, float]] = deque()
+        """Seconds each, and rates, of what was in force, the newest last."""
+        self._commanded_s = 0.0
+        self.moved = MoveAxes(0.0, 0.0)
+        """The rates of the reported place between the last two statuses."""
+        self.clock_gap_deg = 0.0
+        """How far the mount's sidereal clock is from ours."""
+
+    def see(self, seen: Seen, commanded: Motion) -> str | None:
+        """Take a status; `commanded` is what was in force since the one before."""
+        before, self._before = self._before, seen
+        tripped = self._see_clock(seen)
+        if before is None:
+            return tripped
+        seconds = math.remainder(seen.sidereal_deg - before.sidereal_deg, 360.0) / SIDEREAL_RATE_DEG_S
+        if not 0.0 < seconds < LONGEST_STEP_S:
+            self._forget()
+            return tripped
+        self.moved = MoveAxes(
+            math.remainder(seen.ra_deg - before.ra_deg, 360.0) / seconds,
+            (seen.dec_deg - before.dec_deg) / seconds,
+        )
+        return tripped or self._see_current(seen, seconds) or self.see_motion(self.moved, commanded, seconds)
+
+    def see_motion(self, moved: MoveAxes, commanded: Motion, seconds: float) -> str | None:
+        """Take mean rates over some seconds; return "obedience" where the mount does not obey."""
+        if not isinstance(commanded, MoveAxes):
+            self._disobeyed_s = 0.0
+            self._window.clear()
+            self._commanded.clear()
+            self._window_s = self._commanded_s = 0.0
+            return None
+        pairs = (
+            (commanded.ra_rate_deg_s, moved.ra_rate_deg_s),
+            (commanded.dec_rate_deg_s, moved.dec_rate_deg_s),
+        )
+        disobeyed = any(
+            (abs(c) > DISOBEDIENT_DEG_S and m * c < 0.05 * c * c) or abs(m) > 2.0 * abs(c) + RUNAWAY_DEG_S
+            for c, m in pairs
+        )
+        self._disobeyed_s = self._disobeyed_s + seconds if disobeyed else 0.0
+        if self._disobeyed_s > DISOBEDIENT_FOR_S + self._fault_s * (self._fault_s > DISOBEDIENT_FOR_S):
+            return "obedience"
+        return "obedience" if self._strays(moved, commanded, seconds) else None
+
+    def _strays(self, moved: MoveAxes, commanded: MoveAxes, seconds: float) -> bool:
+        """Tell whether the means over the window are outside of everything that was commanded."""
+        steps = (abs(moved.ra_rate_deg_s) > STEP_DEG_S, abs(moved.dec_rate_deg_s) > STEP_DEG_S)
+        if any(steps):
+            # A sync or the pole says nothing of the drives.
+            self._forget()
+            return False
+        self._window.append((seconds, moved.ra_rate_deg_s * seconds, moved.dec_rate_deg_s * seconds))
+        self._commanded.append((seconds, commanded.ra_rate_deg_s, commanded.dec_rate_deg_s))
+        self._window_s += seconds
+        self._commanded_s += seconds
+        while self._commanded_s - self._commanded[0][0] > WINDOW_S + self._fault_s:
+            self._commanded_s -= self._commanded.popleft()[0]
+        if self._window_s < WINDOW_S:
+            return False
+        while self._window_s - self._window[0][0] >= WINDOW_S:
+            self._window_s -= self._window.popleft()[0]
+        self._turn = (self._turn + 1) % LOOK_EVERY
+        return self._turn == 0 and any(self._off(axis) for axis in (1, 2))
+
+    def _off(self, axis: int) -> bool:
+        mean = sum(step[axis] for step in self._window) / self._window_s
+        rates = [step[axis] for step in self._commanded]
+        low, high = min(rates), max(rates)
+        loose = LOOSE_DEG_S + LOOSE_SHARE * max(abs(low), abs(high))
+        return not low - loose <= mean <= high + loose
+
+    def _see_current(self, seen: Seen, seconds: float) -> str | None:
+        pairs = (
+            (seen.ra_current_a, self._profile.ra.max_current_a),
+            (seen.dec_current_a, self._profile.dec.max_current_a),
+        )
+        over = any(limit is not None and abs(current) > limit for current, limit in pairs)
+        self._overloaded_s = self._overloaded_s + seconds if over else 0.0
+        return "current" if self._overloaded_s > OVERLOADED_FOR_S else None
+
+    def _see_clock(self, seen: Seen) -> str | None:
+        if seen.utc_s is None or self._longitude_deg is None:
+            return None
+        ours_deg = mean_sidereal_deg(seen.utc_s, self._longitude_deg)
+        self.clock_gap_deg = abs(math.remainder(seen.sidereal_deg - ours_deg, 360.0))
+        return "clock" if self.clock_gap_deg > self._tolerance_s * SIDEREAL_RATE_DEG_S else None
+
+    def _forget(self) -> None:
+        self._window.clear()
+        self._commanded.clear()
+        self._window_s = self._commanded_s = 0.0
