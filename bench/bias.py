@@ -212,6 +212,7 @@ def main() -> None:
     parser.add_argument("--pass", dest="name", choices=["ISS", "KANOPUS"])
     options = parser.parse_args()
     print(f"{LATE_S:g} s off, a solution a second, {SIGMA_ARCSEC:g}″ an axis, {options.seeds} seeds; in %")
+    rows = []
     for name, one in passes().items():
         if options.name not in {None, name}:
             continue
@@ -222,9 +223,12 @@ def main() -> None:
                 f"{'n':>5} {'along':>7} {'across':>7} {'arc':>7} {'end':>7} {'best at end':>12}", flush=True
             )
             for n, figures in shares(arc, range(1, options.seeds + 1)).items():
+                rows.append(figures)
                 best = share_within(FACTOR * SIGMA_ARCSEC / math.sqrt(n), *arc.spread(n))
                 row = " ".join(f"{100.0 * share:7.1f}" for share in figures)
                 print(f"{n:5d} {row} {100.0 * best:12.1f}", flush=True)
+    along, cross, over_arc, _ = np.mean(rows, axis=0) * 100.0
+    print(f"mean of all rows: along {along:.1f}, across {cross:.1f}, arc {over_arc:.1f}")
 
 
 if __name__ == "__main__":

@@ -33,6 +33,8 @@ MOST_STEP_S = 20.0
 MOST_STEPS = 12
 NEAR_S = 0.01
 DIFFERENCE_S = 0.1
+MODEL_ARCSEC = 2.0
+"""How well two constants describe a satellite over a pass, and clocks an instant: no sigma counts as less."""
 ANEW_AFTER = 8
 LIKELY_CROSS_KM = 0.3
 """How far elements are off across the track, one sigma: that hardly grows with their age."""
@@ -218,7 +220,7 @@ def _said(
         if abs(step_s) < NEAR_S:
             range_km = course.going(utc_s + along_s).range_km
             cross_km = range_km * math.tan(math.radians(cross_deg) + math.asin(height))
-            sigma = math.radians(seen.sigma_arcsec / 3600.0)
+            sigma = math.radians(math.hypot(seen.sigma_arcsec, MODEL_ARCSEC) / 3600.0)
             return Said(along_s, cross_km, sigma / pace, sigma * range_km)
     return None
 

@@ -6,6 +6,7 @@ so value, rate and acceleration are continuous, and the end is reached exactly a
 
 from __future__ import annotations
 
+import math
 from bisect import bisect_right
 from dataclasses import dataclass, field
 from typing import NamedTuple
@@ -158,6 +159,11 @@ class Offset:
         """Go over to the line that has `foot` at the beginning and `rate`, within the bounds."""
         now = added(self.state(begins_utc_s), moving)
         seconds = max(seconds, SHORTEST_S)
+        if now.rate == now.acceleration == rate == 0.0:
+            # From rest to rest the quintic's peaks are known: 15/8 and 10/sqrt(3) of way and time.
+            way = abs(foot - now.value)
+            least = max(1.875 * way / bounds.rate, math.sqrt(5.7735 * way / bounds.acceleration))
+            seconds = min(LONGEST_S, max(seconds, least))
         change = _joined(now, foot, rate, begins_utc_s, seconds)
         while seconds < LONGEST_S and not _within(change, now, bounds):
             seconds *= GROWTH

@@ -6,6 +6,7 @@ The end of the channel stops the mount: whoever held the stop key is gone.
 from __future__ import annotations
 
 import sys
+from collections import deque
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -14,6 +15,8 @@ from sattrack.messages import Message, StopNow, decode_message
 from sattrack.runtime.embedded import LineReader
 
 MOST_COMPLAINTS = 10
+ORDERS_A_TICK = 20
+"""A change of an offset takes some tens of microseconds, of which a turn of the loop has few to spare."""
 _OBSERVATION = b'"observation"'
 
 if TYPE_CHECKING:
@@ -32,6 +35,7 @@ class StdinInbox:
         self._reader = LineReader(sys.stdin.fileno() if descriptor is None else descriptor)
         self._observers = observers
         self._ended = False
+        self._waiting: deque[Message] = deque()
         self.malformed = 0
         self.ignored: list[str] = []
 
@@ -39,18 +43,20 @@ class StdinInbox:
         """Return what has come, without waiting; a stop once the channel has ended."""
         if self._ended:
             return ()
-        messages: list[Message] = []
         for line in self._reader.lines():
             if _OBSERVATION in line:
                 self._observers.put(line)
                 continue
             try:
-                messages.append(decode_message(line))
+                self._waiting.append(decode_message(line))
             except (msgspec.MsgspecError, RecursionError) as error:
                 self.malformed += 1
                 if len(self.ignored) < MOST_COMPLAINTS:
                     self.ignored.append(f"a control line was ignored: {error}")
-        if self._reader.ended:
-            self._ended = True
+        self._ended = self._reader.ended
+        messages = [self._waiting.popleft() for _ in range(min(ORDERS_A_TICK, len(self._waiting)))]
+        if self._ended or any(isinstance(one, StopNow) for one in self._waiting):
+            # Nothing that still waits may hold up a stop.
+            self._waiting.clear()
             messages.append(StopNow())
         return messages

@@ -65,7 +65,7 @@ def test_one_observation_says_what_the_full_inversion_says(
         refraction=course.propagator.refraction,
     )
     place = true.at(utc) if frame == "of_date" else true.with_place("astrometric").at(utc)
-    one = Observation(utc.isoformat("microseconds"), float(place.ra_deg), float(place.dec_deg), frame, 1.0)
+    one = Observation(utc.isoformat("microseconds"), float(place.ra_deg), float(place.dec_deg), frame, 10.0)
     assert take(estimator, course, one)
     known = estimator.filter
     assert known is not None
@@ -75,15 +75,16 @@ def test_one_observation_says_what_the_full_inversion_says(
         one.dec_deg,
         utc,
         FRAMES[frame],
-        1.0,  # type: ignore[arg-type]
+        10.0,  # type: ignore[arg-type]
     )
-    # The expectation that elements are not far off pulls by the square of the sigmas' ratio.
+    # What is expected beforehand pulls by the square of the sigmas' ratio.
     assert known.along_s == pytest.approx(expected.along_s, abs=1e-3)
     range_km = course.going(float(utc.unix_s) + known.along_s).range_km
     cross_deg = math.degrees(math.atan(known.cross_km / range_km))
-    assert cross_deg == pytest.approx(expected.cross_deg, abs=5e-5)
-    assert known.along_sigma_s == pytest.approx(expected.along_sigma_s, rel=0.02)
-    assert math.degrees(known.cross_sigma_km / range_km) <= expected.cross_sigma_deg * 1.001
+    assert cross_deg == pytest.approx(expected.cross_deg, abs=1e-4)
+    assert known.along_sigma_s == pytest.approx(expected.along_sigma_s, rel=0.03)
+    cross_sigma_deg = math.degrees(known.cross_sigma_km / range_km)
+    assert cross_sigma_deg == pytest.approx(expected.cross_sigma_deg, rel=0.03)
 
 
 def test_the_first_observation_of_elements_a_minute_off_is_believed(
