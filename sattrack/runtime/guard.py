@@ -111,7 +111,13 @@ class Guarded:
         self._armed = False
         self._restarted = False
         self._lost: str | None = None
-        self._process, self._life = self._start()
+        try:
+            self._process, self._life = self._start()
+        except OSError as error:
+            os.close(self._memory)
+            raise SattrackError(
+                f"the guardian cannot be started ({error.strerror}): nothing is moved without"
+            ) from error
 
     @property
     def pid(self) -> int:

@@ -30,7 +30,8 @@ POLL_S = 0.1
 OBEY_WITHIN_S = 1.0
 """How long a feeder whose loop turns may ignore that it is to stop."""
 GONE_AFTER_S = 1.0
-"""After so long in silence, a mount on this machine is asked whether it is there at all."""
+"""After each so long in silence, a mount on this machine is asked whether it is there at all."""
+ASK_WITHIN_S = 0.02
 MOST_VISITORS = 32
 IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGPIPE)
 
@@ -106,6 +107,8 @@ class Guardian:
     _halt: Halt | None = None
     _why: str = ""
     _begun_s: float = 0.0
+    _asked_s: float = 0.0
+    """When the mount was last asked whether it is there."""
     _due_s: float = 0.0
     _told: bool = False
     _gone: bool = False
@@ -202,15 +205,17 @@ class Guardian:
         """Tell whether a mount on this machine, simulated then, has ended itself."""
         address = self.task.address
         silent = self._halt is not None and self._halt.session.sample is None
-        if not (silent and address.host.startswith("127.") and now_s - self._begun_s > GONE_AFTER_S):
+        since_s = max(self._begun_s, self._asked_s)
+        if not (silent and address.host.startswith("127.") and now_s - since_s > GONE_AFTER_S):
             return False
-        return nobody_listens(address, encode_command(Command()), 0.05)
+        self._asked_s = now_s
+        return nobody_listens(address, encode_command(Command(abort=True)), ASK_WITHIN_S)
 
     def _tell(self) -> None:
         """Say what was done, to whoever has the feeder's terminal, and to a file."""
         assert self._halt is not None
         owner, now_s = self.task.owner, time.monotonic()
-        rest = "the mount is not there any more"
+        rest = "found that the mount is not there any more"
         if self._halt.at_rest:
             rest = f"stopped the mount: seen at rest after {now_s - self._begun_s:.1f} s"
         elif self._halt.finished:

@@ -67,7 +67,7 @@ def stop_directly(address: Address, profile: MountProfile, waiting: Callable[[],
     wait_until_free(address, waiting)
     mount = f"{address.host}:{address.port}"
     with owned(address, profile) as (link, guard):
-        begun_s = due_s = time.monotonic()
+        begun_s = due_s = asked_s = time.monotonic()
         halt = Halt(profile, begun_s)
         while not halt.finished:
             readable, _, _ = select.select([link], [], [], max(0.0, due_s - time.monotonic()))
@@ -82,8 +82,10 @@ def stop_directly(address: Address, profile: MountProfile, waiting: Callable[[],
             link.send(datagram)
             due_s = max(due_s + profile.period_s, now_s)
             waiting()
-            unheard = halt.session.sample is None and now_s - begun_s > GONE_AFTER_S
-            if unheard and nobody_listens(address, encode_command(Command()), LOOK_AGAIN_S):
+            if halt.session.sample is not None or now_s - asked_s < GONE_AFTER_S:
+                continue
+            asked_s = now_s
+            if nobody_listens(address, encode_command(Command(abort=True)), LOOK_AGAIN_S):
                 guard.release(None)
                 return MountStop(mount, "direct", None, None, None, NOBODY)
         guard.release(halt.at_rest)

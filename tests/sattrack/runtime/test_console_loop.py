@@ -11,6 +11,7 @@ import pytest
 from sattrack.clock import SystemClock
 from sattrack.console import Console
 from sattrack.console_messages import AbortOrder, LeaveOrder
+from sattrack.errors import SattrackError
 from sattrack.mount import MountProfile
 from sattrack.runtime import console as loop_module
 from sattrack.runtime.console import Connection, ConsoleLoop, OrderInbox
@@ -107,6 +108,44 @@ def test_what_shows_may_fail_for_good_and_the_mount_is_fed_to_the_end(
         ConsoleLoop(part, connection, StopRequest(), show).run()
     assert len(heard(mount_socket)) == 7
     assert len(part.failed) == 1
+
+
+class TakenAway:
+    """A guard of a loop that has stood still: the mount is taken away just before the third datagram."""
+
+    stop_asked = False
+
+    def __init__(self) -> None:
+        self.beats = 0
+        self.released = False
+
+    @property
+    def deposed(self) -> bool:
+        return self.beats >= 3
+
+    @property
+    def trouble(self) -> str | None:
+        return "taken away" if self.deposed else None
+
+    def beat(self, datagram: bytes | None = None) -> bool:
+        del datagram
+        self.beats += 1
+        return not self.deposed
+
+    def release(self, at_rest: bool | None) -> None:
+        del at_rest
+        self.released = True
+
+
+def test_a_loop_whose_mount_was_taken_away_sends_nothing_more_and_says_so(
+    mount_socket: socket.socket, connection: Connection
+) -> None:
+    guard = TakenAway()
+    connection.guard = guard
+    with pytest.raises(SattrackError, match="taken away"):
+        ConsoleLoop(BrokenPart(fails=0), connection, StopRequest(), lambda _: None).run()
+    assert [command.counter for command in heard(mount_socket)] == [1, 2]
+    assert not guard.released
 
 
 def test_a_stop_that_is_asked_for_again_and_again_interrupts_once(connection: Connection) -> None:

@@ -14,6 +14,7 @@ import pytest
 from sattrack.clock import SimulatedClock
 from sattrack.messages import StopNow
 from sattrack.recording.recorder import NoRecording
+from sattrack.runtime.guard import Unguarded
 from sattrack.runtime.live import LiveLoop
 from sattrack.runtime.signals import StopRequest
 
@@ -90,7 +91,40 @@ class NotedLink:
         self._socket.close()
 
 
-def run(engine: NotedEngine, stop: StopRequest | None = None, speed: float = 1.0) -> NotedLink:
+class NotedGuard(Unguarded):
+    """Takes the mount away with one of the beats; `asks_at` is the beat from which a stop is asked for."""
+
+    def __init__(self, taken_at: int = 10**9, asks_at: int = 10**9) -> None:
+        self.beats = 0
+        self.released: list[bool | None] = []
+        self._taken_at, self._asks_at = taken_at, asks_at
+
+    @property
+    def deposed(self) -> bool:
+        return self.beats >= self._taken_at
+
+    @property
+    def stop_asked(self) -> bool:
+        return self.beats >= self._asks_at
+
+    @property
+    def trouble(self) -> str | None:
+        return "taken away" if self.deposed else None
+
+    def beat(self, datagram: bytes | None = None) -> bool:
+        self.beats += 1
+        return not self.deposed
+
+    def release(self, at_rest: bool | None) -> None:
+        self.released.append(at_rest)
+
+
+def run(
+    engine: NotedEngine,
+    stop: StopRequest | None = None,
+    speed: float = 1.0,
+    guard: NotedGuard | None = None,
+) -> NotedLink:
     """Run the loop to its end by a clock that shows the monotonic one's own reading."""
     link = NotedLink()
     screen = SimpleNamespace(show=lambda _: None)
@@ -98,6 +132,8 @@ def run(engine: NotedEngine, stop: StopRequest | None = None, speed: float = 1.0
     parts: Any = (engine, link, clock, NoRecording(), screen, stop or StopRequest())
     try:
         loop = LiveLoop(*parts)
+        if guard is not None:
+            loop.guard = guard
         loop.run()
     finally:
         link.close()
@@ -142,6 +178,28 @@ def test_a_stop_is_obeyed_in_the_datagram_that_is_computed_next() -> None:
     run(engine, stop)
     assert engine.operated[0] == StopNow()
     assert len(engine.operated) == TICKS
+
+
+def test_the_guard_hears_every_datagram_and_how_it_ended() -> None:
+    guard = NotedGuard()
+    link = run(NotedEngine(), guard=guard)
+    assert guard.beats == len(link.sent_s) == TICKS
+    assert guard.released == [True]
+
+
+def test_a_stop_that_comes_through_the_guard_is_the_operators() -> None:
+    engine = NotedEngine()
+    run(engine, guard=NotedGuard(asks_at=20))
+    assert engine.operated == [StopNow()] * (TICKS - 20)
+
+
+def test_once_the_mount_is_taken_away_nothing_more_is_sent_copies_neither() -> None:
+    engine, guard = NotedEngine(copy=b"copy"), NotedGuard(taken_at=11)
+    link = run(engine, guard=guard)
+    assert guard.beats == 11
+    assert len(link.sent_s) == 2 * 10
+    assert engine.told == ["taken away"]
+    assert guard.released == []
 
 
 def test_datagrams_go_on_where_finding_the_next_deadline_breaks() -> None:
