@@ -1,0 +1,214 @@
+"""A simulated mount behind the interface, in virtual time: what section 5.0 of the paper asks for."""
+
+from __future__ import annotations
+
+import math
+from decimal import Decimal
+
+import pytest
+from antenna_harness import VirtualAntenna
+
+from sattrack.mount import MountProfile
+from tle.instants import Utc
+
+BEGIN_UTC_S = Utc.parse("2026-10-02T13:05:00Z").unix_s
+SIDEREAL = 0.0041780746
+
+
+@pytest.fixture
+def antenna() -> VirtualAntenna:
+    made = VirtualAntenna(BEGIN_UTC_S)
+    made.run_for(1.0)
+    return made
+
+
+def position(antenna: VirtualAntenna) -> dict[str, str]:
+    names = ["ps", "c1", "c2", "a1", "a2", "cr1", "cr2", "ar1", "ar2", "cw", "aw", "epoch", "mode", "servo"]
+    return dict(zip(names, antenna.say("PS").split(), strict=True))
+
+
+def altitude(antenna: VirtualAntenna) -> float:
+    truth = antenna.truths[-1]
+    ha = math.radians(antenna.sky.sidereal_deg(truth.utc_s) - truth.ra_deg)
+    dec, latitude = math.radians(truth.dec_deg), math.radians(antenna.sky.site.latitude_deg)
+    sine = math.sin(latitude) * math.sin(dec) + math.cos(latitude) * math.cos(dec) * math.cos(ha)
+    return math.degrees(math.asin(sine))
+
+
+def test_a_new_source_is_slewed_to_and_joined(antenna: VirtualAntenna) -> None:
+    assert antenna.say(f"TD 20 40 {SIDEREAL} 0") == "TD ACK"
+    antenna.run_for(1.0)
+    assert position(antenna)["servo"] == "SLEWING"
+    antenna.run_for(8.0)
+    told = position(antenna)
+    assert told["servo"] == "TRACKING"
+    assert abs(float(told["a1"]) - float(told["c1"])) * 3600.0 < 1.0
+    assert abs(float(told["a2"]) - 40.0) * 3600.0 < 1.0
+    antenna.say(f"TD 15 45 {SIDEREAL} 0")
+    antenna.run_for(4.0)
+    assert position(antenna)["servo"] == "TRACKING"
+
+
+def test_what_position_status_tells_is_where_the_axes_are(antenna: VirtualAntenna) -> None:
+    antenna.say("TD 20 40 0.5 -0.25")
+    antenna.run_for(8.0)
+    antenna.run_until(antenna.truths[-1].utc_s + 0.033)
+    told = position(antenna)
+    antenna.run_for(0.1)
+    before, after = antenna.truths[-3], antenna.truths[-2]
+    share = (antenna.now_utc_s - 0.1 - before.utc_s) / (after.utc_s - before.utc_s)
+    dec = before.dec_deg + share * (after.dec_deg - before.dec_deg)
+    assert 0.0 < share < 1.0
+    assert abs(float(told["a2"]) - dec) * 3600.0 < 0.5
+
+
+def test_commanded_is_the_designation_itself_to_the_last_digit(antenna: VirtualAntenna) -> None:
+    second = Decimal(antenna.say("TIME").split()[2])
+    first, rate, epoch = (
+        Decimal("12.123456789012"),
+        Decimal("0.31415926535"),
+        second.quantize(Decimal("0.000001")),
+    )
+    antenna.say(f"TD {first} 40 {rate} 0 {epoch}")
+    for _ in range(5):
+        antenna.run_for(0.7071)
+        told = position(antenna)
+        exact = first + rate * (Decimal(told["epoch"]) - epoch)
+        assert Decimal(told["c1"]) == exact.quantize(Decimal("1e-8"))
+
+
+def test_a_step_of_a_tenth_of_a_beam_settles_within_half_a_second(antenna: VirtualAntenna) -> None:
+    antenna.say("TD 30 30 0 0")
+    antenna.run_for(9.0)
+    antenna.say(f"TD 30 {30.0 + 30.0 / 3600.0:.9f} 0 0")
+    began = antenna.now_utc_s
+    antenna.run_for(2.0)
+    off = [abs(t.dec_deg - 30.0 - 30.0 / 3600.0) * 3600.0 for t in antenna.truths if t.utc_s > began + 0.5]
+    assert max(off) < 1.0
+
+
+def test_a_trajectory_below_the_floor_is_accepted_and_picked_up_as_it_comes_out(
+    antenna: VirtualAntenna,
+) -> None:
+    # At hour angle 0 over 52.15° north, declination -40° is 2° below the horizon; it rises 0.5° a second.
+    assert antenna.say("TD 0 -40 0 0.5") == "TD ACK"
+    antenna.run_for(4.0)
+    antenna.say("TD 0 -40 0 0.5")
+    antenna.run_for(3.0)
+    assert antenna.station.tripped is None
+    lowest = min(t.dec_deg for t in antenna.truths)
+    assert lowest > -37.8459
+    antenna.run_for(9.0)
+    assert antenna.station.tripped is None
+    assert position(antenna)["servo"] == "TRACKING"
+
+
+def test_a_fixed_direction_outside_the_limits_is_come_near_to(antenna: VirtualAntenna) -> None:
+    antenna.say("TD 0 -45 0 0")
+    antenna.run_for(15.0)
+    assert antenna.station.tripped is None
+    assert antenna.say("STATUS").split()[5] == "1"
+    assert 0.0 < altitude(antenna) < 1.0
+    assert position(antenna)["servo"] == "SLEWING"
+
+
+def test_a_silent_antcn_leaves_the_antenna_at_its_limit_and_not_beyond(antenna: VirtualAntenna) -> None:
+    antenna.say("TD 60 60 3.0 0")
+    antenna.run_for(60.0)
+    assert antenna.station.tripped is None
+    axis = antenna.truths[-1].hour_angle_axis_deg
+    assert 195.0 < axis < 200.0
+    assert position(antenna)["aw"] == "1"
+
+
+def test_stop_brings_the_antenna_to_rest(antenna: VirtualAntenna) -> None:
+    antenna.say("TD 0 40 0 0")
+    antenna.run_for(2.0)
+    assert antenna.say("STOP") == "STOP ACK"
+    antenna.run_for(2.0)
+    told = position(antenna)
+    assert told["servo"] == "IDLE"
+    assert told["c1"] == ",,"
+    assert abs(float(told["ar1"])) <= 0.0042
+    assert abs(float(told["ar2"])) < 1e-4
+    assert antenna.station.session.stopped
+
+
+def test_local_ends_the_trajectory_and_refuses_another(antenna: VirtualAntenna) -> None:
+    antenna.say("TD 0 40 0 0")
+    antenna.run_for(2.0)
+    antenna.station.controller.switch(False)
+    antenna.run_for(2.0)
+    assert antenna.station.session.stopped
+    assert antenna.say("TD 0 40 0 0") == "TD NAK 8"
+    assert position(antenna)["mode"] == "LOCAL"
+
+
+def test_after_an_interlock_nothing_moves_until_reset(antenna: VirtualAntenna) -> None:
+    antenna.say("TD 40 20 0 0")
+    antenna.run_for(3.0)
+    antenna.station.safety._trip("obedience")
+    antenna.run_for(2.0)
+    assert "obedience" in antenna.say("STATUS")
+    assert antenna.say("TD 45 20 0 0") == "TD ACK"
+    antenna.run_for(2.0)
+    assert antenna.station.session.stopped
+    assert antenna.say("RESET") == "RESET ACK"
+    antenna.run_for(0.5)
+    assert antenna.say("STATUS").split()[4] == "OK"
+    antenna.say("TD 45 20 0 0")
+    antenna.run_for(4.0)
+    assert position(antenna)["servo"] == "TRACKING"
+
+
+def test_an_end_brings_the_mount_to_rest_first(antenna: VirtualAntenna) -> None:
+    antenna.say("TD 0 40 0.5 0")
+    antenna.run_for(3.0)
+    antenna.station.end(antenna.now_utc_s)
+    assert not antenna.station.finished
+    antenna.run_for(3.0)
+    assert antenna.station.finished
+    assert antenna.station.mount_stopped
+
+
+def test_an_end_without_any_motion_asks_nothing_of_the_mount(antenna: VirtualAntenna) -> None:
+    antenna.station.end(antenna.now_utc_s)
+    antenna.run_for(0.2)
+    assert antenna.station.finished
+    assert antenna.station.mount_stopped is None
+
+
+def test_azimuth_and_elevation_are_followed_where_positions_are_those() -> None:
+    antenna = VirtualAntenna(BEGIN_UTC_S, axes="azel")
+    antenna.run_for(1.0)
+    antenna.say("TD 200 45 0.1 0.05")
+    antenna.run_for(9.0)
+    told = position(antenna)
+    assert told["servo"] == "TRACKING"
+    assert abs(float(told["a1"]) - float(told["c1"])) * 3600.0 < 2.0
+    assert abs(float(told["a2"]) - float(told["c2"])) * 3600.0 < 2.0
+    assert float(told["ar1"]) == pytest.approx(0.1, abs=0.01)
+
+
+def test_a_mount_that_takes_rates_by_edges_is_followed_with_too() -> None:
+    antenna = VirtualAntenna(BEGIN_UTC_S, profile=MountProfile(move_axis="edge"))
+    antenna.run_for(1.0)
+    antenna.say(f"TD 40 25 {SIDEREAL} 0")
+    antenna.run_for(12.0)
+    told = position(antenna)
+    assert abs(float(told["a1"]) - float(told["c1"])) * 3600.0 < 5.0
+    assert antenna.station.tripped is None
+
+
+def test_a_source_by_coordinates_stands_still_against_the_sky(antenna: VirtualAntenna) -> None:
+    ra = antenna.sky.sidereal_deg(antenna.now_utc_s) - 40.0
+    assert antenna.say(f"RADEC DATE {ra:.6f} 25 S") == "RADEC ACK"
+    antenna.run_for(8.0)
+    truth = antenna.truths[-1]
+    assert abs(math.remainder(truth.ra_deg - ra, 360.0)) * 3600.0 < 1.0
+    assert abs(truth.dec_deg - 25.0) * 3600.0 < 1.0
+    antenna.say("OFFSET RADEC 0.1 -0.2")
+    antenna.run_for(3.0)
+    truth = antenna.truths[-1]
+    assert abs(math.remainder(truth.ra_deg - ra - 0.1, 360.0)) * 3600.0 < 1.0
+    assert abs(truth.dec_deg - 24.8) * 3600.0 < 1.0
