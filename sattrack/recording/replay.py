@@ -34,6 +34,15 @@ if TYPE_CHECKING:
 TELL_EVERY = 500
 
 
+class Output(NamedTuple):
+    """One output of a run: its topic, its instant, the recorded datagram and today's."""
+
+    topic: str
+    utc_s: float
+    recorded: bytes
+    replayed: bytes
+
+
 class Divergence(NamedTuple):
     """The first output that came out otherwise: which tick, when, after which input, and both datagrams."""
 
@@ -86,16 +95,17 @@ def replay(
     watch: Callable[[Engine, Entry], None] | None = None,
     progress: Callable[[float], None] | None = None,
     expected: Recording | None = None,
+    keep: list[Output] | None = None,
 ) -> Replay:
     """Run a recording's inputs through the engine that `build` makes of its facts; compare what comes out.
 
     The comparison is `choice`, or else the one that the recording's header calls for. `watch` is called after
     each input and each output with the engine and the entry, `progress` now and then with the share done.
-    `expected` gives the outputs to compare with, instead of the recorded ones.
+    `expected` gives the outputs to compare with, instead of the recorded ones; `keep` takes all outputs.
     """
     judge = expected or recording
     chosen = choice or choose(judge.header, fingerprint(), here())
-    run = _Run(Replay(chosen, cut_off=recording.cut_off), tolerances or Tolerances())
+    run = _Run(Replay(chosen, cut_off=recording.cut_off), tolerances or Tolerances(), keep)
     outputs = None if expected is None else _outputs(expected)
     with _no_garbage():
         engine = build(recording.header.spec)
@@ -127,6 +137,7 @@ class _Run:
 
     result: Replay
     allowed: Tolerances
+    keep: list[Output] | None
     after: str = "the start"
     view_rms_arcsec: float | None = None
 
@@ -147,14 +158,10 @@ class _Run:
             self.after = f"status {self.result.statuses}"
             engine.receive(entry.data, entry.utc_s)
         elif entry.topic == COMMAND:
-            replayed = engine.tick(entry.utc_s)
-            if replayed != entry.data:
-                self._compare(entry, replayed)
+            self._compare(entry, engine.tick(entry.utc_s))
             self.result.ticks += 1
         elif entry.topic == REPEAT:
-            copied = engine.repeat() or b""
-            if copied != entry.data:
-                self._compare(entry, copied)
+            self._compare(entry, engine.repeat() or b"")
         elif entry.topic == OPERATOR:
             self.after = f"the operator's {entry.data.decode('utf-8', 'replace')}"
             engine.operate(decode_message(entry.data), entry.utc_s)
@@ -176,6 +183,10 @@ class _Run:
             )
 
     def _compare(self, entry: Entry, replayed: bytes) -> None:
+        if self.keep is not None:
+            self.keep.append(Output(entry.topic, entry.utc_s, entry.data, replayed))
+        if replayed == entry.data:
+            return
         result = self.result
         result.differing += 1
         found = differences(entry.data, replayed)

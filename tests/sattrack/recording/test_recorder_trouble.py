@@ -12,8 +12,7 @@ import subprocess
 import sys
 import threading
 import time
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 import pytest
@@ -24,6 +23,9 @@ from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import BackgroundRecorder, Recorder
 from sattrack.recording.replay import replay
 from sattrack.runtime.again import engine_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 SPEC = msgspec.Raw(b"{}")
 WRITER = """

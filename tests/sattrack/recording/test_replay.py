@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -33,6 +32,8 @@ from sattrack.runtime.facts import build_engine, decode_facts
 from sattrack.xerxes.datagrams import Command, decode_command, encode_command
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from sattrack.engine import Engine
 
 LIBRARIES = {"numpy": "2.0", "astropy-iers-data": "0.2026"}

@@ -1,0 +1,104 @@
+"""A recording in other programs' formats: pcapng for Wireshark, CSV, Parquet."""
+
+from __future__ import annotations
+
+import csv
+import struct
+from typing import TYPE_CHECKING
+
+from sattrack.errors import BadInputError, SattrackError
+from sattrack.recording.columns import table_of
+from sattrack.recording.format import COMMAND, OPERATOR, REPEAT, STATUS, to_ns
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sattrack.recording.reading import Recording
+
+CLIENT, MOUNT = (bytes((192, 0, 2, 1)), 15001), (bytes((192, 0, 2, 2)), 15002)
+"""Addresses for documentation (RFC 5737): a recording does not tell the real ones."""
+_RAW_IP = 101
+_SECTION, _INTERFACE, _PACKET = 0x0A0D0D0A, 1, 6
+_COMMENT = 1
+
+
+def write_pcapng(recording: Recording, path: Path) -> None:
+    """Write every datagram as a UDP packet with its instant; raises BadInputError where that cannot be.
+
+    Statuses have the instant of their arrival, commands that of their tick. The operator's words are comments
+    of the next command. Layout: PCAP Next Generation (draft-ietf-opsawg-pcapng), LINKTYPE_RAW.
+    """
+    section = _block(_SECTION, struct.pack("<IHHq", 0x1A2B3C4D, 1, 0, -1))
+    nanoseconds = struct.pack("<HHB3x", 9, 1, 9) + bytes(4)
+    parts = [section, _block(_INTERFACE, struct.pack("<HHI", _RAW_IP, 0, 65535) + nanoseconds)]
+    words: list[bytes] = []
+    for entry in recording.entries():
+        if entry.topic == OPERATOR:
+            words.append(entry.data)
+        elif entry.topic == STATUS:
+            parts.append(_packet(entry.utc_s, _udp(MOUNT, CLIENT, entry.data), ()))
+        elif entry.topic in {COMMAND, REPEAT}:
+            parts.append(_packet(entry.utc_s, _udp(CLIENT, MOUNT, entry.data), words))
+            words = []
+    _write(path, b"".join(parts))
+
+
+def _block(kind: int, body: bytes) -> bytes:
+    length = len(body) + 12
+    return struct.pack("<II", kind, length) + body + struct.pack("<I", length)
+
+
+def _packet(utc_s: float, data: bytes, comments: tuple[()] | list[bytes]) -> bytes:
+    at = max(0, to_ns(utc_s))
+    head = struct.pack("<IIIII", 0, at >> 32, at & 0xFFFFFFFF, len(data), len(data))
+    options = b"".join(_option(_COMMENT, words) for words in comments)
+    return _block(_PACKET, head + _padded(data) + (options + bytes(4) if options else b""))
+
+
+def _option(code: int, value: bytes) -> bytes:
+    return struct.pack("<HH", code, len(value)) + _padded(value)
+
+
+def _padded(data: bytes) -> bytes:
+    return data + bytes(-len(data) % 4)
+
+
+def _udp(source: tuple[bytes, int], target: tuple[bytes, int], data: bytes) -> bytes:
+    """Return an IPv4 packet; UDP's checksum is left out, as IPv4 allows (RFC 768)."""
+    udp = struct.pack(">HHHH", source[1], target[1], 8 + len(data), 0) + data
+    head = struct.pack(">BBHHHBBH", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0) + source[0] + target[0]
+    total = sum(struct.unpack(">10H", head))
+    total = (total & 0xFFFF) + (total >> 16)
+    return head[:10] + struct.pack(">H", ~(total + (total >> 16)) & 0xFFFF) + head[12:] + udp
+
+
+def write_csv(recording: Recording, path: Path, table: str) -> None:
+    """Write one table as CSV, numbers so that they come back as the same floats; raises BadInputError."""
+    columns = table_of(recording, table)
+    try:
+        with path.open("w", newline="", encoding="utf-8") as stream:
+            writer = csv.writer(stream, lineterminator="\n")
+            writer.writerow(columns)
+            writer.writerows(zip(*columns.values(), strict=True))
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def write_parquet(recording: Recording, path: Path, table: str) -> None:
+    """Write one table as Parquet; raises SattrackError where pyarrow is not there, BadInputError."""
+    try:
+        import pyarrow
+        from pyarrow import parquet
+    except ImportError:
+        raise SattrackError("Parquet needs pyarrow: pip install 'sattrack[parquet]'") from None
+    try:
+        parquet.write_table(pyarrow.table(table_of(recording, table)), path)
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _write(path: Path, data: bytes) -> None:
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot be written: {error.strerror}") from error

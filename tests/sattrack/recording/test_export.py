@@ -1,0 +1,187 @@
+"""What is exported is what was recorded, as other programs read it."""
+
+from __future__ import annotations
+
+import csv
+import json
+import shutil
+import struct
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sattrack.cli import run
+from sattrack.recording.format import COMMAND, OPERATOR, STATUS
+from sattrack.recording.looking import clock_steps
+from sattrack.recording.reading import Recording
+from sattrack.recording.recorder import Recorder
+from tle.observations import Stations, read_observations
+from tle.site import Site
+
+SCRIPT = Path(__file__).resolve().parents[3] / "extras" / "wireshark" / "xerxes.lua"
+SEEN = [
+    '{"type":"observation","utc":"2026-10-02T13:05:20.250000Z","ra_deg":201.5,"dec_deg":31.25,'
+    '"frame":"icrs","sigma_arcsec":20.0}',
+    '{"type":"observation","utc":"2026-10-02T13:05:21.500000Z","ra_deg":202.5,"dec_deg":32.25,'
+    '"frame":"icrs","sigma_arcsec":10.0,"catalog_number":25544}',
+    '{"type":"observation","utc":"2026-10-02T13:05:22Z","ra_deg":1.0,"dec_deg":2.0,'
+    '"frame":"icrs","sigma_arcsec":10.0,"catalog_number":7}',
+]
+
+
+def with_words(path: Path, short: Path, words: list[str], later_s: float = 0.0) -> Path:
+    """Write a copy of a recording with messages in its middle, and a clock set ahead from there on."""
+    recording = Recording(short)
+    with path.open("wb") as stream:
+        recorder = Recorder(stream, recording.header.spec)
+        for number, entry in enumerate(recording.entries()):
+            if number == 400:
+                for line in words:
+                    recorder.write(OPERATOR, entry.utc_s, line.encode())
+            ahead_s = later_s if number >= 400 else 0.0
+            recorder.write(entry.topic, entry.utc_s + ahead_s, entry.data)
+        recorder.close()
+    return path
+
+
+def blocks(data: bytes) -> list[tuple[int, bytes]]:
+    """Return the blocks of a pcapng file by its draft: type, length, body, length again."""
+    found = []
+    while data:
+        kind, length = struct.unpack_from("<II", data)
+        assert length % 4 == 0
+        assert struct.unpack_from("<I", data, length - 4)[0] == length
+        found.append((kind, data[8 : length - 4]))
+        data = data[length:]
+    return found
+
+
+def test_pcapng_holds_every_datagram_with_its_instant(short: Path, tmp_path: Path) -> None:
+    out = tmp_path / "short.pcapng"
+    assert run(["recording", "export", str(short), str(out)]) == 0
+    kinds = blocks(out.read_bytes())
+    assert [kind for kind, _ in kinds[:2]] == [0x0A0D0D0A, 1]
+    entries = [e for e in Recording(short).entries() if e.topic in {STATUS, COMMAND}]
+    assert len(kinds) == len(entries) + 2
+    for (kind, body), entry in zip(kinds[2:], entries, strict=True):
+        assert kind == 6
+        _, high, low, length, _ = struct.unpack_from("<IIIII", body)
+        assert (high << 32 | low) / 10**9 == entry.utc_s
+        packet = body[20 : 20 + length]
+        assert sum(struct.unpack(">10H", packet[:20])) % 0xFFFF == 0
+        assert packet[28:] == entry.data
+
+
+@pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed")
+def test_wireshark_dissects_the_export(short: Path, tmp_path: Path) -> None:
+    out = tmp_path / "short.pcapng"
+    noted = with_words(tmp_path / "noted.mcap", short, ['{"type":"nudge","along_s":0.5}'])
+    assert run(["recording", "export", str(noted), str(out)]) == 0
+    fields = ["-T", "fields", "-e", "_ws.col.Protocol", "-e", "frame.comment"]
+    done = subprocess.run(
+        ["tshark", "-X", f"lua_script:{SCRIPT}", "-r", str(out), *fields],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    lines = [line.split("\t") for line in done.stdout.splitlines()]
+    assert {line[0] for line in lines} == {"XERXES"}
+    assert [line[1] for line in lines if len(line) > 1 and line[1]] == ['{"type":"nudge","along_s":0.5}']
+
+
+def test_csv_holds_the_numbers_of_the_datagrams(short: Path, tmp_path: Path) -> None:
+    out = tmp_path / "short.csv"
+    assert run(["recording", "export", str(short), str(out)]) == 0
+    with out.open(newline="") as stream:
+        table = list(csv.DictReader(stream))
+    entries = [e for e in Recording(short).entries() if e.topic == STATUS]
+    assert len(table) == len(entries)
+    for row, entry in zip(table, entries, strict=True):
+        assert float(row["utc_s"]) == entry.utc_s
+        # Bytes 24 and 40 of the status: declination, right ascension in hours.
+        assert float(row["dec_deg"]) == struct.unpack_from("<d", entry.data, 24)[0]
+        assert float(row["ra_h"]) == struct.unpack_from("<d", entry.data, 40)[0]
+    commands = tmp_path / "commands.csv"
+    assert run(["recording", "export", str(short), str(commands), "--table", "command"]) == 0
+    assert len(commands.read_text().splitlines()) == 368
+    views = tmp_path / "views.csv"
+    assert run(["recording", "export", str(short), str(views), "--table", "view"]) == 0
+    assert "error.total_arcsec" in views.read_text().splitlines()[0].split(",")
+
+
+def test_parquet_needs_pyarrow_and_says_so_in_a_line(
+    short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    assert run(["recording", "export", str(short), str(tmp_path / "short.parquet")]) == 1
+    assert capsys.readouterr().err == "sattrack: Parquet needs pyarrow: pip install 'sattrack[parquet]'\n"
+
+
+def test_parquet_holds_what_csv_holds(short: Path, tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    out = tmp_path / "short.parquet"
+    assert run(["recording", "export", str(short), str(out)]) == 0
+    table = parquet.read_table(out).to_pydict()
+    entries = [e for e in Recording(short).entries() if e.topic == STATUS]
+    assert table["utc_s"] == [e.utc_s for e in entries]
+    assert table["dec_deg"] == [struct.unpack_from("<d", e.data, 24)[0] for e in entries]
+
+
+def test_a_tdm_gives_the_observations_back_to_a_reader_of_its_own(short: Path, tmp_path: Path) -> None:
+    seen = with_words(tmp_path / "seen.mcap", short, SEEN)
+    out = tmp_path / "seen.tdm"
+    assert run(["recording", "export", str(seen), str(out)]) == 0
+    found = read_observations(out, Stations({}, Site(52.1541, 4.4908, 0.0)))
+    assert [(o.utc.isoformat("milliseconds"), o.ra_deg, o.dec_deg, o.frame) for o in found] == [
+        ("2026-10-02T13:05:20.250Z", 201.5, 31.25, "icrf"),
+        ("2026-10-02T13:05:21.500Z", 202.5, 32.25, "icrf"),
+    ]
+    assert found[0].object_key == "1998-067A"
+
+
+def test_without_observations_there_is_no_tdm_and_the_reason_is_told(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["recording", "export", str(short), str(tmp_path / "none.tdm")]) == 1
+    assert "no observation in it" in capsys.readouterr().err
+    assert not (tmp_path / "none.tdm").exists()
+
+
+def test_info_tells_what_a_recording_holds(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["recording", "info", str(short), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["messages"] == {"status": 367, "command": 367, "view": 37, "summary": 1}
+    assert told["whole"]
+    assert told["ended_properly"]
+    assert told["summary"]["ended_by"] == "set"
+    assert run(["recording", "info", str(short)]) == 0
+    assert "nothing is wrong with it" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("ahead_s", [2.5, -40.0])
+def test_a_clock_that_was_set_in_the_middle_is_told_where_and_by_how_much(
+    ahead_s: float, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stepped = with_words(tmp_path / "stepped.mcap", short, [], ahead_s)
+    (step,) = clock_steps(Recording(stepped))
+    assert step.ahead_s == pytest.approx(ahead_s, abs=0.002)
+    assert run(["recording", "info", str(stepped)]) == 0
+    assert "a clock was set at 2026-10-02T13:0" in capsys.readouterr().out
+    assert run(["replay", str(stepped)]) in {0, 1}
+    assert "a defect" not in capsys.readouterr().err
+    assert clock_steps(Recording(short)) == []
+
+
+def test_nothing_is_written_over_and_an_unknown_ending_is_told(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "there.csv"
+    out.write_text("mine")
+    assert run(["recording", "export", str(short), str(out)]) == 2
+    assert out.read_text() == "mine"
+    assert run(["recording", "export", str(short), str(tmp_path / "x.docx")]) == 2
+    assert "its ending tells no format" in capsys.readouterr().err
+    assert run(["recording", "export", str(short), str(tmp_path / "no" / "x.csv")]) == 2
+    assert "cannot be written" in capsys.readouterr().err
