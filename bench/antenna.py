@@ -47,11 +47,11 @@ def azel(propagator: Propagator, utc_s: float) -> tuple[float, float]:
     return float(seen.az_deg), float(seen.alt_deg)
 
 
-def own_error(tangent: bool, interval_s: float = 1.0) -> float:
-    """Return the RMS error of the straight lines themselves, arcseconds."""
-    propagator, errors = satellite(), []
-    begin = RISE_UTC_S
-    while begin < SET_UTC_S:
+def own_error(tangent: bool, begin_utc_s: float = RISE_UTC_S, end_utc_s: float = SET_UTC_S) -> float:
+    """Return the RMS error of straight lines over a second themselves, arcseconds."""
+    propagator, errors, interval_s = satellite(), [], 1.0
+    begin = begin_utc_s
+    while begin < end_utc_s:
         first = propagator.at(Utc(begin))
         last = propagator.at(Utc(begin + interval_s))
         rates = (first.ra_rate_deg_s, first.dec_rate_deg_s)
@@ -67,16 +67,18 @@ def own_error(tangent: bool, interval_s: float = 1.0) -> float:
     return rms(errors)
 
 
-def designated(interval_s: float, axes: str = "hadec") -> Figures:
-    """Follow the pass by trajectory designations."""
-    antenna = VirtualAntenna(RISE_UTC_S - 20.0, axes=axes)
+def designated(
+    interval_s: float, axes: str = "hadec", begin_utc_s: float = RISE_UTC_S, end_utc_s: float = SET_UTC_S
+) -> Figures:
+    """Follow the pass, or a part of it, by trajectory designations."""
+    antenna = VirtualAntenna(begin_utc_s - 20.0, axes=axes)
     propagator = satellite()
     where = hadec if axes == "hadec" else azel
     run = AntcnRun(
         Antcn(TCP_CHARACTER_TIME_OUT_S),
         lambda utc_s: where(propagator, utc_s),
-        RISE_UTC_S,
-        SET_UTC_S,
+        begin_utc_s,
+        end_utc_s,
         15.0,
         antenna.begin_utc_s,
         interval_s=interval_s,
@@ -102,8 +104,8 @@ def designated(interval_s: float, axes: str = "hadec") -> Figures:
 
     antenna.call(antenna.begin_utc_s, lambda now: to_controller(now, run.begin(now)))
     antenna.call(antenna.begin_utc_s + 0.001, turn)
-    antenna.run_until(SET_UTC_S + 5.0)
-    errors = true_errors(antenna, propagator)
+    antenna.run_until(end_utc_s + 5.0)
+    errors = true_errors(antenna, propagator, begin_utc_s, end_utc_s)
     return Figures(rms(errors), max(errors), run.reported.rms_arcsec, run.mount_stopped)
 
 
@@ -116,15 +118,17 @@ def by_elements() -> Figures:
         assert antenna.say(f"TLE {line} {number} {text}") == "TLE ACK"
     assert antenna.say(f"SAT {number}") == "SAT ACK"
     antenna.run_until(SET_UTC_S)
-    errors = true_errors(antenna, satellite())
+    errors = true_errors(antenna, satellite(), RISE_UTC_S, SET_UTC_S)
     return Figures(rms(errors), max(errors), None, None)
 
 
-def true_errors(antenna: VirtualAntenna, propagator: Propagator) -> list[float]:
+def true_errors(
+    antenna: VirtualAntenna, propagator: Propagator, begin_utc_s: float, end_utc_s: float
+) -> list[float]:
     """Return the errors of the simulated axes themselves against the satellite, arcseconds."""
     errors = []
     for truth in antenna.truths:
-        if RISE_UTC_S + SETTLED_S < truth.utc_s < SET_UTC_S - 1.0:
+        if begin_utc_s + SETTLED_S < truth.utc_s < end_utc_s - 1.0:
             there = propagator.at(Utc(truth.utc_s))
             errors.append(separation_arcsec(truth.ra_deg, truth.dec_deg, there.ra_deg, there.dec_deg))
     return errors
