@@ -2,13 +2,16 @@
 
 A random 300 objects of each class of orbit (near the Earth and round; near and eccentric; about synchronous;
 deep space and eccentric; other deep space) stand for the class: skyfield's time is extrapolated by the
-class's size, ours is of the whole catalogue. Both get the same Earth orientation. Prints each class, then
-the ratio for 24 h above 10° over one site, what is missed or invented of passes longer than a second, how
-far apart the times are, the largest memory, and the ratio for one satellite over ten days. Times are
-compared with skyfield's own root of its altitude: `find_events` stops within a tenth of a second of it.
+class's size, ours is of the whole catalogue, by default and with the extra `fast` (where numba is there),
+each with all processors. Both get the same Earth orientation. Prints each class, then the ratios for 24 h
+above 10° over one site, what is missed or invented of passes longer than a second, how far apart the times
+are, the largest memory, what compiling costs the first time, and the ratios for one satellite over ten days
+and for the command's start. Times are compared with skyfield's own root of its altitude: `find_events` stops
+within a tenth of a second of it.
 
 Run it as `python bench/passes.py CATALOGUE` with a TLE file, gzipped or not; `--each N` takes N instead of
-300, `--workers N` the number of processes (all processors without it). It needs skyfield.
+300, `--workers N` the number of processes (all processors without it). It needs skyfield. On a machine with
+other work to do both get the less of it, skyfield one processor and ours what is left of all.
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ import resource
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
 from importlib.metadata import version
 from pathlib import Path
@@ -29,6 +33,7 @@ from skyfield.api import EarthSatellite, load, wgs84
 from skyfield.timelib import Timescale
 
 from tle.catalogue_passes import find_catalogue_passes
+from tle.compiled_start import numba_is_there
 from tle.earth import EarthOrientation
 from tle.elements import Elements
 from tle.errors import TleError
@@ -45,6 +50,8 @@ START = Utc.parse("2025-09-01T00:00:00Z")
 HOURS, MIN_ALT_DEG = 24.0, 10.0
 ROUNDS = 3
 ISS = 25544
+PATHS = {"by default": False, "with the extra fast": True} if numba_is_there() else {"by default": False}
+PEERS = ("skyfield", "sgp4", "numpy", *(["numba"] if numba_is_there() else []))
 
 
 def timescale() -> Timescale:
@@ -152,16 +159,25 @@ def main() -> None:
     text = (gzip.decompress(data) if given.catalogue.suffix == ".gz" else data).decode()
     catalogue = [e for e in parse_elements(text) if isinstance(e, Elements)]
     names = sorted({orbit_class(e) for e in catalogue})
-    versions = ", ".join(f"{p} {version(p)}" for p in ("skyfield", "sgp4", "numpy"))
+    versions = ", ".join(f"{p} {version(p)}" for p in PEERS)
     print(
         f"{versions}; {len(catalogue)} objects, {HOURS:.0f} h, above {MIN_ALT_DEG:.0f}°, "
         f"{given.workers} processes"
     )
+    compare_catalogue(catalogue, names, given)
+    one_satellite(next((e for e in catalogue if e.catalog_number == ISS), catalogue[0]))
+    start_up()
+    first_time()
+
+
+def compare_catalogue(catalogue: list[Elements], names: list[str], given: argparse.Namespace) -> None:
+    """Print speed and agreement over a whole catalogue."""
     peer, site = Peer(HOURS), Site(*SITE)
     rng = np.random.default_rng(20250901)
-    theirs_s, ours_s = [], []
-    totals = np.zeros(3, dtype=int)
-    apart: list[float] = []
+    theirs_s: list[float] = []
+    ours_s: dict[str, list[float]] = {path: [] for path in PATHS}
+    totals = {path: np.zeros(3, dtype=int) for path in PATHS}
+    apart: dict[str, list[float]] = {path: [] for path in PATHS}
     for number in range(ROUNDS):
         # A part of each class at a time, so that both meet the same other work on the machine.
         whole_s = 0.0
@@ -171,41 +187,50 @@ def main() -> None:
             chosen = [members[i] for i in rng.choice(len(members), share, replace=False)]
             spent, events = timed(lambda chosen=chosen: [safely(peer, e) for e in chosen])
             whole_s += spent * len(members) / share
-            passes = find_catalogue_passes(chosen, site, START, HOURS, MIN_ALT_DEG, earth=EARTH)
-            failed = {id(e) for e, _ in passes.failed}
-            for one, pair in zip(chosen, events, strict=True):
-                if pair is None or id(one) in failed:
-                    continue
-                mine = [p.seen for p in passes if p.elements is one]
-                counts = compare(peer, one, mine, pair)
-                totals += counts[:3]
-                apart += counts[3]
+            for path, compiled in PATHS.items():
+                passes = find_catalogue_passes(
+                    chosen, site, START, HOURS, MIN_ALT_DEG, earth=EARTH, compiled=compiled
+                )
+                failed = {id(e) for e, _ in passes.failed}
+                for one, pair in zip(chosen, events, strict=True):
+                    if pair is None or id(one) in failed:
+                        continue
+                    mine = [p.seen for p in passes if p.elements is one]
+                    counts = compare(peer, one, mine, pair)
+                    totals[path] += counts[:3]
+                    apart[path] += counts[3]
             print(f"  {name}: {len(members)} objects, skyfield {spent / share * 1e3:.2f} ms each", flush=True)
-        spent, passes = timed(
-            lambda: find_catalogue_passes(
-                catalogue, site, START, HOURS, MIN_ALT_DEG, earth=EARTH, workers=given.workers
-            )
-        )
         theirs_s.append(whole_s)
-        ours_s.append(spent)
+        print(f"round {number + 1}: skyfield {whole_s:.1f} s (extrapolated)", flush=True)
+        for path, compiled in PATHS.items():
+            spent, passes = timed(
+                lambda compiled=compiled: find_catalogue_passes(
+                    catalogue,
+                    site,
+                    START,
+                    HOURS,
+                    MIN_ALT_DEG,
+                    earth=EARTH,
+                    workers=given.workers,
+                    compiled=compiled,
+                )
+            )
+            ours_s[path].append(spent)
+            print(f"  ours {path} {spent:.2f} s, {len(passes)} passes", flush=True)
+    for path in PATHS:
+        ratios = sorted(t / o for t, o in zip(theirs_s, ours_s[path], strict=True))
         print(
-            f"round {number + 1}: skyfield {whole_s:.1f} s (extrapolated), ours {spent:.2f} s, "
-            f"{len(passes)} passes"
+            f"whole catalogue {path}: {statistics.median(ratios):.0f} times as fast as skyfield "
+            f"({ratios[0]:.0f} to {ratios[-1]:.0f})"
         )
-    ratios = sorted(t / o for t, o in zip(theirs_s, ours_s, strict=True))
+        print(
+            f"  {totals[path][0]} passes compared: {totals[path][1]} missed, {totals[path][2]} invented of "
+            f"those over 1 s; times apart by at most {max(apart[path]):.4f} s"
+        )
     memory = sum(
         resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
     )
-    print(
-        f"whole catalogue: {statistics.median(ratios):.0f} times as fast as skyfield "
-        f"({ratios[0]:.0f} to {ratios[-1]:.0f}); at most {memory / 1024.0:.0f} MiB, skyfield's own included"
-    )
-    print(
-        f"{totals[0]} passes compared: {totals[1]} missed, {totals[2]} invented of those over 1 s; "
-        f"times apart by at most {max(apart):.4f} s"
-    )
-    one_satellite(next((e for e in catalogue if e.catalog_number == ISS), catalogue[0]))
-    start_up()
+    print(f"at most {memory / 1024.0:.0f} MiB, skyfield's own included")
 
 
 def safely(peer: Peer, one: Elements):  # type: ignore[no-untyped-def]
@@ -219,7 +244,7 @@ def one_satellite(one: Elements) -> None:
     """Print the ratio for one satellite over ten days."""
     peer, site = Peer(240.0), Site(*SITE)
     ratios = []
-    for _ in range(9):
+    for _ in range(21):
         theirs, events = timed(lambda: peer.events(one))
         ours, passes = timed(
             lambda: find_passes(Propagator(one, site, earth=EARTH), START, 240.0, MIN_ALT_DEG)
@@ -235,7 +260,7 @@ def one_satellite(one: Elements) -> None:
 
 
 def start_up() -> None:
-    """Print how long the command takes for one satellite, against importing numpy and sgp4 alone."""
+    """Print how long the command takes to its first line, against importing numpy and sgp4 alone."""
     source = Path(__file__).parents[1] / "examples" / "iss_leiden.tle"
     site = ",".join(str(value) for value in SITE)
     command = ["-m", "sattrack", "passes", "25544", "--elements", str(source), "--site", site]
@@ -252,6 +277,34 @@ def start_up() -> None:
     print(
         f"the command for one satellite: {statistics.median(ratios):.2f} times as long as importing "
         f"numpy and sgp4 ({ratios[0]:.2f} to {ratios[-1]:.2f})"
+    )
+
+
+def first_time() -> None:
+    """Print what compiling costs where nothing is kept, and loading where it is."""
+    if not numba_is_there():
+        return
+    code = (
+        "import time; from tle.compiled_start import prepare; "
+        "t = time.perf_counter(); prepare(); print(time.perf_counter() - t)"
+    )
+    with tempfile.TemporaryDirectory() as folder:
+        told = [
+            float(
+                subprocess.run(
+                    [sys.executable, "-c", code],
+                    env={**os.environ, "NUMBA_CACHE_DIR": folder},
+                    check=True,
+                    capture_output=True,
+                    text=True,
+                ).stdout
+            )
+            for _ in range(2)
+        ]
+        kept = sum(f.stat().st_size for f in Path(folder).rglob("*") if f.is_file())
+    print(
+        f"with the extra fast, the first time: {told[0]:.1f} s to compile, then {told[1]:.2f} s a process "
+        f"to load; {kept / 1e6:.1f} MB kept"
     )
 
 

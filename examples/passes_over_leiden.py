@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from tle import Site, Utc, read_elements
-from tle.catalogue_passes import find_catalogue_passes
-from tle.pass_facts import pass_facts
+from tle import Site, Utc, find_catalogue_passes, pass_facts, read_elements
 
 
 def main() -> None:

@@ -13,11 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from tle.bias import Bias
+    from tle.catalogue_passes import CataloguePasses, SatellitePass, find_catalogue_passes
     from tle.direction import Direction
     from tle.earth import EarthOrientation, earth_orientation_age
     from tle.elements import Elements
     from tle.errors import TleError
+    from tle.facts import PassFacts, pass_facts
     from tle.formats.registry import parse_elements, write_elements
+    from tle.horizon import Horizon, HorizonMask
     from tle.instants import Utc
     from tle.observations import Observation, read_observations
     from tle.passes import Pass, find_passes
@@ -30,22 +33,29 @@ if TYPE_CHECKING:
 __all__ = [
     "Bias",
     "BiasEstimate",
+    "CataloguePasses",
     "Direction",
     "EarthOrientation",
     "Elements",
+    "Horizon",
+    "HorizonMask",
     "Observation",
     "Pass",
+    "PassFacts",
     "Propagator",
     "Refraction",
+    "SatellitePass",
     "Site",
     "TleError",
     "Utc",
     "bias_from_observation",
     "earth_orientation_age",
     "find",
+    "find_catalogue_passes",
     "find_passes",
     "load_elements",
     "parse_elements",
+    "pass_facts",
     "read_elements",
     "read_observations",
     "write_elements",
@@ -54,22 +64,29 @@ __all__ = [
 _HOMES = {
     "Bias": "bias",
     "BiasEstimate": "residuals",
+    "CataloguePasses": "catalogue_passes",
     "Direction": "direction",
     "EarthOrientation": "earth",
     "Elements": "elements",
+    "Horizon": "horizon",
+    "HorizonMask": "horizon",
     "Observation": "observations",
     "Pass": "passes",
+    "PassFacts": "facts",
     "Propagator": "propagator",
     "Refraction": "refraction",
+    "SatellitePass": "catalogue_passes",
     "Site": "site",
     "TleError": "errors",
     "Utc": "instants",
     "bias_from_observation": "residuals",
     "earth_orientation_age": "earth",
     "find": "sources",
+    "find_catalogue_passes": "catalogue_passes",
     "find_passes": "passes",
     "load_elements": "sources",
     "parse_elements": "formats.registry",
+    "pass_facts": "facts",
     "read_elements": "sources",
     "read_observations": "observations",
     "write_elements": "formats.registry",

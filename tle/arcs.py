@@ -131,6 +131,15 @@ def slopes(columns: Array, x: Array) -> Array:
     return slope
 
 
+def with_slopes(columns: Array) -> Array:
+    """Return polynomials (terms, 6, ...) for `places`: those given (terms, 3, ...), and their derivatives."""
+    both = np.zeros((len(columns), 6, *columns.shape[2:]))
+    both[:, :3] = columns
+    degree = np.arange(1.0, len(columns)).reshape(-1, *(1,) * (columns.ndim - 1))
+    np.multiply(columns[1:], degree, out=both[:-1, 3:])
+    return both
+
+
 def fit_arcs(windows: Windows, pieces: Pieces, sample: Sampler, terms: int) -> tuple[Arcs, Index]:
     """Return arcs that cover the windows, and the objects for which there is no such polynomial.
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from tle.quantities import Quantity
 
 _STANDARD_KM = 1000.0
+_LARGEST_NUMBER = 999_999_999
 
 
 def magnitude(intrinsic: Quantity, range_km: Quantity, phase_rad: Quantity) -> Quantity:
@@ -45,7 +46,7 @@ def read_magnitudes(path: str | Path) -> dict[int, float]:
             continue
         try:
             catalog_number, value = int(words[0]), float(words[1])
-            if not math.isfinite(value):
+            if not math.isfinite(value) or not 0 < catalog_number <= _LARGEST_NUMBER:
                 raise ValueError
         except (ValueError, IndexError):
             raise SourceError(

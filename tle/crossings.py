@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from tle.arcs import places, slopes
+from tle.arcs import places, with_slopes
 from tle.roots import roots
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
 
 SURE_S = 0.5
 _LOOKS = 9
+_GRID = np.linspace(-1.0, 1.0, _LOOKS)
 # Ridders' method squares the error: the step after one of this size is about a millisecond.
 CLOSE_S, _WALL_CLOSE_S = 2e-2, 1e-5
 _DEG = 180.0 / math.pi
@@ -111,17 +112,18 @@ def _climb(q: Array, v: Array) -> Array:
 
 
 def _climbs(columns: Array, x: Array) -> Array:
-    return _climb(places(columns, x), slopes(columns, x))
+    moving = places(columns, x)
+    return _climb(moving[:3], moving[3:])
 
 
 def _look(arcs: Arcs, horizon: Horizon) -> _Looks:
     """Look at each arc at even steps, at the tops of the altitude, and wherever a bound leaves a doubt."""
     count = len(arcs.obj)
-    grid = np.linspace(-1.0, 1.0, _LOOKS)
     arc = np.repeat(np.arange(count), _LOOKS)
-    x = np.tile(grid, count)
-    q = places(arcs.powers[..., None], grid).reshape(3, -1)
-    v = slopes(arcs.powers[..., None], grid).reshape(3, -1)
+    x = np.tile(_GRID, count)
+    both = with_slopes(arcs.powers)
+    moving = places(both[..., None], _GRID).reshape(6, -1)
+    q, v = moving[:3], moving[3:]
     height = _height(q, horizon)
     climb = _climb(q, v)
     climbing = climb > 0.0
@@ -133,8 +135,15 @@ def _look(arcs: Arcs, horizon: Horizon) -> _Looks:
     # Tops may be the only look above the horizon, and valleys the only one below it.
     turns = left[some & (climbing[left] != climbing[left + 1])]
     turn_arc = arc[turns]
-    turn_x = _roots(arcs, turn_arc, (x[turns], x[turns + 1]), (climb[turns], climb[turns + 1]), _climbs)
-    turn_q = arcs.at(turn_arc, turn_x)
+    turn_columns = np.take(both, turn_arc, axis=2)
+    turn_x = roots(
+        lambda x: _climbs(turn_columns, x),
+        x[turns],
+        x[turns + 1],
+        CLOSE_S / arcs.half_s[turn_arc],
+        (climb[turns], climb[turns + 1]),
+    )
+    turn_q = places(turn_columns[:, :3], turn_x)
     left = left[doubt]
     more_arc, more_x, more_height = _halve(
         arcs, arc[left], (x[left], x[left + 1]), (q[:, left], q[:, left + 1]), horizon
@@ -280,27 +289,15 @@ def _borders(
     low_same, high_same = low[same], high[same]
     # A skyline may have walls, over which only signs lead to the border.
     shape: Callable[[Array], Array] = np.positive if horizon.mask is None else _side
-    x[same] = _roots(
-        arcs,
-        looks.arc[low_same],
-        (looks.x[low_same], looks.x[high_same]),
+    columns = arcs.columns(looks.arc[low_same])
+    close_s = CLOSE_S if horizon.mask is None else _WALL_CLOSE_S
+    x[same] = roots(
+        lambda at: shape(_height(places(columns, at), horizon)),
+        looks.x[low_same],
+        looks.x[high_same],
+        close_s / arcs.half_s[looks.arc[low_same]],
         (shape(looks.height[low_same]), shape(looks.height[high_same])),
-        lambda columns, at: shape(_height(places(columns, at), horizon)),
-        CLOSE_S if horizon.mask is None else _WALL_CLOSE_S,
     )
     found[closed] = arcs.seconds(looks.arc[low], x)
     place[:, closed] = arcs.at(looks.arc[low], x)
     return found, place
-
-
-def _roots(
-    arcs: Arcs,
-    arc: Index,
-    ends: tuple[Array, Array],
-    at_ends: tuple[Array, Array],
-    function: Callable[[Array, Array], Array],
-    close_s: float = CLOSE_S,
-) -> Array:
-    """Return x of a root in each bracket of a function of an arc's columns and x, known at its ends."""
-    columns = arcs.columns(arc)
-    return roots(lambda x: function(columns, x), *ends, close_s / arcs.half_s[arc], at_ends)

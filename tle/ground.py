@@ -88,7 +88,12 @@ class Ground:
         yp = np.interp(unix_s, self._knots_s, self._yp)
         sx, sy, sz = self.place
         x, y, z = x + xp * z - sx, y - yp * z - sy, z - xp * x + yp * y - sz
-        return np.stack([x * a + y * b + z * c for a, b, c in self.axes])
+        place = np.empty((3, *x.shape))
+        for k, (a, b, c) in enumerate(self.axes):
+            np.multiply(x, a, out=place[k])
+            place[k] += y * b
+            place[k] += z * c
+        return place
 
 
 def _even(instants: Array, zero: float) -> Array:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -30,8 +29,7 @@ _FAILURE_STEP_S = 60.0
 _FAILURE_CLOSE_S = 0.01
 
 
-@dataclass(frozen=True, slots=True)
-class Pass:
+class Pass(NamedTuple):
     """One time above the altitude asked for; degrees, azimuth from north through east.
 
     `rise_utc` and `set_utc`, and their azimuths, are None where the satellite was up already, or stays up,

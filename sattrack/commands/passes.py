@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import fnmatch
+import math
 import os
 import sys
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +15,8 @@ import numpy as np
 
 from sattrack.commands.common import CommandContext, common_options, profile_option
 from sattrack.errors import BadInputError, SattrackError
-from tle.instants import Utc
+from tle.errors import EarthOrientationWarning
+from tle.instants import DAY_S, Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -25,6 +28,7 @@ if TYPE_CHECKING:
 
 _DARK_SUN_DEG = -6.0
 _FEWEST_FOR_PROGRESS = 2000
+_OLD_DAYS = 14.0
 _SORTS = ("rise", "altitude", "magnitude", "rate", "name")
 
 
@@ -76,7 +80,12 @@ def command(context: CommandContext, satellites: tuple[str, ...], **options: Any
     known = _magnitudes(options)
     if options["faintest"] is not None:
         chosen = [e for e in chosen if e.catalog_number in known]
-    passes = _search(context, chosen, start, options)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", EarthOrientationWarning)
+        passes = _search(context, chosen, start, options)
+    for words in dict.fromkeys(str(warning.message) for warning in caught):
+        click.echo(f"sattrack: warning: {words}", err=True)
+    _tell_age(passes)
     _tell_failures(passes, bool(satellites))
     rows = _sorted(_rows(passes, known, options), options["sort"])
     rows = _judged(context, passes, rows, options)
@@ -107,6 +116,8 @@ def _check(options: dict[str, Any], as_json: bool) -> None:
         raise BadInputError(
             "--magnitude needs --magnitudes FILE: element sets do not say how bright things are"
         )
+    if options["faintest"] is not None and math.isnan(options["faintest"]):
+        raise BadInputError("--magnitude nan is none: give a number, as 4.5")
     rate = options["max_rate_deg_s"]
     if rate is not None and not rate > 0.0:
         raise BadInputError(f"--max-rate {rate}: give degrees a second above 0")
@@ -186,6 +197,21 @@ def _show(words: str) -> None:
     click.echo(f"\r\x1b[K{words}", nl=False, err=True)
 
 
+def _tell_age(passes: CataloguePasses) -> None:
+    """Say where elements are too far from the search for its times to hold."""
+    old = [e for e in passes.elements if abs(passes.start - e.epoch) > _OLD_DAYS * DAY_S]
+    if not old:
+        return
+    days = (passes.start - old[0].epoch) / DAY_S
+    side = "before" if days > 0.0 else "after"
+    others = f" and {len(old) - 1} more" if old[1:] else ""
+    click.echo(
+        f"sattrack: the elements of {old[0].label} are from {abs(days):.0f} days {side} the search{others}: "
+        "expect passes early or late, or none as told",
+        err=True,
+    )
+
+
 def _tell_failures(passes: CataloguePasses, named: bool) -> None:
     """Raise what SGP4 says of satellites asked for by name; of a catalogue's, tell how many there are."""
     if not passes.failed:
@@ -208,15 +234,15 @@ def _magnitudes(options: dict[str, Any]) -> dict[int, float]:
 def _rows(passes: CataloguePasses, known: dict[int, float], options: dict[str, Any]) -> list[Row]:
     """Return the passes with their facts that all filters let through."""
     from sattrack.commands.passes_rows import Row
-    from tle import pass_facts
+    from tle.facts import pass_facts, sun_altitudes_deg
 
     # The Sun's altitude is known at once: what it rules out needs no other facts.
-    alts_deg = pass_facts.sun_altitudes_deg(passes).tolist() if options["dark"] else ()
+    alts_deg = sun_altitudes_deg(passes).tolist() if options["dark"] else ()
     index = [k for k, alt in enumerate(alts_deg) if alt <= _DARK_SUN_DEG]
     if not options["dark"]:
         index = list(range(len(passes)))
     progress = _progress("looked at {done} of {total} passes", len(index))
-    facts = pass_facts.pass_facts(passes, index, known, progress)
+    facts = pass_facts(passes, index, known, progress)
     chosen = passes.take(np.array(index, dtype=np.intp))
     rows = [Row(one.elements, one.seen, fact) for one, fact in zip(chosen, facts, strict=True)]
     filters: list[Callable[[Row], bool]] = []
@@ -257,6 +283,8 @@ def _print_table(
     rows: list[Row], passes: CataloguePasses, lines: Callable[[list[Row], str], list[str]]
 ) -> None:
     if rows:
-        click.echo("\n".join(lines(rows, passes.start.isoformat("seconds")[:10])))
+        # https://no-color.org: any value but an empty one; elsewhere click leaves colour to terminals.
+        colour = False if os.environ.get("NO_COLOR") else None
+        click.echo("\n".join(lines(rows, passes.start.isoformat("seconds")[:10])), color=colour)
     else:
         click.echo("sattrack: no pass in this time meets what was asked for", err=True)

@@ -12,8 +12,8 @@ from tle.errors import printable
 
 if TYPE_CHECKING:
     from tle.elements import Elements
+    from tle.facts import PassFacts
     from tle.instants import Utc
-    from tle.pass_facts import PassFacts
     from tle.passes import Pass
 
 _NIGHT_DEG, _HIGH_DEG = -6.0, 60.0

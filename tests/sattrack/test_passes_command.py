@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 import json
+import os
+import re
 import runpy
 import subprocess
 import sys
@@ -157,6 +160,103 @@ def test_the_table(given: list[str], capsys: pytest.CaptureFixture[str]) -> None
     assert "no pass" in capsys.readouterr().err
 
 
+def on_a_terminal(arguments: list[str], **environ: str) -> tuple[str, str]:
+    """Run a command with output and errors on pseudo-terminals; return what came out of each."""
+    kept = {k: v for k, v in os.environ.items() if k != "NO_COLOR"}
+    pairs = [os.openpty(), os.openpty()]
+    with subprocess.Popen(
+        [sys.executable, "-m", "sattrack", *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=pairs[0][1],
+        stderr=pairs[1][1],
+        env={**kept, **environ},
+    ) as process:
+        told = []
+        for ours, theirs in pairs:
+            os.close(theirs)
+            text = b""
+            # A terminal that nobody writes to any more ends with an error.
+            with contextlib.suppress(OSError):
+                while piece := os.read(ours, 65536):
+                    text += piece
+            os.close(ours)
+            told.append(text.decode())
+    assert process.returncode == 0
+    return told[0], told[1]
+
+
+def test_colour_is_for_terminals(given: list[str]) -> None:
+    plain = subprocess.run(
+        [sys.executable, "-m", "sattrack", "passes", "25544", *given], capture_output=True, check=True
+    ).stdout.decode()
+    assert "\x1b" not in plain
+    coloured, told = on_a_terminal(["passes", "25544", *given])
+    assert "\x1b[1m" in coloured
+    assert re.sub(r"\x1b\[[0-9;]*m", "", coloured).splitlines() == plain.splitlines()
+    assert told == ""
+    bare, _ = on_a_terminal(["passes", "25544", *given], NO_COLOR="1")
+    assert bare.splitlines() == plain.splitlines()
+
+
+def test_progress_is_for_terminals(
+    given: list[str], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sattrack.commands.passes._FEWEST_FOR_PROGRESS", 1)
+    assert run(["passes", *given]) == 0
+    assert "searched" not in capsys.readouterr().err
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
+    assert run(["passes", *given]) == 0
+    err = capsys.readouterr().err
+    assert "\r\x1b[Ksearched 1 of 2 objects\r\x1b[K" in err
+    assert err.endswith("\r\x1b[K")
+
+
+def test_elements_far_from_the_search_are_told(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    listed(capsys, "25544", *given)
+    assert run(["passes", *given, "--json"]) == 0
+    _, err = capsys.readouterr()
+    assert err == (
+        "sattrack: the elements of TDRS 3 are from 125 days before the search: "
+        "expect passes early or late, or none as told\n"
+    )
+    assert run(["passes", "25544", *given[:-4], "--from", "2036-10-02", "--json"]) == 0
+    told = capsys.readouterr().err.splitlines()
+    assert [line.split(":")[1].split()[0] for line in told] == ["warning", "the"]
+
+
+def test_never_dark_at_the_pole_in_summer(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    at_pole = ["19548", *given[:2], "--site", "-90,0,0", "--from", "2026-12-21", "--min-alt", "-5"]
+    every = listed(capsys, *at_pole)
+    assert every
+    assert all(p["sun_alt_deg"] > 20.0 for p in every)
+    assert listed(capsys, *at_pole, "--dark") == []
+
+
+def test_satellites_with_numbers_of_nine_digits(
+    given: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "new.csv"
+    names = "OBJECT_NAME,OBJECT_ID,EPOCH,MEAN_MOTION,ECCENTRICITY,INCLINATION,RA_OF_ASC_NODE"
+    names += ",ARG_OF_PERICENTER,MEAN_ANOMALY,NORAD_CAT_ID,BSTAR,MEAN_MOTION_DOT,MEAN_MOTION_DDOT"
+    values = "NEW,2026-001A,2026-10-02T00:19:52.568,15.48707685,0.0006946,51.6312,131.4121"
+    values += ",211.9293,148.1275,799500303,0.000076743,0.00003738,0"
+    source.write_text(f"{names}\n{values}\n")
+    found = listed(capsys, "799500303", *given[2:], "--elements", str(source))
+    assert {p["catalog_number"] for p in found} == {799500303}
+    assert max(p["max_alt_deg"] for p in found) == pytest.approx(81.27, abs=0.05)
+    assert run(["passes", "799500303", *given[2:], "--elements", str(source), "--ics"]) == 0
+    assert "UID:799500303-" in capsys.readouterr().out
+
+
+def test_an_empty_catalogue(given: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    source = tmp_path / "none.tle"
+    source.write_text("")
+    assert run(["passes", *given[2:], "--elements", str(source)]) == 2
+    _, err = capsys.readouterr()
+    assert f"{source}: is empty" in err
+    assert err.count("\n") == 1
+
+
 def test_a_chart(given: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip("matplotlib")
     skyline = tmp_path / "skyline.txt"
@@ -175,6 +275,15 @@ def test_a_chart(given: list[str], tmp_path: Path, capsys: pytest.CaptureFixture
         (("--json", "--csv"), 2, "give one of them"),
         (("--magnitude", "4"), 2, "--magnitudes FILE"),
         (("--max-rate", "-1"), 2, "above 0"),
+        (("--max-rate", "nan"), 2, "nan"),
+        (("--magnitude", "nan", "--magnitudes", "known.txt"), 2, "nan"),
+        (("--magnitudes", "/nowhere/known.txt"), 2, "/nowhere/known.txt: cannot read"),
+        (("--hours", "0"), 2, "0.0 hours"),
+        (("--hours", "nan"), 2, "nan hours"),
+        (("--hours", "9000"), 2, "to 8784 hours"),
+        (("--min-alt", "nan"), 2, "nan"),
+        (("--from", "1960-01-01"), 2, "1960-01-01T00:00:00Z is outside"),
+        (("--from", "9999-01-01"), 2, "is outside"),
         (("--min-alt", "95"), 2, "95"),
         (("--hours", "-1"), 2, "no span"),
         (("--from", "soon"), 2, "soon"),

@@ -13,6 +13,15 @@ def test_every_public_name_is_there_and_documented(name):
     assert getattr(tle, name).__doc__
 
 
+def test_every_public_name_stays_what_it_is():
+    # A module of the same name would take its place once imported.
+    code = (
+        "import tle; print(*[n for n in tle.__all__ for _ in (1, 2) if type(getattr(tle, n)) is type(tle)])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "", "")
+
+
 def test_unknown_names_are_told():
     with pytest.raises(AttributeError, match="no attribute 'Nothing'"):
         tle.Nothing  # noqa: B018
