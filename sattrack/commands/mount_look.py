@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sattrack.commands.common import tell
 from sattrack.commands.mount_common import MountCall, mount_options, resolve, tell_result
 from sattrack.console_words import status_text
 from sattrack.errand import Look
-from sattrack.errors import InterruptedRunError, LinkLostError, SattrackError
+from sattrack.errors import InterruptedRunError, LinkLostError
 from sattrack.procedures import Outcome
 from sattrack.requests import TicketState
 from sattrack.runtime.console import attend
@@ -27,17 +28,16 @@ PATIENCE_S = 3.0
 def status(context: CommandContext, **options: Any) -> int:
     """Tell all that the mount says, once, with units; how well it is heard; and what its clock is off by.
 
-    Nothing is sent, so that whatever drives the mount is not disturbed. Only a mount on this machine, which
-    is a simulated one, is sent datagrams without a command where it keeps silent.
+    Nothing is sent, so that whatever drives the mount is not disturbed. A mount that a session on this
+    machine owns is told of as that session hears it. Only a mount on this machine that nobody owns, which is
+    a simulated one, is sent datagrams without a command where it keeps silent.
     """
     call = resolve(context, options, needs_site=False)
     owner = None if call.address is None else owner_of(call.address.host, call.address.port)
     if owner is not None:
-        raise SattrackError(
-            f"{call.name} tells its status to its owner alone: {owner}; look there, or stop it"
-        )
+        tell(f"as its owner hears it: {owner}")
     with call.connected(own=False) as connection:
-        local = connection.link.address.host.startswith("127.")
+        local = owner is None and connection.link.address.host.startswith("127.")
         began_utc_s = connection.now_utc_s()
         look = Look(call.console(), began_utc_s, call.timeout_s or PATIENCE_S, knock=local)
         interrupted = attend(look, connection, lambda _: None)

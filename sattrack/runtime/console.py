@@ -17,6 +17,7 @@ from sattrack.console_messages import LeaveOrder, decode_order
 from sattrack.errors import SattrackError
 from sattrack.runtime.embedded import LineReader, start_embedded
 from sattrack.runtime.guard import Guard, Unguarded, owned
+from sattrack.runtime.onlooker import OverheardLink, look_on
 from sattrack.runtime.realtime import undisturbed
 from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.xerxes.client import Address, UdpLink, nobody_listens
@@ -76,7 +77,7 @@ class Connection:
     `guard` watches whoever may set the mount going.
     """
 
-    link: UdpLink
+    link: UdpLink | OverheardLink
     clock: Clock
     simulated: EmbeddedMount | None = None
     guard: Guard = field(default_factory=Unguarded)
@@ -96,8 +97,9 @@ def connected(
 ) -> Iterator[Connection]:
     """Give a connection to a mount; with `address` None, to a simulated one in a process of its own.
 
-    With `own`, the mount is owned, and guarded, meanwhile; without, nothing may be asked of it. Raises
-    SattrackError where it has another owner, or the port, or the simulated mount, is not to be had.
+    With `own`, the mount is owned, and guarded, meanwhile; without, nothing may be asked of it, and where a
+    session owns it, what that hears is overheard. Raises SattrackError where it has another owner, or the
+    port, or the simulated mount, is not to be had.
     """
     with ExitStack() as stack:
         simulated = None
@@ -110,9 +112,9 @@ def connected(
             link, guard = stack.enter_context(owned(address, described.mount, clock.speed, name))
             yield Connection(link, clock, simulated, guard)
             return
-        link = UdpLink(address)
-        stack.callback(link.close)
-        yield Connection(link, clock, simulated)
+        heard = look_on(address) or UdpLink(address)
+        stack.callback(heard.close)
+        yield Connection(heard, clock, simulated)
 
 
 def _simulator_config(described: ProfileFile, site: Site | None, clock: Clock) -> SimulatorConfig:

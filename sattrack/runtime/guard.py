@@ -16,6 +16,7 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
 import msgspec
@@ -88,6 +89,7 @@ class Guarded:
     def __init__(self, link: UdpLink, door: int, profile: MountProfile, speed: float, name: str) -> None:
         self._memory = guard_memory.create()
         self._words = guard_memory.words(self._memory)
+        link.onlooker = partial(guard_memory.note_status, self._words)
         address = link.address
         self._task = GuardianTask(
             memory=self._memory,

@@ -8,16 +8,22 @@ from __future__ import annotations
 
 import mmap
 import os
+import struct
 import sys
 import tempfile
 from enum import IntEnum
+from typing import NamedTuple
 
 SIZE = mmap.PAGESIZE
-WORD_BYTES = 8
+STATUSES_AT = 1024
+STATUSES = 8
+"""So many of the last statuses are kept, each in a place of its own."""
+_STATUS = struct.Struct("@dH160s")
+PLACE_BYTES = 256
 
 
 class Word(IntEnum):
-    """The words, by their place; the first five are the feeder's, the others the guardian's."""
+    """The words, by their place; each has one writer, the feeder or the guardian."""
 
     BEATS = 0
     """Counts turns of the feeder's loop."""
@@ -35,6 +41,8 @@ class Word(IntEnum):
     """1 once the mount is the guardian's: the feeder has stood still for too long."""
     STOPPED = 7
     """How the guardian's own stop ended, a `Release`; 0 before that."""
+    HEARD = 8
+    """The feeder's count of statuses from the mount."""
 
 
 class Release(IntEnum):
@@ -55,6 +63,34 @@ class Release(IntEnum):
     def at_rest(self) -> bool | None:
         """What it says."""
         return {Release.UNKNOWN: None, Release.AT_REST: True, Release.NOT_CONFIRMED: False}[self]
+
+
+class Heard(NamedTuple):
+    """One datagram from the mount, and the reading of the monotonic clock when it arrived."""
+
+    monotonic_s: float
+    data: bytes
+
+
+def note_status(page: memoryview, monotonic_s: float, data: bytes) -> None:
+    """Keep a datagram from the mount for whoever looks on; what is longer than a status is cut."""
+    bytes_, count = page.cast("B"), page[Word.HEARD]
+    place = STATUSES_AT + count % STATUSES * PLACE_BYTES
+    _STATUS.pack_into(bytes_, place, monotonic_s, min(len(data), 160), data)
+    # Only now: who looks on reads what the count says is whole.
+    page[Word.HEARD] = count + 1
+
+
+def statuses_since(page: memoryview, count: int) -> tuple[int, list[Heard]]:
+    """Return the count of datagrams so far, and those after `count` that are still kept."""
+    bytes_, heard = page.cast("B"), page[Word.HEARD]
+    found = []
+    # The oldest place may be written anew this very moment.
+    for number in range(max(count, heard - STATUSES + 1), heard):
+        place = STATUSES_AT + number % STATUSES * PLACE_BYTES
+        monotonic_s, length, data = _STATUS.unpack_from(bytes_, place)
+        found.append(Heard(monotonic_s, data[:length]))
+    return heard, found
 
 
 def create() -> int:

@@ -22,11 +22,13 @@ from sattrack.halt import Halt
 from sattrack.mount import MountProfile
 from sattrack.runtime import guard_memory
 from sattrack.runtime.guard_memory import Release, Word
-from sattrack.runtime.owner import LONGEST_LINE, Ask, Owner, Stopped
+from sattrack.runtime.owner import LONGEST_LINE, Ask, Overheard, Owner, Stopped
 from sattrack.xerxes.client import Address, UdpLink, nobody_listens
 from sattrack.xerxes.datagrams import Command, encode_command
 
 POLL_S = 0.1
+WATCH_S = 0.02
+"""How often it looks for statuses to hand on, while somebody looks on."""
 OBEY_WITHIN_S = 1.0
 """How long a feeder whose loop turns may ignore that it is to stop."""
 GONE_AFTER_S = 1.0
@@ -57,6 +59,8 @@ class Visitor:
     said: bytes = b""
     waits: bool = False
     """Whether a stop was asked for, and its end is to be told."""
+    heard: int | None = None
+    """Looks on, and has been told so many statuses; None where it does not."""
 
 
 @dataclass(slots=True)
@@ -144,7 +148,8 @@ class Guardian:
             watched.append(self.life)
         if self.door is not None:
             watched.append(self.door)
-        timeout_s = POLL_S
+        looks_on = any(visitor.heard is not None for visitor in self.visitors)
+        timeout_s = WATCH_S if looks_on else POLL_S
         if self._halt is not None:
             watched.append(self.link)
             timeout_s = max(0.0, self._due_s - time.monotonic())
@@ -155,6 +160,8 @@ class Guardian:
             self._admit()
         for visitor in [visitor for visitor in self.visitors if visitor.door in readable]:
             self._hear(visitor)
+        for visitor in [visitor for visitor in self.visitors if visitor.heard is not None]:
+            self._show(visitor)
         if self._halt is not None and self.link in readable:
             for arrival in self.link.receive():
                 self._halt.receive(arrival.data, arrival.monotonic_s * self.task.speed)
@@ -263,10 +270,20 @@ class Guardian:
         if ask == "who":
             self._say(visitor, msgspec.structs.replace(self.task.owner, state=self._state()))
             return
+        if ask == "watch":
+            visitor.heard = self.words[Word.HEARD]
+            return
         visitor.waits = True
         self.words[Word.STOP_ASKED] = 1
         if self._told or (self._halt is None and self.words[Word.RELEASED]):
             self._answer_all()
+
+    def _show(self, visitor: Visitor) -> None:
+        """Tell one who looks on what the feeder has heard meanwhile."""
+        visitor.heard, statuses = guard_memory.statuses_since(self.words, visitor.heard or 0)
+        for status in statuses:
+            if visitor in self.visitors:
+                self._say(visitor, Overheard(status.monotonic_s, status.data))
 
     def _state(self) -> str:
         if self._gone:

@@ -61,7 +61,7 @@ class Owner(msgspec.Struct, frozen=True):
 class Ask(msgspec.Struct, frozen=True):
     """What whoever connects may say."""
 
-    ask: Literal["who", "stop"]
+    ask: Literal["who", "stop", "watch"]
 
 
 class Stopped(msgspec.Struct, frozen=True):
@@ -70,6 +70,13 @@ class Stopped(msgspec.Struct, frozen=True):
     by: Literal["session", "guardian"]
     at_rest: bool | None
     """Whether the mount was seen at rest; None where it was not heard, or nothing had been asked of it."""
+
+
+class Overheard(msgspec.Struct, frozen=True, array_like=True):
+    """A datagram that the owner has heard from the mount, and when, by the machine's monotonic clock."""
+
+    monotonic_s: float
+    data: bytes
 
 
 class Taken(SattrackError):  # noqa: N818 - it is said of the mount
@@ -145,6 +152,17 @@ def ask_stop(owner: Owner, waiting: Callable[[], None], within_s: float = STOP_W
             "and stop the mount by its own console"
         )
     return msgspec.json.decode(line, type=Stopped) if line else None
+
+
+def door_to_watch(host: str, port: int) -> socket.socket | None:
+    """Return a connection on which a session tells each status that it hears; None where there is none."""
+    try:
+        door = _connected(_name(host, port), ANSWER_WITHIN_S)
+        door.sendall(msgspec.json.encode(Ask("watch")) + b"\n")
+    except OSError:
+        return None
+    door.setblocking(False)
+    return door
 
 
 def _name(host: str, port: int) -> str:

@@ -13,10 +13,13 @@ import sys
 import time
 from dataclasses import dataclass
 from ipaddress import IPv4Address
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import parse_qs, urlsplit
 
 from sattrack.errors import BadInputError, SattrackError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 DEFAULT_PORT = 15001
 RECEIVE_BYTES = 2048
@@ -125,6 +128,8 @@ class UdpLink:
         """The first MOST_STRANGERS of those hosts."""
         self.unsent = 0
         """Datagrams that the network refused to take."""
+        self.onlooker: Callable[[float, bytes], None] | None = None
+        """Hears of each datagram from the mount: its arrival by the monotonic clock, and its bytes."""
         self._socket = bind(address.host, address.listen_port) if bound is None else bound
         _ask_for_stamps(self._socket)
 
@@ -160,6 +165,8 @@ class UdpLink:
                 self._note_stranger(sender[0])
                 continue
             arrivals.append(Arrival(data, self._arrived(ancillary)))
+            if self.onlooker is not None:
+                self.onlooker(arrivals[-1].monotonic_s, data)
         return arrivals
 
     def close(self) -> None:

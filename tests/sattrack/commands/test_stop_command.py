@@ -59,8 +59,14 @@ def test_a_session_stops_its_mount_and_ends(
 
         assert run(["mount", "slew", "5h", "10", "--mount", mount.url, *SITE]) == 1
         assert f"process {session.pid}, since" in capsys.readouterr().err
-        assert run(["mount", "status", "--mount", mount.url]) == 1
-        assert "tells its status to its owner alone" in capsys.readouterr().err
+        assert run(["mount", "status", "--mount", mount.url, "--json"]) == 0
+        out, err = capsys.readouterr()
+        assert err.startswith("sattrack: as its owner hears it: `sattrack mount move --ra-rate -1")
+        told = json.loads(out)
+        assert told["status"]["ack_move_ra"]
+        assert told["link"]["received"] >= 15
+        assert told["link"]["lost"] == 0
+        assert told["link"]["rate_hz"] == pytest.approx(20.0, rel=0.2)
         assert session.poll() is None
 
         monkeypatch.setattr(stop_module, "owners", lambda: [first])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import select
 import signal
 import socket
 import subprocess
@@ -13,11 +14,13 @@ from typing import TYPE_CHECKING
 import pytest
 
 from sattrack.mount import MountProfile
+from sattrack.runtime import guard_memory
 from sattrack.runtime import owner as owner_module
 from sattrack.runtime.guard import owned
 from sattrack.runtime.guardian import MOST_VISITORS
+from sattrack.runtime.onlooker import look_on
 from sattrack.runtime.owner import Taken, ask_stop, claim, owner_of, owners
-from sattrack.xerxes.client import Address
+from sattrack.xerxes.client import Address, Arrival
 from sattrack.xerxes.datagrams import Command, encode_command
 
 if TYPE_CHECKING:
@@ -124,6 +127,53 @@ def test_a_stop_reaches_the_loop_and_its_end_reaches_whoever_asked(address: Addr
     assert stopped is not None
     assert (stopped.by, stopped.at_rest) == ("session", True)
     assert ask_stop(first, lambda: None) is None
+
+
+def test_who_looks_on_is_told_what_the_owner_hears_as_it_arrived(address: Address) -> None:
+    with owned(address, MountProfile()) as (link, guard):
+        onlooker = look_on(address)
+        assert onlooker is not None
+        heard: list[Arrival] = []
+        sent: list[Arrival] = []
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mount:
+            while not heard:
+                # Until the guardian has heard that somebody looks on.
+                mount.sendto(b"x" * 160, ("127.0.0.1", link.listen_port))
+                assert select.select([link], [], [], 10.0)[0]
+                sent += link.receive()
+                select.select([onlooker], [], [], 0.1)
+                heard += onlooker.receive()
+            while sent[0] != heard[0]:
+                sent.pop(0)
+            for number in range(40):
+                mount.sendto(bytes([number]) * 160, ("127.0.0.1", link.listen_port))
+                assert select.select([link], [], [], 10.0)[0]
+                sent += link.receive()
+                while number % 4 == 3 and len(heard) < len(sent):
+                    assert select.select([onlooker], [], [], 10.0)[0]
+                    heard += onlooker.receive()
+        assert heard == sent
+        onlooker.send(b"stop")
+        assert onlooker.unsent == 1
+        guard.release(None)
+    assert select.select([onlooker], [], [], 10.0)[0]
+    assert onlooker.receive() == []
+    assert onlooker.ended
+    # A door that is closed must not keep whoever looks on busy.
+    assert not select.select([onlooker], [], [], 0.0)[0]
+    onlooker.close()
+    assert look_on(address) is None
+
+
+def test_who_cannot_keep_up_sees_the_newest() -> None:
+    page = memoryview(bytearray(guard_memory.SIZE)).cast("Q")
+    for number in range(100):
+        guard_memory.note_status(page, float(number), bytes([number]) * 160)
+    count, statuses = guard_memory.statuses_since(page, 50)
+    assert count == 100
+    assert [status.monotonic_s for status in statuses] == [93.0, 94.0, 95.0, 96.0, 97.0, 98.0, 99.0]
+    assert statuses[-1].data == bytes([99]) * 160
+    assert guard_memory.statuses_since(page, 100) == (100, [])
 
 
 def test_nonsense_at_the_door_changes_nothing(address: Address) -> None:
