@@ -278,7 +278,7 @@ def nudged(
             waiting.pop(0)
             sign = 1.0 if (len(instants) - len(waiting)) % 2 else -1.0
             controller.engine.operate(Nudge(along_s=sign * NUDGE_S), now_utc_s)
-            done_s = controller.engine.tracker.biases.offsets["along_s"].ended_utc_s() + RINGING_S
+            done_s = controller.engine.tracker.steering.biases.offsets["along_s"].ended_utc_s() + RINGING_S
             settled_from_s.append(max(now_utc_s + NUDGE_SETTLED_S, done_s))
             given_s.append(now_utc_s)
         before = controller.engine.tracker.rates

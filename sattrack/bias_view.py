@@ -23,8 +23,8 @@ class BiasFields(TypedDict):
 
 def bias_fields(tracker: Tracker, utc_s: float) -> BiasFields:
     """Return what is in force, the search included, and what is asked for, as of an instant."""
-    along, cross = tracker.biases.applied(utc_s)
-    along_goal_s, cross_goal_deg = tracker.biases.totals(utc_s)
+    along, cross = tracker.steering.biases.applied(utc_s)
+    along_goal_s, cross_goal_deg = tracker.steering.biases.totals(utc_s)
     return BiasFields(
         bias_along_s=along.value,
         bias_cross_deg=cross.value,
@@ -35,12 +35,12 @@ def bias_fields(tracker: Tracker, utc_s: float) -> BiasFields:
 
 def offset_views(tracker: Tracker, utc_s: float) -> tuple[OffsetView, ...]:
     """Return the operator's offsets that are not nothing."""
-    return tuple(OffsetView(*one) for one in shown(tracker.biases, utc_s))
+    return tuple(OffsetView(*one) for one in shown(tracker.steering.biases, utc_s))
 
 
 def search_view(tracker: Tracker, utc_s: float) -> SearchView | None:
     """Return the search that runs, or is about to."""
-    biases = tracker.biases
+    biases = tracker.steering.biases
     pattern = biases.pattern_at(utc_s) or next(
         (one for one in biases.patterns if one.begins_utc_s > utc_s and one.ends_utc_s == math.inf), None
     )
@@ -56,7 +56,7 @@ def estimate_view(tracker: Tracker, utc_s: float, unused: int) -> EstimateView |
 
     `unused` counts what came and was not even tried.
     """
-    estimator = tracker.estimator
+    estimator = tracker.steering.estimator
     refused = estimator.refused + unused
     if not (estimator.accepted or estimator.rejected or refused):
         return None
@@ -64,7 +64,7 @@ def estimate_view(tracker: Tracker, utc_s: float, unused: int) -> EstimateView |
     if known is None:
         none = (None, None, None, None)
         return EstimateView(*none, estimator.accepted, estimator.rejected, refused, estimator.last_utc_s)
-    range_km = tracker.biases.course.going(utc_s + known.along_s).range_km
+    range_km = tracker.steering.biases.course.going(utc_s + known.along_s).range_km
     return EstimateView(
         known.along_s,
         known.along_sigma_s,
@@ -79,7 +79,7 @@ def estimate_view(tracker: Tracker, utc_s: float, unused: int) -> EstimateView |
 
 def observation_warnings(tracker: Tracker, malformed: int, dropped: int) -> list[str]:
     """Say which observations were not taken, and why the last of them."""
-    estimator = tracker.estimator
+    estimator = tracker.steering.estimator
     words = []
     if estimator.words is not None:
         counts = f"{estimator.rejected} rejected, {estimator.refused} refused, {estimator.accepted} taken"

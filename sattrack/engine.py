@@ -188,7 +188,7 @@ class Engine:
 
     def expect_observations(self) -> None:
         """Compute beforehand what the first observation needs: it would hold up a turn of the loop."""
-        self.tracker.estimator.warm_up(self.tracker.biases.course, self.spec.plan.end_utc_s)
+        self.tracker.steering.estimator.warm_up(self.tracker.steering.biases.course, self.spec.plan.end_utc_s)
 
     def send_shift_s(self, now_utc_s: float) -> float:
         """Return by how much later than a period from now the next `tick` had better come, seconds; UTC.
@@ -345,8 +345,8 @@ class Engine:
             warnings.append("the mount's rate limit is reached")
         if self.tracker.phase is Phase.STOPPING and not self.finished and not self.session.stopped:
             warnings.append("the stop is not confirmed yet: it is being sent again and again")
-        if self.tracker.refusal is not None:
-            warnings.append(self.tracker.refusal)
+        if self.tracker.steering.refusal is not None:
+            warnings.append(self.tracker.steering.refusal)
         warnings.extend(observation_warnings(self.tracker, self.malformed, self.dropped))
         if self.session.intruder is not None:
             warnings.append(self.session.intruder)

@@ -12,23 +12,21 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
-from sattrack.control import orders
 from sattrack.control.acquisition import Intercept, plan_intercept
 from sattrack.control.axes import Axes
-from sattrack.control.biases import Biases
 from sattrack.control.detour import Detour
-from sattrack.control.estimate import Estimator
 from sattrack.control.feeder import rate_deg_s
 from sattrack.control.history import CommandHistory, SentRates
 from sattrack.control.kalman import wrap180
 from sattrack.control.latency import KnownClock, MountClock
 from sattrack.control.mount_loop import MountLoop
 from sattrack.control.passage import Passage, Place
-from sattrack.messages import ClearBias, Message, Nudge, Observation, OffsetBy, Search, StopNow
+from sattrack.control.steering import Steering
+from sattrack.messages import Message, Observation, StopNow
 from sattrack.mount import Hold, Motion, MountProfile, MoveAxes, SlewTo, StatusSample, Stop
-from tle.bias import Bias
 
 if TYPE_CHECKING:
+    from tle.bias import Bias
     from tle.direction import Direction
     from tle.propagator import Propagator
 
@@ -36,8 +34,6 @@ ACQUIRED_AFTER_SAMPLES = 10
 LOST_ARCSEC = 120.0
 SLEW_OVERDUE_S = 60.0
 """Lateness of a slew after which the mount is taken not to obey."""
-REACTION_PERIODS = 3.0
-TOLD_FOR_S = 5.0
 MOST_SHIFT_S = 0.0002
 SHIFT_SHARE = 0.02
 """How fast the sending falls into step with the mount's loop: too slow for the period to show it."""
@@ -105,13 +101,7 @@ class Tracker:
     ) -> None:
         self.plan = plan
         self._profile = profile
-        self.biases = Biases(bias, propagator, profile, camera_rotation_deg)
-        self.estimator = Estimator(propagator.elements.catalog_number, plan.start_utc_s)
-        self._estimated = False
-        """Whether the estimate is news that is not followed yet."""
-        self._following_estimate = False
-        self._begun_s = float("-inf")
-        self._told_utc_s = float("-inf")
+        self.steering = Steering(propagator, profile, bias, camera_rotation_deg, plan.start_utc_s)
         known = None
         if profile.clock_offset_s is not None:
             known = KnownClock(propagator.site.longitude_deg, profile.clock_offset_s)
@@ -135,14 +125,12 @@ class Tracker:
         self.acquired_utc_s: float | None = None
         self.followable_utc_s: float | None = None
         """First instant at which the mount, being there, could have followed."""
-        self.refusal: str | None = None
-        """Why the operator's last word was not obeyed, in words."""
         self.error: SkyError | None = None
         self.rates = MoveAxes(0.0, 0.0)
 
     def use(self, propagator: Propagator) -> None:
         """Take directions from another propagator of the same satellite from now on."""
-        self.biases.use(propagator)
+        self.steering.biases.use(propagator)
         self._foretold = None
 
     @property
@@ -152,7 +140,7 @@ class Tracker:
 
     def direction_at(self, utc_s: float) -> Direction:
         """Return where the satellite is fed at an instant, all offsets of that instant applied."""
-        return self.biases.at(utc_s)
+        return self.steering.biases.at(utc_s)
 
     def take(self, sample: StatusSample) -> SkyError:
         """Take in one sample; return its error on the sky, dated by the mount's own clock."""
@@ -175,56 +163,11 @@ class Tracker:
 
     def operate(self, message: Message, now_utc_s: float) -> None:
         """Obey the operator, and listen to whoever observes."""
-        begins_s, told = self._begins_s(now_utc_s), None
-        match message:
-            case Observation():
-                self._observe(message, now_utc_s, begins_s)
-                return
-            case Nudge():
-                told = orders.nudge(self.biases, message.along_s, message.cross_deg, begins_s)
-            case OffsetBy():
-                told = orders.offset(self.biases, message, begins_s)
-            case Search():
-                told = orders.search(self.biases, message, begins_s)
-            case ClearBias():
-                self.estimator.forget()
-                self._estimated = self._following_estimate = False
-                orders.clear(self.biases, begins_s)
-            case StopNow():
-                self.end("operator")
-        self._tell(told, now_utc_s)
-        self._foretold = None
-
-    def _tell(self, words: str | None, now_utc_s: float) -> None:
-        """Keep why something was not done, until something else has been done some seconds later."""
-        if words is not None or now_utc_s - self._told_utc_s > TOLD_FOR_S:
-            self.refusal, self._told_utc_s = words, now_utc_s
-
-    def _begins_s(self, now_utc_s: float) -> float:
-        """Return when a change that is asked for now begins: when a command that knows of it can act."""
-        begins_s = now_utc_s + REACTION_PERIODS * self._profile.period_s + self._profile.command_delay_s
-        self._begun_s = max(self._begun_s, begins_s)
-        return self._begun_s
-
-    def _observe(self, seen: Observation, now_utc_s: float, begins_s: float) -> None:
-        """Take an observation in; the estimate is followed from the next step on."""
-        along_s, cross_deg = self.biases.totals(begins_s)
-        expected = Bias(along_s, cross_deg)
-        if self.estimator.take(seen, now_utc_s, self.biases.course, expected):
-            self._estimated = True
-
-    def _watch_biases(self, now_utc_s: float) -> None:
-        """Follow the estimate where there is a new one, and end what has gone as far as it may."""
-        known = self.estimator.filter
-        if known is not None and self._estimated:
-            begins_s = self._begins_s(now_utc_s)
-            first = not self._following_estimate
-            orders.follow_estimate(self.biases, known.along_s, known.cross_km, first, begins_s)
-            self._estimated, self._following_estimate = False, True
-            self._foretold = None
-        ended = orders.watch(self.biases, self._begins_s(now_utc_s)) if self.biases.moving else None
-        if ended is not None:
-            self._tell(ended, now_utc_s)
+        if isinstance(message, StopNow):
+            self.end("operator")
+        else:
+            self.steering.obey(message, now_utc_s)
+        if not isinstance(message, Observation):
             self._foretold = None
 
     def step(self, now_utc_s: float, slew_done: bool) -> Motion:
@@ -237,7 +180,8 @@ class Tracker:
         if now_utc_s >= self.plan.end_utc_s:
             self.end("set")
             return Stop()
-        self._watch_biases(now_utc_s)
+        if self.steering.watch(now_utc_s):
+            self._foretold = None
         if self._axes is None:
             return Hold()
         if self.phase is Phase.WAITING and now_utc_s >= self.plan.start_utc_s - self.plan.approach_s:

@@ -81,7 +81,7 @@ class BiasFilter:
         seconds = 0.0 if self._last_utc_s is None else max(0.0, utc_s - self._last_utc_s)
         noise = self._noise
         walk = np.diag([noise.along_walk_sqrt_s**2, noise.cross_walk_km_sqrt_s**2]) * seconds
-        if self.distance(along_s, cross_km, along_sigma_s, cross_sigma_km) > noise.gate:
+        if not self.distance(along_s, cross_km, along_sigma_s, cross_sigma_km) <= noise.gate:
             self.rejected += 1
             return False
         self._kalman.predict(Q=walk)

@@ -146,7 +146,7 @@ class Estimator:
         distance, start = self._likeliest(said)
         other = _other_frame(seen.frame)
         alternative = _said(seen, utc_s, course, other, (said.along_s, self._noise.cross_km))
-        if distance > self._noise.gate:
+        if not distance <= self._noise.gate:
             return None
         if alternative is not None and self._likeliest(alternative)[0] + BETTER_FRAME < distance:
             return None

@@ -51,7 +51,7 @@ def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
     spec, tracker, health = engine.spec, engine.tracker, engine.session.health
     acquired = tracker.acquired_utc_s
     followable = tracker.followable_utc_s
-    along_s, cross_deg = tracker.biases.totals(ended_utc_s)
+    along_s, cross_deg = tracker.steering.biases.totals(ended_utc_s)
     return Summary(
         name=spec.propagator.elements.label,
         catalog_number=spec.propagator.elements.catalog_number,

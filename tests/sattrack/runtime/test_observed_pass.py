@@ -167,9 +167,9 @@ def test_a_thousand_at_once_in_real_time_beside_orders_and_udp(tmp_path: Path) -
         burst = solutions(1000, true, now_s, 20.0)
         one = b"".join(solutions(1, true, now_s - 1.0))
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
-            sender.sendto(one, ("127.0.0.1", port))
             for _ in range(500):
                 sender.sendto(b"x\n" * 50, ("127.0.0.1", port))
+            sender.sendto(one, ("127.0.0.1", port))
         run.stdin.write(b"".join(burst).decode())
         run.stdin.flush()
         for line in run.stdout:

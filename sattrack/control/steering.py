@@ -1,0 +1,95 @@
+"""What the operator and observers say, turned into offsets of the direction that is fed. Pure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sattrack.control import orders
+from sattrack.control.biases import Biases
+from sattrack.control.estimate import Estimator
+from sattrack.messages import ClearBias, Nudge, Observation, OffsetBy, Search
+from tle.bias import Bias
+
+if TYPE_CHECKING:
+    from sattrack.messages import Message
+    from sattrack.mount import MountProfile
+    from tle.propagator import Propagator
+
+REACTION_PERIODS = 3.0
+TOLD_FOR_S = 5.0
+
+
+class Steering:
+    """The offsets and the estimate of one run, and what was last not done of what was asked."""
+
+    def __init__(
+        self,
+        propagator: Propagator,
+        profile: MountProfile,
+        bias: Bias,
+        camera_rotation_deg: float,
+        start_utc_s: float,
+    ) -> None:
+        self._delay_s = REACTION_PERIODS * profile.period_s + profile.command_delay_s
+        self.biases = Biases(bias, propagator, profile, camera_rotation_deg)
+        self.estimator = Estimator(propagator.elements.catalog_number, start_utc_s)
+        self.refusal: str | None = None
+        """Why the operator's last word was not obeyed, in words."""
+        self._told_utc_s = float("-inf")
+        self._begun_s = float("-inf")
+        self._estimated = False
+        """Whether the estimate is news that is not followed yet."""
+        self._following_estimate = False
+
+    def obey(self, message: Message, now_utc_s: float) -> None:
+        """Do what a message says of offsets; others are none of its business."""
+        begins_s, told = self._begins_s(now_utc_s), None
+        match message:
+            case Observation():
+                self._observe(message, now_utc_s, begins_s)
+                return
+            case Nudge():
+                told = orders.nudge(self.biases, message.along_s, message.cross_deg, begins_s)
+            case OffsetBy():
+                told = orders.offset(self.biases, message, begins_s)
+            case Search():
+                told = orders.search(self.biases, message, begins_s)
+            case ClearBias():
+                self.estimator.forget()
+                self._estimated = self._following_estimate = False
+                orders.clear(self.biases, begins_s)
+        self._tell(told, now_utc_s)
+
+    def watch(self, now_utc_s: float) -> bool:
+        """Follow the estimate where there is a new one, end what has gone as far as it may; tell of either.
+
+        To be called once a period.
+        """
+        known, ended = self.estimator.filter, None
+        news = known is not None and self._estimated
+        if known is not None and news:
+            first = not self._following_estimate
+            begins_s = self._begins_s(now_utc_s)
+            orders.follow_estimate(self.biases, known.along_s, known.cross_km, first, begins_s)
+            self._estimated, self._following_estimate = False, True
+        if self.biases.moving:
+            ended = orders.watch(self.biases, self._begins_s(now_utc_s))
+        if ended is not None:
+            self._tell(ended, now_utc_s)
+        return news or ended is not None
+
+    def _begins_s(self, now_utc_s: float) -> float:
+        """Return when a change that is asked for now begins: when a command that knows of it can act."""
+        self._begun_s = max(self._begun_s, now_utc_s + self._delay_s)
+        return self._begun_s
+
+    def _observe(self, seen: Observation, now_utc_s: float, begins_s: float) -> None:
+        """Take an observation in; the estimate is followed from the next period on."""
+        along_s, cross_deg = self.biases.totals(begins_s)
+        if self.estimator.take(seen, now_utc_s, self.biases.course, Bias(along_s, cross_deg)):
+            self._estimated = True
+
+    def _tell(self, words: str | None, now_utc_s: float) -> None:
+        """Keep why something was not done, until something else has been done some seconds later."""
+        if words is not None or now_utc_s - self._told_utc_s > TOLD_FOR_S:
+            self.refusal, self._told_utc_s = words, now_utc_s
