@@ -11,6 +11,7 @@ import pytest
 from sattrack import practice
 from sattrack.control import orders
 from sattrack.control.biases import Biases
+from sattrack.control.search import spiral
 from sattrack.messages import OffsetBy, Search
 from sattrack.mount import AxisLimits, MountProfile
 from tle.bias import NO_BIAS, Bias
@@ -147,6 +148,18 @@ def test_a_search_ends_where_it_is_or_in_its_centre_without_a_step(
         gap = erfa.sepp(unit(propagator.at(Utc(stopped_s), kept)), there)
         assert math.degrees(gap) < 0.25
     assert orders.search(biases, Search(how), stopped_s + 9.0) == "no search is running"
+
+
+@pytest.mark.parametrize("begins_s", [CULMINATION_S - 150.0, CULMINATION_S - 20.0])
+def test_a_spiral_keeps_its_shape_on_the_sky_while_the_pace_changes(
+    biases: Biases, propagator: Propagator, begins_s: float
+) -> None:
+    assert orders.search(biases, Search("spiral", 0.2, 0.1), begins_s) is None
+    for elapsed_s in (5.0, 20.0, 60.0):
+        point = spiral(elapsed_s, 0.2, 0.1)
+        t = begins_s + elapsed_s
+        apart = erfa.sepp(unit(propagator.at(Utc(t))), unit(biases.at(t)))
+        assert math.degrees(apart) == pytest.approx(math.hypot(point[0], point[1]), rel=0.03)
 
 
 def test_a_spiral_that_finds_nothing_goes_back(biases: Biases) -> None:
