@@ -56,6 +56,7 @@ class Scenario:
     disturbance_arcsec_s: float = 0.0
     """Rate that comes on top of the commanded one in right ascension, from the middle of the pass on."""
     move_axis: str = "held"
+    clock_offset_s: float = 0.0
     servo: dict[str, float] = field(default_factory=dict)
     """What the drives have beside their bandwidth."""
 
@@ -97,7 +98,7 @@ class Timer:
 
 
 class World:
-    """One run: all loop instants and delays can be told beforehand, so an oracle may know them."""
+    """One run: all loop instants and delays can be told beforehand, so that an oracle may know them."""
 
     def __init__(
         self,
@@ -119,9 +120,20 @@ class World:
         self.phase_s = rng.uniform(0.0, PERIOD_S)
         self._rng = rng
         self._delays: dict[tuple[str, int], list[float]] = {}
-        self._disturbed_from_s = 0.5 * (self.begin_s + self.end_s)
+        self.disturbed_from_s = 0.5 * (self.begin_s + self.end_s)
         self.errors: list[tuple[float, float]] = []
         self.rates: list[tuple[float, float, float]] = []
+        self.read: list[int] = []
+        """Which datagram was in the mailbox at each of the mount's turns so far, -1 for none."""
+
+    def travels_s(self, way: str, number: int) -> float:
+        """Return how long a datagram takes unless it is held back; lost or not."""
+        return self._travel_s(way, random.Random(f"{self.phase_s} {way} {number}"))
+
+    def _travel_s(self, way: str, rng: random.Random) -> float:
+        link = self.scenario.link
+        base_s = link.status_s if way == "status" else link.command_s
+        return max(0.0, base_s + rng.uniform(-link.jitter_s, link.jitter_s))
 
     def delays(self, way: str, number: int) -> list[float]:
         """Return when a datagram arrives after it was sent: never, once or twice."""
@@ -129,8 +141,7 @@ class World:
         if key not in self._delays:
             rng = random.Random(f"{self.phase_s} {way} {number}")
             link = self.scenario.link
-            base_s = link.status_s if way == "status" else link.command_s
-            delay_s = max(0.0, base_s + rng.uniform(-link.jitter_s, link.jitter_s))
+            delay_s = self._travel_s(way, rng)
             if rng.random() < link.held_back:
                 delay_s += HELD_BACK_S
             copies = [] if rng.random() < link.loss else [delay_s]
@@ -140,12 +151,12 @@ class World:
         return self._delays[key]
 
     def disturbance_deg_s(self, utc_s: float) -> float:
-        return self.scenario.disturbance_arcsec_s / 3600.0 if utc_s >= self._disturbed_from_s else 0.0
+        return self.scenario.disturbance_arcsec_s / 3600.0 if utc_s >= self.disturbed_from_s else 0.0
 
     def run(self, controller: Controller) -> None:
         """Run to the end."""
         queue: list[tuple[float, int, Callable[..., None], Any]] = []
-        order = 0
+        order, mailbox = 0, -1
 
         def at(utc_s: float, happen: Callable[..., None], what: Any) -> None:
             nonlocal order
@@ -155,7 +166,7 @@ class World:
         def client_turn(now_s: float, turn: int) -> None:
             data = controller.command(now_s)
             for delay_s in self.delays("command", turn):
-                at(now_s + delay_s, command_arrives, data)
+                at(now_s + delay_s, command_arrives, (turn, data))
             at(now_s + REPEAT_AFTER_PERIODS * PERIOD_S, copy, turn)
             at(now_s + controller.period_s + controller.shift_s(now_s), client_turn, turn + 1)
 
@@ -163,9 +174,10 @@ class World:
             data = controller.repeat()
             if data is not None:
                 for delay_s in self.delays("copy", turn):
-                    at(now_s + delay_s, command_arrives, data)
+                    at(now_s + delay_s, command_arrives, (turn, data))
 
         def mount_turn(now_s: float, turn: int) -> None:
+            self.read.append(mailbox)
             status, truth = self.mount.tick(now_s)
             self._judge(truth)
             for delay_s in self.delays("status", turn):
@@ -173,7 +185,9 @@ class World:
             if turn + 1 < len(self.ticks_s):
                 at(self.ticks_s[turn + 1], mount_turn, turn + 1)
 
-        def command_arrives(now_s: float, data: bytes) -> None:
+        def command_arrives(now_s: float, what: tuple[int, bytes]) -> None:
+            nonlocal mailbox
+            mailbox, data = what
             self.mount.receive(self._disturbed(data, now_s))
 
         at(self.begin_s + self.phase_s, client_turn, 0)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
+import math
+import statistics
+from bisect import bisect_left, bisect_right
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -11,7 +13,8 @@ from feeder_harness import PERIOD_S, World, wire
 from sattrack.control.feeder import correction_deg_s
 from sattrack.control.kalman import AxisFilter, Noise, wrap180
 from sattrack.mount import MountProfile
-from sattrack.xerxes.datagrams import decode_status
+from sattrack.xerxes.datagrams import Command, decode_status, encode_command
+from sattrack.xerxes.move_axis import AxisRates, EdgeMove
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -99,37 +102,40 @@ class Compensated(Unshifted):
 
 
 class Oracle(Unshifted):
-    """Knows every delay and loop instant, the gain and the disturbance; its encoders are as noisy as ours."""
+    """Knows every delay and turn of the mount's loop, the gain, the disturbance, and what the mount has read.
+
+    It does not know which datagrams are still to be lost, doubled or held back; its encoders are as noisy as
+    ours, and on a lossy link it sends copies as we do. An edge is renewed by our own handshake.
+    """
 
     period_s = PERIOD_S
 
     def __init__(self, world: World) -> None:
         self._world = world
         self._turn = 0
-        self._read = self._readings()
-        self._sent: dict[int, tuple[float, float]] = {}
+        self._shift_s = self._shift_into_step()
+        turns = len(world.ticks_s) + 100
+        self._arrive_s = [self._sent_s(turn) + world.travels_s("command", turn) for turn in range(turns)]
+        self._sent: dict[int, tuple[float, float]] = {-1: (0.0, 0.0)}
         self._filters: tuple[AxisFilter, AxisFilter] | None = None
         self._index = 0
         """Index of the loop instant of the last sample."""
+        self._known = -1
+        """Index of the last loop instant of which is known what the mount had read."""
+        self._edges = EdgeMove() if world.scenario.move_axis == "edge" else None
+        self._acts = (0.0, 0.0)
+        self._last = b""
 
-    def _readings(self) -> list[int]:
-        """Return which datagram the mount reads at each of its loop instants; -1 before the first."""
-        world = self._world
-        arrivals = []
-        for turn in range(len(world.ticks_s) + 100):
-            sent_s = world.begin_s + world.phase_s + turn * PERIOD_S
-            arrivals += [(sent_s + delay_s, turn) for delay_s in world.delays("command", turn)]
-        arrivals.sort()
-        read, latest, place = [], -1, 0
-        for tick_s in world.ticks_s:
-            while place < len(arrivals) and arrivals[place][0] <= tick_s:
-                latest = arrivals[place][1]
-                place += 1
-            read.append(latest)
-        return read
+    def shift_s(self, now_utc_s: float) -> float:
+        return self._shift_s if self._turn == 1 else 0.0
+
+    def repeat(self) -> bytes | None:
+        return self._last if self._world.scenario.link.loss else None
 
     def status(self, data: bytes, arrival_utc_s: float) -> None:
         status = decode_status(data)
+        if self._edges is not None:
+            self._edges.see(status)
         index = status.counter - 1
         ra_deg = status.ra_h * 15.0
         if self._filters is None:
@@ -137,26 +143,76 @@ class Oracle(Unshifted):
         elif index <= self._index:
             return
         else:
-            moved = self._moved(self._index, index)
-            seconds = self._world.ticks_s[index] - self._world.ticks_s[self._index]
+            before, self._known = self._index, index
+            moved = self._moved(before, index)
+            seconds = self._world.ticks_s[index] - self._world.ticks_s[before]
             for one, distance, reported in zip(self._filters, moved, (ra_deg, status.dec_deg), strict=True):
                 one.advance(seconds, distance)
                 one.measure(reported, distance / seconds)
         self._index = index
 
     def command(self, now_utc_s: float) -> bytes:
-        world, turn = self._world, self._turn
+        turn = self._turn
         self._turn += 1
-        if self._filters is None or turn not in self._read:
-            # Never read, as far as rounding lets one say so: the target's own rate does no harm.
+        first = self._reads(turn)
+        until = self._reads(turn + 1) if self._edges is None else self._next_edge(turn)
+        rates = self._rates(now_utc_s, first, max(until, first + 1))
+        if self._edges is None:
+            self._sent[turn] = rates
+            self._last = self._wire(turn, rates, first)
+            return self._last
+        sent = self._edges.compose(AxisRates(*rates))
+        if sent.begins:
+            self._acts = rates
+        self._sent[turn] = self._acts
+        up = sent.rates.ra is not None
+        return self._wire(turn, self._acts, first) if up else encode_command(Command(turn + 1))
+
+    def _wire(self, turn: int, rates: tuple[float, float], first: int) -> bytes:
+        gain, extra = self._world.scenario.gain, self._world.disturbance_deg_s(self._world.ticks_s[first])
+        return wire(PROFILE, turn + 1, (rates[0] + extra) / gain, rates[1] / gain)
+
+    def _sent_s(self, turn: int) -> float:
+        shift_s = self._shift_s if turn else 0.0
+        return self._world.begin_s + self._world.phase_s + turn * PERIOD_S + shift_s
+
+    def _shift_into_step(self) -> float:
+        """Return how much later to send, for datagrams to arrive halfway between two turns in the mean."""
+        world = self._world
+        arrive_s = world.begin_s + world.phase_s + world.scenario.link.command_s
+        angles = [2.0 * math.pi * (tick_s - arrive_s) / PERIOD_S for tick_s in world.ticks_s]
+        mean = math.atan2(statistics.fmean(map(math.sin, angles)), statistics.fmean(map(math.cos, angles)))
+        return (mean / (2.0 * math.pi) % 1.0 - 0.5) * PERIOD_S
+
+    def _reads(self, turn: int) -> int:
+        """Return the index of the loop instant that reads a datagram first, if it arrives."""
+        return min(bisect_left(self._world.ticks_s, self._arrive_s[turn]), len(self._world.ticks_s) - 2)
+
+    def _next_edge(self, turn: int) -> int:
+        """Return the index of the loop instant that reads the edge after the one sent at a turn.
+
+        The flag falls when its acknowledgement has come, and rises again when that has fallen.
+        """
+        for _ in ("up", "down"):
+            index = self._reads(turn)
+            told_s = self._world.ticks_s[index] + self._world.travels_s("status", index)
+            turn += 1
+            while self._sent_s(turn) < told_s:
+                turn += 1
+        return self._reads(turn)
+
+    def _acting(self, index: int) -> int:
+        """Return the datagram that acts from a loop instant on: as was read, or will be without losses."""
+        if index <= self._known:
+            return self._world.read[index]
+        return min(bisect_right(self._arrive_s, self._world.ticks_s[index]) - 1, self._turn - 1)
+
+    def _rates(self, now_utc_s: float, first: int, end: int) -> tuple[float, float]:
+        world = self._world
+        if self._filters is None:
             now = world.propagator.at(Utc(now_utc_s))
-            self._sent[turn] = (float(now.ra_rate_deg_s), float(now.dec_rate_deg_s))
-            return wire(PROFILE, turn + 1, *self._sent[turn])
-        first = self._read.index(turn, bisect_left(world.ticks_s, now_utc_s))
-        end = first
-        while end < len(self._read) - 1 and self._read[end] == turn:
-            end += 1
-        acts_s, until_s = world.ticks_s[first], max(world.ticks_s[end], world.ticks_s[first] + 0.01)
+            return float(now.ra_rate_deg_s), float(now.dec_rate_deg_s)
+        acts_s, until_s = world.ticks_s[first], world.ticks_s[min(end, len(world.ticks_s) - 1)]
         here, there = (world.propagator.at(Utc(t)) for t in (acts_s, until_s))
         moved = self._moved(self._index, first)
         rates = []
@@ -168,24 +224,14 @@ class Oracle(Unshifted):
             error = wrap180(reached - goals[i])
             back = correction_deg_s(error, PROFILE.ra.max_acceleration_deg_s2, PROFILE.ra.max_rate_deg_s)
             rates.append(spans[i] / (until_s - acts_s) - one.disturbance_deg_s + back)
-        self._sent[turn] = (rates[0], rates[1])
-        self._sent.pop(turn - 100, None)
-        gain = world.scenario.gain
-        return wire(PROFILE, turn + 1, (rates[0] + world.disturbance_deg_s(acts_s)) / gain, rates[1] / gain)
+        return rates[0], rates[1]
 
     def _moved(self, first: int, last: int) -> tuple[float, float]:
         """Return how far the commands that are read move the axes between two loop instants."""
         ra = dec = 0.0
         for index in range(first, last):
-            begin_s, end_s = self._world.ticks_s[index], self._world.ticks_s[index + 1]
-            turn = self._read[index]
-            if turn >= self._turn:
-                # Overtaken by one that is still to be sent, and that will be right.
-                here, there = (self._world.propagator.at(Utc(t)) for t in (begin_s, end_s))
-                ra += wrap180(float(there.ra_deg - here.ra_deg))
-                dec += float(there.dec_deg - here.dec_deg)
-                continue
-            rates = self._sent.get(turn, (0.0, 0.0))
-            ra += rates[0] * (end_s - begin_s)
-            dec += rates[1] * (end_s - begin_s)
+            seconds = self._world.ticks_s[index + 1] - self._world.ticks_s[index]
+            rates = self._sent[self._acting(index)]
+            ra += rates[0] * seconds
+            dec += rates[1] * seconds
         return ra, dec

@@ -162,6 +162,18 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     readings: dict[str, Literal["int64", "double"]] = {}
     calibration: CalibrationRecord | None = None
 
+    @property
+    def dated_within_s(self) -> float | None:
+        """By how much the instants of samples may be off, as the calibration tells; None without one."""
+        record = self.calibration
+        if record is None:
+            return None
+        if self.clock_offset_s is not None:
+            (low, high), taken = record.clock_offset_interval_s, self.clock_offset_s
+        else:
+            (low, high), taken = record.status_delay_interval_s, self.status_delay_s
+        return max(high - taken, taken - low)
+
     def signs(self, beyond_pole: bool) -> tuple[int, int]:
         """Return the signs of the two axes' rates, right ascension first, on one side of the pier."""
         if not beyond_pole:

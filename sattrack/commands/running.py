@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import math
 import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -79,15 +80,13 @@ def announcement(facts: RunFacts) -> list[str]:
     age_days = (plan.start_utc_s - float(facts.elements.epoch.unix_s)) / 86400.0
     if abs(age_days) > OLD_AFTER_DAYS:
         lines.append(f"the elements are {abs(age_days):.1f} days off the pass: expect it early or late")
-    record = facts.profile.calibration
-    if record is not None and facts.profile.clock_offset_s is None:
-        low, high = record.status_delay_interval_s
-        off_s = max(high - facts.profile.status_delay_s, facts.profile.status_delay_s - low)
-        if off_s > TELLING_DELAY_S:
-            lines.append(
-                f"the mount's delays are known to {off_s * 1000.0:.0f} ms: at 1 °/s, up to "
-                f"{off_s * 3600.0:.0f}″ along the track that the reported error does not show"
-            )
+    off_s = facts.profile.dated_within_s
+    if off_s is not None and off_s > TELLING_DELAY_S:
+        what = "delays are" if facts.profile.clock_offset_s is None else "clock is"
+        lines.append(
+            f"the mount's {what} known to {math.ceil(off_s * 1000.0)} ms: at 1 °/s, up to "
+            f"{math.ceil(off_s * 3600.0)}″ along the track that the reported error does not show"
+        )
     return lines
 
 

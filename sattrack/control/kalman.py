@@ -41,6 +41,9 @@ MOST_RATE_DEG_S, MOST_GAIN = 0.1, 0.25
 """No disturbance is larger, and no gain further off: what seems so is a filter that is led astray."""
 SMALLEST_NOISE_SHARE, LARGEST_NOISE_SHARE = 0.02, 400.0
 """How far the measurement's variance may go from the expected one: a seventh of the sigma to twenty times."""
+NEAR_REST_DEG_S = 0.05
+"""Slower than this an axis may stick. How far it stays behind then its servo takes away by itself, so that is
+no rate: compensated as one, the axis breaks loose the further."""
 INPUT = np.array([[1.0], [0.0], [0.0]])
 Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 
@@ -151,7 +154,7 @@ class AxisFilter:
         variance = self._noise_share * (noise.position_deg**2 + (rate_deg_s * noise.timing_s) ** 2)
         expected = float(self._kalman.P[0, 0]) + variance
         if surprise * surprise > SURPRISE_SIGMAS**2 * expected:
-            variance += self._weigh_surprise(surprise, expected)
+            variance += self._weigh_surprise(surprise, expected, rate_deg_s)
         else:
             self._surprised_deg = 0.0
             self._learn_noise(surprise * surprise / expected)
@@ -167,17 +170,19 @@ class AxisFilter:
         share = self._noise_share * (1.0 + self._noise.learning * (ratio - 1.0))
         self._noise_share = max(SMALLEST_NOISE_SHARE, min(LARGEST_NOISE_SHARE, share))
 
-    def _weigh_surprise(self, surprise_deg: float, expected: float) -> float:
+    def _weigh_surprise(self, surprise_deg: float, expected: float, rate_deg_s: float) -> float:
         """Return by how much to distrust a surprising measurement, as a variance.
 
         A single one may be a glitch, and is believed only as far as a large but ordinary one would be; a
-        second one to the same side is a rate that has set in, which the filter then learns at once.
+        second one to the same side is a rate that has set in, which the filter then learns at once; of an
+        axis near rest, that friction may hold, it is where it stands.
         """
         again = surprise_deg * self._surprised_deg > 0.0
         self._surprised_deg = surprise_deg
         if not again:
             return surprise_deg * surprise_deg / SURPRISE_SIGMAS**2 - expected
-        self._kalman.P[1, 1] += min(abs(surprise_deg) / self._seconds, MOST_RATE_DEG_S) ** 2
+        if abs(rate_deg_s) >= NEAR_REST_DEG_S:
+            self._kalman.P[1, 1] += min(abs(surprise_deg) / self._seconds, MOST_RATE_DEG_S) ** 2
         self._kalman.P[0, 0] += surprise_deg * surprise_deg
         return 0.0
 

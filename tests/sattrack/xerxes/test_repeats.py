@@ -1,7 +1,7 @@
 """When the last datagram goes out a second time, and that a mount with a mailbox does not notice.
 
-Source: Van Deventer, "Xerxes Mount Control Protocol", Theory of Operation: the inbound message is a mailbox, of
-which the mount's loop processes the latest; and, Details, commands are launched by rising edges.
+Source: Van Deventer, "Xerxes Mount Control Protocol", Theory of Operation: the inbound message is a mailbox,
+of which the mount's loop processes the latest; and, Details, commands are launched by rising edges.
 """
 
 from __future__ import annotations
