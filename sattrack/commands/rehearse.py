@@ -58,6 +58,9 @@ def command(context: CommandContext, satellite: str, number: int, **options: Any
     fov_deg = options["fov_deg"]
     if fov_deg is not None and not (math.isfinite(fov_deg) and 0.0 < fov_deg <= 180.0):
         raise BadInputError(f"--fov {fov_deg:g}: give the field's diameter in degrees, above 0")
+    plot = options["plot"]
+    if plot is not None and not plot.absolute().parent.is_dir():
+        raise BadInputError(f"{plot}: there is no such folder to write the chart into")
     min_alt_deg = context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"]
     request = RunRequest(
         satellite=satellite,
@@ -79,10 +82,10 @@ def command(context: CommandContext, satellite: str, number: int, **options: Any
     clock = read_kernel_clock()
     error_s = clock.estimated_error_s if clock is not None and clock.synchronised else None
     rehearsal = rehearse(prepared, error_s, fov_deg)
-    if options["plot"]:
+    if plot is not None:
         from sattrack.commands.rehearse_plot import plot_rehearsal
 
-        plot_rehearsal(options["plot"], rehearsal)
+        plot_rehearsal(plot, rehearsal)
     if context.json:
         click.echo(msgspec.json.encode(rehearsal.report).decode())
     else:

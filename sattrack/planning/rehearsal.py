@@ -78,12 +78,19 @@ def _cause(
     if performance.ended_by != "set" and end >= plan.end_utc_s:
         limit = performance.ended_by.removeprefix("limit:")
         return limit, performance.message or f"the run ended: {performance.ended_by}"
-    for loss in causes.foretold:
-        if loss.begin_utc_s - NEAR_S < end and loss.end_utc_s + NEAR_S > begin:
-            return loss.limit, loss.words
+    near = [loss for loss in causes.foretold if _overlap(loss, begin, end) > 0.0]
+    if near:
+        nearest = max(near, key=lambda loss: _overlap(loss, begin, end))
+        return nearest.limit, nearest.words
     if begin <= plan.start_utc_s + performance.period_s:
         return _at_first(performance, plan)
     return _in_mid_pass(begin, end, performance, causes)
+
+
+def _overlap(loss: Loss, begin: float, end: float) -> float:
+    """Return what a foretold loss and a stretch have in common, as a share of what both take together."""
+    common = min(loss.end_utc_s + NEAR_S, end) - max(loss.begin_utc_s - NEAR_S, begin)
+    return common / (max(loss.end_utc_s, end) - min(loss.begin_utc_s, begin) + NEAR_S)
 
 
 def _at_first(performance: Performance, plan: TrackPlan) -> tuple[str, str]:

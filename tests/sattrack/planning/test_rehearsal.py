@@ -1,0 +1,253 @@
+"""Rehearsals against the runs that follow them, by other noise, and the budget against differences."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from rehearsal_draws import draw, fly, noisy
+
+from sattrack import practice
+from sattrack.cli import cli
+from sattrack.cli import run as run_cli
+from sattrack.errors import SattrackError
+from sattrack.mount import MountProfile
+from sattrack.planning.budget import Circumstances, error_budget
+from sattrack.profiles import ProfileFile
+from sattrack.runtime.fly import fly_virtual
+from sattrack.runtime.prepare import Prepared, RunRequest, prepare
+from sattrack.runtime.rehearse import rehearse
+from tle.bias import NO_BIAS
+from tle.elements import Elements
+from tle.instants import Utc
+from tle.propagator import Propagator
+from tle.refraction import Refraction
+from tle.site import Site
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SHORT_PASSES = (17, 52, 69, 72, 123, 175)
+"""Seeds of short passes: some lose nothing, others to a slow mount or to the cables' end."""
+PASS = (1790946119.0, 1790946528.0)
+"""The built-in pass, POSIX seconds of UTC."""
+HIGH = ("--min-alt", "50")
+"""The pass lasts a good minute then."""
+SLOW = """name = "slow"
+[ra]
+max_rate_deg_s = 0.3
+[dec]
+max_rate_deg_s = 0.3
+"""
+
+
+@pytest.mark.parametrize("seed", SHORT_PASSES)
+def test_a_rehearsal_tells_what_the_run_that_follows_loses_and_reaches(seed: int) -> None:
+    prepared = draw(seed)
+    report = rehearse(prepared).report
+    flown = fly(noisy(prepared, seed, sticky=False))
+    assert report.lost_s == pytest.approx(flown.lost_s, abs=0.5)
+    assert report.ended_by == flown.summary.ended_by
+    for peak, reached in zip(report.peaks, (flown.peak_hour_angle_deg_s, flown.peak_dec_deg_s), strict=True):
+        assert (peak.reached_rate_deg_s is None) == (reached is None)
+        if reached is not None:
+            assert peak.reached_rate_deg_s == pytest.approx(reached, rel=0.01)
+    assert sum(stretch.seconds for stretch in report.lost) == pytest.approx(report.lost_s, abs=0.5)
+
+
+def polar(through_pole: bool) -> Prepared:
+    """Return a pass that goes by 0.16° from the southern pole, seen above 20°."""
+    elements = Elements(
+        name="POLAR",
+        catalog_number=8678,
+        classification="U",
+        designator="",
+        epoch=Utc(1790899200.0),
+        inclination_deg=70.42273,
+        raan_deg=63.48391,
+        eccentricity=0.0059214,
+        arg_perigee_deg=278.56927,
+        mean_anomaly_deg=339.47426,
+        mean_motion_rev_day=14.873621882,
+        mean_motion_dot_rev_day2=0.0,
+        mean_motion_ddot_rev_day3=0.0,
+        bstar_per_earth_radius=0.0,
+    )
+    profile = ProfileFile(
+        hour_angle_limit_deg=270.0, dec_axis_limits_deg=(-270.0, 270.0), through_pole=through_pole
+    )
+    return prepare(
+        RunRequest(
+            satellite="POLAR",
+            mount_url="sim",
+            elements=[elements],
+            site=Site(-20.842877, -13.105663, 729.5),
+            clock_option="2026-10-02T03:28:00Z",
+            min_alt_deg=17.0,
+            virtual=True,
+            profile=profile,
+        )
+    )
+
+
+def test_through_the_pole_a_run_loses_less_than_half_of_what_clipping_does() -> None:
+    lost = {}
+    for through_pole in (False, True):
+        prepared = polar(through_pole)
+        plan = prepared.facts.plan
+        assert bool(plan.detours) is through_pole
+        shorter = msgspec.structs.replace(plan, end_utc_s=min(plan.end_utc_s, plan.start_utc_s + 100.0))
+        facts = msgspec.structs.replace(prepared.facts, plan=shorter)
+        summary = fly_virtual(replace(noisy(prepared, 1, sticky=False), facts=facts))
+        assert summary.ended_by == "set"
+        lost[through_pole] = shorter.end_utc_s - shorter.start_utc_s - summary.on_target_s
+    assert lost[False] > 20.0
+    assert lost[True] < 0.5 * lost[False]
+
+
+def test_the_keyhole_is_named_where_the_pass_is_lost_to_it() -> None:
+    report = rehearse(polar(False)).report
+    limits = {stretch.limit for stretch in report.lost}
+    assert "keyhole" in limits
+    (hole,) = report.keyholes
+    assert hole.chosen == "clipped"
+    assert hole.through_pole_s is None
+    keyhole_s = sum(stretch.seconds for stretch in report.lost if stretch.limit == "keyhole")
+    assert keyhole_s == pytest.approx(hole.clipped_s, abs=1.5)
+
+
+def budget(**changes: Any) -> Any:
+    facts: dict[str, Any] = {
+        "clock_error_s": 0.002,
+        "servo_along_arcsec": 0.5,
+        "servo_across_arcsec": 0.25,
+        "servo_why": "made up",
+        "refraction_applied": True,
+        "fov_deg": 0.5,
+    }
+    real = Propagator(practice.elements(), practice.SITE.place())
+    return error_budget(real, NO_BIAS, PASS, MountProfile(), Circumstances(**{**facts, **changes}))
+
+
+def test_the_clock_s_part_is_its_error_times_the_speed_on_the_sky() -> None:
+    found = budget()
+    clock = next(part for part in found.parts if part.name == "clock")
+    real = Propagator(practice.elements(), practice.SITE.place())
+    at = float(Utc.parse(found.utc).unix_s)
+    one, other = real.at(Utc(at - 0.5)), real.at(Utc(at + 0.5))
+    cosine = float(np.dot(one.unit, other.unit))
+    speed_arcsec_s = math.degrees(math.acos(min(1.0, cosine))) * 3600.0
+    # The moment is told to a second.
+    assert math.hypot(clock.along_arcsec, clock.across_arcsec) == pytest.approx(
+        0.002 * speed_arcsec_s, rel=0.01
+    )
+
+
+def test_the_budget_s_sum_is_the_root_of_the_squares_of_its_parts() -> None:
+    found = budget()
+    assert [part.name for part in found.parts] == [
+        "elements",
+        "clock",
+        "earth orientation",
+        "refraction",
+        "delay",
+        "servo",
+    ]
+    for name in ("along_arcsec", "across_arcsec"):
+        total = math.sqrt(sum(getattr(part, name) ** 2 for part in found.parts))
+        assert getattr(found, name) == pytest.approx(total)
+    assert found.fits is True
+    assert budget(fov_deg=0.001).fits is False
+    assert budget(fov_deg=None).fits is None
+
+
+@pytest.mark.parametrize(
+    ("applied", "share"), [(True, math.hypot(10.0 / 1013.25, 10.0 / 288.15)), (False, 1.0)]
+)
+def test_refraction_counts_as_far_as_the_air_is_not_known_and_in_full_where_none_is_applied(
+    applied: bool, share: float
+) -> None:
+    found = budget(refraction_applied=applied)
+    part = next(part for part in found.parts if part.name == "refraction")
+    site = practice.SITE.place()
+    at = Utc.parse(found.utc)
+    bent = Propagator(practice.elements(), site, refraction=Refraction.standard(site.height_m)).at(at)
+    airless = Propagator(practice.elements(), site).at(at)
+    raised_arcsec = float(bent.alt_deg - airless.alt_deg) * 3600.0
+    assert math.hypot(part.along_arcsec, part.across_arcsec) == pytest.approx(share * raised_arcsec, rel=0.02)
+
+
+def invoke(*arguments: str) -> tuple[int, str]:
+    result = CliRunner().invoke(cli, ["rehearse", *arguments], standalone_mode=False)
+    assert result.exception is None, result.exception
+    return int(result.return_value), result.stdout
+
+
+def test_the_command_s_document_has_the_verdict_and_every_part(tmp_path: Path) -> None:
+    picture = tmp_path / "pass.png"
+    code, out = invoke("ISS", *HIGH, "--json", "--fov", "0.5", "--plot", str(picture))
+    document = json.loads(out)
+    assert code == 0
+    assert document["go"] is True
+    assert document["lost_s"] + document["on_target_s"] == pytest.approx(document["pass_s"], abs=0.01)
+    assert {"peaks", "margins", "keyholes", "sides", "link_loss", "budget"} <= document.keys()
+    assert document["link_loss"]["worst"]["seconds_to_limit"] == min(
+        moment["seconds_to_limit"]
+        for moment in document["link_loss"]["curve"]
+        if moment["seconds_to_limit"] is not None
+    )
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_pass_that_the_mount_cannot_follow_is_no_go_and_names_the_limit(tmp_path: Path) -> None:
+    profile = tmp_path / "slow.toml"
+    profile.write_text(SLOW)
+    code, out = invoke("ISS", *HIGH, "--profile", str(profile))
+    assert code == 1
+    assert "no-go" in out
+    assert "to rate" in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("NOSUCH",), "NOSUCH"),
+        (("ISS", "--pass", "0"), "--pass 0"),
+        (("ISS", "--pass", "999"), "--pass 999"),
+        (("ISS", "--fov", "nan"), "--fov nan"),
+        (("ISS", "--fov", "-1"), "--fov -1"),
+        (("ISS", "--bias-along", "nan"), "--bias-along nan"),
+        (("ISS", "--min-alt", "89.9"), "does not rise above 89.9°"),
+        (("ISS", "--plot", "/nowhere/at/all.png"), "/nowhere/at/all.png"),
+    ],
+)
+def test_what_cannot_be_rehearsed_is_told_in_one_line(
+    arguments: tuple[str, ...], words: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run_cli(["rehearse", *arguments]) in {1, 2}
+    told = [line for line in capsys.readouterr().err.splitlines() if "no elements or site" not in line]
+    assert len(told) == 1
+    assert words in told[0]
+
+
+def test_a_later_pass_is_rehearsed_by_its_number() -> None:
+    _, first = invoke("ISS", "--json", "--min-alt", "40")
+    _, second = invoke("ISS", "--json", "--min-alt", "40", "--pass", "2")
+    one, other = json.loads(first), json.loads(second)
+    gap_s = float(Utc.parse(other["start_utc"]).unix_s) - float(Utc.parse(one["start_utc"]).unix_s)
+    # Above 40° again one or more revolutions later.
+    assert gap_s > 5000.0
+
+
+def test_elements_that_come_down_in_the_pass_are_told() -> None:
+    prepared = prepare(RunRequest("25544", "sim", None, None, None, 10.0, virtual=True))
+    elements = replace(prepared.facts.elements, bstar_per_earth_radius=1.0)
+    sinking = replace(prepared, facts=msgspec.structs.replace(prepared.facts, elements=elements))
+    with pytest.raises(SattrackError, match="come down before the pass ends"):
+        rehearse(sinking)
