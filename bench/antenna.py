@@ -6,17 +6,24 @@ controller's side; a step of a tenth of a beam; and, over TCP on loopback, how f
 
 from __future__ import annotations
 
+import json
 import math
+import random
+import signal
+import socket
+import subprocess
 import sys
+import time
 from typing import NamedTuple
 
 from antenna_harness import SITE, VirtualAntenna, rms, separation_arcsec
 
 from sattrack import practice
-from sattrack.antenna.antcn import Antcn
+from sattrack.antenna.antcn import Antcn, epoch_utc_s
 from sattrack.antenna.antcn_run import AntcnRun
-from sattrack.antenna.line import TCP_CHARACTER_TIME_OUT_S
+from sattrack.antenna.line import TCP_CHARACTER_TIME_OUT_S, encode
 from sattrack.antenna.trajectory import NS
+from sattrack.clock import SystemClock
 from tle.instants import Utc
 from tle.propagator import Propagator
 
@@ -160,6 +167,38 @@ def step_settles_s(step_arcsec: float = 30.0, within_arcsec: float = 1.0) -> flo
     return worst
 
 
+def latency_ms(times: int = 3000) -> tuple[list[float], list[float]]:
+    """Return, sorted, how long PS takes over TCP on loopback, ms: from latch to first character, and in all.
+
+    The mount is being moved meanwhile. The latch is the epoch that is told, by the same machine's clock.
+    """
+    site = f"{SITE.latitude_deg},{SITE.longitude_deg},{SITE.height_m}"
+    command = [sys.executable, "-m", "sattrack", "serve", "antenna", "--mount", "sim", "--site", site]
+    process = subprocess.Popen(
+        [*command, "--port", "0", "--json"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    )
+    assert process.stdout is not None
+    port = json.loads(process.stdout.readline())["listening"]
+    chance, clock = random.Random(1), SystemClock()
+    from_latch, in_all = [], []
+    with socket.create_connection(("127.0.0.1", port)) as line:
+        line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        line.sendall(encode("TD 30 30 0.01 0.01"))
+        line.recv(100)
+        for _ in range(times):
+            time.sleep(chance.uniform(0.0, 0.01))
+            sent_s = time.monotonic()
+            line.sendall(encode("PS"))
+            first = line.recv(4096)
+            came_s = time.monotonic()
+            in_all.append((came_s - sent_s) * 1000.0)
+            epoch_s = float(first.split()[11])
+            from_latch.append((clock.utc_s(came_s) - epoch_utc_s(epoch_s, clock.utc_s(came_s))) * 1000.0)
+    process.send_signal(signal.SIGINT)
+    process.wait()
+    return sorted(from_latch), sorted(in_all)
+
+
 def told(figures: Figures) -> str:
     words = f"true error {figures.rms_arcsec:.3f}″ RMS, {figures.peak_arcsec:.3f}″ peak"
     if figures.reported_rms_arcsec is not None:
@@ -174,6 +213,9 @@ def main() -> None:
     print(f"as azimuth and elevation, 1 Hz: {told(designated(1.0, 'azel'))}")
     print(f"by elements:         {told(by_elements())}")
     print(f"a step of 30″ is settled to 1″ within {step_settles_s():.2f} s")
+    for words, times in zip(("latch to first character", "command to response"), latency_ms(), strict=True):
+        middle, most = times[len(times) // 2], times[int(0.99 * len(times))]
+        print(f"PS over TCP, {words}: {middle:.2f} ms median, {most:.2f} ms p99")
 
 
 if __name__ == "__main__":
