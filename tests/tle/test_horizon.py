@@ -16,6 +16,15 @@ def test_the_skyline_is_linear_between_points_and_round_through_north():
     assert HILLS.altitude_deg(np.array([99.999, 100.001])) == pytest.approx([20.0, 60.0], abs=0.01)
 
 
+def test_walls_on_both_sides_of_north():
+    wall = HorizonMask((0.0, 40.0, 40.0, 320.0, 320.0, 360.0), (60.0, 60.0, 5.0, 5.0, 60.0, 60.0))
+    inside = np.array([0.0, 20.0, 39.9, 320.1, 359.99, 360.0])
+    assert wall.altitude_deg(inside).tolist() == [60.0] * 6
+    assert wall.altitude_deg(np.array([40.1, 180.0, 319.9])).tolist() == [5.0] * 3
+    at_north = HorizonMask((0.0, 0.0, 360.0, 360.0), (80.0, 5.0, 5.0, 80.0))
+    assert at_north.altitude_deg(np.array([0.01, 90.0, 359.99])).tolist() == [5.0, 5.0, 5.0]
+
+
 def test_bounds_hold_over_any_range_of_azimuths():
     horizon = Horizon(8.0, HILLS)
     rng = np.random.default_rng(2)

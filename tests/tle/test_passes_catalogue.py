@@ -124,11 +124,12 @@ SKYLINES = (
     HorizonMask((0.0, 90.0, 180.0, 270.0), (5.0, 25.0, 8.0, 40.0)),
     HorizonMask((100.0, 100.0, 140.0, 140.0), (0.0, 70.0, 70.0, 0.0)),
     HorizonMask((359.9,), (30.0,)),
+    HorizonMask((0.0, 40.0, 40.0, 320.0, 320.0, 360.0), (60.0, 60.0, 5.0, 5.0, 60.0, 60.0)),
 )
 
 
 @both_paths
-@pytest.mark.parametrize("mask", SKYLINES, ids=["hills", "tower", "one point"])
+@pytest.mark.parametrize("mask", SKYLINES, ids=["hills", "tower", "one point", "wall across north"])
 @pytest.mark.parametrize("lines", SETS, ids=["ISS", "Starlink", "Molniya", "TDRS"])
 def test_a_skyline(lines, mask, compiled):
     elements, site = Elements.from_tle(*lines), Site(*LEIDEN)
