@@ -19,6 +19,7 @@ from sattrack.control.feeder import rate_deg_s
 from sattrack.control.history import CommandHistory, SentRates
 from sattrack.control.kalman import wrap180
 from sattrack.control.latency import KnownClock, MountClock
+from sattrack.control.law import ControlLaw
 from sattrack.control.mount_loop import MountLoop
 from sattrack.control.passage import Passage, Place
 from sattrack.control.steering import Steering
@@ -65,6 +66,8 @@ class TrackPlan(msgspec.Struct, frozen=True):
     """How long before the start the slew to the waiting point may begin."""
     on_target_arcsec: float = 2.0
     detours: tuple[Detour, ...] = ()
+    law: ControlLaw = ControlLaw()
+    """With which constants the error is taken out."""
 
 
 class SkyError(NamedTuple):
@@ -150,11 +153,11 @@ class Tracker:
         believed = True
         seen = sample if self._passage is None else self._passage.unfolded(sample)
         if axes is None or not axes.follows(utc_s):
-            self._axes = Axes.begin(self._profile, self._history, seen, utc_s)
+            self._axes = Axes.begin(self._profile, self._history, seen, utc_s, self.plan.law.filter)
         else:
             believed = axes.take(seen, utc_s, self.phase in {Phase.ACQUIRING, Phase.TRACKING})
             if axes.lost:
-                self._axes = Axes.begin(self._profile, self._history, seen, utc_s)
+                self._axes = Axes.begin(self._profile, self._history, seen, utc_s, self.plan.law.filter)
         self._sidereal_deg = sample.sidereal_h * 15.0
         self.error = sky_error(utc_s, sample.ra_deg, sample.dec_deg, self.direction_at(utc_s))
         if believed:
@@ -253,6 +256,7 @@ class Tracker:
                 wrap180(ra - float(begin.ra_deg)),
                 self._profile.ra.max_acceleration_deg_s2,
                 self._profile.ra.max_rate_deg_s,
+                self.plan.law.feeder,
             )
             / ra_gain,
             rate_deg_s(
@@ -262,6 +266,7 @@ class Tracker:
                 dec - float(begin.dec_deg),
                 self._profile.dec.max_acceleration_deg_s2,
                 self._profile.dec.max_rate_deg_s,
+                self.plan.law.feeder,
             )
             / dec_gain,
         )

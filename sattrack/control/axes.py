@@ -15,6 +15,7 @@ from sattrack.control.kalman import AxisFilter, wrap180
 
 if TYPE_CHECKING:
     from sattrack.control.history import CommandHistory, Motion
+    from sattrack.control.kalman import Noise
     from sattrack.mount import MountProfile, StatusSample
 
 GATE_DEG = 0.1
@@ -48,10 +49,16 @@ class Axes:
 
     @classmethod
     def begin(
-        cls, profile: MountProfile, history: CommandHistory, sample: StatusSample, utc_s: float
+        cls,
+        profile: MountProfile,
+        history: CommandHistory,
+        sample: StatusSample,
+        utc_s: float,
+        noise: Noise | None = None,
     ) -> Axes:
         """Return filters that know one sample."""
-        return cls(profile, history, AxisFilter(sample.ra_deg), AxisFilter(sample.dec_deg), utc_s)
+        ra, dec = AxisFilter(sample.ra_deg, noise), AxisFilter(sample.dec_deg, noise)
+        return cls(profile, history, ra, dec, utc_s)
 
     @property
     def lost(self) -> bool:

@@ -8,20 +8,22 @@ from __future__ import annotations
 
 import math
 
-SETTLING_S = 0.1
-"""Time constant with which a small error is taken out."""
-BRAKING_SHARE = 0.4
-"""Share of the axis' acceleration that a large error's approach may plan with."""
+from sattrack.control.law import FeederLaw
+
+LAW = FeederLaw()
 
 
-def correction_deg_s(error_deg: float, acceleration_deg_s2: float, limit_deg_s: float) -> float:
+def correction_deg_s(
+    error_deg: float, acceleration_deg_s2: float, limit_deg_s: float, law: FeederLaw = LAW
+) -> float:
     """Return the rate that takes an error out, against its sign.
 
-    Small errors decay with SETTLING_S; large ones are closed along the curve from which a share of the
-    axis' acceleration can still brake, and never faster than `limit_deg_s`.
+    Small errors decay with the law's time constant; large ones are closed along the curve from which a share
+    of the axis' acceleration can still brake, and never faster than `limit_deg_s`.
     """
     size = abs(error_deg)
-    closing = min(size / SETTLING_S, math.sqrt(2.0 * BRAKING_SHARE * acceleration_deg_s2 * size), limit_deg_s)
+    braking = math.sqrt(2.0 * law.braking_share * acceleration_deg_s2 * size)
+    closing = min(size / law.settling_s, braking, limit_deg_s)
     return -math.copysign(closing, error_deg)
 
 
@@ -32,6 +34,7 @@ def rate_deg_s(
     error_deg: float,
     acceleration_deg_s2: float,
     limit_deg_s: float,
+    law: FeederLaw = LAW,
 ) -> float:
     """Return the rate to command over the acting interval.
 
@@ -39,4 +42,5 @@ def rate_deg_s(
     of it at the interval's start, `disturbance_deg_s` the rate that the axis has of its own.
     """
     feed_forward = target_move_deg / interval_s
-    return feed_forward - disturbance_deg_s + correction_deg_s(error_deg, acceleration_deg_s2, limit_deg_s)
+    correction = correction_deg_s(error_deg, acceleration_deg_s2, limit_deg_s, law)
+    return feed_forward - disturbance_deg_s + correction
