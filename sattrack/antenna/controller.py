@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field
+from decimal import Decimal
 from enum import StrEnum
 from typing import TYPE_CHECKING, Literal
 
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from sattrack.antenna.focus import Focus
 
 REMEMBERED_LINES = 50
+MOST_TIME_STEP_S = 86400
 
 
 class Doing(StrEnum):
@@ -120,6 +122,8 @@ class Controller:
     path: Path | None = None
     reset_asked: bool = False
     """Set by RESET; whoever owns the interlocks takes it back."""
+    time_step_ns: int = 0
+    """By how much TIME has set the controller's clock; whoever keeps the clock takes it back."""
     refused: int = 0
     last_refusal: Nak | None = None
     exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=REMEMBERED_LINES))
@@ -282,11 +286,28 @@ class Controller:
             )
         )
 
-    def _time(self, request: Request, now_ns: int) -> str | Nak:
-        if any(value is not None for value in request.values.values()):
-            return Nak.NOT_AVAILABLE
+    def _time(self, request: Request, now_ns: int) -> str | Nak | None:
+        given = [value is not None for value in request.values.values()]
+        if any(given):
+            return self._set_time(request, now_ns) if all(given) else Nak.FIELDS
         days = day_start_ns(now_ns) // (86400 * NS)
         return f"TIME {days} {second_of_day(now_ns):.6f}"
+
+    def _set_time(self, request: Request, now_ns: int) -> Nak | None:
+        if not self.remote:
+            return Nak.LOCAL
+        if self.path is not None:
+            return Nak.STATE
+        day, seconds = request.values["day"], request.values["seconds"]
+        assert isinstance(day, Decimal)
+        assert isinstance(seconds, Decimal)
+        if day != day.to_integral_value():
+            return Nak.VALUE
+        step_ns = int(((day * 86400 + seconds) * NS).to_integral_value()) - now_ns
+        if abs(step_ns) > MOST_TIME_STEP_S * NS:
+            return Nak.RANGE
+        self.time_step_ns = step_ns
+        return None
 
     def _stow(self, request: Request, now_ns: int) -> Nak | None:
         del request

@@ -60,6 +60,10 @@ class Follower:
         self._commanding = False
         self._acting_s = profile.period_s * (EDGE_PERIODS if profile.move_axis == "edge" else 1.0)
 
+    def follow_on(self, former: Follower) -> None:
+        """Take over the turn of the hour angle axis from a former one."""
+        self._ha_deg = former._ha_deg
+
     @property
     def sample_utc_s(self) -> float | None:
         """When the last sample was taken, by our clock; None before the first."""

@@ -68,6 +68,8 @@ class Station(Feedback):
         self._ending_since_s: float | None = None
         self._rest_seen_s: float | None = None
         self.finished = False
+        self.clock_ahead_s = 0.0
+        """By how much the antenna's clock was set ahead of the computer's."""
         self.link = LinkState.SILENT
 
     def _make_safety(self) -> Safety:
@@ -125,6 +127,7 @@ class Station(Feedback):
 
     def receive_status(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
+        arrival_utc_s += self.clock_ahead_s
         sample = self.session.receive(data, arrival_utc_s)
         if sample is None or self.session.status is None:
             return
@@ -134,10 +137,15 @@ class Station(Feedback):
 
     def receive_command(self, data: bytes, now_utc_s: float) -> tuple[bytes, bool]:
         """Take bytes from antcn; return what to send, and whether to drop what still waits to be sent."""
-        return self.controller.receive(data, to_ns(now_utc_s))
+        answer = self.controller.receive(data, to_ns(now_utc_s + self.clock_ahead_s))
+        if self.controller.time_step_ns:
+            self._set_clock(self.controller.time_step_ns / 1e9)
+            self.controller.time_step_ns = 0
+        return answer
 
     def tick(self, now_utc_s: float) -> bytes:
         """Return the datagram to send to the mount now; call once a period."""
+        now_utc_s += self.clock_ahead_s
         self.link = self.session.link_state(now_utc_s)
         self._reset()
         motion = self._motion(now_utc_s)
@@ -166,12 +174,12 @@ class Station(Feedback):
 
     def send_shift_s(self, now_utc_s: float) -> float:
         """Return by how much later than a period from now the next `tick` had better come, seconds."""
-        return self.follower.send_shift_s(now_utc_s)
+        return self.follower.send_shift_s(now_utc_s + self.clock_ahead_s)
 
     def end(self, now_utc_s: float) -> None:
         """Bring the mount to rest, and be finished when it is seen there."""
         if self._ending_since_s is None:
-            self._ending_since_s = now_utc_s
+            self._ending_since_s = now_utc_s + self.clock_ahead_s
 
     @property
     def mount_stopped(self) -> bool | None:
@@ -229,6 +237,15 @@ class Station(Feedback):
         )
         near = off_deg <= ON_TRAJECTORY_DEG and not self._beyond
         self._near = self._near + 1 if near else 0
+
+    def _set_clock(self, step_s: float) -> None:
+        """Begin anew with what depends on the clock; how far the cables are wound is kept."""
+        self.clock_ahead_s += step_s
+        former, self.follower = self.follower, Follower(self.profile, self.antenna.sky)
+        self.follower.follow_on(former)
+        if self.safety.tripped is None:
+            before, self.safety = self.safety, self._make_safety()
+            self.safety.follow_on(before)
 
     def _reset(self) -> None:
         if not self.controller.reset_asked:

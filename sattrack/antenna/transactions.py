@@ -51,7 +51,7 @@ NAK_MEANINGS = {
     Nak.EPOCH: "the epoch is further than an hour from now",
     Nak.LOCAL: "the controller is in local",
     Nak.NOT_AVAILABLE: "this antenna does not have that",
-    Nak.STATE: "the antenna is stowed: UNSTOW first",
+    Nak.STATE: "not now: the antenna is stowed (UNSTOW first), or a trajectory is in force (STOP first)",
     Nak.ELEMENTS_LINE: "an element line does not begin with its number",
     Nak.ELEMENTS_NUMBER: "the catalogue number is not that of the elements",
     Nak.ELEMENTS_CHECK: "an element line's own check-sum is wrong",
@@ -146,13 +146,13 @@ COMMANDS = (
     Command("SENSORS", "tilt and other sensors", commands_antenna=False, answer="their values"),
     Command(
         "TIME",
-        "the controller's time",
+        "the controller's time; with fields, sets it as of the line-feed, while nothing is followed",
         (
             Field("day", "day to set, days since 1970-01-01", least=0, most=99999, optional=True),
             Field("seconds", "seconds of that day to set", least=0.0, most=86400.0, optional=True),
         ),
         commands_antenna=False,
-        answer="days since 1970-01-01; seconds of the UTC day; both latched at the line-feed",
+        answer="days since 1970-01-01; seconds of the UTC day, latched; ACK where it was set",
     ),
     Command(
         "FOCUS",

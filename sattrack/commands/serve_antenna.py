@@ -111,8 +111,13 @@ def _end_words(stopped: bool | None) -> str:
 def _door(options: dict[str, Any]) -> tuple[Door, str]:
     device = options["device"]
     if device is not None:
-        channel = SerialChannel(device, int(options["baud"]), options["framing"])
-        return Door(channel=channel), f"{device}, {options['baud']} baud, {options['framing']}"
+
+        def reopen() -> SerialChannel:
+            return SerialChannel(device, int(options["baud"]), options["framing"])
+
+        return Door(
+            channel=reopen(), reopen=reopen
+        ), f"{device}, {options['baud']} baud, {options['framing']}"
     if not 0 <= options["port"] <= 65535:
         raise BadInputError(f"--port {options['port']}: ports run to 65535; 0 takes a free one")
     door = Door(listen(options["host"], options["port"]))

@@ -18,7 +18,11 @@ from sattrack.errors import BadInputError, SattrackError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-READ_BYTES = 4096
+READ_BYTES = 256
+"""So few that a flood of commands holds up the mount's next datagram by a few milliseconds at most."""
+REOPEN_EVERY_S = 2.0
+EMPTY_READS = 10
+"""A line that has something to read, again and again, and nothing is there, is gone."""
 MOST_WAITING_BYTES = 65536
 """A caller that asks and does not read is hung up on when so much waits for it."""
 BAUDS = (9600, 19200, 38400, 57600, 115200)
@@ -116,6 +120,7 @@ class SerialChannel:
             raise BadInputError(f"{device}: {error}") from error
         except serial.SerialException as error:
             raise SattrackError(f"{device} cannot be opened: {_reason(error)}; is it another's?") from error
+        self._empty = 0
         self._check_parity(parity)
 
     def _check_parity(self, parity: str) -> None:
@@ -139,11 +144,13 @@ class SerialChannel:
     def read(self) -> bytes | None:
         """See Channel."""
         try:
-            return os.read(self.fileno(), READ_BYTES) or None
+            data = os.read(self.fileno(), READ_BYTES)
         except BlockingIOError:
             return b""
         except OSError:
             return None
+        self._empty = 0 if data else self._empty + 1
+        return data if self._empty < EMPTY_READS else None
 
     def write(self, data: bytes) -> int:
         """See Channel."""
@@ -191,8 +198,11 @@ class Door:
 
     listener: socket.socket | None = None
     channel: Channel | None = None
+    reopen: Callable[[], Channel] | None = None
+    """Opens the serial line anew where it was lost."""
     hung_up_on: int = 0
     """Callers that were refused because there was one already."""
+    _next_try_s: float = 0.0
     _waiting: bytes = b""
 
     @property
@@ -264,5 +274,15 @@ class Door:
         assert self.channel is not None
         self.channel.close()
         self._waiting = b""
-        # A serial line that is gone does not come back by itself; a port waits for the next caller.
         self.channel = None
+
+    def mend(self, monotonic_s: float) -> bool:
+        """Open a serial line that was lost anew, now and then; tell whether it is there again."""
+        if self.channel is not None or self.reopen is None or monotonic_s < self._next_try_s:
+            return False
+        self._next_try_s = monotonic_s + REOPEN_EVERY_S
+        try:
+            self.channel = self.reopen()
+        except SattrackError:
+            return False
+        return True

@@ -93,7 +93,7 @@ class AntennaLoop:
     def _serve(self, ready: list[Any]) -> None:
         if self.door.serve(ready, self.connection.now_utc_s, self.station.receive_command):
             self.station.controller.hang_up()
-            self.tell("antcn has hung up; the trajectory in force stays")
+            self.tell("antcn is gone; the trajectory in force stays")
 
     def _heed(self) -> None:
         if self.connection.guard.stop_asked:
@@ -105,6 +105,8 @@ class AntennaLoop:
         if self.connection.simulated is not None:
             # Nobody asks for the truth here, but the pipe must not fill up.
             self.connection.simulated.truths()
+        if self.door.mend(time.monotonic()):
+            self.tell("the serial line is there again")
         for word in self.words():
             self._obey(word)
 

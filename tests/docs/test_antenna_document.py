@@ -1,4 +1,4 @@
-"""docs/antenna-interface.md against the code that it is written from; its examples against the paper's sum."""
+"""docs/antenna-interface.md against the code that writes it; its examples against the paper's sum."""
 
 from __future__ import annotations
 

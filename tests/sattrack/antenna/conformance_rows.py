@@ -941,8 +941,24 @@ ROWS = (
     ),
     Row(
         "7.0",
-        "time is the controller's own and is not set",
-        (Step(0, b"TIME 20728 0 C2\n", b"TIME NAK 9 A2\n"),),
+        "time may be sent to the controller, while nothing is followed",
+        (
+            Step(0, b"TIME 20728 43200.25 20\n", b"TIME ACK 3E\n"),
+            Step(0, b"TIME 20728 72\n", b"TIME NAK 4 9D\n"),
+            Step(0, b"TIME 20727.5 43200 ED\n", b"TIME NAK 5 9E\n"),
+            Step(0, b"TIME 20700 43200 81\n", b"TIME NAK 6 9F\n"),
+            Step(0, b"TD 10 20 BB\n", b"TD ACK A7\n"),
+            Step(0, b"TIME 20728 43200.25 20\n", b"TIME NAK 10 CA\n"),
+        ),
+    ),
+    Row(
+        "7.0",
+        "in local, time is told and not set",
+        (
+            Step(0, b"TIME 4F\n", b"TIME 20728 43200.000000 D9\n"),
+            Step(0, b"TIME 20728 43200.25 20\n", b"TIME NAK 8 A1\n"),
+        ),
+        local=True,
     ),
     Row(
         "7.0",

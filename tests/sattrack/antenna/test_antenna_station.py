@@ -212,3 +212,17 @@ def test_a_source_by_coordinates_stands_still_against_the_sky(antenna: VirtualAn
     truth = antenna.truths[-1]
     assert abs(math.remainder(truth.ra_deg - ra - 0.1, 360.0)) * 3600.0 < 1.0
     assert abs(truth.dec_deg - 24.8) * 3600.0 < 1.0
+
+
+def test_a_clock_that_is_set_is_gone_by_from_then_on(antenna: VirtualAntenna) -> None:
+    before = antenna.say("TIME").split()
+    assert antenna.say(f"TIME {before[1]} {float(before[2]) + 3.0:.6f}") == "TIME ACK"
+    antenna.run_for(2.0)
+    assert float(antenna.say("TIME").split()[2]) == pytest.approx(float(before[2]) + 5.0, abs=1e-5)
+    # Its sidereal time has gone on with it: a source stands 3 s further west.
+    ra = antenna.sky.sidereal_deg(antenna.now_utc_s) - 40.0
+    antenna.say(f"RADEC DATE {ra:.6f} 25 S")
+    assert float(position(antenna)["c1"]) == pytest.approx(40.0 + 3.0 * SIDEREAL, abs=1e-5)
+    antenna.run_for(6.0)
+    assert position(antenna)["servo"] == "TRACKING"
+    assert antenna.station.tripped is None

@@ -119,7 +119,7 @@ def test_a_satellite_is_followed_by_one_program_with_the_mount_of_another_over_t
         _, err = process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
     assert b"the mount is stopped" in err
-    assert b"antcn has hung up" in err
+    assert b"antcn is gone" in err
 
 
 def test_a_satellite_is_followed_over_a_serial_line() -> None:
