@@ -16,17 +16,21 @@ from sattrack.commands.common import CommandContext, common_options, tell
 from sattrack.commands.json_lines import JsonLines
 from sattrack.commands.running import SummaryLine, tui_possible
 from sattrack.errors import BadInputError
+from sattrack.recording.comparison import Choice
 from sattrack.recording.format import VIEW
 from sattrack.recording.replay import replay
 from sattrack.recording.wording import replay_lines, replay_view
 from sattrack.runtime.again import engine_of, open_recording
 from sattrack.runtime.outcome import Ledger, summarise
+from sattrack.runtime.whatif import read_law, what_if
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sattrack.control.law import ControlLaw
     from sattrack.engine import Engine
     from sattrack.recording.reading import Entry, Recording
+    from sattrack.runtime.facts import RunFacts
 
 LONGEST_PAUSE_S = 5.0
 
@@ -37,13 +41,19 @@ LONGEST_PAUSE_S = 5.0
 @click.option("--stream", is_flag=True, help="Views as JSON lines on standard output, as they were recorded.")
 @click.option("--speed", type=float, metavar="X", help="With --tui or --stream: so many times as fast (1).")
 @click.option("--control", is_flag=True, hidden=True)
+@click.option(
+    "--set", "settings", multiple=True, metavar="KEY=N", help="Try another law: feeder.settling_s=0.2."
+)
+@click.option("--law", type=click.Path(path_type=Path), metavar="FILE", help="Try the law of a TOML file.")
 @click.option("--part", default=1, show_default=True, help="Which, where a file holds several recordings.")
 @common_options
 def command(context: CommandContext, file: Path, **options: Any) -> int:
     """Run the recorded inputs through today's code and compare every output; exit 1 where they differ.
 
     Byte for byte where code, libraries and kind of processor are those of the recording; elsewhere commands
-    may differ by 1e-9 °/s; for another version's code, figures are compared.
+    may differ by 1e-9 °/s; for another version's code, figures are compared. With --set or --law nothing is
+    judged: it is told what that control law would have commanded, and what the error would have been with the
+    mount simulated as the recording shows it.
     """
     speed = options["speed"]
     shown = options["tui"] or options["stream"]
@@ -51,11 +61,13 @@ def command(context: CommandContext, file: Path, **options: Any) -> int:
         raise BadInputError("--speed: give a factor up to 1000, with --tui or --stream")
     if options["tui"]:
         return _with_tui(file, speed or 1.0, options["part"])
-    recording, _ = open_recording(file, options["part"])
+    recording, facts = open_recording(file, options["part"])
     for words in recording.problems:
         tell(f"{file}: {words}")
     if options["stream"]:
         return _play(recording, _Player(speed or 1.0, options["control"]))
+    if options["settings"] or options["law"]:
+        return _try(context, recording, facts, read_law(options["law"], options["settings"], facts.plan.law))
     began_s = time.perf_counter()
     result = replay(recording, engine_of, progress=_progress())
     took_s = time.perf_counter() - began_s
@@ -66,6 +78,39 @@ def command(context: CommandContext, file: Path, **options: Any) -> int:
     else:
         click.echo("\n".join(replay_lines(result, took_s)))
     return 0 if result.agrees else 1
+
+
+def _try(context: CommandContext, recording: Recording, facts: RunFacts, law: ControlLaw) -> int:
+    """Tell what another law would have done."""
+    choice = Choice("figures", "another control law was asked for")
+    found = what_if(recording, facts, law, choice, _progress())
+    _wipe()
+    gained = found.after[0] - found.before[0]
+    if context.json:
+        told = {
+            "recording": str(recording.path),
+            "commands_differing": found.replayed.differing,
+            "largest_rate_difference_deg_s": found.replayed.largest_rate_deg_s,
+            "simulated": {
+                "rms_arcsec": found.before[0],
+                "peak_arcsec": found.before[1],
+                "rms_with_law_arcsec": found.after[0],
+                "peak_with_law_arcsec": found.after[1],
+                "delta_rms_arcsec": gained,
+                "fitted": found.fitted,
+            },
+        }
+        click.echo(msgspec.json.encode(told).decode())
+        return 0
+    click.echo(
+        f"{found.replayed.differing} of {found.replayed.ticks} commands would have been others, "
+        f"by {found.replayed.largest_rate_deg_s:.3g} °/s at most\n"
+        f"simulated with the mount of the recording ({found.fitted}):\n"
+        f"  the recorded law: RMS {found.before[0]:.4f}″, peak {found.before[1]:.3f}″\n"
+        f"  this law:         RMS {found.after[0]:.4f}″, peak {found.after[1]:.3f}″\n"
+        f"  ΔRMS {gained:+.4f}″"
+    )
+    return 0
 
 
 def _play(recording: Recording, player: _Player) -> int:

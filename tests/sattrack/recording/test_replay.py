@@ -276,3 +276,43 @@ def test_a_speed_that_is_none_is_refused(speed: str, short: Path, capsys: pytest
     assert run(["replay", str(short), "--stream", "--speed", speed]) == 2
     assert "--speed" in capsys.readouterr().err
     assert run(["replay", str(short), "--speed", "3"]) == 2
+
+
+def test_another_law_tells_what_it_would_have_done_and_judges_nothing(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["replay", str(short), "--set", "feeder.settling_s=0.5", "--json"]) == 0
+    slower = json.loads(capsys.readouterr().out)
+    assert slower["commands_differing"] > 100
+    assert slower["simulated"]["delta_rms_arcsec"] > 0.0
+    law = tmp_path / "law.toml"
+    law.write_text("[feeder]\nsettling_s = 0.1\n")
+    assert run(["replay", str(short), "--law", str(law), "--json"]) == 0
+    same = json.loads(capsys.readouterr().out)
+    assert same["commands_differing"] == 0
+    assert same["simulated"]["delta_rms_arcsec"] == 0.0
+    assert run(["replay", str(short), "--set", "filter.timing_s=1e-3"]) == 0
+    told = capsys.readouterr().out
+    assert "commands would have been others" in told
+    assert "ΔRMS" in told
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("feeder.x=1", "give one of feeder.settling_s"),
+        ("settling_s=1", "give one of feeder.settling_s"),
+        ("feeder.settling_s", "give one of feeder.settling_s"),
+        ("feeder.settling_s=fast", "'fast' is no number"),
+        ("feeder.braking_share=1.5", "braking_share is 1.5"),
+    ],
+)
+def test_a_law_that_is_none_is_told_by_its_key(
+    setting: str, words: str, short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["replay", str(short), "--set", setting]) == 2
+    assert words in capsys.readouterr().err
+    law = tmp_path / "law.toml"
+    law.write_text("[feeder]\nhurry = 1\n")
+    assert run(["replay", str(short), "--law", str(law)]) == 2
+    assert "law.toml" in capsys.readouterr().err
