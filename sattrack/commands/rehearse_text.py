@@ -113,7 +113,7 @@ def _cut(moment: CutMoment, looked_s: float) -> str:
     if moment.seconds_to_limit is None:
         return f"no limit within {looked_s / 60.0:.0f} minutes, at any moment"
     return (
-        f"at worst {moment.seconds_to_limit:.0f} s to the {(moment.limit or '').replace('_', ' ')} limit "
+        f"at worst {moment.seconds_to_limit:.1f} s to the {(moment.limit or '').replace('_', ' ')} limit "
         f"(cut at {moment.utc[11:19]})"
     )
 

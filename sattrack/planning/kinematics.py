@@ -21,6 +21,11 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Bools = NDArray[np.bool_]
 
+NEAR_DEG = 0.1
+"""How near to a limit of place the mount is let."""
+FAR_DEG = 360.0
+NO_WAY_ROUND = ("sun", "moon", "pier")
+"""Behind these the target goes on where the mount cannot follow, and does not come back to it."""
 LEAST_SHARE = 0.9
 """Share of a pass that must be followed for a "go"."""
 
@@ -55,33 +60,41 @@ class Loss:
 def losses(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None = None) -> list[Loss]:
     """Return what of a path cannot be followed, in order, not overlapping.
 
-    An interlock that stops the mount loses all that comes after it. The path must hold no NaN; where its
+    At a limit of place the mount is held until the target comes back. The path must hold no NaN; where its
     keyholes are known already they need not be searched.
     """
     found: list[Loss] = []
-    stop = first_stop(path, ability)
-    end_utc_s = float(path.utc_s[-1]) if stop is None else stop.begin_utc_s
-    for loss in _too_fast(path, ability, keyholes):
-        if loss.begin_utc_s < end_utc_s:
-            found.append(Loss(loss.begin_utc_s, min(loss.end_utc_s, end_utc_s), loss.limit, loss.words))
-    if stop is not None:
-        found.append(stop)
+    for loss in sorted([*outside(path, ability), *_too_fast(path, ability, keyholes)], key=_begin):
+        begin = max([loss.begin_utc_s, *(other.end_utc_s for other in found)])
+        if begin < loss.end_utc_s:
+            found.append(Loss(begin, loss.end_utc_s, loss.limit, loss.words))
     return found
 
 
-def first_stop(path: AxisPath, ability: Ability) -> Loss | None:
-    """Return the first limit of place that the path runs into, with all that comes after it; None if none."""
-    first: Loss | None = None
-    margins = margins_deg(path.pointing, ability.profile, ability.limits, ability.latitude_deg)
+def _begin(loss: Loss) -> float:
+    return loss.begin_utc_s
+
+
+def outside(path: AxisPath, ability: Ability) -> list[Loss]:
+    """Return the stretches in which a path is past a limit of place, by limit.
+
+    On the way to a limit the axes are held so much sooner that they would stop inside if nothing were heard
+    from this side for the longest fault.
+    """
+    found = []
+    limits = ability.limits
+    margins = margins_deg(path.pointing, ability.profile, limits, ability.latitude_deg)
     for name, margin in margins.items():
-        outside = np.flatnonzero(margin < 0.0)
-        if not len(outside):
-            continue
-        at = float(path.utc_s[outside[0]])
-        if first is None or at < first.begin_utc_s:
-            worst = float(np.min(margin))
-            first = Loss(at, float(path.utc_s[-1]), name, f"it would go {-worst:.1f}° past the limit")
-    return first
+        finite = np.where(np.isfinite(margin), margin, FAR_DEG)
+        closing = np.maximum(0.0, -np.gradient(finite, path.utc_s))
+        for first, last in _stretches(margin < NEAR_DEG + limits.longest_fault_s * closing):
+            least = float(np.min(margin[first : last + 1]))
+            words = f"goes {-least:.1f}° past the limit" if least < 0.0 else f"comes to {least:.1f}° from it"
+            end = -1 if name in NO_WAY_ROUND else last
+            found.append(Loss(float(path.utc_s[first]), float(path.utc_s[end]), name, words))
+            if name in NO_WAY_ROUND:
+                break
+    return found
 
 
 def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) -> list[Loss]:

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sattrack.safety.bounds import UP_DEG
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -23,7 +25,11 @@ if TYPE_CHECKING:
 
 def altitude_deg(pointing: Pointing, latitude_deg: float) -> Array:
     """Return the altitude of where the axes point, without regard to air; degrees."""
-    h, d = np.radians(pointing.hour_angle_axis_deg), np.radians(pointing.dec_axis_deg)
+    return _altitude_deg(pointing.hour_angle_axis_deg, pointing.dec_axis_deg, latitude_deg)
+
+
+def _altitude_deg(hour_angle_deg: Array, dec_deg: Array, latitude_deg: float) -> Array:
+    h, d = np.radians(hour_angle_deg), np.radians(dec_deg)
     p = np.radians(latitude_deg)
     sine = np.sin(p) * np.sin(d) + np.cos(p) * np.cos(d) * np.cos(h)
     return np.asarray(np.degrees(np.arcsin(np.clip(sine, -1.0, 1.0))))
@@ -74,13 +80,16 @@ def margins_deg(
         found["horizon"] = altitude - skyline_deg(azimuth, limits)
     if profile.pier_zones:
         found["pier"] = _clear_of_pier_deg(pointing, profile.pier_zones)
+    # Below the horizon a body does no harm.
     cones = (
         ("sun", limits.sun_deg, pointing.sun_hour_angle_deg, pointing.sun_dec_deg),
         ("moon", limits.moon_cone_deg, pointing.moon_hour_angle_deg, pointing.moon_dec_deg),
     )
     for name, cone_deg, hour_angle, dec in cones:
         if cone_deg > 0.0:
-            found[name] = separation_deg(pointing, hour_angle, dec) - cone_deg
+            apart = separation_deg(pointing, hour_angle, dec) - cone_deg
+            height = _altitude_deg(hour_angle, dec, latitude_deg)
+            found[name] = np.where(height > UP_DEG, apart, np.inf)
     return found
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from sattrack.mount import MountProfile
     from sattrack.planning.path import AxisPath
+    from sattrack.planning.trace import TraceArrays
     from sattrack.safety.limits import SafetyLimits
 
     Array = NDArray[np.float64]
@@ -22,6 +23,28 @@ if TYPE_CHECKING:
 LOOK_STEP_S = 0.25
 LOOKED_S = 900.0
 MOMENTS = 400
+
+
+class HeldWay(NamedTuple):
+    """How the axes stand and turn at instants, degrees and degrees a second, shape (n,)."""
+
+    pointing: Pointing
+    hour_angle_rate_deg_s: Array
+    dec_rate_deg_s: Array
+
+
+def way_of(path: AxisPath, trace: TraceArrays) -> HeldWay:
+    """Return how the mount went in a rehearsed run; where it never followed, as the target goes."""
+    p = path.pointing
+    rows = trace.moving
+    if not rows.any():
+        return HeldWay(p, path.hour_angle_rate_deg_s, path.dec_rate_deg_s)
+    utc_s = trace.utc_s[rows]
+    bodies = (p.sun_hour_angle_deg, p.sun_dec_deg, p.moon_hour_angle_deg, p.moon_dec_deg)
+    turned = (np.degrees(np.unwrap(np.radians(column))) for column in bodies)
+    there = (np.interp(utc_s, p.utc_s, column) for column in turned)
+    pointing = Pointing(utc_s, trace.hour_angle_axis_deg[rows], trace.dec_axis_deg[rows], *there)
+    return HeldWay(pointing, trace.hour_angle_rate_deg_s[rows], trace.dec_rate_deg_s[rows])
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,16 +67,16 @@ class LinkLoss:
         return int(np.argmin(self.seconds))
 
 
-def link_loss(path: AxisPath, profile: MountProfile, limits: SafetyLimits, latitude_deg: float) -> LinkLoss:
-    """Return what a cut at moments spread over the path comes to if both axes hold their rates from then on.
+def link_loss(way: HeldWay, profile: MountProfile, limits: SafetyLimits, latitude_deg: float) -> LinkLoss:
+    """Return what a cut at moments spread over a way comes to if both axes hold their rates from then on.
 
-    Rates beyond what the axes can do count as their limits. The path must hold no NaN.
+    Rates beyond what the axes can do count as their limits. The way must hold no NaN.
     """
-    count = len(path.utc_s)
+    p = way.pointing
+    count = len(p.utc_s)
     chosen = np.unique(np.linspace(0, count - 1, min(count, MOMENTS)).astype(int))
-    p = path.pointing
-    ha_rate = _within(path.hour_angle_rate_deg_s[chosen], profile.ra.max_rate_deg_s)
-    dec_rate = _within(path.dec_rate_deg_s[chosen], profile.dec.max_rate_deg_s)
+    ha_rate = _within(way.hour_angle_rate_deg_s[chosen], profile.ra.max_rate_deg_s)
+    dec_rate = _within(way.dec_rate_deg_s[chosen], profile.dec.max_rate_deg_s)
     ahead = np.arange(0.0, LOOKED_S + LOOK_STEP_S, LOOK_STEP_S)
     seconds = np.full(len(chosen), np.inf)
     names: list[str | None] = [None] * len(chosen)

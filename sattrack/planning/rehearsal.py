@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -30,6 +31,8 @@ SETTLED_S = 1.5
 NEAR_S = 3.0
 """How far from a stretch that kinematics foretell a lost one of the run may be and have its cause."""
 JOIN_S = 1.0
+HELD_SHARE = 0.3
+"""Held for so much of a stretch, the mount lost it to that limit; the rest is catching up."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +80,11 @@ def _cause(
 ) -> tuple[str, str]:
     if performance.ended_by != "set" and end >= plan.end_utc_s:
         limit = performance.ended_by.removeprefix("limit:")
-        return limit, performance.message or f"the run ended: {performance.ended_by}"
+        message = performance.message or f"the run ended: {performance.ended_by}"
+        return limit, _words(limit, causes, message)
+    held = _held_by(begin, end, performance)
+    if held is not None:
+        return held, _words(held, causes, f"held at the {held} limit")
     near = [loss for loss in causes.foretold if _overlap(loss, begin, end) > 0.0]
     if near:
         nearest = max(near, key=lambda loss: _overlap(loss, begin, end))
@@ -85,6 +92,22 @@ def _cause(
     if begin <= plan.start_utc_s + performance.period_s:
         return _at_first(performance, plan)
     return _in_mid_pass(begin, end, performance, causes)
+
+
+def _words(limit: str, causes: Causes, otherwise: str) -> str:
+    return next((loss.words for loss in causes.foretold if loss.limit == limit), otherwise)
+
+
+def _held_by(begin: float, end: float, performance: Performance) -> str | None:
+    """Return the limit at which safety held the mount for most of a stretch; None where that was shorter."""
+    trace = performance.trace
+    rows = np.flatnonzero((trace.utc_s > begin) & (trace.utc_s <= end))
+    counts = Counter(trace.holding[i] for i in rows.tolist())
+    if not counts:
+        return None
+    del counts[None]
+    name, count = max(counts.items(), key=lambda item: item[1], default=(None, 0))
+    return name if count > HELD_SHARE * len(rows) else None
 
 
 def _overlap(loss: Loss, begin: float, end: float) -> float:

@@ -19,7 +19,8 @@ class Trace:
     """One row a status of the mount, in order; POSIX seconds of UTC, degrees, arcseconds on the sky.
 
     `moving` where the tracker's rates steer the mount, `acquired` from the first acquisition on, `clamping`
-    where safety cut them. The axes are the mount's true ones, turns counted; rates are theirs.
+    where safety cut them, `holding` the limit at which it holds them. The axes are the mount's true ones,
+    turns counted; rates are theirs.
     """
 
     utc_s: list[float] = field(default_factory=list)
@@ -29,6 +30,7 @@ class Trace:
     moving: list[bool] = field(default_factory=list)
     acquired: list[bool] = field(default_factory=list)
     clamping: list[bool] = field(default_factory=list)
+    holding: list[str | None] = field(default_factory=list)
     hour_angle_axis_deg: list[float] = field(default_factory=list)
     dec_axis_deg: list[float] = field(default_factory=list)
     hour_angle_rate_deg_s: list[float] = field(default_factory=list)
@@ -44,6 +46,7 @@ class Trace:
             np.array(self.moving, dtype=bool),
             np.array(self.acquired, dtype=bool),
             np.array(self.clamping, dtype=bool),
+            tuple(self.holding),
             np.array(self.hour_angle_axis_deg),
             np.array(self.dec_axis_deg),
             np.array(self.hour_angle_rate_deg_s),
@@ -62,6 +65,7 @@ class TraceArrays:
     moving: Bools
     acquired: Bools
     clamping: Bools
+    holding: tuple[str | None, ...]
     hour_angle_axis_deg: Array
     dec_axis_deg: Array
     hour_angle_rate_deg_s: Array

@@ -25,7 +25,7 @@ from sattrack.planning.budget import Circumstances, error_budget
 from sattrack.planning.keyhole import find_keyholes
 from sattrack.planning.kinematics import Ability, losses
 from sattrack.planning.limits import skyline_deg
-from sattrack.planning.link_loss import LOOKED_S, link_loss
+from sattrack.planning.link_loss import LOOKED_S, link_loss, way_of
 from sattrack.planning.path import axis_path
 from sattrack.planning.rehearsal import (
     keyhole_view,
@@ -99,6 +99,7 @@ class RehearsedRun(VirtualRun):
         trace.moving.append(tracker.phase in MOVING)
         trace.acquired.append(tracker.acquired_utc_s is not None)
         trace.clamping.append(engine.safety.clamping)
+        trace.holding.append(engine.safety.holding)
         trace.hour_angle_axis_deg.append(truth.hour_angle_axis_deg)
         trace.dec_axis_deg.append(truth.dec_axis_deg)
         trace.hour_angle_rate_deg_s.append(SIDEREAL_RATE_DEG_S - truth.ra_rate_deg_s)
@@ -199,7 +200,7 @@ def rehearse(
         keyholes=tuple(keyhole_view(k, followed=bool(plan.detours)) for k in keyholes),
         sides=choose_sides(straight, ability, _rule(facts.profile, hardware), keyholes),
         link_loss=link_loss_view(
-            link_loss(path, facts.profile, facts.limits, facts.site.latitude_deg),
+            link_loss(way_of(path, performance.trace), facts.profile, facts.limits, facts.site.latitude_deg),
             facts.profile.watchdog_s,
             LOOKED_S,
         ),

@@ -12,8 +12,8 @@ from sattrack import practice
 from sattrack.mount import AxisLimits, MountProfile, PierZone
 from sattrack.planning.kinematics import Ability, losses, why_not
 from sattrack.planning.limits import margins_deg
-from sattrack.planning.link_loss import link_loss
-from sattrack.planning.path import Pointing, axis_path
+from sattrack.planning.link_loss import HeldWay, link_loss
+from sattrack.planning.path import AxisPath, Pointing, axis_path
 from sattrack.planning.sides import choose_sides
 from sattrack.planning.table import TabledPropagator
 from sattrack.safety.limits import SafetyLimits
@@ -68,11 +68,15 @@ def test_a_pier_zone_counts_on_its_side_and_after_whole_turns() -> None:
     assert margins_deg(pointing(-150.0, 162.0), profile, DARK, 0.0)["pier"][0] > 0.0
 
 
+def held(path: AxisPath) -> HeldWay:
+    return HeldWay(path.pointing, path.hour_angle_rate_deg_s, path.dec_rate_deg_s)
+
+
 def test_a_cut_link_leads_to_the_horizon_in_the_time_that_the_rate_says() -> None:
     # On the equator, through the zenith towards the west at 2 °/s: the altitude is 90° less the hour angle.
     time_s = np.linspace(0.0, 30.0, 601)
     path = path_of(time_s, 2.0 * time_s, np.zeros_like(time_s))
-    found = link_loss(path, MountProfile(), DARK, 0.0)
+    found = link_loss(held(path), MountProfile(), DARK, 0.0)
     left = (90.0 - 2.0 * found.utc_s) / 2.0
     assert np.allclose(found.seconds, left, atol=1e-6)
     assert set(found.limits) == {"altitude"}
@@ -83,7 +87,7 @@ def test_a_cut_link_leads_to_the_horizon_in_the_time_that_the_rate_says() -> Non
 def test_a_watchdog_is_told_apart_and_comes_too_late_where_the_limit_is_nearer() -> None:
     time_s = np.linspace(0.0, 44.0, 881)
     path = path_of(time_s, 2.0 * time_s, np.zeros_like(time_s))
-    found = link_loss(path, MountProfile(watchdog_s=2.0), DARK, 0.0)
+    found = link_loss(held(path), MountProfile(watchdog_s=2.0), DARK, 0.0)
     assert found.rests_s is not None
     assert found.rests_inside is not None
     # Two seconds of silence, a turn of its loop, and braking from 2 °/s at 10 °/s².
@@ -103,13 +107,16 @@ def test_an_axis_at_half_the_rate_needs_as_long_again_to_catch_up() -> None:
     assert found.seconds == pytest.approx(20.0, abs=0.1)
 
 
-def test_what_comes_after_a_limit_of_travel_is_lost_with_its_reason() -> None:
+def test_what_is_beyond_a_limit_of_travel_is_lost_with_its_reason() -> None:
     time_s = np.linspace(0.0, 100.0, 1001)
     path = path_of(time_s, time_s - 50.0, np.full_like(time_s, 20.0))
     profile = MountProfile(hour_angle_limit_deg=30.0)
-    # It begins outside, 50° before the meridian: nothing of it can be followed.
-    (found,) = losses(path, ability(profile))
-    assert (found.limit, found.seconds) == ("hour_angle", pytest.approx(100.0))
+    # From -50° to 50° at 1 °/s: the first and the last 20 s are outside, and before the end a second of fault
+    # and a tenth of a degree are kept.
+    first, last = losses(path, ability(profile))
+    assert first.limit == last.limit == "hour_angle"
+    assert first.end_utc_s == pytest.approx(20.1, abs=0.11)
+    assert last.begin_utc_s == pytest.approx(80.0 - 1.1, abs=0.11)
     reason = why_not(path, ability(profile))
     assert reason is not None
     assert reason.startswith("hour_angle: ")
@@ -121,7 +128,8 @@ def test_a_stop_and_a_new_beginning_are_recommended_where_the_cables_end() -> No
     time_s = np.linspace(0.0, 300.0, 3001)
     path = path_of(time_s, 170.0 + 0.3 * time_s, np.full_like(time_s, 70.0))
     found = choose_sides(path, ability(MountProfile(), latitude_deg=60.0), "never", [])
-    assert found.by_itself.lost_s == pytest.approx(200.0, abs=1.0)
+    # The cables end after 100 s; a second of fault and a tenth of a degree are kept before.
+    assert found.by_itself.lost_s == pytest.approx(200.0 + 1.0 + 0.1 / 0.3, abs=0.3)
     assert found.by_itself.limit == "hour_angle"
     assert found.recommended.flip_utc is not None
     # Once round at 10 °/s takes 36 s and some for the ramps.
