@@ -55,7 +55,7 @@ def test_who_comes_second_is_told_who_was_first_and_what_to_do(address: Address)
     words = str(refused.value)
     assert refused.value.exit_code == 1
     assert "\n" not in words
-    assert words.startswith(f"{address} has an owner: `sattrack ")
+    assert words.startswith(f"{address} has an owner: `sattrack")
     assert f"process {os.getpid()}, since 20" in words
     assert words.endswith("`sattrack stop` ends it")
     assert first.user == os.getuid()
