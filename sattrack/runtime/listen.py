@@ -7,6 +7,7 @@ import time
 from typing import TYPE_CHECKING
 
 from sattrack.clock import SystemClock
+from sattrack.runtime.onlooker import look_on
 from sattrack.xerxes.client import UdpLink
 from sattrack.xerxes.session import Session
 
@@ -19,11 +20,11 @@ LISTEN_S = 2.0
 
 
 def listen(address: Address, profile: MountProfile, seconds: float = LISTEN_S) -> LinkHealth:
-    """Return what was heard from a mount within some seconds; nothing is sent.
+    """Return what was heard from a mount within some seconds, by its owner if it has one; nothing is sent.
 
     Raises SattrackError where the port is not to be had.
     """
-    link, session, clock = UdpLink(address), Session(profile), SystemClock()
+    link, session, clock = look_on(address) or UdpLink(address), Session(profile), SystemClock()
     try:
         end_s = time.monotonic() + seconds
         while (left_s := end_s - time.monotonic()) > 0.0:

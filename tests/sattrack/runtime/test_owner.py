@@ -9,6 +9,7 @@ import signal
 import socket
 import subprocess
 import sys
+import threading
 from typing import TYPE_CHECKING
 
 import pytest
@@ -18,6 +19,7 @@ from sattrack.runtime import guard_memory
 from sattrack.runtime import owner as owner_module
 from sattrack.runtime.guard import owned
 from sattrack.runtime.guardian import MOST_VISITORS
+from sattrack.runtime.listen import listen
 from sattrack.runtime.onlooker import look_on
 from sattrack.runtime.owner import Taken, ask_stop, claim, owner_of, owners
 from sattrack.xerxes.client import Address, Arrival
@@ -163,6 +165,29 @@ def test_who_looks_on_is_told_what_the_owner_hears_as_it_arrived(address: Addres
     assert not select.select([onlooker], [], [], 0.0)[0]
     onlooker.close()
     assert look_on(address) is None
+
+
+def test_whoever_listens_hears_an_owned_mount_too(address: Address) -> None:
+    with owned(address, MountProfile()) as (link, guard):
+        done = threading.Event()
+
+        def talk() -> None:
+            with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as mount:
+                while not done.wait(0.02):
+                    mount.sendto(b"no status", ("127.0.0.1", link.listen_port))
+                    link.receive()
+
+        talker = threading.Thread(target=talk)
+        talker.start()
+        try:
+            # The same port, which only one process can have.
+            health = listen(Address(address.host, address.port, link.listen_port), MountProfile(), 1.0)
+        finally:
+            done.set()
+            talker.join()
+            guard.release(None)
+    assert health.rejected > 3
+    assert health.received == 0
 
 
 def test_who_cannot_keep_up_sees_the_newest() -> None:
