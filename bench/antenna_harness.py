@@ -41,6 +41,8 @@ class VirtualAntenna:
     service: tuple[float, float] | None = (-45.0, 10.0)
     refraction: str = "off"
     truths: list[Truth] = field(default_factory=list)
+    silent_until_s: float = 0.0
+    """Until when statuses are lost."""
 
     def __post_init__(self) -> None:
         sky = Sky(SITE)
@@ -89,7 +91,7 @@ class VirtualAntenna:
         status, truth = self._wires.turn(now)
         if truth is not None:
             self.truths.append(truth)
-        if status is not None:
+        if status is not None and now >= self.silent_until_s:
             for delay_s, arriving in self._wires.statuses.carry(status):
                 self._at(now + delay_s, lambda at, data: self.station.receive_status(data, at), arriving)
         self._at(self._wires.next_turn_s(now), self._mount_turn, None)

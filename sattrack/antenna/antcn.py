@@ -49,6 +49,8 @@ class Antcn:
     character_s: float
     check: Check = Check.SUM
     time_out_s: float = TIME_OUT_S
+    per_character: bool = False
+    """Whether each character of a response after its first has to come within the character time-out."""
     stage: Stage = Stage.SYNCHRONISING
     time_outs: int = 0
     garbled: int = 0
@@ -58,6 +60,7 @@ class Antcn:
     _sent: str = ""
     _sent_utc_s: float = 0.0
     _first_utc_s: float | None = None
+    _last_utc_s: float = 0.0
 
     def __post_init__(self) -> None:
         """Make the line's framing."""
@@ -85,6 +88,7 @@ class Antcn:
             return None
         if self._first_utc_s is None and data:
             self._first_utc_s = now_utc_s
+        self._last_utc_s = now_utc_s
         for event in self._framer.receive(data):
             if not isinstance(event, Line) or event.fault is not None:
                 self.garbled += 1
@@ -99,7 +103,7 @@ class Antcn:
             self.character_s
         ):
             self.stage = Stage.IDLE
-        if self.stage is Stage.WAITING and now_utc_s - self._sent_utc_s >= self.time_out_s:
+        if self.stage is Stage.WAITING and now_utc_s >= self._expires_utc_s():
             self.time_outs += 1
             answer = Answer(self._sent, None, self._sent_utc_s, self._first_utc_s, now_utc_s)
             return self.synchronise(now_utc_s), answer
@@ -109,7 +113,13 @@ class Antcn:
         """Return when `tick` is to be called next, where nothing comes before."""
         if self.stage is Stage.SYNCHRONISING:
             return self._quiet_since_s + idle_time_s(self.character_s)
-        return self._sent_utc_s + self.time_out_s if self.stage is Stage.WAITING else math.inf
+        return self._expires_utc_s() if self.stage is Stage.WAITING else math.inf
+
+    def _expires_utc_s(self) -> float:
+        expires_utc_s = self._sent_utc_s + self.time_out_s
+        if self.per_character and self._first_utc_s is not None:
+            return min(expires_utc_s, self._last_utc_s + self.character_s)
+        return expires_utc_s
 
 
 class PositionReport(NamedTuple):

@@ -90,11 +90,11 @@ def prepare_pass(request: RunRequest, url: AntennaUrl, limits: SafetyLimits) -> 
         plan_for(satellite_pass, now),
         float(satellite_pass.max_alt_deg),
     )
-    _check_bodies(ready, limits, request.site)
+    check_bodies(ready, limits, request.site)
     return ready
 
 
-def _check_bodies(ready: AntennaPass, limits: SafetyLimits, site: Site) -> None:
+def check_bodies(ready: AntennaPass, limits: SafetyLimits, site: Site) -> None:
     """Refuse a pass that leads into a cone that is forbidden."""
     bodies = (
         ("Sun", limits.sun_deg, sun_over(site.latitude_deg, site.longitude_deg)),
@@ -137,7 +137,7 @@ class AntennaFlight:
         clock, ready = SystemClock(), self.ready
         self._channel = ready.url.connect()
         started_utc_s = clock.utc_s(time.monotonic())
-        line = Antcn(ready.url.character_s, ready.url.check)
+        line = Antcn(ready.url.character_s, ready.url.check, per_character=ready.url.per_character)
         plan = ready.plan
         self.run = AntcnRun(
             line,

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 CONNECT_WITHIN_S = 3.0
 FORMS = "antenna://HOST:PORT or antenna:///dev/ttyUSB0, with ?axes=azel, ?rate=10 and the like"
-OPTIONS = ("axes", "check", "rate", "baud", "framing")
+OPTIONS = ("axes", "check", "rate", "timing", "baud", "framing")
 MOST_RATE_HZ = 10.0
 
 
@@ -30,6 +30,8 @@ class AntennaUrl:
     check: Check
     interval_s: float
     """Between trajectory designations."""
+    per_character: bool = False
+    """Whether every character of a response has its own time-out."""
     host: str = ""
     port: int = 0
     device: str | None = None
@@ -80,6 +82,7 @@ def parse_antenna_url(url: str) -> AntennaUrl:
         axes="azel" if axes == "azel" else "hadec",
         check=check,
         interval_s=1.0 / _rate_hz(url, given),
+        per_character=_one_of(url, given, "timing", ("transaction", "character")) == "character",
         host=host,
         port=port or 0,
         device=parts.path if on_line else None,

@@ -212,3 +212,15 @@ def test_at_ten_a_second_within_one_arcsecond() -> None:
     middle_s = 0.5 * (bench.RISE_UTC_S + bench.SET_UTC_S)
     figures = bench.designated(0.1, begin_utc_s=middle_s - 20.0, end_utc_s=middle_s + 10.0)
     assert figures.rms_arcsec < 1.0
+
+
+def test_with_character_time_outs_a_response_that_stops_half_way_is_given_up_at_once() -> None:
+    line = Antcn(CHARACTER_S, per_character=True)
+    line.synchronise(0.0)
+    line.tick(1.0)
+    line.send("PS", 2.0)
+    assert line.tick(2.3) == (b"", None)
+    line.receive(b"PS ", 2.31)
+    line.receive(b"1", 2.3129)
+    assert line.tick(2.3155) == (b"", None)
+    assert line.tick(2.316)[0] == b"#"

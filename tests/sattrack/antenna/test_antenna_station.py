@@ -226,3 +226,23 @@ def test_a_clock_that_is_set_is_gone_by_from_then_on(antenna: VirtualAntenna) ->
     antenna.run_for(6.0)
     assert position(antenna)["servo"] == "TRACKING"
     assert antenna.station.tripped is None
+
+
+def test_a_mount_that_falls_silent_is_told_of_stopped_and_taken_up_again_after_reset(
+    antenna: VirtualAntenna,
+) -> None:
+    antenna.say("TD 45 20 0.2 0.1")
+    antenna.run_for(4.0)
+    antenna.silent_until_s = antenna.now_utc_s + 6.0
+    antenna.run_for(1.0)
+    assert position(antenna)["a1"] == ",,"
+    antenna.run_for(4.0)
+    assert antenna.say("STATUS").split()[3:5] == ["LINK-DOWN", "status_age"]
+    antenna.run_for(4.0)
+    assert antenna.say("STATUS").split()[3] == "LINK-UP"
+    assert antenna.station.session.stopped
+    antenna.say("RESET")
+    antenna.run_for(0.5)
+    antenna.say("TD 45 20 0 0")
+    antenna.run_for(5.0)
+    assert position(antenna)["servo"] == "TRACKING"

@@ -14,6 +14,7 @@ import threading
 import time
 import tty
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -21,10 +22,12 @@ from antenna_setup import SITE
 
 from sattrack.cli import run
 from sattrack.commands.track_antenna import AntennaProgress
-from sattrack.errors import BadInputError, LinkLostError
-from sattrack.runtime.antenna_track import AntennaFlight, AntennaPass
+from sattrack.errors import BadInputError, LinkLostError, SafetyLimitError
+from sattrack.runtime.antenna_track import AntennaFlight, AntennaPass, check_bodies
 from sattrack.runtime.antenna_url import parse_antenna_url
 from sattrack.runtime.signals import StopRequest
+from sattrack.safety import SafetyLimits
+from sattrack.safety.bodies import sun_over
 from sattrack.tracker import TrackPlan
 from tle.bias import NO_BIAS
 from tle.earth import EarthOrientation
@@ -40,6 +43,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.filterwarnings("ignore::tle.errors.EarthOrientationWarning")
 PATIENCE_S = 30.0
+ISS = str(Path(__file__).resolve().parents[3] / "examples" / "iss_leiden.tle")
 WHERE = f"{SITE.latitude_deg},{SITE.longitude_deg},0"
 
 
@@ -227,3 +231,35 @@ def test_no_controller_is_a_lost_link() -> None:
 
     with pytest.raises(LinkLostError, match="no antenna controller"):
         flight.fly()
+
+
+def test_a_pass_too_near_to_the_sun_is_not_begun() -> None:
+    noon = Utc.parse("2026-10-02T11:30:00Z")
+    there = sun_over(SITE.latitude_deg, SITE.longitude_deg).at(float(noon.unix_s))
+    plan = TrackPlan(float(noon.unix_s), float(noon.unix_s) + 60.0)
+    url = parse_antenna_url("antenna://127.0.0.1:1")
+    near = AntennaPass(url, Propagator(stays_in_place(noon, there.hour_angle_deg), SITE), NO_BIAS, plan, 30.0)
+    far = AntennaPass(
+        url, Propagator(stays_in_place(noon, there.hour_angle_deg - 30.0), SITE), NO_BIAS, plan, 30.0
+    )
+    with pytest.raises(SafetyLimitError, match="of the Sun"):
+        check_bodies(near, SafetyLimits(), SITE)
+    check_bodies(near, SafetyLimits(optical=False), SITE)
+    check_bodies(far, SafetyLimits(), SITE)
+
+
+@pytest.mark.parametrize(
+    ("option", "says"),
+    [
+        (("--virtual",), "--virtual does not go"),
+        (("--record", "x.mcap"), "--record does not go"),
+        (("--stream",), "--stream does not go"),
+        (("--clock", "2026-10-02T13:00:00Z"), "--clock is for simulated mounts"),
+    ],
+)
+def test_what_does_not_go_with_an_antenna_is_told(
+    option: tuple[str, ...], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["track", "ISS", "--mount", "antenna://127.0.0.1:1", "--elements", ISS, "--site", WHERE]
+    assert run([*arguments, *option]) == 2
+    assert says in capsys.readouterr().err
