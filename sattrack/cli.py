@@ -24,6 +24,7 @@ COMMANDS = {
     "rehearse": "The coming pass against the mount's limits: what will be lost, and why.",
     "track": "Follow the pass now in progress, else the next.",
     "replay": "Run a recording through today's code and compare every output.",
+    "report": "What recorded passes tell of error, mount, link and satellite.",
     "recording": "What is in a recording, and its content in other programs' formats.",
     "stop": "Stop the mount, from any terminal.",
     "mount": "Look at a mount, and operate it by hand: status, watch, slew, park, ...",

@@ -39,7 +39,7 @@ def times(utc_s: Sequence[float] | NDArray[np.float64]) -> list[datetime]:
 def label_times(axes: Any) -> None:
     """Have an axis of instants show the time of day, UTC."""
     dates = importlib.import_module("matplotlib.dates")
-    locator = dates.AutoDateLocator(minticks=4, maxticks=8)
+    locator = dates.AutoDateLocator(minticks=4, maxticks=10)
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(dates.DateFormatter("%H:%M:%S", tz=UTC))
 

@@ -25,6 +25,7 @@ GAP = "gap"
 """Topic of the entry that stands where messages are missing."""
 MAGIC = b"\x89MCAP0\r\n"
 _ZSTD = b"\x04\x00\x00\x00zstd"
+_ZSTD_FRAME = b"\x28\xb5\x2f\xfd"
 _BEFORE_ZSTD = 37
 _CHUNK_HEAD = struct.Struct("<BQQQQI")
 _U64 = struct.Struct("<Q")
@@ -211,7 +212,8 @@ def _chunks(data: bytes, note: Callable[[str], None]) -> Iterator[tuple[int, byt
         code, told, _, _, size, checksum = _CHUNK_HEAD.unpack_from(data, at)
         length = _U64.unpack_from(data, begin - _U64.size)[0] if begin <= len(data) else len(data)
         # The index at a file's end has the same mark. One damaged byte leaves one of the two right.
-        is_chunk = code == _CHUNK_CODE or told == length + begin - at - _RECORD.size
+        packed = code == _CHUNK_CODE and data[begin : begin + 4] == _ZSTD_FRAME
+        is_chunk = packed or told == length + begin - at - _RECORD.size
         later = data.find(_ZSTD, mark + 1)
         content = _decompressed(data[begin : begin + length], size) if begin + length <= len(data) else None
         if is_chunk and content is not None and zlib.crc32(content) == checksum:
