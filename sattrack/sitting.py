@@ -30,17 +30,25 @@ if TYPE_CHECKING:
     from sattrack.console_view import ConsoleView
 
 LINGER_S = 0.25
+OWNED = "looking on; SPACE has the mount's owner stop it and end: {}"
 NOT_ALONE = "another program drives this mount: nothing is sent from here, unless you stop the mount"
 
 
 class Sitting:
-    """One operator's time with one mount; call `tick` once a period until `finished`."""
+    """One operator's time with one mount; call `tick` once a period until `finished`.
 
-    def __init__(self, console: Console, started_utc_s: float) -> None:
+    With `owner`, whoever owns the mount in words, the operator looks on: nothing is sent, and a stop is only
+    noted in `stop_wanted`.
+    """
+
+    def __init__(self, console: Console, started_utc_s: float, owner: str | None = None) -> None:
         self.console = console
         self.finished = False
         self.mount_stopped: bool | None = None
         """Whether the stop at the end was seen through; None where none was needed."""
+        self.stop_wanted = False
+        """Whether one who looks on wants the owner to stop the mount."""
+        self._owner = owner
         self._started_utc_s = started_utc_s
         self._asked = False
         """Whether the operator has asked for anything."""
@@ -71,6 +79,11 @@ class Sitting:
             return
         if self.leaving:
             return
+        if self._owner is not None:
+            self.stop_wanted = self.stop_wanted or isinstance(order, AbortOrder)
+            if not isinstance(order, AbortOrder):
+                console.refusal = "this mount has another owner"
+            return
         if self._others and not self._asked and not isinstance(order, AbortOrder):
             # A key that is touched by accident must not mix with what somebody else does.
             console.refusal = "another program drives this mount"
@@ -97,7 +110,7 @@ class Sitting:
         if self.leaving:
             return
         self._leaving_utc_s = now_utc_s
-        self._stopping = self.console.moving or self.console.stopping
+        self._stopping = self._owner is None and (self.console.moving or self.console.stopping)
         if self._stopping:
             self.console.abort(now_utc_s)
 
@@ -109,6 +122,9 @@ class Sitting:
 
     def tick(self, now_utc_s: float) -> bytes | None:
         """Return the datagram to send now, None while nothing is to be sent; call once a period."""
+        if self._owner is not None:
+            self.finished = self.leaving
+            return None
         if not self._asked:
             listened = self._heard >= LISTEN_STATUSES or now_utc_s - self._started_utc_s >= LISTEN_S
             if self._others or not listened:
@@ -122,6 +138,8 @@ class Sitting:
     def view(self, now_utc_s: float) -> ConsoleView:
         """Return what the operator is to see."""
         view = self.console.view(now_utc_s)
+        if self._owner is not None:
+            return msgspec.structs.replace(view, warnings=(OWNED.format(self._owner), *view.warnings))
         if self._others and not self._asked:
             return msgspec.structs.replace(view, warnings=(NOT_ALONE, *view.warnings))
         return view

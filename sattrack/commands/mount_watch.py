@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
 import sys
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -13,10 +15,13 @@ from sattrack.commands.mount_common import MountCall, mount_options, resolve
 from sattrack.commands.running import tui_possible
 from sattrack.errors import BadInputError, SattrackError
 from sattrack.runtime.console import OrderInbox, attend_sitting
+from sattrack.runtime.owner import owner_of
+from sattrack.runtime.stopping import stop_session
 from sattrack.sitting import Sitting
 
 if TYPE_CHECKING:
     from sattrack.commands.common import CommandContext
+    from sattrack.runtime.owner import Owner
 
 
 @click.command("watch")
@@ -28,7 +33,8 @@ if TYPE_CHECKING:
 def watch(context: CommandContext, stream: bool, control: bool, **options: Any) -> int:
     """Operate a mount by hand, full screen: every field of its status live; jog, slew, sync, park, stop.
 
-    SPACE stops the mount, everywhere. A jog ends by itself when its key is let go.
+    SPACE stops the mount, everywhere. A jog ends by itself when its key is let go. Beside a session that owns
+    the mount, it looks on.
     """
     call = resolve(context, options)
     if call.clock.speed != 1.0:
@@ -53,6 +59,12 @@ def watch(context: CommandContext, stream: bool, control: bool, **options: Any) 
     return watch_with_tui([sys.executable, "-m", "sattrack", *sys.argv[1:], "--stream", "--control"])
 
 
+def _stop(owner: Owner) -> None:
+    """Have the session that owns the mount stop it; where it does not answer, its silence shows."""
+    with contextlib.suppress(SattrackError):
+        stop_session(owner, lambda: None)
+
+
 class _NoOrders(OrderInbox):
     """Nobody's orders."""
 
@@ -67,9 +79,16 @@ class _NoOrders(OrderInbox):
 def _stream(call: MountCall, control: bool) -> int:
     lines = JsonLines()
     inbox = OrderInbox() if control else _NoOrders()
-    with call.connected() as connection:
-        sitting = Sitting(call.console(), connection.now_utc_s())
-        attend_sitting(sitting, connection, inbox, lambda now_utc_s: lines.write(sitting.view(now_utc_s)))
+    owner = None if call.address is None else owner_of(call.address.host, call.address.port)
+    with call.connected(own=owner is None) as connection:
+        sitting = Sitting(call.console(), connection.now_utc_s(), None if owner is None else str(owner))
+        attend_sitting(
+            sitting,
+            connection,
+            inbox,
+            lambda now_utc_s: lines.write(sitting.view(now_utc_s)),
+            None if owner is None else partial(_stop, owner),
+        )
     if inbox.ignored:
         click.echo(f"sattrack: {inbox.ignored} control lines were no orders", err=True)
     if sitting.mount_stopped is False:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import select
 import sys
+import threading
 import time
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
@@ -264,14 +265,25 @@ def attend(part: Part, connection: Connection, show: Callable[[float], None]) ->
 
 
 def attend_sitting(
-    sitting: Sitting, connection: Connection, inbox: OrderInbox, show: Callable[[float], None]
+    sitting: Sitting,
+    connection: Connection,
+    inbox: OrderInbox,
+    show: Callable[[float], None],
+    stop_owner: Callable[[], None] | None = None,
 ) -> bool:
-    """Run an operator's sitting to its end; return whether a signal ended it."""
+    """Run an operator's sitting to its end; return whether a signal ended it.
+
+    `stop_owner` is called once, without waiting for it, when one who looks on wants the mount to be stopped.
+    """
     stop = StopRequest()
+    told: list[threading.Thread] = []
 
     def obey(now_utc_s: float) -> None:
         for order in inbox.orders():
             sitting.obey(order, now_utc_s)
+        if sitting.stop_wanted and stop_owner is not None and not told:
+            told.append(threading.Thread(target=stop_owner, name="stop", daemon=True))
+            told[0].start()
 
     with stopping(stop):
         ConsoleLoop(sitting, connection, stop, show, obey).run()

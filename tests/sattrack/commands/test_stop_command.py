@@ -154,3 +154,35 @@ def test_nothing_to_stop_and_nobody_there(capsys: pytest.CaptureFixture[str]) ->
 def test_only_a_mount_seen_at_rest_counts_as_stopped(by: str, at_rest: bool | None, code: int) -> None:
     error = MountStop("192.0.2.7:15001", by, at_rest, None, None, "so").error()
     assert (0 if error is None else error.exit_code) == code
+
+
+def test_a_console_beside_an_owner_looks_on_and_its_stop_goes_through_the_owner() -> None:
+    with simulated_mount() as mount, closed(moving(mount)) as session:
+        mount.wait_until_moving(True)
+        arguments = ("watch", "--stream", "--control", "--mount", mount.url, *SITE)
+        with closed(program("mount", *arguments)) as console:
+            assert console.stdin is not None
+            assert console.stdout is not None
+            for line in console.stdout:
+                view = json.loads(line)
+                if view["status"] is not None and view["link"]["received"] > 10:
+                    break
+            assert view["status"]["ack_move_ra"]
+            assert view["warnings"][0].startswith("looking on; SPACE has the mount's owner stop it")
+            console.stdin.write('{"type":"jog","dec_rate_deg_s":1.0}\n')
+            console.stdin.flush()
+            for line in console.stdout:
+                view = json.loads(line)
+                if view["refusal"] is not None:
+                    break
+            assert view["refusal"] == "this mount has another owner"
+            assert session.poll() is None
+            console.stdin.write('{"type":"abort"}\n')
+            console.stdin.flush()
+            mount.wait_until_moving(False)
+            out, _ = session.communicate(timeout=30.0)
+            assert session.returncode == 130
+            assert json.loads(out)["mount_stopped"] is True
+            console.stdin.close()
+            console.stdout.read()
+            assert console.wait(30.0) == 0
