@@ -50,9 +50,10 @@ def plot_rehearsal(path: Path, rehearsal: Rehearsal) -> None:
     _draw_run(figure.add_subplot(grid[1, 1], sharex=rates), rehearsal)
     _draw_cut(figure.add_subplot(grid[2, 1], sharex=rates), rehearsal)
     figure.suptitle(
-        f"{report.name}, {report.start_utc[:10]} {report.start_utc[11:19]} to {report.end_utc[11:19]} UTC   "
+        f"{report.name}, {report.start_utc[:10]} {report.start_utc[11:19]} to {report.end_utc[11:19]} UTC\n"
         f"{report.verdict}",
         color="#2a7f4f" if report.go else BAD,
+        fontsize="medium",
         fontweight="bold",
     )
     try:

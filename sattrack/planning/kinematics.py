@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sattrack.mount import SIDEREAL_RATE_DEG_S
 from sattrack.planning.keyhole import find_keyholes
 from sattrack.planning.limits import margins_deg
 
@@ -84,9 +85,11 @@ def outside(path: AxisPath, ability: Ability) -> list[Loss]:
     found = []
     limits = ability.limits
     margins = margins_deg(path.pointing, ability.profile, limits, ability.latitude_deg)
+    speed = np.hypot(path.hour_angle_rate_deg_s, path.dec_rate_deg_s) + SIDEREAL_RATE_DEG_S
     for name, margin in margins.items():
         finite = np.where(np.isfinite(margin), margin, FAR_DEG)
-        closing = np.maximum(0.0, -np.gradient(finite, path.utc_s))
+        # A body that comes above the horizon comes no nearer by that.
+        closing = np.clip(-np.gradient(finite, path.utc_s), 0.0, 1.1 * speed)
         for first, last in _stretches(margin < NEAR_DEG + limits.longest_fault_s * closing):
             least = float(np.min(margin[first : last + 1]))
             words = f"goes {-least:.1f}° past the limit" if least < 0.0 else f"comes to {least:.1f}° from it"

@@ -196,11 +196,13 @@ def _peak(
 
 
 def margins(path: AxisPath, ability: Ability) -> tuple[Margin, ...]:
-    """Return how near a path comes to each limit of place."""
+    """Return how near a path comes to each limit of place; bodies below the horizon have none."""
     found = []
     by_name = margins_deg(path.pointing, ability.profile, ability.limits, ability.latitude_deg)
     for name, margin in by_name.items():
         at = int(np.argmin(margin))
+        if not math.isfinite(margin[at]):
+            continue
         found.append(Margin(name, float(margin[at]), _iso(float(path.utc_s[at]))))
     return tuple(found)
 
