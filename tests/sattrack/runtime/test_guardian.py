@@ -29,6 +29,13 @@ MOVING = encode_command(Command(7, move_ra=True, move_ra_rate_deg_s=1.0))
 EDGE = Path(__file__).parents[3] / "examples" / "profiles" / "edge.toml"
 
 
+@pytest.fixture(autouse=True)
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Have guardians write what they did into a folder of the test's own."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    return tmp_path
+
+
 def assert_stopped(outcomes: list, count: int, within_s: float) -> None:
     assert len(outcomes) == count
     for outcome in outcomes:
@@ -79,7 +86,9 @@ def test_a_feeder_that_stands_still_loses_the_mount_and_knows_it_when_it_wakes()
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGHUP, signal.SIGINT])
-def test_what_ends_a_whole_process_group_does_not_end_its_guardian(number: signal.Signals) -> None:
+def test_what_ends_a_whole_process_group_does_not_end_its_guardian(
+    number: signal.Signals, state: Path
+) -> None:
     with mount("52,4.5,0") as simulated:
         feeder = move(simulated.url())
         try:
@@ -96,6 +105,9 @@ def test_what_ends_a_whole_process_group_does_not_end_its_guardian(number: signa
             said = feeder.end()
     killed = "ended without a word; its guardian stopped the mount"
     assert (killed if number == signal.SIGKILL else "interrupted") in said
+    log = state / "sattrack" / "guardian.log"
+    assert log.exists() is (number == signal.SIGKILL)
+    assert number != signal.SIGKILL or killed in log.read_text()
 
 
 def move(url: str) -> Feeder:

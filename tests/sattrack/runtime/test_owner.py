@@ -27,6 +27,7 @@ from sattrack.xerxes.datagrams import Command, encode_command
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 MOVING = encode_command(Command(7, move_ra=True, move_ra_rate_deg_s=1.0))
 HOLDER = """
@@ -37,6 +38,12 @@ held = claim(Address("127.0.0.1", int(sys.argv[1]), 0))
 print("held", flush=True)
 time.sleep(60)
 """
+
+
+@pytest.fixture(autouse=True)
+def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Have guardians write what they did into a folder of the test's own."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
 
 
 @pytest.fixture
