@@ -164,6 +164,15 @@ class Controller:
         if not remote:
             self._rest()
 
+    def stop(self) -> None:
+        """End the trajectory, as STOP does, whoever asks."""
+        self._rest()
+
+    def reset(self) -> None:
+        """Have what an interlock has stopped made ready again, as RESET does, whoever asks."""
+        self._rest()
+        self.reset_asked = True
+
     def _answer(self, line: Line, now_ns: int) -> bytes:
         if line.fault is not None:
             why = Nak.TRANSMISSION if line.fault is LineFault.TRANSMISSION else Nak.TOO_LONG
@@ -249,8 +258,7 @@ class Controller:
 
     def _reset(self, request: Request, now_ns: int) -> None:
         del request, now_ns
-        self._rest()
-        self.reset_asked = True
+        self.reset()
 
     def commanded(self, utc_ns: int) -> AxisState | None:
         """Return where the trajectory is at an instant; None without one. A satellite that ends ends it."""
@@ -262,13 +270,19 @@ class Controller:
             self._rest()
             return None
 
+    @property
+    def servo(self) -> Literal["IDLE", "SLEWING", "TRACKING"]:
+        """What the antenna does about its trajectory, as position status tells it."""
+        if self.path is None or self.feedback.tripped is not None:
+            return "IDLE"
+        return "TRACKING" if self.feedback.on_trajectory else "SLEWING"
+
     def _position(self, request: Request, now_ns: int) -> str:
         del request
         commanded = self.commanded(now_ns)
-        servo: Literal["IDLE", "SLEWING", "TRACKING"] = "IDLE"
-        if self.path is not None and self.feedback.tripped is None:
-            servo = "TRACKING" if self.feedback.on_trajectory else "SLEWING"
-        told = Position(commanded, self.feedback.actual(now_ns), second_of_day(now_ns), self.remote, servo)
+        told = Position(
+            commanded, self.feedback.actual(now_ns), second_of_day(now_ns), self.remote, self.servo
+        )
         return position_message(told, self.antenna.range)
 
     def _status(self, request: Request, now_ns: int) -> str:

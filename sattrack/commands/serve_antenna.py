@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import os
+import queue
 import select
 import sys
+import threading
+import time
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
@@ -18,9 +21,10 @@ from sattrack.antenna.sky import Sky
 from sattrack.antenna.station import DEC_LIMIT_DEG, Station, axis_range
 from sattrack.commands.common import CommandContext, common_options, profile_option
 from sattrack.commands.json_lines import JsonLines
+from sattrack.commands.running import tui_possible
 from sattrack.errors import BadInputError, InterruptedRunError, SattrackError
 from sattrack.runtime.antenna_door import BAUDS, DEFAULT_FRAMING, Door, SerialChannel, listen
-from sattrack.runtime.antenna_serve import AntennaLoop
+from sattrack.runtime.antenna_serve import LEAVE, AntennaLoop
 from sattrack.runtime.console import connected
 from sattrack.runtime.mounts import mount_address
 from sattrack.runtime.signals import StopRequest, stopping
@@ -33,6 +37,7 @@ if TYPE_CHECKING:
 
 DEFAULT_PORT = 7621
 READ_BYTES = 4096
+LAST_LINES_WITHIN_S = 1.0
 
 
 @click.command("antenna")
@@ -62,12 +67,23 @@ READ_BYTES = 4096
     show_default=True,
     help="For satellites by elements. What is sent as positions is taken as it is.",
 )
+@click.option("--console", is_flag=True, help="The controller's console, full screen.")
+@click.option("--stream", is_flag=True, help="Views as JSON lines on standard output, four a second.")
+@click.option(
+    "--control", is_flag=True, help="The end of standard input stops the mount and ends the service."
+)
 @common_options
 def command(context: CommandContext, **options: Any) -> int:
     """Serve the Field System's antenna interface, on TCP or on a serial line, until interrupted.
 
-    On standard input: local, remote, last (the last lines). docs/antenna-interface.md tells the commands.
+    On standard input: local, remote, stop, reset, last (the last lines), leave; docs/antenna-interface.md
+    tells the commands.
     """
+    if options["console"]:
+        return _with_console(options)
+    if options["stream"] and sys.stdout.isatty():
+        # A terminal that is held would hold up the loop that feeds the mount.
+        raise BadInputError("--stream is for programs, not for a terminal; leave it out, or pipe it on")
     address = mount_address(options["mount_url"] or context.settings.mount.url)
     if address is not None and context.clock_option is not None:
         raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
@@ -91,17 +107,35 @@ def command(context: CommandContext, **options: Any) -> int:
     station.controller.switch(not options["local"])
     door, where = _door(options)
     stop, log = StopRequest(), Log(clock)
+    lines = JsonLines() if context.json or options["stream"] else None
     try:
         with connected(address, described, site, clock) as connection, stopping(stop):
-            if context.json:
-                JsonLines().write({"listening": door.port, "serial": options["device"]})
+            if lines is not None and context.json:
+                lines.write({"listening": door.port, "serial": options["device"]})
             log.tell(f"the antenna interface is on {where}; Ctrl-C stops the mount and ends it")
-            AntennaLoop(station, connection, door, stop, log.tell, Words().typed).run()
+            show = lines.write if lines is not None and options["stream"] else None
+            words = Words(options["control"]).typed
+            AntennaLoop(station, connection, door, stop, log.tell, words, where, show).run()
     finally:
         door.close()
+        log.close()
     if station.mount_stopped is False:
         raise SattrackError("THE MOUNT DID NOT CONFIRM THE STOP: stop it by hand")
-    raise InterruptedRunError("interrupted; " + _end_words(station.mount_stopped))
+    if stop.asked:
+        raise InterruptedRunError("interrupted; " + _end_words(station.mount_stopped))
+    return 0
+
+
+def _with_console(options: dict[str, Any]) -> int:
+    """Run this very command line in a process of its own, and its console here on top of it."""
+    if options["stream"] or options["control"]:
+        raise BadInputError("--console is for people, --stream and --control are for programs: give either")
+    if not tui_possible():
+        raise BadInputError("--console needs a terminal, and textual: pip install 'sattrack[tui]'")
+    from sattrack.tui.antenna_app import serve_with_console
+
+    arguments = [one for one in sys.argv[1:] if one != "--console"]
+    return serve_with_console([sys.executable, "-m", "sattrack", *arguments, "--stream", "--control"])
 
 
 def _end_words(stopped: bool | None) -> str:
@@ -142,23 +176,40 @@ def _park(park: AxesPosition | None, axes: str) -> tuple[float, float] | None:
 
 
 class Log:
-    """Lines on standard error in the Field System's style: year, day of the year, time, words."""
+    """Lines on standard error in the Field System's style: year, day of the year, time, words.
+
+    They are written by a thread of their own: a terminal that is held holds nothing else up.
+    """
 
     def __init__(self, clock: Clock) -> None:
         self._clock = clock
+        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._write, name="log", daemon=True)
+        self._thread.start()
 
     def tell(self, words: str) -> None:
-        """Tell one line."""
-        import time
-
+        """Tell one line, without waiting."""
         at = datetime.fromtimestamp(self._clock.utc_s(time.monotonic()), UTC)
-        click.echo(f"{at:%Y.%j.%H:%M:%S}.{at.microsecond // 10000:02d};antenna/{words}", err=True)
+        self._lines.put(f"{at:%Y.%j.%H:%M:%S}.{at.microsecond // 10000:02d};antenna/{words}")
+
+    def close(self) -> None:
+        """Have the last lines written, if that does not take long."""
+        self._lines.put(None)
+        self._thread.join(LAST_LINES_WITHIN_S)
+
+    def _write(self) -> None:
+        while (line := self._lines.get()) is not None:
+            click.echo(line, err=True)
 
 
 class Words:
-    """What is typed on standard input, a word a line, without ever waiting for it."""
+    """What is typed on standard input, a word a line, without ever waiting for it.
 
-    def __init__(self) -> None:
+    With `leave_at_end`, its end is the word to leave; else it ends nothing: a service may have none.
+    """
+
+    def __init__(self, leave_at_end: bool = False) -> None:
+        self._leave_at_end = leave_at_end
         self._rest = b""
         self._open = not sys.stdin.closed
 
@@ -170,7 +221,8 @@ class Words:
             data = os.read(sys.stdin.fileno(), READ_BYTES)
         except (OSError, ValueError):
             data = b""
-        # The end of standard input ends nothing: a service has none.
         self._open = bool(data)
+        if not data:
+            return (LEAVE,) if self._leave_at_end else ()
         *lines, self._rest = (self._rest + data)[-READ_BYTES:].split(b"\n")
         return [line.decode("ascii", "replace").strip().lower() for line in lines]

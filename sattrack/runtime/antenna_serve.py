@@ -9,8 +9,11 @@ from __future__ import annotations
 import select
 import time
 from dataclasses import dataclass
+from itertools import islice
 from typing import TYPE_CHECKING, Any
 
+from sattrack.antenna.trajectory import NS, to_ns
+from sattrack.antenna_view import LONGEST_SHOWN, SHOWN_EXCHANGES, AntennaView, AxesView, ExchangeView
 from sattrack.errors import SattrackError
 from sattrack.runtime.realtime import undisturbed
 
@@ -23,6 +26,9 @@ if TYPE_CHECKING:
     from sattrack.runtime.signals import StopRequest
 
 LATE_ENOUGH_TO_SKIP_S = 0.5
+SHOW_EVERY_TICKS = 5
+LEAVE = "leave"
+WORDS = ("local", "remote", "stop", "reset", "last", LEAVE)
 LEAD_S = 0.0015
 """How long before it is due a datagram is computed."""
 
@@ -40,6 +46,10 @@ class AntennaLoop:
     stop: StopRequest
     tell: Callable[[str], None]
     words: Callable[[], Sequence[str]]
+    where: str = ""
+    """The door, in words."""
+    show: Callable[[AntennaView], None] | None = None
+    """Takes a view a few times a second; must not wait."""
     _error: Exception | None = None
     _told_refusals: int = 0
     _told_trip: str | None = None
@@ -50,12 +60,15 @@ class AntennaLoop:
         guard = self.connection.guard
         with undisturbed():
             period_s = self.station.profile.period_s / self.connection.clock.speed
-            due_s = time.monotonic()
+            due_s, ticks = time.monotonic(), 0
             while not self.station.finished and not guard.deposed:
                 self._guarded(self._wait_until, due_s - LEAD_S)
                 self._guarded(self._heed)
                 self._guarded(self._tick, due_s)
                 self._guarded(self._report)
+                ticks += 1
+                if self.show is not None and ticks % SHOW_EVERY_TICKS == 0:
+                    self._guarded(self.show, self.view())
                 shift_s = self.station.send_shift_s(self.connection.now_utc_s())
                 due_s += period_s + shift_s / self.connection.clock.speed
                 if time.monotonic() - due_s > LATE_ENOUGH_TO_SKIP_S:
@@ -119,8 +132,44 @@ class AntennaLoop:
         elif word == "last":
             for exchange in controller.exchanges:
                 self.tell(f"{exchange.received} -> {exchange.answered}")
+        elif word == "stop":
+            controller.stop()
+            self.tell("the operator has ended the trajectory")
+        elif word == "reset":
+            controller.reset()
+        elif word == LEAVE:
+            self.station.end(self.connection.now_utc_s())
         elif word:
-            self.tell(f"{word!r} is no word of this console: local, remote, last")
+            self.tell(f"{word!r} is no word of this console: {', '.join(WORDS)}")
+
+    def view(self) -> AntennaView:
+        """Return what the controller's console shows now."""
+        station, controller = self.station, self.station.controller
+        now_utc_s = self.connection.now_utc_s()
+        at_ns = to_ns(now_utc_s + station.clock_ahead_s)
+        states = (controller.commanded(at_ns), station.actual(at_ns))
+        commanded, actual = (None if s is None else AxesView(s.first_deg, s.second_deg) for s in states)
+        newest = islice(reversed(controller.exchanges), SHOWN_EXCHANGES)
+        return AntennaView(
+            utc_s=now_utc_s,
+            door=self.where,
+            caller=self.door.channel is not None,
+            axes=station.antenna.axes,
+            mount="sim" if self.connection.simulated is not None else str(self.connection.link.address),
+            link_up=station.link_up,
+            remote=controller.remote,
+            doing=controller.doing.value,
+            servo=controller.servo,
+            outside_limits=station.outside_limits,
+            tripped=station.tripped,
+            commanded=commanded,
+            actual=actual,
+            refused=controller.refused,
+            exchanges=tuple(
+                ExchangeView(e.utc_ns / NS, e.received[:LONGEST_SHOWN], e.answered[:LONGEST_SHOWN])
+                for e in newest
+            ),
+        )
 
     def _tick(self, due_s: float) -> None:
         connection = self.connection

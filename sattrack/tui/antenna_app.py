@@ -1,0 +1,187 @@
+"""The controller's console: the antenna behind its interface, the last lines, and the switch to local."""
+
+from __future__ import annotations
+
+import signal
+from typing import TYPE_CHECKING, ClassVar
+
+import click
+from rich.text import Text
+from textual.app import App, ComposeResult
+from textual.binding import Binding, BindingType
+from textual.widgets import Static
+
+from sattrack.tui import look, words
+from sattrack.tui.antenna_child import AntennaProcess
+from sattrack.tui.hangup import end_with_the_terminal
+from sattrack.tui.scene import Tone
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sattrack.antenna_view import AntennaView, AxesView
+    from sattrack.tui.antenna_child import AntennaFeed
+
+LOOK_EVERY_S = 0.2
+PATIENCE_S = 75.0
+GRACE_S = 2.0
+INTERRUPTED = 130
+NAMES = {"hadec": ("hour angle", "declination"), "azel": ("azimuth", "elevation")}
+KEYS = "L local   R remote   SPACE stop   X ready again after an interlock   Q stop and quit"
+
+
+class AntennaApp(App[None]):
+    """Shows one antenna and takes its operator's keys."""
+
+    TITLE = "sattrack serve antenna"
+    ENABLE_COMMAND_PALETTE = False
+    CSS = """
+    Screen { background: $background; color: $foreground; }
+    Static { padding: 0 1; }
+    #title, #keys { background: $panel; height: 1; text-wrap: nowrap; text-overflow: ellipsis; }
+    #state { height: auto; padding: 1 1 0 1; }
+    #axes { height: auto; padding: 1 1; }
+    #lines { height: 1fr; text-wrap: nowrap; text-overflow: ellipsis; border-top: solid $secondary; }
+    """
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space", "say('stop')", "stop", priority=True),
+        Binding("l", "say('local')", "local"),
+        Binding("r", "say('remote')", "remote"),
+        Binding("x", "say('reset')", "reset"),
+        Binding("q", "leave", "quit"),
+        Binding("ctrl+q", "leave", "quit", priority=True),
+        Binding("ctrl+c", "interrupt", "interrupt", priority=True),
+    ]
+
+    def __init__(self, feed: AntennaFeed) -> None:
+        super().__init__()
+        self._feed = feed
+        self.interrupted = False
+
+    def compose(self) -> ComposeResult:
+        """Make the parts, from top to bottom."""
+        yield Static(id="title")
+        yield Static(id="state")
+        yield Static(id="axes")
+        yield Static(id="lines")
+        yield Static(KEYS, id="keys")
+
+    def on_mount(self) -> None:
+        """Set the look, and look at the feed from now on."""
+        self.register_theme(look.NIGHT)
+        self.theme = look.NIGHT.name
+        self.set_interval(LOOK_EVERY_S, self.look)
+        self.look()
+
+    def look(self) -> None:
+        """Take in what has come, and draw it."""
+        latest = self._feed.latest()
+        if latest.view is not None:
+            for name, text in drawn(latest.view).items():
+                self.query_one(f"#{name}", Static).update(text)
+        if latest.ended:
+            self.exit()
+
+    def action_say(self, word: str) -> None:
+        """Say a word to the controller."""
+        self._feed.tell(word)
+
+    def action_leave(self) -> None:
+        """Leave the screen; the mount is brought to rest then."""
+        self.exit()
+
+    def action_interrupt(self) -> None:
+        """Leave, as a program that was interrupted."""
+        self.interrupted = True
+        self.exit()
+
+    async def action_quit(self) -> None:
+        """Leave, whoever asks."""
+        self.action_leave()
+
+
+def drawn(view: AntennaView) -> dict[str, Text]:
+    """Return what each part of the screen says of a state."""
+    return {
+        "title": Text(f"{view.mount} as an antenna on {view.door}   {words.clock(view.utc_s)} UTC"),
+        "state": _state(view),
+        "axes": _axes(view),
+        "lines": _lines(view),
+    }
+
+
+def _state(view: AntennaView) -> Text:
+    text = Text()
+    mode = ("REMOTE", Tone.GOOD) if view.remote else ("LOCAL", Tone.NOTICE)
+    text.append(f" {mode[0]} ", look.PLATE[mode[1]])
+    servo = Tone.GOOD if view.servo == "TRACKING" else Tone.CALM
+    text.append(f"  {view.doing.lower()}, ").append(view.servo.lower(), look.SPOKEN[servo])
+    text.append("   mount ").append(*_good_or_bad(view.link_up, "heard", "NOT HEARD"))
+    text.append("   antcn ").append("connected" if view.caller else "not connected")
+    text.append(f"   {view.refused} refused")
+    if view.tripped is not None:
+        text.append(
+            f"\nsafety stopped the mount: {view.tripped}; X makes it ready again", look.SPOKEN[Tone.BAD]
+        )
+    elif view.outside_limits:
+        words_of_limit = "\nthe trajectory leads beyond the limits: the axes are held as near as they may be"
+        text.append(words_of_limit, look.SPOKEN[Tone.NOTICE])
+    return text
+
+
+def _good_or_bad(good: bool, well: str, ill: str) -> tuple[str, str]:
+    return (well, look.SPOKEN[Tone.GOOD]) if good else (ill, look.SPOKEN[Tone.BAD])
+
+
+def _axes(view: AntennaView) -> Text:
+    first, second = NAMES[view.axes]
+    text = Text(f"{'':12}{first:>16}{second:>16}\n", look.DIM)
+    rows = (("commanded", view.commanded), ("actual", view.actual))
+    text.append("\n".join(f"{name:12}{_pair(axes)}" for name, axes in rows))
+    if view.commanded is not None and view.actual is not None:
+        off = (
+            (view.actual.first_deg - view.commanded.first_deg) * 3600.0,
+            (view.actual.second_deg - view.commanded.second_deg) * 3600.0,
+        )
+        text.append(f"\n{'off by':12}{off[0]:15.2f}″{off[1]:15.2f}″")
+    return text
+
+
+def _pair(axes: AxesView | None) -> str:
+    if axes is None:
+        return f"{'-':>16}{'-':>16}"
+    return f"{axes.first_deg:15.6f}°{axes.second_deg:15.6f}°"
+
+
+def _lines(view: AntennaView) -> Text:
+    text = Text()
+    for one in view.exchanges:
+        refused = " NAK " in one.answered
+        text.append(f"{words.clock(one.utc_s)}  {one.received}", look.SPOKEN[Tone.NOTICE] if refused else "")
+        text.append(f"\n          {one.answered}\n", look.SPOKEN[Tone.NOTICE] if refused else look.DIM)
+    return text
+
+
+def serve_with_console(command: Sequence[str]) -> int:
+    """Run `command` (`serve antenna` with --stream and --control) under the screen; return its exit code."""
+    antenna = AntennaProcess(command)
+    end_with_the_terminal(antenna, PATIENCE_S, GRACE_S)
+    app = AntennaApp(antenna)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, lambda *_: antenna.close_input())
+    code: int | None = None
+    try:
+        if antenna.wait_first_view():
+            app.run()
+    except KeyboardInterrupt:
+        app.interrupted = True
+    finally:
+        antenna.close_input()
+        code = antenna.wait(PATIENCE_S)
+        if code is None:
+            click.echo("sattrack: THE SERVICE DOES NOT END: STOP THE MOUNT BY HAND", err=True)
+            code = antenna.end_by_force(GRACE_S)
+        told = antenna.close()
+        if told:
+            click.echo(told, err=True, nl=not told.endswith("\n"))
+    return INTERRUPTED if app.interrupted and code == 0 else code

@@ -1,0 +1,132 @@
+"""The controller's console: what it shows of an antenna, what its keys say, and the program it runs on."""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+
+import pytest
+from antenna_setup import NOON_NS, SITE
+
+pytest.importorskip("textual")
+
+from textual.widgets import Static
+
+from sattrack.antenna_view import AntennaView, AxesView, ExchangeView
+from sattrack.tui.antenna_app import AntennaApp, drawn
+from sattrack.tui.antenna_child import AntennaProcess, LatestAntenna
+
+VIEW = AntennaView(
+    utc_s=NOON_NS / 1e9,
+    door="127.0.0.1:7621",
+    caller=True,
+    axes="hadec",
+    mount="sim",
+    link_up=True,
+    remote=True,
+    doing="FOLLOWING",
+    servo="TRACKING",
+    outside_limits=False,
+    tripped=None,
+    commanded=AxesView(20.0, 40.0),
+    actual=AxesView(20.0 + 1.5 / 3600.0, 40.0 - 2.25 / 3600.0),
+    refused=1,
+    exchanges=(
+        ExchangeView(NOON_NS / 1e9, "TD 30 x", "TD NAK 5"),
+        ExchangeView(NOON_NS / 1e9, "STOP", "STOP ACK"),
+    ),
+)
+
+
+def changed(**fields: object) -> AntennaView:
+    return AntennaView(**{name: getattr(VIEW, name) for name in VIEW.__struct_fields__} | fields)
+
+
+class FakeFeed:
+    def __init__(self, view: AntennaView = VIEW) -> None:
+        self.view = view
+        self.told: list[str] = []
+
+    def latest(self) -> LatestAntenna:
+        return LatestAntenna(self.view)
+
+    def tell(self, word: str) -> None:
+        self.told.append(word)
+
+
+def press(feed: FakeFeed, *keys: str) -> tuple[AntennaApp, str]:
+    async def run() -> tuple[AntennaApp, str]:
+        app = AntennaApp(feed)
+        async with app.run_test(size=(80, 24)) as pilot:
+            shown = "\n".join(str(part.render()) for part in app.query(Static))
+            await pilot.press(*keys)
+            await pilot.pause()
+        return app, shown
+
+    return asyncio.run(run())
+
+
+def test_keys_say_their_words() -> None:
+    feed = FakeFeed()
+    press(feed, "l", "r", "space", "x")
+    assert feed.told == ["local", "remote", "stop", "reset"]
+
+
+def test_the_screen_shows_the_antenna_and_the_last_lines() -> None:
+    _, shown = press(FakeFeed())
+    for words in (
+        "REMOTE",
+        "tracking",
+        "hour angle",
+        "20.000000°",
+        "1.50″",
+        "-2.25″",
+        "TD NAK 5",
+        "1 refused",
+    ):
+        assert words in shown
+
+
+@pytest.mark.parametrize(
+    ("fields", "says"),
+    [
+        ({"remote": False}, "LOCAL"),
+        ({"link_up": False}, "NOT HEARD"),
+        ({"caller": False}, "not connected"),
+        ({"tripped": "sun"}, "safety stopped the mount: sun"),
+        ({"outside_limits": True}, "beyond the limits"),
+        ({"axes": "azel"}, "azimuth"),
+        ({"commanded": None}, "commanded                  -"),
+    ],
+)
+def test_what_is_amiss_is_said_in_words(fields: dict[str, object], says: str) -> None:
+    assert says in "\n".join(text.plain for text in drawn(changed(**fields)).values())
+
+
+def test_a_quit_leaves_and_an_interrupt_is_known_as_one() -> None:
+    app, _ = press(FakeFeed(), "q")
+    assert not app.interrupted
+    app, _ = press(FakeFeed(), "ctrl+c")
+    assert app.interrupted
+
+
+def test_the_program_beneath_sends_views_takes_words_and_ends_with_its_input() -> None:
+    site = f"{SITE.latitude_deg},{SITE.longitude_deg},0"
+    command = [sys.executable, "-m", "sattrack", "serve", "antenna", "--mount", "sim", "--site", site]
+    antenna = AntennaProcess([*command, "--port", "0", "--stream", "--control"])
+    try:
+        assert antenna.wait_first_view()
+        antenna.tell("local")
+        view = antenna.latest().view
+        while view is None or view.remote:
+            with antenna._changed:
+                assert antenna._changed.wait(10.0)
+            view = antenna.latest().view or view
+        assert view.mount == "sim"
+        assert view.servo == "IDLE"
+        antenna.close_input()
+        assert antenna.wait(20.0) == 0
+    finally:
+        antenna.end_by_force(1.0)
+        told = antenna.close()
+    assert "the controller is in local" in told
