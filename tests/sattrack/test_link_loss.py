@@ -206,6 +206,34 @@ def test_a_feeder_that_dies_or_hangs_is_followed_by_its_guardian(
 
 
 @MOVE_AXIS
+@pytest.mark.parametrize("ticks", [1, 2, 4, 10])
+def test_a_guardian_sees_a_stop_through_that_its_feeder_had_begun(move_axis: str, ticks: int) -> None:
+    """The abort's flag, or its acknowledgement, stands already: an edge must come all the same."""
+    lab = laboratory(profile(move_axis, None))
+    lab.until(AT_S)
+    lab.engine.operate(StopNow(), lab.begin_utc_s + lab.elapsed_s)
+    lab.until(AT_S + ticks * PERIOD_S)
+    counter = lab.engine.session.health.sent
+    lab.client = Halt(lab.engine.spec.profile, lab.begin_utc_s + lab.elapsed_s, counter)
+    lab.until(AT_S + 6.0)
+    assert lab.rest_after_s(AT_S) <= standstill_s(ROWS["feeder"], lab.engine.spec.profile, 1.3)
+    assert lab.client.at_rest
+
+
+@MOVE_AXIS
+@pytest.mark.parametrize("at_s", [1.0, 3.0])
+def test_a_guardian_stops_a_slew_whose_feeder_dies(move_axis: str, at_s: float) -> None:
+    lab = laboratory(profile(move_axis, None))
+    lab.until(at_s)
+    assert lab.truths[-1][1] > 2.0
+    lab.client = Halt(lab.engine.spec.profile, lab.begin_utc_s + lab.elapsed_s, 7)
+    lab.until(at_s + 8.0)
+    slew_rate_deg_s = lab.engine.spec.profile.ra.slew_rate_deg_s
+    assert lab.rest_after_s(at_s) <= standstill_s(ROWS["feeder"], lab.engine.spec.profile, slew_rate_deg_s)
+    assert lab.client.at_rest
+
+
+@MOVE_AXIS
 def test_a_machine_that_dies_leaves_a_mount_without_a_watchdog_moving(move_axis: str) -> None:
     lab = laboratory(profile(move_axis, None))
     lab.until(AT_S)
