@@ -199,7 +199,7 @@ def _draw_run(axes: Any, rehearsal: Rehearsal) -> None:
     )
     axes.set_yscale("log")
     axes.set_ylabel("error, ″")
-    axes.legend(fontsize="x-small", ncols=2, frameon=False, loc="upper right")
+    axes.legend(fontsize="x-small", ncols=2, frameon=False, loc="lower right")
     _shade(axes, rehearsal)
     _tidy(axes)
     axes.tick_params(labelbottom=False)

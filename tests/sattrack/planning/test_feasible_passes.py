@@ -1,0 +1,72 @@
+"""`passes --feasible` and `--judged` against the rates that the list itself tells, and against the Sun."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from sattrack.cli import cli
+
+ISS = str(Path(__file__).parents[3] / "examples" / "iss_leiden.tle")
+SEARCH = ("--elements", ISS, "--site", "52.1541,4.4908,0", "--from", "2026-10-02T00:00:00Z", "--hours", "48")
+LIMIT_DEG_S = 0.9
+
+
+def passes(*arguments: str) -> list[dict[str, Any]]:
+    result = CliRunner().invoke(cli, ["passes", *SEARCH, *arguments, "--json"], standalone_mode=False)
+    assert result.exception is None, result.exception
+    listed: list[dict[str, Any]] = json.loads(result.stdout)
+    return listed
+
+
+@pytest.fixture
+def slow_mount(tmp_path: Path) -> str:
+    """Return a profile file of a mount that turns no faster than LIMIT_DEG_S."""
+    path = tmp_path / "slow.toml"
+    path.write_text(f"[ra]\nmax_rate_deg_s = {LIMIT_DEG_S}\n[dec]\nmax_rate_deg_s = {LIMIT_DEG_S}\n")
+    return str(path)
+
+
+@pytest.fixture
+def without_optics(tmp_path: Path) -> str:
+    """Return a settings file of a mount without a telescope."""
+    path = tmp_path / "sattrack.toml"
+    path.write_text("[safety]\noptical = false\n")
+    return str(path)
+
+
+def test_nothing_is_judged_unless_it_is_asked_for() -> None:
+    assert {(one["feasible"], one["why_not"]) for one in passes()} == {(None, None)}
+
+
+def test_a_pass_is_judged_by_the_rates_that_it_needs(slow_mount: str, without_optics: str) -> None:
+    judged = passes("--judged", "--profile", slow_mount, "--config", without_optics)
+    assert len(judged) > 5
+    for one in judged:
+        fastest = max(one["peak_ha_rate_deg_s"], one["peak_dec_rate_deg_s"])
+        if fastest <= LIMIT_DEG_S:
+            assert one["feasible"] is True
+        assert one["feasible"] is (one["why_not"] is None)
+        if not one["feasible"]:
+            assert one["why_not"].startswith("rate: hour angle turns ")
+    assert {one["feasible"] for one in judged} == {True, False}
+
+
+def test_only_what_can_be_followed_is_left(slow_mount: str, without_optics: str) -> None:
+    asked = ("--profile", slow_mount, "--config", without_optics)
+    judged, left = passes("--judged", *asked), passes("--feasible", *asked)
+    assert left == [one for one in judged if one["feasible"]]
+
+
+def test_passes_by_the_sun_are_not_for_optics() -> None:
+    near = [one for one in passes("--judged") if one["why_not"] is not None]
+    assert near
+    for one in near:
+        assert one["why_not"].startswith("sun: ")
+        # The separation told is geometric and of the whole pass; the cone is 15°.
+        assert one["min_sun_separation_deg"] < 16.0
+        assert one["sun_alt_deg"] > -10.0
