@@ -8,7 +8,7 @@ from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any
 
 from sattrack import practice
-from sattrack.antenna.controller import Antenna
+from sattrack.antenna.equipment import Antenna
 from sattrack.antenna.focus import Focus
 from sattrack.antenna.line import encode
 from sattrack.antenna.sky import Sky

@@ -9,7 +9,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from sattrack.antenna.controller import Antenna, Controller, Feedback
+from sattrack.antenna.controller import Controller
+from sattrack.antenna.equipment import Antenna, Feedback
 from sattrack.antenna.focus import Focus, FocusAxis
 from sattrack.antenna.line import encode
 from sattrack.antenna.sky import Sky

@@ -12,22 +12,15 @@ from decimal import Decimal
 from enum import StrEnum
 from typing import TYPE_CHECKING, Literal
 
-from sattrack.antenna.celestial import (
-    Mean,
-    OfDate,
-    PointingModel,
-    Reduction,
-    Satellite,
-    SkyPath,
-    Target,
-)
-from sattrack.antenna.element_store import ElementStore, StoreError
-from sattrack.antenna.line import Check, Framer, Line, LineFault, Synchronised, encode
-from sattrack.antenna.sky import AxisKind, RaDec, Sky
+from sattrack.antenna import focus_orders
+from sattrack.antenna.celestial import Satellite, SkyPath, Target
+from sattrack.antenna.element_store import StoreError
+from sattrack.antenna.equipment import Antenna, Feedback
+from sattrack.antenna.line import Framer, Line, LineFault, Synchronised, encode
+from sattrack.antenna.reckoning import Reckoning
 from sattrack.antenna.trajectory import (
     MOST_EPOCH_DISTANCE_S,
     NS,
-    AxisRange,
     AxisState,
     Path,
     Straight,
@@ -36,7 +29,6 @@ from sattrack.antenna.trajectory import (
     second_of_day,
 )
 from sattrack.antenna.transactions import (
-    OMITTED,
     Nak,
     Position,
     Refusal,
@@ -46,15 +38,11 @@ from sattrack.antenna.transactions import (
     position_message,
     word_of,
 )
-from tle.bias import NO_BIAS, Bias
+from tle.bias import Bias
 from tle.errors import TleError
-from tle.propagator import Propagator
-from tle.refraction import Refraction
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-
-    from sattrack.antenna.focus import Focus
 
 REMEMBERED_LINES = 50
 MOST_TIME_STEP_S = 86400
@@ -67,39 +55,6 @@ class Doing(StrEnum):
     FOLLOWING = "FOLLOWING"
     STOW = "STOW"
     SERVICE = "SERVICE"
-
-
-class Feedback:
-    """What the controller hears of its antenna; this one hears nothing."""
-
-    link_up = False
-    on_trajectory = False
-    """Whether the antenna is where its trajectory is."""
-    outside_limits = False
-    """Whether the trajectory leads where the limits do not let the antenna go."""
-    tripped: str | None = None
-    """Name of the interlock that has stopped the antenna."""
-    does_refraction = False
-
-    def actual(self, utc_ns: int) -> AxisState | None:
-        """Return where the axes are at an instant; None where that is not known."""
-        del utc_ns
-        return None
-
-
-@dataclass(frozen=True, slots=True)
-class Antenna:
-    """What the antenna has. Positions are those of its axes, degrees."""
-
-    sky: Sky
-    axes: AxisKind
-    range: AxisRange
-    stow: tuple[float, float] | None = None
-    service: tuple[float, float] | None = None
-    focus: Focus | None = None
-    refraction: Literal["auto", "on", "off"] = "auto"
-    """Whether satellites' directions are raised by the air; auto: where the mount does not do it."""
-    check: Check = Check.SUM
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,16 +83,14 @@ class Controller:
     last_refusal: Nak | None = None
     exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=REMEMBERED_LINES))
     _framer: Framer = field(init=False)
-    _reduction: Reduction = field(init=False)
-    _elements: ElementStore = field(default_factory=ElementStore)
-    _bias: Bias = NO_BIAS
+    _reckoning: Reckoning = field(init=False)
     _held: SkyPath | None = None
     """The satellite's way, while SATOFF holds the antenna."""
 
     def __post_init__(self) -> None:
         """Begin with no offsets."""
         self._framer = Framer(self.antenna.check)
-        self._reduction = Reduction(self.antenna.sky, self.antenna.axes)
+        self._reckoning = Reckoning(self.antenna.sky, self.antenna.axes)
 
     def receive(self, data: bytes, now_ns: int) -> tuple[bytes, bool]:
         """Take bytes that came at an instant; return what to send, and whether to drop what waits to be sent.
@@ -350,17 +303,11 @@ class Controller:
         turns = self._turns(request, first, now_ns)
         return self._take_up(Straight(first + 360.0 * turns, request.number("second"), 0.0, 0.0, now_ns))
 
-    def _source(self, request: Request) -> Target:
-        coordinates = RaDec(request.number("ra"), request.number("dec"))
-        if request.text("frame") == "DATE":
-            return OfDate(coordinates)
-        return Mean(coordinates, self.antenna.sky)
-
     def _follow_source(self, request: Request, now_ns: int) -> Nak | None:
-        return self._follow(self._source(request), request, now_ns)
+        return self._follow(self._reckoning.source(request), request, now_ns)
 
     def _follow(self, target: Target, request: Request, now_ns: int) -> Nak | None:
-        path = SkyPath(target, self._reduction, 0.0)
+        path = self._reckoning.path(target)
         path.turn_by(self._turns(request, path.at(now_ns).first_deg, now_ns))
         return self._take_up(path)
 
@@ -368,60 +315,48 @@ class Controller:
         epoch_ns = self._epoch(request, now_ns)
         if isinstance(epoch_ns, Nak):
             return epoch_ns
-        there = SkyPath(self._source(request), self._reduction, 0.0).at(epoch_ns)
+        there = self._reckoning.path(self._reckoning.source(request)).at(epoch_ns)
         turns = self._turns(request, there.first_deg, now_ns)
         return self._take_up(Straight(there.first_deg + 360.0 * turns, there.second_deg, 0.0, 0.0, epoch_ns))
 
     def _offset(self, request: Request, now_ns: int) -> None:
         del now_ns
-        pair = (request.number("first"), request.number("second"))
-        old = self._reduction
-        kinds = {"RADEC": old.radec, "HADEC": old.hadec, "AZEL": old.azel} | {request.text("kind"): pair}
-        self._reduce(Reduction(old.sky, old.axes, kinds["RADEC"], kinds["HADEC"], kinds["AZEL"], old.model))
+        self._reckoning.offset(request)
+        self._reduce()
 
     def _pointing(self, request: Request, now_ns: int) -> Nak | None:
         del now_ns
         if self.antenna.axes != "hadec":
             return Nak.NOT_AVAILABLE
-        model = PointingModel(*(request.number(name) for name in ("ih", "id", "ch", "np", "ma", "me")))
-        old = self._reduction
-        self._reduce(Reduction(old.sky, old.axes, old.radec, old.hadec, old.azel, model))
+        self._reckoning.model(request)
+        self._reduce()
         return None
 
-    def _reduce(self, reduction: Reduction) -> None:
-        self._reduction = reduction
+    def _reduce(self) -> None:
+        """Have what is followed go by what has been sent since."""
+        reduction = self._reckoning.reduction
         if isinstance(self.path, SkyPath):
             self.path = self.path.reduced_by(reduction)
         if self._held is not None:
             self._held = self._held.reduced_by(reduction)
 
-    def _take_line(self, request: Request, now_ns: int) -> Nak | None:
+    def _take_elements(self, request: Request, now_ns: int) -> Nak | None:
         del now_ns
-        number = int(request.number("number"))
+        store, number = self._reckoning.elements, int(request.number("number"))
         try:
-            self._elements.take_line(int(request.text("line")), number, request.text("text"))
-        except StoreError as error:
-            return error.why
-        return None
-
-    def _take_value(self, request: Request, now_ns: int) -> Nak | None:
-        del now_ns
-        number = int(request.number("number"))
-        try:
-            self._elements.take_value(number, request.text("keyword"), request.text("value"))
+            if request.command.word == "TLE":
+                store.take_line(int(request.text("line")), number, request.text("text"))
+            else:
+                store.take_value(number, request.text("keyword"), request.text("value"))
         except StoreError as error:
             return error.why
         return None
 
     def _satellite(self, request: Request, now_ns: int) -> Nak | None:
-        sky, air = self.antenna.sky, None
-        if self.antenna.refraction == "on" or (
-            self.antenna.refraction == "auto" and not self.feedback.does_refraction
-        ):
-            air = Refraction.standard(sky.site.height_m)
+        mode = self.antenna.refraction
+        refracted = mode == "on" or (mode == "auto" and not self.feedback.does_refraction)
         try:
-            elements = self._elements.elements(int(request.number("number")))
-            satellite = Satellite(Propagator(elements, sky.site, earth=sky.earth, refraction=air), self._bias)
+            satellite = self._reckoning.satellite(int(request.number("number")), refracted)
             return self._follow(satellite, request, now_ns)
         except StoreError as error:
             return error.why
@@ -429,12 +364,12 @@ class Controller:
             return Nak.ELEMENTS_USELESS
 
     def _bias_satellite(self, request: Request, now_ns: int) -> None:
-        self._bias = Bias(request.number("along"), request.number("cross"))
+        bias = self._reckoning.bias = Bias(request.number("along"), request.number("cross"))
         following = self._held or self.path
         if not isinstance(following, SkyPath) or not isinstance(following.target, Satellite):
             return
         near_deg = following.at(now_ns).first_deg
-        way = SkyPath(Satellite(following.target.propagator, self._bias), self._reduction, near_deg)
+        way = self._reckoning.path(Satellite(following.target.propagator, bias), near_deg)
         if request.text("mode", "TRACK") == "TRACK":
             self.path, self._held = way, None
             return
@@ -442,40 +377,8 @@ class Controller:
         self.path = Straight(there.first_deg, there.second_deg, 0.0, 0.0, now_ns)
         self._held = way
 
-    def _focus(self, request: Request, now_ns: int) -> Nak | None:
-        if self.antenna.focus is None:
-            return Nak.NOT_AVAILABLE
-        places = [None if v is None else float(v) for v in request.values.values()]
-        return None if self.antenna.focus.move(places, now_ns) else Nak.NOT_AVAILABLE
-
-    def _sweep_focus(self, request: Request, now_ns: int) -> Nak | None:
-        focus, axis = self.antenna.focus, request.number("axis")
-        if axis != int(axis):
-            return Nak.VALUE
-        if focus is None or axis > len(focus.axes):
-            return Nak.NOT_AVAILABLE
-        focus.axes[int(axis) - 1].sweep(request.number("rate"), now_ns)
-        return None
-
-    def _stop_focus(self, request: Request, now_ns: int) -> Nak | None:
-        del request
-        if self.antenna.focus is None:
-            return Nak.NOT_AVAILABLE
-        self.antenna.focus.stop(now_ns)
-        return None
-
-    def _focus_position(self, request: Request, now_ns: int) -> str | Nak:
-        del request
-        if self.antenna.focus is None:
-            return Nak.NOT_AVAILABLE
-        fields, moves = ["FOCPS"], False
-        for axis in self.antenna.focus.axes:
-            place_mm, moving = axis.at(now_ns)
-            commanded = axis.commanded_mm
-            fields += [OMITTED if commanded is None else f"{commanded:.4f}", f"{place_mm:.4f}"]
-            moves = moves or moving
-        fields += [f"{second_of_day(now_ns):.6f}", "MOVING" if moves else "STOPPED"]
-        return " ".join(fields)
+    def _focus(self, request: Request, now_ns: int) -> str | Nak | None:
+        return focus_orders.obey(self.antenna.focus, request, now_ns)
 
 
 _HANDLERS: dict[str, Callable[[Controller, Request, int], str | Nak | None]] = {
@@ -489,16 +392,16 @@ _HANDLERS: dict[str, Callable[[Controller, Request, int], str | Nak | None]] = {
     "RESET": Controller._reset,
     "TIME": Controller._time,
     "FOCUS": Controller._focus,
-    "FOCSWEEP": Controller._sweep_focus,
-    "FOCSTOP": Controller._stop_focus,
-    "FOCPS": Controller._focus_position,
+    "FOCSWEEP": Controller._focus,
+    "FOCSTOP": Controller._focus,
+    "FOCPS": Controller._focus,
     "RADEC": Controller._follow_source,
     "FIXED": Controller._fixed,
     "FIXSKY": Controller._fixed_on_sky,
     "OFFSET": Controller._offset,
     "POINTING": Controller._pointing,
-    "TLE": Controller._take_line,
-    "OMM": Controller._take_value,
+    "TLE": Controller._take_elements,
+    "OMM": Controller._take_elements,
     "SAT": Controller._satellite,
     "SATOFF": Controller._bias_satellite,
 }

@@ -9,7 +9,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from sattrack.antenna.controller import Antenna, Controller, Feedback
+from sattrack.antenna.controller import Controller
+from sattrack.antenna.equipment import Antenna, Feedback
 from sattrack.antenna.follower import Follower
 from sattrack.antenna.sky import AzEl, HaDec
 from sattrack.antenna.trajectory import AxisRange, AxisState, to_ns

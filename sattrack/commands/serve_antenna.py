@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sattrack import practice
-from sattrack.antenna.controller import Antenna
+from sattrack.antenna.equipment import Antenna
 from sattrack.antenna.focus import Focus, FocusAxis
 from sattrack.antenna.line import Check
 from sattrack.antenna.sky import Sky

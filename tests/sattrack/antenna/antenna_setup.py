@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from sattrack.antenna.controller import Antenna, Controller, Feedback
+from sattrack.antenna.controller import Controller
+from sattrack.antenna.equipment import Antenna, Feedback
 from sattrack.antenna.focus import Focus, FocusAxis
 from sattrack.antenna.sky import Sky
 from sattrack.antenna.trajectory import NS, AxisRange, AxisState
