@@ -222,6 +222,8 @@ class Tracker:
         assert intercept is not None
         if slew_done and now_utc_s >= intercept.utc_s - self._lead_s(intercept):
             self.phase = Phase.ACQUIRING
+            if self._passage is not None:
+                self._passage = self._passage.from_instant(now_utc_s)
             return self._follow(now_utc_s, axes)
         if now_utc_s > intercept.utc_s + SLEW_OVERDUE_S:
             self.end("error")

@@ -32,6 +32,14 @@ class Passage:
         self.across = False
         """Whether the mount stands on the other side of the pole than at first, as last foreseen."""
 
+    def from_instant(self, utc_s: float) -> Passage | None:
+        """Return the passage for following that begins at an instant: what began before is not gone through.
+
+        None where nothing is left.
+        """
+        ahead = tuple(detour for detour in self._detours if detour.begin_utc_s > utc_s)
+        return Passage(ahead) if ahead else None
+
     def unfolded(self, sample: StatusSample) -> StatusSample:
         """Return a sample in the axes' sense. What comes before the first detour tells the first side."""
         begun = sample.arrival_utc_s >= self._detours[0].begin_utc_s
