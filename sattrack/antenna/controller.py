@@ -147,7 +147,11 @@ class Controller:
         if request.command.commands_antenna and not self.remote:
             return Refusal(word, Nak.LOCAL)
         handler = _HANDLERS.get(word)
-        answer = Nak.NOT_AVAILABLE if handler is None else handler(self, request, now_ns)
+        try:
+            answer = Nak.NOT_AVAILABLE if handler is None else handler(self, request, now_ns)
+        except TleError:
+            # The elements of what is followed, or is to be, have come to their end.
+            answer = Nak.ELEMENTS_USELESS
         if answer is None:
             return acknowledge(word)
         return Refusal(word, answer) if isinstance(answer, Nak) else answer
@@ -360,8 +364,6 @@ class Controller:
             return self._follow(satellite, request, now_ns)
         except StoreError as error:
             return error.why
-        except TleError:
-            return Nak.ELEMENTS_USELESS
 
     def _bias_satellite(self, request: Request, now_ns: int) -> None:
         bias = self._reckoning.bias = Bias(request.number("along"), request.number("cross"))

@@ -16,6 +16,7 @@ from sattrack.antenna.trajectory import NS, to_ns
 from sattrack.antenna_view import LONGEST_SHOWN, SHOWN_EXCHANGES, AntennaView, AxesView, ExchangeView
 from sattrack.errors import SattrackError
 from sattrack.runtime.realtime import undisturbed
+from sattrack.xerxes.repeats import REPEAT_AFTER_PERIODS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -65,6 +66,7 @@ class AntennaLoop:
                 self._guarded(self._wait_until, due_s - LEAD_S)
                 self._guarded(self._heed)
                 self._guarded(self._tick, due_s)
+                self._guarded(self._repeat, due_s + REPEAT_AFTER_PERIODS * period_s)
                 self._guarded(self._report)
                 ticks += 1
                 if self.show is not None and ticks % SHOW_EVERY_TICKS == 0:
@@ -180,6 +182,13 @@ class AntennaLoop:
             self._serve(ready)
         if connection.guard.beat(datagram):
             connection.link.send(datagram)
+
+    def _repeat(self, due_s: float) -> None:
+        """Send the last datagram once more where the link loses some."""
+        self._wait_until(due_s)
+        datagram = self.station.repeat()
+        if datagram is not None and not (self.stop.asked or self.connection.guard.deposed):
+            self.connection.link.send(datagram)
 
     def _report(self) -> None:
         """Say what has changed: refusals, interlocks, the link."""

@@ -8,10 +8,12 @@ import erfa
 import pytest
 from antenna_setup import NOON_NS, SITE, exchange, make_controller
 
-from sattrack.antenna.celestial import PointingModel
+from sattrack.antenna.celestial import PointingModel, Reduction, SkyPath
+from sattrack.antenna.controller import Doing
 from sattrack.antenna.line import encode
 from sattrack.antenna.sky import AzEl, HaDec, RaDec, Sky
 from sattrack.antenna.trajectory import NS
+from tle.errors import DecayedError
 from tle.instants import Utc
 
 NOON_S = NOON_NS / NS
@@ -212,3 +214,35 @@ def test_a_satellite_that_has_decayed_is_refused_and_what_was_in_force_stays() -
 
 def _checksum(line: str) -> int:
     return sum(int(c) if c.isdigit() else c == "-" for c in line) % 10
+
+
+class EndsAt:
+    """A satellite by elements that end at an instant."""
+
+    def __init__(self, end_s: float) -> None:
+        self.end_s = end_s
+
+    def place(self, utc_s: object, bias: object = None) -> RaDec:
+        if getattr(utc_s, "unix_s", utc_s) > self.end_s:
+            raise DecayedError("it has come down", 6)
+        return RaDec(200.0, 20.0)
+
+
+def test_a_satellite_whose_elements_end_on_the_way_leaves_no_trajectory() -> None:
+    controller = make_controller()
+    reduction = Reduction(controller.antenna.sky, "hadec")
+    controller.path = SkyPath(EndsAt(NOON_S + 10.0), reduction, 0.0)
+    controller.doing = Doing.FOLLOWING
+    assert b"SLEWING" in exchange(controller, encode("PS"), 5.0)
+    assert b" ,, ,, 30" in exchange(controller, encode("PS"), 15.0)
+    assert exchange(controller, encode("STATUS"), 16.0).split()[2] == b"IDLE"
+
+
+def test_a_command_that_needs_elements_that_have_ended_is_refused() -> None:
+    controller = make_controller()
+    for message in [*ISS, "SAT 25544"]:
+        exchange(controller, encode(message), CULMINATION_S)
+    following = controller.path
+    assert isinstance(following, SkyPath)
+    following.target.propagator.at = EndsAt(0.0).place
+    assert exchange(controller, encode("SATOFF 1 0"), CULMINATION_S).startswith(b"SATOFF NAK 14 ")
