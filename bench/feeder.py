@@ -250,7 +250,7 @@ class Bench:
         print(f"{scenario.name:40} {subject.name:8} {figure}   as implied")
         share, true = 100.0 * worst.peak_share, 100.0 * worst.implied_share
         print(
-            f"    at most {share:.0f} % of what rate and interval imply at each instant, with the ordinary peak"
+            f"    at most {share:.0f} % of what rate and interval imply at each instant, ordinary peak added"
         )
         told = worst.announced_arcsec
         print(

@@ -124,9 +124,8 @@ class Observation(msgspec.Struct, frozen=True, tag="observation", forbid_unknown
         if not -90.0 <= self.dec_deg <= 90.0:
             raise ValueError(f"dec_deg {self.dec_deg:g} is outside -90 to 90")
         if not LEAST_SIGMA_ARCSEC <= self.sigma_arcsec <= MOST_SIGMA_ARCSEC:
-            raise ValueError(
-                f"sigma_arcsec {self.sigma_arcsec:g} is outside {LEAST_SIGMA_ARCSEC:g} to {MOST_SIGMA_ARCSEC:g}"
-            )
+            span = f"{LEAST_SIGMA_ARCSEC:g} to {MOST_SIGMA_ARCSEC:g}"
+            raise ValueError(f"sigma_arcsec {self.sigma_arcsec:g} is outside {span}")
 
 
 Message = Nudge | ClearBias | StopNow | OffsetBy | Search | Observation

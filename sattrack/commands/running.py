@@ -156,9 +156,12 @@ def fly_and_tell(
 
 
 def tell_malformed(observers: Observers) -> None:
-    """Say how many lines were no observations, and what was wrong with the last."""
+    """Say how many lines were no observations, what was wrong with the last, and how many were dropped."""
     if observers.malformed:
         words = f"{observers.malformed} lines were no observations; the last: {observers.complaint}"
+        click.echo(f"sattrack: {words}", err=True)
+    if observers.dropped:
+        words = f"{observers.dropped} observations came faster than they can be used, and were dropped"
         click.echo(f"sattrack: {words}", err=True)
 
 

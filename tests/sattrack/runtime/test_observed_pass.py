@@ -169,6 +169,7 @@ def test_a_thousand_at_once_in_real_time_beside_orders_and_udp(tmp_path: Path) -
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
             for _ in range(500):
                 sender.sendto(b"x\n" * 50, ("127.0.0.1", port))
+            until_malformed(run, 100)
             sender.sendto(one, ("127.0.0.1", port))
         run.stdin.write(b"".join(burst).decode())
         run.stdin.flush()
@@ -188,6 +189,16 @@ def test_a_thousand_at_once_in_real_time_beside_orders_and_udp(tmp_path: Path) -
     assert "lines were no observations" in err
     result = replay(Recording(path), lambda spec: build_engine(decode_facts(spec)))
     assert result.divergence is None
+
+
+def until_malformed(run: subprocess.Popen[str], least: int) -> None:
+    """Read views until one warns of so many lines that were nothing; the queue may be full before."""
+    for line in run.stdout or ():
+        for warning in json.loads(line)["warnings"]:
+            count, _, words = warning.partition(" lines were neither messages nor observations")
+            if warning != count and int(count) >= least and not words:
+                return
+    raise AssertionError("nothing was told of lines that were nothing")
 
 
 def searching(run: subprocess.Popen[str]) -> dict[str, Any]:
