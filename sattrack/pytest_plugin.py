@@ -16,6 +16,7 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from sattrack.recording.comparison import Tolerances
     from sattrack.recording.reading import Recording
     from sattrack.recording.replay import Output, Replay
 
@@ -75,24 +76,27 @@ class PassItem(pytest.Item):
 
 
 @pytest.fixture
-def sattrack_pass(request: pytest.FixtureRequest) -> Callable[[str | Path], Replay]:
+def sattrack_pass(request: pytest.FixtureRequest) -> Callable[..., Replay]:
     """A function that replays a recording, fails the test where outputs differ, and returns the result.
 
-    A relative path is looked for beside the test, then in `passes` there, then in `passes` at the root.
+    Tolerances for what another version's code makes of it may follow the path. A relative path is looked for
+    beside the test, then in `passes` there, then in `passes` at the root.
     """
     here = request.path.parent
     folders = (here, here / FOLDER, request.config.rootpath / FOLDER)
 
-    def replay_pass(path: str | Path) -> Replay:
+    def replay_pass(path: str | Path, tolerances: Tolerances | None = None) -> Replay:
         places = [folder / path for folder in folders]
         found = next((place for place in places if place.exists()), places[0])
-        return check_pass(found, request.config)
+        return check_pass(found, request.config, tolerances)
 
     return replay_pass
 
 
-def check_pass(path: Path, config: pytest.Config) -> Replay:
+def check_pass(path: Path, config: pytest.Config, tolerances: Tolerances | None = None) -> Replay:
     """Replay a recording; raise PassDiffersError where it does not come out as expected.
+
+    `tolerances` are for another version's code, whose run is compared by figures.
 
     With the option to update, keep what came out instead.
     """
@@ -104,12 +108,12 @@ def check_pass(path: Path, config: pytest.Config) -> Replay:
     recording, _ = open_recording(path)
     kept = path.with_name(path.stem + EXPECTED)
     outputs: list[Output] = []
-    if config.getoption(UPDATE):
+    if config.getoption(UPDATE, default=False):
         result = replay(recording, engine_of, keep=outputs)
         _keep(kept, recording, result, outputs)
         return result
     expected = Recording(kept) if kept.exists() else None
-    result = replay(recording, engine_of, expected=expected, keep=outputs)
+    result = replay(recording, engine_of, tolerances=tolerances, expected=expected, keep=outputs)
     if not result.agrees:
         lines = [f"{path}:", *replay_lines(result), _plot(path, config, outputs, result)]
         if expected is not None:
