@@ -44,7 +44,8 @@ def axis_range(profile: MountProfile, kind: str) -> AxisRange:
     if kind == "azel":
         return AxisRange(0.0, 0.0, 360.0, 0.0, 90.0)
     limit = profile.hour_angle_limit_deg
-    return AxisRange(-180.0, -limit, limit, -DEC_LIMIT_DEG, DEC_LIMIT_DEG)
+    low, high = profile.dec_axis_limits_deg
+    return AxisRange(-180.0, -limit, limit, max(low, -DEC_LIMIT_DEG), min(high, DEC_LIMIT_DEG))
 
 
 class Station(Feedback):

@@ -91,6 +91,8 @@ def command(context: CommandContext, **options: Any) -> int:
     practising = address is None and not context.has_site()
     site = practice.SITE.place() if practising else context.site()
     clock = context.clock()
+    if clock.speed != 1.0:
+        raise BadInputError("--clock: antcn lives in real time; leave its speed out")
     axes = options["axes"]
     span = axis_range(described.mount, axes)
     antenna = Antenna(
@@ -211,7 +213,7 @@ class Words:
     def __init__(self, leave_at_end: bool = False) -> None:
         self._leave_at_end = leave_at_end
         self._rest = b""
-        self._open = not sys.stdin.closed
+        self._open = sys.stdin is not None and not sys.stdin.closed
 
     def typed(self) -> Sequence[str]:
         """Return the words of the lines that are complete now."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from decimal import Decimal
 
 import antenna as bench
@@ -11,6 +12,7 @@ from antenna_setup import NOON_NS, exchange, make_controller
 
 from sattrack.antenna.antcn import Antcn, Stage, chord, epoch_utc_s, read_position
 from sattrack.antenna.antcn_run import AntcnRun, Phase
+from sattrack.antenna.controller import Controller
 from sattrack.antenna.line import Check, character_time_out_s, encode, idle_time_s
 from sattrack.antenna.trajectory import NS
 
@@ -224,3 +226,23 @@ def test_with_character_time_outs_a_response_that_stops_half_way_is_given_up_at_
     line.receive(b"1", 2.3129)
     assert line.tick(2.3155) == (b"", None)
     assert line.tick(2.316)[0] == b"#"
+
+
+def test_a_controller_with_the_other_check_takes_no_sums() -> None:
+    antenna = replace(make_controller().antenna, check=Check.CRC16)
+    controller = Controller(antenna)
+    assert controller.receive(b"TIME 4F\n", NOON_NS)[0].startswith(b"TIME NAK 1 ")
+    answer, _ = controller.receive(encode("TIME", Check.CRC16), NOON_NS)
+    assert answer.startswith(b"TIME 20728 43200.000000 ")
+    message, check = answer[:-5], answer[-5:-1]
+    assert int(check, 16) == bitwise_crc(message)
+
+
+def bitwise_crc(message: bytes) -> int:
+    """Return the CRC-16 of polynomial 0x1021 from 0xFFFF, a bit at a time."""
+    crc = 0xFFFF
+    for byte in message:
+        crc ^= byte << 8
+        for _ in range(8):
+            crc = (crc << 1 ^ 0x1021 if crc & 0x8000 else crc << 1) & 0xFFFF
+    return crc

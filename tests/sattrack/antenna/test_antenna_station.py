@@ -8,6 +8,7 @@ from decimal import Decimal
 import pytest
 from antenna_harness import VirtualAntenna
 
+from sattrack.antenna.station import axis_range
 from sattrack.mount import MountProfile
 from tle.instants import Utc
 
@@ -246,3 +247,12 @@ def test_a_mount_that_falls_silent_is_told_of_stopped_and_taken_up_again_after_r
     antenna.say("TD 45 20 0 0")
     antenna.run_for(5.0)
     assert position(antenna)["servo"] == "TRACKING"
+
+
+def test_the_axes_limits_are_those_of_the_mounts_profile() -> None:
+    profile = MountProfile(hour_angle_limit_deg=120.0, dec_axis_limits_deg=(-30.0, 190.0))
+    limits = axis_range(profile, "hadec")
+    assert (limits.first_least_deg, limits.first_most_deg) == (-120.0, 120.0)
+    assert (limits.second_least_deg, limits.second_most_deg) == (-30.0, 89.9)
+    # Of both turns only one is within them.
+    assert limits.shortest_turns(230.0, 110.0) == -1

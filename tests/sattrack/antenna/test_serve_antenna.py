@@ -179,6 +179,8 @@ def test_the_operator_at_the_controller_switches_to_local_and_reads_the_last_lin
     [
         (("--port", "70000"), 2, "ports run to 65535"),
         (("--stow", "10"), 2, "write two positions"),
+        (("--clock", "2026-10-02T13:00:00Zx10"), 2, "leave its speed out"),
+        (("--stream", "--console"), 2, "give either"),
         (("--service", "10,95"), 2, "the second to 89.9"),
         (("--serial", "/dev/nowhere"), 1, "cannot be opened"),
         (("--serial", "/dev/null", "--framing", "9X3"), 2, "7E1 or 8N1"),
