@@ -82,11 +82,11 @@ class Biases:
         if self._plain is not None:
             return self._propagator.at(t, self._plain)
         along, cross = self.applied(utc_s)
-        direction = self._propagator.at(t, Bias(along.value, cross.value))
-        if along.rate or cross.rate:
+        direction = self._propagator.at(t, Bias(along.value, cross.value, 0.0, cross.rate, t))
+        if along.rate:
             # A bias with a rate of its own would count the light's way from where that rate has led.
             sooner, later = (
-                self._propagator.at(t, Bias(along.value + s * along.rate, cross.value + s * cross.rate))
+                self._propagator.at(t, Bias(along.value + s * along.rate, cross.value))
                 for s in (-DRIFT_S, DRIFT_S)
             )
             direction = direction.drifting(sooner, later, 2.0 * DRIFT_S)
