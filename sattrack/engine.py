@@ -91,6 +91,8 @@ class Engine:
         self._stop_asked_s: float | None = None
         self._rest_seen_s: float | None = None
         self._commanded: Motion = Hold()
+        self._in_force: Motion = Hold()
+        """What the mount was last told: a mount that takes rates by edges is not told each of them."""
         self._link_state = LinkState.SILENT
         self._counted: set[int] = set()
         self._before: StatusSample | None = None
@@ -116,7 +118,7 @@ class Engine:
         self._before = sample
         self._watch_profile()
         if self.session.status is not None:
-            self.safety.watch(seen_of(self.session.status, arrival_utc_s), self._commanded)
+            self.safety.watch(seen_of(self.session.status, arrival_utc_s), self._in_force)
         if was is not None and 0.0 < seconds < LONGEST_STEP_S:
             self._count(error, sample.counter, seconds)
 
@@ -177,8 +179,10 @@ class Engine:
         datagram = self.session.compose()
         # An edge mount takes new rates only now and then: what counts is what went out.
         if not isinstance(self._commanded, MoveAxes):
+            self._in_force = self._commanded
             self.tracker.note_sent(self._commanded, now_utc_s)
         elif self.session.begun_move is not None:
+            self._in_force = self.session.begun_move
             self.tracker.note_sent(self.session.begun_move, now_utc_s)
         return datagram
 

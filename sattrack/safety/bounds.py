@@ -27,8 +27,7 @@ LOOK_S = 1.0
 RETREAT_DEG_S = 0.05
 RETREAT_STEP_DEG = 0.05
 SAME_DEG = 1e-6
-HELD: dict[str, float] = {}
-"""Margins as they are where the axes are inside of every one."""
+PARTS = (0.25, 0.5, 1.0)
 
 
 class Bounds:
@@ -88,22 +87,45 @@ class Bounds:
                 return region.name
         moves_deg = SIDEREAL_RATE_DEG_S * seconds
         for cone in self._cones:
-            margin = margins.get(cone.name, margin_deg) + moves_deg
+            margin = margins.get(cone.name, margin_deg + moves_deg)
             if cone.clearance(box).least_deg < margin and not is_clear(cone, box, margin):
                 return cone.name
         return None
 
-    def margins_at(self, here: Box) -> dict[str, float]:
-        """Return the margins of those regions to which a box is nearer already: just what it has.
+    def near(self, place: tuple[float, float]) -> dict[str, float]:
+        """Return how far a place is clear of those regions whose margin it does not keep.
 
-        There, axes may move along and away but not nearer. Zones of the pier have no such way out.
+        From there, axes may move along and away but not nearer. Zones of the pier have no such way out.
         """
+        here = Box.between(place, place)
         regions: list[Region] = [*self._fixed, *self._cones]
+        found = {region.name: region.clearance(here).middle_deg for region in regions}
         return {
-            region.name: region.clearance(here).least_deg - SAME_DEG
-            for region in regions
-            if region.clearance(here).least_deg < HOLD_MARGIN_DEG and not _is_struck(region, here)
+            name: clear
+            for name, clear in found.items()
+            if clear < HOLD_MARGIN_DEG and not (name == "pier" and clear < 0.0)
         }
+
+    def leaving(self, place: tuple[float, float]) -> dict[str, float]:
+        """Return margins for a way that begins at a place: no nearer than that where it keeps no margin."""
+        return {name: clear - SAME_DEG for name, clear in self.near(place).items()}
+
+    def comes_nearer(
+        self,
+        near: Mapping[str, float],
+        place: tuple[float, float],
+        rates: tuple[float, float],
+        seconds: float,
+    ) -> str | None:
+        """Return the name of a region of `near` to which rates lead nearer from a place, or None."""
+        for region in (*self._fixed, *self._cones):
+            if region.name not in near:
+                continue
+            for part in PARTS:
+                there = (place[0] + rates[0] * seconds * part, place[1] + rates[1] * seconds * part)
+                if region.clearance(Box.between(there, there)).middle_deg < near[region.name] - SAME_DEG:
+                    return region.name
+        return None
 
     def away(self, name: str, place: tuple[float, float]) -> tuple[float, float] | None:
         """Return rates of the axes that lead away from the Sun or the Moon, None from anything else."""
@@ -137,7 +159,3 @@ class Bounds:
 
     def _is_up(self, body: Body) -> bool:
         return altitude_deg(body.hour_angle_deg, body.dec_deg, self._latitude_deg) > UP_DEG
-
-
-def _is_struck(region: Region, here: Box) -> bool:
-    return region.name == "pier" and region.clearance(here).least_deg < 0.0

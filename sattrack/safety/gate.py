@@ -24,7 +24,7 @@ from sattrack.requests import (
     Sync,
     objection,
 )
-from sattrack.safety.bounds import HELD, INSIDE_MARGIN_DEG, Bounds
+from sattrack.safety.bounds import INSIDE_MARGIN_DEG, Bounds
 from sattrack.safety.geometry import Box, altitude_deg
 from sattrack.safety.held import nearest_rates
 from sattrack.safety.reach import AxisMotion, Delays, reach_deg
@@ -33,6 +33,8 @@ from sattrack.safety.table import ROWS
 from sattrack.safety.watch import BACKWARD_S, Seen, Watch
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from sattrack.safety.limits import SafetyLimits
     from sattrack.safety.route import Place
 
@@ -47,6 +49,8 @@ STEP_SHARE = 2.0
 """A mean rate over a ramp is reached by a command twice as large, so steps may be so much of a ramp."""
 GUIDE_RATE_DEG_S = SIDEREAL_RATE_DEG_S
 """More than any pulse's: the paper's is about half of it."""
+OUTSIDE_PROOF = 3
+"""Axes count as outside when so many clearances in a row find them there: one status may be wrong."""
 SLOWEST_DRIFT_S = 30.0
 """A drift that reaches a limit within this is ended."""
 
@@ -125,6 +129,7 @@ class Safety:
         self._hour_angle_deg: float | None = None
         self._beyond_pole = False
         self._slewing = False
+        self._outside = 0
         self._sent: deque[tuple[float, float, float]] = deque()
         """What was cleared of late: when (UTC), and the rates of both axes."""
         self._newest_utc_s = -math.inf
@@ -287,7 +292,7 @@ class Safety:
         place = self._stance_place(stance)
         rates = self._axis_rates(move, stance.beyond_pole)
         now = (rates, rates)
-        return self._limit_ahead(self._motions(place, now), rates, 0.0, self._margins_at(place))
+        return self._limit_ahead(self._motions(place, now), rates, 0.0, self._bounds.near(place))
 
     def _home_objection(self, request: FindHome, stance: Stance) -> str | None:
         home = self._profile.home
@@ -321,7 +326,7 @@ class Safety:
         place = self._stance_place(stance)
         sense = -1.0 if stance.beyond_pole else 1.0
         end = (place[0] + ha_deg_s * seconds, place[1] + sense * dec_deg_s * seconds)
-        return self._bounds.violated(Box.between(place, end), self._margins_at(place), seconds)
+        return self._bounds.violated(Box.between(place, end), self._bounds.leaving(place), seconds)
 
     def _clear_move(self, move: MoveAxes, place: Place, age_s: float, utc_s: float | None) -> Cleared:
         wish = self._axis_rates(move, self._beyond_pole)
@@ -329,42 +334,31 @@ class Safety:
         self.clamping = self._clipped(wish) != wish
         now = self._in_force(age_s, utc_s)
         motions = self._motions(place, now)
-        name = self._limit_ahead(motions, wanted, age_s, HELD)
-        self.holding = name
-        if name is not None:
-            margins = self._bounds.margins_at(self._reach(motions, REST, age_s))
-            if not self._holds:
-                inward = self._limit_ahead(motions, wanted, age_s, margins)
-                if inward is not None:
-                    return self._trip(inward)
-            else:
-                outside = self._bounds.violated(Box.between(place, place), {}, 0.0, INSIDE_MARGIN_DEG)
-                if outside is not None:
-                    return self._trip(outside)
-                wanted = nearest_rates(
-                    wanted,
-                    math.cos(math.radians(place.dec_deg)),
-                    lambda rates: self._limit_ahead(motions, rates, age_s, margins) is None,
-                )
-                if wanted == REST:
-                    wanted = self._retreat(place, name, motions, age_s, margins)
+        name = self.holding = self._limit_ahead(motions, wanted, age_s, NOTHING_NEAR)
+        if name is None:
+            self._outside = 0
+        elif not self._holds:
+            inward = self._limit_ahead(motions, wanted, age_s, self._bounds.near(place))
+            if inward is not None:
+                return self._trip(inward)
+        else:
+            outside = self._bounds.violated(Box.between(place, place), {}, 0.0, INSIDE_MARGIN_DEG)
+            self._outside = 0 if outside is None else self._outside + 1
+            if outside is not None and self._outside >= OUTSIDE_PROOF:
+                return self._trip(outside)
+            near = self._bounds.near(place)
+            wanted = nearest_rates(
+                wanted,
+                math.cos(math.radians(place.dec_deg)),
+                lambda rates: self._limit_ahead(motions, rates, age_s, near) is None,
+            )
+            away = self._bounds.away(name, place) if wanted == REST else None
+            # What moves by itself towards axes that stand, the Sun or the Moon, is given way to.
+            if away is not None and self._limit_ahead(motions, away, age_s, near) is None:
+                wanted = away
         if utc_s is not None:
             self._sent.append((utc_s, *wanted))
         return Cleared(self._as_move(wanted, move, wish))
-
-    def _retreat(
-        self,
-        place: Place,
-        name: str,
-        motions: tuple[AxisMotion, AxisMotion],
-        age_s: float,
-        margins: dict[str, float],
-    ) -> tuple[float, float]:
-        """Return rates that keep away from what moves towards axes that stand: the Sun, the Moon."""
-        rates = self._bounds.away(name, place)
-        if rates is None or self._limit_ahead(motions, rates, age_s, margins) is not None:
-            return REST
-        return rates
 
     def _as_move(self, rates: tuple[float, float], move: MoveAxes, wish: tuple[float, float]) -> MoveAxes:
         if rates == wish:
@@ -423,11 +417,20 @@ class Safety:
         motions: tuple[AxisMotion, AxisMotion],
         rates: tuple[float, float],
         age_s: float,
-        margins: dict[str, float],
+        near: Mapping[str, float],
     ) -> str | None:
-        """Return the limit that these rates may pass before a stop can hold the axes, or None."""
+        """Return the limit that these rates may pass before a stop can hold the axes, or None.
+
+        `near` are the limits whose margin the axes have used up, and what is left: rates must not lead nearer
+        to them, nor past them by what is under way.
+        """
         seconds = self._latency_s + self._limits.longest_fault_s
-        return self._bounds.violated(self._reach(motions, rates, age_s), margins, seconds)
+        margins = {name: 0.0 if clear >= 0.0 else -math.inf for name, clear in near.items()}
+        name = self._bounds.violated(self._reach(motions, rates, age_s), margins, seconds)
+        if name is None and near:
+            place = (motions[0].position_deg, motions[1].position_deg)
+            name = self._bounds.comes_nearer(near, place, rates, seconds)
+        return name
 
     def _reach(self, motions: tuple[AxisMotion, AxisMotion], rates: tuple[float, float], age_s: float) -> Box:
         """Return where the axes may come under these rates before a stop can hold them."""
@@ -435,10 +438,6 @@ class Safety:
         ha = reach_deg(motions[0], rates[0], delays, self._profile.ra.max_acceleration_deg_s2)
         dec = reach_deg(motions[1], rates[1], delays, self._profile.dec.max_acceleration_deg_s2)
         return Box(*ha, *dec)
-
-    def _margins_at(self, place: Place) -> dict[str, float]:
-        """Return the margins for axes that stand: nearer to a limit already, they may come no nearer."""
-        return self._bounds.margins_at(Box.between(place, place))
 
     def _axis_rates(self, move: MoveAxes, beyond_pole: bool) -> tuple[float, float]:
         sense = -1.0 if beyond_pole else 1.0
@@ -480,6 +479,7 @@ class Safety:
 
 
 REST = (0.0, 0.0)
+NOTHING_NEAR: Mapping[str, float] = {}
 NO_SUN = (
     "where the Sun is cannot be told without a site: give --site LAT,LON,HEIGHT, or say optical = false "
     "under [safety] where there are no optics"

@@ -10,9 +10,9 @@ if TYPE_CHECKING:
 
     Rates = tuple[float, float]
 
-TURNS_DEG = (0.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0, 80.0, -80.0)
+TURNS_DEG = (0.0, 30.0, -30.0, 60.0, -60.0, 80.0, -80.0)
 """Directions on the sky, from that of the wish, that are tried; farther away nothing is gained."""
-HALVINGS = 7
+HALVINGS = 5
 GOOD_ENOUGH = 0.9
 
 

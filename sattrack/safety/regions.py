@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from sattrack.safety.bodies import Body
     from sattrack.safety.limits import HorizonPoint
 
-SMALLEST_DEG = 0.02
+SMALLEST_DEG = 0.05
 MOST_BOXES = 4000
 """A box that takes more halvings than this to be judged counts as not clear."""
 SKYLINE_CELL_DEG = 0.5
@@ -116,6 +116,8 @@ class Skyline:
         middle = box.middle
         azimuth = azimuth_deg(middle.ha_low_deg, middle.dec_low_deg, self._latitude_deg)
         own = altitude - self._altitude_deg(azimuth)
+        if not box.radius_deg:
+            return Clearance(own, own)
         return Clearance(least - self._highest_within(azimuth, altitude, box.radius_deg), own)
 
     def _highest_within(self, azimuth: float, altitude: float, radius_deg: float) -> float:

@@ -37,7 +37,28 @@ HANDSHAKE_S = 2.0
 RAMP = 1.5
 """A slew brakes more gently than it can, by so much."""
 MOST_TRIED = 40
-RINGS_DEG = (0.6, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 10.0, 12.0, 15.0, 18.0, 22.0, 26.0, 30.0, 40.0, 50.0)
+RINGS_DEG = (
+    0.6,
+    1.0,
+    1.5,
+    2.0,
+    3.0,
+    4.0,
+    6.0,
+    8.0,
+    10.0,
+    12.0,
+    15.0,
+    18.0,
+    22.0,
+    26.0,
+    30.0,
+    40.0,
+    50.0,
+    65.0,
+    80.0,
+    100.0,
+)
 RING_PLACES = 24
 WAIT_MARGIN_DEG = 0.25
 PIECES = 24
@@ -145,8 +166,8 @@ def reachable(profile: MountProfile, latitude_deg: float) -> list[Place]:
     return [axes_of(float(h), float(d), profile, latitude_deg) for h in hours for d in decs]
 
 
-def nearest_clear(goal: Place, latitude_deg: float, profile: MountProfile, judge: Judge) -> Place | None:
-    """Return the place nearest to a goal, on rings about it, where the mount can wait; None if none is."""
+def clear_places(goal: Place, latitude_deg: float, profile: MountProfile, judge: Judge) -> Iterator[Place]:
+    """Yield places where the mount can wait, on rings about a goal, the nearest first."""
     hour_angle, dec = direction_of(goal)
     widen = 1.0 / max(0.05, math.cos(math.radians(dec)))
     for ring in RINGS_DEG:
@@ -161,8 +182,7 @@ def nearest_clear(goal: Place, latitude_deg: float, profile: MountProfile, judge
                 WAIT_MARGIN_DEG, 2.0 * WAIT_MARGIN_DEG, WAIT_MARGIN_DEG, WAIT_MARGIN_DEG
             )
             if judge(box, 0.0) is None:
-                return there
-    return None
+                yield there
 
 
 class _Grid:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from sattrack.mount import MountProfile, SlewTo
+from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile, SlewTo
 from sattrack.safety.geometry import Box, separation_deg
 
 if TYPE_CHECKING:
     from sattrack.safety.bounds import Bounds
-    from sattrack.safety.route import Place
+    from sattrack.safety.route import Judge, Place, Route
     from sattrack.safety.watch import Seen
 
 THERE_DEG = 0.1
+WAITS_S = 20.0
 STRAYED_DEG = 1.0
 STRAYED_STATUSES = 3
 
@@ -72,35 +73,53 @@ class SlewGate:
 
         Where the target itself is past a limit and `waits`, the way is to the nearest place that is not.
         """
-        from sattrack.safety.route import axes_of, direction_of, find_route, nearest_clear
+        from sattrack.safety.route import axes_of, direction_of, slew_s
 
         if self.objection(target, sidereal_deg, place) is None:
             return (target,)
         goal = axes_of(sidereal_deg - target.ra_deg, target.dec_deg, self._profile, self._latitude_deg)
-        leaving = self._bounds.margins_at(Box.between(place, place))
+        leaving = self._bounds.leaving(place)
 
         def judge(box: Box, seconds: float) -> str | None:
             return self._bounds.violated(box, {}, seconds)
 
-        in_goal = judge(Box.between(goal, goal), 0.0)
-        if in_goal is not None:
-            beside = nearest_clear(goal, self._latitude_deg, self._profile, judge) if waits else None
-            if beside is None:
-                return in_goal
-            goal = beside
-        found = find_route(
-            place,
-            goal,
-            self._profile,
-            judge,
-            lambda box, seconds: self._bounds.violated(box, leaving, seconds),
-            self._latitude_deg,
-        )
+        def judge_leaving(box: Box, seconds: float) -> str | None:
+            return self._bounds.violated(box, leaving, seconds)
+
+        # The mount tracks the sky there until it follows.
+        drift_deg = SIDEREAL_RATE_DEG_S * (slew_s(place, goal, self._profile) + WAITS_S)
+        in_goal = judge(Box.between(goal, goal).grown(0.0, drift_deg if waits else 0.0, 0.0, 0.0), 0.0)
+        goals = self._beside(place, goal, judge, judge_leaving) if in_goal is not None and waits else [goal]
+        if in_goal is not None and not goals:
+            return in_goal
+        found = self._first_route(place, goals, judge, judge_leaving)
         if found.blocked_by is not None:
             return found.blocked_by
         legs = [direction_of(leg) for leg in found.legs]
         slews = [SlewTo((sidereal_deg - ha) % 360.0, dec) for ha, dec in legs]
         return tuple(slews) if in_goal is not None else (*slews[:-1], target)
+
+    def _beside(self, place: Place, goal: Place, judge: Judge, leaving: Judge) -> list[Place]:
+        """Return where to wait instead: the nearest place, and the nearest that is reached straight on."""
+        from sattrack.safety.route import blocked, clear_places
+
+        found: list[Place] = []
+        for beside in clear_places(goal, self._latitude_deg, self._profile, judge):
+            if not found:
+                found.append(beside)
+            if blocked(place, beside, self._profile, leaving) is None:
+                return [*found, beside]
+        return found
+
+    def _first_route(self, place: Place, goals: list[Place], judge: Judge, leaving: Judge) -> Route:
+        from sattrack.safety.route import Route, find_route
+
+        found = Route((), None)
+        for goal in goals:
+            found = find_route(place, goal, self._profile, judge, leaving, self._latitude_deg)
+            if found.blocked_by is None:
+                break
+        return found
 
     def objection(self, target: SlewTo, sidereal_deg: float, place: Place) -> str | None:
         """Return the name of the row that the straight way to a target is not clear of, or None."""
@@ -113,7 +132,7 @@ class SlewGate:
         """Return the name of the row that the way between two places is not clear of, or None."""
         from sattrack.safety.route import Place, blocked
 
-        leaving = self._bounds.margins_at(Box.between(place, place))
+        leaving = self._bounds.leaving(place)
         end = Place(*goal)
         at_end = self._bounds.violated(Box.between(end, end), {}, 0.0)
         if at_end is not None:

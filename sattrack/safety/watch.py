@@ -104,7 +104,8 @@ class Watch:
             for c, m in pairs
         )
         self._disobeyed_s = self._disobeyed_s + seconds if disobeyed else 0.0
-        if self._disobeyed_s > DISOBEDIENT_FOR_S + self._fault_s * (self._fault_s > DISOBEDIENT_FOR_S):
+        # A command that is lost is not disobeyed.
+        if self._disobeyed_s > DISOBEDIENT_FOR_S + self._fault_s:
             return "obedience"
         return "obedience" if self._strays(moved, commanded, seconds) else None
 

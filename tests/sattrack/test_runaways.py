@@ -74,7 +74,7 @@ def test_the_cables_turns_are_remembered_after_a_stop() -> None:
 
 def test_a_mount_that_runs_away_is_stopped() -> None:
     safety = Safety(PROFILE, DARK, 52.0)
-    for turn in range(40):
+    for turn in range(60):
         sidereal_deg = turn * 0.05 * SIDEREAL_RATE_DEG_S
         safety.watch(Seen(None, sidereal_deg, 360.0 - 5.0 * 0.05 * turn, 40.0), MoveAxes(0.1, 0.0))
     assert safety.tripped == "obedience"

@@ -1,0 +1,44 @@
+"""Random passes with random limits, mounts and faults: what the true axes do, by a judge of its own."""
+
+from __future__ import annotations
+
+import pytest
+import safety_run
+from safety_draws import Judged, draw, fly
+
+from sattrack.safety import bounds, gate
+
+SHORT_S = 45.0
+RUNS = 50
+FOUND_WITHIN = 40
+"""Runs within which a row that is left out must show."""
+
+
+def flown(seed: int, longest_s: float = SHORT_S) -> tuple[str, Judged]:
+    drawn = draw(seed, longest_s)
+    return drawn.words, fly(drawn)
+
+
+@pytest.mark.parametrize("part", range(5))
+def test_no_limit_is_passed_and_every_run_ends_at_rest(part: int) -> None:
+    share = RUNS // 5
+    for seed in range(part * share, (part + 1) * share):
+        words, judged = flown(seed)
+        assert not judged.violated, (words, judged.nearest_deg)
+        assert judged.at_rest, words
+
+
+@pytest.mark.soak
+def test_no_limit_is_passed_in_two_thousand_runs_of_up_to_ten_minutes() -> None:
+    for seed in range(1_000_000, 1_002_000):
+        words, judged = flown(seed, 600.0)
+        assert not judged.violated, (words, judged.nearest_deg)
+        assert judged.at_rest, words
+
+
+@pytest.mark.parametrize("row", ["hour_angle", "sun"])
+def test_a_row_that_is_left_out_is_missed(row: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    for module, name in ((bounds, "fixed_regions"), (gate, "reach_deg"), (bounds.Bounds, "look")):
+        monkeypatch.setattr(module, name, getattr(module, name))
+    safety_run.without(row)
+    assert any(row in flown(seed)[1].violated for seed in range(FOUND_WITHIN))

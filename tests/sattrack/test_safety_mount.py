@@ -1,0 +1,310 @@
+"""Every limit against a mount that is driven at it: the true axes never pass it, with and without faults."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import erfa
+import msgspec
+import pytest
+from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, NEVER, T0, Span, Stand, axis_speed_deg_s, steadily
+
+from sattrack.mount import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, MoveAxes, PierZone, SlewTo
+from sattrack.safety import SafetyLimits, bounds
+from sattrack.safety.reach import standstill_s
+from sattrack.xerxes.simulator.facts import StartPosition
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sattrack.xerxes.simulator.mount import Truth
+
+DARK = SafetyLimits(optical=False)
+LATENCY_S = 0.2004
+
+
+def direction(truth: Truth) -> tuple[float, float, float]:
+    return vector(truth.hour_angle_axis_deg, truth.dec_axis_deg)
+
+
+def vector(ha_deg: float, dec_deg: float) -> tuple[float, float, float]:
+    h, d = math.radians(ha_deg), math.radians(dec_deg)
+    return math.cos(d) * math.cos(h), math.cos(d) * math.sin(h), math.sin(d)
+
+
+def angle_deg(one: tuple[float, ...], other: tuple[float, ...]) -> float:
+    return math.degrees(math.acos(max(-1.0, min(1.0, sum(a * b for a, b in zip(one, other, strict=True))))))
+
+
+def altitude(truth: Truth, _: float) -> float:
+    return 90.0 - angle_deg(direction(truth), vector(0.0, LATITUDE_DEG))
+
+
+def body_place(x: float, y: float, z: float, utc_s: float) -> tuple[float, float]:
+    """Hour angle and declination of a vector of date, by ERFA's own sidereal time."""
+    ra = math.degrees(math.atan2(y, x))
+    sidereal = math.degrees(erfa.gmst82(2440587.5, utc_s / 86400.0)) + LONGITUDE_DEG
+    return sidereal - ra, math.degrees(math.atan2(z, math.hypot(x, y)))
+
+
+def sun_place(utc_s: float) -> tuple[float, float]:
+    """The Astronomical Almanac's low-precision Sun, good to 0.01°."""
+    days = utc_s / 86400.0 - 10957.5
+    anomaly = math.radians(357.528 + 0.9856003 * days)
+    longitude = 280.460 + 0.9856474 * days + 1.915 * math.sin(anomaly) + 0.020 * math.sin(2.0 * anomaly)
+    x, y = math.cos(math.radians(longitude)), math.sin(math.radians(longitude))
+    tilt = math.radians(23.439)
+    return body_place(x, math.cos(tilt) * y, math.sin(tilt) * y, utc_s)
+
+
+def from_sun(truth: Truth, t: float) -> float:
+    return angle_deg(direction(truth), vector(*sun_place(T0 + t)))
+
+
+SUN_HA, SUN_DEC = sun_place(T0)
+HILL = ((0.0, 0.0), (90.0, 5.0), (170.0, 5.0), (170.0, 25.0), (190.0, 25.0), (190.0, 5.0), (270.0, 0.0))
+ZONE = PierZone("north", ((-40.0, 50.0), (40.0, 50.0), (0.0, 80.0)))
+
+
+def from_zone(truth: Truth, _: float) -> float:
+    """Below the zone's lower edge, as long as the hour angle stays inside it."""
+    assert abs(truth.hour_angle_axis_deg) < 30.0
+    return 50.0 - truth.dec_axis_deg
+
+
+ROWS: dict[str, tuple[Stand, Callable[[Truth, float], float], float]] = {
+    "altitude": (
+        Stand(
+            steadily(0.0, -5.0),
+            SafetyLimits(floor_altitude_deg=10.0, optical=False),
+            StartPosition(0.0, 20.0),
+        ),
+        altitude,
+        10.0,
+    ),
+    "horizon": (
+        Stand(
+            steadily(0.0, -5.0),
+            SafetyLimits(
+                optical=False,
+                horizon=HILL,
+            ),
+            StartPosition(0.0, 30.0),
+        ),
+        altitude,
+        25.0,
+    ),
+    "hour_angle": (
+        Stand(steadily(6.0, 0.0), DARK, StartPosition(0.0, 40.0), MountProfile(hour_angle_limit_deg=40.0)),
+        lambda truth, _: 40.0 - truth.hour_angle_axis_deg,
+        0.0,
+    ),
+    "declination": (
+        Stand(
+            steadily(0.0, 6.0),
+            DARK,
+            StartPosition(0.0, 20.0),
+            MountProfile(dec_axis_limits_deg=(-40.0, 60.0)),
+        ),
+        lambda truth, _: 60.0 - truth.dec_axis_deg,
+        0.0,
+    ),
+    "pier": (
+        Stand(steadily(0.0, 4.0), DARK, StartPosition(0.0, 20.0), MountProfile(pier_zones=(ZONE,))),
+        from_zone,
+        0.0,
+    ),
+    "sun": (
+        Stand(steadily(4.0, 0.0), SafetyLimits(), StartPosition(SUN_HA % 360.0 - 40.0, SUN_DEC)),
+        from_sun,
+        15.0,
+    ),
+}  # fmt: skip
+
+
+def flown(name: str, deaf: Span = NEVER, silent: Span = NEVER, seconds: float = 20.0) -> Stand:
+    stand = ROWS[name][0]
+    return replace(stand, truths=[], sent=[], met_s=None, deaf=deaf, silent=silent).run(seconds)
+
+
+def nearest(name: str, stand: Stand) -> float:
+    _, measure, bound = ROWS[name]
+    return min(measure(truth, t) for t, truth in stand.truths) - bound
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_the_true_axes_are_held_just_inside_each_limit(name: str) -> None:
+    stand = flown(name)
+    assert stand.safety.holding == name
+    assert stand.safety.tripped is None
+    assert 0.0 <= nearest(name, stand) < 1.0
+
+
+@pytest.mark.parametrize("name", ROWS)
+@pytest.mark.parametrize("begin_s", [1.0, 2.5, 3.2, 4.0, 6.0])
+@pytest.mark.parametrize("way", ["deaf", "silent", "cut"])
+def test_the_longest_fault_at_any_time_passes_no_limit(name: str, begin_s: float, way: str) -> None:
+    span = (begin_s, begin_s + 1.0)
+    stand = flown(
+        name, deaf=NEVER if way == "silent" else span, silent=NEVER if way == "deaf" else span, seconds=12.0
+    )
+    assert nearest(name, stand) >= 0.0
+
+
+@pytest.mark.parametrize("name", ROWS)
+def test_without_its_row_each_limit_is_passed(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = bounds.fixed_regions
+    monkeypatch.setattr(
+        bounds, "fixed_regions", lambda *a: [region for region in whole(*a) if region.name != name]
+    )
+    if name == "sun":
+        monkeypatch.setattr(bounds.Bounds, "look", lambda *_: True)
+    assert nearest(name, flown(name)) < 0.0
+
+
+def test_without_the_longest_fault_a_limit_is_passed_when_commands_are_lost() -> None:
+    stand = ROWS["hour_angle"][0]
+    careless = msgspec.structs.replace(stand.limits, longest_fault_s=0.0)
+    lost = replace(stand, limits=careless, truths=[], sent=[], deaf=(5.4, 6.9)).run(12.0)
+    assert nearest("hour_angle", lost) < 0.0
+
+
+@pytest.mark.parametrize("name", [name for name in ROWS if name != "sun"])
+def test_a_hold_brings_the_axes_to_creep_within_its_promise(name: str) -> None:
+    """Held, axes close up to the limit ever more slowly: to half the rate within the promised standstill."""
+    stand = flown(name)
+    assert stand.met_s is not None
+    speeds = {t: axis_speed_deg_s(truth) for t, truth in stand.truths}
+    promise = standstill_s(6.0, LATENCY_S, 10.0)
+    before = max(speed for t, speed in speeds.items() if t <= stand.met_s)
+    later = [speed for t, speed in speeds.items() if t >= stand.met_s + promise]
+    assert max(later) < before
+    assert speeds[max(speeds)] < 0.02
+
+
+@pytest.mark.parametrize("rate", [0.5, 3.0, 6.0])
+@pytest.mark.parametrize("lost_s", [0.0, 1.0])
+def test_a_stop_stands_within_its_promise(rate: float, lost_s: float) -> None:
+    """By hand the limit stops the mount: abort, axes at rest; lost datagrams come on top."""
+    stand = Stand(steadily(rate, 0.0), DARK, StartPosition(-30.0, 40.0), holds=False)
+    stand.profile = MountProfile(hour_angle_limit_deg=40.0)
+    stand = replace(stand, real=MountProfile())
+    probe = replace(stand, truths=[], sent=[]).run(70.0 / rate)
+    assert probe.safety.tripped == "hour_angle"
+    assert probe.met_s is not None
+    cut = (probe.met_s, probe.met_s + lost_s)
+    stopped = replace(stand, truths=[], sent=[], deaf=cut).run(70.0 / rate)
+    assert stopped.standstill_s <= standstill_s(rate, LATENCY_S, 10.0) + lost_s
+    assert max(truth.hour_angle_axis_deg for _, truth in stopped.truths) <= 40.0
+
+
+def test_a_rate_beyond_the_axis_is_cut() -> None:
+    stand = Stand(steadily(18.0, 0.0), DARK, StartPosition(-100.0, 40.0)).run(3.0)
+    assert max(axis_speed_deg_s(truth) for _, truth in stand.truths) <= 6.0 + 1e-9
+
+
+def test_a_mount_that_turns_the_wrong_way_is_stopped() -> None:
+    real = MountProfile(ra_rate_sign=-1)
+    stand = Stand(steadily(2.0, 0.0), DARK, StartPosition(0.0, 40.0), real=real).run(6.0)
+    assert stand.safety.tripped == "obedience"
+    assert axis_speed_deg_s(stand.truths[-1][1]) < 1e-3
+    assert abs(stand.truths[-1][1].hour_angle_axis_deg) < 6.0
+
+
+def test_a_mount_that_is_silent_for_too_long_is_stopped() -> None:
+    stand = Stand(steadily(1.0, 0.0), DARK, StartPosition(-60.0, 40.0), silent=(2.0, 9.0)).run(9.0)
+    assert stand.safety.tripped == "status_age"
+    assert axis_speed_deg_s(stand.truths[-1][1]) < 1e-3
+
+
+def test_a_mount_whose_clock_is_set_far_off_is_stopped() -> None:
+    stand = Stand(steadily(0.5, 0.0), DARK, StartPosition(-60.0, 40.0))
+    stand.run(2.0)
+    stand.mount.step_clock(100.0)
+    stand.run(4.0)
+    assert stand.safety.tripped == "clock"
+
+
+def test_a_drive_that_draws_too_much_is_stopped() -> None:
+    weak = AxisLimits(max_current_a=0.4)
+    profile = MountProfile(ra=weak)
+    stand = Stand(steadily(1.0, 0.0), DARK, StartPosition(-60.0, 40.0), profile).run(4.0)
+    assert stand.safety.tripped == "current"
+    assert axis_speed_deg_s(stand.truths[-1][1]) < 1e-3
+
+
+def test_a_number_that_is_none_stops_the_mount() -> None:
+    stand = Stand(lambda t: MoveAxes(math.nan if t > 1.0 else 1.0, 0.0), DARK, StartPosition(0.0, 40.0)).run(
+        4.0
+    )
+    assert stand.safety.tripped == "command"
+    assert axis_speed_deg_s(stand.truths[-1][1]) < 1e-3
+
+
+def across_the_sun() -> tuple[Stand, SlewTo]:
+    """A slew from one side of the Sun to the other at its declination: its straight way leads through it."""
+    ha = (SUN_HA + 180.0) % 360.0 - 180.0
+    start = StartPosition(ha - 40.0, SUN_DEC + 2.0)
+    sidereal = math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + LONGITUDE_DEG
+    target = SlewTo((sidereal - (ha + 30.0)) % 360.0, SUN_DEC + 2.0)
+    return Stand(lambda _: target, SafetyLimits(), start), target
+
+
+def test_a_slew_across_the_sun_goes_round_it_and_arrives() -> None:
+    stand, target = across_the_sun()
+    stand.run(60.0)
+    assert stand.safety.tripped is None
+    assert min(from_sun(truth, t) for t, truth in stand.truths) >= 15.0
+    last = stand.truths[-1][1]
+    assert abs(math.remainder(last.ra_deg - target.ra_deg, 360.0)) < 0.01
+    assert abs(last.dec_deg - target.dec_deg) < 0.01
+
+
+def test_the_same_slew_without_optics_goes_straight_through() -> None:
+    stand, _ = across_the_sun()
+    straight = replace(stand, limits=DARK, truths=[], sent=[]).run(30.0)
+    assert min(from_sun(truth, t) for t, truth in straight.truths) < 5.0
+
+
+def test_by_hand_a_slew_across_the_sun_never_begins() -> None:
+    stand, _ = across_the_sun()
+    refused = replace(stand, holds=False, truths=[], sent=[]).run(10.0)
+    assert refused.safety.tripped == "sun"
+    assert min(from_sun(truth, t) for t, truth in refused.truths) > 30.0
+
+
+def test_a_target_inside_the_cone_is_waited_for_beside_it() -> None:
+    ha = (SUN_HA + 180.0) % 360.0 - 180.0
+    sidereal = math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + LONGITUDE_DEG
+    target = SlewTo((sidereal - ha - 5.0) % 360.0, SUN_DEC)
+    stand = Stand(lambda _: target, SafetyLimits(), StartPosition(ha - 60.0, SUN_DEC + 10.0)).run(60.0)
+    assert stand.safety.tripped is None
+    assert stand.safety.on_last_leg
+    assert min(from_sun(truth, t) for t, truth in stand.truths) >= 15.0
+    assert from_sun(stand.truths[-1][1], 60.0) < 20.0
+
+
+def test_axes_held_beside_the_sun_give_way_as_it_comes() -> None:
+    """West of the telescope's way the Sun moves on; east of it, it comes nearer by 15° an hour."""
+    ha = (SUN_HA + 180.0) % 360.0 - 180.0
+    # A wish to stay where the axes are, 15.5° west of the Sun: it arrives there in two minutes.
+    stand = Stand(steadily(0.0, 0.0), SafetyLimits(), StartPosition(ha + 15.5, SUN_DEC)).run(300.0)
+    assert stand.safety.tripped is None
+    assert min(from_sun(truth, t) for t, truth in stand.truths) >= 15.0
+    assert stand.truths[-1][1].hour_angle_axis_deg > ha + 16.0
+
+
+def test_the_sky_goes_on_below_a_horizon_that_the_mount_is_held_at() -> None:
+    """A target that sinks behind a hill and rises again is met again: the wish leads down, then up."""
+    stand = replace(
+        ROWS["altitude"][0],
+        truths=[],
+        sent=[],
+        wish=lambda t: MoveAxes(SIDEREAL_RATE_DEG_S, -5.0 if t < 12.0 else 2.0),
+    ).run(20.0)
+    low = min(altitude(truth, 0.0) for _, truth in stand.truths)
+    assert 10.0 <= low < 11.0
+    assert altitude(stand.truths[-1][1], 0.0) > 20.0
+    assert stand.safety.tripped is None
