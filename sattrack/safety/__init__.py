@@ -4,11 +4,17 @@
 takes motions in no other form.
 """
 
-from sattrack.safety.gate import Cleared, ClearedRequest, Safety, Stance, park_objection
-from sattrack.safety.geometry import altitude_deg, separation_deg
-from sattrack.safety.limits import SUN_CONE_DEG, SafetyLimits
-from sattrack.safety.table import INTERLOCKS, ROWS, Interlock, Reaction
-from sattrack.safety.watch import Seen
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from sattrack.safety.gate import Cleared, ClearedRequest, Safety, Stance, park_objection
+    from sattrack.safety.geometry import altitude_deg, separation_deg
+    from sattrack.safety.limits import SUN_CONE_DEG, SafetyLimits
+    from sattrack.safety.table import INTERLOCKS, ROWS, Interlock, Reaction
+    from sattrack.safety.watch import Seen
 
 __all__ = [
     "INTERLOCKS",
@@ -26,3 +32,27 @@ __all__ = [
     "park_objection",
     "separation_deg",
 ]
+
+_HOMES = {
+    "INTERLOCKS": "table",
+    "ROWS": "table",
+    "SUN_CONE_DEG": "limits",
+    "Cleared": "gate",
+    "ClearedRequest": "gate",
+    "Interlock": "table",
+    "Reaction": "table",
+    "Safety": "gate",
+    "SafetyLimits": "limits",
+    "Seen": "watch",
+    "Stance": "gate",
+    "altitude_deg": "geometry",
+    "park_objection": "gate",
+    "separation_deg": "geometry",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name on first use: settings hold limits, and most commands move nothing."""
+    if name not in _HOMES:
+        raise AttributeError(f"module 'sattrack.safety' has no attribute {name!r}")
+    return getattr(import_module(f"sattrack.safety.{_HOMES[name]}"), name)
