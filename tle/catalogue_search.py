@@ -217,13 +217,21 @@ def _by_threads(search: CatalogueSearch, chunks: list[Chunk], workers: int) -> I
     from concurrent.futures import ThreadPoolExecutor, as_completed
 
     with ThreadPoolExecutor(workers) as pool:
-        flying = [pool.submit(search.run, chunk) for chunk in chunks]
+        flying = [pool.submit(search.run, chunk) for chunk in _mixed(chunks)]
         try:
             for done in as_completed(flying):
                 yield done.result()
         finally:
             for waiting in flying:
                 waiting.cancel()
+
+
+def _mixed(chunks: list[Chunk]) -> list[Chunk]:
+    """Return chunks with those of deep space spread among the rest: they hold the interpreter's lock."""
+    deep = [chunk for chunk in chunks if chunk.near is None]
+    near = [chunk for chunk in chunks if chunk.near is not None]
+    places = [((k + 0.5) / len(part), chunk) for part in (deep, near) for k, chunk in enumerate(part)]
+    return [chunk for _, chunk in sorted(places, key=lambda place: place[0])]
 
 
 def _by_processes(search: CatalogueSearch, chunks: list[Chunk], workers: int) -> Iterator[Found]:
