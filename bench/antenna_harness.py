@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sattrack import practice
 from sattrack.antenna.equipment import Antenna
-from sattrack.antenna.focus import Focus
+from sattrack.antenna.focus import SimulatedFocuser
 from sattrack.antenna.line import encode
 from sattrack.antenna.sky import Sky
 from sattrack.antenna.station import Station, axis_range
@@ -47,7 +47,7 @@ class VirtualAntenna:
     def __post_init__(self) -> None:
         sky = Sky(SITE)
         span = axis_range(self.profile, self.axes)
-        antenna = Antenna(sky, self.axes, span, self.stow, self.service, Focus(), self.refraction)
+        antenna = Antenna(sky, self.axes, span, self.stow, self.service, SimulatedFocuser(), self.refraction)
         self.sky = sky
         self.station = Station(antenna, self.profile, self.limits)
         site = SimulatedSite(SITE.latitude_deg, SITE.longitude_deg, SITE.height_m)

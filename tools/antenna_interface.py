@@ -11,7 +11,7 @@ from pathlib import Path
 
 from sattrack.antenna.controller import Controller
 from sattrack.antenna.equipment import Antenna, Feedback
-from sattrack.antenna.focus import Focus, FocusAxis
+from sattrack.antenna.focus import FocusAxis, SimulatedFocuser
 from sattrack.antenna.line import encode
 from sattrack.antenna.sky import Sky
 from sattrack.antenna.trajectory import NS, AxisRange, AxisState
@@ -108,7 +108,7 @@ def dialogue() -> str:
         AxisRange(-180.0, -200.0, 200.0, -89.9, 89.9),
         stow=(0.0, 80.0),
         service=(-45.0, 10.0),
-        focus=Focus((FocusAxis(), FocusAxis())),
+        focuser=SimulatedFocuser((FocusAxis(), FocusAxis())),
     )
     controller = Controller(antenna, StandsStill())
     lines = []

@@ -64,6 +64,7 @@ class Exchange:
     utc_ns: int
     received: str
     answered: str
+    refused: Nak | None = None
 
 
 @dataclass(slots=True)
@@ -111,15 +112,17 @@ class Controller:
         """Forget half a line: whoever sent it is gone. The trajectory stays in force."""
         self._framer.reset()
 
-    def switch(self, remote: bool) -> None:
-        """Put the controller in remote or in local; local ends the trajectory."""
+    def switch(self, remote: bool, now_ns: int) -> None:
+        """Put the controller in remote or in local; local ends the trajectory and stops the focus."""
         self.remote = remote
         if not remote:
-            self._rest()
+            self.stop(now_ns)
 
-    def stop(self) -> None:
-        """End the trajectory, as STOP does, whoever asks."""
+    def stop(self, now_ns: int) -> None:
+        """End the trajectory and stop the focus, for the operator at the controller."""
         self._rest()
+        if self.antenna.focuser is not None:
+            self.antenna.focuser.stop(now_ns)
 
     def reset(self) -> None:
         """Have what an interlock has stopped made ready again, as RESET does, whoever asks."""
@@ -128,15 +131,16 @@ class Controller:
 
     def _answer(self, line: Line, now_ns: int) -> bytes:
         if line.fault is not None:
-            why = Nak.TRANSMISSION if line.fault is LineFault.TRANSMISSION else Nak.TOO_LONG
-            result: str | Refusal = Refusal(word_of(line.message), why)
+            fault = Nak.TRANSMISSION if line.fault is LineFault.TRANSMISSION else Nak.TOO_LONG
+            result: str | Refusal = Refusal(word_of(line.message), fault)
         else:
             result = self._obey(line.message, now_ns)
+        why = None
         if isinstance(result, Refusal):
             self.refused += 1
-            self.last_refusal = result.why
+            why = self.last_refusal = result.why
             result = result.message
-        self.exchanges.append(Exchange(now_ns, line.message, result))
+        self.exchanges.append(Exchange(now_ns, line.message, result, why))
         return encode(result, self.antenna.check)
 
     def _obey(self, message: str, now_ns: int) -> str | Refusal:
@@ -380,7 +384,7 @@ class Controller:
         self._held = way
 
     def _focus(self, request: Request, now_ns: int) -> str | Nak | None:
-        return focus_orders.obey(self.antenna.focus, request, now_ns)
+        return focus_orders.obey(self.antenna.focuser, request, now_ns)
 
 
 _HANDLERS: dict[str, Callable[[Controller, Request, int], str | Nak | None]] = {

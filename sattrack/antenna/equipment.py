@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 from sattrack.antenna.line import Check
 
 if TYPE_CHECKING:
-    from sattrack.antenna.focus import Focus
+    from sattrack.antenna.focuser import Focuser
     from sattrack.antenna.sky import AxisKind, Sky
     from sattrack.antenna.trajectory import AxisRange, AxisState
 
@@ -40,7 +40,7 @@ class Antenna:
     range: AxisRange
     stow: tuple[float, float] | None = None
     service: tuple[float, float] | None = None
-    focus: Focus | None = None
+    focuser: Focuser | None = None
     refraction: Literal["auto", "on", "off"] = "auto"
     """Whether satellites' directions are raised by the air; auto: where the mount does not do it."""
     check: Check = Check.SUM

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from sattrack.antenna.focuser import AxisPlace, FocusReport
 from sattrack.antenna.trajectory import NS
 
 if TYPE_CHECKING:
@@ -15,6 +16,14 @@ if TYPE_CHECKING:
 
 MOVE_RATE_MM_S = 2.0
 LEAST_MM, MOST_MM = -50.0, 50.0
+
+
+def swept_mm(from_mm: float, rate_mm_s: float, seconds: float, least_mm: float, most_mm: float) -> float:
+    """Return where a sweep is, that began at a place and went up first."""
+    # As if on a loop: up from the least to the most and down again.
+    span = most_mm - least_mm
+    way = (from_mm - least_mm + rate_mm_s * seconds) % (2.0 * span)
+    return least_mm + min(way, 2.0 * span - way)
 
 
 @dataclass(slots=True)
@@ -30,10 +39,7 @@ class FocusAxis:
         """Return where it is at an instant, and whether it moves."""
         seconds = max(0.0, (utc_ns - self._since_ns) / NS)
         if self._sweep_mm_s:
-            # As if on a loop: up from the least to the most and down again, begun where it stood.
-            span = MOST_MM - LEAST_MM
-            way = (self._from_mm - LEAST_MM + self._sweep_mm_s * seconds) % (2.0 * span)
-            return LEAST_MM + min(way, 2.0 * span - way), True
+            return swept_mm(self._from_mm, self._sweep_mm_s, seconds, LEAST_MM, MOST_MM), True
         way = self._to_mm - self._from_mm
         gone = min(abs(way), MOVE_RATE_MM_S * seconds)
         return self._from_mm + (gone if way > 0.0 else -gone), gone < abs(way)
@@ -64,21 +70,41 @@ class FocusAxis:
 
 
 @dataclass(slots=True)
-class Focus:
-    """All axes of a focuser."""
+class SimulatedFocuser:
+    """All axes of a simulated focuser; see `Focuser`."""
 
     axes: Sequence[FocusAxis] = field(default_factory=lambda: (FocusAxis(),))
 
-    def move(self, places_mm: Sequence[float | None], utc_ns: int) -> bool:
-        """Send axes to places, None leaving one as it is; False where an axis is named that is not there."""
-        if any(place is not None for place in places_mm[len(self.axes) :]):
-            return False
+    @property
+    def count(self) -> int:
+        """See Focuser."""
+        return len(self.axes)
+
+    def heard(self, utc_ns: int) -> bool:
+        """See Focuser."""
+        del utc_ns
+        return True
+
+    def move(self, places_mm: Sequence[float | None], utc_ns: int) -> None:
+        """See Focuser."""
         for axis, place_mm in zip(self.axes, places_mm, strict=False):
             if place_mm is not None:
                 axis.move(place_mm, utc_ns)
-        return True
+
+    def sweep(self, axis: int, rate_mm_s: float, utc_ns: int) -> None:
+        """See Focuser."""
+        self.axes[axis].sweep(rate_mm_s, utc_ns)
 
     def stop(self, utc_ns: int) -> None:
-        """Stop all axes."""
+        """See Focuser."""
         for axis in self.axes:
             axis.stop(utc_ns)
+
+    def report(self, utc_ns: int) -> FocusReport:
+        """See Focuser: it knows where it is at any instant."""
+        there = [axis.at(utc_ns) for axis in self.axes]
+        places = tuple(
+            AxisPlace(axis.commanded_mm, place_mm)
+            for axis, (place_mm, _) in zip(self.axes, there, strict=True)
+        )
+        return FocusReport(places, utc_ns, any(moves for _, moves in there))

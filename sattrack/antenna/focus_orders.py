@@ -11,41 +11,48 @@ from sattrack.antenna.trajectory import second_of_day
 from sattrack.antenna.transactions import OMITTED, Nak, Request
 
 if TYPE_CHECKING:
-    from sattrack.antenna.focus import Focus
+    from sattrack.antenna.focuser import Focuser
 
 
-def obey(focus: Focus | None, request: Request, now_ns: int) -> str | Nak | None:
+def obey(focuser: Focuser | None, request: Request, now_ns: int) -> str | Nak | None:
     """Obey one command of the focus, where there is one."""
-    if focus is None:
+    if focuser is None:
         return Nak.NOT_AVAILABLE
-    match request.command.word:
-        case "FOCUS":
-            places = [None if value is None else float(value) for value in request.values.values()]
-            return None if focus.move(places, now_ns) else Nak.NOT_AVAILABLE
-        case "FOCSWEEP":
-            return _sweep(focus, request, now_ns)
-        case "FOCSTOP":
-            focus.stop(now_ns)
-            return None
-    return _position(focus, now_ns)
+    word = request.command.word
+    if word == "FOCPS":
+        return _position(focuser, now_ns)
+    if word == "FOCSTOP":
+        focuser.stop(now_ns)
+        return None
+    return _move(focuser, request, now_ns) if word == "FOCUS" else _sweep(focuser, request, now_ns)
 
 
-def _sweep(focus: Focus, request: Request, now_ns: int) -> Nak | None:
-    axis = request.number("axis")
-    if axis != int(axis):
-        return Nak.VALUE
-    if axis > len(focus.axes):
+def _move(focuser: Focuser, request: Request, now_ns: int) -> Nak | None:
+    places = [None if value is None else float(value) for value in request.values.values()]
+    if any(place is not None for place in places[focuser.count :]):
         return Nak.NOT_AVAILABLE
-    focus.axes[int(axis) - 1].sweep(request.number("rate"), now_ns)
+    if not focuser.heard(now_ns):
+        return Nak.STATE
+    focuser.move(places[: focuser.count], now_ns)
     return None
 
 
-def _position(focus: Focus, now_ns: int) -> str:
-    fields, moves = ["FOCPS"], False
-    for axis in focus.axes:
-        place_mm, moving = axis.at(now_ns)
-        commanded = axis.commanded_mm
-        fields += [OMITTED if commanded is None else f"{commanded:.4f}", f"{place_mm:.4f}"]
-        moves = moves or moving
-    fields += [f"{second_of_day(now_ns):.6f}", "MOVING" if moves else "STOPPED"]
+def _sweep(focuser: Focuser, request: Request, now_ns: int) -> Nak | None:
+    axis = request.number("axis")
+    if axis != int(axis):
+        return Nak.VALUE
+    if axis > focuser.count:
+        return Nak.NOT_AVAILABLE
+    if not focuser.heard(now_ns):
+        return Nak.STATE
+    focuser.sweep(int(axis) - 1, request.number("rate"), now_ns)
+    return None
+
+
+def _position(focuser: Focuser, now_ns: int) -> str:
+    report = focuser.report(now_ns)
+    fields = ["FOCPS"]
+    for place in report.axes:
+        fields += [OMITTED if mm is None else f"{mm:.4f}" for mm in place]
+    fields += [f"{second_of_day(report.epoch_ns):.6f}", "MOVING" if report.moving else "STOPPED"]
     return " ".join(fields)

@@ -51,7 +51,8 @@ NAK_MEANINGS = {
     Nak.EPOCH: "the epoch is further than an hour from now",
     Nak.LOCAL: "the controller is in local",
     Nak.NOT_AVAILABLE: "this antenna does not have that",
-    Nak.STATE: "not now: the antenna is stowed (UNSTOW first), or a trajectory is in force (STOP first)",
+    Nak.STATE: "not now: the antenna is stowed (UNSTOW first), a trajectory is in force (STOP first), or the "
+    "focuser is not heard",
     Nak.ELEMENTS_LINE: "an element line does not begin with its number",
     Nak.ELEMENTS_NUMBER: "the catalogue number is not that of the elements",
     Nak.ELEMENTS_CHECK: "an element line's own check-sum is wrong",

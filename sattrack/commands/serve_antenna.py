@@ -8,22 +8,25 @@ import select
 import sys
 import threading
 import time
-from datetime import UTC, datetime
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from sattrack import practice
 from sattrack.antenna.equipment import Antenna
-from sattrack.antenna.focus import Focus, FocusAxis
+from sattrack.antenna.focus import FocusAxis, SimulatedFocuser
 from sattrack.antenna.line import Check
+from sattrack.antenna.log_lines import spoken, stamp
 from sattrack.antenna.sky import Sky
 from sattrack.antenna.station import DEC_LIMIT_DEG, Station, axis_range
+from sattrack.antenna.trajectory import to_ns
 from sattrack.commands.common import CommandContext, common_options, profile_option
 from sattrack.commands.json_lines import JsonLines
 from sattrack.commands.running import tui_possible
 from sattrack.errors import BadInputError, InterruptedRunError, SattrackError
 from sattrack.runtime.antenna_door import BAUDS, DEFAULT_FRAMING, Door, SerialChannel, listen
+from sattrack.runtime.antenna_focus import FORM, parse_focuser, start_focusers
 from sattrack.runtime.antenna_serve import LEAVE, AntennaLoop
 from sattrack.runtime.console import connected
 from sattrack.runtime.mounts import mount_address
@@ -32,11 +35,16 @@ from sattrack.runtime.signals import StopRequest, stopping
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from sattrack.antenna.focuser import Focuser
+    from sattrack.antenna.sky import AxisKind
     from sattrack.clock import Clock
-    from sattrack.mount import AxesPosition
+    from sattrack.mount import AxesPosition, MountProfile
+    from sattrack.runtime.alpaca_focuser import FocuserConfig
+    from tle.site import Site
 
 DEFAULT_PORT = 7621
 READ_BYTES = 4096
+MOST_FOCUS_AXES = 3
 LAST_LINES_WITHIN_S = 1.0
 
 
@@ -59,7 +67,13 @@ LAST_LINES_WITHIN_S = 1.0
 @click.option("--local", is_flag=True, help="Begin in local: information only.")
 @click.option("--stow", metavar="FIRST,SECOND", help="Stow position; default: the profile's park.")
 @click.option("--service", metavar="FIRST,SECOND", help="Service position.")
-@click.option("--focus", type=click.IntRange(0, 3), default=0, help="Axes of a simulated focuser.")
+@click.option(
+    "--focus",
+    "focus",
+    multiple=True,
+    metavar="N|URL",
+    help=f"Axes of a simulated focuser, 1 to 3; or {FORM}, once for each axis.",
+)
 @click.option(
     "--refraction",
     type=click.Choice(["auto", "on", "off"]),
@@ -93,39 +107,59 @@ def command(context: CommandContext, **options: Any) -> int:
     clock = context.clock()
     if clock.speed != 1.0:
         raise BadInputError("--clock: antcn lives in real time; leave its speed out")
-    axes = options["axes"]
-    span = axis_range(described.mount, axes)
-    antenna = Antenna(
-        Sky(site),
-        axes,
-        span,
-        stow=_place("--stow", options["stow"], axes) or _park(described.mount.park, axes),
-        service=_place("--service", options["service"], axes),
-        focus=Focus([FocusAxis() for _ in range(options["focus"])]) if options["focus"] else None,
-        refraction=options["refraction"],
-        check=Check.CRC16 if options["crc"] else Check.SUM,
-    )
-    station = Station(antenna, described.mount, context.settings.safety.limits())
-    station.controller.switch(not options["local"])
+    simulated, configs = _focusers(options["focus"])
     door, where = _door(options)
     stop, log = StopRequest(), Log(clock)
     lines = JsonLines() if context.json or options["stream"] else None
-    try:
-        with connected(address, described, site, clock) as connection, stopping(stop):
-            if lines is not None and context.json:
-                lines.write({"listening": door.port, "serial": options["device"]})
-            log.tell(f"the antenna interface is on {where}; Ctrl-C stops the mount and ends it")
-            show = lines.write if lines is not None and options["stream"] else None
-            words = Words(options["control"]).typed
-            AntennaLoop(station, connection, door, stop, log.tell, words, where, show).run()
-    finally:
-        door.close()
-        log.close()
+    with ExitStack() as closing:
+        closing.callback(log.close)
+        closing.callback(door.close)
+        focus = start_focusers(configs) if configs else None
+        if focus is not None:
+            closing.callback(focus.close)
+        antenna = _antenna(options, described.mount, site, simulated if focus is None else focus.focuser)
+        station = Station(antenna, described.mount, context.settings.safety.limits())
+        station.controller.switch(not options["local"], to_ns(clock.utc_s(time.monotonic())))
+        connection = closing.enter_context(connected(address, described, site, clock))
+        closing.enter_context(stopping(stop))
+        if lines is not None and context.json:
+            lines.write({"listening": door.port, "serial": options["device"]})
+        log.tell(spoken(f"the antenna interface is on {where}; Ctrl-C stops the mount and ends it"))
+        show = lines.write if lines is not None and options["stream"] else None
+        words = Words(options["control"]).typed
+        AntennaLoop(station, connection, door, stop, log.tell, words, where, show, focus).run()
     if station.mount_stopped is False:
         raise SattrackError("THE MOUNT DID NOT CONFIRM THE STOP: stop it by hand")
     if stop.asked:
         raise InterruptedRunError("interrupted; " + _end_words(station.mount_stopped))
     return 0
+
+
+def _antenna(options: dict[str, Any], profile: MountProfile, site: Site, focuser: Focuser | None) -> Antenna:
+    """Return the antenna that the options describe. Raises BadInputError."""
+    axes: AxisKind = options["axes"]
+    return Antenna(
+        Sky(site),
+        axes,
+        axis_range(profile, axes),
+        stow=_place("--stow", options["stow"], axes) or _park(profile.park, axes),
+        service=_place("--service", options["service"], axes),
+        focuser=focuser,
+        refraction=options["refraction"],
+        check=Check.CRC16 if options["crc"] else Check.SUM,
+    )
+
+
+def _focusers(given: Sequence[str]) -> tuple[SimulatedFocuser | None, list[FocuserConfig]]:
+    """Return the simulated focuser, or the addresses of real ones. Raises BadInputError."""
+    if len(given) == 1 and given[0].isdecimal():
+        if not 0 <= int(given[0]) <= MOST_FOCUS_AXES:
+            raise BadInputError(f"--focus {given[0]}: a focuser has up to {MOST_FOCUS_AXES} axes")
+        axes = [FocusAxis() for _ in range(int(given[0]))]
+        return SimulatedFocuser(axes) if axes else None, []
+    if len(given) > MOST_FOCUS_AXES:
+        raise BadInputError(f"--focus: there are up to {MOST_FOCUS_AXES} axes, and {len(given)} were given")
+    return None, [parse_focuser(one) for one in given]
 
 
 def _with_console(options: dict[str, Any]) -> int:
@@ -178,7 +212,7 @@ def _park(park: AxesPosition | None, axes: str) -> tuple[float, float] | None:
 
 
 class Log:
-    """Lines on standard error in the Field System's style: year, day of the year, time, words.
+    """Lines on standard error in the Field System's style, each with its instant.
 
     They are written by a thread of their own: a terminal that is held holds nothing else up.
     """
@@ -191,8 +225,7 @@ class Log:
 
     def tell(self, words: str) -> None:
         """Tell one line, without waiting."""
-        at = datetime.fromtimestamp(self._clock.utc_s(time.monotonic()), UTC)
-        self._lines.put(f"{at:%Y.%j.%H:%M:%S}.{at.microsecond // 10000:02d};antenna/{words}")
+        self._lines.put(stamp(self._clock.utc_s(time.monotonic())) + words)
 
     def close(self) -> None:
         """Have the last lines written, if that does not take long."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
+from sattrack.antenna.log_lines import refused, spoken, typed
 from sattrack.antenna.trajectory import NS, to_ns
 from sattrack.antenna_view import LONGEST_SHOWN, SHOWN_EXCHANGES, AntennaView, AxesView, ExchangeView
 from sattrack.errors import SattrackError
@@ -23,11 +24,14 @@ if TYPE_CHECKING:
 
     from sattrack.antenna.station import Station
     from sattrack.runtime.antenna_door import Door
+    from sattrack.runtime.antenna_focus import FocusProcesses
     from sattrack.runtime.console import Connection
     from sattrack.runtime.signals import StopRequest
 
 LATE_ENOUGH_TO_SKIP_S = 0.5
 SHOW_EVERY_TICKS = 5
+MOST_REFUSALS_TOLD = 5
+"""A tick's refusals in the log: a flood of them is counted."""
 LEAVE = "leave"
 WORDS = ("local", "remote", "stop", "reset", "last", LEAVE)
 LEAD_S = 0.0015
@@ -38,23 +42,31 @@ LEAD_S = 0.0015
 class AntennaLoop:
     """Serves one station at one door until `stop` is asked for and the mount is seen at rest.
 
-    `words` gives what the operator typed since the last call; `tell` takes lines for the log.
+    `words` gives what the operator typed since the last call; `log` takes lines without their instant.
     """
 
     station: Station
     connection: Connection
     door: Door
     stop: StopRequest
-    tell: Callable[[str], None]
+    log: Callable[[str], None]
     words: Callable[[], Sequence[str]]
     where: str = ""
     """The door, in words."""
     show: Callable[[AntennaView], None] | None = None
     """Takes a view a few times a second; must not wait."""
+    focus: FocusProcesses | None = None
+    """The focuser, where it is not simulated."""
     _error: Exception | None = None
     _told_refusals: int = 0
     _told_trip: str | None = None
     _told_link: bool = False
+    _told_caller: bool = False
+    _told_hung_up_on: int = 0
+
+    def tell(self, words: str) -> None:
+        """Have the program's own words logged."""
+        self.log(spoken(words))
 
     def run(self) -> None:
         """Run to the end. Whatever breaks stops the mount first and is raised then."""
@@ -108,6 +120,7 @@ class AntennaLoop:
     def _serve(self, ready: list[Any]) -> None:
         if self.door.serve(ready, self.connection.now_utc_s, self.station.receive_command):
             self.station.controller.hang_up()
+            self._told_caller = False
             self.tell("antcn is gone; the trajectory in force stays")
 
     def _heed(self) -> None:
@@ -121,21 +134,31 @@ class AntennaLoop:
             # Nobody asks for the truth here, but the pipe must not fill up.
             self.connection.simulated.truths()
         if self.door.mend(time.monotonic()):
+            self._told_caller = True
             self.tell("the serial line is there again")
+        if self.focus is not None:
+            for told in self.focus.exchange(self._at_ns):
+                self.tell(told)
         for word in self.words():
             self._obey(word)
 
+    def _at_ns(self, monotonic_s: float) -> int:
+        """Return an instant by the antenna's clock."""
+        return to_ns(self.connection.clock.utc_s(monotonic_s) + self.station.clock_ahead_s)
+
     def _obey(self, word: str) -> None:
         """Obey a word typed at the controller's own console."""
-        controller = self.station.controller
+        controller, now_ns = self.station.controller, self._at_ns(time.monotonic())
+        if word:
+            self.log(typed(word))
         if word in {"local", "remote"}:
-            controller.switch(word == "remote")
+            controller.switch(word == "remote", now_ns)
             self.tell(f"the controller is in {word}")
         elif word == "last":
             for exchange in controller.exchanges:
                 self.tell(f"{exchange.received} -> {exchange.answered}")
         elif word == "stop":
-            controller.stop()
+            controller.stop(now_ns)
             self.tell("the operator has ended the trajectory")
         elif word == "reset":
             controller.reset()
@@ -148,7 +171,7 @@ class AntennaLoop:
         """Return what the controller's console shows now."""
         station, controller = self.station, self.station.controller
         now_utc_s = self.connection.now_utc_s()
-        at_ns = to_ns(now_utc_s + station.clock_ahead_s)
+        at_ns = self._at_ns(time.monotonic())
         states = (controller.commanded(at_ns), station.actual(at_ns))
         commanded, actual = (None if s is None else AxesView(s.first_deg, s.second_deg) for s in states)
         newest = islice(reversed(controller.exchanges), SHOWN_EXCHANGES)
@@ -193,11 +216,8 @@ class AntennaLoop:
     def _report(self) -> None:
         """Say what has changed: refusals, interlocks, the link."""
         station = self.station
-        if station.controller.refused != self._told_refusals:
-            self._told_refusals = station.controller.refused
-            last = [e for e in station.controller.exchanges if " NAK " in e.answered]
-            if last:
-                self.tell(f"{last[-1].received} -> {last[-1].answered}")
+        self._report_refusals()
+        self._report_callers()
         if station.tripped != self._told_trip:
             self._told_trip = station.tripped
             if station.tripped is not None:
@@ -205,3 +225,25 @@ class AntennaLoop:
         if station.link_up != self._told_link:
             self._told_link = station.link_up
             self.tell("the mount is heard" if station.link_up else "the mount is not heard")
+
+    def _report_refusals(self) -> None:
+        controller = self.station.controller
+        count = controller.refused - self._told_refusals
+        if count == 0:
+            return
+        self._told_refusals = controller.refused
+        told = [(e, e.refused) for e in controller.exchanges if e.refused is not None]
+        told = told[-min(count, MOST_REFUSALS_TOLD) :]
+        for exchange, why in told:
+            self.log(refused(exchange, why))
+        if count > len(told):
+            self.tell(f"{count - len(told)} more were refused")
+
+    def _report_callers(self) -> None:
+        caller = self.door.channel is not None
+        if caller and not self._told_caller:
+            self.tell("antcn is there")
+        self._told_caller = caller
+        if self.door.hung_up_on != self._told_hung_up_on:
+            self._told_hung_up_on = self.door.hung_up_on
+            self.tell("a second caller was hung up on: one antenna, one antcn")

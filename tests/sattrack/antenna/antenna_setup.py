@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sattrack.antenna.controller import Controller
 from sattrack.antenna.equipment import Antenna, Feedback
-from sattrack.antenna.focus import Focus, FocusAxis
+from sattrack.antenna.focus import FocusAxis, SimulatedFocuser
 from sattrack.antenna.sky import Sky
 from sattrack.antenna.trajectory import NS, AxisRange, AxisState
 from tle.instants import Utc
@@ -37,7 +37,7 @@ def make_controller(axes: str = "hadec", sky: Sky | None = None) -> Controller:
         RANGE,
         stow=(0.0, 89.0),
         service=(-45.0, 10.0),
-        focus=Focus((FocusAxis(), FocusAxis())),
+        focuser=SimulatedFocuser((FocusAxis(), FocusAxis())),
     )
     feedback = StandsStill()
     feedback.controller = Controller(antenna, feedback)

@@ -85,7 +85,7 @@ def by_pty() -> Iterator[tuple[Door, Caller]]:
 
 def converse(row: Row, door: Door, caller: Caller) -> None:
     controller = make_controller()
-    controller.switch(not row.local)
+    controller.switch(not row.local, NOON_NS)
     for step in row.steps:
         if step.sent:
             caller.send(step.sent)

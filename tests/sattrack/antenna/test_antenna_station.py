@@ -9,6 +9,7 @@ import pytest
 from antenna_harness import VirtualAntenna
 
 from sattrack.antenna.station import axis_range
+from sattrack.antenna.trajectory import to_ns
 from sattrack.mount import MountProfile
 from tle.instants import Utc
 
@@ -138,7 +139,7 @@ def test_stop_brings_the_antenna_to_rest(antenna: VirtualAntenna) -> None:
 def test_local_ends_the_trajectory_and_refuses_another(antenna: VirtualAntenna) -> None:
     antenna.say("TD 0 40 0 0")
     antenna.run_for(2.0)
-    antenna.station.controller.switch(False)
+    antenna.station.controller.switch(False, to_ns(antenna.now_utc_s))
     antenna.run_for(2.0)
     assert antenna.station.session.stopped
     assert antenna.say("TD 0 40 0 0") == "TD NAK 8"
