@@ -83,12 +83,12 @@ class Bounds:
         """
         for region in self._fixed:
             margin = margins.get(region.name, margin_deg)
-            if region.clearance(box).least_deg < margin and not is_clear(region, box, margin):
+            if not is_clear(region, box, margin):
                 return region.name
         moves_deg = SIDEREAL_RATE_DEG_S * seconds
         for cone in self._cones:
             margin = margins.get(cone.name, margin_deg + moves_deg)
-            if cone.clearance(box).least_deg < margin and not is_clear(cone, box, margin):
+            if not is_clear(cone, box, margin):
                 return cone.name
         return None
 
@@ -99,7 +99,10 @@ class Bounds:
         """
         here = Box.between(place, place)
         regions: list[Region] = [*self._fixed, *self._cones]
-        found = {region.name: region.clearance(here).middle_deg for region in regions}
+        found: dict[str, float] = {}
+        for region in regions:
+            clear = region.clearance(here).some_deg
+            found[region.name] = min(clear, found.get(region.name, clear))
         return {
             name: clear
             for name, clear in found.items()
@@ -123,7 +126,7 @@ class Bounds:
                 continue
             for part in PARTS:
                 there = (place[0] + rates[0] * seconds * part, place[1] + rates[1] * seconds * part)
-                if region.clearance(Box.between(there, there)).middle_deg < near[region.name] - SAME_DEG:
+                if region.clearance(Box.between(there, there)).some_deg < near[region.name] - SAME_DEG:
                     return region.name
         return None
 
@@ -137,7 +140,7 @@ class Bounds:
             clear = []
             for step in (-RETREAT_STEP_DEG, RETREAT_STEP_DEG):
                 there = (place[0] + step, place[1]) if axis == 0 else (place[0], place[1] + step)
-                clear.append(cone.clearance(Box.between(there, there)).middle_deg)
+                clear.append(cone.clearance(Box.between(there, there)).some_deg)
             steps.append(clear[1] - clear[0])
         largest = max(abs(steps[0]), abs(steps[1]))
         if largest < SAME_DEG:

@@ -8,30 +8,31 @@ lies between two angles of either axis: a way between two places lies in it what
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from typing import NamedTuple
 
 TURN_DEG = 360.0
 
 
-@dataclass(frozen=True, slots=True)
-class Box:
-    """All axis angles between a least and a most one of either axis, degrees.
+class Circle(NamedTuple):
+    """A circle on the sky: its middle as a unit vector (meridian on the equator, west, pole), its radius."""
 
-    `x`, `y`, `z` is the unit vector of the middle (to the meridian on the equator, west, north pole);
-    `radius_deg` bounds how far on the sky anything in the box is from it.
-    """
+    x: float
+    y: float
+    z: float
+    radius_deg: float
+
+
+class Box(NamedTuple):
+    """All axis angles between a least and a most one of either axis, degrees."""
 
     ha_low_deg: float
     ha_high_deg: float
     dec_low_deg: float
     dec_high_deg: float
-    x: float = field(init=False)
-    y: float = field(init=False)
-    z: float = field(init=False)
-    radius_deg: float = field(init=False)
 
-    def __post_init__(self) -> None:
-        """Look at the middle."""
+    @property
+    def circle(self) -> Circle:
+        """A circle that holds everything in the box, about its middle."""
         ha = math.radians(0.5 * (self.ha_low_deg + self.ha_high_deg))
         dec = math.radians(0.5 * (self.dec_low_deg + self.dec_high_deg))
         cos_dec = math.cos(dec)
@@ -42,10 +43,7 @@ class Box:
         chord2 = math.sin(min(math.pi, half_dec) / 2.0) ** 2
         chord2 += abs(cos_dec) * widest * math.sin(half_ha / 2.0) ** 2
         radius = 2.0 * math.degrees(math.asin(min(1.0, math.sqrt(chord2))))
-        object.__setattr__(self, "x", cos_dec * math.cos(ha))
-        object.__setattr__(self, "y", cos_dec * math.sin(ha))
-        object.__setattr__(self, "z", math.sin(dec))
-        object.__setattr__(self, "radius_deg", radius)
+        return Circle(cos_dec * math.cos(ha), cos_dec * math.sin(ha), math.sin(dec), radius)
 
     @classmethod
     def between(cls, one: tuple[float, float], other: tuple[float, float]) -> Box:
@@ -114,31 +112,33 @@ def separation_deg(ha_1: float, dec_1: float, ha_2: float, dec_2: float) -> floa
     )
 
 
-def lowest_altitude_deg(box: Box, latitude_deg: float) -> float:
-    """Return the least altitude of anything in a box, degrees.
+def nearest_deg(box: Box, hour_angle_deg: float, dec_deg: float) -> float:
+    """Return the least great-circle angle between a direction and anything in a box, degrees; exact.
 
-    The sine of the altitude is a cosine of the hour angle at any declination, and a sine of the declination
-    with a phase at any hour angle: its least value stands at a corner, on the meridian, or where it is -1 of
-    its amplitude.
+    Its cosine is linear in that of the hour angle between them, at any declination, and a sine of the
+    declination with a phase, at any hour angle: it is largest at an end of either, or on the sine's crest.
     """
-    hours = [box.ha_low_deg, box.ha_high_deg]
-    first = math.ceil(box.ha_low_deg / 180.0)
-    last = math.floor(box.ha_high_deg / 180.0)
-    hours += [180.0 * k for k in range(first, min(last, first + 1) + 1)]
-    sin_lat, cos_lat = math.sin(math.radians(latitude_deg)), math.cos(math.radians(latitude_deg))
+    low, high = box.ha_low_deg - hour_angle_deg, box.ha_high_deg - hour_angle_deg
+    ends = math.cos(math.radians(low)), math.cos(math.radians(high))
+    most = 1.0 if TURN_DEG * math.ceil(low / TURN_DEG) <= high else max(ends)
+    half = 0.5 * TURN_DEG
+    least = -1.0 if half + TURN_DEG * math.ceil((low - half) / TURN_DEG) <= high else min(ends)
+    sine, cosine = math.sin(math.radians(dec_deg)), math.cos(math.radians(dec_deg))
     low, high = math.radians(box.dec_low_deg), math.radians(box.dec_high_deg)
-    sines = ((math.sin(low), math.cos(low)), (math.sin(high), math.cos(high)))
-    least = 1.0
-    for hour in hours:
-        across = cos_lat * math.cos(math.radians(hour))
-        for sine, cosine in sines:
-            least = min(least, sin_lat * sine + across * cosine)
-        # R sin(dec + phase) is least where dec + phase is -90°.
-        trough = -0.5 * math.pi - math.atan2(across, sin_lat)
-        trough += 2.0 * math.pi * math.ceil((low - trough) / (2.0 * math.pi))
-        if trough <= high:
-            least = min(least, -math.hypot(sin_lat, across))
-    return _arcsine_deg(least)
+    largest = -1.0
+    for across in (cosine * most, cosine * least):
+        crest = math.atan2(sine, across)
+        crest += 2.0 * math.pi * math.ceil((low - crest) / (2.0 * math.pi))
+        if crest <= high:
+            largest = max(largest, math.hypot(sine, across))
+        for end in (low, high):
+            largest = max(largest, sine * math.sin(end) + across * math.cos(end))
+    return math.degrees(math.acos(max(-1.0, min(1.0, largest))))
+
+
+def lowest_altitude_deg(box: Box, latitude_deg: float) -> float:
+    """Return the least altitude of anything in a box, degrees: how far it keeps from the nadir."""
+    return nearest_deg(box, 180.0, -latitude_deg) - 90.0
 
 
 def meets_polygon(box: Box, corners: tuple[tuple[float, float], ...]) -> bool:

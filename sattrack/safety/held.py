@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 TURNS_DEG = (0.0, 30.0, -30.0, 60.0, -60.0, 80.0, -80.0)
 """Directions on the sky, from that of the wish, that are tried; farther away nothing is gained."""
 HALVINGS = 5
+SMALLEST_SHARE = 0.5**HALVINGS
+"""Slower than this share of the wish it rests."""
 GOOD_ENOUGH = 0.9
 
 
@@ -31,12 +33,12 @@ def nearest_rates(wanted: Rates, cos_dec: float, allowed: Callable[[Rates], bool
     tries += [((across, 0.0), abs(across) / size), ((0.0, up), abs(up) / size)]
     for (a, u), progress in tries:
         rates = (a / cos_dec, u)
-        if gained >= progress * math.hypot(a, u):
+        most = progress * math.hypot(a, u)
+        if gained >= most:
             continue
-        share = _largest_share(rates, allowed)
-        gain = share * progress * math.hypot(a, u)
-        if gain > gained:
-            best, gained = (share * rates[0], share * rates[1]), gain
+        share = _largest_share(rates, allowed, max(gained / most, SMALLEST_SHARE))
+        if share * most > gained:
+            best, gained = (share * rates[0], share * rates[1]), share * most
         if gained > GOOD_ENOUGH * size:
             break
     return best
@@ -47,11 +49,13 @@ def _turned(across: float, up: float, turn_deg: float) -> tuple[float, float]:
     return across * cosine - up * sine, across * sine + up * cosine
 
 
-def _largest_share(rates: Rates, allowed: Callable[[Rates], bool]) -> float:
-    """Return the largest share of rates that is allowed, to a part in 2^HALVINGS of itself; 0 for none."""
+def _largest_share(rates: Rates, allowed: Callable[[Rates], bool], least: float) -> float:
+    """Return the largest share of rates that is allowed, to a part in 2^HALVINGS; 0 for less than `least`."""
+    if not allowed((rates[0] * least, rates[1] * least)):
+        return 0.0
     if allowed(rates):
         return 1.0
-    low, high = 0.0, 1.0
+    low, high = least, 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         if allowed((rates[0] * middle, rates[1] * middle)):

@@ -1,7 +1,8 @@
 """Where axes may not be, and whether a whole box is clear of it: travel, floor, skyline, pier, Sun.
 
-Each region bounds from below by how many degrees anything in a box is clear of it; a box for which that bound
-is not enough is halved until it is, or until its middle is found inside.
+Each region bounds from below by how many degrees anything in a box is clear of it. All but the skyline know
+it exactly; a box for which the skyline's bound is not enough is halved until it is, or until some of it is
+found inside.
 """
 
 from __future__ import annotations
@@ -9,7 +10,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from sattrack.safety.geometry import TURN_DEG, Box, azimuth_deg, lowest_altitude_deg, meets_polygon
+from sattrack.safety.geometry import (
+    TURN_DEG,
+    Box,
+    azimuth_deg,
+    lowest_altitude_deg,
+    meets_polygon,
+    nearest_deg,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -25,10 +33,13 @@ SKYLINE_CELL_DEG = 0.5
 
 
 class Clearance(NamedTuple):
-    """How far a box is clear of a region, degrees: a lower bound for all of it, and that of its middle."""
+    """How far a box is clear of a region, degrees: a lower bound for all of it, and that of some place in it.
+
+    They are the same where it is known exactly, and for a single place.
+    """
 
     least_deg: float
-    middle_deg: float
+    some_deg: float
 
 
 class Region(Protocol):
@@ -55,11 +66,8 @@ class Travel:
             low, high = box.ha_low_deg, box.ha_high_deg
         else:
             low, high = box.dec_low_deg, box.dec_high_deg
-        middle = 0.5 * (low + high)
-        return Clearance(
-            min(low - self._low_deg, self._high_deg - high),
-            min(middle - self._low_deg, self._high_deg - middle),
-        )
+        clear = min(low - self._low_deg, self._high_deg - high)
+        return Clearance(clear, clear)
 
 
 class Floor:
@@ -69,20 +77,14 @@ class Floor:
 
     def __init__(self, floor_deg: float, latitude_deg: float) -> None:
         self._floor_deg, self._latitude_deg = floor_deg, latitude_deg
-        self._sine, self._cosine = math.sin(math.radians(latitude_deg)), math.cos(math.radians(latitude_deg))
 
     def clearance(self, box: Box) -> Clearance:
         """See Region."""
-        altitude = math.degrees(math.asin(max(-1.0, min(1.0, self._cosine * box.x + self._sine * box.z))))
-        middle = altitude - self._floor_deg
-        if middle - box.radius_deg >= COMFORT_DEG or not box.radius_deg:
-            return Clearance(middle - box.radius_deg, middle)
-        return Clearance(lowest_altitude_deg(box, self._latitude_deg) - self._floor_deg, middle)
+        clear = lowest_altitude_deg(box, self._latitude_deg) - self._floor_deg
+        return Clearance(clear, clear)
 
 
-STRUCK, BESIDE = Clearance(-1.0, -1.0), Clearance(0.05, 0.05)
-COMFORT_DEG = 2.0
-"""A bound this good needs no better one."""
+STRUCK, BESIDE, APART = Clearance(-1.0, -1.0), Clearance(0.05, 0.05), Clearance(2.0, 2.0)
 
 
 class Skyline:
@@ -109,16 +111,18 @@ class Skyline:
 
     def clearance(self, box: Box) -> Clearance:
         """See Region."""
-        altitude = math.degrees(math.asin(max(-1.0, min(1.0, self._cosine * box.x + self._sine * box.z))))
-        least = altitude - box.radius_deg
-        if least >= self._highest_deg:
-            return Clearance(least - self._highest_deg, altitude - self._highest_deg)
+        lowest = lowest_altitude_deg(box, self._latitude_deg)
+        if lowest >= self._highest_deg:
+            return Clearance(lowest - self._highest_deg, lowest - self._highest_deg)
+        circle = box.circle
+        sine = self._cosine * circle.x + self._sine * circle.z
+        altitude = math.degrees(math.asin(max(-1.0, min(1.0, sine))))
         middle = box.middle
         azimuth = azimuth_deg(middle.ha_low_deg, middle.dec_low_deg, self._latitude_deg)
         own = altitude - self._altitude_deg(azimuth)
-        if not box.radius_deg:
+        if not circle.radius_deg:
             return Clearance(own, own)
-        return Clearance(least - self._highest_within(azimuth, altitude, box.radius_deg), own)
+        return Clearance(lowest - self._highest_within(azimuth, altitude, circle.radius_deg), own)
 
     def _highest_within(self, azimuth: float, altitude: float, radius_deg: float) -> float:
         """Return the highest of the skyline in the azimuths that a circle on the sky covers."""
@@ -154,7 +158,7 @@ class PierCollision:
         """See Region: no more is told than whether the zone is met, its margin, or neither."""
         m = self._margin_deg
         if not self._meets(box.grown(m, m, m, m)):
-            return Clearance(COMFORT_DEG, COMFORT_DEG)
+            return APART
         return STRUCK if self._meets(box) else BESIDE
 
     def _meets(self, box: Box) -> bool:
@@ -174,10 +178,8 @@ class Cone:
 
     def clearance(self, box: Box) -> Clearance:
         """See Region."""
-        body = self._body
-        cosine = box.x * body.x + box.y * body.y + box.z * body.z
-        middle = math.degrees(math.acos(max(-1.0, min(1.0, cosine)))) - self._cone_deg
-        return Clearance(middle - box.radius_deg, middle)
+        clear = nearest_deg(box, self._body.hour_angle_deg, self._body.dec_deg) - self._cone_deg
+        return Clearance(clear, clear)
 
 
 def fixed_regions(
@@ -210,7 +212,7 @@ def is_clear(region: Region, box: Box, margin_deg: float) -> bool:
         clearance = region.clearance(part)
         if clearance.least_deg >= margin_deg:
             continue
-        if clearance.middle_deg < margin_deg or part.widest_deg < SMALLEST_DEG:
+        if clearance.some_deg < margin_deg or part.widest_deg < SMALLEST_DEG:
             return False
         waiting.extend(part.halves())
     return False

@@ -10,7 +10,14 @@ import numpy as np
 import pytest
 
 from sattrack.safety.bodies import moon_over, sun_over
-from sattrack.safety.geometry import Box, azimuth_deg, lowest_altitude_deg, meets_polygon, separation_deg
+from sattrack.safety.geometry import (
+    Box,
+    azimuth_deg,
+    lowest_altitude_deg,
+    meets_polygon,
+    nearest_deg,
+    separation_deg,
+)
 
 
 def vector(ha_deg: float, dec_deg: float) -> np.ndarray:
@@ -37,9 +44,9 @@ def boxes(count: int) -> list[tuple[Box, list[tuple[float, float]]]]:
 
 def test_no_place_in_a_box_is_farther_from_its_middle_than_its_radius() -> None:
     for box, places in boxes(150):
-        middle = np.array([box.x, box.y, box.z])
-        farthest = max(angle_deg(middle, vector(*place)) for place in places)
-        assert farthest <= box.radius_deg + 1e-6
+        *middle, radius_deg = box.circle
+        farthest = max(angle_deg(np.array(middle), vector(*place)) for place in places)
+        assert farthest <= radius_deg + 1e-6
 
 
 def test_no_place_in_a_box_is_lower_than_its_lowest_altitude() -> None:
@@ -51,6 +58,22 @@ def test_no_place_in_a_box_is_lower_than_its_lowest_altitude() -> None:
             assert told <= lowest + 1e-6
             if box.widest_deg <= 20.0:
                 assert told >= lowest - 0.3
+
+
+def test_the_place_in_a_box_that_is_nearest_to_a_direction_is_as_far_as_told() -> None:
+    rng = random.Random(9)
+    for box, places in boxes(300):
+        ha, dec = rng.uniform(-400.0, 400.0), rng.uniform(-90.0, 90.0)
+        if rng.random() < 0.3:
+            # Beside the box, and inside of it.
+            ha, dec = box.ha_low_deg + rng.uniform(-3.0, 3.0), box.dec_low_deg + rng.uniform(-3.0, 3.0)
+        h, d = np.radians(places).T
+        cosines = np.array([np.cos(d) * np.cos(h), np.cos(d) * np.sin(h), np.sin(d)]).T @ vector(ha, dec)
+        nearest = math.degrees(math.acos(min(1.0, float(cosines.max()))))
+        told = nearest_deg(box, ha, dec)
+        assert told <= nearest + 1e-6
+        step = max(box.ha_high_deg - box.ha_low_deg, box.dec_high_deg - box.dec_low_deg) / 24.0
+        assert told >= nearest - 0.75 * step - 1e-6
 
 
 def test_azimuths_are_those_of_erfa() -> None:
