@@ -14,10 +14,8 @@ import msgspec
 
 from sattrack import practice
 from sattrack.commands.common import CommandContext, common_options, profile_option
-from sattrack.console import Console
 from sattrack.console_view import ConsoleView, ReadingsView, StatusView
 from sattrack.console_words import where_words
-from sattrack.errand import DONE, Errand
 from sattrack.errors import (
     BadInputError,
     InterruptedRunError,
@@ -25,6 +23,9 @@ from sattrack.errors import (
     SafetyLimitError,
     SattrackError,
 )
+from sattrack.manual.console import Console
+from sattrack.manual.errand import DONE, Errand
+from sattrack.manual.report import view_of
 from sattrack.requests import objection
 from sattrack.runtime.console import Connection, attend, connected
 from sattrack.runtime.mounts import mount_address
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from contextlib import AbstractContextManager
 
     from sattrack.clock import Clock
-    from sattrack.procedures import Outcome, Procedure
+    from sattrack.manual.procedures import Outcome, Procedure
     from sattrack.profiles import ProfileFile
     from sattrack.requests import Request
     from sattrack.xerxes.client import Address
@@ -149,7 +150,7 @@ class Progress:
         _, writable, _ = select.select([], [sys.stderr], [], 0.0)
         if writable:
             self._shown = True
-            words = where_words(self.errand.console.view(now_utc_s))
+            words = where_words(view_of(self.errand.console, now_utc_s))
             click.echo(f"\r\x1b[K{self.errand.doing}: {words}", nl=False, err=True)
 
     def wipe(self) -> None:
@@ -170,7 +171,7 @@ def perform(call: MountCall, procedure: Procedure, asked: dict[str, Any], words:
         progress.wipe()
         never_heard = errand.console.sample is None
         advice = call.silence(connection, sent=True) if never_heard else None
-        view = errand.console.view(connection.now_utc_s())
+        view = view_of(errand.console, connection.now_utc_s())
     outcome = errand.outcome
     assert outcome is not None
     if call.context.json:

@@ -9,9 +9,10 @@ import click
 from sattrack.commands.common import tell
 from sattrack.commands.mount_common import MountCall, mount_options, resolve, tell_result
 from sattrack.console_words import status_text
-from sattrack.errand import Look
 from sattrack.errors import InterruptedRunError, LinkLostError
-from sattrack.procedures import Outcome
+from sattrack.manual.errand import Look
+from sattrack.manual.procedures import Outcome
+from sattrack.manual.report import view_of
 from sattrack.requests import TicketState
 from sattrack.runtime.console import attend
 from sattrack.runtime.owner import owner_of
@@ -41,7 +42,7 @@ def status(context: CommandContext, **options: Any) -> int:
         began_utc_s = connection.now_utc_s()
         look = Look(call.console(), began_utc_s, call.timeout_s or PATIENCE_S, knock=local)
         interrupted = attend(look, connection, lambda _: None)
-        view = look.console.view(connection.now_utc_s())
+        view = view_of(look.console, connection.now_utc_s())
         silent = view.status is None
         advice = call.silence(connection, sent=local) if silent and not interrupted else ""
     if interrupted:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sattrack.commands.mount_common import mount_options, perform, resolve
-from sattrack.console_report import request_words
 from sattrack.errors import BadInputError
-from sattrack.procedures import MoveFor, procedure_for
+from sattrack.manual.procedures import MoveFor, procedure_for
+from sattrack.manual.wording import request_words
 from sattrack.requests import FineRate, MoveAxis, PulseGuide
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sattrack.commands.mount_common import mount_options, perform, resolve
-from sattrack.console_report import request_words
 from sattrack.coordinates import DEC_FORMS, MINUS, RA_FORMS, parse_dec, parse_ra
-from sattrack.procedures import procedure_for
+from sattrack.manual.procedures import procedure_for
+from sattrack.manual.wording import request_words
 from sattrack.requests import Slew, Sync
 
 if TYPE_CHECKING:

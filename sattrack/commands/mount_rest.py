@@ -8,7 +8,7 @@ import click
 
 from sattrack.commands.common import tell
 from sattrack.commands.mount_common import mount_options, perform, resolve
-from sattrack.procedures import procedure_for
+from sattrack.manual.procedures import procedure_for
 from sattrack.requests import Abort, FindHome, Park
 from sattrack.runtime.owner import owner_of
 from sattrack.runtime.stopping import stop_session, wait_until_free

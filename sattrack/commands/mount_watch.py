@@ -14,10 +14,10 @@ from sattrack.commands.json_lines import JsonLines
 from sattrack.commands.mount_common import MountCall, mount_options, resolve
 from sattrack.commands.running import tui_possible
 from sattrack.errors import BadInputError, SattrackError
+from sattrack.manual.sitting import Sitting
 from sattrack.runtime.console import OrderInbox, attend_sitting
 from sattrack.runtime.owner import owner_of
 from sattrack.runtime.stopping import stop_session
-from sattrack.sitting import Sitting
 
 if TYPE_CHECKING:
     from sattrack.commands.common import CommandContext

@@ -31,11 +31,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from sattrack.clock import Clock
-    from sattrack.console import Console
     from sattrack.console_messages import ConsoleMessage
+    from sattrack.manual.console import Console
+    from sattrack.manual.sitting import Sitting
     from sattrack.profiles import ProfileFile
     from sattrack.runtime.embedded import EmbeddedMount
-    from sattrack.sitting import Sitting
     from tle.site import Site
 
 LATE_ENOUGH_TO_SKIP_S = 0.5

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sattrack.console import Console
-from sattrack.errand import Errand, Look
+from sattrack.manual.console import Console
+from sattrack.manual.errand import Errand, Look
+from sattrack.manual.report import view_of
 from sattrack.mount import AxesPosition, MountProfile
 from sattrack.safety import SafetyLimits
 from sattrack.xerxes.datagrams import Command, decode_command
@@ -17,8 +18,8 @@ from tle.site import Site
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.procedures import Procedure
-    from sattrack.sitting import Sitting
+    from sattrack.manual.procedures import Procedure
+    from sattrack.manual.sitting import Sitting
     from sattrack.xerxes.simulator.mount import Truth
 
 T0 = 1_790_000_000.0
@@ -69,7 +70,7 @@ class Bench:
                 return
             self.turn()
         raise AssertionError(
-            f"did not happen within {within_s} s; the console is {self.console.view(self.now_s)}"
+            f"did not happen within {within_s} s; the console is {view_of(self.console, self.now_s)}"
         )
 
     def carry_out(

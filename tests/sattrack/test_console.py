@@ -11,7 +11,6 @@ import msgspec
 import pytest
 from console_builders import PERIOD_S, PROFILE, SITE, T0, Bench
 
-from sattrack.console import FIRST_JOG_S, NEXT_JOG_S, Console
 from sattrack.console_messages import (
     AbortOrder,
     HomeOrder,
@@ -25,9 +24,12 @@ from sattrack.console_messages import (
     encode_order,
 )
 from sattrack.console_view import ConsoleView, StatusView
-from sattrack.errand import Errand, Look
+from sattrack.manual.console import FIRST_JOG_S, NEXT_JOG_S, Console
+from sattrack.manual.errand import Errand, Look
+from sattrack.manual.procedures import MoveFor, Refusal, procedure_for
+from sattrack.manual.report import view_of
+from sattrack.manual.sitting import NOT_ALONE, Sitting
 from sattrack.mount import MountProfile
-from sattrack.procedures import MoveFor, Refusal, procedure_for
 from sattrack.requests import (
     Abort,
     FindHome,
@@ -41,7 +43,6 @@ from sattrack.requests import (
     TicketState,
 )
 from sattrack.safety import SafetyLimits
-from sattrack.sitting import NOT_ALONE, Sitting
 from sattrack.xerxes.datagrams import STATUS_FIELDS, Command, Status, encode_command, encode_status
 from sattrack.xerxes.simulator.mount import StartPosition
 from sattrack.xerxes.simulator.settings import SimulatorProfile
@@ -379,7 +380,7 @@ class TestWhatGoesWrongEndsWithAMountAtRest:
         )
         assert errand.outcome is not None
         assert errand.outcome.reason == "the mount restarted meanwhile"
-        assert bench.console.view(bench.now_s).link.restarts == 1
+        assert view_of(bench.console, bench.now_s).link.restarts == 1
         bench.run(1.0)
         assert not bench.moves_itself
 
@@ -517,7 +518,7 @@ class TestJogs:
         for _ in range(100):
             bench.console.jog(None, -3.0, bench.now_s)
             bench.turn()
-        view = bench.console.view(bench.now_s)
+        view = view_of(bench.console, bench.now_s)
         assert view.tripped == "altitude"
         assert view.status is not None
         assert view.status.altitude_deg is not None
@@ -653,8 +654,8 @@ def test_two_consoles_on_one_mount_are_told_of_each_other() -> None:
         status, _ = bench.mount.tick(bench.now_s)
         other.receive(status, bench.now_s)
     words = "another program is sending commands to this mount: end it, or motions will mix"
-    assert words in bench.console.view(bench.now_s).warnings
-    assert other.view(bench.now_s).link.foreign_acks >= 2
+    assert words in view_of(bench.console, bench.now_s).warnings
+    assert view_of(other, bench.now_s).link.foreign_acks >= 2
 
 
 def test_a_look_sends_nothing_and_tells_what_it_heard() -> None:
@@ -662,7 +663,7 @@ def test_a_look_sends_nothing_and_tells_what_it_heard() -> None:
     look = Look(bench.console, bench.now_s, 3.0, knock=False)
     while not look.finished:
         bench.turn(look)
-    view = bench.console.view(bench.now_s)
+    view = view_of(bench.console, bench.now_s)
     assert bench.commands == []
     assert view.link.received >= 20
     assert view.clock_offset_s == pytest.approx(3.0, abs=0.01)
@@ -692,7 +693,7 @@ class TestTheView:
             Status(), counter=1, altitude_deg=math.nan, target_ra_h=math.inf, site_height_m=-math.inf
         )
         console.receive(encode_status(status), T0)
-        view = console.view(T0)
+        view = view_of(console, T0)
         assert view.status is not None
         assert view.status.altitude_deg is None
         assert msgspec.json.decode(msgspec.json.encode(view), type=ConsoleView) == view
@@ -704,7 +705,7 @@ class TestTheView:
         for offset, value in ((32, 12), (48, 7789), (104, 5), (112, 3500), (120, 3500)):
             data[offset : offset + 8] = struct.pack("<q" if kind == "int64" else "<d", value)
         console.receive(bytes(data), T0)
-        readings = console.view(T0).readings
+        readings = view_of(console, T0).readings
         assert readings.ra_rate_dtics_s == readings.dec_rate_dtics_s == readings.counter == kind
         assert readings.ra_guide_rate_dtics_s == readings.dec_guide_rate_dtics_s == kind
         assert readings.tracking == ("the opposite of slewing" if kind == "int64" else "always true")
@@ -714,14 +715,14 @@ class TestTheView:
         console = Console(profile, SafetyLimits(), SITE, "m")
         console.receive(encode_status(replace(Status(), counter=1, ra_rate_dtics_s=7789)), T0)
         words = "the profile has ra_rate_dtics_s as double, the mount sends int64"
-        assert words in console.view(T0).warnings
+        assert words in view_of(console, T0).warnings
 
     def test_a_mount_that_believes_itself_elsewhere_is_told(self) -> None:
         console = Console(PROFILE, SafetyLimits(), SITE, "m")
         status = replace(Status(), counter=1, site_latitude_deg=-30.0, site_longitude_deg=-70.0)
         console.receive(encode_status(status), T0)
         words = "the mount believes it stands at -30.00, -70.00: check the site on both sides"
-        assert words in console.view(T0).warnings
+        assert words in view_of(console, T0).warnings
 
     def test_the_fullest_view_fits_into_what_a_pipe_takes_as_a_whole(self) -> None:
         bench = Bench()
@@ -732,7 +733,7 @@ class TestTheView:
             bench.console.abort(bench.now_s)
             bench.run(1.0)
         bench.console.refusal = "x" * 500
-        view = bench.console.view(bench.now_s)
+        view = view_of(bench.console, bench.now_s)
         full = msgspec.structs.replace(view, warnings=("w" * 160,) * 4)
         assert len(msgspec.json.encode(full)) < PIPE_BUF
 

@@ -17,7 +17,7 @@ from mount_programs import SITE, closed, free_port, program, simulated_mount
 from sattrack.cli import run
 from sattrack.commands.mount_common import failure
 from sattrack.errors import BadInputError
-from sattrack.procedures import Outcome, Refusal
+from sattrack.manual.procedures import Outcome, Refusal
 from sattrack.requests import TicketState
 from sattrack.xerxes import client
 from sattrack.xerxes.client import UdpLink, is_own_host, nobody_listens, parse_address

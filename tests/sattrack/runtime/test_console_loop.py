@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import pytest
 
 from sattrack.clock import SystemClock
-from sattrack.console import Console
 from sattrack.console_messages import AbortOrder, LeaveOrder
 from sattrack.errors import SattrackError
+from sattrack.manual.console import Console
 from sattrack.mount import MountProfile
 from sattrack.runtime import console as loop_module
 from sattrack.runtime.console import Connection, ConsoleLoop, OrderInbox

@@ -11,9 +11,9 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sattrack.console_report import Asked, limit_words, view_of
+from sattrack.manual.procedures import Outcome, Procedure, Refusal, procedure_for, refused
+from sattrack.manual.wording import limit_words
 from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, MoveAxes, SlewTo, Stop, mean_sidereal_deg
-from sattrack.procedures import Outcome, Procedure, Refusal, procedure_for, refused
 from sattrack.requests import (
     Abort,
     FindHome,
@@ -32,7 +32,6 @@ from sattrack.xerxes.link import LinkState
 from sattrack.xerxes.session import Session, is_at_rest
 
 if TYPE_CHECKING:
-    from sattrack.console_view import ConsoleView
     from sattrack.mount import Motion, MountProfile, StatusSample
     from sattrack.safety import SafetyLimits
     from sattrack.xerxes.datagrams import Status
@@ -51,6 +50,15 @@ END_WITHIN_TICKS = 20
 """Datagrams, a second, within which the end of a MoveAxis must be seen; else the mount is stopped."""
 NEED_SITE = (Slew, Sync, MoveAxis, FindHome, Park)
 """What is judged by its altitude."""
+
+
+@dataclass(slots=True)
+class Asked:
+    """One thing that was asked of the mount, its ticket, and when."""
+
+    number: int
+    ticket: Ticket
+    utc_s: float
 
 
 @dataclass(slots=True)
@@ -414,7 +422,3 @@ class Console:
     def clock_offset_s(self) -> float | None:
         """The mount's sidereal clock ahead of local mean sidereal time by UTC, by its fastest datagrams."""
         return max(self._offsets) if self._offsets else None
-
-    def view(self, now_utc_s: float) -> ConsoleView:
-        """Return what anyone who looks may see, as of an instant."""
-        return view_of(self, now_utc_s)

@@ -10,13 +10,13 @@ from __future__ import annotations
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from sattrack.procedures import Once, Outcome, Procedure, Refusal, refused
+from sattrack.manual.procedures import Once, Outcome, Procedure, Refusal, refused
 from sattrack.requests import Abort, TicketState
 from sattrack.xerxes.datagrams import DatagramError, Status, decode_status
 from sattrack.xerxes.link import LinkState
 
 if TYPE_CHECKING:
-    from sattrack.console import Console
+    from sattrack.manual.console import Console
 
 LISTEN_S = 0.5
 LISTEN_STATUSES = 4

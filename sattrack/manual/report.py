@@ -1,35 +1,19 @@
-"""What a console shows: its state as an immutable view, and requests, limits and warnings in words."""
+"""What a console shows: its state as an immutable view, and warnings in words."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sattrack.console_view import AskedView, ConsoleView, ReadingsView, StatusView
-from sattrack.console_words import degrees, hours
+from sattrack.manual.wording import limit_words, request_words
 from sattrack.mount import Hold, MoveAxes, SlewTo, Stop
-from sattrack.requests import (
-    Abort,
-    EndMove,
-    FindHome,
-    FineRate,
-    MoveAxis,
-    Park,
-    PulseGuide,
-    Request,
-    Slew,
-    Sync,
-    Ticket,
-    TrackingRate,
-)
-from sattrack.safety import ROWS
 from sattrack.view import LinkView
 from sattrack.xerxes.datagrams import DTICS_S_PER_DEG_S
 from sattrack.xerxes.link import LinkState
 
 if TYPE_CHECKING:
-    from sattrack.console import Console
+    from sattrack.manual.console import Asked, Console
     from sattrack.xerxes.datagrams import Status
 
 SITE_TOLERANCE_DEG = 0.1
@@ -39,16 +23,6 @@ STOPS_WITHIN_S = 1.0
 LONGEST_WORDS = 160
 """A view has to fit into what a pipe takes as a whole."""
 _MOTIONS = {Hold: "none", SlewTo: "slew", MoveAxes: "move", Stop: "stop"}
-_PLAIN: dict[type, str] = {Abort: "abort", Park: "park", FindHome: "home", EndMove: "end the move"}
-
-
-@dataclass(slots=True)
-class Asked:
-    """One thing that was asked of the mount, its ticket, and when."""
-
-    number: int
-    ticket: Ticket
-    utc_s: float
 
 
 def view_of(console: Console, now_utc_s: float) -> ConsoleView:
@@ -164,30 +138,6 @@ def _reading_warnings(console: Console) -> list[str]:
         for name, said in console.profile.readings.items()
         if getattr(seen, name, None) not in (None, said)
     ]
-
-
-def limit_words(name: str) -> str:
-    """Return what a safety limit did, and which way out there is."""
-    row = ROWS[name]
-    return f"safety stopped the mount at its {row.name} limit ({row.watches}); to go on: {row.way_out}"
-
-
-def request_words(request: Request) -> str:
-    """Return a request in words, with its numbers."""
-    match request:
-        case Slew() | Sync():
-            verb = "slew" if isinstance(request, Slew) else "sync"
-            return f"{verb} to RA {hours(request.ra_deg / 15.0)} Dec {degrees(request.dec_deg)}"
-        case MoveAxis():
-            rates = (("RA", request.ra_rate_deg_s), ("Dec", request.dec_rate_deg_s))
-            return "move " + " ".join(f"{axis} {rate:+g} °/s" for axis, rate in rates if rate is not None)
-        case PulseGuide():
-            return f"pulse RA {request.ra_ms:+d} ms Dec {request.dec_ms:+d} ms"
-        case FineRate():
-            return f"fine rate RA {request.ra_deg_s:+g} °/s Dec {request.dec_deg_s:+g} °/s"
-        case TrackingRate():
-            return f"tracking rate {request.rate}"
-    return _PLAIN[type(request)]
 
 
 def _asked_view(asked: Asked) -> AskedView:

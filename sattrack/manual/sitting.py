@@ -21,13 +21,14 @@ from sattrack.console_messages import (
     SlewOrder,
     SyncOrder,
 )
-from sattrack.errand import LISTEN_S, LISTEN_STATUSES, STOP_UNCONFIRMED_S, STOP_UNHEARD_S, acknowledged
+from sattrack.manual.errand import LISTEN_S, LISTEN_STATUSES, STOP_UNCONFIRMED_S, STOP_UNHEARD_S, acknowledged
+from sattrack.manual.report import view_of
 from sattrack.requests import FindHome, Park, Slew, Sync
 from sattrack.xerxes.link import LinkState
 
 if TYPE_CHECKING:
-    from sattrack.console import Console
     from sattrack.console_view import ConsoleView
+    from sattrack.manual.console import Console
 
 LINGER_S = 0.25
 OWNED = "looking on; SPACE has the mount's owner stop it and end: {}"
@@ -137,7 +138,7 @@ class Sitting:
 
     def view(self, now_utc_s: float) -> ConsoleView:
         """Return what the operator is to see."""
-        view = self.console.view(now_utc_s)
+        view = view_of(self.console, now_utc_s)
         if self._owner is not None:
             return msgspec.structs.replace(view, warnings=(OWNED.format(self._owner), *view.warnings))
         if self._others and not self._asked:
