@@ -22,6 +22,7 @@ from sattrack.antenna.trajectory import (
     MOST_EPOCH_DISTANCE_S,
     NS,
     AxisState,
+    ExactState,
     Path,
     Straight,
     day_start_ns,
@@ -166,16 +167,11 @@ class Controller:
         epoch_ns = self._epoch(request, now_ns)
         if isinstance(epoch_ns, Nak):
             return epoch_ns
-        straight = Straight(
-            request.number("first"),
-            request.number("second"),
-            request.number("first_rate"),
-            request.number("second_rate"),
-            epoch_ns,
-        )
+        names = ("first", "second", "first_rate", "second_rate")
+        straight = Straight(ExactState(*(request.exact(name) for name in names)), epoch_ns)
         # A wrap is that of the position at its epoch; the shortest way is from here to where it is by now.
         shortest = request.text("wrap", "S") == "S"
-        first_deg = straight.at(now_ns).first_deg if shortest else straight.first_deg
+        first_deg = straight.at(now_ns if shortest else epoch_ns).first_deg
         return self._take_up(straight.turned(self._turns(request, first_deg, now_ns)))
 
     def _epoch(self, request: Request, now_ns: int) -> int | Nak:
@@ -240,7 +236,9 @@ class Controller:
 
     def _position(self, request: Request, now_ns: int) -> str:
         del request
-        commanded = self.commanded(now_ns)
+        commanded: AxisState | ExactState | None = self.commanded(now_ns)
+        if isinstance(self.path, Straight):
+            commanded = self.path.exact(now_ns)
         told = Position(
             commanded, self.feedback.actual(now_ns), second_of_day(now_ns), self.remote, self.servo
         )
@@ -295,7 +293,7 @@ class Controller:
     def _stand(self, place: tuple[float, float] | None, doing: Doing, now_ns: int) -> Nak | None:
         if place is None:
             return Nak.NOT_AVAILABLE
-        return self._take_up(Straight(*place, 0.0, 0.0, now_ns), doing)
+        return self._take_up(Straight.standing(*place, now_ns), doing)
 
     def _unstow(self, request: Request, now_ns: int) -> Nak | None:
         del request, now_ns
@@ -307,9 +305,9 @@ class Controller:
         return None
 
     def _fixed(self, request: Request, now_ns: int) -> Nak | None:
-        first = request.number("first")
-        turns = self._turns(request, first, now_ns)
-        return self._take_up(Straight(first + 360.0 * turns, request.number("second"), 0.0, 0.0, now_ns))
+        zero = Decimal(0)
+        there = Straight(ExactState(request.exact("first"), request.exact("second"), zero, zero), now_ns)
+        return self._take_up(there.turned(self._turns(request, request.number("first"), now_ns)))
 
     def _follow_source(self, request: Request, now_ns: int) -> Nak | None:
         return self._follow(self._reckoning.source(request), request, now_ns)
@@ -324,8 +322,8 @@ class Controller:
         if isinstance(epoch_ns, Nak):
             return epoch_ns
         there = self._reckoning.path(self._reckoning.source(request)).at(epoch_ns)
-        turns = self._turns(request, there.first_deg, now_ns)
-        return self._take_up(Straight(there.first_deg + 360.0 * turns, there.second_deg, 0.0, 0.0, epoch_ns))
+        stands = Straight.standing(there.first_deg, there.second_deg, epoch_ns)
+        return self._take_up(stands.turned(self._turns(request, there.first_deg, now_ns)))
 
     def _offset(self, request: Request, now_ns: int) -> None:
         del now_ns
@@ -380,7 +378,7 @@ class Controller:
             self.path, self._held = way, None
             return
         there = way.at(now_ns)
-        self.path = Straight(there.first_deg, there.second_deg, 0.0, 0.0, now_ns)
+        self.path = Straight.standing(there.first_deg, there.second_deg, now_ns)
         self._held = way
 
     def _focus(self, request: Request, now_ns: int) -> str | Nak | None:

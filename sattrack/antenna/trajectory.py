@@ -36,30 +36,41 @@ class Path(Protocol):
         """Return where the axes are to be at an instant."""
 
 
+class ExactState(NamedTuple):
+    """The same as an AxisState, to the last digit that was sent."""
+
+    first_deg: Decimal
+    second_deg: Decimal
+    first_rate_deg_s: Decimal
+    second_rate_deg_s: Decimal
+
+
 @dataclass(frozen=True, slots=True)
 class Straight:
     """A trajectory of constant rates: a position at an epoch, extrapolated to future and past."""
 
-    first_deg: float
-    second_deg: float
-    first_rate_deg_s: float
-    second_rate_deg_s: float
+    start: ExactState
     epoch_ns: int
+
+    @classmethod
+    def standing(cls, first_deg: float, second_deg: float, since_ns: int) -> Straight:
+        """Return the trajectory of axes that stand."""
+        zero = Decimal(0)
+        return cls(ExactState(Decimal(first_deg), Decimal(second_deg), zero, zero), since_ns)
+
+    def exact(self, utc_ns: int) -> ExactState:
+        """Return where it is at an instant, as decimal as it was sent."""
+        seconds = Decimal(utc_ns - self.epoch_ns) / NS
+        first, second, first_rate, second_rate = self.start
+        return ExactState(first + first_rate * seconds, second + second_rate * seconds, *self.start[2:])
 
     def at(self, utc_ns: int) -> AxisState:
         """Return where it is at an instant."""
-        seconds = (utc_ns - self.epoch_ns) / NS
-        return AxisState(
-            self.first_deg + self.first_rate_deg_s * seconds,
-            self.second_deg + self.second_rate_deg_s * seconds,
-            self.first_rate_deg_s,
-            self.second_rate_deg_s,
-        )
+        return AxisState(*(float(figure) for figure in self.exact(utc_ns)))
 
     def turned(self, turns: int) -> Straight:
         """Return the same, so many turns of the first axis further."""
-        first = self.first_deg + 360.0 * turns
-        return Straight(first, self.second_deg, self.first_rate_deg_s, self.second_rate_deg_s, self.epoch_ns)
+        return Straight(self.start._replace(first_deg=self.start.first_deg + 360 * turns), self.epoch_ns)
 
 
 def to_ns(utc_s: float) -> int:

@@ -13,7 +13,7 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
-    from sattrack.antenna.trajectory import AxisRange, AxisState
+    from sattrack.antenna.trajectory import AxisRange, AxisState, ExactState
 
 OMITTED = ",,"
 UNKNOWN_WORD = "??"
@@ -275,6 +275,11 @@ class Request:
         value = self.values[name]
         return otherwise if value is None else float(value)
 
+    def exact(self, name: str) -> Decimal:
+        """Return a number to its last digit; 0 where it is left out."""
+        value = self.values[name]
+        return value if isinstance(value, Decimal) else Decimal(0)
+
     def text(self, name: str, otherwise: str = "") -> str:
         """Return a word or a text, or what stands for one that is left out."""
         value = self.values[name]
@@ -348,7 +353,7 @@ def _value(field: Field, text: str) -> Decimal | str | Nak | None:
 class Position:
     """What a position status tells; None where there is no trajectory, or the axes are not heard."""
 
-    commanded: AxisState | None
+    commanded: AxisState | ExactState | None
     actual: AxisState | None
     epoch_s: Decimal
     """Seconds of the UTC day."""
@@ -376,12 +381,12 @@ def position_message(position: Position, axes: AxisRange) -> str:
     )
 
 
-def _state_fields(state: AxisState | None, axes: AxisRange) -> tuple[list[str], str]:
+def _state_fields(state: AxisState | ExactState | None, axes: AxisRange) -> tuple[list[str], str]:
     if state is None:
         return [OMITTED] * 4, OMITTED
-    first_deg, wrap = axes.wrap_of(state.first_deg)
+    _, wrap = axes.wrap_of(float(state.first_deg))
     return [
-        f"{first_deg:.8f}",
+        f"{state.first_deg - 360 * wrap:.8f}",
         f"{state.second_deg:.8f}",
         f"{state.first_rate_deg_s:.10f}",
         f"{state.second_rate_deg_s:.10f}",
