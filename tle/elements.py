@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 _SGP4_EPOCH_JD = 2433281.5
 _REV_DAY_PER_RAD_MIN = 1440.0 / (2.0 * math.pi)
 _DEG = math.pi / 180.0
+_LEAST_INCLINATION_DEG = 1e-100
 _DECAYED = 6
 _EARTH_RADIUS_KM = 6378.135
 _MU_KM3_S2 = 398600.8
@@ -121,7 +122,8 @@ class Elements:
             self.mean_motion_ddot_rev_day3 / (_REV_DAY_PER_RAD_MIN * 1440.0 * 1440.0),
             self.eccentricity,
             self.arg_perigee_deg * _DEG,
-            self.inclination_deg * _DEG,
+            # SGP4 divides by its sine, unless that is naught.
+            self.inclination_deg * _DEG if self.inclination_deg > _LEAST_INCLINATION_DEG else 0.0,
             self.mean_anomaly_deg * _DEG,
             self.mean_motion_rev_day / _REV_DAY_PER_RAD_MIN,
             self.raan_deg * _DEG,
