@@ -16,7 +16,7 @@ from antenna_setup import NOON_NS, make_controller
 from conformance_rows import ROWS, Row
 
 from sattrack.antenna.trajectory import NS
-from sattrack.runtime.antenna_door import Door, SerialChannel, listen
+from sattrack.runtime.antenna_door import BAUDS, Door, SerialChannel, listen
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -162,3 +162,75 @@ def test_characters_with_wrong_parity_reach_the_controller_as_zero_bytes() -> No
     channel.close()
     os.close(slave)
     os.close(master)
+
+
+@pytest.mark.parametrize("baud", BAUDS)
+def test_a_serial_line_has_the_speed_and_framing_that_was_asked_for(baud: int) -> None:
+    pytest.importorskip("serial")
+    master, slave = pty.openpty()
+    for framing, parity, stops in (("7E1", termios.PARENB, 0), ("8N2", 0, termios.CSTOPB)):
+        channel = SerialChannel(os.ttyname(slave), baud, framing)
+        iflag, oflag, cflag, lflag, speed_in, speed_out, _ = termios.tcgetattr(channel.fileno())
+        assert speed_in == speed_out == getattr(termios, f"B{baud}")
+        # A pseudo-terminal has 8 bits whatever is asked of it.
+        assert cflag & (termios.PARENB | termios.PARODD | termios.CSTOPB) in {parity | stops, stops}
+        assert not iflag & (termios.IXON | termios.IXOFF | termios.ICRNL | termios.ISTRIP)
+        assert not cflag & termios.CRTSCTS
+        assert not lflag & (termios.ECHO | termios.ICANON | termios.ISIG)
+        assert not oflag & termios.OPOST
+        channel.close()
+    os.close(slave)
+    os.close(master)
+
+
+class SlowChannel:
+    """A line that takes a few characters at a time, when it is let."""
+
+    def __init__(self) -> None:
+        self.incoming = b""
+        self.taken: list[bytes] = []
+        self.room = 0
+        self.dropped = 0
+
+    def fileno(self) -> int:
+        return -1
+
+    def read(self) -> bytes:
+        data, self.incoming = self.incoming, b""
+        return data
+
+    def write(self, data: bytes) -> int:
+        self.taken.append(data[: self.room])
+        return min(self.room, len(data))
+
+    def drop_output(self) -> None:
+        self.dropped += 1
+
+    def close(self) -> None:
+        pass
+
+
+def served(channel: SlowChannel, door: Door, data: bytes) -> None:
+    controller = make_controller()
+    channel.incoming = data
+    door.serve([channel], float, lambda data, _: controller.receive(data, NOON_NS))
+
+
+def test_a_response_is_handed_to_the_line_in_one_piece() -> None:
+    channel = SlowChannel()
+    channel.room = 1000
+    served(channel, Door(channel=channel), b"PS C3\n")
+    assert channel.taken == [ROWS[0].steps[0].received]
+
+
+def test_synchronisation_drops_what_the_line_has_not_taken_yet() -> None:
+    channel = SlowChannel()
+    door = Door(channel=channel)
+    channel.room = 5
+    served(channel, door, b"PS C3\nPS C3\n")
+    served(channel, door, b"#TIME 4F\n")
+    channel.room = 1000
+    door.flush()
+    assert channel.dropped == 1
+    assert b"".join(channel.taken[1:]) == b"TIME 20728 43200.000000 D9\n"
+    assert channel.taken[0] == b"PS ,,"

@@ -41,3 +41,22 @@ def test_a_digit_that_binary_numbers_cannot_hold_is_rounded_as_decimals_are() ->
     for sent, told in (("12.345001005", b"12.34500100"), ("12.345003005", b"12.34500300")):
         exchange(controller, encode(f"TD {sent} 40"))
         assert exchange(controller, encode("PS")).split()[1] == told
+
+
+TICS = 2**26
+"""A turn of an encoder."""
+
+
+@settings(deadline=None, max_examples=200)
+@given(st.integers(-200 * TICS // 360, 200 * TICS // 360), st.integers(-89 * TICS // 360, 89 * TICS // 360))
+def test_every_encoder_position_can_be_designated_and_comes_back(first: int, second: int) -> None:
+    controller = make_controller()
+    wrap = (first + TICS // 2) // TICS
+    within = Decimal(first - wrap * TICS) * 360 / TICS
+    sent = f"TD {within:.8f} {Decimal(second) * 360 / TICS:.8f} ,, ,, ,, {wrap}"
+    assert exchange(controller, encode(sent)) == encode("TD ACK")
+    told = exchange(controller, encode("PS")).split()
+    assert round(Decimal(told[1].decode()) * TICS / 360) + int(told[9]) * TICS == first
+    assert round(Decimal(told[2].decode()) * TICS / 360) == second
+    assert controller.path is not None
+    assert round(controller.path.at(0).first_deg * TICS / 360) == first

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from decimal import Decimal
+from itertools import pairwise
 
 import pytest
-from antenna_harness import VirtualAntenna
+from antenna_harness import VirtualAntenna, rms
 
 from sattrack.antenna.station import axis_range
 from sattrack.antenna.trajectory import to_ns
@@ -87,6 +88,28 @@ def test_a_step_of_a_tenth_of_a_beam_settles_within_half_a_second(antenna: Virtu
     antenna.run_for(2.0)
     off = [abs(t.dec_deg - 30.0 - 30.0 / 3600.0) * 3600.0 for t in antenna.truths if t.utc_s > began + 0.5]
     assert max(off) < 1.0
+
+
+def test_a_source_designated_once_a_second_is_tracked_smoothly(antenna: VirtualAntenna) -> None:
+    """Azimuth and elevation of a source bend; each second has its own rates, as antcn computes them."""
+    ra, dec = antenna.sky.sidereal_deg(antenna.now_utc_s) - 20.0, 40.0
+    antenna.say(f"TD 20 {dec} {SIDEREAL} 0")
+    antenna.run_for(10.0)
+    begun = len(antenna.truths)
+    for second in range(30):
+        now_ns = to_ns(antenna.now_utc_s)
+        ha = antenna.sky.sidereal_deg(antenna.now_utc_s) - ra
+        # What antcn knows is rounded, and moves the trajectory by 2 milliarcseconds, to and fro.
+        error_deg = (-1) ** second * 5e-7
+        epoch = Decimal(now_ns % (86400 * 10**9)) / 10**9
+        assert antenna.say(f"TD {ha + error_deg:.9f} {dec} {SIDEREAL} 0 {epoch:.6f}") == "TD ACK"
+        antenna.run_for(1.0)
+        assert position(antenna)["servo"] == "TRACKING"
+    truths = antenna.truths[begun:]
+    off = [math.remainder(t.ra_deg - ra, 360.0) * 3600.0 for t in truths]
+    assert rms(off) < 0.1
+    jumps = [abs(b - a) for a, b in pairwise(off)]
+    assert max(jumps) < 0.1
 
 
 def test_a_trajectory_below_the_floor_is_accepted_and_picked_up_as_it_comes_out(

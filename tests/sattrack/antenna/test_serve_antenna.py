@@ -43,6 +43,7 @@ if TYPE_CHECKING:
 
 pytestmark = pytest.mark.filterwarnings("ignore::tle.errors.EarthOrientationWarning")
 PATIENCE_S = 30.0
+QUIET_S = 0.3
 ISS = str(Path(__file__).resolve().parents[3] / "examples" / "iss_leiden.tle")
 WHERE = f"{SITE.latitude_deg},{SITE.longitude_deg},0"
 
@@ -159,6 +160,9 @@ def test_the_operator_at_the_controller_switches_to_local_and_reads_the_last_lin
         assert process.stderr is not None
         with socket.create_connection(("127.0.0.1", int(str(told["listening"])))) as antcn:
             antcn.settimeout(PATIENCE_S)
+            antcn.sendall(b"TD 10 20 BB\n")
+            assert antcn.recv(100) == b"TD ACK A7\n"
+            assert not select.select([antcn], [], [], QUIET_S)[0], "something came unasked"
             process.stdin.write(b"local\n")
             process.stdin.flush()
             while b"is in local" not in process.stderr.readline():
@@ -169,6 +173,7 @@ def test_the_operator_at_the_controller_switches_to_local_and_reads_the_last_lin
             process.stdin.flush()
             while b"STOP -> STOP NAK 8" not in process.stderr.readline():
                 pass
+            assert not select.select([antcn], [], [], 0.0)[0], "something came unasked"
         process.send_signal(signal.SIGTERM)
         process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
