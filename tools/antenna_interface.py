@@ -48,6 +48,7 @@ DIALOGUE = (
     (3.1, "OFFSET AZEL 0.1 0"),
     (3.2, "FIXSKY DATE 187.70593 12.39112 43200"),
     (3.3, "POINTING 0.01 -0.02 0 0 0.003 0"),
+    (3.35, "SKY"),
     (3.4, "TLE 0 25544 ISS (ZARYA)"),
     (3.5, f"TLE 1 25544 {LINE_1}"),
     (3.6, f"TLE 2 25544 {LINE_2}"),

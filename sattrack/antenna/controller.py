@@ -12,11 +12,10 @@ from decimal import Decimal
 from enum import StrEnum
 from typing import TYPE_CHECKING, Literal
 
-from sattrack.antenna import focus_orders
-from sattrack.antenna.celestial import Satellite, SkyPath, Target
-from sattrack.antenna.element_store import StoreError
+from sattrack.antenna import focus_orders, sky_orders
 from sattrack.antenna.equipment import Antenna, Feedback
 from sattrack.antenna.line import Framer, Line, LineFault, Synchronised, encode
+from sattrack.antenna.position import Position, position_message
 from sattrack.antenna.reckoning import Reckoning
 from sattrack.antenna.trajectory import (
     MOST_EPOCH_DISTANCE_S,
@@ -31,19 +30,18 @@ from sattrack.antenna.trajectory import (
 )
 from sattrack.antenna.transactions import (
     Nak,
-    Position,
     Refusal,
     Request,
     acknowledge,
     parse,
-    position_message,
     word_of,
 )
-from tle.bias import Bias
 from tle.errors import TleError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from sattrack.antenna.celestial import SkyPath
 
 REMEMBERED_LINES = 50
 MOST_TIME_STEP_S = 86400
@@ -85,14 +83,14 @@ class Controller:
     last_refusal: Nak | None = None
     exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=REMEMBERED_LINES))
     _framer: Framer = field(init=False)
-    _reckoning: Reckoning = field(init=False)
-    _held: SkyPath | None = None
+    reckoning: Reckoning = field(init=False)
+    held: SkyPath | None = None
     """The satellite's way, while SATOFF holds the antenna."""
 
     def __post_init__(self) -> None:
         """Begin with no offsets."""
         self._framer = Framer(self.antenna.check)
-        self._reckoning = Reckoning(self.antenna.sky, self.antenna.axes)
+        self.reckoning = Reckoning(self.antenna.sky, self.antenna.axes)
 
     def receive(self, data: bytes, now_ns: int) -> tuple[bytes, bool]:
         """Take bytes that came at an instant; return what to send, and whether to drop what waits to be sent.
@@ -164,7 +162,7 @@ class Controller:
     # Each of these obeys one command: None acknowledges, a Nak refuses, text answers.
 
     def _designate(self, request: Request, now_ns: int) -> Nak | None:
-        epoch_ns = self._epoch(request, now_ns)
+        epoch_ns = self.epoch_asked(request, now_ns)
         if isinstance(epoch_ns, Nak):
             return epoch_ns
         names = ("first", "second", "first_rate", "second_rate")
@@ -172,9 +170,10 @@ class Controller:
         # A wrap is that of the position at its epoch; the shortest way is from here to where it is by now.
         shortest = request.text("wrap", "S") == "S"
         first_deg = straight.at(now_ns if shortest else epoch_ns).first_deg
-        return self._take_up(straight.turned(self._turns(request, first_deg, now_ns)))
+        return self.take_up(straight.turned(self.turns_asked(request, first_deg, now_ns)))
 
-    def _epoch(self, request: Request, now_ns: int) -> int | Nak:
+    def epoch_asked(self, request: Request, now_ns: int) -> int | Nak:
+        """Return the instant that a command names, or the line-feed's."""
         seconds = request.values["epoch"]
         if seconds is None or isinstance(seconds, str):
             return now_ns
@@ -184,7 +183,7 @@ class Controller:
             return Nak.RANGE
         return epoch_ns if abs(epoch_ns - now_ns) <= MOST_EPOCH_DISTANCE_S * NS else Nak.EPOCH
 
-    def _turns(self, request: Request, first_deg: float, now_ns: int) -> int:
+    def turns_asked(self, request: Request, first_deg: float, now_ns: int) -> int:
         """Return by how many turns to move a position of the first axis for the wrap that is asked for."""
         wrap = request.text("wrap", "S")
         if wrap != "S":
@@ -198,14 +197,15 @@ class Controller:
             return actual.first_deg
         return 0.0 if self.path is None else self.path.at(now_ns).first_deg
 
-    def _take_up(self, path: Path, doing: Doing = Doing.FOLLOWING) -> Nak | None:
+    def take_up(self, path: Path, doing: Doing = Doing.FOLLOWING) -> Nak | None:
+        """Put a trajectory in force, unless the antenna is stowed."""
         if self.doing is Doing.STOW and doing is not Doing.STOW:
             return Nak.STATE
-        self.path, self.doing, self._held = path, doing, None
+        self.path, self.doing, self.held = path, doing, None
         return None
 
     def _rest(self) -> None:
-        self.path = self._held = None
+        self.path = self.held = None
         if self.doing is not Doing.STOW:
             self.doing = Doing.IDLE
 
@@ -293,7 +293,7 @@ class Controller:
     def _stand(self, place: tuple[float, float] | None, doing: Doing, now_ns: int) -> Nak | None:
         if place is None:
             return Nak.NOT_AVAILABLE
-        return self._take_up(Straight.standing(*place, now_ns), doing)
+        return self.take_up(Straight.standing(*place, now_ns), doing)
 
     def _unstow(self, request: Request, now_ns: int) -> Nak | None:
         del request, now_ns
@@ -307,79 +307,7 @@ class Controller:
     def _fixed(self, request: Request, now_ns: int) -> Nak | None:
         zero = Decimal(0)
         there = Straight(ExactState(request.exact("first"), request.exact("second"), zero, zero), now_ns)
-        return self._take_up(there.turned(self._turns(request, request.number("first"), now_ns)))
-
-    def _follow_source(self, request: Request, now_ns: int) -> Nak | None:
-        return self._follow(self._reckoning.source(request), request, now_ns)
-
-    def _follow(self, target: Target, request: Request, now_ns: int) -> Nak | None:
-        path = self._reckoning.path(target)
-        path.turn_by(self._turns(request, path.at(now_ns).first_deg, now_ns))
-        return self._take_up(path)
-
-    def _fixed_on_sky(self, request: Request, now_ns: int) -> Nak | None:
-        epoch_ns = self._epoch(request, now_ns)
-        if isinstance(epoch_ns, Nak):
-            return epoch_ns
-        there = self._reckoning.path(self._reckoning.source(request)).at(epoch_ns)
-        stands = Straight.standing(there.first_deg, there.second_deg, epoch_ns)
-        return self._take_up(stands.turned(self._turns(request, there.first_deg, now_ns)))
-
-    def _offset(self, request: Request, now_ns: int) -> None:
-        del now_ns
-        self._reckoning.offset(request)
-        self._reduce()
-
-    def _pointing(self, request: Request, now_ns: int) -> Nak | None:
-        del now_ns
-        if self.antenna.axes != "hadec":
-            return Nak.NOT_AVAILABLE
-        self._reckoning.model(request)
-        self._reduce()
-        return None
-
-    def _reduce(self) -> None:
-        """Have what is followed go by what has been sent since."""
-        reduction = self._reckoning.reduction
-        if isinstance(self.path, SkyPath):
-            self.path = self.path.reduced_by(reduction)
-        if self._held is not None:
-            self._held = self._held.reduced_by(reduction)
-
-    def _take_elements(self, request: Request, now_ns: int) -> Nak | None:
-        del now_ns
-        store, number = self._reckoning.elements, int(request.number("number"))
-        try:
-            if request.command.word == "TLE":
-                store.take_line(int(request.text("line")), number, request.text("text"))
-            else:
-                store.take_value(number, request.text("keyword"), request.text("value"))
-        except StoreError as error:
-            return error.why
-        return None
-
-    def _satellite(self, request: Request, now_ns: int) -> Nak | None:
-        mode = self.antenna.refraction
-        refracted = mode == "on" or (mode == "auto" and not self.feedback.does_refraction)
-        try:
-            satellite = self._reckoning.satellite(int(request.number("number")), refracted)
-            return self._follow(satellite, request, now_ns)
-        except StoreError as error:
-            return error.why
-
-    def _bias_satellite(self, request: Request, now_ns: int) -> None:
-        bias = self._reckoning.bias = Bias(request.number("along"), request.number("cross"))
-        following = self._held or self.path
-        if not isinstance(following, SkyPath) or not isinstance(following.target, Satellite):
-            return
-        near_deg = following.at(now_ns).first_deg
-        way = self._reckoning.path(Satellite(following.target.propagator, bias), near_deg)
-        if request.text("mode", "TRACK") == "TRACK":
-            self.path, self._held = way, None
-            return
-        there = way.at(now_ns)
-        self.path = Straight.standing(there.first_deg, there.second_deg, now_ns)
-        self._held = way
+        return self.take_up(there.turned(self.turns_asked(request, request.number("first"), now_ns)))
 
     def _focus(self, request: Request, now_ns: int) -> str | Nak | None:
         return focus_orders.obey(self.antenna.focuser, request, now_ns)
@@ -399,14 +327,7 @@ _HANDLERS: dict[str, Callable[[Controller, Request, int], str | Nak | None]] = {
     "FOCSWEEP": Controller._focus,
     "FOCSTOP": Controller._focus,
     "FOCPS": Controller._focus,
-    "RADEC": Controller._follow_source,
     "FIXED": Controller._fixed,
-    "FIXSKY": Controller._fixed_on_sky,
-    "OFFSET": Controller._offset,
-    "POINTING": Controller._pointing,
-    "TLE": Controller._take_elements,
-    "OMM": Controller._take_elements,
-    "SAT": Controller._satellite,
-    "SATOFF": Controller._bias_satellite,
+    **sky_orders.HANDLERS,
 }
 """What obeys each command; those that are not here are not available: pins, brakes and sensors."""

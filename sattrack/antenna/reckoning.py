@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 
 from sattrack.antenna.celestial import Mean, OfDate, PointingModel, Reduction, Satellite, SkyPath, Target
 from sattrack.antenna.element_store import ElementStore
-from sattrack.antenna.sky import AxisKind, RaDec, Sky
+from sattrack.antenna.sky import AxisKind, AzEl, HaDec, RaDec, Sky
 from tle.bias import NO_BIAS, Bias
 from tle.propagator import Propagator
 from tle.refraction import Refraction
 
 if TYPE_CHECKING:
+    from sattrack.antenna.trajectory import AxisState
     from sattrack.antenna.transactions import Request
 
 MODEL_TERMS = ("ih", "id", "ch", "np", "ma", "me")
@@ -28,6 +29,8 @@ class Reckoning:
         self.reduction = Reduction(sky, axes)
         self.elements = ElementStore()
         self.bias: Bias = NO_BIAS
+        self.hold = False
+        """Whether satellites are stood at, not tracked."""
         self._sky = sky
 
     def offset(self, request: Request) -> None:
@@ -61,3 +64,14 @@ class Reckoning:
     def path(self, target: Target, near_deg: float = 0.0) -> SkyPath:
         """Return the way of a target, turns of the first axis counted from near a place."""
         return SkyPath(target, self.reduction, near_deg)
+
+    def pointed_at(self, axes: AxisState, utc_s: float) -> tuple[float, float, float, float]:
+        """Return where axes point: right ascension and declination of date, azimuth, elevation, degrees."""
+        sky = self._sky
+        if self.reduction.axes == "azel":
+            seen = AzEl(axes.first_deg, axes.second_deg)
+            place = sky.equatorial(seen, utc_s)
+        else:
+            place = self.reduction.model.inverse(HaDec(axes.first_deg, axes.second_deg))
+            seen = sky.horizontal(place, utc_s)
+        return (sky.sidereal_deg(utc_s) - place.ha_deg) % 360.0, place.dec_deg, seen.az_deg, seen.el_deg

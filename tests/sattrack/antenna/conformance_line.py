@@ -100,10 +100,15 @@ LINE_ROWS = (
     ),
     Row(
         "4.0",
-        "nothing is sent but in response",
+        "nothing is sent but in response, whatever the antenna does meanwhile",
         (
-            Step(0, b"", b""),
-            Step(5, b"", b""),
+            Step(0, b"TD 10 20 BB\n", b"TD ACK A7\n"),
+            Step(5, b"P", b""),
+            Step(
+                10,
+                b"S C3\n",
+                b"PS 10.00000000 20.00000000 30.00000000 40.00000000 0.0000000000 0.0000000000 0.0000000000 0.0000000000 0 0 43210.000000 REMOTE SLEWING 2A\n",
+            ),
         ),
     ),
     Row(
@@ -265,6 +270,7 @@ LINE_ROWS = (
         (
             Step(0, b"STATUS 04\n", b"STATUS LOCAL IDLE LINK-UP OK 0 0 47\n"),
             Step(0, b"TIME 4F\n", b"TIME 20728 43200.000000 D9\n"),
+            Step(0, b"FOCPS 9B\n", b"FOCPS 0.0000 0.0000 0.0000 0.0000 43200.000000 STOPPED 39\n"),
         ),
         local=True,
     ),

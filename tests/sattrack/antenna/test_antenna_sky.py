@@ -137,6 +137,23 @@ def test_each_term_of_the_model_does_what_its_formula_says(
     assert PointingModel(**{term: 0.1}).correction(place) == pytest.approx(added, abs=1e-12)
 
 
+def test_a_pointing_model_moves_what_is_followed_and_its_inverse_tells_where_the_axes_point(sky: Sky) -> None:
+    """It stands at 30° and 40°: with index errors of 0.5° and -0.25° it looks at 29.5° and 40.25°."""
+    plain = commanded(["RADEC DATE 200 20"])
+    moved = commanded(["RADEC DATE 200 20", "POINTING 0.5 -0.25 0 0 0 0"])
+    assert moved == pytest.approx((plain[0] + 0.5, plain[1] - 0.25), abs=2e-8)
+    controller = make_controller()
+    exchange(controller, encode("POINTING 0.5 -0.25 0 0 0 0"))
+    told = [float(field) for field in exchange(controller, encode("SKY")).split()[1:6]]
+    seen = sky.horizontal(HaDec(29.5, 40.25), NOON_S)
+    assert told == pytest.approx([(sky.sidereal_deg(NOON_S) - 29.5) % 360.0, 40.25, *seen, 43200.0], abs=2e-8)
+
+
+def test_without_a_model_the_axes_point_where_they_stand(sky: Sky) -> None:
+    told = [float(field) for field in exchange(make_controller(), encode("SKY")).split()[1:3]]
+    assert told == pytest.approx([(sky.sidereal_deg(NOON_S) - 30.0) % 360.0, 40.0], abs=2e-8)
+
+
 ISS = [f"TLE 1 25544 {LINE_1}", f"TLE 2 25544 {LINE_2}"]
 
 
@@ -168,6 +185,18 @@ def test_hold_stands_where_the_satellite_was_and_track_takes_it_up_again() -> No
     exchange(controller, encode("SATOFF 1 0 TRACK"), CULMINATION_S + 60.0)
     moving = exchange(controller, encode("PS"), CULMINATION_S + 60.0).split()[1:3]
     assert moving != then
+
+
+def test_a_hold_that_was_asked_for_before_holds_the_satellite_at_once() -> None:
+    controller = make_controller()
+    for message in [*ISS, "SATOFF 2 0 HOLD", "SAT 25544"]:
+        assert b" ACK " in exchange(controller, encode(message), CULMINATION_S)
+    told = [
+        exchange(controller, encode("PS"), CULMINATION_S + later_s).split()[1:3] for later_s in (0.0, 30.0)
+    ]
+    assert told[0] == told[1]
+    tracked = commanded([*ISS, "SATOFF 2 0", "SAT 25544"], CULMINATION_S)
+    assert [float(text) for text in told[0]] == pytest.approx(tracked, abs=2e-8)
 
 
 def test_elements_as_omm_values_are_the_same_satellite() -> None:
