@@ -40,7 +40,7 @@ BISECTIONS = 50
 LONGEST_S = 150.0
 JOIN_S = 1.0
 """Stretches that are too fast and so near one another are one keyhole."""
-POLE_WITHIN_DEG = 30.0
+POLE_WITHIN_DEG = 15.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -109,8 +109,8 @@ def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) 
         Loss(
             *_lost_span(k, ability.detours),
             "keyhole",
-            f"{k.polar_distance_deg:.2f}° from the pole the hour angle turns {k.peak_rate_deg_s:.0f} °/s "
-            f"of {profile.ra.max_rate_deg_s:g} °/s",
+            f"{k.polar_distance_deg:.2f}° from the pole the hour angle turns {k.peak_rate_deg_s:.3g} °/s "
+            f"of {profile.ra.max_rate_deg_s:.3g} °/s",
         )
         for k in keyholes
         if begin_utc_s <= k.begin_utc_s < end_utc_s
@@ -135,9 +135,8 @@ def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) 
             begin, end = float(path.utc_s[first]), float(path.utc_s[last])
             if any(begin < loss.end_utc_s and end > loss.begin_utc_s for loss in found):
                 continue
-            words = (
-                f"{axis} turns {np.max(np.abs(rate[first : last + 1])):.2f} °/s of {can.max_rate_deg_s:g} °/s"
-            )
+            most = float(np.max(np.abs(rate[first : last + 1])))
+            words = f"{axis} turns {most:.3g} °/s of {can.max_rate_deg_s:.3g} °/s"
             found.append(Loss(begin, end, "rate", words))
     return sorted(found, key=lambda loss: loss.begin_utc_s)
 

@@ -145,13 +145,9 @@ def _in_mid_pass(begin: float, end: float, performance: Performance, causes: Cau
 def peaks(
     path: AxisPath, performance: Performance, profile: MountProfile, within_arcsec: float
 ) -> tuple[Peak, Peak]:
-    """Return the peaks of both axes, hour angle first.
-
-    Reached are the rates between the first and the last instant on target.
-    """
+    """Return the peaks of both axes, hour angle first; those reached are of following, not of catching up."""
     trace = performance.trace
-    on = np.flatnonzero(trace.on_target(within_arcsec))
-    during = slice(int(on[0]), int(on[-1]) + 1) if len(on) else slice(0, 0)
+    during = trace.settled(within_arcsec)
     found = [
         _peak(
             name,

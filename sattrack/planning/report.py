@@ -19,13 +19,13 @@ class LostStretch(msgspec.Struct, frozen=True):
 
 
 class Peak(msgspec.Struct, frozen=True):
-    """The most that was asked of one axis, and reached by it in the rehearsed run, against its limits."""
+    """The most that a pass asks of one axis and that it reached on target when rehearsed, and its limits."""
 
     axis: str
     asked_rate_deg_s: float
     asked_rate_utc: str
     reached_rate_deg_s: float | None
-    """Null where the run never had the satellite."""
+    """From a second after each joining on, catching up left out; null where none was so long."""
     limit_rate_deg_s: float
     asked_acceleration_deg_s2: float
     limit_acceleration_deg_s2: float

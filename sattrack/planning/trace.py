@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -10,8 +11,13 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from sattrack.tracker import TrackPlan
+
     Array = NDArray[np.float64]
     Bools = NDArray[np.bool_]
+
+SETTLED_S = 1.0
+"""For so long after it has joined the target, an axis may still be coming to its rate."""
 
 
 @dataclass(slots=True)
@@ -73,7 +79,18 @@ class TraceArrays:
 
     def on_target(self, within_arcsec: float) -> Bools:
         """Tell of each row whether the mount was on target, as the figures of a run count it."""
-        return self.moving & self.acquired & (self.total_arcsec <= within_arcsec)
+        free = np.array([name is None for name in self.holding], dtype=bool)
+        on: Bools = self.moving & self.acquired & free & (self.total_arcsec <= within_arcsec)
+        return on
+
+    def settled(self, within_arcsec: float) -> Bools:
+        """Tell of each row whether the mount has been on target for SETTLED_S: that is following."""
+        on = self.on_target(within_arcsec)
+        begins = on & ~np.concatenate([[False], on[:-1]])
+        rows = np.arange(len(on))
+        first = np.maximum.accumulate(np.where(begins, rows, 0))
+        settled: Bools = on & (self.utc_s >= self.utc_s[first] + SETTLED_S) if len(rows) else on
+        return settled
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,10 +98,29 @@ class Performance:
     """A rehearsed run as a whole: its rows, and how it went."""
 
     trace: TraceArrays
-    on_target_s: float
     acquired_utc_s: float | None
     followable_utc_s: float | None
     ended_utc_s: float
     ended_by: str
     period_s: float
     message: str | None
+
+    def followed_s(self, plan: TrackPlan, until_utc_s: float = math.inf) -> float:
+        """Return the seconds on target within a plan's window, a status standing for the time before it."""
+        utc_s = self.trace.utc_s
+        if len(utc_s) < 2:
+            return 0.0
+        end = min(plan.end_utc_s, until_utc_s)
+        within = np.clip(utc_s, plan.start_utc_s, end)
+        on = self.trace.on_target(plan.on_target_arcsec)[1:]
+        return float(np.sum(np.diff(within)[on]))
+
+    def lost_s(self, plan: TrackPlan) -> float:
+        """Return the seconds of a plan's window off target."""
+        return plan.end_utc_s - plan.start_utc_s - self.followed_s(plan)
+
+    def stands_at(self, utc_s: float) -> tuple[float, float]:
+        """Return hour angle and declination of the axes at an instant, POSIX seconds; turns counted."""
+        trace = self.trace
+        index = max(0, int(np.searchsorted(trace.utc_s, utc_s)) - 1)
+        return float(trace.hour_angle_axis_deg[index]), float(trace.dec_axis_deg[index])

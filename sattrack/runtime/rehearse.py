@@ -11,7 +11,7 @@ import math
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 import numpy as np
@@ -36,7 +36,7 @@ from sattrack.planning.rehearsal import (
     verdict,
 )
 from sattrack.planning.report import LostStretch, Report
-from sattrack.planning.sides import Rule, choose_sides
+from sattrack.planning.sides import Lost, Rule, Sides, choose_sides, sides_of
 from sattrack.planning.table import TabledPropagator
 from sattrack.planning.trace import Performance, Trace
 from sattrack.recording.recorder import NoRecording
@@ -44,7 +44,7 @@ from sattrack.runtime.facts import SEARCH_HOURS, build_engine, plan_for
 from sattrack.runtime.prepare import with_detours
 from sattrack.runtime.virtual import VirtualRun
 from sattrack.tracker import ACQUIRED_AFTER_SAMPLES, Phase
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite
+from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.xerxes.simulator.settings import SimulatorProfile, simulator_profile
 from tle.ground import Ground
 from tle.instants import Utc
@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.mount import MountProfile
+    from sattrack.planning.keyhole import Keyhole
     from sattrack.planning.path import AxisPath
     from sattrack.runtime.facts import RunFacts
     from sattrack.runtime.prepare import Prepared
@@ -65,13 +66,16 @@ if TYPE_CHECKING:
 
 MARGIN_S = 10.0
 MOVING = (Phase.ACQUIRING, Phase.TRACKING)
-FULL_PERIOD_S, SLOW_PERIOD_S = 0.05, 0.1
+FULL_PERIOD_S, SLOW_PERIOD_S, SLOWEST_PERIOD_S = 0.05, 0.1, 0.2
 SLOW_ERROR_SHARE = 0.1
-"""A slow object's loop may leave so much of what counts as on target by holding its rates twice as long."""
-SLOW_RATE_SHARE = 0.7
+"""A slow object's loop may leave so much of what counts as on target by holding its rates for longer."""
+SLOW_RATE_SHARE = 0.97
 """A slow object needs no more than this share of the axes' rates."""
-LONGEST_RUN_S = 3000.0
-"""Of longer passes the beginning is run, and kinematics alone tell the rest."""
+LONG_S, LONGEST_RUN_S = 1200.0, 1800.0
+"""Long passes may be run in still longer steps; of the longest the beginning is run, and kinematics alone
+tell the rest."""
+LATE_S = 1.5
+"""Following that begins so long after its time did not get there in time."""
 PATH_STEP_S, MOST_SAMPLES = 0.05, 20_000
 READY_S = 5.0
 """How long before its slew a rehearsal begins: the mount's loop and clock are learnt in that time."""
@@ -166,13 +170,12 @@ def rehearse(
         )
     period_s = loop_period_s(straight, facts.profile, plan)
     part = _beginning(facts)
-    performance = perform(_sooner(part, straight), prepared.simulator, period_s)
+    performance = _performance(part, straight, prepared.simulator, period_s)
     path = _as_taken(straight, performance, ability)
     keyholes = find_keyholes(path, facts.profile, ability.tolerance_deg)
     lost = lost_stretches(performance, part.plan, path.until(part.plan.end_utc_s), ability, keyholes)
     later = _later(path, part.plan.end_utc_s, ability) if part is not facts else ()
-    lost_s = part.plan.end_utc_s - part.plan.start_utc_s - performance.on_target_s
-    lost_s += sum(stretch.seconds for stretch in later)
+    lost_s = performance.lost_s(part.plan) + sum(stretch.seconds for stretch in later)
     pass_s = plan.end_utc_s - plan.start_utc_s
     go, words = verdict((*lost, *later), lost_s, pass_s)
     acquired = performance.acquired_utc_s
@@ -198,7 +201,7 @@ def rehearse(
         peaks=peaks(path, performance, facts.profile, plan.on_target_arcsec),
         margins=margins(path, ability),
         keyholes=tuple(keyhole_view(k, followed=bool(plan.detours)) for k in keyholes),
-        sides=choose_sides(straight, ability, _rule(facts.profile, hardware), keyholes),
+        sides=_sides(part, straight, ability, keyholes, _Run(performance, lost, lost_s, prepared.simulator)),
         link_loss=link_loss_view(
             link_loss(way_of(path, performance.trace), facts.profile, facts.limits, facts.site.latitude_deg),
             facts.profile.watchdog_s,
@@ -214,6 +217,64 @@ def rehearse(
         notes=_notes(facts, part, performance),
     )
     return Rehearsal(report, path, performance, ability, propagator)
+
+
+def _performance(facts: RunFacts, path: AxisPath, table: dict[str, Any], period_s: float) -> Performance:
+    """Run a pass from shortly before its beginning, or from as long before as a real run if that was late."""
+    sooner = _sooner(facts, path)
+    performance = perform(sooner, table, period_s)
+    late = performance.acquired_utc_s is None or performance.acquired_utc_s > facts.plan.start_utc_s + LATE_S
+    if late and sooner.started_utc_s > facts.started_utc_s:
+        # A slew that goes round what is in its way takes longer than a straight one.
+        performance = perform(facts, table, period_s)
+    return performance
+
+
+class _Run(NamedTuple):
+    """A rehearsed run, with what it lost, and what the profile says of the simulated mount."""
+
+    performance: Performance
+    lost: tuple[LostStretch, ...]
+    lost_s: float
+    table: dict[str, Any]
+
+
+def _sides(facts: RunFacts, path: AxisPath, ability: Ability, keyholes: list[Keyhole], run: _Run) -> Sides:
+    """Return what can be done about sides and cables; another way than the mount's own is run as well."""
+    worst = max(run.lost, key=lambda stretch: stretch.seconds, default=None)
+    known = Lost(run.lost_s, None if worst is None else worst.limit)
+    part = path.until(facts.plan.end_utc_s)
+    rule = _rule(facts.profile, simulator_profile(run.table))
+    found = choose_sides(part, ability, rule, keyholes, known)
+    other = found.recommended
+    if other is found.by_itself or other.again_utc is None:
+        return found
+    again = facts
+    if other.stop_utc is None:
+        begin_utc_s, before_s, start = _utc_s(other.again_utc), 0.0, practice.START
+    else:
+        begin_utc_s = _utc_s(other.stop_utc)
+        before_s = run.performance.followed_s(facts.plan, until_utc_s=begin_utc_s)
+        start = StartPosition(*run.performance.stands_at(begin_utc_s))
+    plan = msgspec.structs.replace(facts.plan, start_utc_s=begin_utc_s)
+    again = msgspec.structs.replace(facts, plan=plan, started_utc_s=begin_utc_s)
+    if other.stop_utc is None:
+        again = msgspec.structs.replace(again, started_utc_s=begin_utc_s - plan.approach_s - READY_S)
+    second = perform(with_detours(again), run.table, run.performance.period_s, start)
+    whole_s = facts.plan.end_utc_s - facts.plan.start_utc_s
+    lost_s = run.lost_s - run.performance.lost_s(facts.plan)
+    lost_s += whole_s - before_s - second.followed_s(again.plan)
+    acquired = second.acquired_utc_s
+    told = msgspec.structs.replace(
+        other,
+        lost_s=lost_s,
+        again_utc=other.again_utc if acquired is None else Utc(acquired).isoformat("seconds"),
+    )
+    return sides_of(rule, found.by_itself, told)
+
+
+def _utc_s(utc: str) -> float:
+    return float(Utc.parse(utc).unix_s)
 
 
 def choose_nth_pass(prepared: Prepared, number: int, min_alt_deg: float) -> Prepared:
@@ -246,17 +307,20 @@ def choose_nth_pass(prepared: Prepared, number: int, min_alt_deg: float) -> Prep
 
 
 def loop_period_s(path: AxisPath, profile: MountProfile, plan: TrackPlan) -> float:
-    """Return the period to run at: 50 ms, or twice that for an object so slow that it makes no difference."""
-    allowed_deg_s2 = SLOW_ERROR_SHARE * plan.on_target_arcsec / 3600.0 * 8.0 / SLOW_PERIOD_S**2
-    slow = all(
-        float(np.max(np.abs(acceleration))) <= allowed_deg_s2
-        and float(np.max(np.abs(rate))) <= SLOW_RATE_SHARE * can.max_rate_deg_s
-        for acceleration, rate, can in (
-            (path.hour_angle_acceleration_deg_s2, path.hour_angle_rate_deg_s, profile.ra),
-            (path.dec_acceleration_deg_s2, path.dec_rate_deg_s, profile.dec),
-        )
-    )
-    return SLOW_PERIOD_S if slow or plan.end_utc_s - plan.start_utc_s > LONGEST_RUN_S else FULL_PERIOD_S
+    """Return the period to run at: 50 ms, or more for an object so slow that it makes no difference."""
+    long = plan.end_utc_s - plan.start_utc_s > LONG_S
+    cos_dec = np.abs(np.cos(np.radians(path.pointing.dec_axis_deg)))
+    sky_deg_s2 = np.hypot(path.hour_angle_acceleration_deg_s2 * cos_dec, path.dec_acceleration_deg_s2)
+    # A rate held for a time T leaves an error of a T² / 8.
+    allowed_deg = SLOW_ERROR_SHARE * plan.on_target_arcsec / 3600.0
+    within = float(np.max(np.abs(path.hour_angle_rate_deg_s))) <= SLOW_RATE_SHARE * profile.ra.max_rate_deg_s
+    within &= float(np.max(np.abs(path.dec_rate_deg_s))) <= SLOW_RATE_SHARE * profile.dec.max_rate_deg_s
+    for period_s in (SLOWEST_PERIOD_S, SLOW_PERIOD_S):
+        if period_s == SLOWEST_PERIOD_S and not long:
+            continue
+        if within and float(np.max(sky_deg_s2)) * period_s**2 / 8.0 <= allowed_deg:
+            return period_s
+    return SLOW_PERIOD_S if long else FULL_PERIOD_S
 
 
 def _instants(plan: TrackPlan) -> NDArray[np.float64]:
@@ -372,10 +436,13 @@ def ideal_hardware(table: dict[str, Any]) -> SimulatorProfile:
     )
 
 
-def perform(facts: RunFacts, table: dict[str, Any], period_s: float) -> Performance:
+def perform(
+    facts: RunFacts, table: dict[str, Any], period_s: float, start: StartPosition = practice.START
+) -> Performance:
     """Run a pass with its plan, profile and limits; `table` is the profile's `[simulator]`.
 
-    The loop runs every `period_s` on both sides. Raises BadInputError, PropagationError.
+    The loop runs every `period_s` on both sides, from where the axes stand at `start`. Raises BadInputError,
+    PropagationError.
     """
     profile = msgspec.structs.replace(facts.profile, period_s=period_s)
     facts = msgspec.structs.replace(facts, profile=profile, recording=None)
@@ -389,7 +456,7 @@ def perform(facts: RunFacts, table: dict[str, Any], period_s: float) -> Performa
     # Nobody asks for the true errors: the axes themselves are noted.
     spec = replace(spec, propagator=tabled, if_mount_refracts=if_refracts, simulated=False)
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
-    mount = SimulatedMount(profile, site, practice.START, ideal_hardware(table))
+    mount = SimulatedMount(profile, site, start, ideal_hardware(table))
     run = RehearsedRun(Engine(spec), mount, facts.started_utc_s, NoRecording())
     with _without_collector():
         ended_utc_s = run.run()
@@ -398,14 +465,11 @@ def perform(facts: RunFacts, table: dict[str, Any], period_s: float) -> Performa
     # Acquisition takes so many samples: with longer steps it was there, unseen, so much sooner.
     sooner_s = ACQUIRED_AFTER_SAMPLES * max(0.0, period_s - FULL_PERIOD_S)
     acquired_utc_s = tracker.acquired_utc_s
-    on_target_s = run.engine.on_target_s
     if acquired_utc_s is not None and sooner_s:
         acquired_utc_s -= sooner_s
         trace = replace(trace, acquired=trace.acquired | (trace.utc_s > acquired_utc_s))
-        on_target_s += sooner_s
     return Performance(
         trace=trace,
-        on_target_s=on_target_s,
         acquired_utc_s=acquired_utc_s,
         followable_utc_s=tracker.followable_utc_s,
         ended_utc_s=ended_utc_s,

@@ -125,15 +125,41 @@ def test_what_is_beyond_a_limit_of_travel_is_lost_with_its_reason() -> None:
 
 def test_a_stop_and_a_new_beginning_are_recommended_where_the_cables_end() -> None:
     # Circumpolar, through the lower meridian: at 200° the cables end; a slew winds them back to -160°.
-    time_s = np.linspace(0.0, 300.0, 3001)
-    path = path_of(time_s, 170.0 + 0.3 * time_s, np.full_like(time_s, 70.0))
+    time_s = np.linspace(0.0, 400.0, 4001)
+    path = path_of(time_s, 140.0 + 0.3 * time_s, np.full_like(time_s, 70.0))
     found = choose_sides(path, ability(MountProfile(), latitude_deg=60.0), "never", [])
-    # The cables end after 100 s; a second of fault and a tenth of a degree are kept before.
+    # The cables end after 200 s; a second of fault and a tenth of a degree are kept before.
     assert found.by_itself.lost_s == pytest.approx(200.0 + 1.0 + 0.1 / 0.3, abs=0.3)
     assert found.by_itself.limit == "hour_angle"
-    assert found.recommended.flip_utc is not None
+    assert found.recommended.stop_utc is not None
     # Once round at 10 °/s takes 36 s and some for the ramps.
     assert 36.0 < found.recommended.lost_s < 50.0
+
+
+def test_where_the_cables_end_soon_after_the_lower_meridian_a_late_beginning_loses_less_than_a_stop() -> None:
+    # At 180° after 30 s: begun from there on, the cables are unwound, and all the rest can be followed.
+    time_s = np.linspace(0.0, 400.0, 4001)
+    path = path_of(time_s, 171.0 + 0.3 * time_s, np.full_like(time_s, 70.0))
+    found = choose_sides(path, ability(MountProfile(), latitude_deg=60.0), "never", [])
+    assert found.recommended.stop_utc is None
+    assert found.recommended.again_utc is not None
+    assert found.recommended.lost_s == pytest.approx(30.0, abs=0.5)
+
+
+def test_a_mount_that_flips_by_its_rule_begins_late_from_the_side_that_holds_the_rest() -> None:
+    # West of the meridian the rule has it beyond the pole. From the normal side its axis is let go to 40°
+    # only: begun there the path is lost after 50 s; joined past the meridian, 10 s in, the axis is at -180°.
+    time_s = np.linspace(0.0, 160.0, 1601)
+    path = path_of(time_s, time_s - 10.0, np.full_like(time_s, 40.0))
+    square = ((40.0, 0.0), (170.0, 0.0), (170.0, 80.0), (40.0, 80.0))
+    mount = MountProfile(
+        pier_rule="hour_angle", pier_zones=(PierZone("pillar", square, "normal"),), hour_angle_limit_deg=185.0
+    )
+    found = choose_sides(path, ability(mount, latitude_deg=50.0), "hour_angle", [])
+    assert found.by_itself.side == "normal"
+    assert found.by_itself.lost_s == pytest.approx(110.0, abs=2.0)
+    assert (found.recommended.stop_utc, found.recommended.again_side) == (None, "beyond_pole")
+    assert found.recommended.lost_s == pytest.approx(10.0, abs=0.5)
 
 
 def test_the_table_gives_the_directions_of_the_propagator() -> None:
