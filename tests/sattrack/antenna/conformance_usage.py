@@ -77,6 +77,16 @@ USAGE_ROWS = (
     ),
     Row(
         "5.0",
+        "status in detail tells why something was refused last",
+        (
+            Step(0, b"TD 99 x E2\n", b"TD NAK 5 07\n"),
+            Step(0, b"STATUS 04\n", b"STATUS REMOTE IDLE LINK-UP OK 0 5 AD\n"),
+            Step(0, b"SENSORS 4D\n", b"SENSORS NAK 9 A0\n"),
+            Step(0, b"STATUS 04\n", b"STATUS REMOTE IDLE LINK-UP OK 0 9 B1\n"),
+        ),
+    ),
+    Row(
+        "5.0",
         "other commands come in between",
         (
             Step(0, b"TD 10 20 BB\n", b"TD ACK A7\n"),
