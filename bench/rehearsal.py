@@ -3,23 +3,29 @@
 python bench/rehearsal.py [PASSES] [FIRST] [--jobs N]
 
 Random passes of up to ten minutes, over random sites, with random mounts and limits. Each is rehearsed, then
-flown in virtual time by a mount that has its own clock, timer, link and noise, every fourth with friction and
-ripple too; figures of the run are those of its summary and its recording.
+flown as `track --mount sim --virtual` does it, by a mount that has its own clock, timer, link and noise, and in
+every fourth friction and ripple; figures of the run are those of its summary and of its statuses.
 """
 
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from rehearsal_draws import draw, fly, noisy
 
+from sattrack.planning.feasibility import ability_at, why_not_feasible
 from sattrack.runtime.rehearse import rehearse
+
+if TYPE_CHECKING:
+    from sattrack.runtime.prepare import Prepared
 
 STICKY_EVERY = 4
 LOST_WITHIN_S, PEAKS_WITHIN = 0.5, 0.01
+COST_WITHIN_S = 2.0
 
 
 class Row(NamedTuple):
@@ -33,10 +39,18 @@ class Row(NamedTuple):
     peaks: tuple[float | None, float | None]
     foretold_end: str
     end: str
+    go: bool
+    why_not: str | None
+    by_sun: bool
 
     @property
     def off_s(self) -> float:
         return abs(self.foretold_lost_s - self.lost_s)
+
+    @property
+    def cost_s(self) -> float:
+        """Seconds of a core for ten minutes of pass."""
+        return 600.0 * self.cpu_s / self.pass_s
 
     @property
     def peaks_off(self) -> float:
@@ -68,7 +82,22 @@ def compare(seed: int) -> Row:
         (flown.peak_hour_angle_deg_s, flown.peak_dec_deg_s),
         report.ended_by,
         flown.summary.ended_by,
+        report.go,
+        judged(prepared),
+        any(lost.limit == "sun" for lost in report.lost),
     )
+
+
+def judged(prepared: Prepared) -> str | None:
+    """Return what `passes --judged` says of the pass."""
+    facts = prepared.facts
+    site = facts.site.place()
+    span = facts.plan.start_utc_s, facts.plan.end_utc_s
+    return why_not_feasible(facts.elements, site, span, ability_at(site, facts.profile, facts.limits), None)
+
+
+def within(values: list[float], most: float) -> int:
+    return sum(value <= most for value in values)
 
 
 def quantiles(values: list[float]) -> str:
@@ -85,20 +114,45 @@ def main() -> None:
     asked = parser.parse_args()
     seeds = range(asked.first, asked.first + asked.passes)
     with ProcessPoolExecutor(asked.jobs) as pool:
-        rows = list(pool.map(compare, seeds))
+        rows = []
+        for row in pool.map(compare, seeds):
+            rows.append(row)
+            if sys.stderr.isatty():
+                print(f"\r{len(rows)} of {asked.passes}", end="", file=sys.stderr, flush=True)
+    print_rows(rows)
+
+
+def print_rows(rows: list[Row]) -> None:
     lossy = sum(row.lost_s > 2.0 for row in rows)
     stopped = sum(row.end != "set" for row in rows)
     print(f"{len(rows)} passes; {lossy} lose more than 2 s, {stopped} are ended by a limit")
-    print(f"lost seconds differ: {quantiles([row.off_s for row in rows])}")
-    print(f"peak rates differ: {quantiles([row.peaks_off for row in rows])}")
+    for name, some in (
+        ("all", rows),
+        ("never at the Sun", [row for row in rows if not row.by_sun]),
+        ("held by the Sun", [row for row in rows if row.by_sun]),
+    ):
+        if not some:
+            continue
+        lost, peaks = [row.off_s for row in some], [row.peaks_off for row in some]
+        print(f"{name}, {len(some)}:")
+        print(
+            f"  lost seconds differ: {quantiles(lost)}; {within(lost, LOST_WITHIN_S)} to {LOST_WITHIN_S:g} s"
+        )
+        print(f"  peak rates differ: {quantiles(peaks)}; {within(peaks, PEAKS_WITHIN)} to {PEAKS_WITHIN:.0%}")
     print(f"end differs: {sum(row.foretold_end != row.end for row in rows)}")
-    for name, step_s in (("at 20 Hz", 0.05), ("slow objects, at 10 Hz", 0.1)):
-        costs = [600.0 * row.cpu_s / row.pass_s for row in rows if row.step_s == step_s]
+    agree = sum(row.go is (row.why_not is None) for row in rows)
+    print(f"`passes --judged` and the rehearsal's verdict agree: {agree} of {len(rows)}")
+    for step_s in (0.05, 0.1):
+        costs = [row.cost_s for row in rows if row.step_s == step_s]
         if costs:
-            print(f"seconds of a core for ten minutes of pass, {name} ({len(costs)}): {quantiles(costs)}")
+            print(
+                f"seconds of a core for ten minutes of pass, at {1.0 / step_s:.0f} Hz ({len(costs)}): "
+                f"{quantiles(costs)}; {within(costs, COST_WITHIN_S)} to {COST_WITHIN_S:g} s"
+            )
     for row in rows:
-        if row.off_s > LOST_WITHIN_S or row.peaks_off > PEAKS_WITHIN or row.foretold_end != row.end:
-            print(f"beyond {LOST_WITHIN_S:g} s or {PEAKS_WITHIN:.0%}: {row}")
+        differs = row.off_s > LOST_WITHIN_S or row.peaks_off > PEAKS_WITHIN or row.foretold_end != row.end
+        if differs or row.go is not (row.why_not is None):
+            print(row)
 
 
 if __name__ == "__main__":

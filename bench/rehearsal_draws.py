@@ -3,22 +3,22 @@
 from __future__ import annotations
 
 import random
-import tempfile
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-import msgspec
-
+from sattrack import practice
 from sattrack.errors import SattrackError
 from sattrack.mount import AxisLimits
 from sattrack.profiles import ProfileFile
-from sattrack.recording.format import STATUS, VIEW
-from sattrack.recording.reading import Recording
-from sattrack.runtime.fly import fly_virtual
+from sattrack.recording.recorder import NoRecording
+from sattrack.runtime.facts import build_engine
+from sattrack.runtime.outcome import summarise
 from sattrack.runtime.prepare import RunRequest, prepare
-from sattrack.view import TrackView
+from sattrack.runtime.virtual import VirtualRun
+from sattrack.tracker import Phase
 from sattrack.xerxes.datagrams import DTICS_S_PER_DEG_S, decode_status
+from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite
+from sattrack.xerxes.simulator.settings import simulator_profile
 from tle.elements import Elements
 from tle.instants import Utc
 from tle.site import Site
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 LONGEST_S = 600.0
 SHORTEST_S = 90.0
+GAP_S = 0.5
 BEGIN_UTC = "2026-10-02T00:00:00Z"
 STICKY = {
     "bandwidth_hz": 12.0,
@@ -42,7 +43,7 @@ STICKY = {
 
 @dataclass(frozen=True)
 class Flown:
-    """What the run that followed came to: its summary, and the peak rates that its recording tells."""
+    """What the run that followed came to: its summary, and the peak rates that its statuses tell."""
 
     summary: Summary
     lost_s: float
@@ -128,33 +129,51 @@ def noisy(prepared: Prepared, seed: int, sticky: bool) -> Prepared:
 
 
 def fly(prepared: Prepared) -> Flown:
-    """Fly the pass, recorded, and read the recording."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "run.mcap"
-        facts = msgspec.structs.replace(prepared.facts, recording=str(path))
-        summary = fly_virtual(replace(prepared, facts=facts))
-        peaks = _peaks(path, facts.plan.on_target_arcsec)
-    plan = prepared.facts.plan
-    lost_s = plan.end_utc_s - plan.start_utc_s - summary.on_target_s
-    return Flown(summary, lost_s, *peaks)
+    """Fly the pass as `track --mount sim --virtual` does, looking on at each status that arrives."""
+    facts = prepared.facts
+    site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
+    mount = SimulatedMount(facts.profile, site, practice.START, simulator_profile(prepared.simulator))
+    run = WatchedRun(build_engine(facts), mount, facts.started_utc_s, NoRecording())
+    ended_utc_s = run.run()
+    summary = summarise(run.engine, run.ledger, ended_utc_s)
+    lost_s = facts.plan.end_utc_s - facts.plan.start_utc_s - summary.on_target_s
+    return Flown(summary, lost_s, *_peaks(run.rows, facts.plan.on_target_arcsec))
 
 
-def _peaks(path: Path, within_arcsec: float) -> tuple[float | None, float | None]:
-    """Return the peak drive rates between the first and the last view on target."""
-    rows, on = [], []
-    for entry in Recording(path).entries():
-        if entry.topic == STATUS:
-            status = decode_status(entry.data)
-            rows.append((entry.utc_s, abs(status.ra_rate_dtics_s), abs(status.dec_rate_dtics_s)))
-        elif entry.topic == VIEW:
-            view = msgspec.json.decode(entry.data, type=TrackView)
-            near = view.error is not None and view.error.total_arcsec <= within_arcsec
-            if view.phase == "tracking" and near:
-                on.append(entry.utc_s)
-    if not on:
+@dataclass(slots=True)
+class WatchedRun(VirtualRun):
+    """A virtual run of which each status' instant, error on the sky and drive rates are kept."""
+
+    rows: list[tuple[float, float, float, float]] = field(default_factory=list)
+
+    def _status_arrives(self, now_utc_s: float, what: Any) -> None:
+        # As slots make the class anew, `super` without arguments would not find it.
+        VirtualRun._status_arrives(self, now_utc_s, what)
+        status, tracker = decode_status(what[0]), self.engine.tracker
+        error = tracker.error
+        if error is None or self.engine.safety.holding is not None or tracker.acquired_utc_s is None:
+            return
+        if tracker.phase in (Phase.ACQUIRING, Phase.TRACKING):
+            rates = abs(status.ra_rate_dtics_s), abs(status.dec_rate_dtics_s)
+            self.rows.append((error.utc_s, error.total_arcsec, *rates))
+
+
+def _peaks(
+    rows: list[tuple[float, float, float, float]], within_arcsec: float
+) -> tuple[float | None, float | None]:
+    """Return the peak drive rates while on target, from a second after each joining on; degrees a second."""
+    followed = []
+    joined = before = float("-inf")
+    for utc_s, error, ra, dec in rows:
+        if error > within_arcsec:
+            joined = float("inf")
+            continue
+        if joined == float("inf") or utc_s - before > GAP_S:
+            joined = utc_s
+        before = utc_s
+        if utc_s >= joined + 1.0:
+            followed.append((ra, dec))
+    if not followed:
         return None, None
-    inside = [row for row in rows if on[0] <= row[0] <= on[-1]]
-    return (
-        max(row[1] for row in inside) / DTICS_S_PER_DEG_S,
-        max(row[2] for row in inside) / DTICS_S_PER_DEG_S,
-    )
+    ra_most, dec_most = (max(row[axis] for row in followed) for axis in (0, 1))
+    return ra_most / DTICS_S_PER_DEG_S, dec_most / DTICS_S_PER_DEG_S
