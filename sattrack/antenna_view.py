@@ -5,7 +5,8 @@ from __future__ import annotations
 import msgspec
 
 SHOWN_EXCHANGES = 10
-LONGEST_SHOWN = 120
+SHOWN_REFUSALS = 4
+LONGEST_SHOWN = 100
 """Characters of one line: a view has to go through a pipe in one piece."""
 
 
@@ -15,6 +16,21 @@ class ExchangeView(msgspec.Struct, frozen=True, array_like=True):
     utc_s: float
     received: str
     answered: str
+
+
+class RefusalView(msgspec.Struct, frozen=True, array_like=True):
+    """One line from antcn that was refused, and why, in words; UTC as POSIX seconds."""
+
+    utc_s: float
+    received: str
+    why: str
+
+
+class FocusView(msgspec.Struct, frozen=True, array_like=True):
+    """Where the focuser's axes are, mm, None where that is not known, and whether any of them moves."""
+
+    axes_mm: tuple[float | None, ...]
+    moving: bool
 
 
 class AxesView(msgspec.Struct, frozen=True, array_like=True):
@@ -44,3 +60,6 @@ class AntennaView(msgspec.Struct, frozen=True):
     refused: int
     exchanges: tuple[ExchangeView, ...] = ()
     """The last ones, the newest first."""
+    refusals: tuple[RefusalView, ...] = ()
+    """The last ones, the newest first."""
+    focus: FocusView | None = None

@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from sattrack.antenna.celestial import SkyPath
 
 REMEMBERED_LINES = 50
+REMEMBERED_REFUSALS = 20
 MOST_TIME_STEP_S = 86400
 
 
@@ -82,6 +83,8 @@ class Controller:
     refused: int = 0
     last_refusal: Nak | None = None
     exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=REMEMBERED_LINES))
+    refusals: deque[Exchange] = field(default_factory=lambda: deque(maxlen=REMEMBERED_REFUSALS))
+    """Those of the lines that were refused, longer."""
     _framer: Framer = field(init=False)
     reckoning: Reckoning = field(init=False)
     held: SkyPath | None = None
@@ -139,7 +142,10 @@ class Controller:
             self.refused += 1
             why = self.last_refusal = result.why
             result = result.message
-        self.exchanges.append(Exchange(now_ns, line.message, result, why))
+        exchange = Exchange(now_ns, line.message, result, why)
+        self.exchanges.append(exchange)
+        if why is not None:
+            self.refusals.append(exchange)
         return encode(result, self.antenna.check)
 
     def _obey(self, message: str, now_ns: int) -> str | Refusal:

@@ -14,7 +14,17 @@ from typing import TYPE_CHECKING, Any
 
 from sattrack.antenna.log_lines import refused, spoken, typed
 from sattrack.antenna.trajectory import NS, to_ns
-from sattrack.antenna_view import LONGEST_SHOWN, SHOWN_EXCHANGES, AntennaView, AxesView, ExchangeView
+from sattrack.antenna.transactions import NAK_MEANINGS
+from sattrack.antenna_view import (
+    LONGEST_SHOWN,
+    SHOWN_EXCHANGES,
+    SHOWN_REFUSALS,
+    AntennaView,
+    AxesView,
+    ExchangeView,
+    FocusView,
+    RefusalView,
+)
 from sattrack.errors import SattrackError
 from sattrack.runtime.realtime import undisturbed
 from sattrack.xerxes.repeats import REPEAT_AFTER_PERIODS
@@ -174,7 +184,6 @@ class AntennaLoop:
         at_ns = self._at_ns(time.monotonic())
         states = (controller.commanded(at_ns), station.actual(at_ns))
         commanded, actual = (None if s is None else AxesView(s.first_deg, s.second_deg) for s in states)
-        newest = islice(reversed(controller.exchanges), SHOWN_EXCHANGES)
         return AntennaView(
             utc_s=now_utc_s,
             door=self.where,
@@ -192,9 +201,22 @@ class AntennaLoop:
             refused=controller.refused,
             exchanges=tuple(
                 ExchangeView(e.utc_ns / NS, e.received[:LONGEST_SHOWN], e.answered[:LONGEST_SHOWN])
-                for e in newest
+                for e in islice(reversed(controller.exchanges), SHOWN_EXCHANGES)
             ),
+            refusals=tuple(
+                RefusalView(e.utc_ns / NS, e.received[:LONGEST_SHOWN], NAK_MEANINGS[e.refused])
+                for e in islice(reversed(controller.refusals), SHOWN_REFUSALS)
+                if e.refused is not None
+            ),
+            focus=self._focus_view(at_ns),
         )
+
+    def _focus_view(self, at_ns: int) -> FocusView | None:
+        focuser = self.station.antenna.focuser
+        if focuser is None:
+            return None
+        report = focuser.report(at_ns)
+        return FocusView(tuple(place.actual_mm for place in report.axes), report.moving)
 
     def _tick(self, due_s: float) -> None:
         connection = self.connection
@@ -232,7 +254,7 @@ class AntennaLoop:
         if count == 0:
             return
         self._told_refusals = controller.refused
-        told = [(e, e.refused) for e in controller.exchanges if e.refused is not None]
+        told = [(e, e.refused) for e in controller.refusals if e.refused is not None]
         told = told[-min(count, MOST_REFUSALS_TOLD) :]
         for exchange, why in told:
             self.log(refused(exchange, why))

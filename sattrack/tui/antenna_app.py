@@ -26,8 +26,12 @@ LOOK_EVERY_S = 0.2
 PATIENCE_S = 75.0
 GRACE_S = 2.0
 INTERRUPTED = 130
+SHORT_ANSWER = 24
+"""Characters of an answer that stand behind its command."""
+REFUSED_CHARACTERS = 26
+LARGE_ARCSEC = 3600.0
 NAMES = {"hadec": ("hour angle", "declination"), "azel": ("azimuth", "elevation")}
-KEYS = "L local   R remote   SPACE stop   X ready again after an interlock   Q stop and quit"
+KEYS = "L local  R remote  SPACE stop  X ready after an interlock  Q stop and quit"
 
 
 class AntennaApp(App[None]):
@@ -41,7 +45,10 @@ class AntennaApp(App[None]):
     #title, #keys { background: $panel; height: 1; text-wrap: nowrap; text-overflow: ellipsis; }
     #state { height: auto; padding: 1 1 0 1; }
     #axes { height: auto; padding: 1 1; }
-    #lines { height: 1fr; text-wrap: nowrap; text-overflow: ellipsis; border-top: solid $secondary; }
+    #lines, #refusals { text-wrap: nowrap; text-overflow: ellipsis; border-top: solid $secondary; }
+    #lines, #refusals { border-title-color: $secondary; }
+    #lines { height: 1fr; }
+    #refusals { height: auto; max-height: 9; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "say('stop')", "stop", priority=True),
@@ -63,7 +70,10 @@ class AntennaApp(App[None]):
         yield Static(id="title")
         yield Static(id="state")
         yield Static(id="axes")
-        yield Static(id="lines")
+        for name, title in (("lines", "last lines from antcn"), ("refusals", "refused")):
+            part = Static(id=name)
+            part.border_title = title
+            yield part
         yield Static(KEYS, id="keys")
 
     def on_mount(self) -> None:
@@ -107,6 +117,7 @@ def drawn(view: AntennaView) -> dict[str, Text]:
         "state": _state(view),
         "axes": _axes(view),
         "lines": _lines(view),
+        "refusals": _refusals(view),
     }
 
 
@@ -124,7 +135,7 @@ def _state(view: AntennaView) -> Text:
             f"\nsafety stopped the mount: {view.tripped}; X makes it ready again", look.SPOKEN[Tone.BAD]
         )
     elif view.outside_limits:
-        words_of_limit = "\nthe trajectory leads beyond the limits: the axes are held as near as they may be"
+        words_of_limit = "\nthe trajectory is beyond the limits: the axes are held as near as may be"
         text.append(words_of_limit, look.SPOKEN[Tone.NOTICE])
     return text
 
@@ -143,8 +154,15 @@ def _axes(view: AntennaView) -> Text:
             (view.actual.first_deg - view.commanded.first_deg) * 3600.0,
             (view.actual.second_deg - view.commanded.second_deg) * 3600.0,
         )
-        text.append(f"\n{'off by':12}{off[0]:15.2f}″{off[1]:15.2f}″")
+        text.append(f"\n{'off by':12}{_apart(off[0])}{_apart(off[1])}")
+    if view.focus is not None:
+        places = "".join("               -" if mm is None else f"{mm:14.4f}  " for mm in view.focus.axes_mm)
+        text.append(f"\n{'focus, mm':12}{places}  {'moves' if view.focus.moving else 'stands'}")
     return text
+
+
+def _apart(arcsec: float) -> str:
+    return f"{arcsec:15.2f}″" if abs(arcsec) < LARGE_ARCSEC else f"{arcsec / 3600.0:15.6f}°"
 
 
 def _pair(axes: AxesView | None) -> str:
@@ -156,9 +174,27 @@ def _pair(axes: AxesView | None) -> str:
 def _lines(view: AntennaView) -> Text:
     text = Text()
     for one in view.exchanges:
-        refused = " NAK " in one.answered
-        text.append(f"{words.clock(one.utc_s)}  {one.received}", look.SPOKEN[Tone.NOTICE] if refused else "")
-        text.append(f"\n          {one.answered}\n", look.SPOKEN[Tone.NOTICE] if refused else look.DIM)
+        word, _, answer = one.answered.partition(" ")
+        style = look.SPOKEN[Tone.NOTICE] if answer.startswith("NAK") else ""
+        text.append(f"{words.clock(one.utc_s)}  ", look.DIM).append(one.received, style)
+        if word == "PS" or len(answer) > SHORT_ANSWER:
+            text.append(f"\n            {answer}\n", look.DIM)
+        else:
+            text.append(f"  {answer}\n", style or look.DIM)
+    return text
+
+
+def _refusals(view: AntennaView) -> Text:
+    if not view.refusals:
+        return Text("none", look.DIM)
+    text = Text()
+    for one in view.refusals:
+        received = one.received
+        if len(received) > REFUSED_CHARACTERS:
+            received = received[: REFUSED_CHARACTERS - 1] + "…"
+        text.append(f"{words.clock(one.utc_s)}  ", look.DIM)
+        text.append(f"{received:{REFUSED_CHARACTERS}}", look.SPOKEN[Tone.NOTICE]).append(f"  {one.why}\n")
+    text.rstrip()
     return text
 
 

@@ -12,7 +12,7 @@ pytest.importorskip("textual")
 
 from textual.widgets import Static
 
-from sattrack.antenna_view import AntennaView, AxesView, ExchangeView
+from sattrack.antenna_view import AntennaView, AxesView, ExchangeView, FocusView, RefusalView
 from sattrack.tui.antenna_app import AntennaApp, drawn
 from sattrack.tui.antenna_child import AntennaProcess, LatestAntenna
 
@@ -35,6 +35,8 @@ VIEW = AntennaView(
         ExchangeView(NOON_NS / 1e9, "TD 30 x", "TD NAK 5"),
         ExchangeView(NOON_NS / 1e9, "STOP", "STOP ACK"),
     ),
+    refusals=(RefusalView(NOON_NS / 1e9, "TD 30 x", "a field is no number"),),
+    focus=FocusView((1.25, None), moving=True),
 )
 
 
@@ -81,7 +83,11 @@ def test_the_screen_shows_the_antenna_and_the_last_lines() -> None:
         "20.000000°",
         "1.50″",
         "-2.25″",
-        "TD NAK 5",
+        "TD 30 x  NAK 5",
+        "STOP  ACK",
+        "a field is no number",
+        "1.2500",
+        "moves",
         "1 refused",
     ):
         assert words in shown
@@ -94,9 +100,12 @@ def test_the_screen_shows_the_antenna_and_the_last_lines() -> None:
         ({"link_up": False}, "NOT HEARD"),
         ({"caller": False}, "not connected"),
         ({"tripped": "sun"}, "safety stopped the mount: sun"),
-        ({"outside_limits": True}, "beyond the limits"),
+        ({"outside_limits": True}, "is beyond the limits"),
         ({"axes": "azel"}, "azimuth"),
         ({"commanded": None}, "commanded                  -"),
+        ({"commanded": AxesView(20.0, 42.0)}, "-2.000625°"),
+        ({"refusals": ()}, "none"),
+        ({"focus": FocusView((None,), moving=False)}, "stands"),
     ],
 )
 def test_what_is_amiss_is_said_in_words(fields: dict[str, object], says: str) -> None:
