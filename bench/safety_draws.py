@@ -112,12 +112,15 @@ def draw(seed: int, longest_s: float = LONGEST_S) -> Drawn:
             plan.end_utc_s - plan.start_utc_s, longest_s, SHORTEST_S * math.exp(dice.uniform(0.0, 3.0))
         )
         start_s = dice.uniform(plan.start_utc_s, plan.end_utc_s - length)
-        plan = msgspec.structs.replace(plan, start_utc_s=start_s, end_utc_s=start_s + length, approach_s=25.0)
-        facts = msgspec.structs.replace(facts, plan=plan, started_utc_s=start_s - 25.0 - LEAD_S)
+        approach_s = dice.choice([25.0, 25.0, 60.0])
+        plan = msgspec.structs.replace(
+            plan, start_utc_s=start_s, end_utc_s=start_s + length, approach_s=approach_s
+        )
+        facts = msgspec.structs.replace(facts, plan=plan, started_utc_s=start_s - approach_s - LEAD_S)
         start = drawn_start(dice, facts)
         if start is None:
             continue
-        faults = drawn_faults(dice, length + 25.0, limits.longest_fault_s)
+        faults = drawn_faults(dice, length + approach_s, limits.longest_fault_s)
         hardware = drawn_hardware(dice, profile, faults, seed)
         return Drawn(facts, hardware, start, f"seed {seed}: {profile.name}, faults {faults or 'none'}")
 

@@ -29,6 +29,7 @@ from sattrack.xerxes.slewing import SlewState
 if TYPE_CHECKING:
     from sattrack.messages import Message
     from sattrack.mount import MountProfile
+    from sattrack.view import RememberedView
     from tle.bias import Bias
     from tle.propagator import Propagator
 
@@ -65,6 +66,8 @@ class RunSpec:
     recording: str | None = None
     camera_rotation_deg: float = 0.0
     """Position angle of the camera's y axis, from north through east."""
+    remembered: RememberedView | None = None
+    """The bias of an earlier pass with which this one begins."""
 
 
 class Engine:
@@ -73,13 +76,17 @@ class Engine:
     def __init__(self, spec: RunSpec) -> None:
         self.spec = spec
         self.session = Session(spec.profile)
-        self.tracker = Tracker(spec.propagator, spec.plan, spec.profile, spec.bias, spec.camera_rotation_deg)
+        self.tracker = Tracker(
+            spec.propagator, spec.plan, spec.profile, spec.bias, spec.camera_rotation_deg, spec.remembered
+        )
         self.malformed = 0
         """Lines that came where observations or messages were expected, and were neither."""
         self.dropped = 0
         """Observations that came faster than they could be used."""
         site = spec.propagator.site
-        self.safety = Safety(spec.profile, spec.limits, site.latitude_deg, site.longitude_deg, holds=True)
+        self.safety = Safety(
+            spec.profile, spec.limits, site.latitude_deg, site.longitude_deg, holds=True, escapes=True
+        )
         self.reported = RunningError()
         self.on_target_s = 0.0
         self.held_s: dict[str, float] = {}
@@ -291,6 +298,7 @@ class Engine:
             offsets=offset_views(tracker, now_utc_s),
             search=search_view(tracker, now_utc_s),
             estimate=estimate_view(tracker, now_utc_s, self.malformed + self.dropped),
+            remembered=tracker.steering.remembered,
             link=LinkView(
                 state=self._link_state.value,
                 age_s=age_s,

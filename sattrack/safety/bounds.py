@@ -25,6 +25,8 @@ UP_DEG = -3.0
 LOOK_S = 1.0
 """How long a look at the Sun and the Moon holds; their cones are wider by what they come meanwhile."""
 RETREAT_DEG_S = 0.05
+ESCAPE_DEG_S, ESCAPE_S = 1.0, 1.0
+"""Inside of a cone, axes make for its edge so fast, and slower than this near it."""
 RETREAT_STEP_DEG = 0.05
 SAME_DEG = 1e-6
 PARTS = (0.25, 0.5, 1.0)
@@ -109,9 +111,21 @@ class Bounds:
             if clear < HOLD_MARGIN_DEG and not (name == "pier" and clear < 0.0)
         }
 
-    def leaving(self, place: tuple[float, float]) -> dict[str, float]:
-        """Return margins for a way that begins at a place: no nearer than that where it keeps no margin."""
-        return {name: clear - SAME_DEG for name, clear in self.near(place).items()}
+    def leaving(self, place: tuple[float, float], seconds: float = 0.0) -> dict[str, float]:
+        """Return margins for a way that begins at a place: no nearer than that where it keeps no margin.
+
+        Past a limit already, the sky may carry the axes on for so many seconds until the way begins.
+        """
+        drift_deg = SIDEREAL_RATE_DEG_S * seconds
+        return {
+            name: max(0.0, clear - SAME_DEG - drift_deg) if clear > SAME_DEG else clear - SAME_DEG - drift_deg
+            for name, clear in self.near(place).items()
+        }
+
+    def dazzled(self, place: tuple[float, float]) -> float:
+        """Return how deep a place is inside of a cone about the Sun or the Moon, degrees; 0 outside."""
+        here = Box.between(place, place)
+        return max([0.0, *(-cone.clearance(here).some_deg for cone in self._cones)])
 
     def comes_nearer(
         self,
@@ -131,7 +145,10 @@ class Bounds:
         return None
 
     def away(self, name: str, place: tuple[float, float]) -> tuple[float, float] | None:
-        """Return rates of the axes that lead away from the Sun or the Moon, None from anything else."""
+        """Return rates of the axes that lead away from the Sun or the Moon, None from anything else.
+
+        The deeper a place is inside of the cone, the faster.
+        """
         cone = next((cone for cone in self._cones if cone.name == name), None)
         if cone is None:
             return None
@@ -145,7 +162,8 @@ class Bounds:
         largest = max(abs(steps[0]), abs(steps[1]))
         if largest < SAME_DEG:
             return None
-        return steps[0] / largest * RETREAT_DEG_S, steps[1] / largest * RETREAT_DEG_S
+        rate_deg_s = min(ESCAPE_DEG_S, RETREAT_DEG_S + self.dazzled(place) / ESCAPE_S)
+        return steps[0] / largest * rate_deg_s, steps[1] / largest * rate_deg_s
 
     def _bodies(self, longitude_deg: float) -> list[tuple[str, Wanderer, float]]:
         if self._wanderers is None:

@@ -33,7 +33,7 @@ from sattrack.safety.table import ROWS
 from sattrack.safety.watch import BACKWARD_S, Seen, Watch
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from sattrack.safety.limits import SafetyLimits
     from sattrack.safety.route import Place
@@ -102,7 +102,8 @@ class Safety:
     `latitude_deg` and `longitude_deg` are the site's; without a longitude nobody knows where the Sun is, and
     nothing is moved unless `limits` say that there are no optics. With `holds`, a stream of rates that would
     pass a limit is cut down to what keeps inside, and slews go round what is in their way; without, as for
-    what is moved by hand, such rates stop the mount and such slews are refused.
+    what is moved by hand, such rates stop the mount and such slews are refused. With `escapes`, a mount of
+    which nothing is asked while it points into the Sun is slewed out of it.
     """
 
     def __init__(
@@ -112,6 +113,7 @@ class Safety:
         latitude_deg: float,
         longitude_deg: float | None = None,
         holds: bool = False,
+        escapes: bool = False,
     ) -> None:
         self._profile = profile
         self._limits = limits
@@ -130,6 +132,8 @@ class Safety:
         self._beyond_pole = False
         self._slewing = False
         self._outside = 0
+        self._escapes = escapes
+        self._escape: SlewTo | None = None
         self._sent: deque[tuple[float, float, float]] = deque()
         """What was cleared of late: when (UTC), and the rates of both axes."""
         self._newest_utc_s = -math.inf
@@ -176,8 +180,12 @@ class Safety:
             self._let_go()
             return Cleared(Stop())
         if isinstance(motion, Hold):
-            self._let_go()
-            return Cleared(motion)
+            motion = self._while_idle(sidereal_deg, ra_deg, dec_deg, utc_s)
+            if isinstance(motion, Hold):
+                self._let_go()
+                return Cleared(motion)
+        else:
+            self._escape = None
         numbers = (
             (motion.ra_rate_deg_s, motion.dec_rate_deg_s)
             if isinstance(motion, MoveAxes)
@@ -185,7 +193,8 @@ class Safety:
         )
         if not all(math.isfinite(x) for x in (*numbers, sidereal_deg, ra_deg, dec_deg, age_s)):
             return self._trip("command")
-        if utc_s is not None and utc_s < self._newest_utc_s - BACKWARD_S:
+        back = utc_s is not None and utc_s < self._newest_utc_s - BACKWARD_S
+        if back or self._watch.clock_is_off:
             return self._trip("clock")
         if age_s > OLDEST_STATUS_S:
             return self._trip("status_age")
@@ -207,6 +216,20 @@ class Safety:
             return self._trip(allowed) if isinstance(allowed, str) else Cleared(allowed)
         self._slews.forget()
         return self._clear_move(motion, place, age_s, utc_s)
+
+    def _while_idle(
+        self, sidereal_deg: float, ra_deg: float, dec_deg: float, utc_s: float | None
+    ) -> Hold | SlewTo:
+        """Return what a mount does that nothing is asked of: out of the Sun, where it is ours to move."""
+        known = self._escapes and not self._watch.clock_is_off
+        if not (known and all(math.isfinite(x) for x in (sidereal_deg, ra_deg, dec_deg))):
+            return Hold()
+        if self._escape is None and not self._slewing and self._bounds.look(utc_s, self._watch.clock_gap_deg):
+            place = self._place(dec_deg, self._nearest_turn(sidereal_deg - ra_deg))
+            self._escape = self._slews.way_out(sidereal_deg, place)
+        elif self._escape is not None and self._slews.is_there((ra_deg, dec_deg)):
+            self._escape = None
+        return self._escape or Hold()
 
     def clear_request(
         self, request: Request, stance: Stance | None, utc_s: float | None = None
@@ -231,6 +254,8 @@ class Safety:
 
     def way_to(self, request: Slew, stance: Stance, utc_s: float | None) -> tuple[Slew, ...] | str:
         """Return the slews that lead to a direction past what is in the way, or why there is no way."""
+        if self._watch.clock_is_off:
+            return self._clock_words()
         if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
             return NO_SUN
         place = self._stance_place(stance)
@@ -249,10 +274,11 @@ class Safety:
     def _request_objection(  # noqa: PLR0911
         self, request: Request, stance: Stance, utc_s: float | None
     ) -> str | None:
-        if isinstance(request, Slew | MoveAxis | FindHome | FineRate | PulseGuide) and not self._bounds.look(
-            utc_s, self._watch.clock_gap_deg
-        ):
-            return NO_SUN
+        if isinstance(request, Slew | MoveAxis | FindHome | FineRate | PulseGuide):
+            if self._watch.clock_is_off:
+                return self._clock_words()
+            if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
+                return NO_SUN
         match request:
             case Sync():
                 return self._floor_words(request, stance)
@@ -275,6 +301,13 @@ class Safety:
             case FineRate() | PulseGuide():
                 return self._guide_objection(request, stance)
         return None
+
+    def _clock_words(self) -> str:
+        off_s = self._watch.clock_gap_deg / SIDEREAL_RATE_DEG_S
+        return (
+            f"the mount's sidereal clock is {off_s:.0f} s off this computer's, more than clock_tolerance_s, "
+            f"{self._limits.clock_tolerance_s:g}: {ROWS['clock'].way_out}"
+        )
 
     def _floor_words(self, request: Slew | Sync, stance: Stance) -> str | None:
         altitude = altitude_deg(stance.sidereal_deg - request.ra_deg, request.dec_deg, self._latitude_deg)
@@ -344,21 +377,36 @@ class Safety:
         else:
             outside = self._bounds.violated(Box.between(place, place), {}, 0.0, INSIDE_MARGIN_DEG)
             self._outside = 0 if outside is None else self._outside + 1
-            if outside is not None and self._outside >= OUTSIDE_PROOF:
+            proven = self._outside >= OUTSIDE_PROOF
+            if outside is not None and proven and outside not in MOVES_BY_ITSELF:
                 return self._trip(outside)
             near = self._bounds.near(place)
-            wanted = nearest_rates(
-                wanted,
-                math.cos(math.radians(place.dec_deg)),
-                lambda rates: self._limit_ahead(motions, rates, age_s, near) is None,
+            wanted = self._held(
+                name, wanted, place, lambda r: self._limit_ahead(motions, r, age_s, near), proven
             )
-            away = self._bounds.away(name, place) if wanted == REST else None
-            # What moves by itself towards axes that stand, the Sun or the Moon, is given way to.
-            if away is not None and self._limit_ahead(motions, away, age_s, near) is None:
-                wanted = away
         if utc_s is not None:
             self._sent.append((utc_s, *wanted))
         return Cleared(self._as_move(wanted, move, wish))
+
+    def _held(
+        self,
+        name: str,
+        wanted: tuple[float, float],
+        place: Place,
+        ahead: Callable[[tuple[float, float]], str | None],
+        inside: bool,
+    ) -> tuple[float, float]:
+        """Return the rates nearest to the wanted ones with no limit `ahead`, or what leads away from the Sun.
+
+        What moves by itself towards axes that stand, the Sun or the Moon, is given way to; and axes that are
+        `inside` of its cone make for its edge, whatever is wanted.
+        """
+        held = REST
+        if not inside:
+            cos_dec = math.cos(math.radians(place.dec_deg))
+            held = nearest_rates(wanted, cos_dec, lambda rates: ahead(rates) is None)
+        away = self._bounds.away(name, place) if held == REST else None
+        return held if away is None or ahead(away) is not None else away
 
     def _as_move(self, rates: tuple[float, float], move: MoveAxes, wish: tuple[float, float]) -> MoveAxes:
         if rates == wish:
@@ -479,6 +527,7 @@ class Safety:
 
 
 REST = (0.0, 0.0)
+MOVES_BY_ITSELF = frozenset({"sun", "moon"})
 NOTHING_NEAR: Mapping[str, float] = {}
 NO_SUN = (
     "where the Sun is cannot be told without a site: give --site LAT,LON,HEIGHT, or say optical = false "

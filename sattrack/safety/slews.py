@@ -14,7 +14,8 @@ if TYPE_CHECKING:
     from sattrack.safety.watch import Seen
 
 THERE_DEG = 0.1
-WAITS_S = 20.0
+WAITS_S = 70.0
+"""How long the mount may wait at the target until it follows, tracking the sky."""
 STRAYED_DEG = 1.0
 STRAYED_STATUSES = 3
 
@@ -73,30 +74,61 @@ class SlewGate:
 
         Where the target itself is past a limit and `waits`, the way is to the nearest place that is not.
         """
-        from sattrack.safety.route import axes_of, direction_of, slew_s
-
         if self.objection(target, sidereal_deg, place) is None:
             return (target,)
-        goal = axes_of(sidereal_deg - target.ra_deg, target.dec_deg, self._profile, self._latitude_deg)
-        leaving = self._bounds.leaving(place)
+        found = self._route_from(place, target, sidereal_deg, waits)
+        if isinstance(found, str) and self._bounds.near(place):
+            exit_place = self._way_out(place)
+            if exit_place is not None:
+                leg = _slew_to(exit_place, sidereal_deg)
+                onward = self._route_from(exit_place, target, sidereal_deg, waits)
+                if not isinstance(onward, str):
+                    found = (leg, *onward)
+                elif waits and self._bounds.dazzled(place):
+                    # Whatever becomes of the target, the telescope does not stay in the Sun.
+                    found = (leg,)
+        return found
 
+    def way_out(self, sidereal_deg: float, place: Place) -> SlewTo | None:
+        """Return a slew out of the Sun's or the Moon's cone, None where there is none or no need of one."""
+        exit_place = self._way_out(place) if self._bounds.dazzled(place) else None
+        return None if exit_place is None else _slew_to(exit_place, sidereal_deg)
+
+    def _way_out(self, place: Place) -> Place | None:
+        """Return the nearest clear place to which axes get that are past a limit, or too near to one."""
+        from sattrack.safety.route import blocked, clear_places
+
+        for beside in clear_places(place, self._latitude_deg, self._profile, self._judge):
+            if blocked(place, beside, self._profile, self._judge_leaving(place)) is None:
+                return beside
+        return None
+
+    def _judge(self, box: Box, seconds: float) -> str | None:
+        return self._bounds.violated(box, {}, seconds)
+
+    def _judge_leaving(self, place: Place) -> Judge:
         def judge(box: Box, seconds: float) -> str | None:
-            return self._bounds.violated(box, {}, seconds)
+            return self._bounds.violated(box, self._bounds.leaving(place, seconds), seconds)
 
-        def judge_leaving(box: Box, seconds: float) -> str | None:
-            return self._bounds.violated(box, leaving, seconds)
+        return judge
 
+    def _route_from(
+        self, place: Place, target: SlewTo, sidereal_deg: float, waits: bool
+    ) -> tuple[SlewTo, ...] | str:
+        from sattrack.safety.route import axes_of, slew_s
+
+        goal = axes_of(sidereal_deg - target.ra_deg, target.dec_deg, self._profile, self._latitude_deg)
+        judge, leaving = self._judge, self._judge_leaving(place)
         # The mount tracks the sky there until it follows.
         drift_deg = SIDEREAL_RATE_DEG_S * (slew_s(place, goal, self._profile) + WAITS_S)
         in_goal = judge(Box.between(goal, goal).grown(0.0, drift_deg if waits else 0.0, 0.0, 0.0), 0.0)
-        goals = self._beside(place, goal, judge, judge_leaving) if in_goal is not None and waits else [goal]
+        goals = self._beside(place, goal, judge, leaving) if in_goal is not None and waits else [goal]
         if in_goal is not None and not goals:
             return in_goal
-        found = self._first_route(place, goals, judge, judge_leaving)
+        found = self._first_route(place, goals, judge, leaving)
         if found.blocked_by is not None:
             return found.blocked_by
-        legs = [direction_of(leg) for leg in found.legs]
-        slews = [SlewTo((sidereal_deg - ha) % 360.0, dec) for ha, dec in legs]
+        slews = [_slew_to(leg, sidereal_deg) for leg in found.legs]
         return tuple(slews) if in_goal is not None else (*slews[:-1], target)
 
     def _beside(self, place: Place, goal: Place, judge: Judge, leaving: Judge) -> list[Place]:
@@ -132,17 +164,11 @@ class SlewGate:
         """Return the name of the row that the way between two places is not clear of, or None."""
         from sattrack.safety.route import Place, blocked
 
-        leaving = self._bounds.leaving(place)
         end = Place(*goal)
-        at_end = self._bounds.violated(Box.between(end, end), {}, 0.0)
+        at_end = self._judge(Box.between(end, end), 0.0)
         if at_end is not None:
             return at_end
-        return blocked(
-            place,
-            end,
-            self._profile,
-            lambda box, seconds: self._bounds.violated(box, leaving, seconds),
-        )
+        return blocked(place, end, self._profile, self._judge_leaving(place))
 
     def strays(self, place: Place, seen: Seen) -> bool:
         """Tell whether the mount has left what its slew was judged by."""
@@ -171,3 +197,10 @@ class SlewGate:
         leg = self._legs[0]
         off = separation_deg(reported[0], reported[1], leg.ra_deg, leg.dec_deg)
         return math.isfinite(off) and off < THERE_DEG
+
+
+def _slew_to(place: Place, sidereal_deg: float) -> SlewTo:
+    from sattrack.safety.route import direction_of
+
+    hour_angle_deg, dec_deg = direction_of(place)
+    return SlewTo((sidereal_deg - hour_angle_deg) % 360.0, dec_deg)

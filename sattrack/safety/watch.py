@@ -150,7 +150,12 @@ class Watch:
             return None
         ours_deg = mean_sidereal_deg(seen.utc_s, self._longitude_deg)
         self.clock_gap_deg = abs(math.remainder(seen.sidereal_deg - ours_deg, 360.0))
-        return "clock" if self.clock_gap_deg > self._tolerance_s * SIDEREAL_RATE_DEG_S else None
+        return "clock" if self.clock_is_off else None
+
+    @property
+    def clock_is_off(self) -> bool:
+        """Whether the mount's clock is too far from ours to tell how it stands to the Sun."""
+        return self.clock_gap_deg > self._tolerance_s * SIDEREAL_RATE_DEG_S
 
     def _forget(self) -> None:
         self._window.clear()

@@ -45,13 +45,14 @@ class Stand:
     deaf: Span = NEVER
     silent: Span = NEVER
     holds: bool = True
+    escapes: bool = False
     truths: list[tuple[float, Truth]] = field(default_factory=list)
     sent: list[Motion] = field(default_factory=list)
     met_s: float | None = None
     """When safety first held or stopped what was wished."""
 
     def __post_init__(self) -> None:
-        self.safety = Safety(self.profile, self.limits, LATITUDE_DEG, LONGITUDE_DEG, holds=self.holds)
+        self.safety = Safety(self.profile, self.limits, LATITUDE_DEG, LONGITUDE_DEG, self.holds, self.escapes)
         self.session = Session(self.profile)
         site = SimulatedSite(LATITUDE_DEG, LONGITUDE_DEG)
         self.mount = SimulatedMount(self.real or self.profile, site, self.start, self.hardware)

@@ -11,7 +11,7 @@ import msgspec
 import pytest
 from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, NEVER, T0, Span, Stand, axis_speed_deg_s, steadily
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, MoveAxes, PierZone, SlewTo
+from sattrack.mount import SIDEREAL_RATE_DEG_S, AxisLimits, Hold, MountProfile, MoveAxes, PierZone, SlewTo
 from sattrack.safety import SafetyLimits, bounds
 from sattrack.safety.reach import standstill_s
 from sattrack.xerxes.simulator.facts import StartPosition
@@ -19,6 +19,7 @@ from sattrack.xerxes.simulator.facts import StartPosition
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sattrack.mount import Motion
     from sattrack.xerxes.simulator.mount import Truth
 
 DARK = SafetyLimits(optical=False)
@@ -294,6 +295,63 @@ def test_axes_held_beside_the_sun_give_way_as_it_comes() -> None:
     assert stand.safety.tripped is None
     assert min(from_sun(truth, t) for t, truth in stand.truths) >= 15.0
     assert stand.truths[-1][1].hour_angle_axis_deg > ha + 16.0
+
+
+SUN_WEST_HA = (SUN_HA + 180.0) % 360.0 - 180.0
+
+
+@pytest.mark.parametrize(("west", "north"), [(0.3, 0.0), (-10.0, 2.0), (6.0, -3.0), (-14.9, 0.0)])
+@pytest.mark.parametrize("what", ["idle", "slew", "follow"])
+def test_a_mount_that_points_into_the_sun_gets_out_and_never_nearer(
+    what: str, west: float, north: float
+) -> None:
+    """Whether it is left waiting, sent across the Sun, or streamed rates that stay inside of the cone."""
+    sidereal = math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + LONGITUDE_DEG
+    side = -1.0 if west > 0.0 else 1.0
+    wish: dict[str, Motion] = {
+        "idle": Hold(),
+        "slew": SlewTo((sidereal - SUN_WEST_HA - side * 60.0) % 360.0, SUN_DEC + 20.0),
+        "follow": MoveAxes(-0.01, 0.0),
+    }
+    start = StartPosition(SUN_WEST_HA + west, SUN_DEC + north)
+    stand = Stand(lambda _: wish[what], SafetyLimits(), start, escapes=True).run(75.0)
+    apart = [from_sun(truth, t) for t, truth in stand.truths]
+    assert stand.safety.tripped is None
+    assert min(apart) >= apart[0] - 0.05
+    assert apart[-1] >= 15.0
+    outside_s = next(t for (t, _), far in zip(stand.truths, apart, strict=True) if far >= 15.0)
+    assert outside_s < 25.0
+
+
+def test_by_hand_an_idle_mount_is_not_moved_out_of_the_sun() -> None:
+    start = StartPosition(SUN_WEST_HA + 5.0, SUN_DEC)
+    stand = Stand(lambda _: Hold(), SafetyLimits(), start, holds=False).run(10.0)
+    assert max(axis_speed_deg_s(truth) for _, truth in stand.truths) < 1e-3 + SIDEREAL_RATE_DEG_S
+
+
+@pytest.mark.parametrize(("ha", "dec"), [(90.0, -10.0), (-95.0, -5.0), (0.0, -35.0)])
+def test_a_mount_that_starts_below_the_floor_slews_out_of_there_and_on(ha: float, dec: float) -> None:
+    sidereal = math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + LONGITUDE_DEG
+    target = SlewTo((sidereal - 20.0) % 360.0, 60.0)
+    limits = SafetyLimits(floor_altitude_deg=10.0, optical=False)
+    stand = Stand(lambda _: target, limits, StartPosition(ha, dec)).run(60.0)
+    heights = [altitude(truth, t) for t, truth in stand.truths]
+    assert heights[0] < 10.0
+    assert stand.safety.tripped is None
+    assert min(heights) > heights[0] - 0.1
+    assert abs(stand.truths[-1][1].dec_axis_deg - 60.0) < 0.01
+
+
+@pytest.mark.parametrize("holds", [True, False])
+@pytest.mark.parametrize("wish", [MoveAxes(-1.0, 0.0), SlewTo(10.0, 60.0), Hold()], ids=repr)
+def test_nothing_moves_while_the_clocks_are_half_a_day_apart(wish: Motion, holds: bool) -> None:
+    """By one of the two the Sun is down: then it may be anywhere."""
+    stand = Stand(lambda _: wish, SafetyLimits(), StartPosition(-60.0, 40.0), holds=holds, escapes=holds)
+    stand.mount.step_clock(43200.0)
+    stand.run(5.0)
+    assert abs(stand.truths[-1][1].hour_angle_axis_deg + 60.0) < 0.05
+    assert abs(stand.truths[-1][1].dec_axis_deg - 40.0) < 0.001
+    assert isinstance(wish, Hold) or stand.safety.tripped == "clock"
 
 
 def test_the_sky_goes_on_below_a_horizon_that_the_mount_is_held_at() -> None:
