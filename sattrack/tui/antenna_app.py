@@ -46,7 +46,7 @@ class AntennaApp(App[None]):
     #state { height: auto; padding: 1 1 0 1; }
     #axes { height: auto; padding: 1 1; }
     #lines, #refusals { text-wrap: nowrap; text-overflow: ellipsis; border-top: solid $secondary; }
-    #lines, #refusals { border-title-color: $secondary; }
+    #lines, #refusals { border-title-color: $foreground 60%; }
     #lines { height: 1fr; }
     #refusals { height: auto; max-height: 9; }
     """
@@ -146,7 +146,7 @@ def _good_or_bad(good: bool, well: str, ill: str) -> tuple[str, str]:
 
 def _axes(view: AntennaView) -> Text:
     first, second = NAMES[view.axes]
-    text = Text(f"{'':12}{first:>16}{second:>16}\n", look.DIM)
+    text = Text().append(f"{'':12}{first:>16}{second:>16}\n", look.DIM)
     rows = (("commanded", view.commanded), ("actual", view.actual))
     text.append("\n".join(f"{name:12}{_pair(axes)}" for name, axes in rows))
     if view.commanded is not None and view.actual is not None:
@@ -156,7 +156,7 @@ def _axes(view: AntennaView) -> Text:
         )
         text.append(f"\n{'off by':12}{_apart(off[0])}{_apart(off[1])}")
     if view.focus is not None:
-        places = "".join("               -" if mm is None else f"{mm:14.4f}  " for mm in view.focus.axes_mm)
+        places = "".join(f"{'-':>16}" if mm is None else f"{mm:15.4f} " for mm in view.focus.axes_mm)
         text.append(f"\n{'focus, mm':12}{places}  {'moves' if view.focus.moving else 'stands'}")
     return text
 
