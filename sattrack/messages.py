@@ -1,6 +1,6 @@
 """What an operator, or a camera's program, can say to a run, and how it is written: one JSON object a line.
 
-`{"type":"nudge","along_s":0.1}`, `{"type":"clear_bias"}`, `{"type":"stop"}`,
+`{"type":"nudge","along_s":0.1}`, `{"type":"clear_bias"}`, `{"type":"drop_remembered"}`, `{"type":"stop"}`,
 `{"type":"offset","what":"along_s","how":"add","value":0.5}`,
 `{"type":"search","how":"spiral","spacing_deg":0.05,"speed_deg_s":0.05}`,
 `{"type":"observation","utc":"2026-10-02T13:05:24.5Z","ra_deg":1.2,"dec_deg":3.4,"frame":"icrs",
@@ -44,6 +44,10 @@ class Nudge(msgspec.Struct, frozen=True, tag="nudge", forbid_unknown_fields=True
 
 class ClearBias(msgspec.Struct, frozen=True, tag="clear_bias", forbid_unknown_fields=True):
     """Take all offsets, the search and the estimate away."""
+
+
+class DropRemembered(msgspec.Struct, frozen=True, tag="drop_remembered", forbid_unknown_fields=True):
+    """Take away the bias that was remembered from an earlier pass, and what is offered after this one."""
 
 
 class StopNow(msgspec.Struct, frozen=True, tag="stop", forbid_unknown_fields=True):
@@ -128,9 +132,9 @@ class Observation(msgspec.Struct, frozen=True, tag="observation", forbid_unknown
             raise ValueError(f"sigma_arcsec {self.sigma_arcsec:g} is outside {span}")
 
 
-Message = Nudge | ClearBias | StopNow | OffsetBy | Search | Observation
+Message = Nudge | ClearBias | DropRemembered | StopNow | OffsetBy | Search | Observation
 
-_Any = Nudge | ClearBias | StopNow | OffsetBy | Search | Observation
+_Any = Nudge | ClearBias | DropRemembered | StopNow | OffsetBy | Search | Observation
 _DECODER: msgspec.json.Decoder[_Any] = msgspec.json.Decoder(_Any)
 _OBSERVATIONS: msgspec.json.Decoder[Observation] = msgspec.json.Decoder(Observation)
 

@@ -14,6 +14,11 @@ NO_PRIORITY = ", without real-time priority (`sattrack doctor` says how to grant
 def _bias_lines(summary: Summary) -> list[str]:
     others = [one for one in summary.offsets if one.what not in ALONG_AND_ACROSS]
     lines = [f"  offset {one.what}: {one.total:+.4f}" for one in others]
+    if summary.remembered is not None:
+        known = summary.remembered
+        lines.append(f"  began with a remembered bias ({known.source}): {known.state}")
+    if summary.bias_memory is not None:
+        lines.append(f"  bias memory: {summary.bias_memory}")
     estimate = summary.estimate
     if estimate is None:
         return lines

@@ -27,6 +27,7 @@ from sattrack.messages import Message, Observation, StopNow
 from sattrack.mount import Hold, Motion, MountProfile, MoveAxes, SlewTo, StatusSample, Stop
 
 if TYPE_CHECKING:
+    from sattrack.view import RememberedView
     from tle.bias import Bias
     from tle.direction import Direction
     from tle.propagator import Propagator
@@ -101,10 +102,11 @@ class Tracker:
         profile: MountProfile,
         bias: Bias,
         camera_rotation_deg: float = 0.0,
+        remembered: RememberedView | None = None,
     ) -> None:
         self.plan = plan
         self._profile = profile
-        self.steering = Steering(propagator, profile, bias, camera_rotation_deg, plan.start_utc_s)
+        self.steering = Steering(propagator, profile, bias, camera_rotation_deg, plan.start_utc_s, remembered)
         known = None
         if profile.clock_offset_s is not None:
             known = KnownClock(propagator.site.longitude_deg, profile.clock_offset_s)

@@ -78,6 +78,28 @@ class EstimateView(msgspec.Struct, frozen=True):
     last_utc_s: float | None
 
 
+class RememberedView(msgspec.Struct, frozen=True):
+    """The bias of an earlier pass with which this one began: what it is from, and what became of it.
+
+    `source` is "observations", with the distance across the track and sigmas grown by age, or "nudge", an
+    operator's, with an angle and none. `state` is "in force", "replaced" (by this pass' observations),
+    "dropped" or "cleared" (by the operator).
+    """
+
+    source: str
+    utc_s: float
+    """As of which instant it was found; UTC, POSIX seconds."""
+    along_s: float
+    along_sigma_s: float | None
+    cross_km: float | None
+    cross_sigma_km: float | None
+    cross_deg: float | None
+    observations: int
+    entry: int
+    """Its number in the memory."""
+    state: str = "in force"
+
+
 class TrackView(msgspec.Struct, frozen=True, tag="view"):
     """Everything about a run at one instant. Directions in degrees, true of date; UTC as POSIX seconds."""
 
@@ -118,6 +140,7 @@ class TrackView(msgspec.Struct, frozen=True, tag="view"):
     search: SearchView | None = None
     estimate: EstimateView | None = None
     """None while no observation has come."""
+    remembered: RememberedView | None = None
 
 
 class PeriodView(msgspec.Struct, frozen=True):
@@ -171,6 +194,9 @@ class Summary(msgspec.Struct, frozen=True):
     offsets: tuple[OffsetView, ...] = ()
     """The operator's offsets at the end."""
     estimate: EstimateView | None = None
+    remembered: RememberedView | None = None
+    bias_memory: str | None = None
+    """What was kept for the next pass with the same elements, or why nothing was; null where nothing is."""
     held_s: dict[str, float] = {}
     """Seconds for which each limit held the mount off its target while it followed."""
     realtime_priority: bool | None = None

@@ -143,6 +143,14 @@ def bias_options(function: Callable[..., Any]) -> Callable[..., Any]:
         metavar="SOURCE",
         help="Take the satellite's observed directions as JSON lines: udp:PORT (of this machine) or stdin.",
     )(function)
+    function = click.option(
+        "--bias-memory",
+        type=click.Choice(("auto", "on", "nudge", "off")),
+        default="auto",
+        show_default=True,
+        help="Begin with the bias that earlier passes found for the same elements, and keep this one's: auto "
+        "with real mounts, on with simulated ones too, nudge with an operator's nudge also, or off.",
+    )(function)
     return click.option(
         "--camera-rotation",
         default=0.0,

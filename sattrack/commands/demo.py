@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from sattrack import practice
-from sattrack.commands.common import CommandContext, bias_options, common_options, profile_option
+from sattrack.commands.common import CommandContext, bias_options, common_options, profile_option, tell
 from sattrack.commands.running import (
     Progress,
     Stream,
@@ -53,10 +53,14 @@ def command(context: CommandContext, seconds: float | None, **options: Any) -> i
     request = replace(
         demo_request(context.clock_option, options["record"], context.profile(options["profile"])),
         camera_rotation_deg=options["camera_rotation"],
+        memory=options["bias_memory"],
     )
     deadline_s = float("inf") if seconds is None else begun_s + seconds - STOPPING_TAKES_S
     told = Stream() if options["stream"] else Progress(quiet_off_terminal=False)
-    summary, interrupted = fly_and_tell(prepare(request), told, control, deadline_s, observations)
+    prepared = prepare(request)
+    for words in prepared.notes:
+        tell(words)
+    summary, interrupted = fly_and_tell(prepared, told, control, deadline_s, observations)
     return finish(summary, interrupted, context.json or options["stream"])
 
 

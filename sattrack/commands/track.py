@@ -71,10 +71,13 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
         record=options["record"],
         profile=context.profile(options["profile"]),
         limits=context.settings.safety.limits(),
+        memory=options["bias_memory"],
     )
     if is_antenna(request.mount_url):
         from sattrack.commands.track_antenna import follow
 
+        if request.memory not in {"auto", "off"}:
+            raise BadInputError("--bias-memory does not go with an antenna's controller; leave it out")
         return follow(context, request, options)
     if request.virtual and (options["stream"] or options["control"]):
         raise BadInputError("--stream and --control go with real time; leave --virtual out")
@@ -90,7 +93,7 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
     if prepared.practising:
         words = "no elements or site set: practising with the built-in ISS pass over Leiden"
         click.echo(f"sattrack: {words}", err=True)
-    for words in announcement(prepared.facts):
+    for words in (*announcement(prepared.facts), *prepared.notes):
         click.echo(f"sattrack: {words}", err=True)
     told = Stream() if options["stream"] else Progress(quiet_off_terminal=True)
     if request.virtual:

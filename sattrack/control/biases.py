@@ -97,6 +97,11 @@ class Biases:
         """Whether a search or a rate may run, and has to be watched."""
         return self._plain is None
 
+    def begin_estimated(self, along_s: float, cross_km: float) -> None:
+        """Begin with an estimate, seconds along and km across, as if observations had said so."""
+        self.estimated_along, self.estimated_cross_km = Offset(along_s), Offset(cross_km)
+        self.touched()
+
     def touched(self, what: str | None = None) -> None:
         """Note that something, or the offset named, may differ from nothing from here on."""
         self._plain = None

@@ -9,7 +9,7 @@ import math
 from typing import TYPE_CHECKING
 
 from sattrack.control.biases import ALONG, CROSS, GENTLE_SHARE, Biases
-from sattrack.control.offset import State, added
+from sattrack.control.offset import Bounds, State, added
 from sattrack.control.pattern import Pattern
 from sattrack.control.search import START_S, spiral_acceleration_deg_s2, spiral_lasts_s
 
@@ -173,13 +173,25 @@ def follow_estimate(
     biases.estimated_along.take_over(
         along, along_s, begins_utc_s, biases.bounds(ALONG, begins_utc_s, here_s, to_s, GENTLE_SHARE)
     )
-    range_km = biases.course.going(begins_utc_s + to_s).range_km
-    on_sky = biases.bounds(CROSS, begins_utc_s, here_s, to_s, GENTLE_SHARE)
-    bounds = on_sky._replace(
-        rate=math.radians(on_sky.rate) * range_km, acceleration=math.radians(on_sky.acceleration) * range_km
-    )
+    bounds = _bounds_km(biases, begins_utc_s, here_s, to_s)
     biases.estimated_cross_km.take_over(biases.cross_km(begins_utc_s, cross), cross_km, begins_utc_s, bounds)
     biases.touched()
+
+
+def forget_estimate(biases: Biases, begins_utc_s: float) -> None:
+    """Go to where the satellite is without an estimate; the operator's offsets stay."""
+    here_s = biases.along_without_search(begins_utc_s).value
+    to_s = biases.offsets[ALONG].total_at(begins_utc_s)
+    biases.estimated_along.reset(begins_utc_s, biases.bounds(ALONG, begins_utc_s, here_s, to_s, GENTLE_SHARE))
+    biases.estimated_cross_km.reset(begins_utc_s, _bounds_km(biases, begins_utc_s, here_s, to_s))
+    biases.touched()
+
+
+def _bounds_km(biases: Biases, begins_utc_s: float, from_s: float, to_s: float) -> Bounds:
+    """Return what a change across the track may ask, as a distance."""
+    range_km = biases.course.going(begins_utc_s + to_s).range_km
+    on_sky = biases.bounds(CROSS, begins_utc_s, from_s, to_s, GENTLE_SHARE)
+    return Bounds(math.radians(on_sky.rate) * range_km, math.radians(on_sky.acceleration) * range_km)
 
 
 def _spiral_trouble(spacing_deg: float, speed_deg_s: float, rate: float, acceleration: float) -> str | None:

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import msgspec
+
 from sattrack.control import orders
 from sattrack.control.biases import Biases
 from sattrack.control.estimate import Estimator
-from sattrack.messages import ClearBias, Nudge, Observation, OffsetBy, Search
+from sattrack.messages import ClearBias, DropRemembered, Nudge, Observation, OffsetBy, Search
 from tle.bias import Bias
 
 if TYPE_CHECKING:
     from sattrack.messages import Message
     from sattrack.mount import MountProfile
+    from sattrack.view import RememberedView
     from tle.propagator import Propagator
 
 REACTION_PERIODS = 3.0
@@ -29,6 +32,7 @@ class Steering:
         bias: Bias,
         camera_rotation_deg: float,
         start_utc_s: float,
+        remembered: RememberedView | None = None,
     ) -> None:
         self._delay_s = REACTION_PERIODS * profile.period_s + profile.command_delay_s
         self.biases = Biases(bias, propagator, profile, camera_rotation_deg)
@@ -40,6 +44,17 @@ class Steering:
         self._estimated = False
         """Whether the estimate is news that is not followed yet."""
         self._following_estimate = False
+        self._remembered = remembered
+        if remembered is not None and remembered.cross_km is not None:
+            self.biases.begin_estimated(remembered.along_s, remembered.cross_km)
+
+    @property
+    def remembered(self) -> RememberedView | None:
+        """The bias of an earlier pass, and what became of it."""
+        known = self._remembered
+        if known is None or known.state != "in force" or not self._following_estimate:
+            return known
+        return msgspec.structs.replace(known, state="replaced")
 
     def obey(self, message: Message, now_utc_s: float) -> None:
         """Do what a message says of offsets; others are none of its business."""
@@ -54,7 +69,10 @@ class Steering:
                 told = orders.offset(self.biases, message, begins_s)
             case Search():
                 told = orders.search(self.biases, message, begins_s)
+            case DropRemembered():
+                told = self._drop_remembered(begins_s)
             case ClearBias():
+                self._end_remembered("cleared")
                 self.estimator.forget()
                 self._estimated = self._following_estimate = False
                 orders.clear(self.biases, begins_s)
@@ -77,6 +95,21 @@ class Steering:
         if ended is not None:
             self._tell(ended, now_utc_s)
         return news or ended is not None
+
+    def _drop_remembered(self, begins_s: float) -> str | None:
+        known = self.remembered
+        if known is None or known.state != "in force":
+            return "no remembered bias is in force" + ("" if known is None else f": it was {known.state}")
+        self._end_remembered("dropped")
+        if known.cross_deg is not None:
+            return orders.nudge(self.biases, -known.along_s, -known.cross_deg, begins_s)
+        orders.forget_estimate(self.biases, begins_s)
+        return None
+
+    def _end_remembered(self, state: str) -> None:
+        known = self.remembered
+        if known is not None and known.state == "in force":
+            self._remembered = msgspec.structs.replace(known, state=state)
 
     def _begins_s(self, now_utc_s: float) -> float:
         """Return when a change that is asked for now begins: when a command that knows of it can act."""

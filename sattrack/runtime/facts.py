@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
@@ -12,6 +13,7 @@ from sattrack.mount import MountProfile
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
 from sattrack.tracker import TrackPlan
+from sattrack.view import RememberedView
 from tle.bias import Bias
 from tle.elements import Elements
 from tle.instants import Utc
@@ -49,6 +51,8 @@ class RunFacts(msgspec.Struct, frozen=True):
     started_utc_s: float
     recording: str | None = None
     camera_rotation_deg: float = 0.0
+    remembered: RememberedView | None = None
+    """The bias of an earlier pass, in force from the beginning; a nudge is in the first biases as well."""
 
 
 def encode_facts(facts: RunFacts) -> bytes:
@@ -81,8 +85,20 @@ def build_engine(facts: RunFacts) -> Engine:
         simulated=facts.mount_name == SIMULATED,
         recording=facts.recording,
         camera_rotation_deg=facts.camera_rotation_deg,
+        remembered=facts.remembered,
     )
     return Engine(spec)
+
+
+def first_bias(facts: RunFacts) -> Bias:
+    """Return with which bias a run begins, the remembered one included, its angle that at culmination."""
+    known = facts.remembered
+    if known is None or known.cross_km is None:
+        return Bias(facts.bias_along_s, facts.bias_cross_deg)
+    along_s = facts.bias_along_s + known.along_s
+    seen = Propagator(facts.elements, facts.site.place()).at(Utc(facts.culminate_utc_s))
+    angle_deg = math.degrees(math.atan(known.cross_km / float(seen.range_km)))
+    return Bias(along_s, facts.bias_cross_deg + angle_deg)
 
 
 def choose_pass(elements: Elements, site: Site, now: Utc, min_alt_deg: float) -> Pass:

@@ -16,6 +16,7 @@ from sattrack.runtime.guard import owned
 from sattrack.runtime.live import LiveLoop
 from sattrack.runtime.observers import QUEUED_MOST
 from sattrack.runtime.outcome import summarise
+from sattrack.runtime.remembering import keep
 from sattrack.runtime.screen import Screen
 from sattrack.runtime.signals import stopping
 from sattrack.runtime.virtual import VirtualRun
@@ -56,6 +57,8 @@ def fly_virtual(
         run = VirtualRun(engine, mount, facts.started_utc_s, sink, messages, progress)
         ended_utc_s = run.run()
         summary = summarise(run.engine, run.ledger, ended_utc_s)
+        kept = keep(run.engine, facts, ended_utc_s, prepared.memory)
+        summary = msgspec.structs.replace(summary, bias_memory=kept)
         sink.summary(ended_utc_s, summary)
     return msgspec.structs.replace(summary, recording_trouble=sink.trouble)
 
@@ -94,6 +97,8 @@ def fly_live(
         stack.enter_context(stopping(stop))
         ended_utc_s = loop.run()
         summary = summarise(loop.engine, loop.ledger, ended_utc_s)
+        kept = keep(loop.engine, facts, ended_utc_s, prepared.memory)
+        summary = msgspec.structs.replace(summary, bias_memory=kept)
         if guard.deposed:
             summary = msgspec.structs.replace(summary, mount_stopped=guard.mount_stopped)
         sink.summary(ended_utc_s, summary)

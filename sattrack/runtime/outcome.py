@@ -80,6 +80,7 @@ def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
         bias_cross_deg=cross_deg,
         offsets=offset_views(tracker, ended_utc_s),
         estimate=estimate_view(tracker, ended_utc_s, engine.malformed + engine.dropped),
+        remembered=tracker.steering.remembered,
         recording=spec.recording,
         mount_stopped=engine.mount_stopped,
         message=engine.message or _never_followed(engine),

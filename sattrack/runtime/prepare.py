@@ -12,8 +12,9 @@ from sattrack.clock import Clock, make_clock
 from sattrack.control.orders import MOST_ALONG_S, MOST_CROSS_DEG
 from sattrack.errors import BadInputError
 from sattrack.profiles import ProfileFile
-from sattrack.runtime.facts import RunFacts, build_engine, choose_pass, plan_for
+from sattrack.runtime.facts import RunFacts, build_engine, choose_pass, first_bias, plan_for
 from sattrack.runtime.mounts import mount_address
+from sattrack.runtime.remembering import MemoryMode, recall, uses_memory
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
 from tle.refraction import Refraction
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sattrack.mount import MountProfile
+    from sattrack.view import RememberedView
     from sattrack.xerxes.client import Address
     from tle.elements import Elements
     from tle.site import Site
@@ -49,6 +51,7 @@ class RunRequest:
     record: Path | None = None
     profile: ProfileFile = field(default_factory=ProfileFile)
     limits: SafetyLimits = field(default_factory=SafetyLimits)
+    memory: MemoryMode = "off"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +65,9 @@ class Prepared:
     """Whether the built-in pass stands in for elements and site that nobody set."""
     simulator: dict[str, Any] = field(default_factory=dict)
     """What the profile's file says of the simulated mount alone."""
+    memory: MemoryMode = "off"
+    notes: tuple[str, ...] = ()
+    """What is to be known of the bias memory before the run begins."""
 
 
 def prepare(request: RunRequest) -> Prepared:
@@ -107,8 +113,21 @@ def prepare(request: RunRequest) -> Prepared:
         started_utc_s=started_s,
         recording=None if request.record is None else str(request.record),
     )
+    notes: tuple[str, ...] = ()
+    if uses_memory(request.memory, address is None):
+        given = bool(request.bias_along_s or request.bias_cross_deg)
+        recalled = recall(satellite, facts.culminate_utc_s, request.memory, given)
+        facts, notes = _beginning_with(facts, recalled.bias), recalled.notes
     facts = with_detours(facts)
-    return Prepared(facts, clock, address, practising, request.profile.simulator)
+    return Prepared(facts, clock, address, practising, request.profile.simulator, request.memory, notes)
+
+
+def _beginning_with(facts: RunFacts, bias: RememberedView | None) -> RunFacts:
+    """Return the facts with a remembered bias: a nudge as the operator's own, a fit as an estimate."""
+    facts = msgspec.structs.replace(facts, remembered=bias)
+    if bias is None or bias.cross_deg is None:
+        return facts
+    return msgspec.structs.replace(facts, bias_along_s=bias.along_s, bias_cross_deg=bias.cross_deg)
 
 
 def with_detours(facts: RunFacts) -> RunFacts:
@@ -118,7 +137,7 @@ def with_detours(facts: RunFacts) -> RunFacts:
     from sattrack.planning.passing import detours_for
 
     spec = build_engine(facts).spec
-    detours = detours_for(spec.propagator, spec.bias, facts.plan, facts.profile)
+    detours = detours_for(spec.propagator, first_bias(facts), facts.plan, facts.profile)
     return msgspec.structs.replace(facts, plan=msgspec.structs.replace(facts.plan, detours=detours))
 
 

@@ -11,7 +11,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal
 from textual.css.query import NoMatches
 
-from sattrack.messages import ClearBias, Nudge, OffsetBy, Search, StopNow
+from sattrack.messages import ClearBias, DropRemembered, Nudge, OffsetBy, Search, StopNow
 from sattrack.tui import figures, look
 from sattrack.tui.bias_panel import BiasPanel
 from sattrack.tui.error_plot import ErrorPanel
@@ -71,6 +71,7 @@ class TrackApp(App[None]):
         Binding("escape", "cancel_search", "cancel search"),
         Binding("r", "reset", "reset frame"),
         Binding("0", "clear_bias", "clear bias"),
+        Binding("m", "drop_remembered", "drop remembered bias"),
         Binding("question_mark", "help", "help"),
     ]
 
@@ -235,6 +236,10 @@ class TrackApp(App[None]):
     def action_clear_bias(self) -> None:
         """Take everything back: nudges, offsets, search and estimate."""
         self._send(ClearBias())
+
+    def action_drop_remembered(self) -> None:
+        """Take back the bias that an earlier pass left, and have it offered no more."""
+        self._send(DropRemembered())
 
     def action_help(self) -> None:
         """Show what the keys do."""

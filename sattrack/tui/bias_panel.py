@@ -92,18 +92,29 @@ def _values(scene: Scene, move: Move) -> Row:
 
 
 def _news(scene: Scene) -> Row:
-    """Return what searches, else what was estimated; nothing where neither is."""
+    """Return what searches, else what was estimated, else what was remembered; nothing where nothing is."""
     search, estimate = scene.view.search, scene.view.estimate
     if search is not None:
         return [(f"{search.how} {search.elapsed_s:.0f} s", "bold"), ("   s keep  Esc cancel", DIM)]
     if estimate is None:
-        return []
+        return _remembered(scene)
     counts: Part = f"{estimate.accepted} seen"
     if estimate.rejected or estimate.refused:
         counts = f"{estimate.accepted} of {estimate.accepted + estimate.rejected + estimate.refused} seen"
     if estimate.along_sigma_s is None or estimate.cross_sigma_deg is None:
         return [counts]
     return [counts, (f" ±{estimate.along_sigma_s:.4f} s ±{estimate.cross_sigma_deg:.4f}°", DIM)]
+
+
+def _remembered(scene: Scene) -> Row:
+    """Return the bias that an earlier pass left, as long as it is in force."""
+    known = scene.view.remembered
+    if known is None or known.state != "in force":
+        return []
+    hours = (scene.view.utc_s - known.utc_s) / 3600.0
+    if known.along_sigma_s is None:
+        return [(f"{hours:.1f} h old nudge", "bold"), ("   m drop", DIM)]
+    return [(f"{hours:.1f} h old ±{known.along_sigma_s:.3f} s", "bold"), ("   m drop", DIM)]
 
 
 def _others(scene: Scene) -> Row:
