@@ -109,7 +109,7 @@ def draw(seed: int, longest_s: float = LONGEST_S) -> Drawn:
         if sun_up != (seed % 3 > 0) or plan.end_utc_s - plan.start_utc_s < SHORTEST_S:
             continue
         length = min(
-            plan.end_utc_s - plan.start_utc_s, longest_s, SHORTEST_S * math.exp(dice.uniform(0.0, 3.0))
+            plan.end_utc_s - plan.start_utc_s, longest_s, SHORTEST_S * math.exp(3.0 * dice.random() ** 2)
         )
         start_s = dice.uniform(plan.start_utc_s, plan.end_utc_s - length)
         approach_s = dice.choice([25.0, 25.0, 60.0])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S
@@ -144,26 +145,26 @@ class Bounds:
                     return region.name
         return None
 
-    def away(self, name: str, place: tuple[float, float]) -> tuple[float, float] | None:
-        """Return rates of the axes that lead away from the Sun or the Moon, None from anything else.
+    def away(self, place: tuple[float, float], seconds: float) -> list[tuple[float, float]]:
+        """Return rates of the axes that lead away from the Sun or the Moon, the best first.
 
-        The deeper a place is inside of the cone, the faster.
+        None where neither comes too near within so many seconds. The deeper a place is inside of a cone, the
+        faster. Where a limit stands in the best way, one axis alone may still have one.
         """
-        cone = next((cone for cone in self._cones if cone.name == name), None)
-        if cone is None:
-            return None
-        steps = []
-        for axis in (0, 1):
-            clear = []
-            for step in (-RETREAT_STEP_DEG, RETREAT_STEP_DEG):
-                there = (place[0] + step, place[1]) if axis == 0 else (place[0], place[1] + step)
-                clear.append(cone.clearance(Box.between(there, there)).some_deg)
-            steps.append(clear[1] - clear[0])
-        largest = max(abs(steps[0]), abs(steps[1]))
-        if largest < SAME_DEG:
-            return None
-        rate_deg_s = min(ESCAPE_DEG_S, RETREAT_DEG_S + self.dazzled(place) / ESCAPE_S)
-        return steps[0] / largest * rate_deg_s, steps[1] / largest * rate_deg_s
+        here = Box.between(place, place)
+        crowding = [(cone.clearance(here).some_deg, cone) for cone in self._cones]
+        clear, cone = min(crowding, key=lambda pair: pair[0], default=(math.inf, None))
+        if cone is None or clear >= HOLD_MARGIN_DEG + SIDEREAL_RATE_DEG_S * seconds:
+            return []
+        ha, dec = (_gain_deg(cone, place, axis) for axis in (0, 1))
+        rate_deg_s = min(ESCAPE_DEG_S, RETREAT_DEG_S + max(0.0, -clear) / ESCAPE_S)
+        ways = [(ha, dec), (0.0, dec), (ha, 0.0)]
+        largest = [max(abs(ha), abs(dec)) for ha, dec in ways]
+        return [
+            (ha / most * rate_deg_s, dec / most * rate_deg_s)
+            for (ha, dec), most in zip(ways, largest, strict=True)
+            if most > SAME_DEG
+        ]
 
     def _bodies(self, longitude_deg: float) -> list[tuple[str, Wanderer, float]]:
         if self._wanderers is None:
@@ -180,3 +181,12 @@ class Bounds:
 
     def _is_up(self, body: Body) -> bool:
         return altitude_deg(body.hour_angle_deg, body.dec_deg, self._latitude_deg) > UP_DEG
+
+
+def _gain_deg(cone: Cone, place: tuple[float, float], axis: int) -> float:
+    """Return by how much farther from a cone an axis gets by two steps."""
+    clear = []
+    for step in (-RETREAT_STEP_DEG, RETREAT_STEP_DEG):
+        there = (place[0] + step, place[1]) if axis == 0 else (place[0], place[1] + step)
+        clear.append(cone.clearance(Box.between(there, there)).some_deg)
+    return clear[1] - clear[0]

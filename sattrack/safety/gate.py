@@ -381,16 +381,13 @@ class Safety:
             if outside is not None and proven and outside not in MOVES_BY_ITSELF:
                 return self._trip(outside)
             near = self._bounds.near(place)
-            wanted = self._held(
-                name, wanted, place, lambda r: self._limit_ahead(motions, r, age_s, near), proven
-            )
+            wanted = self._held(wanted, place, lambda r: self._limit_ahead(motions, r, age_s, near), proven)
         if utc_s is not None:
             self._sent.append((utc_s, *wanted))
         return Cleared(self._as_move(wanted, move, wish))
 
     def _held(
         self,
-        name: str,
         wanted: tuple[float, float],
         place: Place,
         ahead: Callable[[tuple[float, float]], str | None],
@@ -405,8 +402,10 @@ class Safety:
         if not inside:
             cos_dec = math.cos(math.radians(place.dec_deg))
             held = nearest_rates(wanted, cos_dec, lambda rates: ahead(rates) is None)
-        away = self._bounds.away(name, place) if held == REST else None
-        return held if away is None or ahead(away) is not None else away
+        if held != REST:
+            return held
+        ways = self._bounds.away(place, self._latency_s + self._limits.longest_fault_s)
+        return next((away for away in ways if ahead(away) is None), REST)
 
     def _as_move(self, rates: tuple[float, float], move: MoveAxes, wish: tuple[float, float]) -> MoveAxes:
         if rates == wish:

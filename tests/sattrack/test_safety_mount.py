@@ -323,6 +323,16 @@ def test_a_mount_that_points_into_the_sun_gets_out_and_never_nearer(
     assert outside_s < 25.0
 
 
+def test_axes_at_a_limit_give_way_to_the_sun_along_it() -> None:
+    """Held at the end of the hour angle's travel, they go up or down where the Sun comes from the east."""
+    profile = MountProfile(hour_angle_limit_deg=abs(SUN_WEST_HA + 15.6))
+    start = StartPosition(SUN_WEST_HA + 15.5, SUN_DEC + 1.0)
+    stand = Stand(steadily(1.0, 0.0), SafetyLimits(), start, profile).run(180.0)
+    assert stand.safety.tripped is None
+    assert min(from_sun(truth, t) for t, truth in stand.truths) >= 15.0
+    assert max(truth.hour_angle_axis_deg for _, truth in stand.truths) <= profile.hour_angle_limit_deg
+
+
 def test_by_hand_an_idle_mount_is_not_moved_out_of_the_sun() -> None:
     start = StartPosition(SUN_WEST_HA + 5.0, SUN_DEC)
     stand = Stand(lambda _: Hold(), SafetyLimits(), start, holds=False).run(10.0)
