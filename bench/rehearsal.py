@@ -3,8 +3,8 @@
 python bench/rehearsal.py [PASSES] [FIRST] [--jobs N]
 
 Random passes of up to ten minutes, over random sites, with random mounts and limits. Each is rehearsed, then
-flown as `track --mount sim --virtual` does it, by a mount that has its own clock, timer, link and noise, and in
-every fourth friction and ripple; figures of the run are those of its summary and of its statuses.
+flown as `track --mount sim --virtual` does it, by a mount that has its own clock, timer, link and noise, and
+in every fourth friction and ripple; figures of the run are those of its summary and of its statuses.
 """
 
 from __future__ import annotations

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 LABELS_APART_DEG = 11.0
+NEARLY_S = 5.0
 INK, PALE, GOOD, BAD, SUN, MOON = "#1b2a41", "#8a99ad", "#1f77b4", "#d1495b", "#edae49", "#7d7d8a"
 COLOURS = {
     "keyhole": "#d1495b",
@@ -110,7 +111,7 @@ def _draw_sky(sky: Any, rehearsal: Rehearsal) -> None:
             if name == "Sun":
                 _draw_cone(sky, place, rehearsal.sun_cone_deg)
     sky.legend(loc="upper left", bbox_to_anchor=(-0.12, 1.08), fontsize="small", frameon=False)
-    sky.set_title("the sky from below", color=PALE, fontsize="small", y=-0.09)
+    sky.set_title("the sky from below", color=PALE, fontsize="small", y=-0.13)
 
 
 def _draw_cone(sky: Any, place: tuple[float, float], cone_deg: float) -> None:
@@ -131,14 +132,14 @@ def _mark_minutes(sky: Any, rehearsal: Rehearsal) -> None:
     whole_s = float(path.utc_s[-1] - path.utc_s[0])
     step = 60.0 * max(1, round(whole_s / 60.0 / 8.0))
     first = np.ceil(path.utc_s[0] / 60.0) * 60.0
-    last = None
+    labelled: list[Any] = []
     for at in np.arange(first, path.utc_s[-1], step):
         i = int(np.searchsorted(path.utc_s, at))
         angle, radius = np.radians(path.az_deg[i]), 90.0 - path.alt_deg[i]
         here = np.array([radius * np.cos(angle), radius * np.sin(angle)])
-        if last is not None and float(np.hypot(*(here - last))) < LABELS_APART_DEG:
+        if any(float(np.hypot(*(here - other))) < LABELS_APART_DEG for other in labelled):
             continue
-        last = here
+        labelled.append(here)
         sky.plot([angle], [radius], "o", color="white", markersize=5, markeredgecolor=INK, zorder=5)
         sky.annotate(
             Utc(float(at)).isoformat("seconds")[11:16],
@@ -165,25 +166,36 @@ def _tidy(axes: Any) -> None:
 def _draw_rates(axes: Any, rehearsal: Rehearsal) -> None:
     path, profile = rehearsal.path, rehearsal.ability.profile
     times = _times(path.utc_s)
+    limits = profile.ra.max_rate_deg_s, profile.dec.max_rate_deg_s
+    same = limits[0] == limits[1]
     for name, rate, limit, colour in (
-        ("hour angle", path.hour_angle_rate_deg_s, profile.ra.max_rate_deg_s, GOOD),
-        ("declination", path.dec_rate_deg_s, profile.dec.max_rate_deg_s, "#2a9d8f"),
+        ("hour angle", path.hour_angle_rate_deg_s, limits[0], GOOD),
+        ("declination", path.dec_rate_deg_s, limits[1], "#2a9d8f"),
     ):
         axes.plot(times, np.abs(rate), color=colour, linewidth=1.8, label=f"{name} asked")
-        axes.axhline(limit, color=colour, linestyle=(0, (4, 3)), linewidth=1.2, label=f"{name} limit")
+        if not same:
+            axes.axhline(limit, color=colour, linestyle=(0, (4, 3)), linewidth=1.2, label=f"{name} limit")
+    if same:
+        axes.axhline(limits[0], color=BAD, linestyle=(0, (4, 3)), linewidth=1.2, label="limit of both")
     trace = rehearsal.performance.trace
     rows = trace.moving
     if rows.any():
         reached = np.where(rows, np.abs(trace.hour_angle_rate_deg_s), np.nan)
         axes.plot(_times(trace.utc_s), reached, color=INK, linewidth=0.8, label="hour angle reached")
     axes.set_yscale("log")
-    axes.set_ylim(bottom=0.005)
+    typical = float(np.median(np.hypot(path.hour_angle_rate_deg_s, path.dec_rate_deg_s)))
+    axes.set_ylim(bottom=float(np.clip(0.1 * typical, 1e-5, 0.005)))
     axes.set_xlim(times[0], times[-1])
     axes.set_ylabel("rate, °/s")
     axes.legend(fontsize="x-small", ncols=3, frameon=False, loc="upper right", bbox_to_anchor=(1.0, 1.16))
     _shade(axes, rehearsal)
     _tidy(axes)
     axes.tick_params(labelbottom=False)
+
+
+def _nearly_end(rehearsal: Rehearsal) -> datetime:
+    """Return a little before the end of the pass: what ends sooner was not run to its end."""
+    return _times(rehearsal.path.utc_s[-1:] - NEARLY_S)[0]
 
 
 def _draw_run(axes: Any, rehearsal: Rehearsal) -> None:
@@ -199,8 +211,19 @@ def _draw_run(axes: Any, rehearsal: Rehearsal) -> None:
     )
     axes.set_yscale("log")
     axes.set_ylabel("error, ″")
-    axes.legend(fontsize="x-small", ncols=2, frameon=False, loc="lower right")
+    axes.legend(fontsize="x-small", ncols=2, frameon=False, loc="upper right", bbox_to_anchor=(1.0, 1.16))
     _shade(axes, rehearsal)
+    run_until = _times(trace.utc_s[-1:])
+    if run_until and run_until[0] < _nearly_end(rehearsal):
+        axes.annotate(
+            "not run: kinematics tell of the rest",
+            (run_until[0], 0.5),
+            xycoords=("data", "axes fraction"),
+            xytext=(6, 0),
+            textcoords="offset points",
+            fontsize="small",
+            color=PALE,
+        )
     _tidy(axes)
     axes.tick_params(labelbottom=False)
 
@@ -216,6 +239,9 @@ def _draw_cut(axes: Any, rehearsal: Rehearsal) -> None:
         rests = [np.nan if m.seconds_to_rest is None else m.seconds_to_rest for m in loss.curve]
         axes.plot(times, rests, color="#2a9d8f", linewidth=1.5, label="to rest by the mount's watchdog")
     finite = [s for s in seconds if np.isfinite(s)]
+    if not finite:
+        words = f"no limit is met within {loss.looked_s / 60.0:.0f} minutes"
+        axes.annotate(words, (0.5, 0.5), xycoords="axes fraction", ha="center", color=PALE)
     axes.set_ylim(0.0, 1.15 * max(finite, default=loss.looked_s))
     axes.set_ylabel("after a cut link, s")
     axes.legend(fontsize="x-small", frameon=False, loc="upper right")

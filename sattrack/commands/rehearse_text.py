@@ -9,7 +9,10 @@ import click
 from tle.errors import printable
 
 if TYPE_CHECKING:
-    from sattrack.planning.report import CutMoment, Report
+    from sattrack.planning.report import CutMoment, LinkLossView, Report
+
+ROWS = 9
+"""Moments of the pass for which the time after a cut link is printed."""
 
 
 def report_lines(report: Report) -> list[str]:
@@ -53,7 +56,9 @@ def _lost(report: Report) -> list[str]:
 def _limits(report: Report) -> list[str]:
     lines = [
         "",
-        _title(f"{'Axis':13} {'asked °/s':>10} {'reached':>10} {'limit':>8} {'asked °/s²':>11} {'limit':>8}"),
+        _title(
+            f"{'Axis':13} {'asked °/s':>10} {'followed':>10} {'limit':>8} {'asked °/s²':>11} {'limit':>8}"
+        ),
     ]
     for peak in report.peaks:
         reached = "-" if peak.reached_rate_deg_s is None else f"{peak.reached_rate_deg_s:.3f}"
@@ -89,23 +94,52 @@ def _keyholes(report: Report) -> list[str]:
 
 
 def _sides(report: Report) -> list[str]:
-    return ["", f"Side: {report.sides.words}"]
+    cables = report.cables
+    return [
+        "",
+        f"Side: {report.sides.words}",
+        f"Cables: the hour angle axis goes from {cables.from_deg:.0f}° to {cables.to_deg:.0f}°, "
+        f"of {cables.limit_deg:g}° either way",
+    ]
 
 
 def _link_loss(report: Report) -> list[str]:
     loss = report.link_loss
-    words = _cut(loss.worst, loss.looked_s)
-    lines = ["", f"If the link is cut and the mount holds its rates: {words}"]
+    lines = [
+        "",
+        f"If the link is cut and the mount holds its rates: {_cut(loss.worst, loss.looked_s)}",
+        *_cut_table(loss),
+    ]
     if loss.watchdog_s is None:
-        lines.append("the mount has no watchdog: nothing on this side can stop it then")
+        lines.append("The mount has no watchdog: nothing on this side can stop it then")
     elif loss.rests_inside:
         lines.append(
-            f"its watchdog ({loss.watchdog_s:g} s) brings it to rest before any limit, whenever that is"
+            f"Its watchdog ({loss.watchdog_s:g} s) brings it to rest before any limit, whenever that is"
         )
     else:
         lines.append(
-            click.style(f"its watchdog ({loss.watchdog_s:g} s) comes too late at some moments", fg="red")
+            click.style(f"Its watchdog ({loss.watchdog_s:g} s) comes too late at some moments", fg="red")
         )
+    return lines
+
+
+def _cut_table(loss: LinkLossView) -> list[str]:
+    """Return the time to the first limit from moments of the pass; nothing where none is ever met."""
+    if loss.worst.seconds_to_limit is None:
+        return []
+    count = len(loss.curve)
+    shown = sorted({round(k * (count - 1) / max(1, ROWS - 1)) for k in range(min(ROWS, count))})
+    head = f"{'Cut at':10} {'to a limit':>12}  {'limit':13}"
+    lines = [_title(head.rstrip() if loss.watchdog_s is None else f"{head} {'at rest':>8}")]
+    for k in shown:
+        moment = loss.curve[k]
+        seconds = f"over {loss.looked_s:.0f} s"
+        if moment.seconds_to_limit is not None:
+            seconds = f"{moment.seconds_to_limit:.1f} s"
+        words = f"{moment.utc[11:19]:10} {seconds:>12}  {(moment.limit or '-').replace('_', ' '):13}"
+        if moment.seconds_to_rest is not None:
+            words += f" {moment.seconds_to_rest:6.1f} s"
+        lines.append(words.rstrip())
     return lines
 
 

@@ -33,11 +33,11 @@ class HeldWay(NamedTuple):
     dec_rate_deg_s: Array
 
 
-def way_of(path: AxisPath, trace: TraceArrays) -> HeldWay:
-    """Return how the mount went in a rehearsed run; where it never followed, as the target goes."""
+def way_of(path: AxisPath, trace: TraceArrays | None) -> HeldWay:
+    """Return how the mount went in a rehearsed run; as the target goes if there is none, or none on target."""
     p = path.pointing
-    rows = trace.moving
-    if not rows.any():
+    rows = np.zeros(0, dtype=bool) if trace is None else trace.moving
+    if trace is None or not rows.any():
         return HeldWay(p, path.hour_angle_rate_deg_s, path.dec_rate_deg_s)
     utc_s = trace.utc_s[rows]
     bodies = (p.sun_hour_angle_deg, p.sun_dec_deg, p.moon_hour_angle_deg, p.moon_dec_deg)

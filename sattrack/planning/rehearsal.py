@@ -11,7 +11,7 @@ import numpy as np
 
 from sattrack.planning.kinematics import LEAST_SHARE, Ability, Loss, losses
 from sattrack.planning.limits import margins_deg
-from sattrack.planning.report import CutMoment, KeyholeView, LinkLossView, LostStretch, Margin, Peak
+from sattrack.planning.report import Cables, CutMoment, KeyholeView, LinkLossView, LostStretch, Margin, Peak
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -189,6 +189,12 @@ def _peak(
         asked_acceleration_deg_s2=float(np.max(np.abs(acceleration))),
         limit_acceleration_deg_s2=can[1],
     )
+
+
+def cables(path: AxisPath, profile: MountProfile) -> Cables:
+    """Return how far the cables are wound over a path, as the mount takes it."""
+    turned = path.pointing.hour_angle_axis_deg
+    return Cables(float(turned[0]), float(turned[-1]), profile.hour_angle_limit_deg)
 
 
 def margins(path: AxisPath, ability: Ability) -> tuple[Margin, ...]:

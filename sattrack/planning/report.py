@@ -51,6 +51,15 @@ class KeyholeView(msgspec.Struct, frozen=True):
     chosen: str
 
 
+class Cables(msgspec.Struct, frozen=True):
+    """How far the hour angle axis is turned over the pass as the mount takes it, degrees, turns counted."""
+
+    from_deg: float
+    to_deg: float
+    limit_deg: float
+    """The axis may turn so far either way of the meridian."""
+
+
 class CutMoment(msgspec.Struct, frozen=True):
     """What a cut of the link at one moment leads to; null seconds where no limit is met for long."""
 
@@ -97,6 +106,7 @@ class Report(msgspec.Struct, frozen=True):
     margins: tuple[Margin, ...]
     keyholes: tuple[KeyholeView, ...]
     sides: Sides
+    cables: Cables
     link_loss: LinkLossView
     budget: Budget
     notes: tuple[str, ...] = ()

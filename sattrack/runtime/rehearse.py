@@ -28,6 +28,7 @@ from sattrack.planning.limits import skyline_deg
 from sattrack.planning.link_loss import LOOKED_S, link_loss, way_of
 from sattrack.planning.path import axis_path
 from sattrack.planning.rehearsal import (
+    cables,
     keyhole_view,
     link_loss_view,
     lost_stretches,
@@ -66,14 +67,13 @@ if TYPE_CHECKING:
 
 MARGIN_S = 10.0
 MOVING = (Phase.ACQUIRING, Phase.TRACKING)
-FULL_PERIOD_S, SLOW_PERIOD_S, SLOWEST_PERIOD_S = 0.05, 0.1, 0.2
+FULL_PERIOD_S, SLOW_PERIOD_S = 0.05, 0.1
 SLOW_ERROR_SHARE = 0.1
-"""A slow object's loop may leave so much of what counts as on target by holding its rates for longer."""
+"""A slow object's loop may leave so much of what counts as on target by holding its rates twice as long."""
 SLOW_RATE_SHARE = 0.97
 """A slow object needs no more than this share of the axes' rates."""
-LONG_S, LONGEST_RUN_S = 1200.0, 1800.0
-"""Long passes may be run in still longer steps; of the longest the beginning is run, and kinematics alone
-tell the rest."""
+LONGEST_RUN_S = 1200.0
+"""Of longer passes the beginning is run, and kinematics alone tell the rest."""
 LATE_S = 1.5
 """Following that begins so long after its time did not get there in time."""
 PATH_STEP_S, MOST_SAMPLES = 0.05, 20_000
@@ -202,8 +202,14 @@ def rehearse(
         margins=margins(path, ability),
         keyholes=tuple(keyhole_view(k, followed=bool(plan.detours)) for k in keyholes),
         sides=_sides(part, straight, ability, keyholes, _Run(performance, lost, lost_s, prepared.simulator)),
+        cables=cables(path, facts.profile),
         link_loss=link_loss_view(
-            link_loss(way_of(path, performance.trace), facts.profile, facts.limits, facts.site.latitude_deg),
+            link_loss(
+                way_of(path, performance.trace if part is facts else None),
+                facts.profile,
+                facts.limits,
+                facts.site.latitude_deg,
+            ),
             facts.profile.watchdog_s,
             LOOKED_S,
         ),
@@ -307,20 +313,17 @@ def choose_nth_pass(prepared: Prepared, number: int, min_alt_deg: float) -> Prep
 
 
 def loop_period_s(path: AxisPath, profile: MountProfile, plan: TrackPlan) -> float:
-    """Return the period to run at: 50 ms, or more for an object so slow that it makes no difference."""
-    long = plan.end_utc_s - plan.start_utc_s > LONG_S
+    """Return the period to run at: 50 ms, or twice that for an object so slow that it makes no difference."""
+    if plan.end_utc_s - plan.start_utc_s > LONGEST_RUN_S:
+        return SLOW_PERIOD_S
     cos_dec = np.abs(np.cos(np.radians(path.pointing.dec_axis_deg)))
     sky_deg_s2 = np.hypot(path.hour_angle_acceleration_deg_s2 * cos_dec, path.dec_acceleration_deg_s2)
     # A rate held for a time T leaves an error of a T² / 8.
-    allowed_deg = SLOW_ERROR_SHARE * plan.on_target_arcsec / 3600.0
-    within = float(np.max(np.abs(path.hour_angle_rate_deg_s))) <= SLOW_RATE_SHARE * profile.ra.max_rate_deg_s
-    within &= float(np.max(np.abs(path.dec_rate_deg_s))) <= SLOW_RATE_SHARE * profile.dec.max_rate_deg_s
-    for period_s in (SLOWEST_PERIOD_S, SLOW_PERIOD_S):
-        if period_s == SLOWEST_PERIOD_S and not long:
-            continue
-        if within and float(np.max(sky_deg_s2)) * period_s**2 / 8.0 <= allowed_deg:
-            return period_s
-    return SLOW_PERIOD_S if long else FULL_PERIOD_S
+    error_deg = float(np.max(sky_deg_s2)) * SLOW_PERIOD_S**2 / 8.0
+    slow = error_deg <= SLOW_ERROR_SHARE * plan.on_target_arcsec / 3600.0
+    for rate, can in ((path.hour_angle_rate_deg_s, profile.ra), (path.dec_rate_deg_s, profile.dec)):
+        slow &= float(np.max(np.abs(rate))) <= SLOW_RATE_SHARE * can.max_rate_deg_s
+    return SLOW_PERIOD_S if slow else FULL_PERIOD_S
 
 
 def _instants(plan: TrackPlan) -> NDArray[np.float64]:
