@@ -34,7 +34,7 @@ class HeldWay(NamedTuple):
 
 
 def way_of(path: AxisPath, trace: TraceArrays | None) -> HeldWay:
-    """Return how the mount went in a rehearsed run; as the target goes if there is none, or none on target."""
+    """Return how the mount went in a rehearsed run; as the target goes if there is none or it failed."""
     p = path.pointing
     rows = np.zeros(0, dtype=bool) if trace is None else trace.moving
     if trace is None or not rows.any():
