@@ -116,16 +116,16 @@ def designated(
     return Figures(rms(errors), max(errors), run.reported.rms_arcsec, run.mount_stopped)
 
 
-def by_elements() -> Figures:
-    """Follow the pass by elements on the controller's side."""
-    antenna = VirtualAntenna(RISE_UTC_S)
+def by_elements(begin_utc_s: float = RISE_UTC_S, end_utc_s: float = SET_UTC_S) -> Figures:
+    """Follow the pass, or a part of it, by elements on the controller's side."""
+    antenna = VirtualAntenna(begin_utc_s)
     antenna.run_for(1.0)
     number = practice.elements().catalog_number
     for line, text in (("1", practice.LINE_1), ("2", practice.LINE_2)):
         assert antenna.say(f"TLE {line} {number} {text}") == "TLE ACK"
     assert antenna.say(f"SAT {number}") == "SAT ACK"
-    antenna.run_until(SET_UTC_S)
-    errors = true_errors(antenna, satellite(), RISE_UTC_S, SET_UTC_S)
+    antenna.run_until(end_utc_s)
+    errors = true_errors(antenna, satellite(), begin_utc_s, end_utc_s)
     return Figures(rms(errors), max(errors), None, None)
 
 

@@ -216,6 +216,13 @@ def test_at_ten_a_second_within_one_arcsecond() -> None:
     assert figures.rms_arcsec < 1.0
 
 
+def test_by_elements_the_controller_keeps_the_feeders_bounds() -> None:
+    middle_s = 0.5 * (bench.RISE_UTC_S + bench.SET_UTC_S)
+    figures = bench.by_elements(middle_s - 20.0, middle_s + 10.0)
+    assert figures.rms_arcsec < 0.1
+    assert figures.peak_arcsec < 0.6
+
+
 def test_with_character_time_outs_a_response_that_stops_half_way_is_given_up_at_once() -> None:
     line = Antcn(CHARACTER_S, per_character=True)
     line.synchronise(0.0)
