@@ -1,8 +1,8 @@
 """The antenna's controller following satellites by elements, in the feeder's harness.
 
 `python bench/antenna_feeder.py [--seeds N] [--rows GLOB]`: the mounts, links, passes and bounds of
-`bench/feeder.py`; what steers is the station of `sattrack serve antenna`, told SAT over the interface. The worst
-of the seeds; a row that misses a bound says so, and makes the exit code 1.
+`bench/feeder.py`; what steers is the station of `sattrack serve antenna`, told SAT over the interface. The
+worst of the seeds; a row that misses a bound says so, and makes the exit code 1.
 """
 
 from __future__ import annotations
