@@ -26,6 +26,7 @@ COMMANDS = {
     "replay": "Run a recording through today's code and compare every output.",
     "report": "What recorded passes tell of error, mount, link and satellite.",
     "recording": "What is in a recording, and its content in other programs' formats.",
+    "biases": "Biases remembered from earlier passes: which there are, and dropping one.",
     "stop": "Stop the mount, from any terminal.",
     "mount": "Look at a mount, and operate it by hand: status, watch, slew, park, ...",
     "sim": "The simulated mount alone, on UDP.",

@@ -17,6 +17,7 @@ from sattrack.recording.report import make_report
 from sattrack.recording.report_text import report_html, report_lines, trend_lines
 from sattrack.recording.trace import trace
 from sattrack.runtime.again import engine_of, open_recording
+from sattrack.runtime.remembering import keep_fit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -36,6 +37,13 @@ _path = click.Path(path_type=Path)
 @click.option("--png", "folder", type=_path, metavar="FOLDER", help="Each plot as a PNG in this folder.")
 @click.option("--tdm", type=_path, metavar="FILE", help="The observations of one recording as a CCSDS TDM.")
 @click.option("--part", default=1, show_default=True, help="Which, where a file holds several recordings.")
+@click.option(
+    "--bias-memory",
+    type=click.Choice(("auto", "on", "off")),
+    default="auto",
+    show_default=True,
+    help="Keep the fitted biases for the next pass: auto those of real mounts, on all, off none.",
+)
 @common_options
 def command(context: CommandContext, files: tuple[Path, ...], **options: Any) -> int:
     """Tell what recorded passes show: error, link, gains and delays, the satellite's biases, what to change.
@@ -56,6 +64,9 @@ def command(context: CommandContext, files: tuple[Path, ...], **options: Any) ->
             write_tdm(recording, facts, tdm)
         run = trace(recording, engine_of, _progress(number, len(files)))
         report, fit = make_report(recording, run)
+        kept = None if fit is None else keep_fit(fit, facts, options["bias_memory"])
+        if kept is not None:
+            tell(f"bias memory: {kept}")
         found.append((recording, facts, run, report, fit))
     _wipe()
     reports = [report for _, _, _, report, _ in found]

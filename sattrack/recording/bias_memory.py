@@ -159,7 +159,8 @@ class BiasMemory:
     def keep(self, bias: KeptBias, elements: Elements, run: str) -> None:
         """Keep what a run found; of one run and kind there is one entry, the last that was kept.
 
-        A report, which sees all observations at once, has the last word over the pass itself.
+        A report, which sees all observations at once, has the last word over the pass itself. What was
+        dropped stays dropped.
         """
         names = (
             "orbit, run, source, made_by, catalog_number, name, elements_epoch_utc_s, mount, utc_s, along_s, "
@@ -175,7 +176,7 @@ class BiasMemory:
         with self._open(create=True) as connection:
             connection.execute(
                 f"INSERT INTO biases ({names}) VALUES ({marks}) "
-                f"ON CONFLICT (orbit, run, source) DO UPDATE SET {updates}, dropped = 0",
+                f"ON CONFLICT (orbit, run, source) DO UPDATE SET {updates}",
                 values,
             )
 

@@ -15,6 +15,7 @@ from sattrack.view import RememberedView
 
 if TYPE_CHECKING:
     from sattrack.engine import Engine
+    from sattrack.recording.smoothing import BiasFit
     from sattrack.runtime.facts import RunFacts
     from tle.elements import Elements
 
@@ -90,6 +91,30 @@ def keep(engine: Engine, facts: RunFacts, ended_utc_s: float, mode: MemoryMode) 
     except SattrackError as error:
         words.append(f"{error}; the bias of this pass is not kept")
     return "; ".join(words) or None
+
+
+def keep_fit(fit: BiasFit, facts: RunFacts, mode: MemoryMode) -> str | None:
+    """Keep what a report fitted to the observations of a run; return in words what was done."""
+    if not uses_memory(mode, facts.mount_name == SIMULATED):
+        return None
+    found = KeptBias(
+        source="observations",
+        utc_s=fit.utc_s,
+        along_s=fit.along.value,
+        along_sigma_s=fit.along.sigma,
+        cross_km=fit.cross.value,
+        cross_sigma_km=fit.cross.sigma,
+        observations=fit.taken,
+        made_by="report",
+        mount=facts.mount_name,
+    )
+    if not worth_keeping(found):
+        return None
+    try:
+        BiasMemory(memory_file()).keep(found, facts.elements, run_name(facts))
+    except SattrackError as error:
+        return f"{error}; the fit is not kept"
+    return f"kept for these elements: {told(found, fit.utc_s)}"
 
 
 def run_name(facts: RunFacts) -> str:
