@@ -10,6 +10,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import msgspec
 import pytest
@@ -19,17 +20,20 @@ from sattrack.cli import run
 from sattrack.errors import SattrackError
 from sattrack.messages import ClearBias, DropRemembered, Message, Nudge
 from sattrack.recording.bias_memory import BiasMemory, KeptBias, memory_file, worth_keeping
-from sattrack.recording.reading import Recording
 from sattrack.recording.replay import replay
 from sattrack.runtime.again import engine_of, open_recording
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import Prepared, RunRequest, prepare
 from sattrack.runtime.remembering import uses_memory
-from sattrack.view import Summary, TrackView
 from tle.bias import Bias
 from tle.instants import Utc
 from tle.propagator import Propagator
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sattrack.view import Summary, TrackView
 
 ELEMENTS = practice.elements()
 SEEN_UTC_S = float(Utc.parse("2026-10-02T11:29:24Z").unix_s)
@@ -278,10 +282,10 @@ def nonsense_in_it(memory: BiasMemory) -> str:
 
 @pytest.mark.parametrize("harm", [damaged, cut_in_half, of_the_future, a_folder, nonsense_in_it])
 def test_a_file_that_cannot_be_used_is_one_line_and_the_pass_goes_on(
-    memory: BiasMemory, harm: object
+    memory: BiasMemory, harm: Callable[[BiasMemory], str]
 ) -> None:
     memory.keep(FIT, ELEMENTS, "one")
-    expected = harm(memory)  # type: ignore[operator]
+    expected = harm(memory)
     prepared = ready()
     (words,) = prepared.notes
     assert expected in words
@@ -339,7 +343,6 @@ def test_two_sessions_keep_at_the_same_time_and_nothing_is_lost(memory: BiasMemo
 
 def test_a_recording_without_a_remembered_bias_is_built_as_before() -> None:
     path = Path(__file__).resolve().parents[3] / "examples" / "passes" / "clean.mcap"
-    recording, facts = open_recording(path)
+    _, facts = open_recording(path)
     assert facts.remembered is None
     assert build_engine(facts).tracker.steering.remembered is None
-    assert isinstance(recording, Recording)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import pytest
 from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed
 
-from sattrack.messages import ClearBias, Nudge, StopNow
+from sattrack.messages import ClearBias, DropRemembered, Nudge, StopNow
 from sattrack.tui.app import LEAVE_WITHIN_S, TrackApp
 from sattrack.tui.feed import News
 from sattrack.tui.help import HelpScreen
@@ -44,6 +44,7 @@ def press(feed: FakeFeed, *keys: str) -> TrackApp:
         (["right_square_bracket"] * 9 + ["right", "up"], [Nudge(along_s=1.0), Nudge(cross_deg=0.1)]),
         (["right_square_bracket", "left_square_bracket", "right"], [Nudge(along_s=0.1)]),
         (["0"], [ClearBias()]),
+        (["m"], [DropRemembered()]),
         (["space"], [StopNow()]),
         (["space", "space"], [StopNow(), StopNow()]),
         (["q"], [StopNow()]),
