@@ -1,6 +1,6 @@
 """What passes near the celestial pole lose to the keyhole: by clipping, and by the way that loses least.
 
-python bench/keyhole.py [PASSES]
+python bench/keyhole.py [PASSES] [--flown N]
 
 Random low orbits over random sites, kept where they come within 2° of the pole; a mount of 6 °/s and 10 °/s²
 whose declination axis goes round. Clipping is ideal: the axis follows to its limit, runs at it, and joins the
@@ -9,8 +9,8 @@ target as soon as it can. Flown: the engine and the simulated mount, in virtual 
 
 from __future__ import annotations
 
+import argparse
 import random
-import sys
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -25,6 +25,7 @@ from sattrack.profiles import ProfileFile
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.safety import SafetyLimits
 from tle.instants import Utc
 from tle.site import Site
 
@@ -34,10 +35,11 @@ if TYPE_CHECKING:
 WITHIN_DEG = 2.0
 LONGEST_S = 900.0
 STEP_S = 0.05
-FLOWN = 10
 MOUNT = ProfileFile(
     name="free", hour_angle_limit_deg=270.0, dec_axis_limits_deg=(-270.0, 270.0), through_pole=True
 )
+STAYS = msgspec.structs.replace(MOUNT, through_pole=False)
+NO_SUN = SafetyLimits(optical=False)
 
 
 @dataclass(frozen=True)
@@ -56,19 +58,19 @@ def polar_pass(seed: int) -> PolarPass:
         latitude = dice.choice([-1.0, 1.0]) * dice.uniform(20.0, 65.0)
         site = Site(latitude, dice.uniform(-180.0, 180.0), dice.uniform(0.0, 3000.0))
         at = Utc(float(Utc.parse("2026-10-02T00:00:00Z").unix_s) + dice.uniform(0.0, 86400.0))
+        request = RunRequest(
+            satellite=elements.name,
+            mount_url="sim",
+            elements=[elements],
+            site=site,
+            clock_option=at.isoformat("seconds"),
+            min_alt_deg=10.0,
+            virtual=True,
+            profile=STAYS,
+            limits=NO_SUN,
+        )
         try:
-            prepared = prepare(
-                RunRequest(
-                    satellite=elements.name,
-                    mount_url="sim",
-                    elements=[elements],
-                    site=site,
-                    clock_option=at.isoformat("seconds"),
-                    min_alt_deg=10.0,
-                    virtual=True,
-                    profile=MOUNT,
-                )
-            )
+            prepared = prepare(request)
         except SattrackError:
             continue
         plan = prepared.facts.plan
@@ -81,9 +83,9 @@ def polar_pass(seed: int) -> PolarPass:
         path = axis_path(spec.propagator, spec.bias, instants)
         if np.max(np.abs(path.pointing.dec_axis_deg)) < 90.0 - WITHIN_DEG:
             continue
-        keyholes = find_keyholes(path, prepared.facts.profile, plan.on_target_arcsec / 3600.0)
+        keyholes = find_keyholes(path, MOUNT.mount, plan.on_target_arcsec / 3600.0)
         if keyholes:
-            return PolarPass(prepared, keyholes)
+            return PolarPass(prepare(replace(request, profile=MOUNT)), keyholes)
 
 
 def flown_lost_s(prepared: Prepared, through: bool) -> float:
@@ -102,7 +104,11 @@ def spread(values: list[float]) -> str:
 
 
 def main() -> None:
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
+    parser = argparse.ArgumentParser()
+    parser.add_argument("passes", nargs="?", type=int, default=150)
+    parser.add_argument("--flown", type=int, default=10, help="how many of them are flown both ways")
+    asked = parser.parse_args()
+    count = asked.passes
     passes = [polar_pass(seed) for seed in range(count)]
     holes = [hole for one in passes for hole in one.keyholes]
     best = [min(h.clipped_s, h.round_s, h.through_s or h.clipped_s) for h in holes]
@@ -118,14 +124,29 @@ def main() -> None:
     share = sum(best) / sum(h.clipped_s for h in holes)
     print(f"at most half of clipping: {half} of {len(ratios)}; of the seconds of all: {share:.2f}")
     must = [h.end_utc_s - h.begin_utc_s for h in holes]
-    hopeless = sum(m > 0.5 * h.clipped_s for m, h in zip(must, holes, strict=True))
-    print(f"too fast to be followed, by any way, for more than half of what clipping loses: {hopeless}")
-    for k, one in enumerate(passes[:FLOWN]):
-        clipped, through = flown_lost_s(one.prepared, False), flown_lost_s(one.prepared, True)
+    hopeless = [m > 0.5 * h.clipped_s for m, h in zip(must, holes, strict=True)]
+    print(f"too fast to be followed, by any way, for more than half of what clipping loses: {sum(hopeless)}")
+    others = [r for r, h in zip(ratios, hopeless, strict=True) if not h]
+    print(f"of the other {len(others)}: ratio {spread(others)}; {sum(r <= 0.5 for r in others)} at most half")
+    for low, high in ((0.0, 0.5), (0.5, 1.0), (1.0, 1.5), (1.5, 2.0)):
+        some = [r for r, h in zip(ratios, holes, strict=True) if low <= h.polar_distance_deg < high]
+        if some:
+            print(f"ratio between {low:g}° and {high:g}° from the pole ({len(some)}): {spread(some)}")
+    if asked.flown:
+        fly(passes[: asked.flown])
+
+
+def fly(passes: list[PolarPass]) -> None:
+    """Fly passes by clipping and through the pole, and print what each loses beside what was planned."""
+    pairs = [(flown_lost_s(one.prepared, False), flown_lost_s(one.prepared, True)) for one in passes]
+    for k, (one, (clipped, through)) in enumerate(zip(passes, pairs, strict=True)):
         told = ", ".join(f"{h.clipped_s:.1f} and {h.through_s or h.clipped_s:.1f}" for h in one.keyholes)
-        print(
-            f"flown {k}: {clipped:.1f} s lost by clipping, {through:.1f} s through the pole (planned: {told})"
-        )
+        print(f"flown {k}: {clipped:.1f} s lost by clipping, {through:.1f} s as planned (planned: {told})")
+    clipped_s, through_s = (sum(pair[way] for pair in pairs) for way in (0, 1))
+    print(
+        f"flown, all {len(pairs)}: {clipped_s:.1f} s by clipping, {through_s:.1f} s as planned: "
+        f"{through_s / clipped_s:.2f}"
+    )
 
 
 if __name__ == "__main__":
