@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import re
 import select
 import signal
 import socket
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
 pytestmark = pytest.mark.filterwarnings("ignore::tle.errors.EarthOrientationWarning")
 PATIENCE_S = 30.0
 QUIET_S = 0.3
+STAMP = rb"20[0-9]{2}\.[0-3][0-9]{2}\.[0-2][0-9]:[0-5][0-9]:[0-6][0-9]\.[0-9]{2}"
 ISS = str(Path(__file__).resolve().parents[3] / "examples" / "iss_leiden.tle")
 WHERE = f"{SITE.latitude_deg},{SITE.longitude_deg},0"
 
@@ -165,10 +167,14 @@ def test_the_operator_at_the_controller_switches_to_local_and_reads_the_last_lin
             assert not select.select([antcn], [], [], QUIET_S)[0], "something came unasked"
             process.stdin.write(b"local\n")
             process.stdin.flush()
-            while b"is in local" not in process.stderr.readline():
+            while not re.fullmatch(STAMP + b"#antenna#antcn is there\n", process.stderr.readline()):
                 pass
+            assert re.fullmatch(STAMP + b";local\n", process.stderr.readline())
+            assert re.fullmatch(STAMP + b"#antenna#the controller is in local\n", process.stderr.readline())
             antcn.sendall(b"STOP 66\n")
             assert antcn.recv(100) == b"STOP NAK 8 B8\n"
+            error = process.stderr.readline()
+            assert re.fullmatch(STAMP + rb"\?ERROR AN   -8 the controller is in local: STOP\n", error)
             process.stdin.write(b"last\n")
             process.stdin.flush()
             while b"STOP -> STOP NAK 8" not in process.stderr.readline():
@@ -190,6 +196,14 @@ def test_the_operator_at_the_controller_switches_to_local_and_reads_the_last_lin
         (("--serial", "/dev/nowhere"), 1, "cannot be opened"),
         (("--serial", "/dev/null", "--framing", "9X3"), 2, "7E1 or 8N1"),
         (("--mount", "antenna://there:1"), 2, "sattrack track"),
+        (("--focus", "4"), 2, "up to 3 axes"),
+        (("--focus", "alpaca://there/0"), 2, "write a number, or alpaca://HOST:PORT/DEVICE"),
+        (
+            ("--focus", "1", "--focus", "alpaca://there:1/0"),
+            2,
+            "write a number, or alpaca://HOST:PORT/DEVICE",
+        ),
+        (("--focus", "alpaca://a:1/0") * 4, 2, "up to 3 axes, and 4 were given"),
     ],
 )
 def test_what_cannot_be_served_is_told(
