@@ -27,10 +27,10 @@ from sattrack.requests import (
 from sattrack.safety.bounds import INSIDE_MARGIN_DEG, Bounds
 from sattrack.safety.geometry import Box, altitude_deg
 from sattrack.safety.held import nearest_rates
-from sattrack.safety.reach import AxisMotion, Delays, reach_deg
+from sattrack.safety.reach import AxisMotion, Delays, latency_s, reach_deg
 from sattrack.safety.slews import SlewGate
 from sattrack.safety.table import ROWS
-from sattrack.safety.watch import BACKWARD_S, Seen, Watch
+from sattrack.safety.watch import BACKWARD_S, OLDEST_STATUS_S, Seen, Watch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -39,12 +39,6 @@ if TYPE_CHECKING:
     from sattrack.safety.route import Place
 
 PARKED_WITHIN_DEG = 0.5
-OLDEST_STATUS_S = 2.5
-PERIODS_UNTIL_OBEYED = 2.0
-"""Ours until the next datagram goes out, and the mount's until its loop reads it."""
-EDGE_PERIODS = 6.0
-"""How long the handshake of a mount that takes rates by edges may hold back a new rate."""
-JITTER_S = 0.1
 STEP_SHARE = 2.0
 """A mean rate over a ramp is reached by a command twice as large, so steps may be so much of a ramp."""
 GUIDE_RATE_DEG_S = SIDEREAL_RATE_DEG_S
@@ -137,9 +131,7 @@ class Safety:
         self._sent: deque[tuple[float, float, float]] = deque()
         """What was cleared of late: when (UTC), and the rates of both axes."""
         self._newest_utc_s = -math.inf
-        delay_s = profile.command_delay_s + profile.status_delay_s
-        edge_s = EDGE_PERIODS * profile.period_s if profile.move_axis == "edge" else 0.0
-        self._latency_s = PERIODS_UNTIL_OBEYED * profile.period_s + JITTER_S + delay_s + edge_s
+        self._latency_s = latency_s(profile)
 
     @property
     def on_last_leg(self) -> bool:

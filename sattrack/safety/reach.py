@@ -6,8 +6,19 @@ until that rate arrives, then at that rate for as long as nothing else arrives, 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+import math
+from typing import TYPE_CHECKING, NamedTuple
 
+if TYPE_CHECKING:
+    from sattrack.mount import MountProfile
+
+PERIODS_UNTIL_OBEYED = 2.0
+"""Ours until the next datagram goes out, and the mount's until its loop reads it."""
+EDGE_PERIODS = 6.0
+"""How long the handshake of a mount that takes rates by edges may hold back a new rate."""
+JITTER_S = 0.1
+CREEP_DEG_S = 0.1
+"""Slower than this towards its limit, a stream that is held counts as closed up to it."""
 BRAKING_SHARE = 0.8
 """Of the acceleration that the profile has, so much is counted on to brake."""
 
@@ -47,6 +58,24 @@ def _ahead_deg(going: float, asked: float, delays: Delays, braking: float) -> fl
     return ahead
 
 
+def latency_s(profile: MountProfile) -> float:
+    """Return how long it takes until a mount acts on what is decided now, no datagram lost, seconds."""
+    edge_s = EDGE_PERIODS * profile.period_s if profile.move_axis == "edge" else 0.0
+    delay_s = profile.command_delay_s + profile.status_delay_s
+    return PERIODS_UNTIL_OBEYED * profile.period_s + JITTER_S + delay_s + edge_s
+
+
 def standstill_s(rate_deg_s: float, latency_s: float, acceleration_deg_s2: float) -> float:
     """Return within what time an axis stands after a stop is asked for, a lost datagram not counted."""
     return latency_s + abs(rate_deg_s) / (BRAKING_SHARE * acceleration_deg_s2)
+
+
+def closing_s(rate_deg_s: float, delays: Delays, acceleration_deg_s2: float) -> float:
+    """Return within what time a stream that is held at a limit has closed up to it from a rate.
+
+    What may still be gone grows with the rate, by latency and longest fault: so the rate falls by an e-th
+    in that time, to CREEP_DEG_S.
+    """
+    decay_s = delays.latency_s + delays.fault_s
+    falls_s = decay_s * math.log(max(1.0, abs(rate_deg_s) / CREEP_DEG_S))
+    return falls_s + standstill_s(rate_deg_s, delays.latency_s, acceleration_deg_s2)

@@ -4,19 +4,35 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import TYPE_CHECKING
+
+from sattrack.safety.reach import Delays, closing_s, latency_s, standstill_s
+from sattrack.safety.watch import (
+    DISOBEDIENT_FOR_S,
+    LOOK_EVERY,
+    OLDEST_STATUS_S,
+    OVERLOADED_FOR_S,
+    WINDOW_S,
+)
+
+if TYPE_CHECKING:
+    from sattrack.mount import MountProfile
+
+STATUS_PERIOD_S = 0.05
+"""The paper's: how often a mount tells how it stands."""
 
 
 class Reaction(StrEnum):
     """What an interlock does when its bound is reached.
 
     A stream of rates that would pass a limit is held: cut down to what keeps inside and comes nearest, and
-    given free again when it leads away. What is moved by hand, and whatever is past a limit, is stopped.
+    given free again when it leads away. What is moved by hand, and whatever is past a limit, is stopped; but
+    out of the cone about the Sun or the Moon a stream is led, and a mount that nothing is asked of is slewed.
     """
 
     CLAMP = "clamp"
     HOLD = "hold at the limit"
     STOP = "decelerate and stop"
-    REFUSE = "refuse"
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +45,29 @@ class Interlock:
     margin: str
     reaction: Reaction
     way_out: str
+    noticed_s: float | None = 0.0
+    """How long what is watched may be past its bound until the stop is sent; None where none is."""
+    faults_pass: bool = False
+    """Whether the longest fault comes on top, in which commands may be lost that are then not disobeyed."""
+
+
+def promise_s(row: Interlock, profile: MountProfile, longest_fault_s: float, rate_deg_s: float) -> float:
+    """Return within what time of its cause a row that stops the mount has both axes at rest, seconds.
+
+    From a rate of both axes, deg/s; what the link loses meanwhile comes on top. 0 for what is cut in the same
+    datagram. For a limit that a stream is held at, it is that of what is moved by hand.
+    """
+    if row.noticed_s is None:
+        return 0.0
+    slower = min(profile.ra.max_acceleration_deg_s2, profile.dec.max_acceleration_deg_s2)
+    noticed_s = row.noticed_s + (longest_fault_s if row.faults_pass else 0.0)
+    return noticed_s + profile.period_s + standstill_s(rate_deg_s, latency_s(profile), slower)
+
+
+def closing_promise_s(profile: MountProfile, longest_fault_s: float, rate_deg_s: float) -> float:
+    """Return within what time a stream held at a limit comes nearer no faster than CREEP_DEG_S."""
+    slower = min(profile.ra.max_acceleration_deg_s2, profile.dec.max_acceleration_deg_s2)
+    return closing_s(rate_deg_s, Delays(0.0, latency_s(profile), longest_fault_s), slower)
 
 
 AHEAD = "where the axes would rest if no command arrived for `longest_fault_s`"
@@ -38,7 +77,13 @@ BACK = "by itself when the target comes back; by hand: move the other way, start
 
 INTERLOCKS = (
     Interlock(
-        "rate", "commanded axis rates", "profile's max_rate_deg_s", "none", Reaction.CLAMP, "by itself"
+        "rate",
+        "commanded axis rates",
+        "profile's max_rate_deg_s",
+        "none",
+        Reaction.CLAMP,
+        "by itself",
+        noticed_s=None,
     ),
     Interlock(
         "acceleration",
@@ -47,6 +92,7 @@ INTERLOCKS = (
         "twice what the axis can do in a period: the mean over a ramp is half of its step",
         Reaction.CLAMP,
         "by itself",
+        noticed_s=None,
     ),
     Interlock("command", "commanded numbers", "finite", "none", Reaction.STOP, "start again"),
     Interlock("altitude", "altitude " + AHEAD + AND_SLEWS, "floor_altitude_deg", NEAR, Reaction.HOLD, BACK),
@@ -100,6 +146,7 @@ INTERLOCKS = (
         "none: what the mount may do meanwhile is counted from its last status",
         Reaction.STOP,
         "see to the link, start again",
+        noticed_s=OLDEST_STATUS_S,
     ),
     Interlock(
         "obedience",
@@ -109,6 +156,8 @@ INTERLOCKS = (
         "what was commanded in the last `longest_fault_s` counts",
         Reaction.STOP,
         "check the profile's signs and the drives",
+        noticed_s=max(DISOBEDIENT_FOR_S, WINDOW_S + LOOK_EVERY * STATUS_PERIOD_S),
+        faults_pass=True,
     ),
     Interlock(
         "clock",
@@ -117,6 +166,7 @@ INTERLOCKS = (
         "none",
         Reaction.STOP,
         "set the mount's clock or this computer's, start again",
+        noticed_s=STATUS_PERIOD_S,
     ),
     Interlock(
         "current",
@@ -125,6 +175,7 @@ INTERLOCKS = (
         "half a second",
         Reaction.STOP,
         "look what holds the axis, start again",
+        noticed_s=OVERLOADED_FOR_S + STATUS_PERIOD_S,
     ),
 )
 ROWS = {row.name: row for row in INTERLOCKS}

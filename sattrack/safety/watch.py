@@ -29,6 +29,8 @@ STEP_DEG_S = 40.0
 LONGEST_STEP_S = 0.5
 OVERLOADED_FOR_S = 0.5
 BACKWARD_S = 0.5
+OLDEST_STATUS_S = 2.5
+"""Age of the last status from which on the mount is not moved any more."""
 
 
 class Seen(NamedTuple):

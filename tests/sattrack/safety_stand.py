@@ -46,10 +46,14 @@ class Stand:
     silent: Span = NEVER
     holds: bool = True
     escapes: bool = False
+    begin_s: float = T0
     truths: list[tuple[float, Truth]] = field(default_factory=list)
     sent: list[Motion] = field(default_factory=list)
     met_s: float | None = None
     """When safety first held or stopped what was wished."""
+
+    turns: int = field(default=0, init=False)
+    wanted: Motion = field(default_factory=Stop, init=False)
 
     def __post_init__(self) -> None:
         self.safety = Safety(self.profile, self.limits, LATITUDE_DEG, LONGITUDE_DEG, self.holds, self.escapes)
@@ -58,16 +62,17 @@ class Stand:
         self.mount = SimulatedMount(self.real or self.profile, site, self.start, self.hardware)
 
     def run(self, seconds: float) -> Stand:
-        wanted: Motion = Stop()
-        for turn in range(round(seconds / PERIOD_S)):
-            t = turn * PERIOD_S
-            now_s = T0 + t
+        """Go on for so many seconds."""
+        for _ in range(round(seconds / PERIOD_S)):
+            t = self.turns * PERIOD_S
+            self.turns += 1
+            now_s = self.begin_s + t
             status, truth = self.mount.tick(now_s)
             self.truths.append((t, truth))
             if not self.silent[0] <= t < self.silent[1]:
                 sample = self.session.receive(status, now_s + 0.0001)
                 if sample is not None and self.session.status is not None:
-                    self.safety.watch(seen_of(self.session.status, now_s), wanted)
+                    self.safety.watch(seen_of(self.session.status, now_s), self.wanted)
             sample = self.session.sample
             if sample is None:
                 continue
@@ -80,8 +85,8 @@ class Stand:
                 sends_s - sample.arrival_utc_s,
                 sends_s,
             )
-            wanted = cleared.motion
-            self.sent.append(wanted)
+            self.wanted = cleared.motion
+            self.sent.append(self.wanted)
             held = self.safety.holding is not None or self.safety.tripped is not None
             if held and self.met_s is None:
                 self.met_s = t
