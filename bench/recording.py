@@ -1,17 +1,23 @@
-"""What a recording costs: the loop's time, bytes, and the time of a replay.
+"""What a recording costs: the loop's time, bytes, the time of a replay; and what outlives a kill.
 
-python bench/recording.py [--seconds N] [--replays N] [--record FILE]
+python bench/recording.py [--seconds N] [--replays N] [--kills N] [--record FILE]
 
 The built-in pass is made in virtual time and replayed; then two loops at 20 Hz run in real time, each as the
 feeder does (`undisturbed`), one with a recorder behind its queue and one without, and how late they wake is
 compared. A replay is timed by the clock and by the processor's own time, which a busy machine disturbs less.
+With --kills, so many runs in virtual time are killed outright at random instants, a second or so after their
+beginning; what each left is opened, held against how far it had told it was, and replayed.
 """
 
 from __future__ import annotations
 
 import argparse
+import mmap
 import os
 import platform
+import random
+import signal
+import struct
 import subprocess
 import sys
 import tempfile
@@ -21,15 +27,19 @@ from pathlib import Path
 import msgspec
 
 from sattrack import practice
-from sattrack.recording.format import VIEW
+from sattrack.recording.format import COMMAND, VIEW
 from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import BackgroundRecorder, NoRecording, Recorder, Sink, create
 from sattrack.recording.replay import replay
+from sattrack.runtime import fly
 from sattrack.runtime.again import engine_of
+from sattrack.runtime.prepare import Prepared, RunRequest, prepare
 from sattrack.runtime.realtime import undisturbed
 from sattrack.view import TrackView
 
 PERIOD_S = 0.05
+LONGEST_RUN_S = 1.2
+"""How long a run goes on at most before it is killed: some four minutes of a pass."""
 
 
 def quantile(values: list[float], share: float) -> float:
@@ -99,12 +109,66 @@ def cost(path: Path, folder: Path, seconds: float) -> None:
     assert recorder.trouble is None
 
 
+class Telling(Recorder):
+    """A recorder that tells, in memory that outlives its process, how far the run was."""
+
+    told: mmap.mmap
+
+    def command(self, utc_s: float, data: bytes) -> None:
+        super().command(utc_s, data)
+        self.told[:8] = struct.pack("<d", utc_s)
+
+
+def kill_one(prepared: Prepared, told: mmap.mmap, after_s: float) -> None:
+    """Begin a run in a process of its own, and kill it after some time."""
+    told[:8] = bytes(8)
+    child = os.fork()
+    if child == 0:
+        try:
+            fly.fly_virtual(prepared)
+        finally:
+            os._exit(0)
+    while struct.unpack("<d", told[:8])[0] == 0.0:
+        time.sleep(0.001)
+    time.sleep(after_s)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+
+
+def kills(folder: Path, times: int) -> None:
+    """Kill runs at random instants; print what was lost, and whether the rest replays to the same bytes."""
+    rng, told = random.Random(10), mmap.mmap(-1, 8)
+    Telling.told = told
+    fly.Recorder = Telling  # type: ignore[misc]
+    lost_s, commands, differ = [], 0, 0
+    for number in range(times):
+        path = folder / f"{number}.mcap"
+        request = RunRequest("25544", "sim", None, None, None, 10.0, virtual=True, record=path)
+        kill_one(prepare(request), told, rng.uniform(0.0, LONGEST_RUN_S))
+        recording = Recording(path)
+        kept = [entry for entry in recording.entries() if entry.topic == COMMAND]
+        assert recording.whole, "nothing of it is damaged"
+        reached_utc_s = struct.unpack("<d", told[:8])[0]
+        first_utc_s = prepare(request).facts.started_utc_s
+        lost_s.append(reached_utc_s - (kept[-1].utc_s if kept else first_utc_s))
+        result = replay(recording, engine_of)
+        commands += result.ticks
+        differ += result.differing
+        path.unlink()
+        if sys.stderr.isatty():
+            print(f"\r\x1b[K{number + 1} of {times} killed", end="", file=sys.stderr)
+    opened = f"killed outright {times} times: every file opens"
+    print(f"{opened}, {max(lost_s):.2f} s of the run lost at most, {sum(lost_s) / times:.2f} s on average")
+    print(f"what is left replays to the same bytes: {commands} commands, {differ} differ")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--seconds", type=float, default=60.0, help="of each loop in real time")
     parser.add_argument("--replays", type=int, default=5)
+    parser.add_argument("--kills", type=int, default=0, help="runs to kill")
     parser.add_argument("--record", type=Path, help="a recording of yours instead")
     asked = parser.parse_args()
     machine = f"{platform.machine()}, Python {platform.python_version()}, {os.cpu_count()} processors"
@@ -115,7 +179,10 @@ def main() -> None:
         if asked.record is None:
             make(path)
         replays(path, asked.replays)
-        cost(path, folder, asked.seconds)
+        if asked.seconds > 0.0:
+            cost(path, folder, asked.seconds)
+        if asked.kills > 0:
+            kills(folder, asked.kills)
 
 
 if __name__ == "__main__":
