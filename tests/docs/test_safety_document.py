@@ -1,0 +1,53 @@
+"""docs/safety.md against the tables that it is written from, and the settings that it explains."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+from sattrack.safety import INTERLOCKS, SafetyLimits
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "safety.md"
+
+
+def check(root: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "tools.safety", "--check", "--root", str(root)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_the_page_says_what_the_tables_do(tmp_path: Path) -> None:
+    assert check(ROOT).returncode == 0
+    text = PAGE.read_text(encoding="utf-8")
+    assert all(text.count(f"| `{row.name}` |") == 1 for row in INTERLOCKS)
+    folder = tmp_path / "docs"
+    folder.mkdir()
+    (folder / PAGE.name).write_text(text.replace("| 2.9 s / 3.5 s |", "| 9 s |", 1), encoding="utf-8")
+    spoilt = check(tmp_path)
+    assert spoilt.returncode == 1
+    assert "run python -m tools.safety" in spoilt.stderr
+
+
+def test_the_contract_is_the_one_of_the_page_on_lost_links() -> None:
+    def contract(name: str) -> str:
+        text = (ROOT / "docs" / name).read_text(encoding="utf-8")
+        return text.partition("BEGIN contract")[2].partition("-->")[2].partition("<!-- END contract")[0]
+
+    assert contract("safety.md") == contract("link-loss.md")
+    assert "for ever" in contract("safety.md")
+
+
+def test_every_setting_is_explained_with_its_default() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    for name in SafetyLimits.__struct_fields__:
+        assert f"| `{name}` |" in text
+    limits = SafetyLimits()
+    assert f"| `sun_cone_deg` | {limits.sun_deg:g} with optics |" in text
+    for name in ("floor_altitude_deg", "moon_cone_deg", "longest_fault_s", "clock_tolerance_s"):
+        assert f"| `{name}` | {getattr(limits, name):g} |" in text
