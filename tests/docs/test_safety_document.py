@@ -25,7 +25,8 @@ def check(root: Path) -> subprocess.CompletedProcess[str]:
 def test_the_page_says_what_the_tables_do(tmp_path: Path) -> None:
     assert check(ROOT).returncode == 0
     text = PAGE.read_text(encoding="utf-8")
-    assert all(text.count(f"| `{row.name}` |") == 1 for row in INTERLOCKS)
+    table = text.partition("BEGIN interlocks")[2].partition("END interlocks")[0]
+    assert all(table.count(f"| `{row.name}` |") == 1 for row in INTERLOCKS)
     folder = tmp_path / "docs"
     folder.mkdir()
     (folder / PAGE.name).write_text(text.replace("| 2.9 s / 3.5 s |", "| 9 s |", 1), encoding="utf-8")
