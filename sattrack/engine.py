@@ -41,6 +41,8 @@ STOP_UNCONFIRMED_S = 60.0
 LINGER_S = 0.25
 """Flag-free datagrams after the rest was seen, so that no late one is the last that the mount gets."""
 LONGEST_STEP_S = 0.5
+LOST_TOLD_S = 10.0
+"""For how long it is told that the mount was lost."""
 SITE_TOLERANCE_DEG = 0.1
 HOLDING = "holding"
 """The phase in which a limit keeps the mount off its target."""
@@ -75,7 +77,7 @@ class Engine:
 
     def __init__(self, spec: RunSpec) -> None:
         self.spec = spec
-        self.session = Session(spec.profile)
+        self.session = Session(spec.profile, refuses_frozen=True)
         self.tracker = Tracker(
             spec.propagator, spec.plan, spec.profile, spec.bias, spec.camera_rotation_deg, spec.remembered
         )
@@ -103,6 +105,8 @@ class Engine:
         self._link_state = LinkState.SILENT
         self._counted: set[int] = set()
         self._before: StatusSample | None = None
+        self._frozen_before = 0
+        """Frozen statuses by the time of the last fresh one."""
 
     @property
     def mount_stopped(self) -> bool | None:
@@ -168,7 +172,7 @@ class Engine:
         if not self.failed:
             self._watch_link(now_utc_s)
         arrived = self.session.slew_state is SlewState.DONE and self.safety.on_last_leg
-        motion = self.tracker.step(now_utc_s, arrived)
+        motion = self.tracker.step(now_utc_s, arrived, self.safety.holding is not None)
         sample = self.session.sample
         if sample is not None:
             age_s = max(0.0, now_utc_s - sample.arrival_utc_s)
@@ -181,7 +185,8 @@ class Engine:
         elif self.tracker.phase is Phase.STOPPING:
             self.session.apply(self.safety.clear(motion, 0.0, 0.0, 0.0))
         if self.tracker.ended_by == "error" and self.message is None:
-            self.message = f"{self.spec.mount_name} did not finish its slew in time; it was told to stop"
+            why = self.tracker.trouble or "did not do as it was told"
+            self.message = f"{self.spec.mount_name} {why}; it was told to stop"
         self._watch_stop(now_utc_s)
         datagram = self.session.compose()
         # An edge mount takes new rates only now and then: what counts is what went out.
@@ -215,10 +220,14 @@ class Engine:
 
     def _watch_link(self, now_utc_s: float) -> None:
         self._link_state = state = self.session.link_state(now_utc_s)
+        if state is LinkState.UP:
+            self._frozen_before = self.session.health.frozen
         if self.tracker.ended_by is not None:
             return
         if state is LinkState.LOST:
-            self._give_up("link", f"{self.spec.mount_name} fell silent; stop commands were sent")
+            frozen = self.session.health.frozen > self._frozen_before
+            did = "said the same again and again while it moved" if frozen else "fell silent"
+            self._give_up("link", f"{self.spec.mount_name} {did}; stop commands were sent")
         elif state is LinkState.SILENT and now_utc_s - self.spec.started_utc_s > NO_ANSWER_AFTER_S:
             words = f"no status from {self.spec.mount_name} within {NO_ANSWER_AFTER_S:g} s"
             self._give_up("link", f"{words}; is it on, and set to send here?")
@@ -364,8 +373,21 @@ class Engine:
             warnings.append(self.session.intruder)
         if not self.tracker.clock_holds:
             warnings.append("the mount's clock is not where the profile says: samples are dated by arrival")
+        elif not self.tracker.clock_runs:
+            warnings.append("the mount's clock does not run as ours: samples are dated by arrival")
+        step_s, lost_utc_s = self.tracker.clock_step_s, self.tracker.lost_utc_s
+        if step_s is not None:
+            warnings.append(
+                f"the mount's clock goes in steps of {1000.0 * step_s:.1f} ms: samples are dated by its mean"
+            )
+        if lost_utc_s is not None and self._heard_utc_s - lost_utc_s < LOST_TOLD_S:
+            warnings.append("the mount was not where its commands lead: lost, and taken up where it is")
         warnings.extend(self._side_warnings())
         warnings.extend(self._site_warnings())
         if self.message:
             warnings.append(self.message)
         return tuple(warnings)
+
+    @property
+    def _heard_utc_s(self) -> float:
+        return 0.0 if self.session.sample is None else self.session.sample.arrival_utc_s

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
-from sattrack.control.acquisition import Intercept, plan_intercept
+from sattrack.control.approach import Approach, Stand, Step
 from sattrack.control.axes import Axes
 from sattrack.control.detour import Detour
 from sattrack.control.feeder import rate_deg_s
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 
 ACQUIRED_AFTER_SAMPLES = 10
 LOST_ARCSEC = 120.0
-SLEW_OVERDUE_S = 60.0
-"""Lateness of a slew after which the mount is taken not to obey."""
 MOST_SHIFT_S = 0.0002
 SHIFT_SHARE = 0.02
 """How fast the sending falls into step with the mount's loop: too slow for the period to show it."""
+UNDATED_AT_MOST = 15
+"""Samples in a row dated no later than the one before that are left out: a clock is learnt anew meanwhile."""
 SAME_INSTANT_S = 0.0005
 EDGE_PERIODS = 2.0
 MOST_EDGE_PERIODS = 6.0
@@ -110,14 +110,15 @@ class Tracker:
         known = None
         if profile.clock_offset_s is not None:
             known = KnownClock(propagator.site.longitude_deg, profile.clock_offset_s)
-        self._clock = MountClock(profile.status_delay_s, known)
+        self._clock = MountClock(profile.status_delay_s, known, profile.period_s)
         self._loop = MountLoop(profile.period_s)
         self._history = CommandHistory(profile.command_delay_s, self._loop)
         self._axes: Axes | None = None
         self._passage = Passage(plan.detours) if plan.detours else None
-        self._intercept: Intercept | None = None
+        self._way = Approach(profile, self.direction_at, plan.law.feeder)
+        self._stand = Stand(0.0, 0.0, 0.0)
         self._near = 0
-        self._sidereal_deg = 0.0
+        self._undated = 0
         self._foretold: Direction | None = None
         """The target at the end of the interval that the last command is for."""
         self._foretold_utc_s = 0.0
@@ -130,6 +131,8 @@ class Tracker:
         self.acquired_utc_s: float | None = None
         self.followable_utc_s: float | None = None
         """First instant at which the mount, being there, could have followed."""
+        self.lost_utc_s: float | None = None
+        """When the mount was last seen where nothing that is known leads."""
         self.error: SkyError | None = None
         self.rates = MoveAxes(0.0, 0.0)
 
@@ -143,24 +146,44 @@ class Tracker:
         """Whether the mount's clock is where the profile says, if it says so."""
         return self._clock.known_holds
 
+    @property
+    def clock_runs(self) -> bool:
+        """Whether the mount's clock runs as ours does."""
+        return self._clock.trusted
+
+    @property
+    def clock_step_s(self) -> float | None:
+        """By what steps the mount's clock goes, where those are too coarse to date samples by; else None."""
+        return self._clock.steps.step_s if self._clock.steps.coarse else None
+
+    @property
+    def trouble(self) -> str | None:
+        """Why the way to the target was given up: what the mount did, in words."""
+        return self._way.trouble
+
     def direction_at(self, utc_s: float) -> Direction:
         """Return where the satellite is fed at an instant, all offsets of that instant applied."""
         return self.steering.biases.at(utc_s)
 
     def take(self, sample: StatusSample) -> SkyError:
         """Take in one sample; return its error on the sky, dated by the mount's own clock."""
-        utc_s = self._clock.date(sample.sidereal_h, sample.arrival_utc_s)
+        utc_s = self._clock.date(sample.sidereal_h, sample.arrival_utc_s, sample.counter)
         self._loop.note(sample.counter, utc_s)
         axes = self._axes
         believed = True
         seen = sample if self._passage is None else self._passage.unfolded(sample)
-        if axes is None or not axes.follows(utc_s):
+        undated = axes is not None and utc_s <= axes.sample_utc_s
+        self._undated = self._undated + 1 if undated else 0
+        if 0 < self._undated <= UNDATED_AT_MOST:
+            believed = False
+        elif axes is None or not axes.follows(utc_s):
             self._axes = Axes.begin(self._profile, self._history, seen, utc_s, self.plan.law.filter)
         else:
             believed = axes.take(seen, utc_s, self.phase in {Phase.ACQUIRING, Phase.TRACKING})
             if axes.lost:
+                self.lost_utc_s = utc_s
                 self._axes = Axes.begin(self._profile, self._history, seen, utc_s, self.plan.law.filter)
-        self._sidereal_deg = sample.sidereal_h * 15.0
+        self._stand = Stand(sample.sidereal_h * 15.0, sample.ra_deg, sample.dec_deg, sample.beyond_pole)
         self.error = sky_error(utc_s, sample.ra_deg, sample.dec_deg, self.direction_at(utc_s))
         if believed:
             self._judge(self.error)
@@ -175,10 +198,11 @@ class Tracker:
         if not isinstance(message, Observation):
             self._foretold = None
 
-    def step(self, now_utc_s: float, slew_done: bool) -> Motion:
+    def step(self, now_utc_s: float, slew_done: bool, held: bool = False) -> Motion:
         """Return the motion wanted from now on; call once a period, after the samples that came.
 
-        `slew_done` tells whether the slew last asked for has arrived.
+        `slew_done` tells whether the slew last asked for has arrived, `held` whether a limit keeps the mount
+        off its target.
         """
         if self.phase is Phase.STOPPING:
             return Stop()
@@ -190,10 +214,13 @@ class Tracker:
         if self._axes is None:
             return Hold()
         if self.phase is Phase.WAITING and now_utc_s >= self.plan.start_utc_s - self.plan.approach_s:
-            self._approach(now_utc_s, self._axes)
+            self._approach(now_utc_s)
         if self.phase is Phase.SLEWING:
             return self._slew(now_utc_s, slew_done, self._axes)
-        if self.phase in {Phase.ACQUIRING, Phase.TRACKING}:
+        left_behind = self.phase is Phase.ACQUIRING and not held and self._is_left_behind(now_utc_s)
+        if left_behind:
+            self._approach(now_utc_s, moving=True)
+        if self.phase in {Phase.ACQUIRING, Phase.TRACKING} and not left_behind:
             return self._follow(now_utc_s, self._axes)
         return Hold()
 
@@ -204,46 +231,51 @@ class Tracker:
         self.phase = Phase.STOPPING
         self.rates = MoveAxes(0.0, 0.0)
 
-    def _approach(self, now_utc_s: float, axes: Axes) -> None:
-        here = (wrap180(self._sidereal_deg - axes.ra.position_deg), axes.dec.position_deg)
-
-        def target(utc_s: float) -> tuple[float, float, float]:
-            direction = self.direction_at(utc_s)
-            ra_deg = float(direction.ra_deg)
-            return ra_deg, float(direction.dec_deg), wrap180(self._sidereal_deg - ra_deg)
-
-        self._intercept = plan_intercept(now_utc_s, self.plan.start_utc_s, here, target, self._profile)
-        if self._intercept.utc_s >= self.plan.end_utc_s:
+    def _approach(self, now_utc_s: float, moving: bool = False) -> None:
+        """Choose the way to the target: a slew, or rates alone."""
+        step = self._way.plan(now_utc_s, self.plan.start_utc_s, self._stand, moving)
+        if self._way.intercept.utc_s >= self.plan.end_utc_s:
             self.end("set")
             return
-        self.followable_utc_s = self._intercept.utc_s
+        if self.followable_utc_s is None:
+            self.followable_utc_s = self._way.intercept.utc_s
+        self._near = 0
         self.phase = Phase.SLEWING
+        if step is Step.FOLLOW:
+            self._begin_following(now_utc_s)
+
+    def _begin_following(self, now_utc_s: float) -> None:
+        self.phase = Phase.ACQUIRING
+        if self._passage is not None:
+            self._passage = self._passage.from_instant(now_utc_s)
 
     def _slew(self, now_utc_s: float, slew_done: bool, axes: Axes) -> Motion:
-        intercept = self._intercept
-        assert intercept is not None
-        if slew_done and now_utc_s >= intercept.utc_s - self._lead_s(intercept):
-            self.phase = Phase.ACQUIRING
-            if self._passage is not None:
-                self._passage = self._passage.from_instant(now_utc_s)
+        step = self._way.go_on(now_utc_s, slew_done, self._stand)
+        if step is Step.FOLLOW:
+            self._begin_following(now_utc_s)
             return self._follow(now_utc_s, axes)
-        if now_utc_s > intercept.utc_s + SLEW_OVERDUE_S:
+        if step is Step.GIVE_UP:
             self.end("error")
             return Stop()
-        return SlewTo(intercept.ra_deg, intercept.dec_deg)
+        if step is Step.PLAN:
+            # Between two slews nothing is wanted for a moment: the second is one of its own.
+            self.phase = Phase.WAITING
+            return Hold()
+        return SlewTo(self._way.intercept.ra_deg, self._way.intercept.dec_deg)
 
-    def _lead_s(self, intercept: Intercept) -> float:
-        """Return how long before the target comes through the mount must begin, to have its rate then."""
-        direction = self.direction_at(intercept.utc_s)
-        ramp = max(
-            abs(float(direction.ra_rate_deg_s)) / self._profile.ra.max_acceleration_deg_s2,
-            abs(float(direction.dec_rate_deg_s)) / self._profile.dec.max_acceleration_deg_s2,
-        )
-        return 0.5 * ramp + self._profile.command_delay_s + 1.5 * self._profile.period_s
+    def _is_left_behind(self, now_utc_s: float) -> bool:
+        """Tell whether the target is so far off that a slew leads there sooner."""
+        # Detours leave it on purpose.
+        if self._passage is not None or self.error is None:
+            return False
+        off_deg = self.error.total_arcsec / 3600.0
+        return self._way.slew_ahead(now_utc_s, self.plan.end_utc_s, off_deg, self._stand)
 
     def _follow(self, now_utc_s: float, axes: Axes) -> MoveAxes:
         # The mount obeys at its first loop after this command has arrived, until the first after the next.
         arrives = now_utc_s + self._profile.command_delay_s
+        law = self.plan.law.feeder
+        share = law.tracking_share if self.phase is Phase.TRACKING else 1.0
         acts = self._loop.first_from(max(arrives, axes.sample_utc_s + 0.5 * self._loop.mean_period_s))
         interval = max(self._loop.first_from(arrives + self._acting_s) - acts, self._loop.mean_period_s)
         begin, end = self._ends(acts, interval)
@@ -259,8 +291,8 @@ class Tracker:
                 axes.ra.disturbance_deg_s,
                 wrap180(ra - float(begin.ra_deg)),
                 self._profile.ra.max_acceleration_deg_s2,
-                self._profile.ra.max_rate_deg_s,
-                self.plan.law.feeder,
+                share * self._profile.ra.max_rate_deg_s,
+                law,
             )
             / ra_gain,
             rate_deg_s(
@@ -269,8 +301,8 @@ class Tracker:
                 axes.dec.disturbance_deg_s,
                 dec - float(begin.dec_deg),
                 self._profile.dec.max_acceleration_deg_s2,
-                self._profile.dec.max_rate_deg_s,
-                self.plan.law.feeder,
+                share * self._profile.dec.max_rate_deg_s,
+                law,
             )
             / dec_gain,
         )
@@ -312,6 +344,7 @@ class Tracker:
 
     def note_sent(self, motion: Motion, now_utc_s: float) -> None:
         """Note what was really sent, after safety had its say: the filters are driven by that."""
+        self._way.sent(motion)
         if isinstance(motion, MoveAxes):
             if self._profile.move_axis == "edge":
                 self._note_cycle(now_utc_s)

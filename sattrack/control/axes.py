@@ -23,6 +23,8 @@ OUTLIERS_BELIEVED = 5
 """Samples in a row that jump the same way are no glitch: the mount's coordinates have changed."""
 GAP_S = 5.0
 """A gap in the samples after which the filters begin anew."""
+STUCK_DEG = 2.0 / 3600.0
+"""A reported place that stays the same to the last bit while commands move the axis so far is no reading."""
 SURPRISE_SIGMAS = 4.0
 EXPLAINED_SHARE = 0.25
 """Another command is believed to have acted where it leaves less than this share of the surprise, squared."""
@@ -44,6 +46,8 @@ class Axes:
     """How fast the axes move at the last sample, by the commands and what the axes can do."""
     _rates_deg_s: tuple[float, float] | None = None
     """Mean commanded rates over the last interval."""
+    _seen_deg: tuple[float, float] | None = None
+    """What the last sample reported."""
     misread: int = 0
     """Samples that were explained by another command than the expected one."""
 
@@ -88,6 +92,8 @@ class Axes:
         self.dec.advance(seconds, dec_moved, commanded, dec_jolt)
         self._rates_deg_s = (ra_moved / seconds, dec_moved / seconds) if commanded else None
         self.sample_utc_s = utc_s
+        if self._is_stuck(sample, ra_moved, dec_moved):
+            return False
         # No axis gets further from the prediction than by running full speed the other way.
         ra_gate = GATE_DEG + 2.0 * self.profile.ra.max_rate_deg_s * seconds
         dec_gate = GATE_DEG + 2.0 * self.profile.dec.max_rate_deg_s * seconds
@@ -99,6 +105,15 @@ class Axes:
         self.ra.measure(sample.ra_deg, ra_moved / seconds)
         self.dec.measure(sample.dec_deg, dec_moved / seconds)
         return True
+
+    def _is_stuck(self, sample: StatusSample, ra_moved_deg: float, dec_moved_deg: float) -> bool:
+        """Tell whether an axis is said to stand where it stood to the last bit, though commands moved it."""
+        seen, self._seen_deg = self._seen_deg, (sample.ra_deg, sample.dec_deg)
+        if seen is None:
+            return False
+        return (seen[0] == sample.ra_deg and abs(ra_moved_deg) > STUCK_DEG) or (
+            seen[1] == sample.dec_deg and abs(dec_moved_deg) > STUCK_DEG
+        )
 
     def moved_by(self, utc_s: float) -> tuple[float, float]:
         """Return how far the commands will have moved the axes from the last sample to an instant."""

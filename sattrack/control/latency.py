@@ -10,6 +10,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from itertools import pairwise
 
+from sattrack.control.stepped_clock import SteppedClock
 from sattrack.mount import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 
 SIDEREAL_SECONDS_PER_SECOND = 1.00273790935
@@ -23,6 +24,9 @@ STEP_PROOF = 10
 """Samples in a row that all come later than the envelope by STEP_S are a clock that was set, not delays."""
 PLAUSIBLE_RATE_ERROR = 0.01
 TRUST_SAMPLES = 40
+LARGEST_PERIOD_ERROR = 0.5
+HELD_UP_PERIODS = 0.6
+"""Lateness from which on a status was held up: a coarse timer's turns differ by less."""
 KNOWN_WITHIN_S = 0.015
 """How far the fastest arrivals may be from the profile's delay: jitter is no more than that."""
 
@@ -40,14 +44,18 @@ class Envelope:
         return self.offset_s + self.drift * (mount_s - self.at_s)
 
 
-def lower_envelope(points: list[tuple[float, float]]) -> Envelope:
+def lower_envelope(
+    points: list[tuple[float, float]],
+    largest_drift: float = LARGEST_DRIFT,
+    shortest_base_s: float = SHORTEST_DRIFT_BASE_S,
+) -> Envelope:
     """Return the line under all points (time, offset) that lies nearest to them on average.
 
     That line runs along the edge of the lower convex hull over the points' mean time. Needs one point or
     more, in order of time. The slope is bounded by what clocks do, and is zero over too short a base.
     """
     base_s = points[-1][0] - points[0][0]
-    if base_s < SHORTEST_DRIFT_BASE_S:
+    if base_s < shortest_base_s:
         at_s, offset_s = min(points, key=lambda p: p[1])
         return Envelope(at_s, offset_s)
     hull: list[tuple[float, float]] = []
@@ -59,7 +67,7 @@ def lower_envelope(points: list[tuple[float, float]]) -> Envelope:
     for left, right in pairwise(hull):
         if right[0] >= middle_s:
             slope = (right[1] - left[1]) / (right[0] - left[0])
-            drift = max(-LARGEST_DRIFT, min(LARGEST_DRIFT, slope))
+            drift = max(-largest_drift, min(largest_drift, slope))
             return Envelope(left[0], min(y - drift * (t - left[0]) for t, y in points), drift)
     raise AssertionError("the hull spans the points' mean time")
 
@@ -83,6 +91,34 @@ class KnownClock:
 
 
 @dataclass(slots=True)
+class Arrivals:
+    """Arrivals against the count of the loop's turns: tells what was held up and comes in a burst."""
+
+    period_s: float
+    _lately: deque[tuple[int, float]] = field(default_factory=lambda: deque(maxlen=TRUST_SAMPLES))
+
+    def note(self, counter: int, arrival_utc_s: float) -> None:
+        """Take a status; counters rise, or begin anew."""
+        if self._lately and counter <= self._lately[-1][0]:
+            self._lately.clear()
+        self._lately.append((counter, arrival_utc_s))
+
+    @property
+    def held_up_s(self) -> float:
+        """How much later than the loop's turns let expect the last status came, seconds; 0 for jitter."""
+        count = len(self._lately)
+        if count < TRUST_SAMPLES:
+            return 0.0
+        first, first_s = self._lately[0]
+        points = [
+            ((n - first) * self.period_s, s - first_s - (n - first) * self.period_s) for n, s in self._lately
+        ]
+        line = lower_envelope(points, LARGEST_PERIOD_ERROR, 0.0)
+        late_s = points[-1][1] - line.offset_at(points[-1][0])
+        return late_s if late_s > HELD_UP_PERIODS * self.period_s else 0.0
+
+
+@dataclass(slots=True)
 class MountClock:
     """Dates samples in UTC, POSIX seconds, from the mount's sidereal time and our arrival instants.
 
@@ -92,9 +128,13 @@ class MountClock:
 
     status_delay_s: float
     known: KnownClock | None = None
+    period_s: float = 0.05
+    """Nominal period of the mount's loop."""
     trusted: bool = True
     known_holds: bool = True
     """Whether the known clock's dates agree with the arrivals."""
+    steps: SteppedClock = field(init=False)
+    arrivals: Arrivals = field(init=False)
     _first_h: float | None = None
     _last_h: float = 0.0
     _turns: int = 0
@@ -105,8 +145,25 @@ class MountClock:
     _astray: int = 0
     _known_delays: deque[float] = field(default_factory=lambda: deque(maxlen=TRUST_SAMPLES))
 
-    def date(self, sidereal_h: float, arrival_utc_s: float) -> float:
-        """Return the UTC instant of a sample; call once a sample, in the order of arrival."""
+    def __post_init__(self) -> None:
+        """Believe the clock to be fine until it shows steps."""
+        self.steps = SteppedClock(self.period_s)
+        self.arrivals = Arrivals(self.period_s)
+
+    def date(self, sidereal_h: float, arrival_utc_s: float, counter: int | None = None) -> float:
+        """Return the UTC instant of a sample; call once a sample, in the order of arrival.
+
+        `counter` is the status' own: without it, a clock that goes in coarse steps is not made up for.
+        """
+        if counter is not None:
+            self.arrivals.note(counter, arrival_utc_s)
+        dated_utc_s = self._dated(sidereal_h, arrival_utc_s)
+        by_clock = self.trusted or (self.known is not None and self.known_holds)
+        if counter is None or not by_clock:
+            return dated_utc_s
+        return self.steps.date(counter, dated_utc_s, arrival_utc_s)
+
+    def _dated(self, sidereal_h: float, arrival_utc_s: float) -> float:
         mount_s = self._mount_seconds(sidereal_h, arrival_utc_s)
         since_first_s = arrival_utc_s - self._first_arrival_s
         self._judge(mount_s, since_first_s)
@@ -118,7 +175,7 @@ class MountClock:
             if self.known_holds:
                 return dated_utc_s
         if not self.trusted:
-            return arrival_utc_s - self.status_delay_s
+            return arrival_utc_s - self.status_delay_s - self.arrivals.held_up_s
         assert self._envelope is not None
         dated_s = mount_s + self._envelope.offset_at(mount_s)
         return self._first_arrival_s + dated_s - self.status_delay_s

@@ -16,6 +16,9 @@ class FeederLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Time constant with which a small error is taken out."""
     braking_share: float = 0.4
     """Share of the axis' acceleration that a large error's approach may plan with."""
+    tracking_share: float = 0.1
+    """Share of the axis' rate that a correction may ask for beyond the target's, once on the target: no more
+    comes of wrong samples."""
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -23,6 +26,8 @@ class FeederLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             raise ValueError(f"settling_s is {self.settling_s:g}; it must be above 0")
         if not 0.0 < self.braking_share <= 1.0:
             raise ValueError(f"braking_share is {self.braking_share:g}; it must be above 0, and 1 at most")
+        if not 0.0 < self.tracking_share <= 1.0:
+            raise ValueError(f"tracking_share is {self.tracking_share:g}; it must be above 0, and 1 at most")
 
 
 class ControlLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -39,7 +39,7 @@ class LinkHealth:
 
     `strangers` came from other hosts; `doubled_launches` are commands that the mount acknowledged a second
     time, as a late or duplicated datagram makes it; `foreign_acks` acknowledge what we never sent. `repeated`
-    are copies sent beside those in `sent`.
+    are copies sent beside those in `sent`; `frozen` statuses of a mount in motion said what the last one did.
     """
 
     sent: int = 0
@@ -53,6 +53,7 @@ class LinkHealth:
     doubled_launches: int = 0
     foreign_acks: int = 0
     repeated: int = 0
+    frozen: int = 0
     state: LinkState = LinkState.SILENT
     _last_arrival_s: float | None = None
     _intervals: deque[float] = field(default_factory=lambda: deque(maxlen=REMEMBERED_INTERVALS))

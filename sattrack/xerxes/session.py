@@ -85,6 +85,8 @@ class Session:
 
     profile: MountProfile
     health: LinkHealth = field(default_factory=LinkHealth)
+    refuses_frozen: bool = False
+    """Whether a status counts as not heard that repeats the clock and the place of the last in mid-motion."""
     status: Status | None = None
     """The last accepted status, whole."""
     sample: StatusSample | None = None
@@ -144,6 +146,9 @@ class Session:
         if not _plausible(status):
             self.health.rejected += 1
             return None
+        if self._is_frozen(status):
+            self.health.frozen += 1
+            return None
         restarts = self.health.restarts
         if not self._sequence.is_news(status.counter, arrival_utc_s):
             return None
@@ -168,6 +173,22 @@ class Session:
         )
         self._follow_acknowledgements(status)
         return self.sample
+
+    def _is_frozen(self, status: Status) -> bool:
+        """Tell whether a mount in motion sends the same again: that is no news of where it is.
+
+        A moving axis and a clock that runs never give the same three numbers twice.
+        """
+        last = self.status
+        if not self.refuses_frozen or not isinstance(self._wanted, MoveAxes):
+            return False
+        if last is None or status.counter == last.counter:
+            return False
+        return (status.sidereal_h, status.ra_h, status.dec_deg) == (
+            last.sidereal_h,
+            last.ra_h,
+            last.dec_deg,
+        )
 
     def apply(self, cleared: Cleared) -> None:
         """Make a motion that safety has cleared the one that is wanted from the next datagram on."""

@@ -68,3 +68,27 @@ def test_a_clock_that_stands_still_is_not_believed() -> None:
     dated = [clock.date(7.0, 100.0 + i * 0.05) for i in range(60)]
     assert not clock.trusted
     assert dated[-1] == pytest.approx(100.0 + 59 * 0.05 - 0.01)
+
+
+@pytest.mark.parametrize("period_s", [0.05, 0.0625])
+def test_bursts_are_dated_by_count_where_the_clock_is_not_believed(period_s: float) -> None:
+    """Four at a time, the first of them three turns late; the clock stands still."""
+    clock = MountClock(status_delay_s=0.01)
+    worst = 0.0
+    for i in range(200):
+        sampled = 100.0 + i * period_s
+        arrival = 100.0 + (i // 4 * 4 + 3) * period_s + 0.01
+        dated = clock.date(7.0, arrival, counter=i)
+        if i > 80:
+            worst = max(worst, abs(dated - sampled))
+    assert not clock.trusted
+    assert worst < 0.3 * period_s
+
+
+def test_unevenness_of_a_coarse_timer_is_no_burst() -> None:
+    rng = random.Random(8)
+    clock = MountClock(status_delay_s=0.01)
+    for i in range(200):
+        arrival = 100.0 + np.ceil(i * 0.05 * 64.0) / 64.0 + rng.uniform(0.0, 0.001) + 0.01
+        dated = clock.date(7.0, arrival, counter=i)
+    assert dated == pytest.approx(arrival - 0.01, abs=1e-9)

@@ -1,0 +1,152 @@
+"""The way onto the target as it goes: slews are judged by where they end, tried again, and given up."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from sattrack.control.acquisition import HANDSHAKE_S, RATES_WITHIN_DEG, Intercept, plan_intercept, slew_time_s
+from sattrack.control.kalman import wrap180
+from sattrack.mount import Motion, SlewTo
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sattrack.control.law import FeederLaw
+    from sattrack.mount import MountProfile
+    from tle.direction import Direction
+
+THERE_DEG = 0.1
+"""A slew that ends farther from its goal was not carried out."""
+SLEWS_TRIED = 3
+PATIENCE_S, PATIENCE_TIMES = 30.0, 3.0
+"""A slew may take this, and so many times what its length asks for: it may go round what is in the way."""
+FAR_DEG = 5.0
+"""An error on the sky from which on a slew ahead may be worth more than going on with rates."""
+FAR_FOR_S = 0.5
+
+
+class Step(Enum):
+    """What is to be done next on the way."""
+
+    SLEW = "slew to the intercept, or wait there"
+    FOLLOW = "follow by rates"
+    PLAN = "plan anew"
+    GIVE_UP = "give up"
+
+
+@dataclass(frozen=True, slots=True)
+class Stand:
+    """How the mount stands: its sidereal time, right ascension and declination as reported, degrees."""
+
+    sidereal_deg: float
+    ra_deg: float
+    dec_deg: float
+    beyond_pole: bool = False
+
+
+class Approach:
+    """Plans ways to one target, and judges how they go. `trouble` says in words why it was given up."""
+
+    def __init__(
+        self, profile: MountProfile, target_at: Callable[[float], Direction], law: FeederLaw
+    ) -> None:
+        self._profile = profile
+        self._law = law
+        self._target_at = target_at
+        self._failed = 0
+        self._overdue_utc_s = 0.0
+        self._far_since_utc_s: float | None = None
+        self._not_before_utc_s = 0.0
+        self.intercept = Intercept(0.0, 0.0, 0.0)
+        self._sent: SlewTo | None = None
+        self.trouble: str | None = None
+
+    def plan(self, now_utc_s: float, not_before_utc_s: float, stand: Stand, moving: bool = False) -> Step:
+        """Choose the way from where the mount stands; `moving` where it is in MoveAxis."""
+        intercept = self._plan(now_utc_s, not_before_utc_s, stand, moving)
+        self.intercept = intercept
+        self._not_before_utc_s = not_before_utc_s
+        self._far_since_utc_s = None
+        takes_s = self._slew_s(stand, intercept)
+        self._overdue_utc_s = now_utc_s + PATIENCE_TIMES * takes_s + PATIENCE_S
+        return Step.FOLLOW if intercept.by_rates else Step.SLEW
+
+    def go_on(self, now_utc_s: float, slew_done: bool, stand: Stand) -> Step:
+        """Judge a slew that was asked for; `slew_done` where the mount says that it is over."""
+        goal, sent = self.intercept, self._sent
+        if not slew_done or sent is None:
+            return self._fail("did not finish it in time") if now_utc_s > self._overdue_utc_s else Step.SLEW
+        off_deg = _apart_deg(stand.ra_deg, stand.dec_deg, sent.ra_deg, sent.dec_deg)
+        if off_deg > THERE_DEG:
+            return self._fail(f"stands {off_deg:.1f}° from its goal")
+        self._failed = 0
+        if goal.utc_s <= self._not_before_utc_s:
+            return Step.FOLLOW if now_utc_s >= goal.utc_s - self._lead_s(goal) else Step.SLEW
+        if _apart_deg(goal.ra_deg, goal.dec_deg, sent.ra_deg, sent.dec_deg) > THERE_DEG:
+            # A limit is in between: no slew leads nearer, and rates go on when it lets them.
+            return Step.FOLLOW
+        # A target that is there already is gone to meet, or run after; one far gone needs another slew.
+        seen = self._target_at(now_utc_s)
+        gaps_deg = (abs(wrap180(float(seen.ra_deg) - stand.ra_deg)), abs(float(seen.dec_deg) - stand.dec_deg))
+        return Step.FOLLOW if max(gaps_deg) <= RATES_WITHIN_DEG else Step.PLAN
+
+    def sent(self, motion: Motion) -> None:
+        """Note what was really sent: safety may let a slew come as near as it can only."""
+        self._sent = motion if isinstance(motion, SlewTo) else None
+
+    def slew_ahead(self, now_utc_s: float, end_utc_s: float, error_deg: float, stand: Stand) -> bool:
+        """Tell whether a mount that follows, and is far off, had better slew to where the target will be.
+
+        `end_utc_s` is when following ends.
+        """
+        if error_deg < FAR_DEG:
+            self._far_since_utc_s = None
+            return False
+        if self._far_since_utc_s is None:
+            self._far_since_utc_s = now_utc_s
+        if now_utc_s - self._far_since_utc_s < FAR_FOR_S:
+            return False
+        self._far_since_utc_s = None
+        ahead = self._plan(now_utc_s, now_utc_s, stand, True)
+        return not ahead.by_rates and ahead.utc_s < end_utc_s
+
+    def _plan(self, now_utc_s: float, not_before_utc_s: float, stand: Stand, moving: bool) -> Intercept:
+        def target(utc_s: float) -> tuple[float, float, float]:
+            direction = self._target_at(utc_s)
+            ra_deg = float(direction.ra_deg)
+            return ra_deg, float(direction.dec_deg), wrap180(stand.sidereal_deg - ra_deg)
+
+        here = (wrap180(stand.sidereal_deg - stand.ra_deg), stand.dec_deg)
+        # A slew chooses the side of the pier by the mount's own rule; rates would stay on the other one.
+        law = None if stand.beyond_pole else self._law
+        return plan_intercept(now_utc_s, not_before_utc_s, here, target, self._profile, law, moving)
+
+    def _slew_s(self, stand: Stand, goal: Intercept) -> float:
+        to, here = (wrap180(stand.sidereal_deg - ra_deg) for ra_deg in (goal.ra_deg, stand.ra_deg))
+        ra_s = slew_time_s(to - here, self._profile.ra)
+        return max(ra_s, slew_time_s(goal.dec_deg - stand.dec_deg, self._profile.dec)) + HANDSHAKE_S
+
+    def _fail(self, words: str) -> Step:
+        self._failed += 1
+        if self._failed < SLEWS_TRIED:
+            return Step.PLAN
+        self.trouble = f"was told {SLEWS_TRIED} times to slew, and {words}"
+        return Step.GIVE_UP
+
+    def _lead_s(self, intercept: Intercept) -> float:
+        """Return how long before the target comes through the mount must begin, to have its rate then."""
+        direction = self._target_at(intercept.utc_s)
+        ramp = max(
+            abs(float(direction.ra_rate_deg_s)) / self._profile.ra.max_acceleration_deg_s2,
+            abs(float(direction.dec_rate_deg_s)) / self._profile.dec.max_acceleration_deg_s2,
+        )
+        return 0.5 * ramp + self._profile.command_delay_s + 1.5 * self._profile.period_s
+
+
+def _apart_deg(ra_deg: float, dec_deg: float, other_ra_deg: float, other_dec_deg: float) -> float:
+    """Return the larger of the two gaps between directions, along the declination and across it."""
+    across = abs(wrap180(ra_deg - other_ra_deg)) * math.cos(math.radians(dec_deg))
+    return max(across, abs(dec_deg - other_dec_deg))

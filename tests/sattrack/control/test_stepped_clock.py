@@ -1,0 +1,76 @@
+"""A mount's clock that goes in steps, beside one that does not: loops, delays and clocks are made here."""
+
+from __future__ import annotations
+
+import math
+import random
+
+import pytest
+
+from sattrack.control.stepped_clock import SteppedClock
+
+BEGIN_S = 1_790_000_000.0
+DELAY_S = 0.003
+
+
+def dated(
+    period_s: float,
+    step_s: float,
+    jitter_s: float,
+    uneven_s: float = 0.0,
+    turns: int = 1200,
+) -> tuple[SteppedClock, list[float]]:
+    """Return the clock after so many turns, and by how much the last 600 were dated late, seconds."""
+    rng, clock, off = random.Random(5), SteppedClock(0.05), []
+    for number in range(turns):
+        true_s = 0.0071 + number * period_s + rng.uniform(-0.5, 0.5) * uneven_s
+        shown_s = math.floor(true_s / step_s) * step_s if step_s else true_s
+        arrival_s = true_s + DELAY_S + rng.uniform(0.0, jitter_s)
+        if rng.random() < 0.02:
+            continue
+        found_s = clock.date(number + 7, BEGIN_S + shown_s, BEGIN_S + arrival_s)
+        if number >= turns - 600:
+            off.append(found_s - BEGIN_S - true_s)
+    return clock, off
+
+
+@pytest.mark.parametrize("period_s", [0.05001, 0.0507, 0.0489])
+@pytest.mark.parametrize("jitter_s", [0.0, 0.01])
+def test_coarse_steps_are_found_and_averaged(period_s: float, jitter_s: float) -> None:
+    step_s = 0.015625
+    clock, off = dated(period_s, step_s, jitter_s)
+    assert clock.coarse
+    assert clock.step_s == pytest.approx(step_s, rel=0.1)
+    # As shown, dates are half a step early in the mean, and up to a whole one.
+    assert max(abs(s) for s in off) < 0.003
+    assert abs(math.fsum(off) / len(off)) < 0.0005
+
+
+@pytest.mark.parametrize("jitter_s", [0.0005, 0.01])
+@pytest.mark.parametrize("uneven_s", [0.0, 0.0005, 0.02])
+def test_a_fine_clock_is_believed_to_the_last_bit(jitter_s: float, uneven_s: float) -> None:
+    clock, off = dated(0.05, 0.0, jitter_s, uneven_s)
+    assert not clock.coarse
+    assert max(abs(s) for s in off) < 1e-6
+
+
+def test_a_loop_that_runs_by_the_same_coarse_timer_is_dated_rightly_by_its_clock() -> None:
+    """As a Windows timer makes it: turns come at the clock's own steps."""
+    rng, clock, worst_s = random.Random(2), SteppedClock(0.05), 0.0
+    step_s = 1.0 / 64.0
+    for number in range(1200):
+        true_s = math.ceil(number * 0.05 / step_s) * step_s
+        found_s = clock.date(number, BEGIN_S + true_s, BEGIN_S + true_s + DELAY_S + rng.uniform(0.0, 0.01))
+        worst_s = max(worst_s, abs(found_s - BEGIN_S - true_s))
+    assert worst_s < 1e-6
+
+
+def test_a_loop_that_stood_still_is_learnt_anew() -> None:
+    clock = SteppedClock(0.05)
+    for number in range(300):
+        shown_s = math.floor(number * 0.0507 / 0.015625) * 0.015625
+        clock.date(number, BEGIN_S + shown_s, BEGIN_S + number * 0.0507)
+    assert clock.coarse
+    stood_s = BEGIN_S + 300 * 0.0507 + 4.0
+    assert clock.date(300, stood_s, stood_s) == stood_s
+    assert not clock.coarse
