@@ -280,8 +280,6 @@ class Controller:
         day, seconds = request.values["day"], request.values["seconds"]
         assert isinstance(day, Decimal)
         assert isinstance(seconds, Decimal)
-        if day != day.to_integral_value():
-            return Nak.VALUE
         step_ns = int(((day * 86400 + seconds) * NS).to_integral_value()) - now_ns
         if abs(step_ns) > MOST_TIME_STEP_S * NS:
             return Nak.RANGE

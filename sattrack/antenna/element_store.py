@@ -8,11 +8,26 @@ from __future__ import annotations
 
 from sattrack.antenna.transactions import Nak
 from tle.elements import Elements, parse_alpha5
-from tle.errors import ElementsError, MissingFieldError
+from tle.errors import ElementsError, FieldRangeError, MissingFieldError
 from tle.formats.omm import KEYWORDS, Place, elements_of
 from tle.formats.tle import parse_set
 from tle.formats.tle_regular import checksum
 
+HARMLESS = {
+    "OBJECT_NAME": "A",
+    "EPOCH": "2000-01-01T12:00:00",
+    "MEAN_MOTION": "15",
+    "ECCENTRICITY": "0",
+    "INCLINATION": "0",
+    "RA_OF_ASC_NODE": "0",
+    "ARG_OF_PERICENTER": "0",
+    "MEAN_ANOMALY": "0",
+    "NORAD_CAT_ID": "1",
+    "BSTAR": "0",
+    "MEAN_MOTION_DOT": "0",
+    "MEAN_MOTION_DDOT": "0",
+}
+"""Values that are well formed: among them, one that came is read by itself."""
 LINE_LENGTH = 69
 NAME_LENGTH = 24
 
@@ -49,6 +64,12 @@ class ElementStore:
             raise StoreError(Nak.VALUE)
         if keyword == "NORAD_CAT_ID" and value != str(number):
             raise StoreError(Nak.ELEMENTS_NUMBER)
+        try:
+            elements_of(HARMLESS | {keyword: value}, Place())
+        except FieldRangeError as error:
+            raise StoreError(Nak.RANGE) from error
+        except ElementsError as error:
+            raise StoreError(Nak.VALUE) from error
         self._begin(number, self._lines)
         self._values[keyword] = value
 

@@ -38,14 +38,12 @@ def _move(focuser: Focuser, request: Request, now_ns: int) -> Nak | None:
 
 
 def _sweep(focuser: Focuser, request: Request, now_ns: int) -> Nak | None:
-    axis = request.number("axis")
-    if axis != int(axis):
-        return Nak.VALUE
+    axis = int(request.number("axis"))
     if axis > focuser.count:
         return Nak.NOT_AVAILABLE
     if not focuser.heard(now_ns):
         return Nak.STATE
-    focuser.sweep(int(axis) - 1, request.number("rate"), now_ns)
+    focuser.sweep(axis - 1, request.number("rate"), now_ns)
     return None
 
 

@@ -43,7 +43,7 @@ NAK_MEANINGS = {
     Nak.TOO_LONG: "the line is too long",
     Nak.UNKNOWN: "no such command; commands are in upper case",
     Nak.FIELDS: "a field is missing, or there are too many",
-    Nak.VALUE: "a field is no number, or none of the words that may stand there",
+    Nak.VALUE: "a field is no number, not whole where it must be, or none of the words that may stand there",
     Nak.RANGE: "a number is out of its range",
     Nak.EPOCH: "the epoch is further than an hour from now",
     Nak.LOCAL: "the controller is in local",
@@ -68,6 +68,8 @@ class Field:
     least: float = 0.0
     most: float = 0.0
     words: tuple[str, ...] = ()
+    whole: bool = False
+    """Whether a number has to be a whole one."""
     optional: bool = False
     """Whether two commas, or nothing at the end, may stand in its place."""
 
@@ -104,7 +106,7 @@ FRAMES = Field(
 )
 RA = Field("ra", "right ascension, degrees", least=-360.0, most=360.0)
 DEC = Field("dec", "declination, degrees", least=-90.0, most=90.0)
-CATALOGUE = Field("number", "catalogue number", least=0, most=999_999_999)
+CATALOGUE = Field("number", "catalogue number", least=0, most=999_999_999, whole=True)
 EPOCH = Field("epoch", "seconds of the UTC day", least=0.0, most=86401.0, optional=True)
 
 COMMANDS = (
@@ -146,7 +148,7 @@ COMMANDS = (
         "TIME",
         "the controller's time; with fields, sets it as of the line-feed, while nothing is followed",
         (
-            Field("day", "day to set, days since 1970-01-01", least=0, most=99999, optional=True),
+            Field("day", "day to set, days since 1970-01-01", least=0, most=99999, whole=True, optional=True),
             Field("seconds", "seconds of that day to set", least=0.0, most=86400.0, optional=True),
         ),
         commands_antenna=False,
@@ -170,7 +172,7 @@ COMMANDS = (
         "FOCSWEEP",
         "move one axis of the focus from limit to limit and back, again and again, at a uniform rate",
         (
-            Field("axis", "which axis, from 1", least=1, most=3),
+            Field("axis", "which axis, from 1", least=1, most=3, whole=True),
             Field("rate", "mm a second", least=0.001, most=100.0),
         ),
     ),
@@ -349,4 +351,6 @@ def _value(field: Field, text: str) -> Decimal | str | Nak | None:
     if not _NUMBER.fullmatch(text):
         return Nak.VALUE
     number = Decimal(text)
-    return number if field.least <= number <= field.most else Nak.RANGE
+    if not field.least <= number <= field.most:
+        return Nak.RANGE
+    return Nak.VALUE if field.whole and number != number.to_integral_value() else number

@@ -282,6 +282,21 @@ USAGE_ROWS = (
     ),
     Row(
         "8.0",
+        "a value of the elements is refused as it comes, where it is none",
+        (
+            Step(0, b"OMM 25544 MEAN_MOTION 15.48707684 03\n", b"OMM ACK F8\n"),
+            Step(0, b"OMM 25544 MEAN_MOTION nan 00\n", b"OMM NAK 5 58\n"),
+            Step(0, b"OMM 25544 EPOCH tomorrow 65\n", b"OMM NAK 5 58\n"),
+            Step(0, b"OMM 25544 INCLINATION 200 37\n", b"OMM NAK 6 59\n"),
+            Step(0, b"OMM 25544 COLOUR red 7C\n", b"OMM NAK 5 58\n"),
+            Step(0, b"OMM 25544 NORAD_CAT_ID 25545 09\n", b"OMM NAK 12 86\n"),
+            Step(0, b"OMM 25544.5 MEAN_MOTION 15 8C\n", b"OMM NAK 5 58\n"),
+            Step(0, b"SAT 25544.5 8F\n", b"SAT NAK 5 57\n"),
+            Step(0, b"SAT 25544 2C\n", b"SAT NAK 15 88\n"),
+        ),
+    ),
+    Row(
+        "8.0",
         "biases are a separate command",
         (
             Step(0, b"SATOFF 1.5 -0.25 A9\n", b"SATOFF ACK D2\n"),
