@@ -362,7 +362,7 @@ class SimulatedMount:
                 at_park=tells_places and self._parked and not (self._ra.turns or self._dec.turns),
                 does_refraction=self.hardware.does_refraction,
                 pulse_guiding=self._ra.pulsing or self._dec.pulsing,
-                side_of_pier=is_beyond_pole(self._dec.axis.position_deg),
+                side_of_pier=is_beyond_pole(dec_axis_deg),
                 slewing=slewing,
                 tracking=not slewing,
                 ack_move_ra="move_ra" in acks,
