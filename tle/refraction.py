@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from tle.errors import RefractionError
-from tle.quantities import functions_for
+from tle.quantities import FLOATS, functions_for
 
 if TYPE_CHECKING:
     from tle.quantities import Quantity
@@ -57,6 +57,9 @@ class Refraction:
         Defined from -90° to 90°; zero at the zenith, continuous with its derivative everywhere.
         """
         fn = functions_for(altitude_deg)
+        if fn is FLOATS and altitude_deg >= _FADE_FROM_DEG:
+            # What follows would come to the same, for twice the time.
+            return self._bennett(altitude_deg)
         clear = fn.where(altitude_deg > _FADE_FROM_DEG, altitude_deg, _FADE_FROM_DEG)
         below = clear - altitude_deg
         bend, slope = self._bennett(clear)
