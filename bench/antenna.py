@@ -1,4 +1,4 @@
-"""How near the antenna interface keeps a simulated mount to a satellite: `python bench/antenna.py`.
+"""How near the antenna interface keeps a mount to a satellite: `python bench/antenna.py [--latency]`.
 
 The built-in pass, in virtual time: by trajectory designations at 1 Hz and at 10 Hz, and by elements on the
 controller's side; a step of a tenth of a beam; and, over TCP on loopback, how fast PS is answered.
@@ -6,14 +6,17 @@ controller's side; a step of a tenth of a beam; and, over TCP on loopback, how f
 
 from __future__ import annotations
 
+import argparse
 import json
 import math
+import os
 import random
 import signal
 import socket
 import subprocess
 import sys
 import time
+from decimal import Decimal
 from typing import NamedTuple
 
 from antenna_harness import SITE, VirtualAntenna, rms, separation_arcsec
@@ -22,7 +25,8 @@ from sattrack import practice
 from sattrack.antenna.antcn import Antcn, epoch_utc_s
 from sattrack.antenna.antcn_run import AntcnRun
 from sattrack.antenna.line import TCP_CHARACTER_TIME_OUT_S, encode
-from sattrack.antenna.trajectory import NS
+from sattrack.antenna.position import Position, position_message
+from sattrack.antenna.trajectory import NS, AxisRange, AxisState
 from sattrack.clock import SystemClock
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -167,6 +171,22 @@ def step_settles_s(step_arcsec: float = 30.0, within_arcsec: float = 1.0) -> flo
     return worst
 
 
+def peak_rate_deg_s() -> float:
+    """Return how fast the satellite goes at most."""
+    propagator = satellite()
+    there = [propagator.at(Utc(RISE_UTC_S + second)) for second in range(int(SET_UTC_S - RISE_UTC_S))]
+    return max(
+        math.hypot(t.ra_rate_deg_s * math.cos(math.radians(t.dec_deg)), t.dec_rate_deg_s) for t in there
+    )
+
+
+def longest_position_ms(baud: int) -> float:
+    """Return how long a response to PS is on the line, all its figures as long as they get."""
+    far = AxisState(-179.999999994, -89.999999994, -5.12345678901, -5.12345678901)
+    told = Position(far, far, Decimal("86399.999999"), remote=True, servo="TRACKING")
+    return len(encode(position_message(told, AxisRange(-180.0, -200.0, 200.0, -90.0, 90.0)))) * 1e4 / baud
+
+
 def latency_ms(times: int = 3000) -> tuple[list[float], list[float]]:
     """Return, sorted, how long PS takes over TCP on loopback, ms: from latch to first character, and in all.
 
@@ -207,15 +227,27 @@ def told(figures: Figures) -> str:
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--latency", action="store_true", help="only how fast PS is answered")
+    if not parser.parse_args().latency:
+        tracking()
+    from_latch, in_all = latency_ms()
+    for words, times in (("latch to first character", from_latch), ("command to response", in_all)):
+        middle, most = times[len(times) // 2], times[int(0.99 * len(times))]
+        print(f"PS over TCP, {words}: {middle:.2f} ms median, {most:.2f} ms p99, {times[-1]:.2f} ms most")
+    print(f"of {len(in_all)}, with a load of {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
+
+
+def tracking() -> None:
+    """Print how near the simulated mount was kept."""
+    print(f"the pass: up to {peak_rate_deg_s():.2f} °/s on the sky")
     print(f"straight lines over 1 s: chords {own_error(False):.2f}″ RMS, tangents {own_error(True):.2f}″ RMS")
     print(f"designated at 1 Hz:  {told(designated(1.0))}")
     print(f"designated at 10 Hz: {told(designated(0.1))}")
     print(f"as azimuth and elevation, 1 Hz: {told(designated(1.0, 'azel'))}")
     print(f"by elements:         {told(by_elements())}")
+    print(f"the longest PS takes {longest_position_ms(9600):.0f} ms on a line of 9600 baud, 7E1")
     print(f"a step of 30″ is settled to 1″ within {step_settles_s():.2f} s")
-    for words, times in zip(("latch to first character", "command to response"), latency_ms(), strict=True):
-        middle, most = times[len(times) // 2], times[int(0.99 * len(times))]
-        print(f"PS over TCP, {words}: {middle:.2f} ms median, {most:.2f} ms p99")
 
 
 if __name__ == "__main__":
