@@ -30,7 +30,10 @@ def read_toml(path: Path, kind: type[T], what: str) -> T:
     try:
         return msgspec.toml.decode(text, type=kind)
     except msgspec.ValidationError as error:
-        raise BadInputError(f"{path}{_line_of(text, str(error))}: {error}") from error
+        words = str(error)
+        # Words of ours name the key themselves; where the decoder's do, its path is what tells it.
+        said = re.sub(r" - at `[^`]*`$", "", words) if re.match(r"[a-z_.0-9]+ is ", words) else words
+        raise BadInputError(f"{path}{_line_of(text, words)}: {said}") from error
     except msgspec.DecodeError as error:
         raise BadInputError(f"{path}: not a TOML file: {error}") from error
 

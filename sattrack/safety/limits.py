@@ -74,7 +74,7 @@ class SafetyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             if cone_deg >= sky_deg:
                 raise ValueError(
                     f"{name} is {cone_deg:g}, and the sky left reaches {sky_deg:g}° from the zenith: with "
-                    "the body there, nothing could be pointed at"
+                    "the body there, nothing could be pointed at; give a narrower cone or a lower floor"
                 )
 
     def _lowest_skyline(self) -> list[float]:
@@ -94,6 +94,6 @@ class SafetyLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for one, other in zip(azimuths, [*azimuths[1:], *(a + 360.0 for a in azimuths[:1])], strict=True):
             if other - one > WIDEST_GAP_DEG:
                 raise ValueError(
-                    f"horizon is not known between azimuths {one:g}° and {other % 360.0:g}°; points may be "
-                    f"{WIDEST_GAP_DEG:g}° apart at most"
+                    f"horizon is not known between azimuths {one:g}° and {other % 360.0:g}°; give points no "
+                    f"more than {WIDEST_GAP_DEG:g}° apart"
                 )

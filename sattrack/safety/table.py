@@ -73,7 +73,7 @@ def closing_promise_s(profile: MountProfile, longest_fault_s: float, rate_deg_s:
 AHEAD = "where the axes would rest if no command arrived for `longest_fault_s`"
 AND_SLEWS = "; every place that a slew may pass"
 NEAR = "0.1°"
-BACK = "by itself when the target comes back; by hand: move the other way, start again"
+BACK = "held: by itself when the target comes back; stopped: move away from it by hand, start again"
 
 INTERLOCKS = (
     Interlock(
@@ -121,7 +121,7 @@ INTERLOCKS = (
         "profile's pier_zones",
         "0.5°",
         Reaction.HOLD,
-        "by itself when the target comes back; in a zone: by the mount's own console",
+        "held: by itself when the target comes back; in a zone: by the mount's own console",
     ),
     Interlock(
         "sun",
