@@ -29,6 +29,7 @@ from sattrack.antenna.trajectory import (
     second_of_day,
 )
 from sattrack.antenna.transactions import (
+    OMITTED,
     Nak,
     Refusal,
     Request,
@@ -265,6 +266,13 @@ class Controller:
             )
         )
 
+    def _sensors(self, request: Request, now_ns: int) -> str | Nak:
+        sensors = self.feedback.sensors
+        if sensors is None:
+            return Nak.NOT_AVAILABLE
+        values = (OMITTED if value is None else f"{value:.4f}" for value in sensors)
+        return " ".join((request.command.word, *values, f"{second_of_day(now_ns):.6f}"))
+
     def _time(self, request: Request, now_ns: int) -> str | Nak | None:
         given = [value is not None for value in request.values.values()]
         if any(given):
@@ -326,6 +334,7 @@ _HANDLERS: dict[str, Callable[[Controller, Request, int], str | Nak | None]] = {
     "UNSTOW": Controller._unstow,
     "SERVICE": Controller._service,
     "RESET": Controller._reset,
+    "SENSORS": Controller._sensors,
     "TIME": Controller._time,
     "FOCUS": Controller._focus,
     "FOCSWEEP": Controller._focus,
@@ -334,4 +343,4 @@ _HANDLERS: dict[str, Callable[[Controller, Request, int], str | Nak | None]] = {
     "FIXED": Controller._fixed,
     **sky_orders.HANDLERS,
 }
-"""What obeys each command; those that are not here are not available: pins, brakes and sensors."""
+"""What obeys each command; those that are not here are not available: pins and brakes."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from sattrack.antenna.line import Check
 
@@ -11,6 +11,15 @@ if TYPE_CHECKING:
     from sattrack.antenna.focuser import Focuser
     from sattrack.antenna.sky import AxisKind, Sky
     from sattrack.antenna.trajectory import AxisRange, AxisState
+
+
+class Sensors(NamedTuple):
+    """What the antenna's sensors say; None where there is none."""
+
+    first_tilt_deg: float | None = None
+    second_tilt_deg: float | None = None
+    first_drive_a: float | None = None
+    second_drive_a: float | None = None
 
 
 class Feedback:
@@ -24,6 +33,7 @@ class Feedback:
     tripped: str | None = None
     """Name of the interlock that has stopped the antenna."""
     does_refraction = False
+    sensors: Sensors | None = None
 
     def actual(self, utc_ns: int) -> AxisState | None:
         """Return where the axes are at an instant; None where that is not known."""

@@ -10,7 +10,7 @@ import math
 from typing import TYPE_CHECKING
 
 from sattrack.antenna.controller import Controller
-from sattrack.antenna.equipment import Antenna, Feedback
+from sattrack.antenna.equipment import Antenna, Feedback, Sensors
 from sattrack.antenna.follower import Follower
 from sattrack.antenna.sky import AzEl, HaDec
 from sattrack.antenna.trajectory import AxisRange, AxisState, to_ns
@@ -34,6 +34,8 @@ STOP_UNCONFIRMED_S = 60.0
 DEC_LIMIT_DEG = 89.9
 """No command tells a Xerxes mount to go past the pole, and at the pole its right ascension jumps."""
 RATE_STEP_S = 0.05
+AMPERES = 0.01
+"""A unit of the currents that the mount tells."""
 
 
 def axis_range(profile: MountProfile, kind: str) -> AxisRange:
@@ -104,6 +106,14 @@ class Station(Feedback):
     def does_refraction(self) -> bool:  # type: ignore[override]
         """Whether the mount raises directions itself."""
         return self.session.sample is not None and self.session.sample.does_refraction
+
+    @property
+    def sensors(self) -> Sensors | None:  # type: ignore[override]
+        """What the mount measures of itself, while it is heard: the currents of its drives."""
+        status = self.session.status
+        if status is None or not self.link_up:
+            return None
+        return Sensors(None, None, status.ra_current_10ma * AMPERES, status.dec_current_10ma * AMPERES)
 
     def actual(self, utc_ns: int) -> AxisState | None:
         """Return where the axes are, as positions of the antenna's kind."""

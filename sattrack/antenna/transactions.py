@@ -143,7 +143,12 @@ COMMANDS = (
     Command("RESET", "be ready again after an interlock has stopped the antenna"),
     Command("PINS", "insert or remove the stow pins", (Field("do", "", "word", words=("IN", "OUT")),)),
     Command("BRAKES", "set or release the brakes", (Field("do", "", "word", words=("SET", "RELEASE")),)),
-    Command("SENSORS", "tilt and other sensors", commands_antenna=False, answer="their values"),
+    Command(
+        "SENSORS",
+        "tilt and other sensors",
+        commands_antenna=False,
+        answer="tilts about both axes, degrees; currents of both axes' drives, A; epoch",
+    ),
     Command(
         "TIME",
         "the controller's time; with fields, sets it as of the line-feed, while nothing is followed",

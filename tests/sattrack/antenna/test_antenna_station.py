@@ -280,3 +280,20 @@ def test_the_axes_limits_are_those_of_the_mounts_profile() -> None:
     assert (limits.second_least_deg, limits.second_most_deg) == (-30.0, 89.9)
     # Of both turns only one is within them.
     assert limits.shortest_turns(230.0, 110.0) == -1
+
+
+def test_sensors_tell_the_currents_of_the_drives_and_no_tilts(antenna: VirtualAntenna) -> None:
+    antenna.say("TD 20 40 0.5 -0.25")
+    antenna.run_for(1.0)
+    status = antenna.station.session.status
+    assert status is not None
+    told = antenna.say("SENSORS").split()
+    assert told[:3] == ["SENSORS", ",,", ",,"]
+    # The mount tells them in hundredths of an ampere.
+    assert Decimal(told[3]) == Decimal(status.ra_current_10ma) / 100
+    assert Decimal(told[4]) == Decimal(status.dec_current_10ma) / 100
+    assert told[5] == position(antenna)["epoch"]
+
+
+def test_sensors_of_a_mount_that_is_not_heard_are_not_told() -> None:
+    assert VirtualAntenna(BEGIN_UTC_S).say("SENSORS") == "SENSORS NAK 9"
