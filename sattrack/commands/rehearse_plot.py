@@ -214,7 +214,7 @@ def _draw_run(axes: Any, rehearsal: Rehearsal) -> None:
     axes.legend(fontsize="x-small", ncols=2, frameon=False, loc="upper right", bbox_to_anchor=(1.0, 1.16))
     _shade(axes, rehearsal)
     run_until = _times(trace.utc_s[-1:])
-    if run_until and run_until[0] < _nearly_end(rehearsal):
+    if run_until and rehearsal.report.ended_by == "set" and run_until[0] < _nearly_end(rehearsal):
         axes.annotate(
             "not run: kinematics tell of the rest",
             (run_until[0], 0.5),

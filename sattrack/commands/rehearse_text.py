@@ -98,7 +98,7 @@ def _sides(report: Report) -> list[str]:
     return [
         "",
         f"Side: {report.sides.words}",
-        f"Cables: the hour angle axis goes from {cables.from_deg:.0f}° to {cables.to_deg:.0f}°, "
+        f"Cables: the hour angle axis stands between {cables.low_deg:.0f}° and {cables.high_deg:.0f}°, "
         f"of {cables.limit_deg:g}° either way",
     ]
 

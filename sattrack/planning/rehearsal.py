@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from sattrack.mount import MountProfile
     from sattrack.planning.keyhole import Keyhole
-    from sattrack.planning.link_loss import LinkLoss
+    from sattrack.planning.link_loss import HeldWay, LinkLoss
     from sattrack.planning.path import AxisPath
     from sattrack.planning.trace import Performance
     from sattrack.tracker import TrackPlan
@@ -31,6 +31,8 @@ SETTLED_S = 1.5
 NEAR_S = 3.0
 """How far from a stretch that kinematics foretell a lost one of the run may be and have its cause."""
 JOIN_S = 1.0
+AXIS_LIMITS = ("hour_angle", "declination", "pier")
+"""Limits of the axes' places: others are of directions on the sky, whatever side they are seen from."""
 HELD_SHARE = 0.3
 """Held for so much of a stretch, the mount lost it to that limit; the rest is catching up."""
 
@@ -81,10 +83,13 @@ def _cause(
     if performance.ended_by != "set" and end >= plan.end_utc_s:
         limit = performance.ended_by.removeprefix("limit:")
         message = performance.message or f"the run ended: {performance.ended_by}"
-        return limit, _words(limit, causes, message)
+        return limit, _words(limit, causes, (begin, end), message)
     held = _held_by(begin, end, performance)
     if held is not None:
-        return held, _words(held, causes, f"held at the {held} limit")
+        otherwise = (
+            f"held at the {held.replace('_', ' ')} limit, which rates and their margins led too near to"
+        )
+        return held, _words(held, causes, (begin, end), otherwise)
     near = [loss for loss in causes.foretold if _overlap(loss, begin, end) > 0.0]
     if near:
         nearest = max(near, key=lambda loss: _overlap(loss, begin, end))
@@ -94,8 +99,9 @@ def _cause(
     return _in_mid_pass(begin, end, performance, causes)
 
 
-def _words(limit: str, causes: Causes, otherwise: str) -> str:
-    return next((loss.words for loss in causes.foretold if loss.limit == limit), otherwise)
+def _words(limit: str, causes: Causes, span: tuple[float, float], otherwise: str) -> str:
+    near = [loss for loss in causes.foretold if loss.limit == limit and _overlap(loss, *span) > 0.0]
+    return max(near, key=lambda loss: _overlap(loss, *span)).words if near else otherwise
 
 
 def _held_by(begin: float, end: float, performance: Performance) -> str | None:
@@ -191,21 +197,27 @@ def _peak(
     )
 
 
-def cables(path: AxisPath, profile: MountProfile) -> Cables:
-    """Return how far the cables are wound over a path, as the mount takes it."""
-    turned = path.pointing.hour_angle_axis_deg
-    return Cables(float(turned[0]), float(turned[-1]), profile.hour_angle_limit_deg)
+def cables(way: HeldWay, profile: MountProfile) -> Cables:
+    """Return how far the cables are wound on the way that the mount goes."""
+    turned = way.pointing.hour_angle_axis_deg
+    return Cables(float(np.min(turned)), float(np.max(turned)), profile.hour_angle_limit_deg)
 
 
-def margins(path: AxisPath, ability: Ability) -> tuple[Margin, ...]:
-    """Return how near a path comes to each limit of place; bodies below the horizon have none."""
+def margins(path: AxisPath, way: HeldWay, ability: Ability) -> tuple[Margin, ...]:
+    """Return how near a pass comes to each limit of place; bodies below the horizon have none.
+
+    To limits of the sky as the target goes, which may be past them; to limits of the axes as the mount goes.
+    """
     found = []
-    by_name = margins_deg(path.pointing, ability.profile, ability.limits, ability.latitude_deg)
-    for name, margin in by_name.items():
+    limits = ability.profile, ability.limits, ability.latitude_deg
+    of_target, of_axes = margins_deg(path.pointing, *limits), margins_deg(way.pointing, *limits)
+    for name, by_target in of_target.items():
+        margin, utc_s = by_target, path.utc_s
+        if name in AXIS_LIMITS:
+            margin, utc_s = of_axes[name], way.pointing.utc_s
         at = int(np.argmin(margin))
-        if not math.isfinite(margin[at]):
-            continue
-        found.append(Margin(name, float(margin[at]), _iso(float(path.utc_s[at]))))
+        if math.isfinite(margin[at]):
+            found.append(Margin(name, float(margin[at]), _iso(float(utc_s[at]))))
     return tuple(found)
 
 

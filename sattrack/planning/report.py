@@ -52,10 +52,10 @@ class KeyholeView(msgspec.Struct, frozen=True):
 
 
 class Cables(msgspec.Struct, frozen=True):
-    """How far the hour angle axis is turned over the pass as the mount takes it, degrees, turns counted."""
+    """Between what angles the hour angle axis stands over the pass as rehearsed, degrees, turns counted."""
 
-    from_deg: float
-    to_deg: float
+    low_deg: float
+    high_deg: float
     limit_deg: float
     """The axis may turn so far either way of the meridian."""
 

@@ -33,6 +33,10 @@ Side = Literal["normal", "beyond_pole"]
 SPLITS = 80
 SAME_S = 1e-3
 STEP_S = 0.25
+TOO_FAST = ("rate", "keyhole")
+"""Lost to these, a target is lagged behind; lost to limits of place, the mount is held."""
+TOLD_TURN_DEG = 178.0
+"""A new beginning takes the axes to be within half a turn of the meridian: elsewhere none is recommended."""
 WORTH_S = 2.0
 """Another way than the mount's own is recommended only where it saves this much."""
 SIDE_WORDS = {"normal": "the normal side", "beyond_pole": "beyond the pole"}
@@ -59,6 +63,8 @@ class Sides(msgspec.Struct, frozen=True):
     by_itself: SideOption
     recommended: SideOption
     words: str
+    flips_utc: tuple[str, ...] = ()
+    """When the mount goes over to the other side by itself, as rehearsed."""
 
 
 class Lost(NamedTuple):
@@ -180,6 +186,8 @@ class _Search:
         if leave == 0:
             return later
         here = self._stands_at(first, leave, before)
+        if abs(here[0]) > TOLD_TURN_DEG:
+            return []
         step = max(1, len(self.path.utc_s) // 200)
         soonest = next((j for j in range(leave + 1, last, step) if self._in_reach(here, leave, j)), None)
         reached = [join for join in later if self._in_reach(here, leave, join)]
@@ -188,7 +196,8 @@ class _Search:
     def _stands_at(self, first: AxisPath, leave: int, before: list[Loss]) -> tuple[float, float]:
         """Return where the axes are at a sample: with the target, or where they lost it."""
         at = float(self.path.utc_s[leave])
-        lost = next((one for one in before if one.begin_utc_s <= at <= one.end_utc_s), None)
+        held = (one for one in before if one.limit not in TOO_FAST)
+        lost = next((one for one in held if one.begin_utc_s <= at <= one.end_utc_s), None)
         index = leave if lost is None else int(np.searchsorted(self.path.utc_s, lost.begin_utc_s))
         p = first.pointing
         return float(p.hour_angle_axis_deg[index]), float(p.dec_axis_deg[index])
@@ -202,6 +211,15 @@ class _Search:
             slew_time_s(float(p.dec_axis_deg[join]) - here[1], self.ability.profile.dec),
         )
         return float(self.path.utc_s[join] - self.path.utc_s[leave]) >= takes_s
+
+
+def with_flips(sides: Sides, flips_utc: tuple[str, ...]) -> Sides:
+    """Return the same with the instants told at which the mount goes over to the other side."""
+    if not flips_utc:
+        return sides
+    when = ", ".join(_clock(utc) for utc in flips_utc)
+    words = f"{sides.words}; it goes over to the other side at {when}"
+    return msgspec.structs.replace(sides, words=words, flips_utc=flips_utc)
 
 
 def _side(beyond: bool) -> Side:

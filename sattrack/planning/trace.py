@@ -92,6 +92,12 @@ class TraceArrays:
         settled: Bools = on & (self.utc_s >= self.utc_s[first] + SETTLED_S) if len(rows) else on
         return settled
 
+    def crossings(self) -> Array:
+        """Return the instants, POSIX seconds, at which the declination axis came past a pole in following."""
+        first = int(np.argmax(self.moving)) if self.moving.any() else len(self.moving)
+        beyond = np.abs(self.dec_axis_deg[first:]) > 90.0
+        return self.utc_s[first:][1:][beyond[1:] != beyond[:-1]]
+
 
 @dataclass(frozen=True, slots=True)
 class Performance:

@@ -37,7 +37,7 @@ from sattrack.planning.rehearsal import (
     verdict,
 )
 from sattrack.planning.report import LostStretch, Report
-from sattrack.planning.sides import Lost, Rule, Sides, choose_sides, sides_of
+from sattrack.planning.sides import Lost, Rule, Sides, choose_sides, sides_of, with_flips
 from sattrack.planning.table import TabledPropagator
 from sattrack.planning.trace import Performance, Trace
 from sattrack.recording.recorder import NoRecording
@@ -177,6 +177,7 @@ def rehearse(
     later = _later(path, part.plan.end_utc_s, ability) if part is not facts else ()
     lost_s = performance.lost_s(part.plan) + sum(stretch.seconds for stretch in later)
     pass_s = plan.end_utc_s - plan.start_utc_s
+    way = way_of(path, performance.trace if part is facts else None)
     go, words = verdict((*lost, *later), lost_s, pass_s)
     acquired = performance.acquired_utc_s
     report = Report(
@@ -199,17 +200,12 @@ def rehearse(
         ended_by=performance.ended_by,
         acquired_after_s=None if acquired is None else round(max(0.0, acquired - plan.start_utc_s), 3),
         peaks=peaks(path, performance, facts.profile, plan.on_target_arcsec),
-        margins=margins(path, ability),
+        margins=margins(path, way, ability),
         keyholes=tuple(keyhole_view(k, followed=bool(plan.detours)) for k in keyholes),
         sides=_sides(part, straight, ability, keyholes, _Run(performance, lost, lost_s, prepared.simulator)),
-        cables=cables(path, facts.profile),
+        cables=cables(way, facts.profile),
         link_loss=link_loss_view(
-            link_loss(
-                way_of(path, performance.trace if part is facts else None),
-                facts.profile,
-                facts.limits,
-                facts.site.latitude_deg,
-            ),
+            link_loss(way, facts.profile, facts.limits, facts.site.latitude_deg),
             facts.profile.watchdog_s,
             LOOKED_S,
         ),
@@ -229,8 +225,10 @@ def _performance(facts: RunFacts, path: AxisPath, table: dict[str, Any], period_
     """Run a pass from shortly before its beginning, or from as long before as a real run if that was late."""
     sooner = _sooner(facts, path)
     performance = perform(sooner, table, period_s)
-    late = performance.acquired_utc_s is None or performance.acquired_utc_s > facts.plan.start_utc_s + LATE_S
-    if late and sooner.started_utc_s > facts.started_utc_s:
+    trace, acquired = performance.trace, performance.acquired_utc_s
+    late = acquired is None or acquired > facts.plan.start_utc_s + LATE_S
+    held = any(name is not None for name, got in zip(trace.holding, trace.acquired, strict=True) if not got)
+    if late and not held and sooner.started_utc_s > facts.started_utc_s:
         # A slew that goes round what is in its way takes longer than a straight one.
         performance = perform(facts, table, period_s)
     return performance
@@ -251,7 +249,8 @@ def _sides(facts: RunFacts, path: AxisPath, ability: Ability, keyholes: list[Key
     known = Lost(run.lost_s, None if worst is None else worst.limit)
     part = path.until(facts.plan.end_utc_s)
     rule = _rule(facts.profile, simulator_profile(run.table))
-    found = choose_sides(part, ability, rule, keyholes, known)
+    flips_utc = tuple(Utc(float(utc_s)).isoformat("seconds") for utc_s in run.performance.trace.crossings())
+    found = with_flips(choose_sides(part, ability, rule, keyholes, known), flips_utc)
     other = found.recommended
     if other is found.by_itself or other.again_utc is None:
         return found
@@ -276,7 +275,7 @@ def _sides(facts: RunFacts, path: AxisPath, ability: Ability, keyholes: list[Key
         lost_s=lost_s,
         again_utc=other.again_utc if acquired is None else Utc(acquired).isoformat("seconds"),
     )
-    return sides_of(rule, found.by_itself, told)
+    return with_flips(sides_of(rule, found.by_itself, told), flips_utc)
 
 
 def _utc_s(utc: str) -> float:
@@ -459,7 +458,8 @@ def perform(
     # Nobody asks for the true errors: the axes themselves are noted.
     spec = replace(spec, propagator=tabled, if_mount_refracts=if_refracts, simulated=False)
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
-    mount = SimulatedMount(profile, site, start, ideal_hardware(table))
+    hardware = msgspec.structs.replace(ideal_hardware(table), flip=_rule(profile, ideal_hardware(table)))
+    mount = SimulatedMount(profile, site, start, hardware)
     run = RehearsedRun(Engine(spec), mount, facts.started_utc_s, NoRecording())
     with _without_collector():
         ended_utc_s = run.run()
