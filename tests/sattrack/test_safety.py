@@ -233,15 +233,47 @@ def test_without_a_site_nothing_moves_that_has_optics() -> None:
     assert gate.tripped == "sun"
 
 
-def test_only_safety_makes_what_a_session_takes() -> None:
-    root = Path(sattrack.__file__).parent
-    makers = set()
-    for path in root.rglob("*.py"):
+ROOT = Path(sattrack.__file__).parent
+
+
+def calls() -> list[tuple[str, str, ast.Call]]:
+    """Every call in the package: the module, the name that is called, and the call."""
+    found = []
+    for path in ROOT.rglob("*.py"):
+        module = path.relative_to(ROOT).as_posix()
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call):
-                called = (
+                name = (
                     node.func.attr if isinstance(node.func, ast.Attribute) else getattr(node.func, "id", "")
                 )
-                if called in ("Cleared", "ClearedRequest"):
-                    makers.add(path.relative_to(root).as_posix())
-    assert makers == {"safety/gate.py"}
+                found.append((module, name, node))
+    return found
+
+
+def test_only_safety_makes_what_a_session_takes_and_nothing_else_composes_motion() -> None:
+    """Commands are packed by the session, which takes what safety made, by the calibration's own guard, and
+    elsewhere only as a stop, or as nothing at all."""
+    every = calls()
+    assert {module for module, name, _ in every if name in ("Cleared", "ClearedRequest")} == {
+        "safety/gate.py"
+    }
+    composers = set()
+    for module, name, call in every:
+        if name != "encode_command":
+            continue
+        command = call.args[0]
+        literal = isinstance(command, ast.Call) and getattr(command.func, "id", "") == "Command"
+        if literal and len(command.args) <= 1 and {word.arg for word in command.keywords} <= {"abort"}:
+            continue
+        composers.add(module)
+    assert composers == {"xerxes/session.py", "calibration/guard.py"}
+    senders = {module for module, name, _ in every if name == "sendto"}
+    assert senders == {"xerxes/client.py", "xerxes/simulator/server.py"}
+
+
+def test_whoever_lets_a_session_speak_has_a_gate_of_its_own() -> None:
+    every = calls()
+    gates = {module for module, name, _ in every if name == "Safety"}
+    speakers = {module for module, name, _ in every if name == "compose"}
+    assert len(speakers) >= 4
+    assert speakers == gates

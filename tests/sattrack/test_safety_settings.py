@@ -121,7 +121,7 @@ def test_bad_limits_are_refused_at_every_door(
         ("hour_angle_limit_deg = -5", 1, "hour_angle_limit_deg is -5; it must be above 0"),
         (
             "hour_angle_limit_deg = 90\n[park]\nhour_angle_deg = 150\ndec_deg = 0",
-            1,
+            2,
             "park is at hour angle",
         ),
         (
