@@ -96,7 +96,8 @@ class TraceArrays:
         """Return the instants, POSIX seconds, at which the declination axis came past a pole in following."""
         first = int(np.argmax(self.moving)) if self.moving.any() else len(self.moving)
         beyond = np.abs(self.dec_axis_deg[first:]) > 90.0
-        return self.utc_s[first:][1:][beyond[1:] != beyond[:-1]]
+        crossed: Array = self.utc_s[first:][1:][beyond[1:] != beyond[:-1]]
+        return crossed
 
 
 @dataclass(frozen=True, slots=True)
