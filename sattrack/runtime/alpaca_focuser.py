@@ -197,6 +197,10 @@ class Worker:
 
     def _fail(self, words: str, now_s: float) -> None:
         self.axis = None
+        if self._pending:
+            # Nobody expects an order to be obeyed when the focuser comes back, however late.
+            self.serial = self._pending[-1].serial
+            self._pending.clear()
         self._next_try_s = now_s + RECONNECT_AFTER_S
         self.tell(FocusNews(time.monotonic(), None, moving=False, serial=self.serial, trouble=words))
 

@@ -170,6 +170,31 @@ def test_what_the_focuser_refuses_is_told_and_it_is_taken_up_anew(make: Make) ->
     assert told[-1].most_mm == pytest.approx(11.0)
 
 
+def test_an_order_that_finds_no_focuser_is_not_obeyed_later(make: Make) -> None:
+    axis, focuser, clock = make()
+    there = False
+
+    def client() -> Focuser:
+        if not there:
+            raise ConnectionError("refused")
+        return axis.focuser
+
+    told: list[FocusNews] = []
+    worker = Worker(client, axis.config, told.append)
+    worker.turn([FocusOrder(1, to_mm=18.0)], clock.now_s)
+    assert (told[-1].mm, told[-1].serial, told[-1].trouble) == (None, 1, "it does not answer")
+    there = True
+    worker.turn([], clock.now_s + 5.0)
+    assert (told[-1].mm, told[-1].moving, told[-1].serial) == (10.0, False, 1)
+    assert focuser.moves == []
+
+
+def test_without_alpyca_it_is_told_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    with pytest.raises(BadInputError, match=r"pip install 'sattrack\[alpaca\]'"):
+        start_focusers([FocuserConfig("127.0.0.1:9", 0)])
+
+
 def test_the_stand_in_keeps_to_its_own_limits(make: Make) -> None:
     axis, _, _ = make()
     axis.connect()
