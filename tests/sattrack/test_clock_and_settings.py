@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,24 @@ def test_the_system_clock_is_the_systems() -> None:
     before = time.time()
     told = SystemClock().utc_s(time.monotonic())
     assert before - 1e-3 <= told <= time.time() + 1e-3
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, -0.2, 0.2, 3600.0])
+def test_the_system_clock_does_not_step_where_the_machines_is_set(
+    step_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    instants = {"monotonic": 100.0, "utc": 1_790_000_000.0}
+    monkeypatch.setattr(time, "monotonic", lambda: instants["monotonic"])
+    monkeypatch.setattr(time, "time", lambda: instants["utc"])
+    clock = SystemClock()
+    before_s = clock.utc_s(100.0)
+    instants["utc"] += step_s
+    for _ in range(200):
+        instants = {name: value + 0.05 for name, value in instants.items()}
+        now_s = clock.utc_s(instants["monotonic"])
+        # Half a millisecond a second, to the side that the machine was set to.
+        assert -1e-6 <= math.copysign(1.0, step_s) * (now_s - before_s - 0.05) <= 0.05 * 5e-4 + 1e-6
+        before_s = now_s
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Statuses that freeze, run backwards or come in bursts in mid-pass, and slews that are not carried out."""
+"""Statuses that freeze, run backwards or burst, slews not carried out, a target below the horizon."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import pytest
 
 from sattrack import practice
@@ -14,6 +15,7 @@ from sattrack.runtime.facts import build_engine
 from sattrack.runtime.outcome import summarise
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.runtime.virtual import VirtualRun
+from sattrack.safety.geometry import altitude_deg
 from sattrack.tracker import sky_error
 from sattrack.xerxes.datagrams import (
     Command,
@@ -96,8 +98,10 @@ class StrangeRun(VirtualRun):
         return any(words in warning for view in self.views for warning in view.warnings)
 
 
-def fly(**strange: Any) -> tuple[Summary, StrangeRun]:
-    facts = prepare(RunRequest("25544", "sim", None, None, None, 50.0, virtual=True)).facts
+def fly(longer_s: float = 0.0, min_alt_deg: float = 50.0, **strange: Any) -> tuple[Summary, StrangeRun]:
+    facts = prepare(RunRequest("25544", "sim", None, None, None, min_alt_deg, virtual=True)).facts
+    plan = msgspec.structs.replace(facts.plan, end_utc_s=facts.plan.end_utc_s + longer_s)
+    facts = msgspec.structs.replace(facts, plan=plan)
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg)
     mount = SimulatedMount(facts.profile, site, practice.START)
     run = StrangeRun(build_engine(facts), mount, facts.started_utc_s, NoRecording(), (), **strange)
@@ -166,4 +170,15 @@ def test_a_mount_that_never_carries_out_a_slew_is_given_up_in_words() -> None:
     summary, run = fly(slews_left_out=100)
     assert summary.ended_by == "error"
     assert "was told 3 times to slew" in (summary.message or "")
+    assert at_rest(run)
+
+
+def test_a_target_that_goes_below_the_horizon_is_followed_down_to_it_and_no_further() -> None:
+    summary, run = fly(longer_s=180.0, min_alt_deg=10.0)
+    latitude_deg = run.engine.spec.propagator.site.latitude_deg
+    lowest_deg = min(altitude_deg(t.hour_angle_axis_deg, t.dec_axis_deg, latitude_deg) for t in run.truths)
+    assert 0.0 < lowest_deg < 1.0
+    assert run.engine.tracker.direction_at(run.truths[-1].utc_s).alt_deg < -1.0
+    assert run.warned("held at the altitude limit")
+    assert summary.ended_by == "set"
     assert at_rest(run)
