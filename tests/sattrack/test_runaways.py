@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
+import erfa
 import msgspec
 import pytest
-from console_builders import PROFILE, Bench
+from console_builders import PROFILE, T0, Bench
+from driven_limits import SUN_DEC, SUN_WEST_HA
 
+from sattrack.manual.procedures import procedure_for
 from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, MountProfile, MoveAxes
-from sattrack.requests import EndMove, FindHome, FineRate, MoveAxis, PulseGuide, Request
+from sattrack.requests import EndMove, FindHome, FineRate, MoveAxis, PulseGuide, Request, Slew
 from sattrack.safety import ClearedRequest, Safety, SafetyLimits, Seen
+from sattrack.xerxes.simulator.facts import StartPosition
 
 DARK = SafetyLimits(optical=False)
 EDGE = msgspec.structs.replace(PROFILE, move_axis="edge")
@@ -78,3 +84,33 @@ def test_a_mount_that_runs_away_is_stopped() -> None:
         sidereal_deg = turn * 0.05 * SIDEREAL_RATE_DEG_S
         safety.watch(Seen(None, sidereal_deg, 360.0 - 5.0 * 0.05 * turn, 40.0), MoveAxes(0.1, 0.0))
     assert safety.tripped == "obedience"
+
+
+def carried_out(start: StartPosition, request: Request, limits: SafetyLimits, clock_s: float = 0.0) -> Bench:
+    """A mount that begins somewhere, a request by hand, and what came of it."""
+    bench = Bench(start=start, limits=limits)
+    bench.mount.step_clock(clock_s)
+    bench.run(1.0)
+    bench.carry_out(procedure_for(request, bench.profile))
+    return bench
+
+
+def test_by_hand_a_slew_leads_out_of_the_sun_and_up_from_below_the_floor() -> None:
+    sidereal = math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + 4.5
+    away = Slew((sidereal - SUN_WEST_HA + 50.0) % 360.0, 20.0)
+    dazzled = StartPosition(SUN_WEST_HA + 4.0, SUN_DEC + 2.0)
+    low = StartPosition(90.0, -10.0)
+    for start, limits in ((dazzled, SafetyLimits()), (low, SafetyLimits(floor_altitude_deg=10.0))):
+        bench = carried_out(start, away, limits)
+        assert bench.console.refusal is None
+        assert bench.truth is not None
+        assert abs(bench.truth.dec_axis_deg - 20.0) < 0.01
+
+
+@pytest.mark.parametrize("request_", [Slew(100.0, 50.0), FindHome(), PulseGuide(500, 0)], ids=repr)
+def test_by_hand_nothing_moves_while_the_clocks_are_half_a_day_apart(request_: Request) -> None:
+    bench = carried_out(StartPosition(-60.0, 40.0), request_, SafetyLimits(), 43200.0)
+    assert bench.flags() == []
+    assert "more than clock_tolerance_s, 60: set the mount's clock or this computer's" in str(
+        bench.console.refusal
+    )
