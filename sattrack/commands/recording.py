@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ import msgspec
 
 from sattrack.commands.common import CommandContext, common_options, tell
 from sattrack.errors import BadInputError, SattrackError
+from sattrack.recording.anonymous import random_shift_s, write_anonymous, write_as_it_is
 from sattrack.recording.columns import TABLES
 from sattrack.runtime.again import open_recording
 
@@ -19,7 +21,7 @@ if TYPE_CHECKING:
     from sattrack.recording.reading import Recording
     from sattrack.runtime.facts import RunFacts
 
-FORMATS = ("pcapng", "csv", "parquet", "tdm")
+FORMATS = ("mcap", "pcapng", "csv", "parquet", "tdm")
 _part = click.option("--part", default=1, show_default=True, help="Which, where a file holds several.")
 
 
@@ -70,12 +72,15 @@ def _lines(view: RecordingView, facts: RunFacts) -> list[str]:
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option("--format", "kind", type=click.Choice(FORMATS), help="Else told by OUT's ending.")
 @click.option("--table", type=click.Choice(TABLES), default="status", show_default=True, help="CSV, Parquet.")
+@click.option("--anonymous", is_flag=True, help="Move site and time together, and leave names out.")
 @_part
 @common_options
 def export(context: CommandContext, file: Path, out: Path, **options: Any) -> int:
-    """Write a recording as pcapng (Wireshark), CSV, Parquet or CCSDS TDM.
+    """Write a recording as pcapng (Wireshark), CSV, Parquet or CCSDS TDM, or what is readable of it as MCAP.
 
     pcapng holds every datagram, TDM the observations that came in; CSV and Parquet hold one table.
+    --anonymous takes the site to another longitude and all instants with it; the latitude stays, and whoever
+    finds the orbit in a catalogue's history finds the rest.
     """
     kind = options["kind"] or out.suffix.removeprefix(".")
     if kind not in FORMATS:
@@ -85,14 +90,27 @@ def export(context: CommandContext, file: Path, out: Path, **options: Any) -> in
     recording, facts = open_recording(file, options["part"])
     for words in recording.problems:
         tell(f"{file}: {words}")
-    _write(kind, recording, facts, out, options["table"])
+    if not options["anonymous"]:
+        _write(kind, recording, facts, out, options["table"])
+        return 0
+    with tempfile.TemporaryDirectory() as folder:
+        moved = Path(folder) / "anonymous.mcap"
+        with moved.open("wb") as stream:
+            write_anonymous(recording, stream, random_shift_s())
+        _write(kind, *open_recording(moved), out, options["table"])
     return 0
 
 
 def _write(kind: str, recording: Recording, facts: RunFacts, out: Path, table: str) -> None:
     from sattrack.recording.export import write_csv, write_parquet, write_pcapng
 
-    if kind == "pcapng":
+    if kind == "mcap":
+        try:
+            with out.open("xb") as stream:
+                write_as_it_is(recording, stream)
+        except OSError as error:
+            raise BadInputError(f"{out}: cannot be written: {error.strerror}") from error
+    elif kind == "pcapng":
         write_pcapng(recording, out)
     elif kind == "csv":
         write_csv(recording, out, table)

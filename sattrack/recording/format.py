@@ -44,6 +44,8 @@ class RunHeader(msgspec.Struct, frozen=True):
     fingerprint: str | None = None
     """Of the code that made the run; None before format 3."""
     environment: Environment | None = None
+    anonymous: bool = False
+    """Whether site and time are not where and when it was."""
 
 
 class Failure(msgspec.Struct, frozen=True):

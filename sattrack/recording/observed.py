@@ -13,6 +13,10 @@ from tle.instants import Utc
 
 if TYPE_CHECKING:
     from sattrack.recording.reading import Recording
+    from tle.residuals import Frame
+
+FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_date"}
+"""What `tle` calls the frames of observations."""
 
 
 def observations(recording: Recording, catalog_number: int | None = None) -> list[Observation]:

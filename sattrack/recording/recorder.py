@@ -127,8 +127,8 @@ class Recorder:
 
     wanted = True
 
-    def __init__(self, stream: BinaryIO, spec: msgspec.Raw) -> None:
-        """Write the header, so that the file opens from the first moment."""
+    def __init__(self, stream: BinaryIO, spec: msgspec.Raw, header: RunHeader | None = None) -> None:
+        """Write the header, so that the file opens from the first moment; a copy has its original's."""
         self.trouble: str | None = None
         self._stream = stream
         self._writer = Writer(stream, compression=CompressionType.ZSTD)
@@ -136,7 +136,7 @@ class Recorder:
         self._flushed_utc_s = 0.0
         self._encoder = msgspec.json.Encoder()
         self._channels: dict[str, int] = {}
-        header = RunHeader(FORMAT_VERSION, __version__, spec, fingerprint(), here())
+        header = header or RunHeader(FORMAT_VERSION, __version__, spec, fingerprint(), here())
         with self._troubled():
             self._begin(self._encoder.encode(header))
 
@@ -187,6 +187,10 @@ class Recorder:
             if abs(utc_s - self._flushed_utc_s) >= FLUSH_EVERY_S:
                 self._writer.flush()  # type: ignore[no-untyped-call]
                 self._flushed_utc_s = utc_s
+
+    def skip(self) -> None:
+        """Leave a gap, as where messages of an original are missing."""
+        self._sequence += 1
 
     def close(self) -> None:
         """Finish the file, as far as the disk lets it."""

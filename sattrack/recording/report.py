@@ -11,7 +11,7 @@ import numpy as np
 from sattrack.messages import Nudge, OffsetBy, decode_message
 from sattrack.recording.format import OPERATOR
 from sattrack.recording.mount_fit import AxisFit, Line, fit_axes, lines, spectrum
-from sattrack.recording.observed import observations
+from sattrack.recording.observed import FRAMES, observations
 from sattrack.recording.smoothing import BiasFit, Said, fit_biases
 from tle.errors import ObservationError
 from tle.instants import Utc
@@ -22,9 +22,7 @@ if TYPE_CHECKING:
     from sattrack.messages import Observation
     from sattrack.recording.reading import Recording
     from sattrack.recording.trace import Trace
-    from tle.residuals import Frame
 
-FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_date"}
 GAIN_OFF = 0.002
 DELAY_OFF_S = 0.01
 LOST_SHARE = 0.01
