@@ -23,7 +23,7 @@ OUTLIERS_BELIEVED = 5
 """Samples in a row that jump the same way are no glitch: the mount's coordinates have changed."""
 GAP_S = 5.0
 """A gap in the samples after which the filters begin anew."""
-STUCK_DEG = 2.0 / 3600.0
+STUCK_DEG, STUCK_TICS = 2.0 / 3600.0, 3.0
 """A reported place that stays the same to the last bit while commands move the axis so far is no reading."""
 SURPRISE_SIGMAS = 4.0
 EXPLAINED_SHARE = 0.25
@@ -111,8 +111,9 @@ class Axes:
         seen, self._seen_deg = self._seen_deg, (sample.ra_deg, sample.dec_deg)
         if seen is None:
             return False
-        return (seen[0] == sample.ra_deg and abs(ra_moved_deg) > STUCK_DEG) or (
-            seen[1] == sample.dec_deg and abs(dec_moved_deg) > STUCK_DEG
+        least_deg = max(STUCK_DEG, STUCK_TICS * 360.0 / self.profile.encoder_tics)
+        return (seen[0] == sample.ra_deg and abs(ra_moved_deg) > least_deg) or (
+            seen[1] == sample.dec_deg and abs(dec_moved_deg) > least_deg
         )
 
     def moved_by(self, utc_s: float) -> tuple[float, float]:

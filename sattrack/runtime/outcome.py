@@ -73,7 +73,7 @@ def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
             lost=health.lost,
             late=health.late,
             duplicate=health.duplicate,
-            rejected=health.rejected + ledger.strangers,
+            rejected=health.rejected + health.frozen + ledger.strangers,
             unsent=ledger.unsent,
         ),
         bias_along_s=along_s,

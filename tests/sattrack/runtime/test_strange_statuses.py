@@ -152,6 +152,17 @@ def test_a_clock_that_runs_backwards_is_left_aside_and_said_to_be() -> None:
     assert run.warned("does not run as ours")
 
 
+def test_coordinates_that_jump_and_stay_are_the_mounts_new_ones_and_that_is_told() -> None:
+    """As after a sync by other hands: 8° are more than the axes can do in a loop."""
+    summary, run = fly(spoil=lambda status, _: replace(status, dec_deg=status.dec_deg - 8.0))
+    assert summary.ended_by == "set"
+    assert run.warned("was not where its commands lead")
+    shown = run.views[-40].error
+    assert shown is not None
+    assert shown.total_arcsec < 1.0
+    assert run.off_arcsec(10.0, 15.0) == pytest.approx(8.0 * 3600.0, rel=1e-3)
+
+
 def test_bursts_under_a_clock_that_stands_still_are_told_apart_by_their_count() -> None:
     summary, run = fly(spoil=clock_frozen, span_s=(-20.0, 15.0), burst=4)
     assert summary.ended_by == "set"
