@@ -42,6 +42,7 @@ def label_times(axes: Any) -> None:
     locator = dates.AutoDateLocator(minticks=4, maxticks=10)
     axes.xaxis.set_major_locator(locator)
     axes.xaxis.set_major_formatter(dates.DateFormatter("%H:%M:%S", tz=UTC))
+    axes.set_xlabel("UTC", fontsize="small", loc="right")
 
 
 def save_divergence(path: Path, name: str, outputs: Sequence[Output], result: Replay) -> None:

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 WIDTH, HEIGHT = 9.5, 3.4
+LEAST_DELAY_MS = 1.0
+"""The delays' scale goes so far at least: a steady link is to look steady."""
 SHOWN_SHARE = 0.999
 """Share of the samples that the errors' scale shows whole; beyond it, the peak is told and not drawn."""
 
@@ -55,6 +57,19 @@ def _panel(height: float = HEIGHT, rows: int = 1, **options: Any) -> tuple[Any, 
     return figure, axes
 
 
+def _legend(axes: Any, markerscale: float = 1.0) -> None:
+    """Put the legend above the plot, where it covers nothing."""
+    axes.legend(
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1.0),
+        borderaxespad=0.2,
+        ncols=3,
+        fontsize="small",
+        frameon=False,
+        markerscale=markerscale,
+    )
+
+
 def _errors(run: Trace, tracks: Sequence[Track]) -> Any:
     figure, panels = _panel(5.2, 2)
     at = times(run.utc_s[run.following])
@@ -74,7 +89,7 @@ def _errors(run: Trace, tracks: Sequence[Track]) -> Any:
             axes.text(
                 0.995, 0.95, f"peak {peak:.2f}″", transform=axes.transAxes, ha="right", va="top", color=BAD
             )
-    panels[0].legend(loc="upper left", fontsize="small", frameon=False, ncols=2, markerscale=6)
+    _legend(panels[0], markerscale=6)
     label_times(panels[1])
     return figure
 
@@ -85,7 +100,7 @@ def _rates(run: Trace) -> Any:
     axes.plot(at, run.sent[:, 0], color=RA, linewidth=1.0, label="right ascension axis")
     axes.plot(at, run.sent[:, 1], color=DEC, linewidth=1.0, label="declination axis")
     axes.set_ylabel("°/s")
-    axes.legend(fontsize="small", frameon=False)
+    _legend(axes)
     label_times(axes)
     return figure
 
@@ -97,7 +112,7 @@ def _innovations(at: Array, tracks: Sequence[Track]) -> Any:
     axes.axhspan(-2.0, 2.0, color=GOOD, alpha=0.12, linewidth=0.0)
     axes.set_ylabel("σ")
     axes.set_ylim(-6.0, 6.0)
-    axes.legend(fontsize="small", frameon=False, markerscale=5)
+    _legend(axes, markerscale=5)
     label_times(axes)
     return figure
 
@@ -107,16 +122,17 @@ def _link(run: Trace) -> Any:
     delay_ms = (run.arrival_utc_s - run.utc_s) * 1000.0
     upper.plot(times(run.arrival_utc_s), delay_ms, ".", markersize=1.5, color=RA)
     upper.set_ylabel("status late by, ms")
+    upper.set_ylim(min(0.0, 1.1 * float(delay_ms.min())), max(LEAST_DELAY_MS, 1.1 * float(delay_ms.max())))
     gaps = np.diff(run.arrival_utc_s) * 1000.0
     lower.plot(times(run.arrival_utc_s[1:]), gaps, ".", markersize=1.5, color=DEC)
     lower.set_ylabel("between statuses, ms")
-    lower.set_ylim(bottom=0.0)
+    lower.set_ylim(0.0, 1.25 * float(gaps.max()))
     missing = np.diff(run.counter) > 1
     if missing.any():
         lower.plot(
             times(run.arrival_utc_s[1:][missing]), gaps[missing], "x", color=BAD, markersize=5, label="lost"
         )
-        lower.legend(fontsize="small", frameon=False)
+        _legend(lower)
     label_times(lower)
     return figure
 
@@ -146,8 +162,9 @@ def _sky(run: Trace) -> Any:
         (np.radians(run.sky[0, 1]), 90.0 - run.sky[0, 0]),
         color=INK,
         fontsize="small",
-        xytext=(5, 5),
+        xytext=(0, -14),
         textcoords="offset points",
+        ha="center",
     )
     return figure
 
@@ -166,7 +183,7 @@ def _repeats(run: Trace) -> Any:
         axes.loglog(cycles, amplitude, color=colour, linewidth=0.8, label=name)
     axes.set_xlabel("cycles in a turn of the axis", fontsize="small")
     axes.set_ylabel("amplitude, ″")
-    axes.legend(fontsize="small", frameon=False)
+    _legend(axes)
     return figure
 
 
@@ -189,7 +206,7 @@ def _biases(fit: BiasFit) -> Any:
         axes.errorbar(
             at, values, yerr=sigmas, fmt=".", color=PALE, markersize=3, linewidth=0.6, label="observed"
         )
-    panels[0].legend(fontsize="small", frameon=False)
+    _legend(panels[0])
     label_times(panels[1])
     return figure
 

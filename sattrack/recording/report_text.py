@@ -81,7 +81,8 @@ def _bias(bias: BiasFigures | None) -> str:
 def _axis(axis: AxisFigures) -> str:
     if axis.gain is None:
         return "not fitted: rates by edges, or too short a run"
-    told = f"gain {axis.gain:.6f} ± {axis.gain_sigma or 0.0:.6f}"
+    sigma = axis.gain_sigma or 0.0
+    told = f"gain {axis.gain:.6f} ± {sigma:.6f}" if sigma >= 1e-6 else f"gain {axis.gain:.6f} ± {sigma:.0e}"
     if axis.delay_s is not None:
         sigma_ms = 1000.0 * (axis.delay_sigma_s or 0.0)
         told += f", acts {axis.delay_s * 1000.0:.2f} ± {sigma_ms:.2f} ms after the tick"
