@@ -36,7 +36,7 @@ WITHIN_DEG = 2.0
 LONGEST_S = 900.0
 STEP_S = 0.05
 MOUNT = ProfileFile(
-    name="free", hour_angle_limit_deg=270.0, dec_axis_limits_deg=(-270.0, 270.0), through_pole=True
+    name="free", hour_angle_limit_deg=450.0, dec_axis_limits_deg=(-270.0, 270.0), through_pole=True
 )
 STAYS = msgspec.structs.replace(MOUNT, through_pole=False)
 NO_SUN = SafetyLimits(optical=False)
