@@ -43,11 +43,11 @@ def info(context: CommandContext, file: Path, part: int) -> int:
     if context.json:
         click.echo(msgspec.json.encode(view).decode())
     else:
-        click.echo("\n".join(_lines(view, facts)))
+        click.echo("\n".join(_lines(view, facts, recording.parts)))
     return 0
 
 
-def _lines(view: RecordingView, facts: RunFacts) -> list[str]:
+def _lines(view: RecordingView, facts: RunFacts, parts: int) -> list[str]:
     site = facts.site
     made = view.environment
     lines = [
@@ -61,7 +61,8 @@ def _lines(view: RecordingView, facts: RunFacts) -> list[str]:
         libraries = ", ".join(f"{name} {version}" for name, version in made.libraries.items())
         lines.append(f"made on {made.processor}, {made.machine}, Python {made.python}, {libraries}")
     lines.append(", ".join(f"{count} {topic}" for topic, count in view.messages.items()))
-    rate = "" if not view.seconds else f", {view.bytes * 600.0 / view.seconds / 1e6:.1f} MB for ten minutes"
+    whole = view.seconds > 0.0 and parts == 1
+    rate = f", {view.bytes * 600.0 / view.seconds / 1e6:.1f} MB for ten minutes" if whole else ""
     lines.append(f"{view.bytes / 1e6:.2f} MB{rate}")
     lines += view.problems or ("nothing is wrong with it",)
     return lines
