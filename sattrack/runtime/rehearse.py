@@ -23,7 +23,7 @@ from sattrack.errors import BadInputError, SattrackError
 from sattrack.mount import SIDEREAL_RATE_DEG_S
 from sattrack.planning.budget import Circumstances, error_budget
 from sattrack.planning.keyhole import find_keyholes
-from sattrack.planning.kinematics import Ability, losses
+from sattrack.planning.kinematics import Ability, losses, outside
 from sattrack.planning.limits import skyline_deg
 from sattrack.planning.link_loss import LOOKED_S, link_loss, way_of
 from sattrack.planning.path import axis_path
@@ -72,6 +72,7 @@ SLOW_ERROR_SHARE = 0.1
 """A slow object's loop may leave so much of what counts as on target by holding its rates twice as long."""
 SLOW_RATE_SHARE = 0.97
 """A slow object needs no more than this share of the axes' rates."""
+BODIES = ("sun", "moon")
 LONGEST_RUN_S = 1200.0
 """Of longer passes the beginning is run, and kinematics alone tell the rest."""
 LATE_S = 1.5
@@ -168,7 +169,7 @@ def rehearse(
         raise SattrackError(
             f"{facts.elements.label}: its elements have it come down before the pass ends; get newer ones"
         )
-    period_s = loop_period_s(straight, facts.profile, plan)
+    period_s = loop_period_s(straight, ability, plan)
     part = _beginning(facts)
     performance = _performance(part, straight, prepared.simulator, period_s)
     path = _as_taken(straight, performance, ability)
@@ -311,10 +312,14 @@ def choose_nth_pass(prepared: Prepared, number: int, min_alt_deg: float) -> Prep
     return replace(prepared, facts=with_detours(replaced))
 
 
-def loop_period_s(path: AxisPath, profile: MountProfile, plan: TrackPlan) -> float:
+def loop_period_s(path: AxisPath, ability: Ability, plan: TrackPlan) -> float:
     """Return the period to run at: 50 ms, or twice that for an object so slow that it makes no difference."""
+    profile = ability.profile
     if plan.end_utc_s - plan.start_utc_s > LONGEST_RUN_S:
         return SLOW_PERIOD_S
+    if any(loss.limit in BODIES for loss in outside(path, ability)):
+        # The way along the edge of a cone is made of many small steps.
+        return FULL_PERIOD_S
     cos_dec = np.abs(np.cos(np.radians(path.pointing.dec_axis_deg)))
     sky_deg_s2 = np.hypot(path.hour_angle_acceleration_deg_s2 * cos_dec, path.dec_acceleration_deg_s2)
     # A rate held for a time T leaves an error of a T² / 8.
