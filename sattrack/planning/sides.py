@@ -239,7 +239,7 @@ def _words(rule: Rule, own: SideOption, best: SideOption) -> str:
     side = SIDE_WORDS[own.side]
     if best is own:
         if rule == "never":
-            return f"the mount follows from {side}; its rule never flips it, and no command chooses"
+            return f"the mount follows from {side}; no slew flips it, and no command chooses"
         return f"the mount follows from {side}, as its rule has it for where the satellite is joined"
     saves = f"{best.lost_s:.0f} s lost instead of {own.lost_s:.0f} s"
     there = SIDE_WORDS[best.again_side or "normal"]
