@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import select
 import time
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -268,7 +269,7 @@ def test_a_focuser_is_driven_by_its_process_and_halted_at_the_end() -> None:
             return round(time.monotonic() * NS)
 
         while (focus.focuser.report(at_ns()).axes[0].actual_mm or 0.0) <= 10.0:
-            assert time.monotonic() < deadline_s
+            assert select.select([focus.parts[0].reader], [], [], deadline_s - time.monotonic())[0]
             assert focus.exchange(lambda monotonic_s: round(monotonic_s * NS)) == []
         report = focus.focuser.report(at_ns())
         assert report.moving
