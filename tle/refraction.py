@@ -93,17 +93,25 @@ class Refraction:
         bend = bend * _RAD
         bend_rate = slope * altitude_rate
         sin_bend, cos_bend = fn.sin(bend), fn.cos(bend)
-        raised, raised_rate = [], []
-        for a, a_rate, k, k_rate in zip(u, u_rate, up, up_rate, strict=True):
-            towards = (k - sine * a) / cosine
-            towards_rate = (
-                k_rate - cosine * altitude_rate * a - sine * a_rate + towards * sine * altitude_rate
-            ) / cosine
-            raised.append(a * cos_bend + towards * sin_bend)
-            raised_rate.append(
-                (a_rate + towards * bend_rate) * cos_bend + (towards_rate - a * bend_rate) * sin_bend
-            )
-        return (raised[0], raised[1], raised[2]), (raised_rate[0], raised_rate[1], raised_rate[2])
+        lost, turning = cosine * altitude_rate, sine * altitude_rate
+        (ax, ay, az), (adx, ady, adz) = u, u_rate
+        (kx, ky, kz), (kdx, kdy, kdz) = up, up_rate
+        # Towards the zenith, at right angles to the direction. Written out: a loop takes twice the time.
+        tx, ty, tz = (kx - sine * ax) / cosine, (ky - sine * ay) / cosine, (kz - sine * az) / cosine
+        tdx = (kdx - lost * ax - sine * adx + tx * turning) / cosine
+        tdy = (kdy - lost * ay - sine * ady + ty * turning) / cosine
+        tdz = (kdz - lost * az - sine * adz + tz * turning) / cosine
+        raised = (
+            ax * cos_bend + tx * sin_bend,
+            ay * cos_bend + ty * sin_bend,
+            az * cos_bend + tz * sin_bend,
+        )
+        raised_rate = (
+            (adx + tx * bend_rate) * cos_bend + (tdx - ax * bend_rate) * sin_bend,
+            (ady + ty * bend_rate) * cos_bend + (tdy - ay * bend_rate) * sin_bend,
+            (adz + tz * bend_rate) * cos_bend + (tdz - az * bend_rate) * sin_bend,
+        )
+        return raised, raised_rate
 
 
 def _dot(a: Triple, b: Triple) -> Quantity:
