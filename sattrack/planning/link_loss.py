@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-LOOK_STEP_S = 0.25
+LOOK_STEP_S, SOON_S, LATER_STEP_S = 0.25, 30.0, 2.0
+"""What lies ahead is looked at in short steps at first, and in longer ones later."""
 LOOKED_S = 900.0
 MOMENTS = 400
 
@@ -77,7 +78,9 @@ def link_loss(way: HeldWay, profile: MountProfile, limits: SafetyLimits, latitud
     chosen = np.unique(np.linspace(0, count - 1, min(count, MOMENTS)).astype(int))
     ha_rate = _within(way.hour_angle_rate_deg_s[chosen], profile.ra.max_rate_deg_s)
     dec_rate = _within(way.dec_rate_deg_s[chosen], profile.dec.max_rate_deg_s)
-    ahead = np.arange(0.0, LOOKED_S + LOOK_STEP_S, LOOK_STEP_S)
+    ahead = np.concatenate(
+        [np.arange(0.0, SOON_S, LOOK_STEP_S), np.arange(SOON_S, LOOKED_S + LATER_STEP_S, LATER_STEP_S)]
+    )
     seconds = np.full(len(chosen), np.inf)
     names: list[str | None] = [None] * len(chosen)
     for k, i in enumerate(chosen.tolist()):
@@ -91,7 +94,7 @@ def link_loss(way: HeldWay, profile: MountProfile, limits: SafetyLimits, latitud
             np.full_like(ahead, p.moon_dec_deg[i]),
         )
         for name, margin in margins_deg(held, profile, limits, latitude_deg).items():
-            at = _first_below_zero(margin)
+            at = _first_below_zero(margin, ahead)
             if at < seconds[k]:
                 seconds[k], names[k] = at, name
     rests = inside = None
@@ -112,12 +115,13 @@ def _within(rates: Array, limit: float) -> Array:
     return np.clip(rates, -limit, limit)
 
 
-def _first_below_zero(margin: Array) -> float:
-    """Return the seconds after which a margin, seen every LOOK_STEP_S, falls below 0; infinity if never."""
+def _first_below_zero(margin: Array, ahead_s: Array) -> float:
+    """Return the seconds after which a margin, seen at some, falls below 0; infinity if never."""
     below = np.flatnonzero(margin < 0.0)
     if not len(below):
         return float("inf")
     i = int(below[0])
     if i == 0:
         return 0.0
-    return LOOK_STEP_S * (i - 1 + float(margin[i - 1] / (margin[i - 1] - margin[i])))
+    share = float(margin[i - 1] / (margin[i - 1] - margin[i]))
+    return float(ahead_s[i - 1] + share * (ahead_s[i] - ahead_s[i - 1]))
