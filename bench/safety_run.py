@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import msgspec
 from safety_draws import LONGEST_S, Judged, draw, fly
 
-from sattrack.safety import bounds, gate
+from sattrack.safety import ahead, bounds
 from sattrack.safety.reach import Delays, reach_deg
 
 if TYPE_CHECKING:
@@ -34,7 +34,7 @@ LIMITS = ("hour_angle", "declination", "altitude", "horizon", "pier", "sun")
 def without(row: str) -> None:
     """Leave a row of the table out of this process."""
     if row == "fault":
-        gate.reach_deg = careless_reach_deg
+        ahead.reach_deg = careless_reach_deg
         return
     fixed, look = bounds.fixed_regions, bounds.Bounds.look
 

@@ -10,9 +10,11 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sattrack.safety.gate import Cleared, ClearedRequest, Safety, Stance, park_objection
+    from sattrack.safety.asked import park_objection
+    from sattrack.safety.gate import Cleared, ClearedRequest, Safety
     from sattrack.safety.geometry import altitude_deg, separation_deg
     from sattrack.safety.limits import SUN_CONE_DEG, SafetyLimits
+    from sattrack.safety.standing import Stance
     from sattrack.safety.table import INTERLOCKS, ROWS, Interlock, Reaction
     from sattrack.safety.watch import Seen
 
@@ -44,9 +46,9 @@ _HOMES = {
     "Safety": "gate",
     "SafetyLimits": "limits",
     "Seen": "watch",
-    "Stance": "gate",
+    "Stance": "standing",
     "altitude_deg": "geometry",
-    "park_objection": "gate",
+    "park_objection": "asked",
     "separation_deg": "geometry",
 }
 

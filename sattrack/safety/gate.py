@@ -9,44 +9,31 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, Motion, MountProfile, MoveAxes, SlewTo, Stop
-from sattrack.requests import (
-    Abort,
-    FindHome,
-    FineRate,
-    MoveAxis,
-    Park,
-    PulseGuide,
-    Request,
-    Slew,
-    Sync,
-    objection,
-)
+from sattrack.requests import Abort, FineRate, Request, Slew, objection
+from sattrack.safety.ahead import NOTHING_NEAR, Ahead, motions_of
+from sattrack.safety.asked import Asked
 from sattrack.safety.bounds import INSIDE_MARGIN_DEG, Bounds
-from sattrack.safety.geometry import Box, altitude_deg
+from sattrack.safety.geometry import Box
 from sattrack.safety.held import nearest_rates
-from sattrack.safety.reach import AxisMotion, Delays, latency_s, reach_deg
 from sattrack.safety.slews import SlewGate
+from sattrack.safety.standing import Standing, axis_rates
 from sattrack.safety.table import ROWS
 from sattrack.safety.watch import BACKWARD_S, OLDEST_STATUS_S, Seen, Watch
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
     from sattrack.safety.limits import SafetyLimits
     from sattrack.safety.route import Place
+    from sattrack.safety.standing import Stance
 
-PARKED_WITHIN_DEG = 0.5
 STEP_SHARE = 2.0
 """A mean rate over a ramp is reached by a command twice as large, so steps may be so much of a ramp."""
-GUIDE_RATE_DEG_S = SIDEREAL_RATE_DEG_S
-"""More than any pulse's: the paper's is about half of it."""
 OUTSIDE_PROOF = 3
 """Axes count as outside when so many clearances in a row find them there: one status may be wrong."""
-SLOWEST_DRIFT_S = 30.0
-"""A drift that reaches a limit within this is ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,33 +48,6 @@ class ClearedRequest:
     """A request that safety has let through."""
 
     request: Request
-
-
-class Stance(NamedTuple):
-    """How the mount stands when a request comes: its clock and direction, degrees, and whether it moves."""
-
-    sidereal_deg: float
-    ra_deg: float
-    dec_deg: float
-    slewing: bool
-    drives_at_rest: bool
-    """Whether both drives report standstill, sidereal tracking not counted as rest."""
-    beyond_pole: bool = False
-
-
-def park_objection(profile: MountProfile, stance: Stance) -> str | None:
-    """Return why the drives' power may not be cut as the mount stands, or None where it may."""
-    park = profile.park
-    if park is None:
-        return "the mount profile has no park position, and parking cuts the drives' power"
-    hour_angle = math.remainder(stance.sidereal_deg - stance.ra_deg - park.hour_angle_deg, 360.0)
-    # At the pole the hour angle says nothing of where the tube points, but the axis has its place.
-    off = max(abs(hour_angle), abs(stance.dec_deg - park.dec_deg))
-    if off > PARKED_WITHIN_DEG:
-        return f"the mount stands {off:.2f}° away from its park position: slew there and stop first"
-    if stance.slewing or not stance.drives_at_rest:
-        return "the mount moves: parking cuts the drives' power, so stop it first"
-    return None
 
 
 class Safety:
@@ -122,8 +82,6 @@ class Safety:
         """Name of the limit at which the stream of rates is held."""
         self.clamping = False
         """Whether the last command's rates were cut to the axes' limits."""
-        self._hour_angle_deg: float | None = None
-        self._beyond_pole = False
         self._slewing = False
         self._outside = 0
         self._escapes = escapes
@@ -131,7 +89,10 @@ class Safety:
         self._sent: deque[tuple[float, float, float]] = deque()
         """What was cleared of late: when (UTC), and the rates of both axes."""
         self._newest_utc_s = -math.inf
-        self._latency_s = latency_s(profile)
+        self._standing = Standing(latitude_deg)
+        self._ahead = Ahead(profile, limits, self._bounds)
+        parts = (self._bounds, self._slews, self._watch, self._standing, self._ahead)
+        self._asked = Asked(profile, limits, latitude_deg, parts)
 
     @property
     def on_last_leg(self) -> bool:
@@ -140,18 +101,17 @@ class Safety:
 
     def watch(self, seen: Seen, commanded: Motion) -> None:
         """Take a status; `commanded` is the motion that was in force. Call once a status."""
-        self._note_axes(seen.sidereal_deg - seen.ra_deg, seen.beyond_pole)
+        self._standing.note(seen.sidereal_deg - seen.ra_deg, seen.beyond_pole)
         self._slewing = seen.slewing
         tripped = self._watch.see(seen, commanded)
-        if tripped is None and self._slews.strays(self._place(seen.dec_deg), seen):
+        if tripped is None and self._slews.strays(self._standing.place(seen.dec_deg), seen):
             tripped = "obedience"
         if tripped is not None and self.tripped is None and isinstance(commanded, MoveAxes | SlewTo):
             self._trip(tripped)
 
     def follow_on(self, former: Safety) -> None:
         """Take over how far the cables are wound from a former one, whose stop is over."""
-        self._hour_angle_deg = former._hour_angle_deg
-        self._beyond_pole = former._beyond_pole
+        self._standing.follow_on(former._standing)
 
     def clear(  # noqa: PLR0911
         self,
@@ -193,10 +153,10 @@ class Safety:
         self._newest_utc_s = max(self._newest_utc_s, -math.inf if utc_s is None else utc_s)
         if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
             return self._trip("sun")
-        if self._hour_angle_deg is None:
-            self._note_axes(sidereal_deg - ra_deg, self._beyond_pole)
-        turned = self._nearest_turn(sidereal_deg - ra_deg)
-        place = self._place(dec_deg, turned)
+        if self._standing.hour_angle_deg is None:
+            self._standing.note(sidereal_deg - ra_deg, self._standing.beyond_pole)
+        turned = self._standing.nearest_turn(sidereal_deg - ra_deg)
+        place = self._standing.place(dec_deg, turned)
         if isinstance(motion, SlewTo):
             self._sent.clear()
             self.holding = None
@@ -217,7 +177,7 @@ class Safety:
         if not (known and all(math.isfinite(x) for x in (sidereal_deg, ra_deg, dec_deg))):
             return Hold()
         if self._escape is None and not self._slewing and self._bounds.look(utc_s, self._watch.clock_gap_deg):
-            place = self._place(dec_deg, self._nearest_turn(sidereal_deg - ra_deg))
+            place = self._standing.place(dec_deg, self._standing.nearest_turn(sidereal_deg - ra_deg))
             self._escape = self._slews.way_out(sidereal_deg, place)
         elif self._escape is not None and self._slews.is_there((ra_deg, dec_deg)):
             self._escape = None
@@ -241,129 +201,28 @@ class Safety:
                 f"safety has stopped the mount ({ROWS[self.tripped].watches}): {ROWS[self.tripped].way_out}"
             )
         if refused is None and stance is not None:
-            refused = self._request_objection(request, stance, utc_s)
+            refused = self._asked.objection(request, stance, utc_s)
         return ClearedRequest(request) if refused is None else refused
 
     def way_to(self, request: Slew, stance: Stance, utc_s: float | None) -> tuple[Slew, ...] | str:
         """Return the slews that lead to a direction past what is in the way, or why there is no way."""
-        if self._watch.clock_is_off:
-            return self._clock_words()
-        if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
-            return NO_SUN
-        place = self._stance_place(stance)
-        found = self._slews.route(SlewTo(request.ra_deg, request.dec_deg), stance.sidereal_deg, place)
-        if isinstance(found, str):
-            return self._slew_words(found, request, stance)
-        return tuple(Slew(leg.ra_deg % 360.0, leg.dec_deg) for leg in found)
+        return self._asked.way_to(request, stance, utc_s)
 
     def drift_objection(self, fine: FineRate, stance: Stance, utc_s: float | None) -> str | None:
         """Return the name of a limit that the mount drifts to under fine rates, tracking the sky; or None."""
-        if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
-            return "sun"
-        ha_deg_s, dec_deg_s = SIDEREAL_RATE_DEG_S + fine.ra_deg_s, fine.dec_deg_s
-        return self._drift_limit(stance, ha_deg_s, dec_deg_s, SLOWEST_DRIFT_S)
-
-    def _request_objection(  # noqa: PLR0911
-        self, request: Request, stance: Stance, utc_s: float | None
-    ) -> str | None:
-        if isinstance(request, Slew | MoveAxis | FindHome | FineRate | PulseGuide):
-            if self._watch.clock_is_off:
-                return self._clock_words()
-            if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
-                return NO_SUN
-        match request:
-            case Sync():
-                return self._floor_words(request, stance)
-            case Slew():
-                name = self._slews.objection(
-                    SlewTo(request.ra_deg, request.dec_deg), stance.sidereal_deg, self._stance_place(stance)
-                )
-                return None if name is None else self._slew_words(name, request, stance)
-            case MoveAxis():
-                move = MoveAxes(request.ra_rate_deg_s or 0.0, request.dec_rate_deg_s or 0.0)
-                name = self._move_objection(move, stance)
-                if name is not None:
-                    return f"the mount stands at its {ROWS[name].name} limit ({ROWS[name].watches})"
-            case Park():
-                return park_objection(self._profile, stance)
-            case FindHome() if stance.slewing:
-                return "the mount is slewing: end that first"
-            case FindHome():
-                return self._home_objection(request, stance)
-            case FineRate() | PulseGuide():
-                return self._guide_objection(request, stance)
-        return None
-
-    def _clock_words(self) -> str:
-        off_s = self._watch.clock_gap_deg / SIDEREAL_RATE_DEG_S
-        return (
-            f"the mount's sidereal clock is {off_s:.0f} s off this computer's, more than clock_tolerance_s, "
-            f"{self._limits.clock_tolerance_s:g}: {ROWS['clock'].way_out}"
-        )
-
-    def _floor_words(self, request: Slew | Sync, stance: Stance) -> str | None:
-        altitude = altitude_deg(stance.sidereal_deg - request.ra_deg, request.dec_deg, self._latitude_deg)
-        floor = self._limits.floor_altitude_deg
-        if altitude < floor:
-            return f"that direction is at {altitude:.1f}° altitude; the limit is {floor:g}°"
-        return None
-
-    def _slew_words(self, name: str, request: Slew, stance: Stance) -> str:
-        row = ROWS[name]
-        low = self._floor_words(request, stance)
-        return low or f"no way to there keeps clear of the {row.name} limit ({row.bound})"
-
-    def _move_objection(self, move: MoveAxes, stance: Stance) -> str | None:
-        place = self._stance_place(stance)
-        rates = self._axis_rates(move, stance.beyond_pole)
-        now = (rates, rates)
-        return self._limit_ahead(self._motions(place, now), rates, 0.0, self._bounds.near(place))
-
-    def _home_objection(self, request: FindHome, stance: Stance) -> str | None:
-        home = self._profile.home
-        if home is None:
-            if self._bounds.sun_is_up and not request.in_daylight:
-                return (
-                    "the mount profile has no home position, so nobody knows the way there, and the Sun is "
-                    "up: put home into the profile, or say --in-daylight"
-                )
-            return None
-        name = self._slews.way_objection(self._stance_place(stance), (home.hour_angle_deg, home.dec_deg))
-        return None if name is None else f"the way home is not clear of the {ROWS[name].name} limit"
-
-    def _guide_objection(self, request: FineRate | PulseGuide, stance: Stance) -> str | None:
-        if isinstance(request, FineRate):
-            name = self.drift_objection(request, stance, self._bounds.utc_s)
-        else:
-            seconds = max(abs(request.ra_ms), abs(request.dec_ms)) / 1000.0
-            share = [ms / 1000.0 / seconds for ms in (request.ra_ms, request.dec_ms)]
-            name = self._drift_limit(
-                stance,
-                SIDEREAL_RATE_DEG_S + GUIDE_RATE_DEG_S * share[0],
-                GUIDE_RATE_DEG_S * share[1],
-                seconds,
-            )
-        return (
-            None if name is None else f"that would lead past the {ROWS[name].name} limit ({ROWS[name].bound})"
-        )
-
-    def _drift_limit(self, stance: Stance, ha_deg_s: float, dec_deg_s: float, seconds: float) -> str | None:
-        place = self._stance_place(stance)
-        sense = -1.0 if stance.beyond_pole else 1.0
-        end = (place[0] + ha_deg_s * seconds, place[1] + sense * dec_deg_s * seconds)
-        return self._bounds.violated(Box.between(place, end), self._bounds.leaving(place), seconds)
+        return self._asked.drift_objection(fine, stance, utc_s)
 
     def _clear_move(self, move: MoveAxes, place: Place, age_s: float, utc_s: float | None) -> Cleared:
-        wish = self._axis_rates(move, self._beyond_pole)
+        wish = axis_rates(move, self._standing.beyond_pole)
         wanted = self._within_axes(wish, utc_s)
         self.clamping = self._clipped(wish) != wish
         now = self._in_force(age_s, utc_s)
-        motions = self._motions(place, now)
-        name = self.holding = self._limit_ahead(motions, wanted, age_s, NOTHING_NEAR)
+        motions = motions_of(place, now)
+        name = self.holding = self._ahead.limit(motions, wanted, age_s, NOTHING_NEAR)
         if name is None:
             self._outside = 0
         elif not self._holds:
-            inward = self._limit_ahead(motions, wanted, age_s, self._bounds.near(place))
+            inward = self._ahead.limit(motions, wanted, age_s, self._bounds.near(place))
             if inward is not None:
                 return self._trip(inward)
         else:
@@ -373,7 +232,7 @@ class Safety:
             if outside is not None and proven and outside not in MOVES_BY_ITSELF:
                 return self._trip(outside)
             near = self._bounds.near(place)
-            wanted = self._held(wanted, place, lambda r: self._limit_ahead(motions, r, age_s, near), proven)
+            wanted = self._held(wanted, place, lambda r: self._ahead.limit(motions, r, age_s, near), proven)
         if utc_s is not None:
             self._sent.append((utc_s, *wanted))
         return Cleared(self._as_move(wanted, move, wish))
@@ -396,13 +255,13 @@ class Safety:
             held = nearest_rates(wanted, cos_dec, lambda rates: ahead(rates) is None)
         if held != REST:
             return held
-        ways = self._bounds.away(place, self._latency_s + self._limits.longest_fault_s)
+        ways = self._bounds.away(place, self._ahead.latency_s + self._limits.longest_fault_s)
         return next((away for away in ways if ahead(away) is None), REST)
 
     def _as_move(self, rates: tuple[float, float], move: MoveAxes, wish: tuple[float, float]) -> MoveAxes:
         if rates == wish:
             return move
-        sense = -1.0 if self._beyond_pole else 1.0
+        sense = -1.0 if self._standing.beyond_pole else 1.0
         return MoveAxes(
             move.ra_rate_deg_s if rates[0] == wish[0] else SIDEREAL_RATE_DEG_S - rates[0],
             move.dec_rate_deg_s if rates[1] == wish[1] else sense * rates[1],
@@ -427,7 +286,7 @@ class Safety:
 
     def _in_force(self, age_s: float, utc_s: float | None) -> tuple[tuple[float, float], tuple[float, float]]:
         """Return the least and the greatest rates of both axes that may have been in force of late."""
-        seen = self._axis_rates(self._watch.moved, self._beyond_pole)
+        seen = axis_rates(self._watch.moved, self._standing.beyond_pole)
         limits = (self._profile.ra, self._profile.dec)
         seen = (
             max(-limits[0].slew_rate_deg_s * 1.5, min(limits[0].slew_rate_deg_s * 1.5, seen[0])),
@@ -436,75 +295,13 @@ class Safety:
         low_ha = high_ha = seen[0]
         low_dec = high_dec = seen[1]
         if utc_s is not None:
-            since_s = utc_s - age_s - self._latency_s
+            since_s = utc_s - age_s - self._ahead.latency_s
             while self._sent and self._sent[0][0] < since_s and len(self._sent) > 1:
                 self._sent.popleft()
             for _, ha, dec in self._sent:
                 low_ha, high_ha = min(low_ha, ha), max(high_ha, ha)
                 low_dec, high_dec = min(low_dec, dec), max(high_dec, dec)
         return (low_ha, low_dec), (high_ha, high_dec)
-
-    @staticmethod
-    def _motions(
-        place: Place, now: tuple[tuple[float, float], tuple[float, float]]
-    ) -> tuple[AxisMotion, AxisMotion]:
-        low, high = now
-        return AxisMotion(place[0], low[0], high[0]), AxisMotion(place[1], low[1], high[1])
-
-    def _limit_ahead(
-        self,
-        motions: tuple[AxisMotion, AxisMotion],
-        rates: tuple[float, float],
-        age_s: float,
-        near: Mapping[str, float],
-    ) -> str | None:
-        """Return the limit that these rates may pass before a stop can hold the axes, or None.
-
-        `near` are the limits whose margin the axes have used up, and what is left: rates must not lead nearer
-        to them, nor past them by what is under way.
-        """
-        seconds = self._latency_s + self._limits.longest_fault_s
-        margins = {name: 0.0 if clear >= 0.0 else -math.inf for name, clear in near.items()}
-        name = self._bounds.violated(self._reach(motions, rates, age_s), margins, seconds)
-        if name is None and near:
-            place = (motions[0].position_deg, motions[1].position_deg)
-            name = self._bounds.comes_nearer(near, place, rates, seconds)
-        return name
-
-    def _reach(self, motions: tuple[AxisMotion, AxisMotion], rates: tuple[float, float], age_s: float) -> Box:
-        """Return where the axes may come under these rates before a stop can hold them."""
-        delays = Delays(age_s, self._latency_s, self._limits.longest_fault_s)
-        ha = reach_deg(motions[0], rates[0], delays, self._profile.ra.max_acceleration_deg_s2)
-        dec = reach_deg(motions[1], rates[1], delays, self._profile.dec.max_acceleration_deg_s2)
-        return Box(*ha, *dec)
-
-    def _axis_rates(self, move: MoveAxes, beyond_pole: bool) -> tuple[float, float]:
-        sense = -1.0 if beyond_pole else 1.0
-        return SIDEREAL_RATE_DEG_S - move.ra_rate_deg_s, sense * move.dec_rate_deg_s
-
-    def _note_axes(self, hour_angle_deg: float, beyond_pole: bool) -> None:
-        self._beyond_pole = beyond_pole
-        self._hour_angle_deg = self._nearest_turn(hour_angle_deg)
-
-    def _nearest_turn(self, hour_angle_deg: float) -> float:
-        """Return the hour angle axis' angle, turns counted, that goes with a hour angle.
-
-        Unknown until told, the turns are taken to begin within half a turn of the meridian. Beyond the pole
-        the axis stands half a turn from the hour angle that is reported.
-        """
-        before = self._hour_angle_deg or 0.0
-        axis_deg = hour_angle_deg + (180.0 if self._beyond_pole else 0.0)
-        return before + (axis_deg - before + 180.0) % 360.0 - 180.0
-
-    def _place(self, dec_deg: float, ha_deg: float | None = None) -> Place:
-        from sattrack.safety.route import Place
-
-        axis = math.copysign(180.0, self._latitude_deg) - dec_deg if self._beyond_pole else dec_deg
-        return Place((self._hour_angle_deg or 0.0) if ha_deg is None else ha_deg, axis)
-
-    def _stance_place(self, stance: Stance) -> Place:
-        self._beyond_pole = stance.beyond_pole
-        return self._place(stance.dec_deg, self._nearest_turn(stance.sidereal_deg - stance.ra_deg))
 
     def _let_go(self) -> None:
         self.holding = None
@@ -519,11 +316,6 @@ class Safety:
 
 REST = (0.0, 0.0)
 MOVES_BY_ITSELF = frozenset({"sun", "moon"})
-NOTHING_NEAR: Mapping[str, float] = {}
-NO_SUN = (
-    "where the Sun is cannot be told without a site: give --site LAT,LON,HEIGHT, or say optical = false "
-    "under [safety] where there are no optics"
-)
 
 
 def _stepped(rate: float, before: float, step: float) -> float:

@@ -1,0 +1,171 @@
+"""Why a request by hand is not let through, in words."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from sattrack.mount import SIDEREAL_RATE_DEG_S, MoveAxes, SlewTo
+from sattrack.requests import FindHome, FineRate, MoveAxis, Park, PulseGuide, Request, Slew, Sync
+from sattrack.safety.ahead import motions_of
+from sattrack.safety.geometry import Box, altitude_deg
+from sattrack.safety.standing import axis_rates
+from sattrack.safety.table import ROWS
+
+if TYPE_CHECKING:
+    from sattrack.mount import MountProfile
+    from sattrack.safety.ahead import Ahead
+    from sattrack.safety.bounds import Bounds
+    from sattrack.safety.limits import SafetyLimits
+    from sattrack.safety.slews import SlewGate
+    from sattrack.safety.standing import Stance, Standing
+    from sattrack.safety.watch import Watch
+
+PARKED_WITHIN_DEG = 0.5
+GUIDE_RATE_DEG_S = SIDEREAL_RATE_DEG_S
+"""More than any pulse's: the paper's is about half of it."""
+SLOWEST_DRIFT_S = 30.0
+"""A drift that reaches a limit within this is ended."""
+NO_SUN = (
+    "where the Sun is cannot be told without a site: give --site LAT,LON,HEIGHT, or say optical = false "
+    "under [safety] where there are no optics"
+)
+
+
+def park_objection(profile: MountProfile, stance: Stance) -> str | None:
+    """Return why the drives' power may not be cut as the mount stands, or None where it may."""
+    park = profile.park
+    if park is None:
+        return "the mount profile has no park position, and parking cuts the drives' power"
+    hour_angle = math.remainder(stance.sidereal_deg - stance.ra_deg - park.hour_angle_deg, 360.0)
+    # At the pole the hour angle says nothing of where the tube points, but the axis has its place.
+    off = max(abs(hour_angle), abs(stance.dec_deg - park.dec_deg))
+    if off > PARKED_WITHIN_DEG:
+        return f"the mount stands {off:.2f}° away from its park position: slew there and stop first"
+    if stance.slewing or not stance.drives_at_rest:
+        return "the mount moves: parking cuts the drives' power, so stop it first"
+    return None
+
+
+class Asked:
+    """Judges requests by the parts that a mount's gate is made of."""
+
+    def __init__(
+        self,
+        profile: MountProfile,
+        limits: SafetyLimits,
+        latitude_deg: float,
+        parts: tuple[Bounds, SlewGate, Watch, Standing, Ahead],
+    ) -> None:
+        self._profile, self._limits, self._latitude_deg = profile, limits, latitude_deg
+        self._bounds, self._slews, self._watch, self._standing, self._ahead = parts
+
+    def objection(  # noqa: PLR0911
+        self, request: Request, stance: Stance, utc_s: float | None
+    ) -> str | None:
+        """Return why a request is not let through as the mount stands, or None where it is."""
+        if isinstance(request, Slew | MoveAxis | FindHome | FineRate | PulseGuide):
+            if self._watch.clock_is_off:
+                return self._clock_words()
+            if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
+                return NO_SUN
+        match request:
+            case Sync():
+                return self._floor_words(request, stance)
+            case Slew():
+                name = self._slews.objection(
+                    SlewTo(request.ra_deg, request.dec_deg), stance.sidereal_deg, self._standing.of(stance)
+                )
+                return None if name is None else self._slew_words(name, request, stance)
+            case MoveAxis():
+                move = MoveAxes(request.ra_rate_deg_s or 0.0, request.dec_rate_deg_s or 0.0)
+                name = self._move_objection(move, stance)
+                if name is not None:
+                    return f"the mount stands at its {ROWS[name].name} limit ({ROWS[name].watches})"
+            case Park():
+                return park_objection(self._profile, stance)
+            case FindHome() if stance.slewing:
+                return "the mount is slewing: end that first"
+            case FindHome():
+                return self._home_objection(request, stance)
+            case FineRate() | PulseGuide():
+                return self._guide_objection(request, stance)
+        return None
+
+    def _clock_words(self) -> str:
+        off_s = self._watch.clock_gap_deg / SIDEREAL_RATE_DEG_S
+        return (
+            f"the mount's sidereal clock is {off_s:.0f} s off this computer's, more than clock_tolerance_s, "
+            f"{self._limits.clock_tolerance_s:g}: {ROWS['clock'].way_out}"
+        )
+
+    def _floor_words(self, request: Slew | Sync, stance: Stance) -> str | None:
+        altitude = altitude_deg(stance.sidereal_deg - request.ra_deg, request.dec_deg, self._latitude_deg)
+        floor = self._limits.floor_altitude_deg
+        if altitude < floor:
+            return f"that direction is at {altitude:.1f}° altitude; the limit is {floor:g}°"
+        return None
+
+    def _slew_words(self, name: str, request: Slew, stance: Stance) -> str:
+        row = ROWS[name]
+        low = self._floor_words(request, stance)
+        return low or f"no way to there keeps clear of the {row.name} limit ({row.bound})"
+
+    def _move_objection(self, move: MoveAxes, stance: Stance) -> str | None:
+        place = self._standing.of(stance)
+        rates = axis_rates(move, stance.beyond_pole)
+        now = (rates, rates)
+        return self._ahead.limit(motions_of(place, now), rates, 0.0, self._bounds.near(place))
+
+    def _home_objection(self, request: FindHome, stance: Stance) -> str | None:
+        home = self._profile.home
+        if home is None:
+            if self._bounds.sun_is_up and not request.in_daylight:
+                return (
+                    "the mount profile has no home position, so nobody knows the way there, and the Sun is "
+                    "up: put home into the profile, or say --in-daylight"
+                )
+            return None
+        name = self._slews.way_objection(self._standing.of(stance), (home.hour_angle_deg, home.dec_deg))
+        return None if name is None else f"the way home is not clear of the {ROWS[name].name} limit"
+
+    def _guide_objection(self, request: FineRate | PulseGuide, stance: Stance) -> str | None:
+        if isinstance(request, FineRate):
+            name = self.drift_objection(request, stance, self._bounds.utc_s)
+        else:
+            seconds = max(abs(request.ra_ms), abs(request.dec_ms)) / 1000.0
+            share = [ms / 1000.0 / seconds for ms in (request.ra_ms, request.dec_ms)]
+            name = self._drift_limit(
+                stance,
+                SIDEREAL_RATE_DEG_S + GUIDE_RATE_DEG_S * share[0],
+                GUIDE_RATE_DEG_S * share[1],
+                seconds,
+            )
+        return (
+            None if name is None else f"that would lead past the {ROWS[name].name} limit ({ROWS[name].bound})"
+        )
+
+    def _drift_limit(self, stance: Stance, ha_deg_s: float, dec_deg_s: float, seconds: float) -> str | None:
+        place = self._standing.of(stance)
+        sense = -1.0 if stance.beyond_pole else 1.0
+        end = (place[0] + ha_deg_s * seconds, place[1] + sense * dec_deg_s * seconds)
+        return self._bounds.violated(Box.between(place, end), self._bounds.leaving(place), seconds)
+
+    def way_to(self, request: Slew, stance: Stance, utc_s: float | None) -> tuple[Slew, ...] | str:
+        """Return the slews that lead to a direction past what is in the way, or why there is no way."""
+        if self._watch.clock_is_off:
+            return self._clock_words()
+        if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
+            return NO_SUN
+        place = self._standing.of(stance)
+        found = self._slews.route(SlewTo(request.ra_deg, request.dec_deg), stance.sidereal_deg, place)
+        if isinstance(found, str):
+            return self._slew_words(found, request, stance)
+        return tuple(Slew(leg.ra_deg % 360.0, leg.dec_deg) for leg in found)
+
+    def drift_objection(self, fine: FineRate, stance: Stance, utc_s: float | None) -> str | None:
+        """Return the name of a limit that the mount drifts to under fine rates, tracking the sky; or None."""
+        if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
+            return "sun"
+        ha_deg_s, dec_deg_s = SIDEREAL_RATE_DEG_S + fine.ra_deg_s, fine.dec_deg_s
+        return self._drift_limit(stance, ha_deg_s, dec_deg_s, SLOWEST_DRIFT_S)
