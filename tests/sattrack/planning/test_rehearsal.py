@@ -64,12 +64,13 @@ def test_a_rehearsal_tells_what_the_run_that_follows_loses_and_reaches(seed: int
 @pytest.mark.soak
 def test_over_two_hundred_passes_rehearsals_agree_with_the_runs_that_follow() -> None:
     rows = [compare(seed) for seed in range(200)]
-    lost, peaks = [row.off_s for row in rows], [row.peaks_off for row in rows]
-    # Whether the first half second of a pass is followed before it becomes too fast, and when a mount that is
-    # held gives way, hangs on the link's noise.
-    assert within(lost, LOST_WITHIN_S) >= 190
-    assert within(peaks, PEAKS_WITHIN) >= 195
-    assert sum(row.foretold_end != row.end for row in rows) <= 2
+    # How long a mount takes along the edge of the Sun's cone hangs on the link's noise, and so does whether a
+    # pass that is too fast is followed for its first half second.
+    free = [row for row in rows if not row.by_sun]
+    assert len(free) > 150
+    assert within([row.off_s for row in free], LOST_WITHIN_S) >= 0.98 * len(free)
+    assert within([row.peaks_off for row in free], PEAKS_WITHIN) >= 0.98 * len(free)
+    assert sum(row.foretold_end != row.end for row in rows) <= 0.02 * len(rows)
 
 
 def test_a_rehearsal_agrees_with_the_command_that_follows() -> None:
