@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sattrack.clock import Clock, make_clock
+from sattrack.commands.changed import SettingsWatch
 from sattrack.errors import BadInputError
 from sattrack.settings import Settings, load_settings
 from tle.site import Site
@@ -192,9 +193,14 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
         debug: bool,
         **rest: Any,
     ) -> Any:
-        context = CommandContext(
-            load_settings(config), site_option, element_sources, clock_option, as_json, debug
-        )
-        return function(context, **rest)
+        settings = load_settings(config)
+        context = CommandContext(settings, site_option, element_sources, clock_option, as_json, debug)
+        named = (settings.safety.horizon, settings.mount.profile, rest.get("profile"))
+        watch = SettingsWatch(config, [Path(path) for path in named if path is not None])
+        result = function(context, **rest)
+        words = watch.words()
+        if words is not None:
+            click.echo(f"sattrack: {words}", err=True)
+        return result
 
     return wrapper

@@ -174,3 +174,37 @@ def test_a_run_keeps_the_limits_with_which_it_began(tmp_path: Path) -> None:
     assert engine.spec.limits.floor_altitude_deg == 5.0
     assert engine.tracker.ended_by == "set"
     assert not engine.held_s
+
+
+@pytest.mark.parametrize(
+    ("later", "says"),
+    [
+        ("floor_altitude_deg = 8.0", "kept the settings with which it began; the next command takes them"),
+        ("sun_cone_deg = 0.0", "the next command will refuse them: {path}:2: sun_cone_deg is 0, but"),
+        (None, None),
+    ],
+)
+def test_settings_that_change_while_a_command_runs_are_told_of(
+    later: str | None,
+    says: str | None,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    path = tmp_path / "s.toml"
+    path.write_text("[safety]\nfloor_altitude_deg = 5.0\n", encoding="utf-8")
+    plan = prepare(RunRequest("25544", "sim", None, None, None, 10.0, virtual=True)).facts.plan
+
+    def meanwhile(*_: object) -> object:
+        if later is not None:
+            path.write_text(f"[safety]\n{later}\n", encoding="utf-8")
+        return msgspec.structs.replace(plan, end_utc_s=plan.start_utc_s + 1.0)
+
+    monkeypatch.setattr("sattrack.runtime.prepare.plan_for", meanwhile)
+    assert run([*TRACK, "--config", str(path)]) == 0
+    err = capsys.readouterr().err
+    if says is None:
+        assert "meanwhile" not in err
+    else:
+        assert f"{path} changed meanwhile" in err
+        assert says.format(path=path) in err
