@@ -72,7 +72,6 @@ SLOW_ERROR_SHARE = 0.1
 """A slow object's loop may leave so much of what counts as on target by holding its rates twice as long."""
 SLOW_RATE_SHARE = 0.97
 """A slow object needs no more than this share of the axes' rates."""
-BODIES = ("sun", "moon")
 LONGEST_RUN_S = 1200.0
 """Of longer passes the beginning is run, and kinematics alone tell the rest."""
 LATE_S = 1.5
@@ -169,7 +168,9 @@ def rehearse(
         raise SattrackError(
             f"{facts.elements.label}: its elements have it come down before the pass ends; get newer ones"
         )
-    period_s = loop_period_s(straight, ability, plan)
+    west = (float(straight.pointing.hour_angle_axis_deg[0]) + 180.0) % 360.0 > 180.0
+    beyond = west and _rule(facts.profile, hardware) == "hour_angle"
+    period_s = loop_period_s(straight.seen_from(beyond, ability.latitude_deg), ability, plan)
     part = _beginning(facts)
     performance = _performance(part, straight, prepared.simulator, period_s)
     path = _as_taken(straight, performance, ability)
@@ -317,8 +318,8 @@ def loop_period_s(path: AxisPath, ability: Ability, plan: TrackPlan) -> float:
     profile = ability.profile
     if plan.end_utc_s - plan.start_utc_s > LONGEST_RUN_S:
         return SLOW_PERIOD_S
-    if any(loss.limit in BODIES for loss in outside(path, ability)):
-        # The way along the edge of a cone is made of many small steps.
+    if outside(path, ability):
+        # How soon rates are held before a limit, and the way along its edge, depend on the steps.
         return FULL_PERIOD_S
     cos_dec = np.abs(np.cos(np.radians(path.pointing.dec_axis_deg)))
     sky_deg_s2 = np.hypot(path.hour_angle_acceleration_deg_s2 * cos_dec, path.dec_acceleration_deg_s2)
