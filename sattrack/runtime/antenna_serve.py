@@ -91,8 +91,8 @@ class AntennaLoop:
                 self._guarded(self._repeat, due_s + REPEAT_AFTER_PERIODS * period_s)
                 self._guarded(self._report)
                 ticks += 1
-                if self.show is not None and ticks % SHOW_EVERY_TICKS == 0:
-                    self._guarded(self.show, self.view())
+                if ticks % SHOW_EVERY_TICKS == 0:
+                    self._guarded(self._show)
                 shift_s = self.station.send_shift_s(self.connection.now_utc_s())
                 due_s += period_s + shift_s / self.connection.clock.speed
                 if time.monotonic() - due_s > LATE_ENOUGH_TO_SKIP_S:
@@ -176,6 +176,10 @@ class AntennaLoop:
             self.station.end(self.connection.now_utc_s())
         elif word:
             self.tell(f"{word!r} is no word of this console: {', '.join(WORDS)}")
+
+    def _show(self) -> None:
+        if self.show is not None:
+            self.show(self.view())
 
     def view(self) -> AntennaView:
         """Return what the controller's console shows now."""
