@@ -14,7 +14,7 @@ import struct
 from dataclasses import dataclass
 from enum import Enum
 from operator import attrgetter
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeVar
 
 COMMAND_HEADER = 0x5555AAAA
 STATUS_HEADER = b"XERXESxx"
@@ -142,7 +142,7 @@ class DatagramError(ValueError):
     """The bytes are no such datagram: wrong length or wrong header."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Command:
     """What one command datagram says; names, units and meanings are those of `COMMAND_FIELDS`."""
 
@@ -167,7 +167,7 @@ class Command:
     spare: bool = False
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Status:
     """What one status datagram says; names, units and meanings are those of `STATUS_FIELDS`."""
 
@@ -264,6 +264,27 @@ _status_values = attrgetter(*(f.name for f in STATUS_FIELDS[1:]))
 _EITHER_NAMES = tuple(STATUS_FIELDS[i].name for i in _STATUS_EITHERS)
 
 
+_COMMAND_NAMES = tuple(f.name for f in COMMAND_FIELDS[1:])
+_STATUS_NAMES = tuple(f.name for f in STATUS_FIELDS[1:])
+_COMMAND_DEFAULTS = vars(Command())
+_Datagram = TypeVar("_Datagram", Command, Status)
+
+
+def _made(kind: type[_Datagram], values: dict[str, Any]) -> _Datagram:
+    """Return a datagram of all its fields, at a fifth of what it costs to set them one by one."""
+    made = object.__new__(kind)
+    object.__setattr__(made, "__dict__", values)
+    return made
+
+
+def command_of(**fields: float | bool) -> Command:
+    """Return `Command(**fields)` in less time. Raises TypeError for a field that there is none of."""
+    values = {**_COMMAND_DEFAULTS, **fields}
+    if len(values) != len(_COMMAND_DEFAULTS):
+        raise TypeError(f"a command has no {', '.join(fields.keys() - _COMMAND_DEFAULTS.keys())}")
+    return _made(Command, values)
+
+
 def encode_command(command: Command) -> bytes:
     """Pack a command into its 82 bytes. Raises struct.error where a value does not fit its field."""
     values = [COMMAND_HEADER, *_command_values(command)]
@@ -280,7 +301,7 @@ def decode_command(data: bytes) -> Command:
         raise DatagramError(f"a command datagram begins with 0x{COMMAND_HEADER:X}, not 0x{values[0]:X}")
     for i in _COMMAND_FLAGS:
         values[i] = values[i] != 0
-    return Command(*values[1:])
+    return _made(Command, dict(zip(_COMMAND_NAMES, values[1:], strict=True)))
 
 
 def encode_status(status: Status, readings: Readings | None = None) -> bytes:
@@ -310,7 +331,7 @@ def decode_status(data: bytes) -> Status:
         values[_COUNTER] = int(values[_COUNTER])
     except (ValueError, OverflowError) as error:
         raise DatagramError(f"the rolling counter is no number: {error}") from error
-    return Status(*values[1:])
+    return _made(Status, dict(zip(_STATUS_NAMES, values[1:], strict=True)))
 
 
 def status_readings(data: bytes) -> Readings:

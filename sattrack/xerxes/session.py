@@ -52,6 +52,7 @@ from sattrack.xerxes.datagrams import (
     DatagramError,
     Readings,
     Status,
+    command_of,
     decode_status,
     encode_command,
     status_readings,
@@ -371,12 +372,12 @@ class Session:
 
     def _command(self, **fields: float | bool) -> Command:
         fine = self._launches.fine_rate
-        return Command(
-            self.health.sent,
+        return command_of(
+            counter=self.health.sent,
             ra_fine_rate_dtics_s=round(fine.ra_deg_s * DTICS_S_PER_DEG_S),
             dec_fine_rate_dtics_s=round(fine.dec_deg_s * DTICS_S_PER_DEG_S),
             tracking_rate=self._launches.tracking_rate,
-            **fields,  # type: ignore[arg-type]
+            **fields,
         )
 
     def _compose_stop(self) -> Command:
