@@ -5,13 +5,14 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING
 
+import msgspec
 import pytest
 from tui_builders import FakeFeed, HandClock, changed
 
 from sattrack.messages import OffsetBy, Search
 from sattrack.tui.app import TrackApp
 from sattrack.tui.feed import News
-from sattrack.view import EstimateView, OffsetView, SearchView
+from sattrack.view import EstimateView, OffsetView, RememberedView, SearchView
 
 if TYPE_CHECKING:
     from sattrack.messages import Message
@@ -113,3 +114,11 @@ def test_the_small_screen_shows_the_frame_that_the_arrows_move_in() -> None:
 def test_rejections_are_told_where_there_is_no_estimate() -> None:
     none = EstimateView(None, None, None, None, 0, 3, 2, None)
     assert "0 of 5 seen" in run(changed(estimate=none), size=(120, 40))[1]
+
+
+@pytest.mark.parametrize("size", [(120, 40), (80, 24)])
+def test_a_remembered_bias_shows_its_age_and_the_key_that_drops_it(size: tuple[int, int]) -> None:
+    known = RememberedView("observations", 1790946271.4 - 5760.0, 0.8, 0.028, -0.5, 0.02, None, 14, 1)
+    assert "1.6 h old ±0.028 s   m drop" in run(changed(remembered=known), size=size)[1]
+    dropped = msgspec.structs.replace(known, state="dropped")
+    assert "m drop" not in run(changed(remembered=dropped), size=size)[1]
