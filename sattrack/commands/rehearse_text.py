@@ -9,7 +9,7 @@ import click
 from tle.errors import printable
 
 if TYPE_CHECKING:
-    from sattrack.planning.report import CutMoment, LinkLossView, Report
+    from sattrack.planning.report import CutMoment, Report
 
 ROWS = 9
 """Moments of the pass for which the time after a cut link is printed."""
@@ -32,10 +32,17 @@ def report_lines(report: Report) -> list[str]:
 def _head(report: Report) -> list[str]:
     verdict = click.style(report.verdict, fg="green" if report.go else "red", bold=True)
     return [
-        f"{printable(report.name)} from {report.start_utc[:19]}Z to {report.end_utc[11:19]}, "
-        f"{report.max_alt_deg:.1f}° high at {report.culminate_utc[11:19]}, with {printable(report.profile)}",
+        f"{printable(report.name)} from {report.start_utc[:19]}Z to {_clock(report.end_utc, report)}, "
+        f"{report.max_alt_deg:.1f}° high at {_clock(report.culminate_utc, report)}, "
+        f"with {printable(report.profile)}",
         verdict,
     ]
+
+
+def _clock(utc: str, report: Report, decimals: int = 0) -> str:
+    """Return the time of day of an instant, after month and day where a pass goes on past midnight."""
+    first = 11 if report.start_utc[:10] == report.end_utc[:10] else 5
+    return utc[first : 19 + (decimals + 1 if decimals else 0)].replace("T", " ")
 
 
 def _title(words: str) -> str:
@@ -45,9 +52,10 @@ def _title(words: str) -> str:
 def _lost(report: Report) -> list[str]:
     if not report.lost:
         return []
-    lines = ["", _title(f"{'Lost from':14} {'to':13} {'seconds':>8}  {'limit':13} why")]
+    lines = ["", _title(f"{'Lost from':16} {'to':16} {'seconds':>8}  {'limit':13} why")]
     lines += [
-        f"{lost.from_utc[11:21]:14} {lost.to_utc[11:21]:13} {lost.seconds:8.1f}  {lost.limit:13} {lost.why}"
+        f"{_clock(lost.from_utc, report, 1):16} {_clock(lost.to_utc, report, 1):16} "
+        f"{lost.seconds:8.1f}  {lost.limit:13} {lost.why}"
         for lost in report.lost
     ]
     return lines
@@ -76,7 +84,7 @@ def _limits(report: Report) -> list[str]:
         )
     lines += ["", _title(f"{'Limit':20} {'nearest':>9}  at")]
     for margin in report.margins:
-        words = f"{margin.limit.replace('_', ' '):20} {margin.least_deg:8.1f}°  {margin.utc[11:19]}"
+        words = f"{margin.limit.replace('_', ' '):20} {margin.least_deg:8.1f}°  {_clock(margin.utc, report)}"
         lines.append(click.style(words, fg="red" if margin.least_deg < 0.0 else None))
     return lines
 
@@ -86,7 +94,7 @@ def _keyholes(report: Report) -> list[str]:
     for hole in report.keyholes:
         through = "the mount cannot" if hole.through_pole_s is None else f"{hole.through_pole_s:.1f} s"
         lines.append(
-            f"Keyhole at {hole.utc[11:19]}, {hole.polar_distance_deg:.2f}° from the pole, "
+            f"Keyhole at {_clock(hole.utc, report)}, {hole.polar_distance_deg:.2f}° from the pole, "
             f"{hole.peak_rate_deg_s:.1f} °/s: {hole.clipped_s:.1f} s lost by clipping, {hole.round_s:.1f} s "
             f"by the best way round, through the pole {through}; it goes {hole.chosen}"
         )
@@ -107,8 +115,8 @@ def _link_loss(report: Report) -> list[str]:
     loss = report.link_loss
     lines = [
         "",
-        f"If the link is cut and the mount holds its rates: {_cut(loss.worst, loss.looked_s)}",
-        *_cut_table(loss),
+        f"If the link is cut and the mount holds its rates: {_cut(loss.worst, report)}",
+        *_cut_table(report),
     ]
     if loss.watchdog_s is None:
         lines.append("The mount has no watchdog: nothing on this side can stop it then")
@@ -123,32 +131,33 @@ def _link_loss(report: Report) -> list[str]:
     return lines
 
 
-def _cut_table(loss: LinkLossView) -> list[str]:
+def _cut_table(report: Report) -> list[str]:
     """Return the time to the first limit from moments of the pass; nothing where none is ever met."""
+    loss = report.link_loss
     if loss.worst.seconds_to_limit is None:
         return []
     count = len(loss.curve)
     shown = sorted({round(k * (count - 1) / max(1, ROWS - 1)) for k in range(min(ROWS, count))})
-    head = f"{'Cut at':10} {'to a limit':>12}  {'limit':13}"
+    head = f"{'Cut at':14} {'to a limit':>12}  {'limit':13}"
     lines = [_title(head.rstrip() if loss.watchdog_s is None else f"{head} {'at rest':>8}")]
     for k in shown:
         moment = loss.curve[k]
         seconds = f"over {loss.looked_s:.0f} s"
         if moment.seconds_to_limit is not None:
             seconds = f"{moment.seconds_to_limit:.1f} s"
-        words = f"{moment.utc[11:19]:10} {seconds:>12}  {(moment.limit or '-').replace('_', ' '):13}"
+        words = f"{_clock(moment.utc, report):14} {seconds:>12}  {(moment.limit or '-').replace('_', ' '):13}"
         if moment.seconds_to_rest is not None:
             words += f" {moment.seconds_to_rest:6.1f} s"
         lines.append(words.rstrip())
     return lines
 
 
-def _cut(moment: CutMoment, looked_s: float) -> str:
+def _cut(moment: CutMoment, report: Report) -> str:
     if moment.seconds_to_limit is None:
-        return f"no limit within {looked_s / 60.0:.0f} minutes, at any moment"
+        return f"no limit within {report.link_loss.looked_s / 60.0:.0f} minutes, at any moment"
     return (
         f"at worst {moment.seconds_to_limit:.1f} s to the {(moment.limit or '').replace('_', ' ')} limit "
-        f"(cut at {moment.utc[11:19]})"
+        f"(cut at {_clock(moment.utc, report)})"
     )
 
 
@@ -157,7 +166,7 @@ def _budget(report: Report) -> list[str]:
     lines = [
         "",
         _title(f"{'Error expected, 1σ':20} {'along ″':>9} {'across ″':>9}")
-        + f"  at {budget.utc[11:19]}, {budget.alt_deg:.0f}° high",
+        + f"  at {_clock(budget.utc, report)}, {budget.alt_deg:.0f}° high",
     ]
     lines += [
         f"{part.name:20} {part.along_arcsec:9.2f} {part.across_arcsec:9.2f}  {part.why}"

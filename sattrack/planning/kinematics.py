@@ -26,7 +26,9 @@ NEAR_DEG = 0.1
 """How near to a limit of place the mount is let."""
 FAR_DEG = 360.0
 NO_WAY_ROUND = ("sun", "moon", "pier")
-"""Behind these the target goes on where the mount cannot follow, and does not come back to it."""
+"""Behind these a target goes on where the mount cannot follow, and does not come back to it."""
+CREEPING_DEG_S = 0.02
+"""A target that is slower than this on the sky is not left behind by a mount that goes along an edge."""
 LEAST_SHARE = 0.9
 """Share of a pass that must be followed for a "go"."""
 
@@ -93,9 +95,11 @@ def outside(path: AxisPath, ability: Ability) -> list[Loss]:
         for first, last in _stretches(margin < NEAR_DEG + limits.longest_fault_s * closing):
             least = float(np.min(margin[first : last + 1]))
             words = f"goes {-least:.1f}° past the limit" if least < 0.0 else f"comes to {least:.1f}° from it"
-            end = -1 if name in NO_WAY_ROUND else last
+            speed_deg_s = float(np.max(path.sky_rate_deg_s[first : last + 1])) - SIDEREAL_RATE_DEG_S
+            left_behind = name in NO_WAY_ROUND and speed_deg_s > CREEPING_DEG_S
+            end = -1 if left_behind else last
             found.append(Loss(float(path.utc_s[first]), float(path.utc_s[end]), name, words))
-            if name in NO_WAY_ROUND:
+            if left_behind:
                 break
     return found
 

@@ -24,9 +24,9 @@ from sattrack.mount import SIDEREAL_RATE_DEG_S
 from sattrack.planning.budget import Circumstances, error_budget
 from sattrack.planning.keyhole import find_keyholes
 from sattrack.planning.kinematics import Ability, losses, outside
-from sattrack.planning.limits import skyline_deg
-from sattrack.planning.link_loss import LOOKED_S, link_loss, way_of
-from sattrack.planning.path import axis_path
+from sattrack.planning.limits import margins_deg, skyline_deg
+from sattrack.planning.link_loss import LOOKED_S, HeldWay, link_loss, way_of
+from sattrack.planning.path import Pointing, axis_path
 from sattrack.planning.rehearsal import (
     cables,
     keyhole_view,
@@ -179,7 +179,7 @@ def rehearse(
     later = _later(path, part.plan.end_utc_s, ability) if part is not facts else ()
     lost_s = performance.lost_s(part.plan) + sum(stretch.seconds for stretch in later)
     pass_s = plan.end_utc_s - plan.start_utc_s
-    way = way_of(path, performance.trace if part is facts else None)
+    way = way_of(path, performance.trace) if part is facts else _kept_in(way_of(path, None), ability)
     go, words = verdict((*lost, *later), lost_s, pass_s)
     acquired = performance.acquired_utc_s
     report = Report(
@@ -374,6 +374,16 @@ def _as_taken(path: AxisPath, performance: Performance, ability: Ability) -> Axi
     there = float(np.interp(trace.utc_s[at], view.utc_s, view.pointing.hour_angle_axis_deg))
     turns = round((float(trace.hour_angle_axis_deg[at]) - there) / 360.0)
     return view.wound(360.0 * turns)
+
+
+def _kept_in(way: HeldWay, ability: Ability) -> HeldWay:
+    """Return of a way the moments inside all limits: a mount is held elsewhere. All, where there are none."""
+    margins = margins_deg(way.pointing, ability.profile, ability.limits, ability.latitude_deg)
+    inside = np.all([margin >= 0.0 for margin in margins.values()], axis=0)
+    if not inside.any():
+        return way
+    kept = Pointing(*(getattr(way.pointing, name)[inside] for name in Pointing.__slots__))
+    return HeldWay(kept, way.hour_angle_rate_deg_s[inside], way.dec_rate_deg_s[inside])
 
 
 def _later(path: AxisPath, from_utc_s: float, ability: Ability) -> tuple[LostStretch, ...]:

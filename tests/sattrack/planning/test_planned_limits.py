@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -121,6 +122,19 @@ def test_what_is_beyond_a_limit_of_travel_is_lost_with_its_reason() -> None:
     assert reason is not None
     assert reason.startswith("hour_angle: ")
     assert why_not(path, ability(MountProfile())) is None
+
+
+def test_a_target_that_stands_still_is_lost_while_the_sun_goes_by_and_no_longer() -> None:
+    # The Sun passes over a target on the meridian at a quarter of a degree a minute: 15° either way is 2 h.
+    time_s = np.linspace(0.0, 28800.0, 5761)
+    level = np.zeros_like(time_s)
+    still = path_of(time_s, level, level)
+    sun = time_s / 240.0 - 60.0
+    path = replace(still, pointing=replace(still.pointing, sun_hour_angle_deg=sun))
+    (found,) = losses(path, ability(MountProfile(), SafetyLimits()))
+    assert found.limit == "sun"
+    assert found.seconds == pytest.approx(7200.0, abs=60.0)
+    assert found.begin_utc_s == pytest.approx(10800.0, abs=60.0)
 
 
 def test_a_stop_and_a_new_beginning_are_recommended_where_the_cables_end() -> None:
