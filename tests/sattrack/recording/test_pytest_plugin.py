@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from typing import TYPE_CHECKING
 
-from sattrack.pytest_plugin import EXPECTED
 from sattrack.recording.format import COMMAND
 from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import Recorder
@@ -74,7 +73,7 @@ def test_update_keeps_todays_outputs_and_leaves_the_recording_alone(
     before = night.read_bytes()
     pytester.runpytest(*PLUGIN, "--sattrack-update").assert_outcomes(passed=1)
     assert night.read_bytes() == before
-    kept = night.with_name("night" + EXPECTED)
+    kept = night.with_name("night.expected.mcap")
     assert len([e for e in Recording(kept).entries() if e.topic == COMMAND]) == 367
     pytester.runpytest(*PLUGIN).assert_outcomes(passed=1)
     differing(kept, kept)
