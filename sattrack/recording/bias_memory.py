@@ -159,8 +159,8 @@ class BiasMemory:
     def keep(self, bias: KeptBias, elements: Elements, run: str) -> None:
         """Keep what a run found; of one run and kind there is one entry, the last that was kept.
 
-        A report, which sees all observations at once, has the last word over the pass itself. What was
-        dropped stays dropped.
+        A report, which sees all observations at once, has the last word over the pass itself; what was
+        dropped stays dropped then.
         """
         names = (
             "orbit, run, source, made_by, catalog_number, name, elements_epoch_utc_s, mount, utc_s, along_s, "
@@ -173,6 +173,8 @@ class BiasMemory:
         )
         marks = ", ".join("?" * len(values))
         updates = ", ".join(f"{name} = excluded.{name}" for name in names.split(", ")[3:])
+        if bias.made_by == "pass":
+            updates += ", dropped = 0"
         with self._open(create=True) as connection:
             connection.execute(
                 f"INSERT INTO biases ({names}) VALUES ({marks}) "

@@ -143,6 +143,8 @@ def _found(engine: Engine, facts: RunFacts, ended_utc_s: float) -> KeptBias | No
     if moved[0] < SAME_S and moved[1] < SAME_DEG:
         return None
     along_s, cross_deg = steering.biases.totals(ended_utc_s)
+    if abs(along_s) < SAME_S and abs(cross_deg) < SAME_DEG:
+        return None
     return KeptBias(
         source="nudge",
         utc_s=ended_utc_s,

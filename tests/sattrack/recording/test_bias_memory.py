@@ -209,8 +209,12 @@ def test_a_nudge_is_kept_as_one_and_used_only_where_that_is_asked_for(memory: Bi
     assert "remembered, but not used: +0.300 s along" in told.notes[0]
     begun = ready("nudge")
     assert (begun.facts.bias_along_s, begun.facts.bias_cross_deg) == (0.3, 0.02)
-    _, views = fly(begun, (PASS_UTC_S, DropRemembered()))
+    summary, views = fly(begun, (PASS_UTC_S, DropRemembered()))
     assert (views[0].bias_along_s, views[-1].bias_along_s) == (0.3, 0.0)
+    assert summary.bias_memory == "the bias that was dropped is not offered again", "nothing is no nudge"
+    assert memory.entries()[0].dropped
+    fly(ready(), (PASS_UTC_S, Nudge(along_s=0.4)))
+    assert [(one.along_s, one.dropped) for one in memory.entries()] == [(0.4, False)]
 
 
 def test_a_bias_that_is_given_goes_before_the_remembered_one(memory: BiasMemory) -> None:
