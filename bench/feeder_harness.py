@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -204,9 +204,7 @@ class World:
         command = decode_command(data)
         if not command.move_ra:
             return data
-        values = {name: getattr(command, name) for name in Command.__slots__}
-        changed = {"move_ra_rate_deg_s": command.move_ra_rate_deg_s + extra}
-        return encode_command(Command(**{**values, **changed}))
+        return encode_command(replace(command, move_ra_rate_deg_s=command.move_ra_rate_deg_s + extra))
 
     def _judge(self, truth: Any) -> None:
         target = self.target(truth.utc_s)

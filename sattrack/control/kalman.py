@@ -44,6 +44,8 @@ SMALLEST_NOISE_SHARE, LARGEST_NOISE_SHARE = 0.02, 400.0
 NEAR_REST_DEG_S = 0.05
 """Slower than this an axis may stick. How far it stays behind then its servo takes away by itself, so that is
 no rate: compensated as one, the axis breaks loose the further."""
+PLAUSIBLE_RATE_DEG_S = 40.0 / 3600.0
+"""A rate disturbance beyond this was an axis that was stopped: near rest too, it may be over at once."""
 Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 
 
@@ -219,7 +221,9 @@ class AxisFilter:
         self._surprised_deg = surprise_deg
         if not again:
             return surprise_deg * surprise_deg / SURPRISE_SIGMAS**2 - expected
-        if abs(rate_deg_s) >= NEAR_REST_DEG_S:
+        disturbance_deg_s = self._kalman.rate_deg_s
+        gone = abs(disturbance_deg_s) > PLAUSIBLE_RATE_DEG_S and disturbance_deg_s * surprise_deg < 0.0
+        if abs(rate_deg_s) >= NEAR_REST_DEG_S or gone:
             self._kalman.rr += min(abs(surprise_deg) / self._seconds, MOST_RATE_DEG_S) ** 2
         self._kalman.pp += surprise_deg * surprise_deg
         return 0.0

@@ -103,3 +103,28 @@ def test_the_lean_filter_gives_the_numbers_of_filterpy() -> None:
         assert np.abs((ours.P - theirs.P) / np.outer(spread, spread)).max() < 1e-9
         assert ours.innovation_deg == pytest.approx(theirs.y[0, 0], rel=1e-6, abs=1e-12)
         assert ours.innovation_variance == pytest.approx(theirs.S[0, 0], rel=1e-9)
+
+
+def test_a_large_rate_that_has_gone_is_unlearnt_at_once_though_the_axis_is_slow() -> None:
+    """An abort by other hands stops a slow axis for half a second, and lets it go again."""
+    axis, true_deg, step_s = AxisFilter(0.0), 0.0, 0.05
+    for number in range(260):
+        stopped = 200 <= number < 210
+        # What is commanded while it stands is more, to catch up.
+        commanded_deg_s = 0.12 if stopped else 0.013
+        true_deg += 0.0 if stopped else commanded_deg_s * step_s
+        axis.advance(step_s, commanded_deg_s * step_s)
+        axis.measure(true_deg, commanded_deg_s)
+        if number == 209:
+            assert axis.disturbance_deg_s < -0.02
+    assert abs(axis.disturbance_deg_s) < 0.001
+
+
+def test_an_axis_that_sticks_near_rest_is_no_rate() -> None:
+    axis, true_deg, step_s = AxisFilter(0.0), 0.0, 0.05
+    for number in range(240):
+        stuck = 200 <= number < 210
+        true_deg += 0.0 if stuck else 0.013 * step_s
+        axis.advance(step_s, 0.013 * step_s)
+        axis.measure(true_deg, 0.013)
+    assert abs(axis.disturbance_deg_s) < 0.002

@@ -80,9 +80,8 @@ class StrangeRun(VirtualRun):
         if command.slew and len(self.slews) <= self.slews_left_out:
             # Acknowledged like any other, it leads to where the mount is.
             status = decode_status(self._installation.turn(now_utc_s)[0] or b"")
-            values = {name: getattr(command, name) for name in Command.__slots__}
-            here = {"target_ra_h": status.ra_h, "target_dec_deg": status.dec_deg}
-            datagram = encode_command(Command(**{**values, **here}))
+            here = replace(command, target_ra_h=status.ra_h, target_dec_deg=status.dec_deg)
+            datagram = encode_command(here)
         super(StrangeRun, self)._command_arrives(now_utc_s, datagram)
 
     def off_arcsec(self, after_s: float, until_s: float) -> float:
