@@ -5,12 +5,11 @@ Everything is a function of the seconds that pass; degrees throughout.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sattrack.xerxes.simulator.plant import Plant, Swing
-from sattrack.xerxes.simulator.reference import Reference
+from sattrack.xerxes.simulator.reference import ANYWHERE, Reference
 
 if TYPE_CHECKING:
     from sattrack.mount import AxisLimits
@@ -22,11 +21,11 @@ SETTLED_DEG = 1e-4
 
 @dataclass(slots=True)
 class Axis:
-    """One axis with its drive; `limit_deg` is where it stops whatever it is told."""
+    """One axis with its drive; at the ends of `travel_deg` it stops whatever it is told."""
 
     limits: AxisLimits
     hardware: SimulatorProfile
-    limit_deg: float = math.inf
+    travel_deg: tuple[float, float] = ANYWHERE
     reference: Reference = field(init=False)
     plant: Plant = field(init=False)
     powered: bool = True
@@ -37,7 +36,7 @@ class Axis:
         """Build the drive, at rest at 0."""
         limits, hardware = self.limits, self.hardware
         self.reference = Reference(
-            limits.max_acceleration_deg_s2, limits.slew_rate_deg_s, hardware.slew_jerk_deg_s3, self.limit_deg
+            limits.max_acceleration_deg_s2, limits.slew_rate_deg_s, hardware.slew_jerk_deg_s3, self.travel_deg
         )
         swing = None
         if hardware.settling_arcsec:

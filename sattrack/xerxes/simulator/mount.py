@@ -14,7 +14,7 @@ Where the paper is silent:
 * A pulse adds 3500 (tics/s x 10) to its axis for its duration, exactly; negative is east and south, in the
   sky. Both axes' timers start anew with a new pulse, and end with a slew, an abort, a park or a home.
 * A sync shifts the reported coordinates; axes, altitude, azimuth and cable wrap stay with the encoders.
-* A slew whose hour angle lies past the cable's limit is ignored. At the limit and a margin an axis brakes
+* A slew that ends past either axis' travel is ignored. At the end of its travel and a margin an axis brakes
   to rest whatever it was told, and moves away again when told so.
 * An abort ends everything and leaves the axes at rest, drives on, until a slew, home or MoveAxis.
 * Park cuts the drives' power: the axes coast until friction stops them, and obey nothing until a restart.
@@ -95,7 +95,11 @@ class SimulatedMount:
         self._sky = Sky(self.site.latitude_deg, self.site.longitude_deg, hardware, offset_s)
         self._ra, self._dec = (
             DrivenAxis(
-                Axis(limits, hardware, profile.hour_angle_limit_deg + hardware.hard_margin_deg),
+                Axis(
+                    limits,
+                    hardware,
+                    (low_deg - hardware.hard_margin_deg, high_deg + hardware.hard_margin_deg),
+                ),
                 Encoder(
                     profile.encoder_tics, zero_deg, hardware.encoder_noise_tics, f"{name} {hardware.seed}"
                 ),
@@ -103,13 +107,17 @@ class SimulatedMount:
                 profile.additive,
                 limits.slew_rate_deg_s,
             )
-            for name, limits, zero_deg, sky_rate_deg_s in (
-                ("ra", profile.ra, hardware.ra_encoder_zero_deg, SIDEREAL_RATE_DEG_S),
-                ("dec", profile.dec, hardware.dec_encoder_zero_deg, 0.0),
+            for name, limits, (low_deg, high_deg), zero_deg, sky_rate_deg_s in (
+                ("ra", profile.ra, self._ha_travel_deg, hardware.ra_encoder_zero_deg, SIDEREAL_RATE_DEG_S),
+                ("dec", profile.dec, profile.dec_axis_limits_deg, hardware.dec_encoder_zero_deg, 0.0),
             )
         )
         self._ra.power_up(self.start.hour_angle_deg)
         self._dec.power_up(self.start.dec_deg)
+
+    @property
+    def _ha_travel_deg(self) -> tuple[float, float]:
+        return -self.profile.hour_angle_limit_deg, self.profile.hour_angle_limit_deg
 
     @property
     def slewing(self) -> bool:
@@ -244,8 +252,8 @@ class SimulatedMount:
 
     def _start_slew(self, command: Command) -> None:
         hour_angle_deg, dec_deg = self._sky.axes(command.target_ra_h * 15.0, command.target_dec_deg)
-        limit_deg = self.profile.hour_angle_limit_deg
-        if abs(hour_angle_deg) > limit_deg or abs(dec_deg) > limit_deg:
+        axes = ((hour_angle_deg, self._ha_travel_deg), (dec_deg, self.profile.dec_axis_limits_deg))
+        if not all(low <= axis_deg <= high for axis_deg, (low, high) in axes):
             return
         self._target = (command.target_ra_h, command.target_dec_deg)
         self._ra.go(hour_angle_deg, SIDEREAL_RATE_DEG_S)

@@ -11,19 +11,20 @@ from dataclasses import dataclass
 from sattrack.xerxes.simulator.trajectory import Trajectory
 
 LIMIT_STEP_S = 0.002
+ANYWHERE = (-math.inf, math.inf)
 
 
 @dataclass(slots=True)
 class Reference:
     """Position, rate and acceleration that the servo is to follow, degrees and seconds.
 
-    It never passes `limit_deg` either way, wherever it is sent.
+    It never passes `travel_deg`, the lowest and the highest angle, wherever it is sent.
     """
 
     max_acceleration_deg_s2: float
     slew_rate_deg_s: float
     jerk_deg_s3: float = 0.0
-    limit_deg: float = math.inf
+    travel_deg: tuple[float, float] = ANYWHERE
     position_deg: float = 0.0
     rate_deg_s: float = 0.0
     acceleration_deg_s2: float = 0.0
@@ -38,6 +39,12 @@ class Reference:
     def going(self) -> bool:
         """Whether a place that was asked for has not been reached."""
         return self._way is not None
+
+    @property
+    def _room_deg(self) -> float:
+        """How far it is to the nearer end of its travel."""
+        low, high = self.travel_deg
+        return min(self.position_deg - low, high - self.position_deg)
 
     def place(self, position_deg: float, rate_deg_s: float) -> None:
         """Begin anew somewhere, at a rate."""
@@ -67,7 +74,7 @@ class Reference:
             return
         fastest = max(abs(self.rate_deg_s), abs(self._asked_deg_s))
         reach = fastest * (seconds + fastest / self.max_acceleration_deg_s2)
-        if abs(self.position_deg) + reach < self.limit_deg:
+        if self._room_deg > reach:
             self.limited = False
             self._step_ramp(seconds, self._asked_deg_s)
             return
@@ -77,7 +84,7 @@ class Reference:
         """Let time pass within reach of the limit: in small steps from where braking may begin."""
         braking = fastest * fastest / self.max_acceleration_deg_s2
         while seconds > 0.0:
-            room = self.limit_deg - abs(self.position_deg) - braking
+            room = self._room_deg - braking
             if room > fastest * LIMIT_STEP_S:
                 step_s, allowed = min(seconds, room / fastest), self._asked_deg_s
             else:
@@ -119,7 +126,8 @@ class Reference:
         most = self.max_acceleration_deg_s2
         asked = self._asked_deg_s
         toward = asked if asked else self.rate_deg_s
-        room = self.limit_deg - math.copysign(1.0, toward) * self.position_deg
+        low, high = self.travel_deg
+        room = self.position_deg - low if math.copysign(1.0, toward) < 0.0 else high - self.position_deg
         # Slower than at full braking, by what a step may add.
         fastest = math.sqrt(2.0 * most * max(0.0, room)) - 2.0 * most * seconds
         return math.copysign(min(abs(asked), max(0.0, fastest)), asked)

@@ -104,7 +104,7 @@ class SimulatorProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     flip: Literal["never", "hour_angle"] = "never"
     """Whether a slew past the meridian goes beyond the pole."""
     hard_margin_deg: float = 10.0
-    """How much wider than `hour_angle_limit_deg` the limit is at which the mount stops whatever it does."""
+    """How far past the profile's travel each axis stops whatever it is told."""
     reports_home_and_park: bool = False
     """Whether AtHome and AtPark are told; the paper's packing code has zeros there."""
     does_refraction: bool = False

@@ -139,7 +139,7 @@ class TestLimits:
     def test_no_rate_takes_it_past_the_hard_limit(
         self, rates: list[tuple[float, float]], seconds: float
     ) -> None:
-        reference = Reference(2.0, 4.0, 0.0, limit_deg=15.0)
+        reference = Reference(2.0, 4.0, 0.0, travel_deg=(-15.0, 15.0))
         for rate, lasting_s in rates:
             reference.run(rate)
             for _ in range(math.ceil(lasting_s / seconds)):
@@ -149,7 +149,7 @@ class TestLimits:
                 assert abs(reference.rate_deg_s - before) <= 2.0 * seconds + 1e-9
 
     def test_it_stops_close_to_the_limit_says_so_and_comes_back(self) -> None:
-        reference = Reference(2.0, 4.0, 0.0, limit_deg=15.0)
+        reference = Reference(2.0, 4.0, 0.0, travel_deg=(-15.0, 15.0))
         reference.run(3.0)
         for _ in range(400):
             reference.step(0.05)
@@ -161,6 +161,16 @@ class TestLimits:
         assert reference.rate_deg_s == -1.0
         assert not reference.limited
         assert reference.position_deg == pytest.approx(15.0 - 5.0, abs=0.5)
+
+    def test_each_end_of_the_travel_stands_for_itself(self) -> None:
+        reference = Reference(2.0, 4.0, 0.0, travel_deg=(-40.0, 15.0))
+        for rate, end_deg in ((-3.0, -40.0), (3.0, 15.0)):
+            reference.run(rate)
+            for _ in range(800):
+                reference.step(0.05)
+                assert -40.0 - 1e-6 <= reference.position_deg <= 15.0 + 1e-6
+            assert reference.position_deg == pytest.approx(end_deg, abs=0.1)
+            assert reference.limited
 
 
 class TestFriction:

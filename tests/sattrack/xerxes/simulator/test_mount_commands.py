@@ -180,6 +180,21 @@ class TestMoveAxis:
         bench.run(12.0, slew=True, **bench.target(-85.0, 0.0))
         assert bench.truth.hour_angle_axis_deg == EXACT(55.0, abs=0.1)
 
+    def test_the_declination_axis_has_travel_of_its_own(self) -> None:
+        profile = MountProfile(hour_angle_limit_deg=60.0, dec_axis_limits_deg=(-80.0, 40.0))
+        bench = Bench(profile, hard_margin_deg=5.0)
+        away_deg = -75.0 - bench.truth.dec_axis_deg
+        bench.run(40.0, slew=True, **bench.target(0.0, away_deg))
+        assert bench.truth.dec_axis_deg == EXACT(-75.0, abs=0.01)
+        bench.run(1.0)
+        bench.run(5.0, slew=True, **bench.target(0.0, 45.0 + 75.0))
+        assert bench.truth.dec_axis_deg == EXACT(-75.0, abs=0.01)
+        bench.run(1.0)
+        for rate, end_deg in ((4.0, 45.0), (-4.0, -85.0)):
+            bench.run(40.0, **moving(None, rate))
+            assert bench.truth.dec_axis_deg == EXACT(end_deg, abs=0.2)
+            assert bench.truth.at_limit
+
 
 class TestFineRates:
     def test_they_add_to_tracking_in_tenths_of_tics(self) -> None:
