@@ -41,13 +41,13 @@ class Ahead:
         """
         seconds = self.latency_s + self._limits.longest_fault_s
         margins = {name: 0.0 if clear >= 0.0 else -math.inf for name, clear in near.items()}
-        name = self._bounds.violated(self._reach(motions, rates, age_s), margins, seconds)
+        name = self._bounds.violated(self.reach(motions, rates, age_s), margins, seconds)
         if name is None and near:
             place = (motions[0].position_deg, motions[1].position_deg)
             name = self._bounds.comes_nearer(near, place, rates, seconds)
         return name
 
-    def _reach(self, motions: tuple[AxisMotion, AxisMotion], rates: tuple[float, float], age_s: float) -> Box:
+    def reach(self, motions: tuple[AxisMotion, AxisMotion], rates: tuple[float, float], age_s: float) -> Box:
         """Return where the axes may come under these rates before a stop can hold them."""
         delays = Delays(age_s, self.latency_s, self._limits.longest_fault_s)
         ha = reach_deg(motions[0], rates[0], delays, self._profile.ra.max_acceleration_deg_s2)

@@ -30,6 +30,7 @@ ESCAPE_DEG_S, ESCAPE_S = 1.0, 1.0
 """Inside of a cone, axes make for its edge so fast, and slower than this near it."""
 RETREAT_STEP_DEG = 0.05
 SAME_DEG = 1e-6
+CONES = frozenset({"sun", "moon"})
 PARTS = (0.25, 0.5, 1.0)
 
 
@@ -100,28 +101,38 @@ class Bounds:
 
         From there, axes may move along and away but not nearer. Zones of the pier have no such way out.
         """
+        return {
+            name: clear
+            for name, clear in self._clearances(place).items()
+            if clear < HOLD_MARGIN_DEG and not (name == "pier" and clear < 0.0)
+        }
+
+    def _clearances(self, place: tuple[float, float]) -> dict[str, float]:
+        """Return how far a place is clear of each row's regions, degrees."""
         here = Box.between(place, place)
         regions: list[Region] = [*self._fixed, *self._cones]
         found: dict[str, float] = {}
         for region in regions:
             clear = region.clearance(here).some_deg
             found[region.name] = min(clear, found.get(region.name, clear))
-        return {
-            name: clear
-            for name, clear in found.items()
-            if clear < HOLD_MARGIN_DEG and not (name == "pier" and clear < 0.0)
-        }
+        return found
 
     def leaving(self, place: tuple[float, float], seconds: float = 0.0) -> dict[str, float]:
         """Return margins for a way that begins at a place: no nearer than that where it keeps no margin.
 
-        Past a limit already, the sky may carry the axes on for so many seconds until the way begins.
+        The sky may carry the axes on for so many seconds until the way begins, and what is asked of a way
+        includes that: a place that keeps its margin, but not by so much, would otherwise have no way at all.
         """
         drift_deg = SIDEREAL_RATE_DEG_S * seconds
-        return {
-            name: max(0.0, clear - SAME_DEG - drift_deg) if clear > SAME_DEG else clear - SAME_DEG - drift_deg
-            for name, clear in self.near(place).items()
-        }
+        found = {}
+        for name, clear in self._clearances(place).items():
+            left = clear - SAME_DEG - drift_deg
+            if clear > SAME_DEG:
+                left = max(0.0, left)
+            usual = HOLD_MARGIN_DEG + (drift_deg if name in CONES else 0.0)
+            if left < usual and not (name == "pier" and clear < 0.0):
+                found[name] = left
+        return found
 
     def dazzled(self, place: tuple[float, float]) -> float:
         """Return how deep a place is inside of a cone about the Sun or the Moon, degrees; 0 outside."""

@@ -160,7 +160,8 @@ class Safety:
         if isinstance(motion, SlewTo):
             self._sent.clear()
             self.holding = None
-            allowed = self._slews.clear(motion, sidereal_deg, (ra_deg, dec_deg), place)
+            braking = self._ahead.reach(motions_of(place, self._in_force(age_s, None)), REST, age_s)
+            allowed = self._slews.clear(motion, sidereal_deg, (ra_deg, dec_deg), place, braking)
             if isinstance(allowed, SlewTo) and not self._slewing and self._slews.is_there((ra_deg, dec_deg)):
                 # The mount tracks the sky where it has arrived.
                 waits = Box.between(place, place).grown(0.0, SIDEREAL_RATE_DEG_S, 0.0, 0.0)

@@ -41,15 +41,18 @@ class SlewGate:
         self._target, self._legs, self._box, self._astray = None, [], None, 0
 
     def clear(
-        self, target: SlewTo, sidereal_deg: float, reported: tuple[float, float], place: Place
+        self, target: SlewTo, sidereal_deg: float, reported: tuple[float, float], place: Place, braking: Box
     ) -> SlewTo | str:
-        """Return the slew to ask for now, or the name of the row that it is not clear of."""
+        """Return the slew to ask for now, or the name of the row that it is not clear of.
+
+        `braking` is where axes that move may come until they stand.
+        """
         if target != self._target:
             found = self._legs_to(target, sidereal_deg, place)
             if isinstance(found, str):
                 return found
             self._target, self._legs = target, list(found)
-            self._enter(place, sidereal_deg)
+            self._enter(place, sidereal_deg, braking)
         elif not self.on_last_leg and self.is_there(reported):
             self._legs.pop(0)
             name = self.objection(self._legs[0], sidereal_deg, place)
@@ -58,7 +61,7 @@ class SlewGate:
                 if isinstance(found, str):
                     return found
                 self._legs = list(found)
-            self._enter(place, sidereal_deg)
+            self._enter(place, sidereal_deg, braking)
         return self._legs[0]
 
     def _legs_to(self, target: SlewTo, sidereal_deg: float, place: Place) -> tuple[SlewTo, ...] | str:
@@ -185,12 +188,18 @@ class SlewGate:
         self._astray = 0 if inside else self._astray + 1
         return self._astray >= STRAYED_STATUSES
 
-    def _enter(self, place: Place, sidereal_deg: float) -> None:
-        from sattrack.safety.route import axes_of
+    def _enter(self, place: Place, sidereal_deg: float, braking: Box) -> None:
+        from sattrack.safety.route import axes_of, slew_s
 
         leg = self._legs[0]
         goal = axes_of(sidereal_deg - leg.ra_deg, leg.dec_deg, self._profile, self._latitude_deg)
         self._box, self._astray = Box.between(place, goal), 0
+        # Axes that still brake go on the old way for a while; that is no disobedience where nothing is near.
+        wider = _hull(self._box, braking)
+        seconds = slew_s(place, goal, self._profile)
+        drifted = wider.grown(0.0, SIDEREAL_RATE_DEG_S * seconds, 0.0, 0.0)
+        if self._judge_leaving(place)(drifted, seconds) is None:
+            self._box = wider
 
     def is_there(self, reported: tuple[float, float]) -> bool:
         """Tell whether the mount reports to be where the leg under way ends."""
@@ -204,3 +213,12 @@ def _slew_to(place: Place, sidereal_deg: float) -> SlewTo:
 
     hour_angle_deg, dec_deg = direction_of(place)
     return SlewTo((sidereal_deg - hour_angle_deg) % 360.0, dec_deg)
+
+
+def _hull(one: Box, other: Box) -> Box:
+    return Box(
+        min(one.ha_low_deg, other.ha_low_deg),
+        max(one.ha_high_deg, other.ha_high_deg),
+        min(one.dec_low_deg, other.dec_low_deg),
+        max(one.dec_high_deg, other.dec_high_deg),
+    )

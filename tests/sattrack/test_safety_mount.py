@@ -194,6 +194,56 @@ def test_axes_held_beside_the_sun_give_way_as_it_comes() -> None:
     assert stand.truths[-1][1].hour_angle_axis_deg > ha + 16.0
 
 
+@pytest.mark.parametrize("beside_deg", [0.08, 0.12, 0.15, 0.2, 0.3])
+@pytest.mark.parametrize("north", [15.0, 40.0])
+def test_a_slew_away_begins_however_little_more_than_its_margin_a_mount_stands_from_the_sun(
+    beside_deg: float, north: float
+) -> None:
+    """East of the Sun, which comes no nearer: what a slew takes counts from where the mount stands."""
+    sidereal = math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + LONGITUDE_DEG
+    sun_dec, apart = math.radians(SUN_DEC), math.radians(15.0 + SIDEREAL_RATE_DEG_S + beside_deg)
+    # Where the hour circle comes nearest to the Sun: along it, every way leads away.
+    turn = math.asin(math.sin(apart) / math.cos(sun_dec))
+    ha, dec = SUN_WEST_HA - math.degrees(turn), math.degrees(math.atan(math.tan(sun_dec) / math.cos(turn)))
+    target = SlewTo((sidereal - ha + 1.0) % 360.0, dec + north)
+    stand = Stand(lambda _: target, SafetyLimits(), StartPosition(ha, dec)).run(20.0)
+    assert stand.safety.tripped is None
+    assert stand.sent[0] == target
+    assert min(from_sun(truth, t) for t, truth in stand.truths) >= 15.0
+    assert stand.truths[-1][1].dec_deg == pytest.approx(target.dec_deg, abs=0.01)
+
+
+@pytest.mark.parametrize("beside_deg", [0.05, 0.11, 0.13, 0.3])
+def test_a_slew_away_from_the_end_of_the_travel_begins_beside_it(beside_deg: float) -> None:
+    profile = MountProfile(hour_angle_limit_deg=40.0)
+    sidereal = math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + LONGITUDE_DEG
+    target = SlewTo((sidereal + 20.0) % 360.0, 50.0)
+    start = StartPosition(40.0 - beside_deg, 20.0)
+    stand = Stand(lambda _: target, DARK, start, profile).run(30.0)
+    assert stand.safety.tripped is None
+    assert max(truth.hour_angle_axis_deg for _, truth in stand.truths) <= 40.0
+    assert stand.truths[-1][1].dec_deg == pytest.approx(50.0, abs=0.01)
+
+
+@pytest.mark.parametrize("rate", [(0.0, 5.0), (0.0, -5.0), (3.0, -5.0)])
+def test_a_slew_that_is_asked_for_in_motion_is_not_taken_for_astray_while_the_axes_brake(
+    rate: tuple[float, float],
+) -> None:
+    """A braking axis goes on the old way for a while, out of the box between its ends."""
+    sidereal = math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + LONGITUDE_DEG
+    profile = MountProfile(dec=AxisLimits(max_acceleration_deg_s2=6.0))
+    target = SlewTo((sidereal + 20.0) % 360.0, 40.0)
+    follow = steadily(*rate)
+    stand = Stand(
+        lambda t: follow(t) if t < 3.0 else Hold() if t < 3.05 else target,
+        DARK,
+        StartPosition(-30.0, 40.0),
+        profile,
+    ).run(25.0)
+    assert stand.safety.tripped is None
+    assert stand.truths[-1][1].dec_deg == pytest.approx(40.0, abs=0.01)
+
+
 @pytest.mark.parametrize(("west", "north"), [(0.3, 0.0), (-10.0, 2.0), (6.0, -3.0), (-14.9, 0.0)])
 @pytest.mark.parametrize("what", ["idle", "slew", "follow"])
 def test_a_mount_that_points_into_the_sun_gets_out_and_never_nearer(
