@@ -137,13 +137,13 @@ class Direction:
     def unit(self) -> NDArray[np.float64]:
         """Unit vector in the frame of `ra_deg`, shape (3,) or (n, 3)."""
         q, _ = self._in_frame()
-        return stacked(unit_of(q, q)[0])
+        return stacked(unit_of(q, q, functions_for(q[0]))[0])
 
     @property
     def unit_rate(self) -> NDArray[np.float64]:
         """Derivative of `unit`, 1/s."""
         q, q_rate = self._in_frame()
-        return stacked(unit_of(q, q_rate)[1])
+        return stacked(unit_of(q, q_rate, functions_for(q[0]))[1])
 
     @property
     def sunlit(self) -> Quantity:
@@ -249,9 +249,9 @@ def turned(q: Triple, angle: Quantity) -> Triple:
     return q[0] * c - q[1] * s, q[0] * s + q[1] * c, q[2]
 
 
-def unit_of(q: Triple, q_rate: Triple) -> tuple[Triple, Triple]:
+def unit_of(q: Triple, q_rate: Triple, fn: Functions) -> tuple[Triple, Triple]:
     """Return the unit vector along q, and the derivative of that."""
-    length = functions_for(q[0]).sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
+    length = fn.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2])
     u = (q[0] / length, q[1] / length, q[2] / length)
     along = (u[0] * q_rate[0] + u[1] * q_rate[1] + u[2] * q_rate[2]) / length
     return u, (

@@ -141,7 +141,7 @@ class Propagator:
         q, q_rate = (qx, qy, qz), (dx, dy, dz)
         if self.refraction is not None:
             up, up_rate = teme_axis(self.site.up, turn, fn)
-            q, q_rate = self.refraction.refract(*unit_of(q, q_rate), up, up_rate)
+            q, q_rate = self.refraction.refract(*unit_of(q, q_rate, fn), up, up_rate)
         return q, q_rate, distance, distance_rate, (x, y, z), error, icrf
 
     def _icrf(

@@ -16,7 +16,7 @@ from tle.errors import RefractionError
 from tle.quantities import FLOATS, functions_for
 
 if TYPE_CHECKING:
-    from tle.quantities import Quantity
+    from tle.quantities import Functions, Quantity
 
 _RAD = math.pi / 180.0
 _AT_ZENITH_ARCMIN = 0.0013515  # makes the formula zero at the zenith
@@ -59,19 +59,18 @@ class Refraction:
         fn = functions_for(altitude_deg)
         if fn is FLOATS and altitude_deg >= _FADE_FROM_DEG:
             # What follows would come to the same, for twice the time.
-            return self._bennett(altitude_deg)
+            return self._bennett(altitude_deg, fn)
         clear = fn.where(altitude_deg > _FADE_FROM_DEG, altitude_deg, _FADE_FROM_DEG)
         below = clear - altitude_deg
-        bend, slope = self._bennett(clear)
-        edge, edge_slope = self._bennett(_FADE_FROM_DEG)
+        bend, slope = self._bennett(clear, fn)
+        edge, edge_slope = self._bennett(_FADE_FROM_DEG, FLOATS)
         growth = edge / _FADE_DEG - edge_slope
         fading = fn.exp(-below / _FADE_DEG)
         faded = (bend + growth * below) * fading
         return faded, fn.where(below > 0.0, faded / _FADE_DEG - growth * fading, slope)
 
-    def _bennett(self, altitude_deg: Quantity) -> tuple[Quantity, Quantity]:
+    def _bennett(self, altitude_deg: Quantity, fn: Functions) -> tuple[Quantity, Quantity]:
         """Return the bend and its derivative for true altitudes from -1°, by Newton's method."""
-        fn = functions_for(altitude_deg)
         scale_deg = self.pressure_hpa / 1010.0 * 283.0 / (273.0 + self.temperature_c) / 60.0
         raised = altitude_deg + 0.0
         for _ in range(_NEWTON_STEPS):
@@ -80,7 +79,9 @@ class Refraction:
             sine = fn.sin(angle)
             bend = scale_deg * (fn.cos(angle) / sine + _AT_ZENITH_ARCMIN)
             slope = -scale_deg / (sine * sine) * (1.0 - 7.31 / (above * above)) * _RAD
-            raised = raised - (raised - bend - altitude_deg) / (1.0 - slope)
+            before, raised = raised, raised - (raised - bend - altitude_deg) / (1.0 - slope)
+            if fn is FLOATS and raised == before:
+                break
         return raised - altitude_deg, slope / (1.0 - slope)
 
     def refract(self, u: Triple, u_rate: Triple, up: Triple, up_rate: Triple) -> tuple[Triple, Triple]:
