@@ -81,8 +81,9 @@ class Axes:
         """
         seconds = utc_s - self.sample_utc_s
         if commanded:
-            ra_moved, dec_moved = self._explain(sample, utc_s)
-            self.rates_deg_s = self._motion(utc_s).rates_deg_s
+            expected = self._motion(utc_s)
+            ra_moved, dec_moved = self._explain(sample, utc_s, expected.moved)
+            self.rates_deg_s = expected.rates_deg_s
         else:
             ra_moved = wrap180(sample.ra_deg - self.ra.position_deg)
             dec_moved = sample.dec_deg - self.dec.position_deg
@@ -124,9 +125,10 @@ class Axes:
         limits = (self.profile.ra.max_acceleration_deg_s2, self.profile.dec.max_acceleration_deg_s2)
         return self.history.motion(self.sample_utc_s, utc_s, self.rates_deg_s, limits)
 
-    def _explain(self, sample: StatusSample, utc_s: float) -> tuple[float, float]:
+    def _explain(
+        self, sample: StatusSample, utc_s: float, expected: tuple[float, float]
+    ) -> tuple[float, float]:
         """Return how far the commands moved the axes since the last sample."""
-        expected = self._motion(utc_s).moved
         surprise = self._surprise(sample, utc_s, expected)
         # Over a gap of lost samples, more than one command acted, and there is no telling.
         if surprise < SURPRISE_SIGMAS**2 or not self.history.is_one_turn(self.sample_utc_s, utc_s):

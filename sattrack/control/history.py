@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 KEPT = 400
 
 
-@dataclass(frozen=True, slots=True)
-class SentRates:
+class SentRates(NamedTuple):
     """Rates of the reported right ascension and declination, sent at an instant."""
 
     sent_utc_s: float
@@ -40,10 +39,6 @@ class _Ramp:
     rate_deg_s: float | None
     acceleration_deg_s2: float
     moved_deg: float = 0.0
-
-    @property
-    def now_deg_s(self) -> float:
-        return self.rate_deg_s or 0.0
 
     def run(self, wanted_deg_s: float, seconds: float) -> None:
         """Let time pass with a rate asked for."""
@@ -122,10 +117,8 @@ class CommandHistory:
         accelerations_deg_s2: tuple[float, float],
     ) -> Motion:
         """Return the same with axes that have rates at first, and take their time to change them."""
-        axes = [
-            _Ramp(rate, limit)
-            for rate, limit in zip(rates_deg_s or (None, None), accelerations_deg_s2, strict=True)
-        ]
+        ra_rate, dec_rate = rates_deg_s or (None, None)
+        ra, dec = _Ramp(ra_rate, accelerations_deg_s2[0]), _Ramp(dec_rate, accelerations_deg_s2[1])
         half_s = 0.5 * self.loop.mean_period_s
         at = from_utc_s
         while at < to_utc_s - 1e-6:
@@ -134,7 +127,7 @@ class CommandHistory:
             if to_utc_s - until < half_s:
                 until = to_utc_s
             acting = self.acting(at)
-            axes[0].run(acting.ra_rate_deg_s, until - at)
-            axes[1].run(acting.dec_rate_deg_s, until - at)
+            ra.run(acting.ra_rate_deg_s, until - at)
+            dec.run(acting.dec_rate_deg_s, until - at)
             at = until
-        return Motion((axes[0].moved_deg, axes[1].moved_deg), (axes[0].now_deg_s, axes[1].now_deg_s))
+        return Motion((ra.moved_deg, dec.moved_deg), (ra.rate_deg_s or 0.0, dec.rate_deg_s or 0.0))

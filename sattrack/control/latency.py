@@ -59,10 +59,13 @@ def lower_envelope(
         at_s, offset_s = min(points, key=lambda p: p[1])
         return Envelope(at_s, offset_s)
     hull: list[tuple[float, float]] = []
-    for point in points:
-        while len(hull) >= 2 and _turns_down(hull[-2], hull[-1], point):
+    for t, y in points:
+        while len(hull) >= 2:
+            (t1, y1), (t2, y2) = hull[-2:]
+            if (t2 - t1) * (y - y1) - (y2 - y1) * (t - t1) > 0.0:
+                break
             hull.pop()
-        hull.append(point)
+        hull.append((t, y))
     middle_s = sum(p[0] for p in points) / len(points)
     for left, right in pairwise(hull):
         if right[0] >= middle_s:
@@ -70,10 +73,6 @@ def lower_envelope(
             drift = max(-largest_drift, min(largest_drift, slope))
             return Envelope(left[0], min(y - drift * (t - left[0]) for t, y in points), drift)
     raise AssertionError("the hull spans the points' mean time")
-
-
-def _turns_down(a: tuple[float, float], b: tuple[float, float], c: tuple[float, float]) -> bool:
-    return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]) <= 0.0
 
 
 @dataclass(frozen=True, slots=True)

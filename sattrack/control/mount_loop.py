@@ -28,6 +28,8 @@ class MountLoop:
     _numbers: float = 0.0
     _instants_s: float = 0.0
     _mean_period_s: float = field(init=False)
+    _base_s: float = 0.0
+    """When the turn of count 0 would have been."""
 
     def __post_init__(self) -> None:
         """Begin with the nominal period."""
@@ -54,6 +56,7 @@ class MountLoop:
             mean_s = (utc_s - first_utc_s) / (counter - first_counter)
             if abs(mean_s / self.period_s - 1.0) < LARGEST_PERIOD_ERROR:
                 self._mean_period_s = mean_s
+        self._base_s = self.turn_utc_s(0)
 
     @property
     def mean_period_s(self) -> float:
@@ -78,5 +81,5 @@ class MountLoop:
 
     def first_from(self, utc_s: float) -> float:
         """Return the first turn expected at or after an instant. Needs one turn noted."""
-        base_s = self.turn_utc_s(0)
-        return base_s + math.ceil((utc_s - base_s) / self._mean_period_s - 1e-9) * self._mean_period_s
+        turns = math.ceil((utc_s - self._base_s) / self._mean_period_s - 1e-9)
+        return self._base_s + turns * self._mean_period_s
