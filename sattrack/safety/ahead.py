@@ -13,8 +13,8 @@ if TYPE_CHECKING:
 
     from sattrack.mount import MountProfile
     from sattrack.safety.bounds import Bounds
+    from sattrack.safety.geometry import Place
     from sattrack.safety.limits import SafetyLimits
-    from sattrack.safety.route import Place
 
 NOTHING_NEAR: Mapping[str, float] = {}
 

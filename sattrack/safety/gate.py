@@ -26,8 +26,8 @@ from sattrack.safety.watch import BACKWARD_S, OLDEST_STATUS_S, Seen, Watch
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sattrack.safety.geometry import Place
     from sattrack.safety.limits import SafetyLimits
-    from sattrack.safety.route import Place
     from sattrack.safety.standing import Stance
 
 STEP_SHARE = 2.0
@@ -143,7 +143,7 @@ class Safety:
             if isinstance(motion, MoveAxes)
             else (motion.ra_deg, motion.dec_deg)
         )
-        if not all(math.isfinite(x) for x in (*numbers, sidereal_deg, ra_deg, dec_deg, age_s)):
+        if not all(map(math.isfinite, (*numbers, sidereal_deg, ra_deg, dec_deg, age_s))):
             return self._trip("command")
         back = utc_s is not None and utc_s < self._newest_utc_s - BACKWARD_S
         if back or self._watch.clock_is_off:
@@ -215,8 +215,9 @@ class Safety:
 
     def _clear_move(self, move: MoveAxes, place: Place, age_s: float, utc_s: float | None) -> Cleared:
         wish = axis_rates(move, self._standing.beyond_pole)
-        wanted = self._within_axes(wish, utc_s)
-        self.clamping = self._clipped(wish) != wish
+        clipped = self._clipped(wish)
+        self.clamping = clipped != wish
+        wanted = self._within_ramp(clipped, utc_s)
         now = self._in_force(age_s, utc_s)
         motions = motions_of(place, now)
         name = self.holding = self._ahead.limit(motions, wanted, age_s, NOTHING_NEAR)
@@ -268,9 +269,9 @@ class Safety:
             move.dec_rate_deg_s if rates[1] == wish[1] else sense * rates[1],
         )
 
-    def _within_axes(self, wish: tuple[float, float], utc_s: float | None) -> tuple[float, float]:
-        """Return rates within the axes' limits, and for a stream no farther from the last than a ramp."""
-        ha, dec = self._clipped(wish)
+    def _within_ramp(self, rates: tuple[float, float], utc_s: float | None) -> tuple[float, float]:
+        """Return rates that are, for a stream, no farther from the last than a ramp."""
+        ha, dec = rates
         if not (self._holds and self._sent and utc_s is not None):
             return ha, dec
         then_s, ha_before, dec_before = self._sent[-1]
@@ -282,6 +283,7 @@ class Safety:
         )
 
     def _clipped(self, wish: tuple[float, float]) -> tuple[float, float]:
+        """Return rates within the axes' limits."""
         most_ha, most_dec = self._profile.ra.max_rate_deg_s, self._profile.dec.max_rate_deg_s
         return max(-most_ha, min(most_ha, wish[0])), max(-most_dec, min(most_dec, wish[1]))
 
@@ -293,16 +295,13 @@ class Safety:
             max(-limits[0].slew_rate_deg_s * 1.5, min(limits[0].slew_rate_deg_s * 1.5, seen[0])),
             max(-limits[1].slew_rate_deg_s * 1.5, min(limits[1].slew_rate_deg_s * 1.5, seen[1])),
         )
-        low_ha = high_ha = seen[0]
-        low_dec = high_dec = seen[1]
         if utc_s is not None:
             since_s = utc_s - age_s - self._ahead.latency_s
             while self._sent and self._sent[0][0] < since_s and len(self._sent) > 1:
                 self._sent.popleft()
-            for _, ha, dec in self._sent:
-                low_ha, high_ha = min(low_ha, ha), max(high_ha, ha)
-                low_dec, high_dec = min(low_dec, dec), max(high_dec, dec)
-        return (low_ha, low_dec), (high_ha, high_dec)
+            _, has, decs = zip((0.0, *seen), *self._sent, strict=True)
+            return (min(has), min(decs)), (max(has), max(decs))
+        return seen, seen
 
     def _let_go(self) -> None:
         self.holding = None

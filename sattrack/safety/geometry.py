@@ -13,6 +13,13 @@ from typing import NamedTuple
 TURN_DEG = 360.0
 
 
+class Place(NamedTuple):
+    """How the axes stand: hour angle with turns counted, declination axis; degrees."""
+
+    ha_deg: float
+    dec_deg: float
+
+
 class Circle(NamedTuple):
     """A circle on the sky: its middle as a unit vector (meridian on the equator, west, pole), its radius."""
 
@@ -125,14 +132,14 @@ def nearest_deg(box: Box, hour_angle_deg: float, dec_deg: float) -> float:
     least = -1.0 if half + TURN_DEG * math.ceil((low - half) / TURN_DEG) <= high else min(ends)
     sine, cosine = math.sin(math.radians(dec_deg)), math.cos(math.radians(dec_deg))
     low, high = math.radians(box.dec_low_deg), math.radians(box.dec_high_deg)
+    sin_low, cos_low, sin_high, cos_high = math.sin(low), math.cos(low), math.sin(high), math.cos(high)
     largest = -1.0
     for across in (cosine * most, cosine * least):
         crest = math.atan2(sine, across)
         crest += 2.0 * math.pi * math.ceil((low - crest) / (2.0 * math.pi))
         if crest <= high:
             largest = max(largest, math.hypot(sine, across))
-        for end in (low, high):
-            largest = max(largest, sine * math.sin(end) + across * math.cos(end))
+        largest = max(largest, sine * sin_low + across * cos_low, sine * sin_high + across * cos_high)
     return math.degrees(math.acos(max(-1.0, min(1.0, largest))))
 
 

@@ -204,6 +204,8 @@ def fixed_regions(
 
 def is_clear(region: Region, box: Box, margin_deg: float) -> bool:
     """Tell whether everything in a box is clear of a region by a margin; what cannot be told is not."""
+    if region.clearance(box).least_deg >= margin_deg:
+        return True
     waiting = [box]
     for _ in range(MOST_BOXES):
         if not waiting:

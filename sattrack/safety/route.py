@@ -10,12 +10,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S
-from sattrack.safety.geometry import Box
+from sattrack.safety.geometry import Box, Place
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -63,13 +63,6 @@ RING_PLACES = 24
 WAIT_MARGIN_DEG = 0.25
 PIECES = 24
 """Boxes into which a straight way of two axes together is cut."""
-
-
-class Place(NamedTuple):
-    """How the axes stand: hour angle with turns counted, declination axis; degrees."""
-
-    ha_deg: float
-    dec_deg: float
 
 
 @dataclass(frozen=True, slots=True)

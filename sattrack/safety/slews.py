@@ -6,11 +6,11 @@ import math
 from typing import TYPE_CHECKING
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile, SlewTo
-from sattrack.safety.geometry import Box, separation_deg
+from sattrack.safety.geometry import Box, Place, separation_deg
 
 if TYPE_CHECKING:
     from sattrack.safety.bounds import Bounds
-    from sattrack.safety.route import Judge, Place, Route
+    from sattrack.safety.route import Judge, Route
     from sattrack.safety.watch import Seen
 
 THERE_DEG = 0.1
@@ -165,7 +165,7 @@ class SlewGate:
 
     def way_objection(self, place: Place, goal: tuple[float, float]) -> str | None:
         """Return the name of the row that the way between two places is not clear of, or None."""
-        from sattrack.safety.route import Place, blocked
+        from sattrack.safety.route import blocked
 
         end = Place(*goal)
         at_end = self._judge(Box.between(end, end), 0.0)

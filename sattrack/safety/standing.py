@@ -6,10 +6,10 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S
+from sattrack.safety.geometry import Place
 
 if TYPE_CHECKING:
     from sattrack.mount import MoveAxes
-    from sattrack.safety.route import Place
 
 
 class Stance(NamedTuple):
@@ -53,8 +53,6 @@ class Standing:
 
     def place(self, dec_deg: float, ha_deg: float | None = None) -> Place:
         """Return the axes' angles for a reported declination, at the hour angle noted last or a given one."""
-        from sattrack.safety.route import Place
-
         axis = math.copysign(180.0, self._latitude_deg) - dec_deg if self.beyond_pole else dec_deg
         return Place((self.hour_angle_deg or 0.0) if ha_deg is None else ha_deg, axis)
 
