@@ -121,18 +121,21 @@ STATUS_FIELDS = (
     Field(159, "spare", Kind.BYTE, "unused"),
 )
 
-_STRUCT_CODES = {Kind.FLAG: "B", Kind.HEADER: "8s"}
+_PACKED = {Kind.FLAG: "B", Kind.HEADER: "8s"}
+_UNPACKED = {Kind.EITHER: "q", Kind.HEADER: "8s"}
 
 
-def _codec(fields: tuple[Field, ...], length: int) -> struct.Struct:
-    codec = struct.Struct("<" + "".join(_STRUCT_CODES.get(f.kind, f.kind.value) for f in fields))
+def _codec(fields: tuple[Field, ...], length: int, codes: dict[Kind, str]) -> struct.Struct:
+    codec = struct.Struct("<" + "".join(codes.get(f.kind, f.kind.value) for f in fields))
     if codec.size != length:
         raise AssertionError(f"the table packs to {codec.size} bytes, not {length}")
     return codec
 
 
-_COMMAND = _codec(COMMAND_FIELDS, COMMAND_LENGTH)
-_STATUS = _codec(STATUS_FIELDS, STATUS_LENGTH)
+_COMMAND = _codec(COMMAND_FIELDS, COMMAND_LENGTH, _PACKED)
+_COMMAND_READ = _codec(COMMAND_FIELDS, COMMAND_LENGTH, _UNPACKED)
+_STATUS = _codec(STATUS_FIELDS, STATUS_LENGTH, _PACKED)
+_STATUS_READ = _codec(STATUS_FIELDS, STATUS_LENGTH, _UNPACKED)
 _INT64 = struct.Struct("<q")
 _DOUBLE = struct.Struct("<d")
 _LARGEST_INTEGER = 2**53
@@ -233,11 +236,9 @@ def reading_of(raw: bytes) -> Reading | None:
     return "int64" if -_LARGEST_INTEGER < value < _LARGEST_INTEGER else "double"
 
 
-def _either(raw: bytes) -> float:
-    value: int = _INT64.unpack(raw)[0]
-    if -_LARGEST_INTEGER < value < _LARGEST_INTEGER:
-        return value
-    number: float = _DOUBLE.unpack(raw)[0]
+def _double_of(integer: int) -> float:
+    """Return the double that the same eight bytes hold."""
+    number: float = _DOUBLE.unpack(_INT64.pack(integer))[0]
     return number
 
 
@@ -258,7 +259,6 @@ def _indices(fields: tuple[Field, ...], kind: Kind) -> tuple[int, ...]:
 _COMMAND_FLAGS = _indices(COMMAND_FIELDS, Kind.FLAG)
 _STATUS_FLAGS = _indices(STATUS_FIELDS, Kind.FLAG)
 _STATUS_EITHERS = _indices(STATUS_FIELDS, Kind.EITHER)
-_COUNTER = next(i for i, f in enumerate(STATUS_FIELDS) if f.name == "counter")
 _command_values = attrgetter(*(f.name for f in COMMAND_FIELDS[1:]))
 _status_values = attrgetter(*(f.name for f in STATUS_FIELDS[1:]))
 _EITHER_NAMES = tuple(STATUS_FIELDS[i].name for i in _STATUS_EITHERS)
@@ -296,12 +296,10 @@ def encode_command(command: Command) -> bytes:
 def decode_command(data: bytes) -> Command:
     """Unpack 82 bytes. Raises DatagramError for a wrong length or header."""
     _check(data, COMMAND_LENGTH, "command")
-    values = list(_COMMAND.unpack(data))
-    if values[0] != COMMAND_HEADER:
-        raise DatagramError(f"a command datagram begins with 0x{COMMAND_HEADER:X}, not 0x{values[0]:X}")
-    for i in _COMMAND_FLAGS:
-        values[i] = values[i] != 0
-    return _made(Command, dict(zip(_COMMAND_NAMES, values[1:], strict=True)))
+    header, *values = _COMMAND_READ.unpack(data)
+    if header != COMMAND_HEADER:
+        raise DatagramError(f"a command datagram begins with 0x{COMMAND_HEADER:X}, not 0x{header:X}")
+    return _made(Command, dict(zip(_COMMAND_NAMES, values, strict=True)))
 
 
 def encode_status(status: Status, readings: Readings | None = None) -> bytes:
@@ -321,17 +319,17 @@ def encode_status(status: Status, readings: Readings | None = None) -> bytes:
 def decode_status(data: bytes) -> Status:
     """Unpack 160 bytes; doubtful fields by what their bits say. Raises DatagramError."""
     _check(data, STATUS_LENGTH, "status")
-    values = list(_STATUS.unpack(data))
-    _check_status_header(values[0])
-    for i in _STATUS_FLAGS:
-        values[i] = values[i] != 0
-    for i in _STATUS_EITHERS:
-        values[i] = _either(values[i])
+    header, *values = _STATUS_READ.unpack(data)
+    _check_status_header(header)
+    fields = dict(zip(_STATUS_NAMES, values, strict=True))
+    for name in _EITHER_NAMES:
+        if not -_LARGEST_INTEGER < fields[name] < _LARGEST_INTEGER:
+            fields[name] = _double_of(fields[name])
     try:
-        values[_COUNTER] = int(values[_COUNTER])
+        fields["counter"] = int(fields["counter"])
     except (ValueError, OverflowError) as error:
         raise DatagramError(f"the rolling counter is no number: {error}") from error
-    return _made(Status, dict(zip(_STATUS_NAMES, values[1:], strict=True)))
+    return _made(Status, fields)
 
 
 def status_readings(data: bytes) -> Readings:

@@ -57,6 +57,8 @@ class OneShot:
     def see(self, ack: bool) -> bool:
         """Take one status's acknowledgement; tell whether it is the one that the raised flag waits for."""
         self.statuses += 1
+        if self.state is Handshake.IDLE:
+            return False
         raised = self.up
         acknowledged = self.happen("ack up" if ack else "ack down") and raised
         if self.state is Handshake.WITHDRAWN and self.statuses >= QUIET_STATUSES:

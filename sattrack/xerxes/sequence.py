@@ -50,6 +50,8 @@ class StatusSequence:
         return True
 
     def _note_missing(self, first: int, end: int, noticed_utc_s: float) -> None:
+        if first == end:
+            return
         self.health.lost += end - first
         self._missing.update(dict.fromkeys(range(max(first, end - REMEMBERED), end), noticed_utc_s))
         if len(self._missing) > 2 * REMEMBERED:

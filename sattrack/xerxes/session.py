@@ -535,10 +535,10 @@ def separation_deg(ra1_deg: float, dec1_deg: float, ra2_deg: float, dec2_deg: fl
 
 def _plausible(status: Status) -> bool:
     """Tell whether the numbers that decide anything are finite and within their ranges."""
-    numbers = (status.ra_rate_dtics_s, status.dec_rate_dtics_s)
     return (
         0.0 <= status.ra_h <= 24.0
         and -90.0 <= status.dec_deg <= 90.0
         and 0.0 <= status.sidereal_h <= 24.0
-        and all(math.isfinite(x) for x in numbers)
+        and math.isfinite(status.ra_rate_dtics_s)
+        and math.isfinite(status.dec_rate_dtics_s)
     )
