@@ -19,7 +19,7 @@ from sattrack.control.kalman import wrap180
 from sattrack.figures import RunningError, WindowedError
 from sattrack.mount import Hold, Motion, MoveAxes, StatusSample
 from sattrack.safety import ROWS, Safety, SafetyLimits
-from sattrack.tracker import Phase, SkyError, Tracker, TrackPlan, sky_error
+from sattrack.tracker import FOLLOWING, Phase, SkyError, Tracker, TrackPlan, sky_error
 from sattrack.view import ErrorView, LinkView, TrackView
 from sattrack.xerxes.launches import seen_of
 from sattrack.xerxes.link import STALE_AFTER_S, LinkState
@@ -149,7 +149,7 @@ class Engine:
 
     def _count(self, error: SkyError, counter: int, seconds: float) -> None:
         """Take an error into the figures: everything from the first acquisition on, lost or not."""
-        following = self.tracker.phase in {Phase.ACQUIRING, Phase.TRACKING}
+        following = self.tracker.phase in FOLLOWING
         if following and self.safety.holding is not None:
             self.held_s[self.safety.holding] = self.held_s.get(self.safety.holding, 0.0) + seconds
             following = False
@@ -266,7 +266,7 @@ class Engine:
     @property
     def phase(self) -> str:
         """What goes on: the tracker's phase, or "holding" where a limit keeps the mount from following."""
-        following = self.tracker.phase in {Phase.ACQUIRING, Phase.TRACKING}
+        following = self.tracker.phase in FOLLOWING
         return HOLDING if following and self.safety.holding is not None else self.tracker.phase.value
 
     def view(self, now_utc_s: float) -> TrackView:
@@ -362,7 +362,7 @@ class Engine:
             warnings.append(
                 f"held at the {row.name} limit ({row.bound}): it goes on when the target comes back"
             )
-        if self.safety.clamping and self.tracker.phase in {Phase.ACQUIRING, Phase.TRACKING}:
+        if self.safety.clamping and self.tracker.phase in FOLLOWING:
             warnings.append("the mount's rate limit is reached")
         if self.tracker.phase is Phase.STOPPING and not self.finished and not self.session.stopped:
             warnings.append("the stop is not confirmed yet: it is being sent again and again")

@@ -55,6 +55,9 @@ class Phase(StrEnum):
     STOPPING = "stopping"
 
 
+FOLLOWING = frozenset({Phase.ACQUIRING, Phase.TRACKING})
+
+
 class TrackPlan(msgspec.Struct, frozen=True):
     """When to follow, and how near is near: UTC as POSIX seconds, arcseconds on the sky.
 
@@ -179,7 +182,7 @@ class Tracker:
         elif axes is None or not axes.follows(utc_s):
             self._axes = Axes.begin(self._profile, self._history, seen, utc_s, self.plan.law.filter)
         else:
-            believed = axes.take(seen, utc_s, self.phase in {Phase.ACQUIRING, Phase.TRACKING})
+            believed = axes.take(seen, utc_s, self.phase in FOLLOWING)
             if axes.lost:
                 self.lost_utc_s = utc_s
                 self._axes = Axes.begin(self._profile, self._history, seen, utc_s, self.plan.law.filter)
@@ -220,7 +223,7 @@ class Tracker:
         left_behind = self.phase is Phase.ACQUIRING and not held and self._is_left_behind(now_utc_s)
         if left_behind:
             self._approach(now_utc_s, moving=True)
-        if self.phase in {Phase.ACQUIRING, Phase.TRACKING} and not left_behind:
+        if self.phase in FOLLOWING and not left_behind:
             return self._follow(now_utc_s, self._axes)
         return Hold()
 
@@ -374,16 +377,16 @@ class Tracker:
 
 def sky_error(utc_s: float, ra_deg: float, dec_deg: float, target: Direction) -> SkyError:
     """Return the error on the sky of a pointing against a target's direction at the same instant."""
-    cos_dec = math.cos(math.radians(dec_deg))
     target_dec = float(target.dec_deg)
+    cos_dec, cos_target = math.cos(math.radians(dec_deg)), math.cos(math.radians(target_dec))
     ra_gap = wrap180(ra_deg - float(target.ra_deg))
     dec_gap = dec_deg - target_dec
     half_ra, half_dec = math.radians(ra_gap) / 2.0, math.radians(dec_gap) / 2.0
     # Haversine: exact for any separation and without loss for the smallest.
-    chord = math.sin(half_dec) ** 2 + cos_dec * math.cos(math.radians(target_dec)) * math.sin(half_ra) ** 2
+    chord = math.sin(half_dec) ** 2 + cos_dec * cos_target * math.sin(half_ra) ** 2
     total = 2.0 * math.degrees(math.asin(min(1.0, math.sqrt(chord)))) * 3600.0
     east, north = ra_gap * cos_dec * 3600.0, dec_gap * 3600.0
-    rate_east = float(target.ra_rate_deg_s) * math.cos(math.radians(target_dec))
+    rate_east = float(target.ra_rate_deg_s) * cos_target
     rate_north = float(target.dec_rate_deg_s)
     speed = math.hypot(rate_east, rate_north)
     along = (east * rate_east + north * rate_north) / speed if speed else 0.0
