@@ -193,8 +193,8 @@ def test_a_spectrum_finds_a_ripple_of_known_size_and_nothing_in_noise() -> None:
     assert lines(*spectrum(angle[:100], ripple[:100])) == []
 
 
-def fitted(seed: int, count: int) -> BiasFit:
-    """Return the fit of a pass of which a camera took so many plates, all noise from the seed."""
+def fitted(seed: int, count: int) -> tuple[BiasFit, float]:
+    """Return the fit of a pass of which a camera took so many plates, and its cross bias, km, by the seed."""
     rng = random.Random(seed)
     along, cross = rng.uniform(-5.0, 5.0), rng.uniform(-0.02, 0.02)
     elements = Propagator(practice.elements(), practice.SITE.place())
@@ -217,16 +217,16 @@ def fitted(seed: int, count: int) -> BiasFit:
         )
     fit = fit_biases(said)
     assert fit is not None
-    assert abs(fit.cross.value - cross) < 5.0 * fit.cross.sigma
-    return fit
+    return fit, cross
 
 
 @pytest.mark.parametrize(("seeds", "slack"), [(25, 0.17), pytest.param(1000, 0.02, marks=pytest.mark.soak)])
 def test_smoothed_biases_are_as_near_to_the_truth_as_they_say(seeds: int, slack: float) -> None:
     """The truth is zero along; drifts are zero, and across it is a constant distance."""
-    inside = {"along": 0, "drift": 0, "cross drift": 0}
+    inside = {"along": 0, "cross": 0, "drift": 0, "cross drift": 0}
     for seed in range(seeds):
-        fit = fitted(seed, 10)
+        fit, cross = fitted(seed, 10)
+        inside["cross"] += abs(fit.cross.value - cross) < 2.0 * fit.cross.sigma
         inside["along"] += abs(fit.along.value) < 2.0 * fit.along.sigma
         inside["drift"] += abs(fit.along.drift) < 2.0 * fit.along.drift_sigma
         inside["cross drift"] += abs(fit.cross.drift) < 2.0 * fit.cross.drift_sigma
