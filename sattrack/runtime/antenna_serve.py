@@ -70,6 +70,7 @@ class AntennaLoop:
     _error: Exception | None = None
     _told_refusals: int = 0
     _told_trip: str | None = None
+    _told_hold: str | None = None
     _told_link: bool = False
     _told_caller: bool = False
     _told_hung_up_on: int = 0
@@ -248,6 +249,12 @@ class AntennaLoop:
             self._told_trip = station.tripped
             if station.tripped is not None:
                 self.tell(f"safety stopped the mount: {station.tripped}; RESET makes it ready again")
+        held_by = station.safety.holding
+        if held_by is not None and held_by != self._told_hold:
+            self._told_hold = held_by
+            self.tell(f"a limit keeps the antenna off its trajectory: {held_by}")
+        elif station.on_trajectory:
+            self._told_hold = None
         if station.link_up != self._told_link:
             self._told_link = station.link_up
             self.tell("the mount is heard" if station.link_up else "the mount is not heard")

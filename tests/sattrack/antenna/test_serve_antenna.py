@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import pty
 import re
@@ -71,12 +72,19 @@ def stays_in_place(now: Utc, hour_angle_deg: float) -> Elements:
     )
 
 
-def make_pass(url: str, hour_angle_deg: float = 44.0) -> AntennaPass:
+def make_pass(url: str) -> AntennaPass:
     now_s = float(int(time.time()))
-    propagator = Propagator(stays_in_place(Utc(now_s), hour_angle_deg), SITE)
+    propagator = Propagator(stays_in_place(Utc(now_s), 44.0), SITE)
     return AntennaPass(
         parse_antenna_url(url), propagator, NO_BIAS, TrackPlan(now_s - 1.0, now_s + 600.0), 30.0
     )
+
+
+def of_a_radio_dish(folder: Path) -> tuple[str, str]:
+    """Settings of an antenna that may look at the Sun, wherever that stands when the test runs."""
+    settings = folder / "radio.toml"
+    settings.write_text("[safety]\noptical = false\n")
+    return "--config", str(settings)
 
 
 @contextmanager
@@ -118,8 +126,10 @@ def follow_for_a_while(ready: AntennaPass) -> AntennaFlight:
     return flight
 
 
-def test_a_satellite_is_followed_by_one_program_with_the_mount_of_another_over_tcp() -> None:
-    with serving("--port", "0") as (process, told):
+def test_a_satellite_is_followed_by_one_program_with_the_mount_of_another_over_tcp(
+    tmp_path: Path,
+) -> None:
+    with serving("--port", "0", *of_a_radio_dish(tmp_path)) as (process, told):
         flight = follow_for_a_while(make_pass(f"antenna://127.0.0.1:{told['listening']}"))
         assert flight.warnings() == []
         process.send_signal(signal.SIGINT)
@@ -129,7 +139,7 @@ def test_a_satellite_is_followed_by_one_program_with_the_mount_of_another_over_t
     assert b"antcn is gone" in err
 
 
-def test_a_satellite_is_followed_over_a_serial_line() -> None:
+def test_a_satellite_is_followed_over_a_serial_line(tmp_path: Path) -> None:
     pytest.importorskip("serial")
     ends = [pty.openpty(), pty.openpty()]
     for master, _ in ends:
@@ -146,7 +156,7 @@ def test_a_satellite_is_followed_over_a_serial_line() -> None:
     wire = threading.Thread(target=join)
     wire.start()
     try:
-        with serving("--serial", names[0], "--baud", "115200", "--crc"):
+        with serving("--serial", names[0], "--baud", "115200", "--crc", *of_a_radio_dish(tmp_path)):
             follow_for_a_while(make_pass(f"antenna://{names[1]}?baud=115200&check=crc&rate=5"))
     finally:
         over.set()
@@ -179,6 +189,23 @@ def test_the_operator_at_the_controller_switches_to_local_and_reads_the_last_lin
             while b"STOP -> STOP NAK 8" not in process.stderr.readline():
                 pass
             assert not select.select([antcn], [], [], 0.0)[0], "something came unasked"
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=PATIENCE_S)
+    assert process.returncode == 130
+
+
+def test_the_log_says_which_limit_keeps_the_antenna_off_its_trajectory() -> None:
+    noon = "2026-10-02T11:30:00Z"
+    sun = sun_over(SITE.latitude_deg, SITE.longitude_deg).at(float(Utc.parse(noon).unix_s))
+    with serving("--port", "0", "--clock", noon) as (process, told):
+        assert process.stderr is not None
+        with socket.create_connection(("127.0.0.1", int(str(told["listening"])))) as antcn:
+            antcn.settimeout(PATIENCE_S)
+            message = f"FIXED {math.remainder(sun.hour_angle_deg, 360.0):.4f} {sun.dec_deg:.4f} "
+            antcn.sendall(f"{message}{sum(message.encode()) % 256:02X}\n".encode())
+            assert antcn.recv(100).startswith(b"FIXED ACK")
+            while b"keeps the antenna off its trajectory: sun" not in (line := process.stderr.readline()):
+                assert line, "it ended without a word"
         process.send_signal(signal.SIGTERM)
         process.communicate(timeout=PATIENCE_S)
     assert process.returncode == 130
