@@ -29,7 +29,8 @@ from sattrack.requests import (
 from sattrack.safety import Safety
 from sattrack.xerxes.launches import seen_of, stance_of
 from sattrack.xerxes.link import LinkState
-from sattrack.xerxes.session import Session, is_at_rest
+from sattrack.xerxes.session import Session
+from sattrack.xerxes.standstill import is_at_rest
 
 if TYPE_CHECKING:
     from sattrack.mount import Motion, MountProfile, StatusSample

@@ -65,17 +65,15 @@ from sattrack.xerxes.move_axis import NO_RATES, AxisRates, EdgeMove, HeldMove, M
 from sattrack.xerxes.repeats import Repeats
 from sattrack.xerxes.sequence import StatusSequence
 from sattrack.xerxes.slewing import Slewing, SlewState
+from sattrack.xerxes.standstill import Standstill, is_at_rest
 
 if TYPE_CHECKING:
     from sattrack.safety import Cleared, ClearedRequest
 
 ABORT_AGAIN_TICKS = 8
 QUIET_TICKS = 4
-NOT_SLOWING_STATUSES = 3
 STILL_MOVING_STATUSES = 20
 READINGS_EVERY = 20
-REST_RATE_DEG_S = SIDEREAL_RATE_DEG_S * 0.5
-"""A drive this near to standstill, or to sidereal tracking, is where it should be."""
 NEVER_ZERO_DEG_S = 1e-9
 """What an edge mount with absolute rates is sent to stand still: 0 would end MoveAxis."""
 
@@ -112,9 +110,7 @@ class Session:
     """Datagrams since the stop was asked for."""
     _blind_left: int = 0
     """Datagrams left of an abort of which no acknowledgement can tell, because one stands already."""
-    _not_slowing: int = 0
-    """Statuses in a row that show the mount moving, and no slower than before."""
-    _speed_dtics_s: float = 0.0
+    _standstill: Standstill = field(default_factory=Standstill)
     _still_moving: int = 0
     """Statuses in a row with Slewing though nothing of ours should make the mount move."""
     _ack_stands: int = 0
@@ -172,7 +168,7 @@ class Session:
             dec_drive_deg_s=status.dec_rate_dtics_s / DTICS_S_PER_DEG_S,
             beyond_pole=status.side_of_pier,
         )
-        self._follow_acknowledgements(status)
+        self._follow_acknowledgements(status, self.sample)
         return self.sample
 
     def _is_frozen(self, status: Status) -> bool:
@@ -285,7 +281,7 @@ class Session:
         acknowledged = self._aborted or self._ack_stands >= QUIET_STATUSES
         if sample is None or not isinstance(self._wanted, Stop) or not acknowledged:
             return False
-        return not sample.slewing and is_at_rest(sample)
+        return not sample.slewing and is_at_rest(sample) and not self._standstill.turned
 
     def _want(self, motion: Motion) -> None:
         if isinstance(motion, SlewTo) and (self._slew is None or self._slew.target != motion):
@@ -293,6 +289,7 @@ class Session:
         if isinstance(motion, Stop) and not isinstance(self._wanted, Stop):
             self._aborted = False
             self._stop_ticks = 0
+            self._standstill.asked()
         if not isinstance(motion, SlewTo):
             self._slew = None
         self._wanted = motion
@@ -383,10 +380,9 @@ class Session:
     def _compose_stop(self) -> Command:
         self._slew_flag.happen("withdraw")
         status = self.status
-        if self._abort.state is Handshake.IDLE and self._not_slowing >= NOT_SLOWING_STATUSES:
-            # A late datagram, or another client, has set the mount going again: the mount ignores counters.
+        if self._abort.state is Handshake.IDLE and self._standstill.goes_again:
             self._aborted = False
-            self._not_slowing = 0
+            self._standstill.again()
         if not self._aborted and (status is None or not status.ack_abort):
             self._abort.happen("request")
         # An acknowledgement that stands, ours or another's, must not keep a stop from going out, statuses or
@@ -448,12 +444,9 @@ class Session:
         return self._command(**_launch_fields(self._launches.compose(clear, status)))
 
     def _watch_motion(self, status: Status) -> None:
-        """Take notice of a mount that does not slow down, or that moves on after the end of MoveAxis."""
-        speed = abs(status.ra_rate_dtics_s) + abs(status.dec_rate_dtics_s)
-        slowing = speed < self._speed_dtics_s
-        self._speed_dtics_s = speed
+        """Take notice of a mount that moves on after the end of MoveAxis."""
+        slowing = self._standstill.slowing
         self._moved = self._moved and not (self._move.over and not status.slewing)
-        self._not_slowing = self._not_slowing + 1 if status.slewing and not slowing else 0
         waiting = self.slew_state is SlewState.WAITING or isinstance(self._wanted, Hold)
         self._still_moving = self._still_moving + 1 if status.slewing and waiting and not slowing else 0
         if self._still_moving >= STILL_MOVING_STATUSES and self._moved:
@@ -487,8 +480,9 @@ class Session:
     def _acknowledges(status: Status, ra: bool, dec: bool) -> bool:
         return (status.ack_move_ra or not ra) and (status.ack_move_dec or not dec)
 
-    def _follow_acknowledgements(self, status: Status) -> None:
+    def _follow_acknowledgements(self, status: Status, sample: StatusSample) -> None:
         self._acks.see(status)
+        self._standstill.see(sample, self._aborted)
         self._watch_motion(status)
         self._move.see(status)
         if self._abort.see(status.ack_abort):
@@ -516,13 +510,6 @@ def _launch_fields(request: Launchable | None) -> dict[str, float | bool]:
             return {"park": True}
     # Fine rates and the tracking rate are levels, in every datagram.
     return {}
-
-
-def is_at_rest(sample: StatusSample) -> bool:
-    """Tell whether both drives report rest, sidereal tracking counted as rest."""
-    ra, dec = sample.ra_drive_deg_s, sample.dec_drive_deg_s
-    resting = min(abs(ra), abs(ra - SIDEREAL_RATE_DEG_S)) < REST_RATE_DEG_S
-    return resting and abs(dec) < REST_RATE_DEG_S
 
 
 def separation_deg(ra1_deg: float, dec1_deg: float, ra2_deg: float, dec2_deg: float) -> float:

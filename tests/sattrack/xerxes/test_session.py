@@ -415,6 +415,34 @@ class TestAbort:
         assert not client.session.stopped
         assert client.send().abort
 
+    def test_axes_that_stood_and_turn_with_the_sky_by_a_late_datagram_are_stopped_again(
+        self, client: Client
+    ) -> None:
+        """A late MoveAxis acts though the abort came later, and gives the axis back to the sky at its end."""
+        client.stopped_by_abort()
+        for _ in range(3):
+            client.hear(ra_rate_dtics_s=SIDEREAL_DTICS_S)
+        assert not client.session.stopped
+        assert client.send().abort
+        client.hear(ack_abort=True, ra_rate_dtics_s=0)
+        assert client.session.stopped
+
+    def test_a_mount_that_takes_to_the_sky_by_itself_counts_as_stopped_in_the_end(
+        self, client: Client
+    ) -> None:
+        client.stopped_by_abort()
+        aborts = 0
+        for _ in range(40):
+            client.hear(ra_rate_dtics_s=SIDEREAL_DTICS_S)
+            if client.send().abort:
+                aborts += 1
+                client.hear(ack_abort=True, ra_rate_dtics_s=0)
+                client.send()
+                client.hear(ra_rate_dtics_s=0)
+                client.send()
+        assert 1 <= aborts <= 3
+        assert client.session.stopped
+
     def test_an_acknowledgement_left_by_another_client_is_not_ours(self) -> None:
         client = Client()
         client.hear(ack_abort=True, ra_rate_dtics_s=0)
