@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.safety.geometry import Box
 from sattrack.safety.reach import AxisMotion, Delays, latency_s, reach_deg
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from sattrack.mount import MountProfile
     from sattrack.safety.bounds import Bounds
@@ -17,6 +17,13 @@ if TYPE_CHECKING:
     from sattrack.safety.limits import SafetyLimits
 
 NOTHING_NEAR: Mapping[str, float] = {}
+
+
+class Spot(NamedTuple):
+    """A place where the axes may have been so many seconds ago."""
+
+    place: Place
+    age_s: float
 
 
 class Ahead:
@@ -46,6 +53,24 @@ class Ahead:
             place = (motions[0].position_deg, motions[1].position_deg)
             name = self._bounds.comes_nearer(near, place, rates, seconds)
         return name
+
+    def limit_of(
+        self,
+        spots: Sequence[Spot],
+        now: tuple[tuple[float, float], tuple[float, float]],
+        rates: tuple[float, float],
+        nears: Sequence[Mapping[str, float]] | None,
+    ) -> str | None:
+        """Return the limit that these rates may pass from any of the spots, or None.
+
+        `now` are the least and the greatest rates in force; `nears` as `limit`'s, one for each spot.
+        """
+        for k, spot in enumerate(spots):
+            near = NOTHING_NEAR if nears is None else nears[k]
+            name = self.limit(motions_of(spot.place, now), rates, spot.age_s, near)
+            if name is not None:
+                return name
+        return None
 
     def reach(self, motions: tuple[AxisMotion, AxisMotion], rates: tuple[float, float], age_s: float) -> Box:
         """Return where the axes may come under these rates before a stop can hold them."""

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, Motion, MountProfile, MoveAxes, SlewTo, Stop
 from sattrack.requests import Abort, FineRate, Request, Slew, objection
-from sattrack.safety.ahead import NOTHING_NEAR, Ahead, motions_of
+from sattrack.safety.ahead import Ahead, Spot, motions_of
 from sattrack.safety.asked import Asked
 from sattrack.safety.bounds import INSIDE_MARGIN_DEG, Bounds
+from sattrack.safety.doubt import Doubt
 from sattrack.safety.geometry import Box
 from sattrack.safety.held import nearest_rates
 from sattrack.safety.slews import SlewGate
@@ -24,7 +25,7 @@ from sattrack.safety.table import ROWS
 from sattrack.safety.watch import BACKWARD_S, OLDEST_STATUS_S, Seen, Watch
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from sattrack.safety.geometry import Place
     from sattrack.safety.limits import SafetyLimits
@@ -90,6 +91,7 @@ class Safety:
         """What was cleared of late: when (UTC), and the rates of both axes."""
         self._newest_utc_s = -math.inf
         self._standing = Standing(latitude_deg)
+        self._doubt = Doubt(profile)
         self._ahead = Ahead(profile, limits, self._bounds)
         parts = (self._bounds, self._slews, self._watch, self._standing, self._ahead)
         self._asked = Asked(profile, limits, latitude_deg, parts)
@@ -103,8 +105,11 @@ class Safety:
         """Take a status; `commanded` is the motion that was in force. Call once a status."""
         self._standing.note(seen.sidereal_deg - seen.ra_deg, seen.beyond_pole)
         self._slewing = seen.slewing
+        seconds = self._watch.seconds_to(seen)
         tripped = self._watch.see(seen, commanded)
-        if tripped is None and self._slews.strays(self._standing.place(seen.dec_deg), seen):
+        place = self._standing.place(seen.dec_deg)
+        self._doubt.see(place, seconds, self._watch.moved)
+        if tripped is None and self._slews.strays(place, seen):
             tripped = "obedience"
         if tripped is not None and self.tripped is None and isinstance(commanded, MoveAxes | SlewTo):
             self._trip(tripped)
@@ -157,18 +162,30 @@ class Safety:
             self._standing.note(sidereal_deg - ra_deg, self._standing.beyond_pole)
         turned = self._standing.nearest_turn(sidereal_deg - ra_deg)
         place = self._standing.place(dec_deg, turned)
+        former = self._doubt.former
         if isinstance(motion, SlewTo):
-            self._sent.clear()
-            self.holding = None
-            braking = self._ahead.reach(motions_of(place, self._in_force(age_s, None)), REST, age_s)
-            allowed = self._slews.clear(motion, sidereal_deg, (ra_deg, dec_deg), place, braking)
-            if isinstance(allowed, SlewTo) and not self._slewing and self._slews.is_there((ra_deg, dec_deg)):
-                # The mount tracks the sky where it has arrived.
-                waits = Box.between(place, place).grown(0.0, SIDEREAL_RATE_DEG_S, 0.0, 0.0)
-                allowed = self._bounds.violated(waits, {}, 0.0, INSIDE_MARGIN_DEG) or allowed
-            return self._trip(allowed) if isinstance(allowed, str) else Cleared(allowed)
+            # Should the axes be elsewhere after all, they stray from what the slew is judged by.
+            start = place if former is None else former.place
+            return self._clear_slew(motion, sidereal_deg, (ra_deg, dec_deg), start, age_s)
         self._slews.forget()
-        return self._clear_move(motion, place, age_s, utc_s)
+        spots = [Spot(place, age_s)]
+        if former is not None:
+            spots.append(Spot(former.place, age_s + former.older_s))
+        return self._clear_move(motion, spots, utc_s)
+
+    def _clear_slew(
+        self, slew: SlewTo, sidereal_deg: float, reported: tuple[float, float], place: Place, age_s: float
+    ) -> Cleared:
+        """Clear a slew from a place, in legs."""
+        self._sent.clear()
+        self.holding = None
+        braking = self._ahead.reach(motions_of(place, self._in_force(age_s, None)), REST, age_s)
+        allowed = self._slews.clear(slew, sidereal_deg, reported, place, braking)
+        if isinstance(allowed, SlewTo) and not self._slewing and self._slews.is_there(reported):
+            # The mount tracks the sky where it has arrived.
+            waits = Box.between(place, place).grown(0.0, SIDEREAL_RATE_DEG_S, 0.0, 0.0)
+            allowed = self._bounds.violated(waits, {}, 0.0, INSIDE_MARGIN_DEG) or allowed
+        return self._trip(allowed) if isinstance(allowed, str) else Cleared(allowed)
 
     def _while_idle(
         self, sidereal_deg: float, ra_deg: float, dec_deg: float, utc_s: float | None
@@ -213,31 +230,42 @@ class Safety:
         """Return the name of a limit that the mount drifts to under fine rates, tracking the sky; or None."""
         return self._asked.drift_objection(fine, stance, utc_s)
 
-    def _clear_move(self, move: MoveAxes, place: Place, age_s: float, utc_s: float | None) -> Cleared:
+    def _clear_move(self, move: MoveAxes, spots: Sequence[Spot], utc_s: float | None) -> Cleared:
+        """Clear rates for every spot where the axes may be; the first is the one that is reported."""
         wish = axis_rates(move, self._standing.beyond_pole)
         clipped = self._clipped(wish)
         self.clamping = clipped != wish
         wanted = self._within_ramp(clipped, utc_s)
-        now = self._in_force(age_s, utc_s)
-        motions = motions_of(place, now)
-        name = self.holding = self._ahead.limit(motions, wanted, age_s, NOTHING_NEAR)
+        now = self._in_force(max(spot.age_s for spot in spots), utc_s)
+        name = self.holding = self._ahead.limit_of(spots, now, wanted, nears=None)
         if name is None:
             self._outside = 0
-        elif not self._holds:
-            inward = self._ahead.limit(motions, wanted, age_s, self._bounds.near(place))
-            if inward is not None:
-                return self._trip(inward)
         else:
-            outside = self._bounds.violated(Box.between(place, place), {}, 0.0, INSIDE_MARGIN_DEG)
-            self._outside = 0 if outside is None else self._outside + 1
-            proven = self._outside >= OUTSIDE_PROOF
-            if outside is not None and proven and outside not in MOVES_BY_ITSELF:
-                return self._trip(outside)
-            near = self._bounds.near(place)
-            wanted = self._held(wanted, place, lambda r: self._ahead.limit(motions, r, age_s, near), proven)
+            nears = [self._bounds.near(spot.place) for spot in spots]
+            if not self._holds:
+                inward = self._ahead.limit_of(spots, now, wanted, nears)
+                if inward is not None:
+                    return self._trip(inward)
+            else:
+                outside = self._proven_outside(spots)
+                if outside is not None and outside not in MOVES_BY_ITSELF:
+                    return self._trip(outside)
+                wanted = self._held(
+                    wanted,
+                    spots[0].place,
+                    lambda rates: self._ahead.limit_of(spots, now, rates, nears),
+                    outside is not None,
+                )
         if utc_s is not None:
             self._sent.append((utc_s, *wanted))
         return Cleared(self._as_move(wanted, move, wish))
+
+    def _proven_outside(self, spots: Sequence[Spot]) -> str | None:
+        """Return the limit past which the axes have been found so often that they must be; or None."""
+        place = spots[0].place
+        name = self._bounds.violated(Box.between(place, place), {}, 0.0, INSIDE_MARGIN_DEG)
+        self._outside = 0 if name is None or len(spots) > 1 else self._outside + 1
+        return name if self._outside >= OUTSIDE_PROOF else None
 
     def _held(
         self,
@@ -289,7 +317,7 @@ class Safety:
 
     def _in_force(self, age_s: float, utc_s: float | None) -> tuple[tuple[float, float], tuple[float, float]]:
         """Return the least and the greatest rates of both axes that may have been in force of late."""
-        seen = axis_rates(self._watch.moved, self._standing.beyond_pole)
+        seen = axis_rates(self._doubt.moved, self._standing.beyond_pole)
         limits = (self._profile.ra, self._profile.dec)
         seen = (
             max(-limits[0].slew_rate_deg_s * 1.5, min(limits[0].slew_rate_deg_s * 1.5, seen[0])),

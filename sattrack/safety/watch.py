@@ -73,6 +73,15 @@ class Watch:
         self.clock_gap_deg = 0.0
         """How far the mount's sidereal clock is from ours."""
 
+    def seconds_to(self, seen: Seen) -> float:
+        """Return how long after the last status this one came, by our clock, else by the mount's."""
+        before = self._before
+        if before is None:
+            return 0.0
+        if seen.utc_s is not None and before.utc_s is not None:
+            return seen.utc_s - before.utc_s
+        return math.remainder(seen.sidereal_deg - before.sidereal_deg, 360.0) / SIDEREAL_RATE_DEG_S
+
     def see(self, seen: Seen, commanded: Motion) -> str | None:
         """Take a status; `commanded` is what was in force since the one before."""
         before, self._before = self._before, seen
