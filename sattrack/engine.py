@@ -17,7 +17,7 @@ from sattrack.bias_view import (
 )
 from sattrack.control.kalman import wrap180
 from sattrack.figures import RunningError, WindowedError
-from sattrack.mount import Hold, Motion, MoveAxes, StatusSample
+from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, Motion, MoveAxes, StatusSample, mean_sidereal_deg
 from sattrack.safety import ROWS, Safety, SafetyLimits
 from sattrack.tracker import FOLLOWING, Phase, SkyError, Tracker, TrackPlan, sky_error
 from sattrack.view import ErrorView, LinkView, TrackView
@@ -278,6 +278,10 @@ class Engine:
         target = tracker.direction_at(error.utc_s if error is not None and fresh else now_utc_s)
         health = self.session.health
         age_s = None if sample is None else max(0.0, now_utc_s - sample.arrival_utc_s)
+        delay_ms = clock_offset_s = None
+        if sample is not None and error is not None:
+            delay_ms = 1000.0 * (sample.arrival_utc_s - error.utc_s)
+            clock_offset_s = self._clock_offset_s(sample, error)
         return TrackView(
             utc_s=now_utc_s,
             phase=self.phase,
@@ -323,11 +327,20 @@ class Engine:
                 strangers=health.strangers,
                 doubled_launches=health.doubled_launches,
                 foreign_acks=health.foreign_acks,
+                delay_ms=delay_ms,
+                clock_offset_s=clock_offset_s,
             ),
             recording=spec.recording,
             ended_by=tracker.ended_by,
             warnings=self._warnings(),
+            ra_rate_reached_deg_s=None if sample is None else SIDEREAL_RATE_DEG_S - sample.ra_drive_deg_s,
+            dec_rate_reached_deg_s=None if sample is None else _reported_dec_rate_deg_s(sample),
         )
+
+    def _clock_offset_s(self, sample: StatusSample, error: SkyError) -> float:
+        """Return how far the mount's sidereal clock is ahead of mean sidereal time by our UTC, seconds."""
+        mean_deg = mean_sidereal_deg(error.utc_s, self.spec.propagator.site.longitude_deg)
+        return wrap180(sample.sidereal_h * 15.0 - mean_deg) / SIDEREAL_RATE_DEG_S
 
     def _side_warnings(self) -> list[str]:
         """Say that the mount is on a side of the pier for which its signs were never measured."""
@@ -391,3 +404,8 @@ class Engine:
     @property
     def _heard_utc_s(self) -> float:
         return 0.0 if self.session.sample is None else self.session.sample.arrival_utc_s
+
+
+def _reported_dec_rate_deg_s(sample: StatusSample) -> float:
+    """Return the declination drive's rate as one of the reported declination, which turns past the pole."""
+    return -sample.dec_drive_deg_s if sample.beyond_pole else sample.dec_drive_deg_s

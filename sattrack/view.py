@@ -27,6 +27,10 @@ class LinkView(msgspec.Struct, frozen=True):
     """Commands that the mount acknowledged a second time, as a late or repeated datagram makes it."""
     foreign_acks: int = 0
     """Acknowledgements of what was never sent from here."""
+    delay_ms: float | None = None
+    """From the last status' date to its arrival, as it is dated by the fastest ones and the profile."""
+    clock_offset_s: float | None = None
+    """The mount's sidereal clock minus local mean sidereal time by our UTC at the site, seconds."""
 
 
 class ErrorView(msgspec.Struct, frozen=True):
@@ -141,6 +145,56 @@ class TrackView(msgspec.Struct, frozen=True, tag="view"):
     estimate: EstimateView | None = None
     """None while no observation has come."""
     remembered: RememberedView | None = None
+    ra_rate_reached_deg_s: float | None = None
+    """Rates that the drives report, as rates of the reported right ascension and declination."""
+    dec_rate_reached_deg_s: float | None = None
+
+
+class SkyPoint(msgspec.Struct, frozen=True, array_like=True):
+    """A direction over the site at an instant: POSIX seconds of UTC; degrees, azimuth from north by east."""
+
+    utc_s: float
+    alt_deg: float
+    az_deg: float
+
+
+class PathPoint(SkyPoint, frozen=True, array_like=True):
+    """A point of the satellite's path, and how far a second of time bias moves it on the sky there."""
+
+    along_deg_s: float
+
+
+class PassView(msgspec.Struct, frozen=True, tag="pass"):
+    """What does not change during a pass and is told once, before it: the sky over the site, what to expect.
+
+    Degrees, UTC as POSIX seconds. `path` is what is fed without offsets, from the beginning of the following
+    to its end.
+    """
+
+    latitude_deg: float
+    longitude_deg: float
+    path: tuple[PathPoint, ...]
+    rises: bool
+    """Whether the path begins with the rise, and not by a late start."""
+    sets: bool
+    culminate_utc_s: float
+    sun: tuple[SkyPoint, ...]
+    moon: tuple[SkyPoint, ...]
+    sun_cone_deg: float
+    """Half angle of the cone that is not pointed into, 0 for none."""
+    moon_cone_deg: float
+    floor_altitude_deg: float
+    horizon: tuple[tuple[float, float], ...]
+    """Azimuth and altitude of the skyline; empty for none."""
+    keyhole_deg: float | None
+    """Distance from the celestial pole within which the hour angle axis is too slow for this satellite."""
+    command_delay_s: float
+    delays_measured: bool
+    along_arcsec: float | None
+    """The error to expect at its worst, one sigma, before anything is observed; None where it is unknown."""
+    across_arcsec: float | None
+    fov_deg: float | None
+    """Diameter of the camera's field of view."""
 
 
 class PeriodView(msgspec.Struct, frozen=True):

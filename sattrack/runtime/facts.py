@@ -51,6 +51,8 @@ class RunFacts(msgspec.Struct, frozen=True):
     started_utc_s: float
     recording: str | None = None
     camera_rotation_deg: float = 0.0
+    fov_deg: float | None = None
+    """Diameter of the camera's field of view; nothing that is computed depends on it."""
     remembered: RememberedView | None = None
     """The bias of an earlier pass, in force from the beginning; a nudge is in the first biases as well."""
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
 SAME_SITE_DEG = 0.1
 VIRTUAL_LEAD_S = 5.0
+MOST_FIELD_DEG = 180.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +48,7 @@ class RunRequest:
     bias_along_s: float = 0.0
     bias_cross_deg: float = 0.0
     camera_rotation_deg: float = 0.0
+    fov_deg: float | None = None
     virtual: bool = False
     record: Path | None = None
     profile: ProfileFile = field(default_factory=ProfileFile)
@@ -109,6 +111,7 @@ def prepare(request: RunRequest) -> Prepared:
         bias_along_s=request.bias_along_s,
         bias_cross_deg=request.bias_cross_deg,
         camera_rotation_deg=request.camera_rotation_deg,
+        fov_deg=request.fov_deg,
         mount_name="sim" if address is None else str(address),
         started_utc_s=started_s,
         recording=None if request.record is None else str(request.record),
@@ -164,6 +167,8 @@ def _check_bias(request: RunRequest) -> None:
         )
     if not abs(request.camera_rotation_deg) <= 360.0:
         raise BadInputError(f"--camera-rotation {request.camera_rotation_deg}: give degrees, -360 to 360")
+    if request.fov_deg is not None and not 0.0 < request.fov_deg <= MOST_FIELD_DEG:
+        raise BadInputError(f"--fov {request.fov_deg:g}: give the field's diameter in degrees, above 0")
 
 
 def _object_and_site(request: RunRequest, practising: bool) -> tuple[list[Elements], Site]:

@@ -1,0 +1,90 @@
+"""The sky of the practice pass against closed forms, the rehearsal's own keyhole and skyfield."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from datetime import UTC, datetime
+
+import msgspec
+import numpy as np
+import pytest
+from skyfield.api import EarthSatellite, load, wgs84
+
+from sattrack import practice
+from sattrack.runtime.pass_scene import keyhole_deg, pass_scene
+from sattrack.runtime.prepare import RunRequest, prepare
+
+FACTS = prepare(
+    RunRequest(
+        satellite=practice.NAME,
+        mount_url="sim",
+        elements=[practice.elements()],
+        site=practice.SITE.place(),
+        clock_option=practice.BEFORE_PASS,
+        min_alt_deg=10.0,
+    )
+).facts
+SCENE = pass_scene(FACTS)
+
+
+def test_the_path_is_that_of_another_library() -> None:
+    times = load.timescale(builtin=True)
+    site = FACTS.site
+    place = wgs84.latlon(site.latitude_deg, site.longitude_deg, elevation_m=site.height_m)
+    seen = EarthSatellite(practice.LINE_1, practice.LINE_2, ts=times) - place
+    for point in SCENE.path[10:-10:20]:
+        at = times.from_datetime(datetime.fromtimestamp(point.utc_s, UTC))
+        alt, az, _ = seen.at(at).altaz(temperature_C=FACTS.temperature_c, pressure_mbar=FACTS.pressure_hpa)
+        assert point.alt_deg == pytest.approx(alt.degrees, abs=0.03)
+        assert point.az_deg == pytest.approx(az.degrees, abs=0.15)
+
+
+def test_the_path_goes_from_the_beginning_to_the_end_and_says_whether_those_are_rise_and_set() -> None:
+    assert SCENE.path[0].utc_s == pytest.approx(FACTS.plan.start_utc_s, abs=1e-3)
+    assert SCENE.path[-1].utc_s == pytest.approx(FACTS.plan.end_utc_s, abs=1e-3)
+    highest = max(SCENE.path, key=lambda point: point.alt_deg)
+    assert abs(highest.utc_s - SCENE.culminate_utc_s) < 5.0
+    assert (SCENE.rises, SCENE.sets) == (True, True)
+    late = msgspec.structs.replace(FACTS, started_utc_s=FACTS.plan.start_utc_s)
+    assert not pass_scene(late).rises
+
+
+def test_a_second_of_bias_moves_the_satellite_by_its_own_speed_over_its_range() -> None:
+    overhead = max(SCENE.path, key=lambda point: point.alt_deg)
+    # 7.66 km/s relative to the turning ground less 0.2 km/s or so, 420 km above: an arctangent a second.
+    assert overhead.along_deg_s == pytest.approx(math.degrees(7.4 / 425.0), rel=0.06)
+    assert SCENE.path[0].along_deg_s < 0.15 * overhead.along_deg_s
+
+
+def test_the_sun_stands_where_the_almanac_has_it_to_a_degree() -> None:
+    # Solar declination on 2 October is -3.5 degrees, the equation of time +10.6 minutes.
+    first = SCENE.sun[0]
+    hour_angle = math.radians((first.utc_s % 86400.0 / 3600.0 - 12.0 + 10.6 / 60.0) * 15.0 + 4.4908)
+    latitude, dec = math.radians(52.1541), math.radians(-3.5)
+    sine = math.sin(latitude) * math.sin(dec) + math.cos(latitude) * math.cos(dec) * math.cos(hour_angle)
+    assert first.alt_deg == pytest.approx(math.degrees(math.asin(sine)), abs=1.0)
+    assert 180.0 < first.az_deg < 225.0
+
+
+def test_the_keyhole_is_where_the_hour_angle_outruns_the_axis() -> None:
+    speed, limit = 1.0, 6.0
+    found = keyhole_deg(np.array([10.0, 85.0]), np.radians([[0.3, 0.0, 0.0], [0.0, speed, 0.0]]), limit)
+    assert found is not None
+    assert speed / math.sin(math.radians(found)) == pytest.approx(limit)
+    assert keyhole_deg(np.array([85.0]), np.radians([[7.0, 0.0, 0.0]]), limit) is None
+    assert keyhole_deg(np.array([np.nan]), np.full((1, 3), np.nan), limit) is None
+
+
+def test_an_error_to_expect_grows_with_the_age_of_the_elements() -> None:
+    assert SCENE.along_arcsec is not None
+    old = msgspec.structs.replace(
+        FACTS, elements=replace(FACTS.elements, epoch=FACTS.elements.epoch.plus(-10 * 86400.0))
+    )
+    older = pass_scene(old).along_arcsec
+    assert older is not None
+    assert older > 2.0 * SCENE.along_arcsec
+
+
+def test_it_is_small_enough_to_be_told_at_once() -> None:
+    assert len(msgspec.json.encode(SCENE)) < 16_384
