@@ -1,14 +1,12 @@
-"""The loop of `sattrack serve antenna`: the mount's datagrams at their deadlines, antcn whenever it calls.
+"""What `sattrack serve antenna` adds to the loop of a door: antcn, the console's words, what is shown.
 
-One thread, one `select`: a position status is latched when its bytes are read, and answered at once, unless a
-datagram is being computed just then, which takes about a millisecond twenty times a second.
+A position status is latched when its bytes are read.
 """
 
 from __future__ import annotations
 
-import select
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
@@ -25,9 +23,7 @@ from sattrack.antenna_view import (
     FocusView,
     RefusalView,
 )
-from sattrack.errors import SattrackError
-from sattrack.runtime.realtime import undisturbed
-from sattrack.xerxes.repeats import REPEAT_AFTER_PERIODS
+from sattrack.runtime.station_loop import StationLoop
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -35,31 +31,23 @@ if TYPE_CHECKING:
     from sattrack.antenna.station import Station
     from sattrack.runtime.antenna_door import Door
     from sattrack.runtime.antenna_focus import FocusProcesses
-    from sattrack.runtime.console import Connection
-    from sattrack.runtime.signals import StopRequest
 
-LATE_ENOUGH_TO_SKIP_S = 0.5
 SHOW_EVERY_TICKS = 5
 MOST_REFUSALS_TOLD = 5
 """A tick's refusals in the log: a flood of them is counted."""
 LEAVE = "leave"
 WORDS = ("local", "remote", "stop", "reset", "last", LEAVE)
-LEAD_S = 0.0015
-"""How long before it is due a datagram is computed."""
 
 
 @dataclass(slots=True)
-class AntennaLoop:
+class AntennaLoop(StationLoop):
     """Serves one station at one door until `stop` is asked for and the mount is seen at rest.
 
-    `words` gives what the operator typed since the last call; `log` takes lines without their instant.
+    `words` gives what the operator typed since the last call.
     """
 
     station: Station
-    connection: Connection
     door: Door
-    stop: StopRequest
-    log: Callable[[str], None]
     words: Callable[[], Sequence[str]]
     where: str = ""
     """The door, in words."""
@@ -67,83 +55,23 @@ class AntennaLoop:
     """Takes a view a few times a second; must not wait."""
     focus: FocusProcesses | None = None
     """The focuser, where it is not simulated."""
-    _error: Exception | None = None
-    _told_refusals: int = 0
-    _told_trip: str | None = None
-    _told_hold: str | None = None
-    _told_link: bool = False
-    _told_caller: bool = False
-    _told_hung_up_on: int = 0
+    _told_refusals: int = field(default=0, init=False)
+    _told_caller: bool = field(default=False, init=False)
+    _told_hung_up_on: int = field(default=0, init=False)
 
     def tell(self, words: str) -> None:
         """Have the program's own words logged."""
         self.log(spoken(words))
 
-    def run(self) -> None:
-        """Run to the end. Whatever breaks stops the mount first and is raised then."""
-        guard = self.connection.guard
-        with undisturbed():
-            period_s = self.station.profile.period_s / self.connection.clock.speed
-            due_s, ticks = time.monotonic(), 0
-            while not self.station.finished and not guard.deposed:
-                self._guarded(self._wait_until, due_s - LEAD_S)
-                self._guarded(self._heed)
-                self._guarded(self._tick, due_s)
-                self._guarded(self._repeat, due_s + REPEAT_AFTER_PERIODS * period_s)
-                self._guarded(self._report)
-                ticks += 1
-                if ticks % SHOW_EVERY_TICKS == 0:
-                    self._guarded(self._show)
-                shift_s = self.station.send_shift_s(self.connection.now_utc_s())
-                due_s += period_s + shift_s / self.connection.clock.speed
-                if time.monotonic() - due_s > LATE_ENOUGH_TO_SKIP_S:
-                    due_s = time.monotonic()
-        if guard.deposed:
-            raise SattrackError(guard.trouble)
-        guard.release(self.station.mount_stopped)
-        if self._error is not None:
-            raise self._error
-
-    def _guarded(self, part: Callable[..., None], *arguments: Any) -> None:
-        try:
-            part(*arguments)
-        except Exception as error:  # noqa: BLE001 - no error is worth a mount that is left moving
-            if self._error is None:
-                self._error = error
-            self.station.end(self.connection.now_utc_s())
-
-    def _wait_until(self, due_s: float) -> None:
-        """Wait for an instant, taking datagrams and serving antcn as they come."""
-        while True:
-            left_s = max(0.0, due_s - time.monotonic())
-            link, door = self.connection.link, self.door
-            ready, takes_more, _ = select.select([link, *door.readers()], door.writers(), [], left_s)
-            self._serve(ready)
-            if takes_more:
-                door.flush()
-            if link in ready:
-                for arrival in link.receive():
-                    arrived_utc_s = self.connection.clock.utc_s(arrival.monotonic_s)
-                    self.station.receive_status(arrival.data, arrived_utc_s)
-            if time.monotonic() >= due_s:
-                return
-
-    def _serve(self, ready: list[Any]) -> None:
+    def serve(self, ready: list[Any]) -> None:
+        """Serve antcn."""
         if self.door.serve(ready, self.connection.now_utc_s, self.station.receive_command):
             self.station.controller.hang_up()
             self._told_caller = False
             self.tell("antcn is gone; the trajectory in force stays")
 
-    def _heed(self) -> None:
-        if self.connection.guard.stop_asked:
-            self.stop.ask()
-        if self.connection.guard.trouble is not None:
-            raise SattrackError(self.connection.guard.trouble)
-        if self.stop.asked:
-            self.station.end(self.connection.now_utc_s())
-        if self.connection.simulated is not None:
-            # Nobody asks for the truth here, but the pipe must not fill up.
-            self.connection.simulated.truths()
+    def heed(self) -> None:
+        """Heed the serial line, the focuser and the words of the console."""
         if self.door.mend(time.monotonic()):
             self._told_caller = True
             self.tell("the serial line is there again")
@@ -223,41 +151,13 @@ class AntennaLoop:
         report = focuser.report(at_ns)
         return FocusView(tuple(place.actual_mm for place in report.axes), report.moving)
 
-    def _tick(self, due_s: float) -> None:
-        connection = self.connection
-        datagram = self.station.tick(connection.clock.utc_s(max(due_s, time.monotonic())))
-        while (left_s := due_s - time.monotonic()) > 0.0:
-            # Whoever asks while a datagram waits to be due is not kept waiting.
-            ready, _, _ = select.select(self.door.readers(), [], [], left_s)
-            self._serve(ready)
-        if connection.guard.beat(datagram):
-            connection.link.send(datagram)
-
-    def _repeat(self, due_s: float) -> None:
-        """Send the last datagram once more where the link loses some."""
-        self._wait_until(due_s)
-        datagram = self.station.repeat()
-        if datagram is not None and not (self.stop.asked or self.connection.guard.deposed):
-            self.connection.link.send(datagram)
-
-    def _report(self) -> None:
-        """Say what has changed: refusals, interlocks, the link."""
-        station = self.station
+    def report(self, ticks: int) -> None:
+        """Say what has changed: refusals, callers, interlocks, the link."""
         self._report_refusals()
         self._report_callers()
-        if station.tripped != self._told_trip:
-            self._told_trip = station.tripped
-            if station.tripped is not None:
-                self.tell(f"safety stopped the mount: {station.tripped}; RESET makes it ready again")
-        held_by = station.safety.holding
-        if held_by is not None and held_by != self._told_hold:
-            self._told_hold = held_by
-            self.tell(f"a limit keeps the antenna off its trajectory: {held_by}")
-        elif station.on_trajectory:
-            self._told_hold = None
-        if station.link_up != self._told_link:
-            self._told_link = station.link_up
-            self.tell("the mount is heard" if station.link_up else "the mount is not heard")
+        self.report_mount("trajectory", "RESET")
+        if ticks % SHOW_EVERY_TICKS == 0:
+            self._show()
 
     def _report_refusals(self) -> None:
         controller = self.station.controller
