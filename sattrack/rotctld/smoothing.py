@@ -1,0 +1,195 @@
+"""A client's coarse steps as one smooth way: position and rate from successive positions, filtered.
+
+A satellite program tells a rotator about once a second where the satellite is just then, to a hundredth of a
+degree. Three or more positions of which each continues those before make a *track*: a parabola through the
+last ones by least squares, in Cartesian coordinates so that neither the zenith nor north is anything special,
+is gone along until the next comes. Where a new one bends the way, the difference is let go of over a second,
+without a step in position or rate. Everything else is a position to stand at.
+
+A track whose client falls silent ends soon. Pure: instants are given, UTC as POSIX seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from sattrack.antenna.sky import AzEl
+from sattrack.antenna.trajectory import NS, AxisState
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Vector = NDArray[np.float64]
+
+MOST_POINTS = 7
+"""So many are fitted: at one a second, more miss bends of the way, fewer let more of their rounding in."""
+FEWEST_POINTS = 3
+"""A track has so many; with these few its way is straight."""
+MOST_GAP_S = 12.0
+LEAST_GAP_S = 0.02
+"""Positions that come sooner after each other than this are one: the last."""
+MOST_RATE_DEG_S = 6.0
+STRAY_DEG = 0.1
+STRAY_SHARE = 0.15
+"""How far a position may be from where those before lead: so much, and so much of a step."""
+COAST_S = 3.0
+"""How long a track goes on after the last word of its client."""
+CONTENT_S = 10.0
+"""How long it goes on after the last position, while its client goes on to ask where the mount is."""
+EASE_S = 1.0
+"""How long a track takes to come to rest."""
+BLEND_S = 1.0
+RATE_STEP_S = 0.05
+
+
+def _unit(place: AzEl) -> Vector:
+    az, el = math.radians(place.az_deg), math.radians(place.el_deg)
+    return np.array([math.cos(el) * math.sin(az), math.cos(el) * math.cos(az), math.sin(el)])
+
+
+def _place(v: Vector) -> AzEl:
+    e, n, u = (float(x) for x in v)
+    return AzEl(math.degrees(math.atan2(e, n)) % 360.0, math.degrees(math.atan2(u, math.hypot(e, n))))
+
+
+def _apart_deg(a: Vector, b: Vector) -> float:
+    return math.degrees(2.0 * math.asin(min(1.0, 0.5 * float(np.linalg.norm(a - b)))))
+
+
+class _Curve(NamedTuple):
+    """A parabola, and past `straight_s` its tangent; seconds since `since_s`."""
+
+    since_s: float
+    straight_s: float
+    terms: Vector
+    """Three rows: place, rate, half of the acceleration."""
+
+    def at(self, utc_s: float) -> tuple[Vector, Vector]:
+        """Return place and rate."""
+        t = utc_s - self.since_s
+        bent = min(t, self.straight_s)
+        rate = self.terms[1] + 2.0 * bent * self.terms[2]
+        place = self.terms[0] + bent * (self.terms[1] + bent * self.terms[2]) + (t - bent) * rate
+        return place, rate
+
+
+class _Point(NamedTuple):
+    utc_s: float
+    v: Vector
+
+
+class SmoothedTrack:
+    """The way that one client's positions make."""
+
+    def __init__(self) -> None:
+        self._points: deque[_Point] = deque(maxlen=MOST_POINTS)
+        self._last = AzEl(0.0, 0.0)
+        self._curve: _Curve | None = None
+        self._bend: tuple[Vector, Vector] | None = None
+        self._bent_s = 0.0
+        self._heard_s = -math.inf
+        self._gone = False
+
+    @property
+    def following(self) -> bool:
+        """Whether the positions make a track."""
+        return self._curve is not None
+
+    def take(self, place: AzEl, utc_s: float) -> None:
+        """Take a position that has come."""
+        v, points = _unit(place), self._points
+        former = None if self._curve is None else self._on_curve(utc_s)
+        if points and utc_s - points[-1].utc_s < LEAST_GAP_S:
+            points.pop()
+        if points and not self._continues(v, utc_s):
+            points.clear()
+        points.append(_Point(utc_s, v))
+        self._last, self._heard_s, self._gone = place, utc_s, False
+        self._curve = self._fit() if len(points) >= FEWEST_POINTS else None
+        self._bend, self._bent_s = None, utc_s
+        if former is not None and self._curve is not None:
+            there, rate = self._curve.at(utc_s)
+            self._bend = (former[0] - there, former[1] - rate)
+
+    def heard(self, utc_s: float) -> None:
+        """Note that the client is there, whatever it said; after too long a silence that changes nothing."""
+        if utc_s <= self._ends_s():
+            self._heard_s = utc_s
+
+    def hang_up(self) -> None:
+        """Note that the client is gone."""
+        self._gone = True
+
+    def at(self, utc_ns: int) -> AxisState:
+        """Return where the way is at an instant: azimuth, elevation and their rates; see trajectory.Path."""
+        utc_s = utc_ns / NS
+        here, later = self._at(utc_s), self._at(utc_s + RATE_STEP_S)
+        return AxisState(
+            here.az_deg,
+            here.el_deg,
+            math.remainder(later.az_deg - here.az_deg, 360.0) / RATE_STEP_S,
+            (later.el_deg - here.el_deg) / RATE_STEP_S,
+        )
+
+    def _at(self, utc_s: float) -> AzEl:
+        if self._curve is None:
+            return self._last
+        ends_s = self._ends_s()
+        content = not self._gone and ends_s >= self._points[-1].utc_s + CONTENT_S
+        if content and utc_s >= ends_s + EASE_S:
+            # Whoever asks on and sends nothing else means the position that was sent.
+            return self._last
+        return _place(self._on_curve(_eased(utc_s, ends_s))[0])
+
+    def _ends_s(self) -> float:
+        """Return when a track begins to come to rest, if nothing else is heard."""
+        if not self._points:
+            return -math.inf
+        return min(self._heard_s + COAST_S, self._points[-1].utc_s + CONTENT_S)
+
+    def _on_curve(self, utc_s: float) -> tuple[Vector, Vector]:
+        """Return place and rate of the way, with what is left of the last bend."""
+        assert self._curve is not None
+        place, rate = self._curve.at(utc_s)
+        s = (utc_s - self._bent_s) / BLEND_S
+        if self._bend is None or not 0.0 <= s < 1.0:
+            return place, rate
+        off, off_rate = self._bend
+        left, left_rate = 1.0 - s * s * (3.0 - 2.0 * s), 6.0 * s * (s - 1.0) / BLEND_S
+        gone, gone_rate = s * (1.0 - s) ** 2 * BLEND_S, (1.0 - s) * (1.0 - 3.0 * s)
+        return place + left * off + gone * off_rate, rate + left_rate * off + gone_rate * off_rate
+
+    def _continues(self, v: Vector, utc_s: float) -> bool:
+        """Tell whether a position continues those before it."""
+        last = self._points[-1]
+        gap_s, step_deg = utc_s - last.utc_s, _apart_deg(last.v, v)
+        if not 0.0 < gap_s <= MOST_GAP_S or step_deg > MOST_RATE_DEG_S * gap_s:
+            return False
+        if self._curve is not None:
+            led = self._curve.at(utc_s)[0]
+        elif len(self._points) > 1:
+            before = self._points[-2]
+            led = last.v + (last.v - before.v) * (gap_s / (last.utc_s - before.utc_s))
+        else:
+            return True
+        return _apart_deg(led / np.linalg.norm(led), v) <= STRAY_DEG + STRAY_SHARE * step_deg
+
+    def _fit(self) -> _Curve:
+        last_s = self._points[-1].utc_s
+        t = np.array([point.utc_s - last_s for point in self._points])
+        degree = 1 if len(t) <= FEWEST_POINTS else 2
+        powers = np.stack([t**power for power in range(degree + 1)], axis=1)
+        solved = np.linalg.lstsq(powers, np.stack([point.v for point in self._points]), rcond=None)[0]
+        terms = np.zeros((3, 3))
+        terms[: degree + 1] = solved
+        return _Curve(last_s, 2.0 * float(-t[0]) / (len(t) - 1), terms)
+
+
+def _eased(utc_s: float, ends_s: float) -> float:
+    """Return the instant of the way to be at: time slows down from the end of a track on, and stands."""
+    past_s = min(utc_s - ends_s, EASE_S)
+    return utc_s if past_s <= 0.0 else ends_s + past_s - past_s * past_s / (2.0 * EASE_S)
