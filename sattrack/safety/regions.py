@@ -204,19 +204,16 @@ def fixed_regions(
 
 def is_clear(region: Region, box: Box, margin_deg: float) -> bool:
     """Tell whether everything in a box is clear of a region by a margin; what cannot be told is not."""
-    if region.clearance(box).least_deg >= margin_deg:
-        return True
     waiting = [box]
     for _ in range(MOST_BOXES):
-        if not waiting:
-            return True
         part = waiting.pop()
         clearance = region.clearance(part)
-        if clearance.least_deg >= margin_deg:
-            continue
-        if clearance.some_deg < margin_deg or part.widest_deg < SMALLEST_DEG:
-            return False
-        waiting.extend(part.halves())
+        if clearance.least_deg < margin_deg:
+            if clearance.some_deg < margin_deg or part.widest_deg < SMALLEST_DEG:
+                return False
+            waiting.extend(part.halves())
+        if not waiting:
+            return True
     return False
 
 
