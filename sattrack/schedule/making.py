@@ -1,0 +1,274 @@
+"""From a schedule to its plan: candidates, the best choice of them, and what is told of all."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sattrack.schedule.candidates import INFEASIBLE, PIER
+from sattrack.schedule.gathering import gather
+from sattrack.schedule.nodes import finer, first_slew_s, node_set, way_of, whole_and_cut
+from sattrack.schedule.plan import Asked, LostPass, Plan, PlannedPass, Rehearsed
+from sattrack.schedule.planner import best_plan
+from sattrack.schedule.why import why_lost
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from sattrack.schedule.candidates import Candidate, Found, Loaded, Progress, Situation
+    from sattrack.schedule.file import Schedule
+    from sattrack.schedule.nodes import Node, NodeSet, Way
+
+    Rehearse = Callable[[Candidate, float, float], Rehearsed]
+
+SIDES = {False: "normal", True: "beyond_pole"}
+
+
+def make_plan(
+    schedule: Schedule,
+    situation: Situation,
+    load: Callable[[str | None], Loaded],
+    rehearse: Rehearse | None = None,
+    progress: Progress | None = None,
+) -> Plan:
+    """Return the plan of a schedule.
+
+    With `rehearse` every chosen pass is rehearsed; one that is no go, and not to be run all the same, is
+    lost, and the plan made anew. Raises BadInputError, SattrackError, TleError.
+    """
+    found, per_entry = gather(schedule, situation, load, progress)
+    maker = _Maker(schedule, situation, found)
+    maker.choose()
+    while rehearse is not None and maker.rehearse(rehearse, progress):
+        maker.choose()
+    return maker.plan(per_entry)
+
+
+class _Maker:
+    """Candidates, and the choice of them as it stands."""
+
+    def __init__(self, schedule: Schedule, situation: Situation, candidates: list[Candidate]) -> None:
+        self._schedule, self._situation = schedule, situation
+        self._candidates = candidates
+        self._terms = [entry.terms for entry in schedule.entries]
+        self._ways: dict[int, Way] = {}
+        self._rehearsed: dict[Node, Rehearsed] = {}
+        self._limits = {
+            number: entry.conditions.most
+            for number, entry in enumerate(schedule.entries)
+            if entry.conditions.most is not None
+        }
+        for one in candidates:
+            if one.lost is None:
+                self._ways[one.number] = way_of(one, situation.site, situation.profile)
+                self._check_side(one)
+        self._set = self._nodes([])
+        self._chosen: list[int] = []
+
+    def _check_side(self, one: Candidate) -> None:
+        """Lose a candidate that is wanted on the side of the pier on which the mount does not take it."""
+        wanted = self._terms[one.entry].pier_side
+        side = SIDES[self._ways[one.number].beyond_pole]
+        if wanted not in ("any", side):
+            words = f"the mount takes it on the side {side}, not {wanted}"
+            self._candidates[one.number] = replace(one, lost=(PIER, words))
+
+    def _nodes(self, nodes: Sequence[Node]) -> NodeSet:
+        return node_set(nodes, self._candidates, self._ways, self._terms, self._situation)
+
+    def _least_s(self) -> list[float]:
+        return [self._terms[one.entry].least_s for one in self._candidates]
+
+    def choose(self) -> None:
+        """Make the best choice, then once more with those that are shortened cut in finer steps."""
+        least_s = self._least_s()
+        coarse = whole_and_cut([one for one in self._candidates if one.lost is None], least_s)
+        self._set = self._nodes(coarse)
+        _, self._chosen = best_plan(self._set.problem, self._limits)
+        taken = [coarse[k] for k in self._chosen]
+        fine = [
+            between
+            for node in taken
+            for between in finer(node, self._candidates[node.candidate], least_s[node.candidate])
+        ]
+        more = [node for node in dict.fromkeys(fine) if node not in set(coarse)]
+        if more:
+            self._set = self._nodes([*coarse, *more])
+            _, self._chosen = best_plan(self._set.problem, self._limits)
+
+    def rehearse(self, rehearse: Rehearse, progress: Progress | None) -> bool:
+        """Rehearse what was chosen; tell whether some of it is lost by that."""
+        any_lost = False
+        for done, k in enumerate(self._chosen):
+            if progress is not None:
+                progress("rehearsed", done, len(self._chosen))
+            node = self._set.nodes[k]
+            one = self._candidates[node.candidate]
+            if node not in self._rehearsed:
+                self._rehearsed[node] = rehearse(one, node.start_utc_s, node.end_utc_s)
+            told = self._rehearsed[node]
+            if not told.go and self._terms[one.entry].if_infeasible == "skip":
+                lost = (INFEASIBLE, f"by rehearsal: {told.verdict}")
+                self._candidates[one.number] = replace(one, lost=lost)
+                any_lost = True
+        if progress is not None and self._chosen:
+            progress("rehearsed", len(self._chosen), len(self._chosen))
+        return any_lost
+
+    def plan(self, per_entry: Sequence[Found]) -> Plan:
+        """Return all that is told."""
+        planned = [self._planned(place) for place in range(len(self._chosen))]
+        lost = self._lost()
+        schedule, span = self._schedule, self._situation.span
+        taken = [self._candidates[self._set.nodes[k].candidate].entry for k in self._chosen]
+        return Plan(
+            schedule=schedule.file,
+            timezone=schedule.zone_name,
+            from_utc=_iso(span[0]),
+            to_utc=_iso(span[1]),
+            profile=self._situation.profile.name,
+            value=round(sum(one.value for one in planned), 3),
+            useful_s=round(sum(one.useful_s for one in planned), 3),
+            slew_s=round(sum(one.slew_s for one in planned), 3),
+            idle_s=round(sum(one.idle_s for one in planned), 3),
+            passes=tuple(planned),
+            lost=tuple(told for _, told in lost),
+            asked=tuple(
+                Asked(
+                    asked_by=entry.label,
+                    asked_at=str(entry.origin),
+                    passes=found.passes,
+                    planned=taken.count(number),
+                    lost=sum(asked == number for asked, _ in lost),
+                    left_out=dict(sorted(found.dropped.items())),
+                    notes=tuple(found.notes),
+                )
+                for number, (entry, found) in enumerate(zip(schedule.entries, per_entry, strict=True))
+            ),
+            weather=None if schedule.weather is None else schedule.weather.words,
+            park_at_end=schedule.park_at_end,
+            notes=self._notes(per_entry),
+        )
+
+    def _notes(self, per_entry: Sequence[Found]) -> tuple[str, ...]:
+        notes = [
+            f"{entry.origin}: {entry.label}: {words}"
+            for entry, found in zip(self._schedule.entries, per_entry, strict=True)
+            for words in found.notes
+        ]
+        for entry, found in zip(self._schedule.entries, per_entry, strict=True):
+            if found.passes and sum(found.dropped.values()) == found.passes:
+                dropped = ", ".join(f"{n} {why}" for why, n in sorted(found.dropped.items()))
+                notes.append(f"{entry.origin}: {entry.label}: no pass meets it: {dropped}")
+        if self._situation.profile.park is None:
+            notes.append("the profile has no park position: the first slew is not reckoned")
+        return tuple(notes)
+
+    def _planned(self, place: int) -> PlannedPass:
+        k = self._chosen[place]
+        node, stand = self._set.nodes[k], self._set.stands[k]
+        one = self._candidates[node.candidate]
+        entry, way = self._schedule.entries[one.entry], self._ways[one.number]
+        if place:
+            before = self._chosen[place - 1]
+            slew = float(self._set.transitions.slews_s(np.array([before]), k)[0])
+            ready = self._set.nodes[before].end_utc_s + self._set.stands[before].after.seconds
+        else:
+            slew, ready = first_slew_s(stand, self._situation.profile), self._situation.span[0]
+        needs = slew + stand.before.seconds + stand.settle_s
+        useful = one.useful_within(node.start_utc_s, node.end_utc_s)
+        return PlannedPass(
+            number=place + 1,
+            name=one.elements.name,
+            catalog_number=one.elements.catalog_number,
+            elements_epoch=one.elements.epoch.isoformat("seconds"),
+            start_utc=_iso(node.start_utc_s),
+            culminate_utc=_iso(one.culminate_utc_s),
+            end_utc=_iso(node.end_utc_s),
+            shortened=(node.start_utc_s, node.end_utc_s) != (one.start_utc_s, one.end_utc_s),
+            max_alt_deg=round(one.max_alt_deg, 3),
+            start_az_deg=round(way.az_at(node.start_utc_s), 3),
+            end_az_deg=round(way.az_at(node.end_utc_s), 3),
+            sun_alt_deg=None if one.sun_alt_deg is None else round(one.sun_alt_deg, 3),
+            magnitude=None if one.magnitude is None else round(one.magnitude, 2),
+            priority=one.priority,
+            useful_s=round(useful, 3),
+            value=round(one.priority * useful, 3),
+            pier_side=SIDES[way.beyond_pole],
+            idle_s=round(node.start_utc_s - ready - needs, 3),
+            slew_s=round(slew, 3),
+            before_s=round(stand.before.seconds, 3),
+            settle_s=stand.settle_s,
+            after_s=round(stand.after.seconds, 3),
+            leave_utc=_iso(node.start_utc_s - needs),
+            asked_by=entry.label,
+            asked_at=str(entry.origin),
+            before=tuple(action.words for action in entry.terms.before),
+            after=tuple(action.words for action in entry.terms.after),
+            bias_along_s=entry.terms.bias_along_s,
+            bias_cross_deg=entry.terms.bias_cross_deg,
+            if_elements_old=entry.terms.if_elements_old,
+            if_weather_unsafe=entry.terms.if_weather_unsafe,
+            if_sun_up=entry.terms.if_sun_up,
+            rehearsed=self._rehearsed.get(node),
+            notes=one.notes,
+        )
+
+    def _lost(self) -> list[tuple[int, LostPass]]:
+        """Return those that are not in the plan, with the entry of each."""
+        taken = {self._set.nodes[k].candidate for k in self._chosen}
+        names = [self._candidates[self._set.nodes[k].candidate].elements.label for k in self._chosen]
+        whole = {
+            node.candidate: at
+            for at, node in reversed(list(enumerate(self._set.nodes)))
+            if node.start_utc_s == self._candidates[node.candidate].start_utc_s
+            and node.end_utc_s == self._candidates[node.candidate].end_utc_s
+        }
+        lost = []
+        for one in self._candidates:
+            if one.number in taken:
+                continue
+            others: tuple[int, ...] = ()
+            if one.lost is not None:
+                kind, words = one.lost
+            else:
+                kind, words, others = why_lost(
+                    whole[one.number], self._chosen, self._set, names, self._limits, self._same_as(one)
+                )
+            lost.append((one.entry, self._told_lost(one, kind, words, others)))
+        return lost
+
+    def _same_as(self, one: Candidate) -> int | None:
+        """Return the place in the plan of the same satellite at the same time, None where there is none."""
+        for place, k in enumerate(self._chosen):
+            other = self._candidates[self._set.nodes[k].candidate]
+            same = other.elements.catalog_number == one.elements.catalog_number
+            if same and other.start_utc_s < one.end_utc_s and other.end_utc_s > one.start_utc_s:
+                return place
+        return None
+
+    def _told_lost(self, one: Candidate, kind: str, words: str, others: tuple[int, ...]) -> LostPass:
+        entry = self._schedule.entries[one.entry]
+        return LostPass(
+            name=one.elements.name,
+            catalog_number=one.elements.catalog_number,
+            start_utc=_iso(one.start_utc_s),
+            culminate_utc=_iso(one.culminate_utc_s),
+            end_utc=_iso(one.end_utc_s),
+            max_alt_deg=round(one.max_alt_deg, 3),
+            priority=one.priority,
+            useful_s=round(one.useful_s, 3),
+            value=round(one.value, 3),
+            asked_by=entry.label,
+            asked_at=str(entry.origin),
+            reason=kind,
+            why=words,
+            with_numbers=tuple(place + 1 for place in others),
+        )
+
+
+def _iso(utc_s: float) -> str:
+    return Utc(utc_s).isoformat("milliseconds")

@@ -1,0 +1,186 @@
+"""Candidates as the planner weighs them: whole, and where they may be shortened, cut in several ways."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from sattrack.safety.geometry import Place
+from sattrack.safety.route import axes_of, slew_s
+from sattrack.schedule.planner import Problem
+from sattrack.schedule.transitions import SlewTransitions, Stand, errands_after, errands_before
+from tle.instants import Utc
+from tle.propagator import Propagator
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from sattrack.mount import MountProfile
+    from sattrack.schedule.candidates import Candidate, Situation
+    from sattrack.schedule.schema import Terms
+    from tle.site import Site
+
+    Array = NDArray[np.float64]
+
+STEP_S = 10.0
+FEWEST, MOST = 13, 400
+MOST_NODES = 4000
+MOST_CUTS, FEWEST_CUTS = 9, 2
+"""Instants at which a pass that may be shortened is entered, and left: so many each."""
+
+
+class Node(NamedTuple):
+    """A candidate by its number, taken from one instant to another; POSIX seconds of UTC."""
+
+    candidate: int
+    start_utc_s: float
+    end_utc_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """How the mount's axes turn over a candidate's pass, begun on the side that its profile's rule gives."""
+
+    utc_s: Array
+    hour_angle_axis_deg: Array
+    dec_axis_deg: Array
+    az_deg: Array
+    beyond_pole: bool
+
+    def at(self, utc_s: float) -> Place:
+        """Return how the axes stand at an instant."""
+        return Place(
+            float(np.interp(utc_s, self.utc_s, self.hour_angle_axis_deg)),
+            float(np.interp(utc_s, self.utc_s, self.dec_axis_deg)),
+        )
+
+    def az_at(self, utc_s: float) -> float:
+        """Return the azimuth at an instant, 0 to below 360 degrees."""
+        return float(np.interp(utc_s, self.utc_s, self.az_deg)) % 360.0
+
+
+def way_of(candidate: Candidate, site: Site, profile: MountProfile) -> Way:
+    """Return the way of a candidate's pass. Raises TimeRangeError."""
+    duration_s = candidate.end_utc_s - candidate.start_utc_s
+    count = min(max(math.ceil(duration_s / STEP_S) + 1, FEWEST), MOST)
+    utc_s = np.linspace(candidate.start_utc_s, candidate.end_utc_s, count)
+    seen: Any = Propagator(candidate.elements, site).at(Utc(utc_s))
+    hour_angle = np.degrees(np.unwrap(np.radians(np.asarray(seen.ha_deg))))
+    dec = np.asarray(seen.dec_deg)
+    first = axes_of(float(hour_angle[0]), float(dec[0]), profile, site.latitude_deg)
+    beyond = abs(first.dec_deg) > 90.0
+    axis_dec = math.copysign(180.0, site.latitude_deg) - dec if beyond else dec
+    azimuth = np.degrees(np.unwrap(np.radians(np.asarray(seen.az_deg))))
+    return Way(utc_s, hour_angle - hour_angle[0] + first.ha_deg, axis_dec, azimuth, beyond)
+
+
+@dataclass(frozen=True, slots=True)
+class NodeSet:
+    """Nodes with what each needs around it, and the problem that they make."""
+
+    nodes: tuple[Node, ...]
+    stands: tuple[Stand, ...]
+    problem: Problem
+    transitions: SlewTransitions
+
+
+def whole_and_cut(candidates: Iterable[Candidate], least_s: Sequence[float]) -> list[Node]:
+    """Return the nodes of candidates; `least_s` is by number how long one must stay."""
+    every = list(candidates)
+    flexible = sum(1 for one in every if one.latest_start_utc_s > one.start_utc_s)
+    cuts = MOST_CUTS
+    if flexible:
+        cuts = int(math.sqrt(max(MOST_NODES - len(every), 0) / flexible))
+    cuts = min(max(cuts, FEWEST_CUTS), MOST_CUTS)
+    nodes = []
+    for one in every:
+        starts = np.linspace(one.start_utc_s, one.latest_start_utc_s, cuts)
+        ends = np.linspace(one.earliest_end_utc_s, one.end_utc_s, cuts)
+        nodes += _grid(one, starts.tolist(), ends.tolist(), least_s[one.number])
+    return nodes
+
+
+def finer(node: Node, one: Candidate, least_s: float) -> list[Node]:
+    """Return the nodes between a node's neighbours, where its candidate may be shortened."""
+    if one.latest_start_utc_s <= one.start_utc_s:
+        return [node]
+    step = (one.latest_start_utc_s - one.start_utc_s) / (MOST_CUTS - 1)
+    after = (one.end_utc_s - one.earliest_end_utc_s) / (MOST_CUTS - 1)
+    offsets = np.linspace(-1.0, 1.0, 2 * MOST_CUTS - 1)
+    starts = np.clip(node.start_utc_s + step * offsets, one.start_utc_s, one.latest_start_utc_s)
+    ends = np.clip(node.end_utc_s + after * offsets, one.earliest_end_utc_s, one.end_utc_s)
+    return _grid(one, [node.start_utc_s, *starts.tolist()], [node.end_utc_s, *ends.tolist()], least_s)
+
+
+def _grid(one: Candidate, starts: list[float], ends: list[float], least_s: float) -> list[Node]:
+    found: dict[Node, None] = {}
+    for start in starts:
+        for end in ends:
+            whole = start == one.start_utc_s and end == one.end_utc_s
+            enough = end - start >= least_s and one.useful_within(start, end) > 0.0
+            if whole or enough:
+                found[Node(one.number, start, end)] = None
+    return list(found)
+
+
+def node_set(
+    nodes: Sequence[Node],
+    candidates: Sequence[Candidate],
+    ways: dict[int, Way],
+    terms: Sequence[Terms],
+    situation: Situation,
+) -> NodeSet:
+    """Return nodes as a problem; `candidates` by number, `terms` by entry, `ways` by candidate."""
+    site, profile = situation.site, situation.profile
+    stands = []
+    for node in nodes:
+        one, way = candidates[node.candidate], ways[node.candidate]
+        asked = terms[one.entry]
+        start, end = way.at(node.start_utc_s), way.at(node.end_utc_s)
+        stands.append(
+            Stand(
+                errands_before(asked.before, start, node.start_utc_s, site, profile),
+                asked.settle_s,
+                errands_after(asked.after, end, node.end_utc_s, site, profile),
+            )
+        )
+    transitions = SlewTransitions.of(stands, profile)
+    problem = Problem(
+        start_s=np.array([node.start_utc_s for node in nodes]),
+        end_s=np.array([node.end_utc_s for node in nodes]),
+        value=np.array(
+            [
+                candidates[n.candidate].priority
+                * candidates[n.candidate].useful_within(n.start_utc_s, n.end_utc_s)
+                for n in nodes
+            ]
+        ),
+        first=np.array(
+            [
+                situation.span[0] + first_s(stand, profile) <= node.start_utc_s
+                for node, stand in zip(nodes, stands, strict=True)
+            ],
+            dtype=bool,
+        ),
+        group=np.array([candidates[node.candidate].entry for node in nodes], dtype=np.intp),
+        transitions=transitions,
+    )
+    return NodeSet(tuple(nodes), tuple(stands), problem, transitions)
+
+
+def first_s(stand: Stand, profile: MountProfile) -> float:
+    """Return how long the first pass of a plan needs before its start, from the park position if known."""
+    return first_slew_s(stand, profile) + stand.before.seconds + stand.settle_s
+
+
+def first_slew_s(stand: Stand, profile: MountProfile) -> float:
+    """Return the seconds of the first slew, 0 where nobody knows where the mount stands before it."""
+    park = profile.park
+    if park is None:
+        return 0.0
+    return slew_s(Place(park.hour_angle_deg, park.dec_deg), stand.before.first, profile)

@@ -1,0 +1,151 @@
+"""The best night: which passes to take, exactly, where getting from one to the next takes time.
+
+Weighted interval scheduling with transitions: passes are intervals with values, and one may follow another
+where the time between them suffices. Dynamic programming over passes in order of their ends: the best chain
+that ends with a pass is its value and the best of the chains that may come before it. O(n²), whatever the
+transitions are: they need not obey the triangle inequality. Groups of which only so many may be chosen add
+a dimension each, and only where the best plan without them takes too many.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from sattrack.errors import SattrackError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+MOST_STATES = 4096
+"""Combinations of counts that are kept for each pass where groups are limited."""
+MOST_STEPS = 5.0e9
+
+
+class Transitions(Protocol):
+    """How long it takes from the end of one pass to the start of another."""
+
+    def seconds(self, before: Index, after: int) -> Array:
+        """Return it for some passes before another, none below 0; shape as `before`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """Passes to choose from: start, end (seconds), value above 0, group (-1 for none); shape (n,).
+
+    `first` tells which may be the first of a plan. Ends are after starts.
+    """
+
+    start_s: Array
+    end_s: Array
+    value: Array
+    first: NDArray[np.bool_]
+    group: Index
+    transitions: Transitions
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self.start_s)
+
+
+def best_plan(problem: Problem, limits: Mapping[int, int] | None = None) -> tuple[float, list[int]]:
+    """Return the largest total value, and the passes that have it, in order of time.
+
+    `limits` are the most passes of each group. Of plans of equal value it is always the same one. Raises
+    SattrackError where too many limited groups bind at once.
+    """
+    limits = limits or {}
+    binding: dict[int, int] = {}
+    while True:
+        total, chosen = _best(problem, binding)
+        counts = {group: sum(1 for k in chosen if problem.group[k] == group) for group in limits}
+        over = {group: limits[group] for group, count in counts.items() if count > limits[group]}
+        # The best of all that breaks no limit is the best of those that may break none.
+        if not over:
+            return total, chosen
+        binding |= over
+
+
+def _best(problem: Problem, limits: Mapping[int, int]) -> tuple[float, list[int]]:
+    order = np.lexsort((problem.start_s, problem.end_s))
+    ends, starts = problem.end_s[order], problem.start_s[order]
+    # The states are counts "at most so many of each group"; the last one allows all.
+    shape = tuple(limits[group] + 1 for group in limits)
+    states = int(np.prod(shape, dtype=np.int64)) if shape else 1
+    n = len(order)
+    if states > MOST_STATES or 0.5 * states * n * n > MOST_STEPS:
+        raise SattrackError(
+            f"{len(limits)} rules take more passes than their max allows, which makes {states} cases of "
+            f"{n} passes to weigh: give fewer rules a max, or smaller ones"
+        )
+    less = [_one_less(shape, position) for position in range(len(shape))]
+    position_of = {group: position for position, group in enumerate(limits)}
+    best = np.full((n, states), -np.inf)
+    before = np.full((n, states), -1, dtype=np.intp)
+    every = np.arange(states)
+    reach = np.searchsorted(ends, starts, side="right")
+    for at, k in enumerate(order.tolist()):
+        position = position_of.get(int(problem.group[k]))
+        state = every if position is None else less[position]
+        allowed = state >= 0
+        value = float(problem.value[k])
+        if problem.first[k]:
+            best[at, allowed] = value
+        count = int(reach[at])
+        if not count:
+            continue
+        earlier = order[:count]
+        enough = ends[:count] + problem.transitions.seconds(earlier, k) <= starts[at]
+        rows = np.flatnonzero(enough)
+        if not len(rows):
+            continue
+        values = best[rows] if position is None else best[rows][:, np.maximum(state, 0)]
+        chosen = np.argmax(values, axis=0)
+        total = value + values[chosen, every]
+        better = allowed & (total > best[at])
+        best[at, better] = total[better]
+        before[at, better] = rows[chosen[better]]
+    return _chain(best, before, order, _Counts(problem.group, position_of, less))
+
+
+@dataclass(frozen=True, slots=True)
+class _Counts:
+    """How states go down as passes of limited groups are taken."""
+
+    group: Index
+    position_of: Mapping[int, int]
+    less: Sequence[Index]
+
+    def after(self, state: int, k: int) -> int:
+        position = self.position_of.get(int(self.group[k]))
+        return state if position is None else int(self.less[position][state])
+
+
+def _chain(best: Array, before: Index, order: Index, counts: _Counts) -> tuple[float, list[int]]:
+    """Return the best value and its passes, followed back from the last."""
+    if not len(order) or not np.isfinite(best[:, -1]).any():
+        return 0.0, []
+    state = best.shape[1] - 1
+    at = int(np.argmax(best[:, state]))
+    total = float(best[at, state])
+    chosen = []
+    while at >= 0:
+        k = int(order[at])
+        chosen.append(k)
+        at, state = int(before[at, state]), counts.after(state, k)
+    return total, chosen[::-1]
+
+
+def _one_less(shape: tuple[int, ...], position: int) -> Index:
+    """Return for each state the one with one less of a group, -1 where there is none left."""
+    index = np.indices(shape).reshape(len(shape), -1).copy()
+    index[position] -= 1
+    flat = np.ravel_multi_index(tuple(np.maximum(index, 0)), shape)
+    return np.where(index[position] >= 0, flat, -1).astype(np.intp)

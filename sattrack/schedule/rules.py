@@ -1,0 +1,213 @@
+"""Rules in words: "all of celestrak:visual, above 30°, sunlit, magnitude < 4, max 12".
+
+rule      = what *("," condition)
+what      = "all" ["of" SOURCE]              SOURCE as --elements takes it; without one, all elements
+condition = "above" N ["°"]                  followed while so high
+          | "culminates above" N ["°"]       only passes that get so high
+          | "sunlit"                         only while the satellite sees the whole Sun: counts those seconds
+          | "dark"                           the Sun 6° or more below the horizon at culmination
+          | "sun below" N ["°"]              the same for any altitude of the Sun
+          | "magnitude <" N                  only passes that get as bright
+          | "rate <" N ["°/s"]               neither hour angle nor declination ever turns faster
+          | "longer than" N ("s" | "min")    only passes with as many useful seconds
+          | "named" GLOB                     only satellites whose names match
+          | "max" N                          no more than so many passes in the plan
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from sattrack.schedule.origin import meant
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sattrack.errors import BadInputError
+    from sattrack.schedule.origin import Origin
+
+DARK_SUN_DEG = -6.0
+_NUMBER = r"([+\-]?\d+(?:\.\d*)?|[+\-]?\.\d+)"
+_DEG = r"\s*(?:°|deg|degrees)?"
+_WORDS = ("above", "culminates above", "sunlit", "dark", "sun below", "magnitude <", "rate <", "longer than")
+KNOWN = (*_WORDS, "named", "max")
+_BEGIN = ": begin with 'all' or 'all of SOURCE', as all of celestrak:visual"
+_EXAMPLES = {
+    "above": "above 30°",
+    "culminates above": "culminates above 60°",
+    "culminates": "culminates above 60°",
+    "sunlit": "sunlit",
+    "dark": "dark",
+    "sun below": "sun below -12°",
+    "sun": "sun below -12°",
+    "magnitude <": "magnitude < 4",
+    "magnitude": "magnitude < 4",
+    "rate <": "rate < 1.5 °/s",
+    "rate": "rate < 1.5 °/s",
+    "longer than": "longer than 90 s",
+    "longer": "longer than 90 s",
+    "named": "named STARLINK*",
+    "max": "max 12",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """What passes must meet; degrees, seconds. None, and no text, for what is not asked."""
+
+    above_deg: float | None = None
+    culminates_deg: float | None = None
+    sunlit: bool = False
+    sun_below_deg: float | None = None
+    brighter_than: float | None = None
+    slower_than_deg_s: float | None = None
+    longer_than_s: float | None = None
+    named: str = ""
+    most: int | None = None
+
+
+NO_CONDITIONS = Conditions()
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """A rule: whose passes (`source` None for all elements that are loaded), and which of them."""
+
+    source: str | None
+    conditions: Conditions
+
+
+def parse_rule(text: str, origin: Origin) -> Rule:
+    """Return the rule that a text says; `origin` is where its first character stands.
+
+    Raises BadInputError.
+    """
+    parts = _parts(text)
+    at, what = parts[0]
+    match = re.fullmatch(r"all(?:\s+of\s+(\S(?:.*\S)?))?", what, re.IGNORECASE)
+    if match is None:
+        first = what.split()[0] if what.split() else ""
+        hint = (meant(first, ["all"]) if first else "") or _BEGIN
+        raise origin.moved(at).wrong(f"{what!r} begins no rule{hint}")
+    return Rule(match.group(1), _conditions(parts[1:], origin))
+
+
+def parse_conditions(text: str, origin: Origin) -> Conditions:
+    """Return conditions alone, as `where` has them for satellites by name. Raises BadInputError."""
+    return _conditions(_parts(text), origin)
+
+
+def _parts(text: str) -> list[tuple[int, str]]:
+    """Return what stands between commas, each with the column from 0 at which it begins."""
+    parts, at = [], 0
+    for piece in text.split(","):
+        parts.append((at + len(piece) - len(piece.lstrip()), piece.strip()))
+        at += len(piece) + 1
+    return parts
+
+
+def _conditions(parts: list[tuple[int, str]], origin: Origin) -> Conditions:
+    found, seen = Conditions(), set[str]()
+    for at, words in parts:
+        here = origin.moved(at)
+        if not words:
+            raise here.wrong("nothing stands between two commas, or after the last: take one away")
+        for pattern, take in _GRAMMAR:
+            match = re.fullmatch(pattern, words, re.IGNORECASE)
+            if match is None:
+                continue
+            try:
+                changed = take(found, match)
+            except ValueError as error:
+                raise here.moved(match.start(1)).wrong(f"{words!r}: {error}") from None
+            name = pattern.split("\\s")[0].lower()
+            if name in seen:
+                raise here.wrong(f"{words!r}: that is said twice; keep one")
+            seen.add(name)
+            found = changed
+            break
+        else:
+            raise _unknown(words, here)
+    return found
+
+
+def _unknown(words: str, here: Origin) -> BadInputError:
+    """Return the error for what is no condition, with what was meant."""
+    first = re.split(r"[\s<>=]", words, maxsplit=1)[0].lower()
+    two = " ".join(words.lower().split()[:2])
+    for known in (two, first):
+        if known in _EXAMPLES:
+            return here.wrong(f"{words!r} is not understood: write it as {_EXAMPLES[known]!r}")
+    near = meant(first, [word.split()[0] for word in KNOWN]) or f"; there are {', '.join(KNOWN)}"
+    return here.wrong(f"{words!r} is no condition{near}")
+
+
+def _within(text: str, low: float, high: float, what: str) -> float:
+    value = float(text)
+    if not (math.isfinite(value) and low <= value <= high):
+        raise ValueError(f"{what} go from {low:g} to {high:g}")
+    return value
+
+
+def _above(c: Conditions, m: re.Match[str]) -> Conditions:
+    return replace(c, above_deg=_within(m[1], -5.0, 89.0, "altitudes"))
+
+
+def _culminates(c: Conditions, m: re.Match[str]) -> Conditions:
+    return replace(c, culminates_deg=_within(m[1], -5.0, 90.0, "altitudes"))
+
+
+def _sunlit(c: Conditions, m: re.Match[str]) -> Conditions:
+    del m
+    return replace(c, sunlit=True)
+
+
+def _dark(c: Conditions, m: re.Match[str]) -> Conditions:
+    del m
+    if c.sun_below_deg is not None:
+        raise ValueError("the Sun's altitude is asked twice; keep one")
+    return replace(c, sun_below_deg=DARK_SUN_DEG)
+
+
+def _sun_below(c: Conditions, m: re.Match[str]) -> Conditions:
+    if c.sun_below_deg is not None:
+        raise ValueError("the Sun's altitude is asked twice; keep one")
+    return replace(c, sun_below_deg=_within(m[1], -90.0, 90.0, "altitudes of the Sun"))
+
+
+def _magnitude(c: Conditions, m: re.Match[str]) -> Conditions:
+    return replace(c, brighter_than=_within(m[1], -30.0, 30.0, "magnitudes"))
+
+
+def _rate(c: Conditions, m: re.Match[str]) -> Conditions:
+    return replace(c, slower_than_deg_s=_within(m[1], 1e-4, 1000.0, "rates in degrees a second"))
+
+
+def _longer(c: Conditions, m: re.Match[str]) -> Conditions:
+    scale = 60.0 if m[2].lower().startswith("m") else 1.0
+    return replace(c, longer_than_s=scale * _within(m[1], 0.0, 86400.0, "durations"))
+
+
+def _named(c: Conditions, m: re.Match[str]) -> Conditions:
+    return replace(c, named=m[1])
+
+
+def _most(c: Conditions, m: re.Match[str]) -> Conditions:
+    return replace(c, most=int(_within(m[1], 1.0, 10_000.0, "numbers of passes")))
+
+
+_GRAMMAR: tuple[tuple[str, Callable[[Conditions, re.Match[str]], Conditions]], ...] = (
+    (rf"above\s+{_NUMBER}{_DEG}", _above),
+    (rf"culminates\s+above\s+{_NUMBER}{_DEG}", _culminates),
+    (r"(sunlit)", _sunlit),
+    (r"(dark)", _dark),
+    (rf"sun\s+below\s+{_NUMBER}{_DEG}", _sun_below),
+    (rf"magnitude\s*<\s*{_NUMBER}", _magnitude),
+    (rf"rate\s*<\s*{_NUMBER}\s*(?:°/s|deg/s)?", _rate),
+    (rf"longer\s+than\s+{_NUMBER}\s*(s|sec|seconds|min|minutes)", _longer),
+    (r"named\s+(\S(?:.*\S)?)", _named),
+    (r"max\s+(\d+)", _most),
+)

@@ -1,0 +1,311 @@
+"""The passes that one entry of a schedule asks for, as candidates."""
+
+from __future__ import annotations
+
+import fnmatch
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sattrack.schedule.candidates import (
+    CUT,
+    FAINT,
+    FAST,
+    INFEASIBLE,
+    NOT_LIT,
+    OLD,
+    SHORT,
+    SUN,
+    TOO_LOW,
+    Candidate,
+    Found,
+)
+from sattrack.schedule.origin import meant
+from tle.catalogue_passes import find_catalogue_passes
+from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError
+from tle.facts import pass_facts, sun_altitudes_deg
+from tle.horizon import Horizon, HorizonMask
+from tle.instants import DAY_S, Utc
+from tle.propagator import Propagator
+from tle.sources import find
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from sattrack.schedule.candidates import Loaded, Progress, Situation, Span
+    from sattrack.schedule.file import Entry
+    from tle.catalogue_passes import CataloguePasses, SatellitePass
+    from tle.elements import Elements
+    from tle.facts import PassFacts
+
+    Cut = tuple[Span | None, tuple[str, str] | None]
+
+
+class EntrySearch:
+    """The passes that one entry asks for."""
+
+    def __init__(self, number: int, entry: Entry, situation: Situation, progress: Progress | None) -> None:
+        """Take an entry with its number in the schedule."""
+        self.found = Found()
+        self._number, self._entry, self._situation = number, entry, situation
+        self._progress = progress
+        self._by_name = bool(entry.satellites)
+
+    def run(self, loaded: Loaded, magnitudes_known: bool) -> list[Candidate]:
+        """Return those that are to be told of. Raises BadInputError that names the entry, TleError."""
+        entry, span = self._entry, self._situation.span
+        if entry.conditions.brighter_than is not None and not magnitudes_known:
+            raise entry.origin.wrong(
+                "the rule asks for magnitudes, which element sets do not tell: set magnitudes = FILE"
+            )
+        chosen = self._chosen(loaded)
+        if entry.fixed is not None:
+            clipped = (max(entry.fixed[0], span[0]), min(entry.fixed[1], span[1]))
+            if clipped != entry.fixed:
+                return [self._not_fixed(chosen[0], CUT, "not whole within the plan's time")]
+            windows, span = [entry.fixed], entry.fixed
+        else:
+            windows = [span] if entry.windows is None else entry.windows(span)
+        if not chosen or not windows:
+            if not windows:
+                self.found.notes.append("its window lies outside the plan's time")
+            return []
+        passes = self._passes(chosen, span)
+        if passes.failed:
+            count, first = len(passes.failed), passes.failed[0][1]
+            self.found.notes.append(f"{count} of {len(chosen)} objects left out, the first: {first}")
+        if entry.fixed is not None and not len(passes):
+            words = f"below {entry.terms.min_altitude_deg:g}° or the skyline throughout"
+            return [self._not_fixed(chosen[0], TOO_LOW, words)]
+        return self._candidates(passes, windows, loaded)
+
+    def _not_fixed(self, elements: Elements, why: str, words: str) -> Candidate:
+        """Return the pass by fixed times that cannot be."""
+        low, high = self._entry.fixed or self._situation.span
+        instants = np.linspace(low, high, 60)
+        seen: Any = Propagator(elements, self._situation.site).at(Utc(instants))
+        alt = np.nan_to_num(np.asarray(seen.alt_deg), nan=-90.0)
+        return Candidate(
+            number=-1,
+            entry=self._number,
+            elements=elements,
+            start_utc_s=low,
+            culminate_utc_s=float(instants[int(np.argmax(alt))]),
+            end_utc_s=high,
+            latest_start_utc_s=low,
+            earliest_end_utc_s=high,
+            max_alt_deg=float(np.max(alt)),
+            useful=((low, high),),
+            priority=self._entry.terms.priority,
+            lost=(why, words),
+        )
+
+    def _chosen(self, loaded: Loaded) -> list[Elements]:
+        entry = self._entry
+        if not self._by_name:
+            glob = entry.conditions.named.casefold()
+            matching = [
+                e for e in loaded.elements if not glob or fnmatch.fnmatchcase(e.name.casefold(), glob)
+            ]
+            if not matching:
+                of = f" whose name matches {entry.conditions.named!r}" if glob else ""
+                self.found.notes.append(
+                    f"matches no object: {loaded.name} holds {len(loaded.elements)}, none{of}"
+                )
+            return matching
+        chosen: dict[int, Elements] = {}
+        for key in entry.satellites:
+            try:
+                one = find(loaded.elements, key)
+            except AmbiguousSatelliteError as error:
+                raise entry.origin.wrong(str(error)) from None
+            except SatelliteNotFoundError as error:
+                hint = meant(key, [e.name for e in loaded.elements if e.name])
+                raise entry.origin.wrong(f"{error}{hint}") from None
+            chosen[one.catalog_number] = one
+        return list(chosen.values())
+
+    def _passes(self, chosen: Sequence[Elements], span: Span) -> CataloguePasses:
+        situation = self._situation
+        skyline = situation.limits.horizon
+        mask = None
+        if skyline:
+            mask = HorizonMask(tuple(a for a, _ in skyline), tuple(h for _, h in skyline))
+        progress = self._progress
+        return find_catalogue_passes(
+            chosen,
+            situation.site,
+            Utc(span[0]),
+            (span[1] - span[0]) / 3600.0,
+            Horizon(self._entry.terms.min_altitude_deg, mask),
+            workers=situation.workers,
+            progress=None if progress is None else lambda done, total: progress("searched", done, total),
+        )
+
+    def _candidates(self, passes: CataloguePasses, windows: list[Span], loaded: Loaded) -> list[Candidate]:
+        """Return those of the passes that are to be told of: of rules only what they do not rule out."""
+        self.found.passes = len(passes)
+        if not len(passes):
+            self._tell_none(passes)
+            return []
+        seen = list(passes)
+        suns = sun_altitudes_deg(passes)
+        cuts = {k: self._cut(passes, seen[k], windows) for k in range(len(seen))}
+        kept = [k for k in cuts if self._keep_before_facts(seen[k], float(suns[k]), cuts[k])]
+        progress = self._progress
+        facts = pass_facts(
+            passes,
+            kept,
+            self._situation.magnitudes,
+            None if progress is None else lambda done, total: progress("looked at", done, total),
+        )
+        made = []
+        for k, fact in zip(kept, facts, strict=True):
+            one = self._candidate(seen[k], fact, float(suns[k]), cuts[k], loaded)
+            if one is not None:
+                made.append(one)
+        return made
+
+    def _tell_none(self, passes: CataloguePasses) -> None:
+        low = self._entry.terms.min_altitude_deg
+        names = ", ".join(e.label for e in passes.elements[:3]) if self._by_name else "nothing of it"
+        self.found.notes.append(f"{names}: not above {low:g}° in the plan's time")
+
+    def _cut(self, passes: CataloguePasses, one: SatellitePass, windows: list[Span]) -> Cut:
+        """Return what of a pass may be followed, and why it is lost by its times, None where it is not."""
+        terms, fixed = self._entry.terms, self._entry.fixed
+        begin, end = passes.start, passes.start.plus(passes.task.span[1])
+        low = float((one.seen.rise_utc or begin).unix_s)
+        high = float((one.seen.set_utc or end).unix_s)
+        always = one.seen.rise_utc is None and one.seen.set_utc is None
+        touching = [(max(low, a), min(high, b)) for a, b in windows if a < high and b > low]
+        if not touching:
+            return None, None
+        span = max(touching, key=lambda x: x[1] - x[0])
+        whole = fixed if fixed is not None else (low, high)
+        lost: tuple[str, str] | None = None
+        if not always and not terms.shorten and (span != whole or (fixed is None and self._is_cut(one))):
+            if fixed is not None:
+                off_s = fixed[1] - fixed[0] - (span[1] - span[0])
+                lost = (TOO_LOW, f"below {terms.min_altitude_deg:g}° or the skyline for {off_s:.0f} s of it")
+            else:
+                lost = (CUT, "not whole within the plan's time or its window; shorten = true takes a part")
+        if terms.longest_s is not None and span[1] - span[0] > terms.longest_s:
+            top = min(max(float(one.seen.culminate_utc.unix_s), span[0]), span[1])
+            first = min(max(top - 0.5 * terms.longest_s, span[0]), span[1] - terms.longest_s)
+            span = (first, first + terms.longest_s)
+        return span, lost
+
+    @staticmethod
+    def _is_cut(one: SatellitePass) -> bool:
+        return one.seen.rise_utc is None or one.seen.set_utc is None
+
+    def _keep_before_facts(self, one: SatellitePass, sun_deg: float, cut: Cut) -> bool:
+        """Tell whether a pass is told of, by what is known at once; of a rule's, count those that are not."""
+        conditions, terms = self._entry.conditions, self._entry.terms
+        if cut[0] is None:
+            self.found.dropped["outside the window"] += 1
+            return False
+        if self._by_name:
+            return True
+        too_low = conditions.culminates_deg is not None and one.seen.max_alt_deg < conditions.culminates_deg
+        if too_low:
+            self.found.dropped[TOO_LOW] += 1
+        elif self._is_too_bright(sun_deg):
+            self.found.dropped[SUN] += 1
+        elif cut[0][1] - cut[0][0] < min(terms.least_s, terms.longest_s or terms.least_s):
+            self.found.dropped[SHORT] += 1
+        else:
+            return True
+        return False
+
+    def _is_too_bright(self, sun_deg: float) -> bool:
+        terms, asked = self._entry.terms, self._entry.conditions.sun_below_deg
+        return (terms.if_sun_up == "skip" and sun_deg > terms.sun_up_deg) or (
+            asked is not None and sun_deg > asked
+        )
+
+    def _candidate(
+        self,
+        one: SatellitePass,
+        facts: PassFacts | None,
+        sun_deg: float,
+        cut: Cut,
+        loaded: Loaded,
+    ) -> Candidate | None:
+        span, lost = cut
+        if span is None:
+            return None
+        entry, terms = self._entry, self._entry.terms
+        useful: tuple[Span, ...] = (span,)
+        if entry.conditions.sunlit:
+            lit = () if facts is None else facts.sunlit
+            useful = tuple(
+                (max(span[0], float(a.unix_s)), min(span[1], float(b.unix_s)))
+                for a, b in lit
+                if float(a.unix_s) < span[1] and float(b.unix_s) > span[0]
+            )
+        top = min(max(float(one.seen.culminate_utc.unix_s), span[0]), span[1])
+        made = Candidate(
+            number=-1,
+            entry=self._number,
+            elements=one.elements,
+            start_utc_s=span[0],
+            culminate_utc_s=top,
+            end_utc_s=span[1],
+            latest_start_utc_s=top if terms.shorten else span[0],
+            earliest_end_utc_s=top if terms.shorten else span[1],
+            max_alt_deg=float(one.seen.max_alt_deg),
+            useful=useful,
+            priority=terms.priority,
+            sun_alt_deg=sun_deg,
+            magnitude=None if facts is None else facts.magnitude,
+        )
+        why = lost or next(self._reasons(made, facts, loaded), None)
+        if why is None and terms.if_elements_old == "run":
+            age = self._too_old(made, loaded)
+            made = made if age is None else replace(made, notes=(age,))
+        if why is None:
+            return made
+        if not (self._by_name or why[0] in (OLD, CUT)):
+            self.found.dropped[why[0]] += 1
+            return None
+        return replace(made, lost=why)
+
+    def _reasons(self, one: Candidate, facts: PassFacts | None, loaded: Loaded) -> Iterator[tuple[str, str]]:
+        """Yield why a pass is none, or is not what was asked for, the first thing first."""
+        entry, c = self._entry, self._entry.conditions
+        terms = entry.terms
+        least_s = terms.least_s if entry.fixed is None else 0.0
+        fastest = math.inf if facts is None else max(facts.peak_ha_rate_deg_s, facts.peak_dec_rate_deg_s)
+        if c.culminates_deg is not None and one.max_alt_deg < c.culminates_deg:
+            yield TOO_LOW, f"culminates at {one.max_alt_deg:.1f}°, below {c.culminates_deg:g}°"
+        if self._is_too_bright(one.sun_alt_deg or 0.0):
+            yield SUN, f"the Sun is at {one.sun_alt_deg:.1f}°, above {terms.sun_up_deg:g}°"
+        if one.end_utc_s - one.start_utc_s < min(least_s, terms.longest_s or least_s):
+            yield SHORT, f"{one.end_utc_s - one.start_utc_s:.0f} s, less than {least_s:g} s"
+        if facts is None:
+            yield INFEASIBLE, "the elements have it come down before the pass ends"
+        if c.sunlit and one.useful_s <= 0.0:
+            yield NOT_LIT, "in the Earth's shadow throughout"
+        if c.longer_than_s is not None and one.useful_s < c.longer_than_s:
+            yield SHORT, f"{one.useful_s:.0f} useful seconds, less than {c.longer_than_s:g}"
+        if c.brighter_than is not None and (one.magnitude is None or one.magnitude >= c.brighter_than):
+            shown = "not known" if one.magnitude is None else f"{one.magnitude:.1f}"
+            yield FAINT, f"magnitude {shown}, not below {c.brighter_than:g}"
+        if c.slower_than_deg_s is not None and fastest >= c.slower_than_deg_s:
+            yield FAST, f"an axis turns {fastest:.2f} °/s, not below {c.slower_than_deg_s:g} °/s"
+        old = self._too_old(one, loaded)
+        if old is not None and terms.if_elements_old == "skip":
+            yield OLD, old
+
+    def _too_old(self, one: Candidate, loaded: Loaded) -> str | None:
+        """Say how old the elements are where that is too much; those of a provider are renewed before."""
+        at = self._situation.now_utc_s if loaded.renewable else one.culminate_utc_s
+        days = abs(at - float(one.elements.epoch.unix_s)) / DAY_S
+        if days <= self._entry.terms.elements_oldest_days:
+            return None
+        when = "today" if loaded.renewable else "at the pass"
+        return f"elements {days:.1f} days old {when}, more than {self._entry.terms.elements_oldest_days:g}"

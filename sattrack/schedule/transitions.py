@@ -1,0 +1,145 @@
+"""From one pass to the next: what is done after and before, the slews between, and settling."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from sattrack.safety.route import HANDSHAKE_S, RAMP, axes_of, slew_s
+from sattrack.schedule.actions import CommandAction, SlewAction
+from sattrack.schedule.stars import Star, find_star, hour_angle_and_dec_deg
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from sattrack.mount import AxisLimits, MountProfile
+    from sattrack.safety.geometry import Place
+    from sattrack.schedule.actions import Action
+    from tle.site import Site
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+
+
+class Errands(NamedTuple):
+    """What a list of actions takes: where its first slew goes, its seconds, where the mount stands then.
+
+    The way to the first place is not counted, that from each to the next is.
+    """
+
+    first: Place
+    seconds: float
+    last: Place
+
+
+class Stand(NamedTuple):
+    """What a pass needs around it: before its start, and from its end on; all but the slew between two."""
+
+    before: Errands
+    settle_s: float
+    after: Errands
+
+
+def place_of(action: SlewAction, utc_s: float, site: Site, profile: MountProfile) -> Place:
+    """Return how the axes stand at an action's direction at an instant, by the profile's rule."""
+    if action.alt_deg is not None and action.az_deg is not None:
+        hour_angle, dec = _equatorial_deg(action.alt_deg, action.az_deg, site.latitude_deg)
+    else:
+        star = find_star(action.star) if action.star is not None else None
+        if star is None:
+            star = Star(float(action.ra_deg or 0.0), float(action.dec_deg or 0.0), 0.0, 0.0)
+        hour_angle, dec = hour_angle_and_dec_deg(star, utc_s, site.longitude_deg)
+    return axes_of(hour_angle, dec, profile, site.latitude_deg)
+
+
+def _equatorial_deg(alt_deg: float, az_deg: float, latitude_deg: float) -> tuple[float, float]:
+    """Return hour angle and declination of an altitude and azimuth, degrees."""
+    a, z, p = math.radians(alt_deg), math.radians(az_deg), math.radians(latitude_deg)
+    up, north, east = math.sin(a), math.cos(a) * math.cos(z), math.cos(a) * math.sin(z)
+    dec = math.asin(max(-1.0, min(1.0, math.sin(p) * up + math.cos(p) * north)))
+    meridian = math.cos(p) * up - math.sin(p) * north
+    return math.degrees(math.atan2(-east, meridian)), math.degrees(dec)
+
+
+def errands_before(
+    actions: Sequence[Action], start: Place, utc_s: float, site: Site, profile: MountProfile
+) -> Errands:
+    """Return what is done before a pass that starts at a place of the axes, the slew to it included."""
+    places, seconds = _places(actions, utc_s, site, profile)
+    return Errands((*places, start)[0], seconds + _ways_s([*places, start], profile), start)
+
+
+def errands_after(
+    actions: Sequence[Action], end: Place, utc_s: float, site: Site, profile: MountProfile
+) -> Errands:
+    """Return what is done after a pass that ends at a place of the axes, the slew from it included."""
+    places, seconds = _places(actions, utc_s, site, profile)
+    return Errands(end, seconds + _ways_s([end, *places], profile), (end, *places)[-1])
+
+
+def _places(
+    actions: Sequence[Action], utc_s: float, site: Site, profile: MountProfile
+) -> tuple[list[Place], float]:
+    """Return the places of slews, and the seconds of all that is waited for."""
+    places, seconds = [], 0.0
+    for action in actions:
+        if isinstance(action, SlewAction):
+            places.append(place_of(action, utc_s, site, profile))
+            seconds += action.wait_s
+        elif isinstance(action, CommandAction) and action.wait:
+            seconds += action.timeout_s
+    return places, seconds
+
+
+def _ways_s(places: list[Place], profile: MountProfile) -> float:
+    return sum(slew_s(one, other, profile) for one, other in pairwise(places))
+
+
+@dataclass(frozen=True, slots=True)
+class SlewTransitions:
+    """The seconds between passes, for all pairs: columns of where each leaves the mount, and wants it."""
+
+    leave: Array
+    """Hour angle and declination axis after each pass and what follows it, shape (n, 2), degrees."""
+    want: Array
+    after_s: Array
+    before_s: Array
+    rates_deg_s: tuple[float, float]
+    ramps_s: tuple[float, float]
+
+    @classmethod
+    def of(cls, stands: Sequence[Stand], profile: MountProfile) -> SlewTransitions:
+        """Return those of some passes by a mount's axes."""
+        axes = (profile.ra, profile.dec)
+        return cls(
+            np.array([stand.after.last for stand in stands], dtype=np.float64).reshape(-1, 2),
+            np.array([stand.before.first for stand in stands], dtype=np.float64).reshape(-1, 2),
+            np.array([stand.after.seconds for stand in stands], dtype=np.float64),
+            np.array([stand.before.seconds + stand.settle_s for stand in stands], dtype=np.float64),
+            (axes[0].slew_rate_deg_s, axes[1].slew_rate_deg_s),
+            (_ramp_s(axes[0]), _ramp_s(axes[1])),
+        )
+
+    def seconds(self, before: Index, after: int) -> Array:
+        """Return the seconds from the ends of some passes to the start of another."""
+        total: Array = self.after_s[before] + self.slews_s(before, after) + self.before_s[after]
+        return total
+
+    def slews_s(self, before: Index, after: int) -> Array:
+        """Return of those what the slew between takes, as `sattrack.safety.route.slew_s` reckons it."""
+        gap = np.abs(self.leave[before] - self.want[after])
+        slews: Array = HANDSHAKE_S + np.maximum(
+            gap[:, 0] / self.rates_deg_s[0] + self.ramps_s[0],
+            gap[:, 1] / self.rates_deg_s[1] + self.ramps_s[1],
+        )
+        return slews
+
+
+def _ramp_s(axis: AxisLimits) -> float:
+    return 2.0 * RAMP * axis.slew_rate_deg_s / axis.max_acceleration_deg_s2

@@ -1,0 +1,89 @@
+"""Why a pass that could be taken is not in the plan: which of those that are it conflicts with, and how."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from sattrack.schedule.nodes import Node, NodeSet
+
+CONFLICT, SAME, RULE_FULL = "conflict", "same pass", "rule full"
+BEGINNING, WORTH_LESS = "beginning", "worth less"
+
+
+class Reason(NamedTuple):
+    """Kind, words, and the places in the plan (from 0) of the passes that it conflicts with."""
+
+    kind: str
+    words: str
+    others: tuple[int, ...] = ()
+
+
+def why_lost(
+    at: int,
+    chosen: Sequence[int],
+    nodes: NodeSet,
+    names: Sequence[str],
+    limits: Mapping[int, int],
+    same: int | None,
+) -> Reason:
+    """Return why the node `at` is not among the chosen ones.
+
+    Nodes are indices into `nodes`, the chosen in order of time; `names` are those of the chosen. `limits` are
+    the most passes of each group. `same` is the place in the plan of the same satellite's pass at that time.
+    """
+    if same is not None:
+        return Reason(SAME, f"the same pass as {same + 1}, which another entry asks for", (same,))
+    me = nodes.nodes[at]
+    meeting = [
+        k
+        for k, other in enumerate(chosen)
+        if nodes.nodes[other].start_utc_s < me.end_utc_s and nodes.nodes[other].end_utc_s > me.start_utc_s
+    ]
+    if meeting:
+        words = ", ".join(
+            f"{k + 1} ({names[k]}, {_overlap_s(me, nodes.nodes[chosen[k]]):.0f} s)" for k in meeting
+        )
+        return Reason(CONFLICT, f"at the same time as {words}", tuple(meeting))
+    tight = _tight(at, chosen, nodes)
+    if tight:
+        words = "; ".join(
+            f"{need:.0f} s {'from' if earlier else 'to'} {k + 1} ({names[k]}), {free:.0f} s there are"
+            for k, need, free, earlier in tight
+        )
+        return Reason(CONFLICT, f"no time between: {words}", tuple(k for k, *_ in tight))
+    group = int(nodes.problem.group[at])
+    if group in limits and sum(int(nodes.problem.group[k]) == group for k in chosen) >= limits[group]:
+        return Reason(RULE_FULL, f"the rule has its {limits[group]} passes, worth more together")
+    if not bool(nodes.problem.first[at]):
+        return Reason(BEGINNING, "no time to get there from the plan's beginning")
+    return Reason(WORTH_LESS, "the plan without it is worth as much")
+
+
+def _overlap_s(one: Node, other: Node) -> float:
+    return min(one.end_utc_s, other.end_utc_s) - max(one.start_utc_s, other.start_utc_s)
+
+
+def _tight(at: int, chosen: Sequence[int], nodes: NodeSet) -> list[tuple[int, float, float, bool]]:
+    """Return the neighbours in the plan from or to which there is no time: place, needed, free, before."""
+    me = nodes.nodes[at]
+    found = []
+    earlier = [k for k, other in enumerate(chosen) if nodes.nodes[other].end_utc_s <= me.start_utc_s]
+    later = [k for k, other in enumerate(chosen) if nodes.nodes[other].start_utc_s >= me.end_utc_s]
+    if earlier:
+        k = earlier[-1]
+        need = float(nodes.transitions.seconds(np.array([chosen[k]]), at)[0])
+        free = me.start_utc_s - nodes.nodes[chosen[k]].end_utc_s
+        if need > free:
+            found.append((k, need, free, True))
+    if later:
+        k = later[0]
+        need = float(nodes.transitions.seconds(np.array([at]), chosen[k])[0])
+        free = nodes.nodes[chosen[k]].start_utc_s - me.end_utc_s
+        if need > free:
+            found.append((k, need, free, False))
+    return found
