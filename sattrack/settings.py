@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
+from typing import Literal
 
 import msgspec
 
@@ -33,6 +34,24 @@ class MountSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     profile: str | None = None
 
 
+class CameraSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What looks through the telescope: the diameter of its field of view."""
+
+    fov_deg: float | None = None
+
+    def __post_init__(self) -> None:
+        """Raise ValueError where it is no diameter."""
+        if self.fov_deg is not None and not 0.0 < self.fov_deg <= 180.0:
+            raise ValueError(f"fov_deg is {self.fov_deg:g}; give the field's diameter in degrees, above 0")
+
+
+class ScreenSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How the terminal's screen looks: `theme` is what `--theme` takes, `ascii` for no other characters."""
+
+    theme: Literal["night", "red", "contrast"] = "night"
+    ascii: bool = False
+
+
 class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """All that a settings file can say; absent means the built-in value."""
 
@@ -41,6 +60,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     mount: MountSettings = MountSettings()
     min_altitude_deg: float = 10.0
     safety: SafetySettings = SafetySettings()
+    camera: CameraSettings = CameraSettings()
+    screen: ScreenSettings = ScreenSettings()
 
 
 FILE_NAME = "sattrack.toml"

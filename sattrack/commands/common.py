@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from sattrack.downloads import Downloads
     from sattrack.profiles import ProfileFile
+    from sattrack.tui.appearance import Appearance
     from tle.elements import Elements
     from tle.instants import Utc
     from tle.sources import ElementSets
@@ -157,6 +158,41 @@ def bias_options(function: Callable[..., Any]) -> Callable[..., Any]:
         default=0.0,
         metavar="DEG",
         help="Position angle of the camera's y axis, from north through east.",
+    )(function)
+
+
+def screen_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of the terminal's screen, of which `appearance` makes what the screen takes."""
+    function = click.option("--scene", is_flag=True, hidden=True)(function)
+    function = click.option(
+        "--ascii",
+        "plain",
+        is_flag=True,
+        help="Draw the screen with the characters of ASCII alone; without asking where there are no others.",
+    )(function)
+    return click.option(
+        "--theme",
+        type=click.Choice(("night", "red", "contrast")),
+        help="Colours of the screen: night, red (for eyes used to the dark) or contrast; t there changes it.",
+    )(function)
+
+
+def appearance(context: CommandContext, theme: str | None, plain: bool) -> Appearance:
+    """Return how the screen is to be drawn: by the options, else the settings, else as the terminal can."""
+    from sattrack.tui.appearance import Appearance, can_show
+
+    screen = context.settings.screen
+    return Appearance(theme or screen.theme, plain or screen.ascii or not can_show(sys.stdout.encoding))
+
+
+def fov_option(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add `--fov DEG`, handed on as `fov_deg`."""
+    return click.option(
+        "--fov",
+        "fov_deg",
+        type=float,
+        metavar="DEG",
+        help="Diameter of the camera's field of view, to show the error to expect beside it.",
     )(function)
 
 

@@ -9,7 +9,16 @@ from typing import Any
 import click
 
 from sattrack import practice
-from sattrack.commands.common import CommandContext, bias_options, common_options, profile_option, tell
+from sattrack.commands.common import (
+    CommandContext,
+    appearance,
+    bias_options,
+    common_options,
+    fov_option,
+    profile_option,
+    screen_options,
+    tell,
+)
 from sattrack.commands.running import (
     Progress,
     Stream,
@@ -39,6 +48,8 @@ SHORTEST_S = 5.0
     "--control", is_flag=True, help="Take messages as JSON lines on standard input; its end stops the mount."
 )
 @bias_options
+@fov_option
+@screen_options
 @common_options
 def command(context: CommandContext, seconds: float | None, **options: Any) -> int:
     """Follow a real pass of the ISS with an embedded simulated mount, over UDP on loopback."""
@@ -49,10 +60,11 @@ def command(context: CommandContext, seconds: float | None, **options: Any) -> i
     check_observations(observations, control, ())
     alone = options["headless"] or context.json or options["stream"] or control or observations == "stdin"
     if not alone and tui_possible():
-        return with_tui(stay=seconds is None)
+        return with_tui(appearance(context, options["theme"], options["plain"]), stay=seconds is None)
     request = replace(
         demo_request(context.clock_option, options["record"], context.profile(options["profile"])),
         camera_rotation_deg=options["camera_rotation"],
+        fov_deg=context.settings.camera.fov_deg if options["fov_deg"] is None else options["fov_deg"],
         memory=options["bias_memory"],
     )
     deadline_s = float("inf") if seconds is None else begun_s + seconds - STOPPING_TAKES_S
@@ -60,6 +72,8 @@ def command(context: CommandContext, seconds: float | None, **options: Any) -> i
     prepared = prepare(request)
     for words in prepared.notes:
         tell(words)
+    if isinstance(told, Stream) and options["scene"]:
+        told.tell_scene(prepared.facts)
     summary, interrupted = fly_and_tell(prepared, told, control, deadline_s, observations)
     return finish(summary, interrupted, context.json or options["stream"])
 

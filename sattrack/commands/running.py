@@ -25,6 +25,7 @@ from tle.instants import Utc
 if TYPE_CHECKING:
     from sattrack.runtime.facts import RunFacts
     from sattrack.runtime.prepare import Prepared
+    from sattrack.tui.appearance import Appearance
 
 SECONDS_BETWEEN_LINES = 5.0
 OLD_AFTER_DAYS = 3.0
@@ -108,7 +109,7 @@ def tui_possible() -> bool:
     return sys.stdin.isatty() and sys.stdout.isatty() and importlib.util.find_spec("textual_plot") is not None
 
 
-def with_tui(stay: bool = True) -> int:
+def with_tui(appearance: Appearance, stay: bool = True) -> int:
     """Run this very command line headless in a process of its own, and the terminal UI here on top of it.
 
     With `stay`, the screen of an ended run remains until it is left.
@@ -116,12 +117,21 @@ def with_tui(stay: bool = True) -> int:
     """
     from sattrack.tui.launch import fly_with_tui
 
-    arguments = [*sys.argv[1:], "--stream", "--control"]
-    return fly_with_tui([sys.executable, "-m", "sattrack", *arguments], stay)
+    arguments = [*sys.argv[1:], "--stream", "--control", "--scene"]
+    return fly_with_tui([sys.executable, "-m", "sattrack", *arguments], appearance, stay)
 
 
 class Stream(JsonLines):
     """Writes views as JSON lines."""
+
+    def tell_scene(self, facts: RunFacts) -> None:
+        """Say what does not change during a pass, before it."""
+        from sattrack.runtime.kernel_clock import read_kernel_clock
+        from sattrack.runtime.pass_scene import pass_scene
+
+        clock = read_kernel_clock()
+        known = clock is not None and clock.synchronised
+        self.write_whole(pass_scene(facts, clock.estimated_error_s if clock is not None and known else None))
 
     def show(self, view: TrackView) -> None:
         """Take one state."""

@@ -8,7 +8,15 @@ from typing import Any
 
 import click
 
-from sattrack.commands.common import CommandContext, bias_options, common_options, profile_option
+from sattrack.commands.common import (
+    CommandContext,
+    appearance,
+    bias_options,
+    common_options,
+    fov_option,
+    profile_option,
+    screen_options,
+)
 from sattrack.commands.running import (
     Progress,
     Stream,
@@ -50,6 +58,8 @@ from sattrack.runtime.prepare import RunRequest, prepare
     "--control", is_flag=True, help="Take messages as JSON lines on standard input; its end stops the mount."
 )
 @bias_options
+@fov_option
+@screen_options
 @common_options
 def command(context: CommandContext, satellite: str, **options: Any) -> int:
     """Follow the pass now in progress, else the next.
@@ -67,6 +77,7 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
         bias_along_s=options["bias_along"],
         bias_cross_deg=options["bias_cross"],
         camera_rotation_deg=options["camera_rotation"],
+        fov_deg=context.settings.camera.fov_deg if options["fov_deg"] is None else options["fov_deg"],
         virtual=options["virtual"],
         record=options["record"],
         profile=context.profile(options["profile"]),
@@ -88,7 +99,7 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
     streams = options["stream"] or options["control"] or observations == "stdin"
     if not (options["headless"] or options["virtual"] or context.json or streams) and tui_possible():
         prepare(request)
-        return with_tui()
+        return with_tui(appearance(context, options["theme"], options["plain"]))
     prepared = prepare(request)
     if prepared.practising:
         words = "no elements or site set: practising with the built-in ISS pass over Leiden"
@@ -96,6 +107,8 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
     for words in (*announcement(prepared.facts), *prepared.notes):
         click.echo(f"sattrack: {words}", err=True)
     told = Stream() if options["stream"] else Progress(quiet_off_terminal=True)
+    if isinstance(told, Stream) and options["scene"]:
+        told.tell_scene(prepared.facts)
     if request.virtual:
         observers = None if observations is None else read_all(sys.stdin.buffer)
         summary, interrupted = fly_virtual(prepared, told.show, observers=observers), False

@@ -31,6 +31,9 @@ SHORT_ANSWER = 24
 REFUSED_CHARACTERS = 26
 LARGE_ARCSEC = 3600.0
 NAMES = {"hadec": ("hour angle", "declination"), "azel": ("azimuth", "elevation")}
+SPOKEN = {tone: look.concrete(style) for tone, style in look.SPOKEN.items()}
+PLATE = {tone: look.concrete(style) for tone, style in look.PLATE.items()}
+DIM = look.concrete(look.DIM)
 KEYS = "L local  R remote  SPACE stop  X ready after an interlock  Q stop and quit"
 
 
@@ -124,29 +127,27 @@ def drawn(view: AntennaView) -> dict[str, Text]:
 def _state(view: AntennaView) -> Text:
     text = Text()
     mode = ("REMOTE", Tone.GOOD) if view.remote else ("LOCAL", Tone.NOTICE)
-    text.append(f" {mode[0]} ", look.PLATE[mode[1]])
+    text.append(f" {mode[0]} ", PLATE[mode[1]])
     servo = Tone.GOOD if view.servo == "TRACKING" else Tone.CALM
-    text.append(f"  {view.doing.lower()}, ").append(view.servo.lower(), look.SPOKEN[servo])
+    text.append(f"  {view.doing.lower()}, ").append(view.servo.lower(), SPOKEN[servo])
     text.append("   mount ").append(*_good_or_bad(view.link_up, "heard", "NOT HEARD"))
     text.append("   antcn ").append("connected" if view.caller else "not connected")
     text.append(f"   {view.refused} refused")
     if view.tripped is not None:
-        text.append(
-            f"\nsafety stopped the mount: {view.tripped}; X makes it ready again", look.SPOKEN[Tone.BAD]
-        )
+        text.append(f"\nsafety stopped the mount: {view.tripped}; X makes it ready again", SPOKEN[Tone.BAD])
     elif view.outside_limits:
         words_of_limit = "\nthe trajectory is beyond the limits: the axes are held as near as may be"
-        text.append(words_of_limit, look.SPOKEN[Tone.NOTICE])
+        text.append(words_of_limit, SPOKEN[Tone.NOTICE])
     return text
 
 
 def _good_or_bad(good: bool, well: str, ill: str) -> tuple[str, str]:
-    return (well, look.SPOKEN[Tone.GOOD]) if good else (ill, look.SPOKEN[Tone.BAD])
+    return (well, SPOKEN[Tone.GOOD]) if good else (ill, SPOKEN[Tone.BAD])
 
 
 def _axes(view: AntennaView) -> Text:
     first, second = NAMES[view.axes]
-    text = Text().append(f"{'':12}{first:>16}{second:>16}\n", look.DIM)
+    text = Text().append(f"{'':12}{first:>16}{second:>16}\n", DIM)
     rows = (("commanded", view.commanded), ("actual", view.actual))
     text.append("\n".join(f"{name:12}{_pair(axes)}" for name, axes in rows))
     if view.commanded is not None and view.actual is not None:
@@ -175,25 +176,25 @@ def _lines(view: AntennaView) -> Text:
     text = Text()
     for one in view.exchanges:
         word, _, answer = one.answered.partition(" ")
-        style = look.SPOKEN[Tone.NOTICE] if answer.startswith("NAK") else ""
-        text.append(f"{words.clock(one.utc_s)}  ", look.DIM).append(one.received, style)
+        style = SPOKEN[Tone.NOTICE] if answer.startswith("NAK") else ""
+        text.append(f"{words.clock(one.utc_s)}  ", DIM).append(one.received, style)
         if word == "PS" or len(answer) > SHORT_ANSWER:
-            text.append(f"\n            {answer}\n", look.DIM)
+            text.append(f"\n            {answer}\n", DIM)
         else:
-            text.append(f"  {answer}\n", style or look.DIM)
+            text.append(f"  {answer}\n", style or DIM)
     return text
 
 
 def _refusals(view: AntennaView) -> Text:
     if not view.refusals:
-        return Text("none", look.DIM)
+        return Text("none", DIM)
     text = Text()
     for one in view.refusals:
         received = one.received
         if len(received) > REFUSED_CHARACTERS:
             received = received[: REFUSED_CHARACTERS - 1] + "…"
-        text.append(f"{words.clock(one.utc_s)}  ", look.DIM)
-        text.append(f"{received:{REFUSED_CHARACTERS}}", look.SPOKEN[Tone.NOTICE]).append(f"  {one.why}\n")
+        text.append(f"{words.clock(one.utc_s)}  ", DIM)
+        text.append(f"{received:{REFUSED_CHARACTERS}}", SPOKEN[Tone.NOTICE]).append(f"  {one.why}\n")
     text.rstrip()
     return text
 

@@ -13,24 +13,29 @@ from textual.css.query import NoMatches
 
 from sattrack.messages import ClearBias, DropRemembered, Nudge, OffsetBy, Search, StopNow
 from sattrack.tui import figures, look
+from sattrack.tui.appearance import Appearance
 from sattrack.tui.bias_panel import BiasPanel
 from sattrack.tui.error_plot import ErrorPanel
 from sattrack.tui.frames import FRAMES, TRACK
 from sattrack.tui.help import HelpScreen
 from sattrack.tui.history import ErrorHistory
 from sattrack.tui.panels import Cautions, HeadlineBar, KeyBar, Panel, TitleBar
+from sattrack.tui.plain import PlainFilter
 from sattrack.tui.scene import Scene
+from sattrack.tui.sky_panel import NotesPanel, SkyPanel, chart_columns
 from sattrack.tui.steps import FIRST_STEP, STEPS
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from textual.dom import DOMNode
+    from textual.filter import LineFilter
 
     from sattrack.messages import Message
     from sattrack.tui.feed import Feed
-    from sattrack.view import Summary, TrackView
+    from sattrack.view import PassView, Summary, TrackView
 
+NIGHT_LOOK = Appearance()
 LOOK_EVERY_S = 0.1
 PLOT_EVERY_S = 0.25
 SPIRAL_STEPS = 10.0
@@ -72,12 +77,19 @@ class TrackApp(App[None]):
         Binding("r", "reset", "reset frame"),
         Binding("0", "clear_bias", "clear bias"),
         Binding("m", "drop_remembered", "drop remembered bias"),
+        Binding("v", "sky", "sky alone"),
+        Binding("t", "next_theme", "theme"),
         Binding("question_mark", "help", "help"),
     ]
 
     def __init__(
-        self, feed: Feed, stay: bool = True, monotonic: Callable[[], float] = time.monotonic
+        self,
+        feed: Feed,
+        stay: bool = True,
+        monotonic: Callable[[], float] = time.monotonic,
+        appearance: Appearance = NIGHT_LOOK,
     ) -> None:
+        self._appearance = appearance
         super().__init__()
         self._feed = feed
         self._stay = stay
@@ -85,6 +97,7 @@ class TrackApp(App[None]):
         self._history = ErrorHistory()
         self._view: TrackView | None = None
         self._summary: Summary | None = None
+        self._sky: PassView | None = None
         self._ended = False
         self._step = FIRST_STEP
         self._frame = 0
@@ -105,18 +118,23 @@ class TrackApp(App[None]):
             yield figures.WherePanel(id="where")
             yield figures.TimesPanel(id="wide-times")
         yield figures.TimesPanel(id="narrow-times")
-        yield ErrorPanel()
+        with Horizontal(id="middle"):
+            yield ErrorPanel()
+            yield SkyPanel()
         with Container(id="below"):
             yield figures.LinkPanel(id="link")
             yield figures.MountPanel(id="mount")
             yield BiasPanel(id="bias")
+            yield figures.FieldPanel(id="field")
+            yield NotesPanel(id="notes")
             yield figures.RunPanel(id="run")
         yield KeyBar()
 
     def on_mount(self) -> None:
         """Set the look, and look at the feed from now on."""
-        self.register_theme(look.NIGHT)
-        self.theme = look.NIGHT.name
+        for theme in look.THEMES:
+            self.register_theme(theme)
+        self.theme = self._appearance.theme
         for name, title in look.TITLES.items():
             self.query_one(name).border_title = title
         self.set_interval(LOOK_EVERY_S, self.look)
@@ -132,6 +150,7 @@ class TrackApp(App[None]):
         if news.views:
             self._view = news.views[-1]
             self._heard_s = self._monotonic()
+        self._sky = news.sky or self._sky
         self._summary = news.summary or self._summary
         self._ended = self._ended or news.ended
         self._draw()
@@ -141,7 +160,7 @@ class TrackApp(App[None]):
         """Draw the error against time."""
         scene = self.scene
         if scene is not None:
-            self._draw_on_main(lambda main: main.query_one(ErrorPanel).draw(scene, self._history))
+            self._draw_on_main(lambda main: _plot(main, scene, self._history))
 
     @property
     def scene(self) -> Scene | None:
@@ -158,7 +177,18 @@ class TrackApp(App[None]):
             ended=self._ended,
             summary=self._summary,
             frame=FRAMES[self._frame],
+            sky=self._sky,
+            plain=self._appearance.plain,
         )
+
+    def get_theme_variable_defaults(self) -> dict[str, str]:
+        """Return the colours beyond Textual's own, which the layout names before a theme is set."""
+        return look.NIGHT.variables
+
+    def get_line_filters(self) -> Sequence[LineFilter]:
+        """Return what everything that is drawn goes through at last."""
+        filters = super().get_line_filters()
+        return [*filters, PlainFilter()] if self._appearance.plain else filters
 
     def action_stop(self) -> None:
         """Stop everything; every press says it again. Nothing may then hide what the mount does."""
@@ -241,6 +271,18 @@ class TrackApp(App[None]):
         """Take back the bias that an earlier pass left, and have it offered no more."""
         self._send(DropRemembered())
 
+    def action_sky(self) -> None:
+        """Show the sky alone, as large as it goes, or all again."""
+        if self._sky is not None:
+            self.screen_stack[0].toggle_class("-sky-alone")
+            self.call_after_refresh(self.plot)
+
+    def action_next_theme(self) -> None:
+        """Go on to the next theme."""
+        at = look.THEME_NAMES.index(self.theme)
+        self.theme = look.THEME_NAMES[(at + 1) % len(look.THEME_NAMES)]
+        self.call_after_refresh(self.plot)
+
     def action_help(self) -> None:
         """Show what the keys do."""
         self.push_screen(HelpScreen())
@@ -257,7 +299,8 @@ class TrackApp(App[None]):
     def _draw(self) -> None:
         scene = self.scene
         if scene is not None:
-            self._draw_on_main(lambda main: _show(main, scene))
+            huge = self.size.width >= look.HUGE[0] and self.size.height >= look.HUGE[1]
+            self._draw_on_main(lambda main: _show(main, scene, huge))
 
     def _draw_on_main(self, draw: Callable[[DOMNode], object]) -> None:
         """Draw on what lies under any dialog; nothing while it is being put up or taken down."""
@@ -275,7 +318,19 @@ class TrackApp(App[None]):
             self.exit()
 
 
-def _show(main: DOMNode, scene: Scene) -> None:
+def _plot(main: DOMNode, scene: Scene, history: ErrorHistory) -> None:
+    middle, sky = main.query_one("#middle"), main.query_one(SkyPanel)
+    if main.has_class("-sky-alone"):
+        sky.styles.width = "1fr"
+    else:
+        frame = sky.size.width - sky.content_size.width if sky.size.width else 0
+        sky.styles.width = chart_columns(middle.size.width, middle.size.height, frame)
+        main.query_one(ErrorPanel).draw(scene, history)
+    sky.draw(scene)
+
+
+def _show(main: DOMNode, scene: Scene, huge: bool) -> None:
+    main.set_class(huge, "-huge")
     main.query_one(figures.ErrorBox).show(scene)
     for panel in main.query(Panel):
         panel.show(scene)

@@ -14,7 +14,7 @@ import msgspec
 
 from sattrack.messages import StopNow, encode_message
 from sattrack.tui.feed import News
-from sattrack.view import Summary, TrackView
+from sattrack.view import PassView, Summary, TrackView
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,7 +28,8 @@ class _SummaryLine(msgspec.Struct, frozen=True):
     summary: Summary
 
 
-_VIEW: msgspec.json.Decoder[TrackView] = msgspec.json.Decoder(TrackView)
+_Told = TrackView | PassView
+_TOLD: msgspec.json.Decoder[_Told] = msgspec.json.Decoder(_Told)
 _SUMMARY: msgspec.json.Decoder[_SummaryLine] = msgspec.json.Decoder(_SummaryLine)
 
 
@@ -52,6 +53,7 @@ class FeederProcess:
         self._input = self._process.stdin
         os.set_blocking(self._input.fileno(), False)
         self._views: deque[TrackView] = deque()
+        self._sky: PassView | None = None
         self._ended = False
         self._changed = threading.Condition()
         self.summary: Summary | None = None
@@ -71,7 +73,7 @@ class FeederProcess:
         with self._changed:
             views = tuple(self._views)
             self._views.clear()
-            return News(views, self._ended, self.summary)
+            return News(views, self._ended, self.summary, self._sky)
 
     def send(self, message: Message) -> bool:
         """Write a message; a stop that cannot be written is said by closing the channel instead."""
@@ -133,7 +135,11 @@ class FeederProcess:
 
     def _take(self, line: bytes) -> None:
         try:
-            self._views.append(_VIEW.decode(line))
+            told = _TOLD.decode(line)
+            if isinstance(told, PassView):
+                self._sky = told
+                return
+            self._views.append(told)
             self.viewed = True
         except msgspec.MsgspecError:
             try:

@@ -14,7 +14,7 @@ from textual_plot.plot_widget import Legend
 
 from sattrack.tui import words
 from sattrack.tui.history import SMALLEST_ARCSEC, WINDOW_S, ErrorHistory, Scale
-from sattrack.tui.look import DEC_LINE, DIM, RA_LINE, SPOKEN, ZERO_LINE
+from sattrack.tui.look import DIM, SPOKEN
 from sattrack.tui.panels import Panel, Row
 from sattrack.tui.scene import Scene, Tone
 
@@ -86,27 +86,30 @@ class ErrorPlot(PlotWidget, can_focus=False):
         self.set_x_formatter(MinutesBeforeNow())
         self.set_y_formatter(Arcseconds())
 
-    @property
-    def ra_mode(self) -> HiResMode:
-        """The kind of dots of right ascension: another one where colour cannot tell the lines apart."""
-        return HiResMode.QUADRANT if self.app.no_color else HiResMode.BRAILLE
+    def draw(self, history: ErrorHistory, now_utc_s: float, range_arcsec: float, plain: bool = False) -> bool:
+        """Draw the history up to an instant; return whether some of it lies beyond the range.
 
-    def draw(self, history: ErrorHistory, now_utc_s: float, range_arcsec: float) -> bool:
-        """Draw the history up to an instant; return whether some of it lies beyond the range."""
+        Where colour cannot tell the lines apart, or there is no Unicode, that of right ascension has dots of
+        another kind.
+        """
+        colours = self.app.theme_variables
+        ra_mode = HiResMode.QUADRANT if plain or self.app.no_color else HiResMode.BRAILLE
         columns = max(8, self.size.width - LEFT_CELLS - 2)
         traces = history.traces(now_utc_s, columns)
         self.clear()
+        self.set_xlimits(-WINDOW_S, 0.0)
         self.set_ylimits(-range_arcsec, range_arcsec)
         ticks = Arcseconds().get_ticks(-range_arcsec, range_arcsec, 5 if self.size.height >= 9 else 3)
         self.set_yticks(ticks)
         # A hair above zero: exactly there, rounding would put the line in the row below its label.
         hair = 0.01 * range_arcsec
-        self.plot([-WINDOW_S, 0.0], [hair, hair], ZERO_LINE, HiResMode.BRAILLE)
+        if not plain:
+            self.plot([-WINDOW_S, 0.0], [hair, hair], colours["zero-line"], HiResMode.BRAILLE)
         beyond = False
         for trace in traces:
             for values, style, mode in (
-                (trace.ra_arcsec, RA_LINE, self.ra_mode),
-                (trace.dec_arcsec, DEC_LINE, HiResMode.BRAILLE),
+                (trace.ra_arcsec, colours["ra-line"], ra_mode),
+                (trace.dec_arcsec, colours["dec-line"], HiResMode.BRAILLE),
             ):
                 beyond = beyond or bool(np.any(np.abs(values) > range_arcsec))
                 self.plot(trace.ago_s, np.clip(values, -range_arcsec, range_arcsec), style, mode)
@@ -123,12 +126,12 @@ class PlotCaption(Panel):
 
     def full(self, scene: Scene) -> list[Row]:
         """Return the one row."""
-        del scene
+        shapes = scene.plain or self.app.no_color
         row: Row = [
             ("error  ", DIM),
-            (f"{LEGEND[self.app.no_color]} RA on the sky", RA_LINE),
+            (f"{LEGEND[shapes]} RA on the sky", "$ra-line"),
             "   ",
-            ("⠒⠒ Dec", DEC_LINE),
+            ("⠒⠒ Dec", "$dec-line"),
             (f"   scale ±{self.range_arcsec:g}″", ""),
         ]
         if self.beyond:
@@ -154,6 +157,6 @@ class ErrorPanel(Vertical):
         need = history.need_arcsec()
         range_arcsec = self.scale.range_arcsec if need is None else self.scale.fit(need, now_utc_s)
         caption = self.query_one(PlotCaption)
-        caption.beyond = self.query_one(ErrorPlot).draw(history, now_utc_s, range_arcsec)
+        caption.beyond = self.query_one(ErrorPlot).draw(history, now_utc_s, range_arcsec, scene.plain)
         caption.range_arcsec = range_arcsec
         caption.show(scene)

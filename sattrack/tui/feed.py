@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
     from sattrack.messages import Message
-    from sattrack.view import Summary, TrackView
+    from sattrack.view import PassView, Summary, TrackView
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +19,10 @@ class News:
     """Whether nothing more will come."""
     summary: Summary | None = None
     """What the run came to, once it has ended as it should."""
+    sky: PassView | None = None
+    """What was told of the pass, once it has come."""
+    rewound: bool = False
+    """Whether the views begin anew, at an earlier instant: what was drawn from those before is void."""
 
 
 class Feed(Protocol):

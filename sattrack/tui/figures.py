@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from rich.cells import cell_len
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Digits, Static
 
 from sattrack.tui import words
+from sattrack.tui.field import SIGMAS, field_of, figures, picture
 from sattrack.tui.look import DIM, SPOKEN
 from sattrack.tui.panels import Panel, Part, Row, labelled
 from sattrack.tui.scene import Scene, Tone, headline
@@ -18,7 +20,10 @@ if TYPE_CHECKING:
     from sattrack.view import LinkView
 
 RATE_NEAR_LIMIT = 0.95
+FIELD_FIGURES_CELLS = 8
 GAUGE_CELLS = 12
+FULL_GAUGE_FREE_CELLS = 16
+"""What stands beside a bar of its own row."""
 
 
 class ErrorCaption(Panel):
@@ -112,6 +117,8 @@ class TimesPanel(Panel):
             self._row("culmination", view.culminate_utc_s, view.utc_s),
             labelled("", f"at {view.max_alt_deg:.1f}°", cells=12),
             self._row("set", view.end_utc_s, view.utc_s),
+            labelled("elements", _elements(scene), cells=12),
+            labelled("recording", _recording(scene), cells=12),
         ]
 
     def compact(self, scene: Scene) -> list[Row]:
@@ -146,21 +153,24 @@ class LinkPanel(Panel):
         """Return the counts in rows."""
         link = scene.view.link
         return [
-            labelled("state", _link_state(link)),
-            labelled("rate", _rate(link)),
-            labelled("age", _age(link)),
-            labelled("sent", f"{link.sent}", ("  heard ", DIM), f"{link.received}"),
-            labelled("lost", _count(link.lost), ("  late ", DIM), _count(link.late)),
-            labelled("rejected", _count(link.rejected), ("  double ", DIM), _count(link.duplicate)),
+            labelled("state", _link_state(link), "  ", _rate(link), cells=6),
+            labelled("age", _age(link), ("  delay ", DIM), _delay(link), cells=6),
+            labelled("clock", _clock(link), ("  from ours", DIM), cells=6),
+            labelled("sent", f"{link.sent}", ("  heard ", DIM), f"{link.received}", cells=6),
+            labelled("lost", _count(link.lost), ("  late ", DIM), _count(link.late), cells=6),
+            [("rejected ", DIM), _count(link.rejected), ("  double ", DIM), _count(link.duplicate)],
         ]
 
     def compact(self, scene: Scene) -> list[Row]:
         """Return the one row."""
         link = scene.view.link
         row = labelled("link", _link_state(link), "  ", _rate(link), ("  age ", DIM), _age(link))
+        counts: Row = []
         for name, count in (("lost", link.lost), ("late", link.late), ("rejected", link.rejected)):
-            row += [(f"   {name} ", DIM), _count(count)]
-        return [row]
+            counts += [(f"   {name} ", DIM), _count(count)]
+        delay: Row = [] if link.delay_ms is None else [("  delay ", DIM), _delay(link)]
+        fits = _cells([*row, *delay, *counts]) <= self.content_size.width
+        return [[*row, *delay, *counts] if fits else [*row, *counts]]
 
 
 _LINK_WORDS = {
@@ -184,6 +194,25 @@ def _age(link: LinkView) -> Part:
     return words.NOTHING if link.age_s is None else f"{link.age_s:.2f} s"
 
 
+def _delay(link: LinkView) -> Part:
+    if link.delay_ms is None:
+        return words.NOTHING
+    decimals = 1 if abs(link.delay_ms) < 99.95 else 0
+    return f"{link.delay_ms:.{decimals}f} ms".replace("-", words.MINUS)
+
+
+def _clock(link: LinkView) -> Part:
+    """Return the offset of the mount's clock, as finely as its size lets it matter."""
+    offset_s = link.clock_offset_s
+    if offset_s is None:
+        return words.NOTHING
+    return f"{words.signed(offset_s, 3 if abs(offset_s) < 9.9995 else 1)} s"
+
+
+def _cells(row: Row) -> int:
+    return sum(cell_len(part if isinstance(part, str) else part[0]) for part in row)
+
+
 def _count(count: int) -> Part:
     return (str(count), SPOKEN[Tone.NOTICE] if count else "")
 
@@ -197,30 +226,36 @@ class MountPanel(Panel):
         ra = words.NOTHING if view.mount_ra_deg is None else words.right_ascension(view.mount_ra_deg)
         dec = words.NOTHING if view.mount_dec_deg is None else words.declination(view.mount_dec_deg)
         rows: list[Row] = [labelled("at RA", ra), labelled("at Dec", dec)]
-        for name, rate, limit in self._rates(scene):
+        for name, rate, reached, limit in self._rates(scene):
             rows.append(labelled(f"{name} rate", *_rate_of(rate, limit)))
-            rows.append(labelled("", _gauge(rate, limit)))
+            told = words.NOTHING if reached is None else words.signed(reached, 3)
+            cells = max(4, self.content_size.width - FULL_GAUGE_FREE_CELLS)
+            rows.append(labelled("reached", f"{told:<6} ", _gauge(rate, reached, limit, cells)))
         return rows
 
     def compact(self, scene: Scene) -> list[Row]:
         """Return the one row of rates."""
         row = labelled("rates")
-        for name, rate, limit in self._rates(scene):
-            row += [(f"{name} ", DIM), *_rate_of(rate, limit), " ", _gauge(rate, limit), "  "]
+        for name, rate, reached, limit in self._rates(scene):
+            bar = _gauge(rate, reached, limit, GAUGE_CELLS)
+            row += [(f"{name} ", DIM), *_rate_of(rate, limit), " ", bar, "  "]
         return [row]
 
     @staticmethod
-    def _rates(scene: Scene) -> tuple[tuple[str, float, float], ...]:
+    def _rates(scene: Scene) -> tuple[tuple[str, float, float | None, float], ...]:
         view = scene.view
         return (
-            ("RA", view.ra_rate_deg_s, view.max_ra_rate_deg_s),
-            ("Dec", view.dec_rate_deg_s, view.max_dec_rate_deg_s),
+            ("RA", view.ra_rate_deg_s, view.ra_rate_reached_deg_s, view.max_ra_rate_deg_s),
+            ("Dec", view.dec_rate_deg_s, view.dec_rate_reached_deg_s, view.max_dec_rate_deg_s),
         )
 
 
-def _gauge(rate: float, limit: float) -> Part:
-    share = rate / limit if limit else 0.0
-    return (words.gauge(share, GAUGE_CELLS), _rate_style(rate, limit) or DIM)
+def _gauge(rate: float, reached: float | None, limit: float, cells: int) -> Part:
+    """Return a bar of the rate reached, with a stroke at the one commanded; of that alone where no other."""
+    style = _rate_style(rate, limit) or DIM
+    if reached is None or not limit:
+        return (words.gauge(rate / limit if limit else 0.0, cells), style)
+    return (words.gauge(reached / limit, cells, rate / limit), style)
 
 
 def _rate_of(rate: float, limit: float) -> Row:
@@ -232,20 +267,47 @@ def _rate_style(rate: float, limit: float) -> str:
 
 
 class RunPanel(Panel):
-    """What is recorded, and how fresh the elements are."""
+    """What is recorded, how fresh the elements are, what error they let expect: in one row."""
 
     def full(self, scene: Scene) -> list[Row]:
-        """Return both in rows."""
-        recording, elements = self._parts(scene)
-        return [labelled("recording", cells=0), [recording], labelled("elements", cells=0), [elements]]
+        """Return the row."""
+        row = labelled("elements", _elements(scene))
+        expected = field_of(scene.sky, scene.view)
+        if expected is not None:
+            along, across = (
+                words.arcsec(SIGMAS * x) for x in (expected.along_arcsec, expected.across_arcsec)
+            )
+            row += [("  expect ", DIM), f"±{along} ±{across}"]
+            if expected.radius_arcsec is not None:
+                row += [(" in ", DIM), words.arcsec(2.0 * expected.radius_arcsec)]
+        if scene.view.link.clock_offset_s is not None:
+            row += [("  clock ", DIM), _clock(scene.view.link)]
+        tail: Row = [("   recording ", DIM), _recording(scene)]
+        if _cells([*row, *tail]) > self.content_size.width:
+            tail[0] = ("  rec ", DIM)
+        return [[*row, *tail]]
 
-    def compact(self, scene: Scene) -> list[Row]:
-        """Return the one row."""
-        recording, elements = self._parts(scene)
-        return [labelled("elements", elements, ("   recording ", DIM), recording)]
 
-    @staticmethod
-    def _parts(scene: Scene) -> tuple[Part, Part]:
-        view = scene.view
-        recording: Part = "none" if view.recording is None else (view.recording, "bold")
-        return recording, f"{words.age(view.elements_age_s)} old"
+class FieldPanel(Panel):
+    """The error to expect beside the field of view, drawn and in figures."""
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return the picture with the figures to its right."""
+        expected = field_of(scene.sky, scene.view)
+        told = figures(expected)
+        if expected is None:
+            return told
+        height = self.content_size.height
+        columns = max(2, min(2 * height, self.content_size.width - FIELD_FIGURES_CELLS))
+        drawn = picture(expected, columns, height, scene.plain)
+        return [
+            [*row, " ", *(told[number] if number < len(told) else [])] for number, row in enumerate(drawn)
+        ]
+
+
+def _elements(scene: Scene) -> Part:
+    return f"{words.age(scene.view.elements_age_s)} old"
+
+
+def _recording(scene: Scene) -> Part:
+    return "none" if scene.view.recording is None else (scene.view.recording, "bold")

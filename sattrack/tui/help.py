@@ -26,6 +26,7 @@ Esc       end the search, back in its centre
 r         take the offsets of this frame back
 0         clear: take all back, the search and the estimate too
 m         drop the bias remembered from an earlier pass, for good
+v  t      the sky alone, or all / next theme: night, red, contrast
 
 Nudges add up to the bias, which is reached gently. Errors are mount
 minus satellite: along is positive where the mount is ahead, across

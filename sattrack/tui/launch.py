@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import signal
 from contextlib import contextmanager
+from functools import partial
 from typing import TYPE_CHECKING
 
 import click
@@ -12,6 +13,7 @@ import click
 from sattrack.errors import SattrackError
 from sattrack.messages import StopNow
 from sattrack.summary_text import summary_lines
+from sattrack.tui.appearance import Appearance
 from sattrack.tui.child import FeederProcess
 from sattrack.tui.hangup import end_with_the_terminal
 
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
     from sattrack.tui.feed import Feed
 
+NIGHT = Appearance()
 PATIENCE_S = 20.0
 TELL_AFTER_S = 0.3
 GRACE_S = 2.0
@@ -29,6 +32,7 @@ LEAVING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 def fly_with_tui(
     command: Sequence[str],
+    appearance: Appearance = NIGHT,
     stay: bool = True,
     show: Callable[[Feed, bool], None] | None = None,
     patience_s: float = PATIENCE_S,
@@ -48,7 +52,7 @@ def fly_with_tui(
     interrupted = False
     try:
         if feeder.wait_first_view():
-            (show or show_screen)(feeder, stay)
+            (show or partial(show_screen, appearance=appearance))(feeder, stay)
     except KeyboardInterrupt:
         interrupted = True
     finally:
@@ -57,11 +61,11 @@ def fly_with_tui(
     return INTERRUPTED if interrupted else code
 
 
-def show_screen(feed: Feed, stay: bool) -> None:
+def show_screen(feed: Feed, stay: bool, appearance: Appearance) -> None:
     """Run the screen until it is left; raises SattrackError where it broke."""
     from sattrack.tui.app import TrackApp
 
-    app = TrackApp(feed, stay)
+    app = TrackApp(feed, stay, appearance=appearance)
     with _leaving(app.ask_to_leave):
         app.run()
     if app.interrupted:

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
+import re
+
 from textual.theme import Theme
 
 from sattrack.tui.scene import Tone
 
-RA_LINE = "#5fb8c4"
-DEC_LINE = "#c9929f"
-ZERO_LINE = "#454e58"
-DIM = "#87919b"
-INK = "#0c0f12"
+DIM = "$quiet"
+"""Labels and whatever is not to be read first; styles name a theme's colours, so that it can be changed."""
 
 NIGHT = Theme(
     name="night",
@@ -20,28 +19,99 @@ NIGHT = Theme(
     warning="#d9a94f",
     error="#e0625a",
     foreground="#d0d6dc",
-    background=INK,
+    background="#0c0f12",
     surface="#12161b",
     panel="#1a2027",
     dark=True,
+    variables={
+        "ink": "#0c0f12",
+        "quiet": "#87919b",
+        "ra-line": "#5fb8c4",
+        "dec-line": "#c9929f",
+        "zero-line": "#454e58",
+        "axis-line": "#4a545f",
+        "tick": "#a3adb7",
+    },
 )
+RED = Theme(
+    name="red",
+    primary="#c80000",
+    secondary="#5a0000",
+    accent="#c80000",
+    success="#e60000",
+    warning="#ff0000",
+    error="#ff0000",
+    foreground="#e60000",
+    background="#000000",
+    surface="#0f0000",
+    panel="#1c0000",
+    dark=True,
+    variables={
+        "ink": "#000000",
+        "quiet": "#b40000",
+        "ra-line": "#ff0000",
+        "dec-line": "#a00000",
+        "zero-line": "#500000",
+        "axis-line": "#5a0000",
+        "tick": "#a00000",
+    },
+)
+"""Nothing but red: eyes used to the dark stay so."""
+CONTRAST = Theme(
+    name="contrast",
+    primary="#7fd4ff",
+    secondary="#ffffff",
+    success="#5cff5c",
+    warning="#ffe14d",
+    error="#ff9c94",
+    foreground="#ffffff",
+    background="#000000",
+    surface="#000000",
+    panel="#000000",
+    dark=True,
+    variables={
+        "ink": "#000000",
+        "quiet": "#d8d8d8",
+        "ra-line": "#5cf0ff",
+        "dec-line": "#ffa8ff",
+        "zero-line": "#a8a8a8",
+        "axis-line": "#ffffff",
+        "tick": "#ffffff",
+    },
+)
+"""Every character at least seven times as light as what lies behind it."""
+THEMES = (NIGHT, RED, CONTRAST)
+THEME_NAMES = tuple(theme.name for theme in THEMES)
 
 SPOKEN = {
-    Tone.GOOD: f"bold {NIGHT.success}",
-    Tone.CALM: f"bold {NIGHT.primary}",
-    Tone.NOTICE: f"bold {NIGHT.warning}",
-    Tone.BAD: f"bold {NIGHT.error}",
+    Tone.GOOD: "bold $success",
+    Tone.CALM: "bold $primary",
+    Tone.NOTICE: "bold $warning",
+    Tone.BAD: "bold $error",
 }
 PLATE = {
-    Tone.GOOD: f"bold {INK} on {NIGHT.success}",
-    Tone.CALM: f"bold {INK} on {NIGHT.primary}",
-    Tone.NOTICE: f"bold {INK} on {NIGHT.warning}",
-    Tone.BAD: f"bold {INK} on {NIGHT.error}",
+    Tone.GOOD: "bold $ink on $success",
+    Tone.CALM: "bold $ink on $primary",
+    Tone.NOTICE: "bold $ink on $warning",
+    Tone.BAD: "bold $ink on $error",
 }
+
+
+def concrete(style: str, theme: Theme = NIGHT) -> str:
+    """Return a style with a theme's own colours in place of their names."""
+
+    def colour(match: re.Match[str]) -> str:
+        name = match[1]
+        return theme.variables.get(name) or str(getattr(theme, name))
+
+    return re.sub(r"\$([a-z-]+)", colour, style)
+
 
 WIDTHS = [(0, "-narrow"), (110, "-wide")]
 HEIGHTS = [(0, "-short"), (32, "-tall")]
 """Style classes of the screen, each from so many columns or rows on."""
+HUGE = (180, 55)
+"""Columns and rows from which on the screen has the class `-huge` as well."""
 
 TITLES = {
     "ErrorBox": "error",
@@ -52,7 +122,9 @@ TITLES = {
     "#link": "link",
     "#mount": "mount",
     "#bias": "bias",
-    "#run": "run",
+    "#field": "expected, 2σ",
+    "#sky": "sky",
+    "#notes": "where",
 }
 """Titles of the panels that have a border where there is room for one."""
 
@@ -74,29 +146,42 @@ ErrorBox.bad Digits, ErrorBox.bad #unit { color: $error; }
 #axes { width: 23; height: 5; }
 #where { width: 1fr; height: 5; }
 
-ErrorPanel { height: 1fr; min-height: 5; }
+#middle { height: 1fr; min-height: 5; }
+ErrorPanel { height: 100%; width: 1fr; }
+#sky { height: 100%; text-wrap: nowrap; text-overflow: clip; }
+.-sky-alone ErrorPanel, .-sky-alone #state, .-sky-alone #below { display: none; }
 ErrorPlot { height: 1fr; }
-ErrorPlot > .plot--axis { color: #4a545f; }
-ErrorPlot > .plot--tick { color: #a3adb7; text-style: none; }
+ErrorPlot > .plot--axis { color: $axis-line; }
+ErrorPlot > .plot--tick { color: $tick; text-style: none; }
 
 #below { height: auto; }
 #bias { height: 2; }
-#wide-times { display: none; }
+#wide-times, #field, #notes { display: none; }
 
 .-wide.-tall {
-    Panel, ErrorBox, ErrorPanel { border-title-color: $primary; }
+    Panel, ErrorBox, ErrorPanel, SkyPanel { border-title-color: $primary; }
     #state { height: 8; }
     ErrorBox { width: 32; height: 8; border: round $secondary; padding: 1 0 0 0; }
     #axes { width: 26; height: 8; border: round $secondary; }
     #where { width: 1fr; height: 8; border: round $secondary; }
     #wide-times { display: block; width: 1.25fr; height: 8; border: round $secondary; }
     #narrow-times { display: none; }
-    ErrorPanel { border: round $secondary; }
+    ErrorPanel, #sky { border: round $secondary; }
     #below { height: 8; layout: horizontal; }
     #below > Panel { width: 1fr; height: 8; border: round $secondary; }
     #below > #bias { width: 39; }
-    #below > #link { width: 29; }
-    #below > #mount { width: 30; }
+    #below > #link { width: 30; }
+    #below > #mount { width: 29; }
+    #below > #run { display: none; }
+    #below > #field { display: block; }
+}
+.-wide.-tall.-sky-alone #narrow-times { display: block; }
+.-wide.-tall.-huge {
+    #below, #below > Panel { height: 13; }
+    #below > #notes { display: block; width: 44; }
+    #below > #link { width: 32; }
+    #below > #mount { width: 36; }
+    #below > #bias { width: 46; }
 }
 
 HelpScreen { align: center middle; background: $background 70%; }

@@ -12,7 +12,7 @@ from sattrack.tui.frames import TRACK
 if TYPE_CHECKING:
     from sattrack.tui.frames import Frame
     from sattrack.tui.steps import Step
-    from sattrack.view import Summary, TrackView
+    from sattrack.view import PassView, Summary, TrackView
 
 ON_TARGET_ARCSEC = 2.0
 NO_NEWS_AFTER_S = 1.5
@@ -61,6 +61,10 @@ class Scene:
     summary: Summary | None = None
     frame: Frame = TRACK
     """What the arrow keys move the target by."""
+    sky: PassView | None = None
+    """What was told of the pass beforehand; None where nothing was."""
+    plain: bool = False
+    """Whether there are no characters but those of ASCII."""
 
     @property
     def following(self) -> bool:

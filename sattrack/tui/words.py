@@ -99,9 +99,13 @@ def azimuth(degrees: float) -> str:
     return f"{turned:.1f}° {CARDINALS[round(turned / 45.0) % 8]}"
 
 
-def gauge(share: float, cells: int) -> str:
-    """Return a bar of a share between 0 and 1."""
+def gauge(share: float, cells: int, mark: float | None = None) -> str:
+    """Return a bar of a share between 0 and 1; `mark` is a share at which a stroke stands across it."""
     full = min(cells, max(0, round(abs(share) * cells)))
+    bar = "█" * full + "·" * (cells - full)
     if full == 0 and share != 0.0:
-        return "▏" + "·" * (cells - 1)
-    return "█" * full + "·" * (cells - full)
+        bar = "▏" + bar[1:]
+    if mark is None:
+        return bar
+    at = min(cells - 1, max(0, round(abs(mark) * cells)))
+    return f"{bar[:at]}┃{bar[at + 1 :]}"
