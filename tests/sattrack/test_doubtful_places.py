@@ -45,7 +45,7 @@ def test_one_place_far_from_the_limit_does_not_let_go_what_is_held_at_it() -> No
     for dec in [HIGH_DEC, *[LOW_DEC + 0.2] * 5, HIGH_DEC, HIGH_DEC]:
         rate = gate.clears(dec)
         assert rate is not None
-        assert held <= rate <= 0.0
+        assert 1.05 * held <= rate <= 0.0
 
 
 def test_one_place_past_a_limit_holds_and_does_not_stop() -> None:

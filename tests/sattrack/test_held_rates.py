@@ -1,0 +1,72 @@
+"""What becomes of a wish that a limit stands in the way of: the nearest that is free, and no more."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from safety_stand import Stand, axis_speed_deg_s, steadily
+
+from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile
+from sattrack.safety import SafetyLimits
+from sattrack.safety.held import nearest_rates
+from sattrack.xerxes.simulator.facts import StartPosition
+
+DARK = SafetyLimits(floor_altitude_deg=-90.0, optical=False)
+
+
+def test_a_wall_across_one_axis_leaves_the_other_what_it_wishes() -> None:
+    assert nearest_rates((0.6, 0.02), 1.0, lambda rates: rates[0] <= 0.0) == pytest.approx((0.0, 0.02))
+    assert nearest_rates((0.02, -0.6), 0.3, lambda rates: rates[1] >= 0.0) == pytest.approx((0.02, 0.0))
+
+
+def test_a_wall_that_lets_some_through_lets_it_through_and_the_other_axis_wholly() -> None:
+    ha, dec = nearest_rates((0.64, 0.4), 1.0, lambda rates: rates[0] <= 0.11)
+    assert 0.08 <= ha <= 0.11
+    assert dec == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("wall_deg", range(-80, 81, 10))
+def test_along_a_slanting_wall_goes_what_of_the_wish_leads_there(wall_deg: int) -> None:
+    """The nearest point of a half plane to a wish beyond it is its foot on the wall."""
+    across = math.cos(math.radians(wall_deg)), math.sin(math.radians(wall_deg))
+    wish = (1.0, 0.0)
+    beyond = wish[0] * across[0] + wish[1] * across[1]
+    foot = (wish[0] - beyond * across[0], wish[1] - beyond * across[1])
+    found = nearest_rates(wish, 1.0, lambda rates: rates[0] * across[0] + rates[1] * across[1] <= 1e-9)
+    nearest = math.dist(wish, foot)
+    assert nearest <= math.dist(wish, found) + 1e-9
+    # Directions are tried down to 7° apart; what gains next to nothing is not worth leaving the way.
+    assert math.dist(wish, found) ** 2 <= nearest**2 + 0.15
+
+
+def test_rest_is_the_answer_where_nothing_is_free() -> None:
+    assert nearest_rates((1.0, -1.0), 0.5, lambda rates: rates == (0.0, 0.0)) == (0.0, 0.0)
+    assert nearest_rates((0.0, 0.0), 0.5, lambda _: True) == (0.0, 0.0)
+
+
+def test_nothing_leads_away_from_the_wish() -> None:
+    wish = (0.5, 0.1)
+    for hole in range(0, 360, 15):
+        h = math.radians(hole)
+
+        def in_a_sector(rates: tuple[float, float], h: float = h) -> bool:
+            off = math.remainder(math.atan2(rates[1], rates[0]) - h, 2.0 * math.pi)
+            return rates == (0.0, 0.0) or abs(off) < 0.2
+
+        found = nearest_rates(wish, 1.0, in_a_sector)
+        assert math.dist(wish, found) <= math.hypot(*wish)
+
+
+def test_axes_held_at_the_end_of_one_ones_travel_go_on_quietly_with_the_other() -> None:
+    """The declination axis has no reason to leave its way at 0.05 °/s for one at 1 °/s."""
+    profile = MountProfile(hour_angle_limit_deg=60.0)
+    stand = Stand(steadily(1.0, 0.05), DARK, StartPosition(55.0, 10.0), profile=profile)
+    stand.run(20.0)
+    assert stand.met_s is not None
+    held = [truth for t, truth in stand.truths if t > stand.met_s + 0.2]
+    assert max(abs(truth.dec_rate_deg_s - 0.05) for truth in held) < 0.1
+    assert axis_speed_deg_s(held[-1]) < 0.06
+    assert max(truth.hour_angle_axis_deg for truth in held) < 60.0
+    at_the_end = [SIDEREAL_RATE_DEG_S - truth.ra_rate_deg_s for truth in held[-100:]]
+    assert max(at_the_end) - min(at_the_end) < 0.02
