@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sattrack.errors import BadInputError
 from sattrack.safety.bodies import sun_over
+from sattrack.schedule.why import SAME
 from tle.errors import printable
 from tle.instants import Utc
 
@@ -18,12 +20,15 @@ if TYPE_CHECKING:
     from sattrack.schedule.plan import LostPass, Plan, PlannedPass
     from tle.site import Site
 
-FOLLOW, SHORTENED, SLEW, AROUND, SETTLE = "#1b7f5c", "#58b08f", "#8d99ae", "#c77d28", "#d9dde5"
+FOLLOW, SHORTENED, SLEW, AROUND = "#1b7f5c", "#58b08f", "#4f5d75", "#d9822b"
 LOST = {"conflict": "#c9503f", "infeasible": "#7b4fa3", "elements too old": "#8a8a3a"}
 OTHER = "#9a9a9a"
+SHADES_DEG = (0.0, -6.0, -12.0, -18.0)
+SHADES = ("#fdf6dc", "#ecedf4", "#dfe2ee", "#d3d7e8", "#c8cde1")
+"""Colours by the Sun's altitude, from day over the three twilights to night."""
 MOST_DAYS, MOST_LANES = 14, 12
 MARGIN_S = 900.0
-NAMES_APART = 0.016
+NAMES_APART = 0.018
 """Names stand at least so much of the width apart."""
 
 
@@ -34,7 +39,8 @@ def plot_plan(path: Path, plan: Plan, site: Site) -> None:
     except ImportError:
         raise BadInputError("--png needs matplotlib: pip install 'sattrack[plot]'") from None
     days = _days(plan)
-    lanes = [_lanes([one for one in plan.lost if low <= _s(one.start_utc) < high]) for low, high in days]
+    lost = [one for one in plan.lost if one.reason != SAME]
+    lanes = [_lanes([one for one in lost if low <= _s(one.start_utc) < high]) for low, high in days]
     heights = [2.2 + 0.22 * max((lane for _, lane in packed), default=0) for packed in lanes]
     figure = Figure(figsize=(14.0, 1.1 + sum(heights)), layout="constrained")
     axes = figure.subplots(len(days), 1, squeeze=False, height_ratios=heights)[:, 0]
@@ -108,11 +114,13 @@ def _draw_day(
 def _draw_pass(axis: Any, one: PlannedPass) -> None:
     start, end = _s(one.start_utc), _s(one.end_utc)
     at = _s(one.leave_utc)
-    for seconds, colour in ((one.slew_s, SLEW), (one.before_s, AROUND), (one.settle_s, SETTLE)):
+    for seconds, colour in ((one.slew_s, SLEW), (one.before_s, AROUND), (one.settle_s, SLEW)):
         axis.barh(0.0, seconds, left=at, height=0.5, color=colour, linewidth=0.0, zorder=3)
         at += seconds
     colour = SHORTENED if one.shortened else FOLLOW
-    axis.barh(0.0, end - start, left=start, height=0.9, color=colour, linewidth=0.0, zorder=4)
+    axis.barh(
+        0.0, end - start, left=start, height=0.9, color=colour, edgecolor="white", linewidth=0.5, zorder=4
+    )
     axis.barh(0.0, one.after_s, left=end, height=0.5, color=AROUND, linewidth=0.0, zorder=3)
 
 
@@ -145,8 +153,9 @@ def _spread(wanted: np.ndarray[Any, Any], apart: float, span: tuple[float, float
     places = wanted.copy()
     for k in range(1, len(places)):
         places[k] = max(places[k], places[k - 1] + apart)
-    if len(places) and places[-1] > span[1]:
-        places[-1] = span[1]
+    last = span[1] - 2.0 * apart
+    if len(places) and places[-1] > last:
+        places[-1] = last
         for k in range(len(places) - 2, -1, -1):
             places[k] = min(places[k], places[k + 1] - apart)
     return places
@@ -161,22 +170,17 @@ def _draw_sun(axis: Any, span: tuple[float, float], site: Site) -> None:
     for utc_s in edges.tolist():
         there = sun.at(utc_s)
         heights.append(math.degrees(math.asin(math.sin(p) * there.z + math.cos(p) * there.x)))
-    shades = ((0.0, "#fdf6dc"), (-6.0, "#e9eaf2"), (-12.0, "#dcdfec"), (-18.0, "#d0d4e6"), (-91.0, "#c5cae0"))
-    height = np.array(heights)
-    above = 91.0
-    for lowest, colour in shades:
-        band = (height <= above) & (height > lowest)
-        axis.fill_between(
-            edges,
-            0.0,
-            1.0,
-            where=band,
-            color=colour,
-            transform=axis.get_xaxis_transform(),
+    shade = np.searchsorted(-np.array(SHADES_DEG), -np.array(heights), side="right")
+    changes = [0, *(np.flatnonzero(np.diff(shade)) + 1).tolist(), len(edges) - 1]
+    for first, after in pairwise(changes):
+        axis.axvspan(
+            edges[first],
+            edges[after],
+            color=SHADES[int(shade[first])],
             linewidth=0.0,
             zorder=0,
+            antialiased=False,
         )
-        above = lowest
 
 
 def _draw_hours(axis: Any, span: tuple[float, float]) -> None:
@@ -190,10 +194,11 @@ def _draw_hours(axis: Any, span: tuple[float, float]) -> None:
 def _legend(figure: Any, plan: Plan) -> None:
     from matplotlib.patches import Patch
 
-    reasons = dict.fromkeys(one.reason for one in plan.lost)
-    handles = [Patch(color=FOLLOW, label="followed"), Patch(color=SLEW, label="slew")]
+    reasons = dict.fromkeys(one.reason for one in plan.lost if one.reason != SAME)
+    handles = [Patch(color=FOLLOW, label="followed")]
     if any(one.shortened for one in plan.passes):
         handles.append(Patch(color=SHORTENED, label="followed in part"))
+    handles.append(Patch(color=SLEW, label="slew and settling"))
     if any(one.before_s or one.after_s for one in plan.passes):
         handles.append(Patch(color=AROUND, label="before and after"))
     handles += [Patch(color=colour, label=f"lost: {why}") for why, colour in LOST.items() if why in reasons]

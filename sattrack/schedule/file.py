@@ -173,7 +173,7 @@ class _Reader:
         try:
             text = path.read_text(encoding="utf-8-sig")
         except FileNotFoundError:
-            raise asked_at.wrong(f"there is no file {path}{_beside(path)}") from None
+            raise asked_at.wrong(f"there is no file {path}{_beside(path, asked_at.file)}") from None
         except (OSError, ValueError) as error:
             why = "it is no UTF-8 text" if isinstance(error, ValueError) else error.strerror
             raise asked_at.wrong(f"cannot read {what} in {path}: {why}") from None
@@ -181,10 +181,13 @@ class _Reader:
         return text
 
 
-def _beside(path: Path) -> str:
-    """Return which file of the folder may have been meant."""
+def _beside(path: Path, asked_by: str) -> str:
+    """Return which other file of the folder may have been meant than the one that asks."""
     try:
-        return meant(path.name, sorted(one.name for one in path.parent.iterdir() if one.is_file()))
+        return meant(
+            path.name,
+            sorted(one.name for one in path.parent.iterdir() if one.is_file() and str(one) != asked_by),
+        )
     except OSError:
         return ""
 

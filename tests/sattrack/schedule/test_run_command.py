@@ -1,0 +1,484 @@
+"""`sattrack run FILE --dry-run` as a user runs it, over a made-up sky and the ISS."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from sattrack import practice
+from sattrack.cli import run
+from sattrack.commands.icalendar import Event, calendar_text
+from sattrack.commands.run_plot import plot_plan
+from sattrack.mount import MountProfile
+from sattrack.safety.limits import SafetyLimits
+from sattrack.schedule import gathering
+from sattrack.schedule.candidates import Candidate, Loaded, Situation
+from sattrack.schedule.file import load_schedule
+from sattrack.schedule.making import make_plan
+from sattrack.schedule.plan import Plan, Rehearsed
+from tle.formats.registry import write_elements
+from tle.instants import Utc
+from tle.site import Site
+
+if TYPE_CHECKING:
+    from tle.elements import Elements
+
+LEIDEN = ("--site", "52.1541,4.4908,0")
+SPAN = "from = 2026-10-02T18:00:00Z\nto = 2026-10-02T23:00:00Z\n"
+CLOCK = ("--clock", "2026-10-02T12:00:00Z")
+
+
+def made_up_sky(count: int) -> list[Elements]:
+    """Return satellites in low orbits, drawn at random, and the ISS."""
+    rng = np.random.default_rng(4)
+    found = [practice.elements()]
+    for k in range(count):
+        found.append(
+            replace(
+                practice.elements(),
+                name=f"SAT {k + 1:02d}",
+                catalog_number=70001 + k,
+                designator="",
+                raan_deg=float(rng.uniform(0.0, 360.0)),
+                mean_anomaly_deg=float(rng.uniform(0.0, 360.0)),
+                inclination_deg=float(rng.uniform(50.0, 98.0)),
+                mean_motion_rev_day=float(rng.uniform(13.5, 15.4)),
+                mean_motion_dot_rev_day2=0.0,
+                bstar_per_earth_radius=0.0,
+            )
+        )
+    return found
+
+
+@pytest.fixture(scope="module")
+def sky(tmp_path_factory: pytest.TempPathFactory) -> str:
+    path = tmp_path_factory.mktemp("sky") / "sky.tle"
+    path.write_text(write_elements(made_up_sky(24), "tle"))
+    return str(path)
+
+
+def written(folder: Path, text: str) -> str:
+    path = folder / "night.toml"
+    path.write_text(text, encoding="utf-8")
+    return str(path)
+
+
+def planned(
+    capsys: pytest.CaptureFixture[str], folder: Path, text: str, sky: str, *options: str
+) -> dict[str, Any]:
+    file = written(folder, text)
+    code = run(["run", file, "--dry-run", "--json", "--elements", sky, *LEIDEN, *CLOCK, *options])
+    out, err = capsys.readouterr()
+    assert code == 0, err
+    document: dict[str, Any] = json.loads(out)
+    return document
+
+
+def refused(capsys: pytest.CaptureFixture[str], folder: Path, text: str, sky: str, *options: str) -> str:
+    file = written(folder, text)
+    code = run(["run", file, "--dry-run", "--elements", sky, *LEIDEN, *CLOCK, *options])
+    out, err = capsys.readouterr()
+    assert (code, out) == (2, "")
+    assert err.count("\n") == 1
+    return err.removeprefix("sattrack: ").replace(f"{folder}/", "").strip()
+
+
+def utc_s(text: str) -> float:
+    return float(Utc.parse(text).unix_s)
+
+
+def listed_passes(capsys: pytest.CaptureFixture[str], sky: str, *options: str) -> list[dict[str, Any]]:
+    """Return what `sattrack passes --judged` lists for the same night."""
+    start = ("--from", "2026-10-02T18:00:00Z", "--hours", "5")
+    assert run(["passes", "--elements", sky, *LEIDEN, *start, "--judged", "--json", *options]) == 0
+    found: list[dict[str, Any]] = json.loads(capsys.readouterr().out)
+    return found
+
+
+def test_only_plans_are_made_and_that_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = written(tmp_path, SPAN + '[[passes]]\nrule = "all"\n')
+    assert run(["run", file]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err == (
+        f"sattrack: {file}: only plans are made so far: add --dry-run for the plan; track follows one pass\n"
+    )
+
+
+def test_a_plan_is_of_the_passes_and_verdicts_that_passes_lists(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    rule = '[defaults]\nif_sun_up = "run"\n[[passes]]\nrule = "all, above 20°"\n'
+    plan = planned(capsys, tmp_path, SPAN + rule, sky)
+    listed = listed_passes(capsys, sky, "--min-alt", "20")
+    by_top = {(one["catalog_number"], round(utc_s(one["culminate_utc"]))): one for one in listed}
+    seen = [*plan["passes"], *plan["lost"]]
+    assert len(seen) > 20
+    for one in seen:
+        theirs = by_top.pop((one["catalog_number"], round(utc_s(one["culminate_utc"]))))
+        if theirs["rise_utc"] is not None and theirs["set_utc"] is not None:
+            assert utc_s(one["start_utc"]) == pytest.approx(utc_s(theirs["rise_utc"]), abs=0.01)
+            assert utc_s(one["end_utc"]) == pytest.approx(utc_s(theirs["set_utc"]), abs=0.01)
+            verdict = one["why"] if one.get("reason") == "infeasible" else None
+            assert verdict == theirs["why_not"]
+    short = [one for one in by_top.values() if utc_s(one["set_utc"]) - utc_s(one["rise_utc"]) >= 60.0]
+    assert short == []
+    assert {one["reason"] for one in plan["lost"]} >= {"conflict", "infeasible"}
+
+
+def test_slews_settling_and_actions_fit_between_the_passes(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    around = (
+        '[defaults]\nshorten = true\nsettle_s = 7\nbefore = [{ do = "slew", star = "Vega", wait_s = 11 }]\n'
+        'after = [{ do = "command", run = ["./x"], timeout_s = 13 }]\n'
+    )
+    plan = planned(capsys, tmp_path, SPAN + around + '[[passes]]\nrule = "all, above 20°"\n', sky)
+    passes = plan["passes"]
+    assert any(one["shortened"] for one in passes)
+    for before, one in pairwise(passes):
+        free_s = utc_s(one["start_utc"]) - utc_s(before["end_utc"])
+        assert one["idle_s"] >= -1e-3
+        taken_s = before["after_s"] + one["idle_s"] + one["slew_s"] + one["before_s"] + one["settle_s"]
+        assert free_s == pytest.approx(taken_s, abs=0.01)
+        assert before["after_s"] == 13.0
+        assert one["before_s"] > 11.0
+        assert utc_s(one["leave_utc"]) >= utc_s(before["end_utc"]) + 13.0 - 0.01
+    for one in passes:
+        assert utc_s(one["start_utc"]) <= utc_s(one["culminate_utc"]) <= utc_s(one["end_utc"])
+        assert one["value"] == pytest.approx(one["priority"] * one["useful_s"], abs=0.01)
+    assert plan["value"] == pytest.approx(sum(one["value"] for one in passes), abs=0.01)
+
+
+def test_to_shorten_passes_is_worth_no_less(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    rule = '[[passes]]\nrule = "all, above 15°, dark"\n'
+    whole = planned(capsys, tmp_path, SPAN + rule, sky)
+    cut = planned(capsys, tmp_path, SPAN + rule + "shorten = true\n", sky)
+    assert cut["value"] > whole["value"]
+    assert not any(one["shortened"] for one in whole["passes"])
+
+
+def test_what_lost_says_to_which_pass_and_how(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    text = SPAN + '[[passes]]\nrule = "all, above 10°, dark"\n'
+    plan = planned(capsys, tmp_path, text, sky)
+    conflicts = [one for one in plan["lost"] if one["reason"] == "conflict"]
+    meeting = [one for one in conflicts if one["why"].startswith("at the same time as ")]
+    assert meeting
+    for one in conflicts:
+        others = [plan["passes"][number - 1] for number in one["with_numbers"]]
+        assert others
+        for other in others:
+            assert other["name"] in one["why"]
+            meets = one["start_utc"] < other["end_utc"] and other["start_utc"] < one["end_utc"]
+            assert meets is (one in meeting)
+
+
+def test_no_more_passes_of_a_rule_are_planned_than_it_says(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    rule = '[[passes]]\nrule = "all, above 20°, dark{}"\n'
+    free = planned(capsys, tmp_path, SPAN + rule.format(""), sky)
+    few = planned(capsys, tmp_path, SPAN + rule.format(", max 3"), sky)
+    assert len(free["passes"]) > 3
+    assert len(few["passes"]) == 3
+    worth = sorted((one["value"] for one in (*few["passes"], *few["lost"])), reverse=True)
+    assert few["value"] <= sum(worth[:3]) + 0.01
+    assert "rule full" in {one["reason"] for one in few["lost"]}
+
+
+def test_satellites_by_name_have_each_of_their_passes_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    iss = '[[passes]]\nsatellite = "ISS"\n'
+    day = "from = 2026-10-02T10:00:00Z\nto = 2026-10-03T10:00:00Z\n"
+    plan = planned(capsys, tmp_path, day + iss, sky)
+    assert {one["reason"] for one in plan["lost"]} == {"Sun up"}
+    assert plan["lost"][0]["why"].startswith("the Sun is at ")
+    low = planned(capsys, tmp_path, day + iss + 'where = "culminates above 60°"\nif_sun_up = "run"\n', sky)
+    assert {one["reason"] for one in low["lost"]} == {"too low"}
+    assert [round(one["max_alt_deg"]) for one in low["passes"]] == [81, 64]
+    old = planned(capsys, tmp_path, day + iss + 'if_sun_up = "run"\nelements_oldest_days = 0.1\n', sky)
+    assert {one["reason"] for one in old["lost"]} == {"elements too old"}
+    kept = planned(
+        capsys,
+        tmp_path,
+        day + iss + 'if_sun_up = "run"\nelements_oldest_days = 0.1\nif_elements_old = "run"\n',
+        sky,
+    )
+    assert all("days old at the pass" in one["notes"][0] for one in kept["passes"])
+    side = planned(capsys, tmp_path, day + iss + 'if_sun_up = "run"\npier_side = "beyond_pole"\n', sky)
+    assert "pier side" in {one["reason"] for one in side["lost"]}
+    assert side["passes"] == []
+    lit = planned(capsys, tmp_path, SPAN + iss + 'where = "sunlit"\n', sky)
+    assert all(one["reason"] in ("not sunlit", "Sun up", "too short") for one in lit["lost"])
+
+
+def test_what_is_infeasible_is_run_all_the_same_where_the_file_says_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    fixed = '[[fixed]]\nsatellite = "ISS"\nstart = 2026-10-02T11:26:00Z\nend = 2026-10-02T11:30:00Z\n'
+    day = "from = 2026-10-02T10:00:00Z\nto = 2026-10-02T20:00:00Z\n"
+    plan = planned(capsys, tmp_path, day + fixed + 'if_sun_up = "run"\n', sky)
+    assert plan["lost"][0]["reason"] == "infeasible"
+    assert plan["lost"][0]["why"].startswith("sun: ")
+    taken = planned(capsys, tmp_path, day + fixed + 'if_sun_up = "run"\nif_infeasible = "run"\n', sky)
+    assert taken["passes"][0]["notes"][0].startswith("infeasible, run all the same: sun: ")
+    assert taken["passes"][0]["value"] == pytest.approx(100.0 * 240.0)
+
+
+def test_fixed_times_below_the_horizon_are_lost_or_cut(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    fixed = '[[fixed]]\nsatellite = "ISS"\nif_sun_up = "run"\nstart = 2026-10-02T{}Z\nend = 2026-10-02T{}Z\n'
+    day = "from = 2026-10-02T10:00:00Z\nto = 2026-10-02T20:00:00Z\n"
+    partly = day + fixed.format("13:00:00", "13:05:00")
+    (lost,) = planned(capsys, tmp_path, partly, sky)["lost"]
+    assert (lost["reason"], lost["why"]) == ("too low", "below 10° or the skyline for 119 s of it")
+    (cut,) = planned(capsys, tmp_path, partly + "shorten = true\n", sky)["passes"]
+    assert cut["end_utc"] == "2026-10-02T13:05:00.000Z"
+    assert cut["useful_s"] == pytest.approx(181.0, abs=1.0)
+    (never,) = planned(capsys, tmp_path, day + fixed.format("12:00:00", "12:05:00"), sky)["lost"]
+    assert (never["reason"], never["why"]) == ("too low", "below 10° or the skyline throughout")
+    (outside,) = planned(capsys, tmp_path, day + fixed.format("09:59:00", "10:05:00"), sky)["lost"]
+    assert (outside["reason"], outside["why"]) == ("cut", "not whole within the plan's time")
+
+
+def test_the_same_pass_by_two_entries_is_taken_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    rule = '[[passes]]\nrule = "all, above 20°, dark"\n'
+    text = f"{SPAN}{rule}{rule}priority = 2\n"
+    plan = planned(capsys, tmp_path, text, sky)
+    assert {one["priority"] for one in plan["passes"]} == {2.0}
+    same = [one for one in plan["lost"] if one["reason"] == "same pass"]
+    assert len(same) == len(plan["passes"])
+
+
+def test_a_rule_that_matches_nothing_is_told_and_ends_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    text = SPAN + '[[passes]]\nrule = "all, named NOAA*"\n[[passes]]\nrule = "all, culminates above 89.9°"\n'
+    plan = planned(capsys, tmp_path, text, sky)
+    assert plan["passes"] == []
+    notes = [note.replace(f"{tmp_path}/", "") for note in plan["notes"]]
+    assert notes[0].startswith("night.toml:3:1: all, named NOAA*: matches no object: ")
+    assert notes[0].endswith("sky.tle holds 25, none whose name matches 'NOAA*'")
+    assert notes[1].startswith("night.toml:5:1: all, culminates above 89.9°: no pass meets it: ")
+
+
+def test_only_the_most_valuable_of_very_many_are_weighed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(gathering, "MOST_CANDIDATES", 5)
+    plan = planned(capsys, tmp_path, SPAN + '[[passes]]\nrule = "all, dark"\n', sky)
+    crowded = [one for one in plan["lost"] if one["reason"] == "too many"]
+    weighed = [one for one in (*plan["passes"], *plan["lost"]) if one not in crowded]
+    assert len(weighed) == 5
+    assert min(one["value"] for one in weighed) >= max(one["value"] for one in crowded)
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "says"),
+    [
+        (
+            SPAN + '[[passes]]\nsatellite = "SATT 01"\n',
+            (),
+            "night.toml:3:1: no satellite 'SATT 01' in the elements, which hold ISS (ZARYA) (25544), ",
+        ),
+        (SPAN + '[[passes]]\nsatellite = "SAT"\n', (), "night.toml:3:1: 'SAT' could be any of 24: "),
+        (
+            SPAN + '[[passes]]\nrule = "all, magnitude < 4"\n',
+            (),
+            "night.toml:3:1: the rule asks for magnitudes",
+        ),
+        (SPAN + '[[passes]]\nrule = "all of no.tle"\n', (), "no.tle: cannot read elements: "),
+        (
+            SPAN + '[[passes]]\nrule = "all"\n',
+            ("--to", "2026-10-01"),
+            "the plan goes from 2026-10-02T18:00:00Z",
+        ),
+        (
+            SPAN + '[[passes]]\nrule = "all"\n',
+            ("--to", "2027-10-01"),
+            "the plan goes from 2026-10-02T18:00:00Z",
+        ),
+        (
+            SPAN + '[[passes]]\nrule = "all, above -3"\n',
+            (),
+            "night.toml:3:1: follows above -3°, and the mount is",
+        ),
+        (
+            SPAN + '[[passes]]\nrule = "all"\n',
+            ("--ics", "no/such/x.ics"),
+            "--ics no/such/x.ics: there is no such",
+        ),
+        (
+            SPAN + '[[passes]]\nrule = "all"\n',
+            ("--profile", "no.toml"),
+            "no.toml: cannot read the mount profile",
+        ),
+    ],
+)
+def test_what_cannot_be_planned_is_told_in_a_line(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    sky: str,
+    text: str,
+    options: tuple[str, ...],
+    says: str,
+) -> None:
+    assert refused(capsys, tmp_path, text, sky, *options).startswith(says)
+
+
+def test_the_last_word_of_an_unknown_satellite_is_what_was_meant(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    said = refused(capsys, tmp_path, SPAN + '[[passes]]\nsatellite = "SATT 01"\n', sky)
+    assert said.endswith("; did you mean 'SAT 01'?")
+
+
+def test_the_table_tells_of_all(tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str) -> None:
+    text = SPAN + '[[passes]]\nname = "best"\nrule = "all, above 20°, dark"\nbias_along_s = 0.5\n'
+    plan = planned(capsys, tmp_path, text, sky)
+    assert run(["run", written(tmp_path, text), "--dry-run", "--elements", sky, *LEIDEN, *CLOCK]) == 0
+    out, err = capsys.readouterr()
+    for one in plan["passes"]:
+        line = next(line for line in out.splitlines() if line.startswith(f"{one['number']:3d}  "))
+        assert one["start_utc"][11:19] in line
+        assert one["name"] in line
+    assert out.count("bias: 0.5 s along, 0° across") == len(plan["passes"])
+    assert "Not taken" in out
+    assert "night.toml:3:1: best: " in out
+    assert "\x1b" not in err
+
+
+def read_calendar(data: bytes) -> list[dict[str, str]]:
+    """Return the events of a calendar by RFC 5545, read without a look at what wrote it."""
+    assert data.endswith(b"\r\n")
+    assert b"\n" not in data.replace(b"\r\n", b"")
+    assert max(len(line) for line in data.split(b"\r\n")) <= 75
+    lines = data.decode().replace("\r\n ", "").split("\r\n")
+    events: list[dict[str, str]] = []
+    for line in lines:
+        name, _, value = line.partition(":")
+        if line == "BEGIN:VEVENT":
+            events.append({})
+        elif events and name not in ("END", ""):
+            marks = {"n": "\n", "N": "\n"}
+            text, at = "", 0
+            while at < len(value):
+                if value[at] == "\\":
+                    at += 1
+                    text += marks.get(value[at], value[at])
+                else:
+                    assert value[at] not in ";,"
+                    text += value[at]
+                at += 1
+            events[-1][name] = text
+    return events
+
+
+def test_the_calendar_holds_the_plan(tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str) -> None:
+    text = SPAN + (
+        '[[passes]]\nname = "one, two; three \\\\ € and so on, and so on, and so on, and so on"\n'
+        'rule = "all, above 20°, dark"\nbefore = [{ do = "slew", star = "Vega" }]\n'
+    )
+    plan = planned(capsys, tmp_path, text, sky, "--ics", str(tmp_path / "x.ics"))
+    events = read_calendar((tmp_path / "x.ics").read_bytes())
+    assert len(events) == len(plan["passes"]) > 3
+    assert len({event["UID"] for event in events}) == len(events)
+    for event, one in zip(events, plan["passes"], strict=True):
+        seconds = str(Utc(round(utc_s(one["start_utc"]))).isoformat("seconds"))
+        assert event["DTSTART"] == seconds.replace("-", "").replace(":", "")
+        assert event["DTSTAMP"].startswith("20261002T1200")
+        assert event["SUMMARY"] == f"{one['name']} {one['max_alt_deg']:.0f}°"
+        told = event["DESCRIPTION"].split("\n")
+        assert told[-2:] == [
+            "Asked by one, two; three \\ € and so on, and so on, and so on, and so on",
+            "Before: slew to Vega",
+        ]
+
+
+def test_text_in_a_calendar_is_escaped_as_in_the_examples_of_rfc_5545() -> None:
+    # Section 3.3.11: "Project XYZ Final Review\nConference Room - 3B\nCome Prepared."
+    at = Utc.parse("1997-09-02T17:00:00Z")
+    text = calendar_text(
+        "x",
+        [
+            Event(
+                "1@x",
+                at,
+                at,
+                at,
+                "a;b,c\\d",
+                "Project XYZ Final Review\nConference Room - 3B\nCome Prepared.",
+            )
+        ],
+    )
+    assert "SUMMARY:a\\;b\\,c\\\\d\r\n" in text
+    assert "Project XYZ Final Review\\nConference Room - 3B\\nCome Prepared.\r\n" in text
+    assert "DTSTART:19970902T170000Z\r\n" in text
+
+
+def made(folder: Path, text: str, rehearse: Any = None) -> Plan:
+    """Return a plan over the made-up sky, without the command line."""
+    schedule = load_schedule(Path(written(folder, text)))
+    span = (utc_s("2026-10-02T18:00:00Z"), utc_s("2026-10-02T23:00:00Z"))
+    situation = Situation(span, span[0], Site(52.1541, 4.4908, 0.0), MountProfile(), SafetyLimits())
+    return make_plan(schedule, situation, lambda _: Loaded(made_up_sky(24), False, "sky"), rehearse)
+
+
+def test_a_pass_that_is_no_go_when_rehearsed_makes_room_for_others(tmp_path: Path) -> None:
+    text = SPAN + '[[passes]]\nrule = "all, above 20°, dark"\n'
+    first = made(tmp_path, text)
+    refused = {one.name for one in first.passes[:2]}
+
+    def rehearse(one: Candidate, start_utc_s: float, end_utc_s: float) -> Rehearsed:
+        go = one.elements.name not in refused
+        lost_s = 0.0 if go else end_utc_s - start_utc_s
+        return Rehearsed(go, "go" if go else "no-go: the keyhole", end_utc_s - start_utc_s - lost_s, lost_s)
+
+    second = made(tmp_path, text, rehearse)
+    assert not refused & {one.name for one in second.passes}
+    assert all(one.rehearsed is not None and one.rehearsed.go for one in second.passes)
+    assert second.value < first.value
+    by_rehearsal = [one for one in second.lost if one.why == "by rehearsal: no-go: the keyhole"]
+    assert {one.name for one in by_rehearsal} == refused
+    run_anyway = made(tmp_path, text + 'if_infeasible = "run"\n', rehearse)
+    assert {one.name for one in run_anyway.passes} >= refused
+
+
+def test_what_is_chosen_is_rehearsed_in_full_where_asked(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    text = (
+        "from = 2026-10-02T12:00:00Z\nto = 2026-10-02T14:00:00Z\n[[fixed]]\nsatellite = 'ISS'\n"
+        "if_sun_up = 'run'\n"
+        "start = 2026-10-02T13:03:00Z\nend = 2026-10-02T13:03:40Z\n"
+    )
+    (one,) = planned(capsys, tmp_path, text, sky, "--rehearse")["passes"]
+    assert one["rehearsed"]["go"] is True
+    assert one["rehearsed"]["on_target_s"] == pytest.approx(40.0, abs=2.0)
+
+
+def test_the_timeline_is_a_picture_with_the_plan_on_it(tmp_path: Path) -> None:
+    image = pytest.importorskip("matplotlib.image")
+    plan = made(tmp_path, SPAN + '[[passes]]\nrule = "all, above 20°, dark"\n')
+    plot_plan(tmp_path / "x.png", plan, Site(52.1541, 4.4908, 0.0))
+    picture = image.imread(tmp_path / "x.png")
+    assert picture.shape[1] > 1000
+    followed = np.abs(picture[..., :3] - np.array([0x1B, 0x7F, 0x5C]) / 255.0).max(axis=-1) < 0.02
+    mount = followed[: int(0.8 * len(picture))]
+    columns = mount.any(axis=0)
+    stretches = int(np.sum(np.diff(columns.astype(int)) == 1))
+    assert stretches == len(plan.passes)

@@ -1,0 +1,113 @@
+"""Times between passes: slews as the safety gate reckons them, actions, and the places of stars."""
+
+from __future__ import annotations
+
+import math
+
+import erfa
+import numpy as np
+import pytest
+
+from sattrack.mount import AxisLimits, MountProfile
+from sattrack.safety.geometry import Place
+from sattrack.safety.route import slew_s
+from sattrack.schedule.actions import CommandAction, SearchAction, SlewAction, WebhookAction
+from sattrack.schedule.stars import STARS, Star, hour_angle_and_dec_deg
+from sattrack.schedule.transitions import (
+    Errands,
+    SlewTransitions,
+    Stand,
+    errands_after,
+    errands_before,
+    place_of,
+)
+from tle.instants import Utc
+from tle.site import Site
+
+LEIDEN = Site(52.1541, 4.4908, 0.0)
+MOUNT = MountProfile(
+    ra=AxisLimits(slew_rate_deg_s=4.0, max_acceleration_deg_s2=2.0), dec=AxisLimits(slew_rate_deg_s=7.0)
+)
+NOW_UTC_S = float(Utc.parse("2026-10-02T20:00:00Z").unix_s)
+
+
+def test_slews_take_as_long_as_the_gate_says() -> None:
+    rng = np.random.default_rng(7)
+    stands = []
+    for _ in range(20):
+        first, last = (Place(*rng.uniform(-180.0, 180.0, 2).tolist()) for _ in range(2))
+        before = Errands(first, float(rng.uniform(0.0, 60.0)), first)
+        stands.append(Stand(before, float(rng.uniform(0.0, 9.0)), Errands(last, 30.0, last)))
+    transitions = SlewTransitions.of(stands, MOUNT)
+    for after, there in enumerate(stands):
+        seconds = transitions.seconds(np.arange(20), after)
+        for k, here in enumerate(stands):
+            slew = slew_s(here.after.last, there.before.first, MOUNT)
+            assert seconds[k] == pytest.approx(30.0 + slew + there.before.seconds + there.settle_s)
+
+
+def test_actions_before_a_pass_take_their_slews_waits_and_commands() -> None:
+    start = Place(10.0, 20.0)
+    actions = (
+        SlewAction(alt_deg=60.0, az_deg=90.0, wait_s=20.0),
+        CommandAction(run=("./dome", "open"), timeout_s=45.0),
+        CommandAction(run=("./log",), timeout_s=45.0, wait=False),
+        WebhookAction(url="https://example.org/x"),
+        SearchAction(how="spiral", spacing_deg=0.1, speed_deg_s=0.1),
+    )
+    found = errands_before(actions, start, NOW_UTC_S, LEIDEN, MOUNT)
+    there = place_of(actions[0], NOW_UTC_S, LEIDEN, MOUNT)  # type: ignore[arg-type]
+    assert found == Errands(there, pytest.approx(65.0 + slew_s(there, start, MOUNT)), start)
+
+
+def test_actions_after_a_pass_leave_the_mount_where_they_end() -> None:
+    end = Place(-40.0, 50.0)
+    action = SlewAction(alt_deg=52.1541, az_deg=0.0)
+    found = errands_after((action,), end, NOW_UTC_S, LEIDEN, MOUNT)
+    assert found.first == end
+    # At an altitude of the latitude, north, is the pole.
+    assert found.last.dec_deg == pytest.approx(90.0, abs=1e-4)
+    assert found.seconds == pytest.approx(slew_s(end, found.last, MOUNT))
+    assert errands_after((), end, NOW_UTC_S, LEIDEN, MOUNT) == Errands(end, 0.0, end)
+
+
+@pytest.mark.parametrize(
+    ("alt_deg", "az_deg", "hour_angle_deg", "dec_deg"),
+    [(37.8459, 180.0, 0.0, 0.0), (90.0, 0.0, 0.0, 52.1541), (0.0, 90.0, -90.0, 0.0), (0.0, 270.0, 90.0, 0.0)],
+)
+def test_altitude_and_azimuth_are_where_the_sphere_has_them(
+    alt_deg: float, az_deg: float, hour_angle_deg: float, dec_deg: float
+) -> None:
+    place = place_of(SlewAction(alt_deg=alt_deg, az_deg=az_deg), NOW_UTC_S, LEIDEN, MOUNT)
+    assert place.dec_deg == pytest.approx(dec_deg, abs=1e-3)
+    assert math.remainder(place.ha_deg - hour_angle_deg, 360.0) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_star_is_where_meeus_has_it() -> None:
+    # Theta Persei on 2028 November 13.19 TD: Meeus, Astronomical Algorithms, 2nd ed., example 23.a.
+    dec_deg = 49.0 + 13.0 / 60.0 + 42.48 / 3600.0
+    star = Star(
+        15.0 * (2.0 + 44.0 / 60.0 + 11.986 / 3600.0),
+        dec_deg,
+        0.03425 * 15.0e3 * math.cos(math.radians(dec_deg)),
+        -89.5,
+    )
+    utc_s = float(Utc.parse("2028-11-13T04:33:36Z").unix_s) - 69.184
+    hour_angle, dec = hour_angle_and_dec_deg(star, utc_s, 0.0)
+    day = 2440587.5 + utc_s / 86400.0
+    sidereal_deg = math.degrees(erfa.gst06a(day, 0.0, day + 69.184 / 86400.0, 0.0))
+    right_ascension = sidereal_deg - hour_angle
+    assert math.remainder(right_ascension - 41.5599646, 360.0) * 3600.0 == pytest.approx(0.0, abs=0.3)
+    assert (dec - (49.0 + 21.0 / 60.0 + 7.45 / 3600.0)) * 3600.0 == pytest.approx(0.0, abs=0.3)
+
+
+def test_stars_known_by_their_places_are_there() -> None:
+    # Castor and Pollux are 4.5° apart, Polaris is 0.75° from the pole, Vega passes 13.4° from Leiden's
+    # zenith: what observers' handbooks say.
+    castor, pollux = STARS["Castor"], STARS["Pollux"]
+    apart = math.degrees(
+        erfa.seps(*(math.radians(x) for x in (castor.ra_deg, castor.dec_deg, pollux.ra_deg, pollux.dec_deg)))
+    )
+    assert apart == pytest.approx(4.5, abs=0.05)
+    assert 89.25 < STARS["Polaris"].dec_deg < 89.3
+    assert LEIDEN.latitude_deg - STARS["Vega"].dec_deg == pytest.approx(13.4, abs=0.05)
