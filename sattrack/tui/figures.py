@@ -284,7 +284,7 @@ class RunPanel(Panel):
             row += [("  clock ", DIM), _clock(scene.view.link)]
         tail: Row = [("   recording ", DIM), _recording(scene)]
         if _cells([*row, *tail]) > self.content_size.width:
-            tail[0] = ("  rec ", DIM)
+            row[1], tail[0] = words.age(scene.view.elements_age_s), ("  rec ", DIM)
         return [[*row, *tail]]
 
 

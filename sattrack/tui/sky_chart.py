@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import lru_cache
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -19,8 +20,6 @@ from sattrack.tui.dots import DOTS_ACROSS, DOTS_DOWN, DotCanvas, Layer
 from sattrack.tui.look import DIM
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from sattrack.tui.panels import Row
     from sattrack.view import PassView, PathPoint
 
@@ -230,7 +229,8 @@ def _path(canvas: DotCanvas, disc: Disc, sky: Sky) -> None:
             canvas.dot(*place, Kind.FLOWN)
 
 
-def _fine(path: Sequence[PathPoint]) -> list[tuple[Spot, float]]:
+@lru_cache(maxsize=1)
+def _fine(path: tuple[PathPoint, ...]) -> list[tuple[Spot, float]]:
     """Return a path with points between its own, along great circles."""
     found: list[tuple[Spot, float]] = []
     for one, other in pairwise(path):

@@ -101,3 +101,33 @@ def test_element_files_are_beside_the_settings_that_name_them(tmp_path: Path) ->
         "celestrak:active",
         "-",
     )
+
+
+def test_the_screens_look_and_the_camera_are_settings_and_options_win(tmp_path: Path) -> None:
+    from sattrack.commands.common import CommandContext, appearance
+
+    path = tmp_path / "red.toml"
+    path.write_text('[screen]\ntheme = "red"\nascii = true\n[camera]\nfov_deg = 0.25\n')
+    settings = load_settings(path)
+    assert settings.camera.fov_deg == 0.25
+    context = CommandContext(settings, None, (), None, False, False)
+    assert (appearance(context, None, False).theme, appearance(context, None, False).plain) == ("red", True)
+    assert appearance(context, "contrast", False).theme == "contrast"
+    usual = CommandContext(Settings(), None, (), None, False, False)
+    assert (appearance(usual, None, True).theme, appearance(usual, None, True).plain) == ("night", True)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('[screen]\ntheme = "green"\n', "theme"),
+        ("[camera]\nfov_deg = 0\n", "fov_deg is 0"),
+        ("[camera]\nfov_deg = 181\n", "fov_deg is 181"),
+    ],
+)
+def test_a_look_or_a_field_that_cannot_be_names_file_and_key(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "odd.toml"
+    path.write_text(text)
+    with pytest.raises(BadInputError, match=r"odd\.toml") as raised:
+        load_settings(path)
+    assert words in str(raised.value)

@@ -123,6 +123,8 @@ def test_a_real_mount_follows_the_real_sky_in_real_time(
         (("--bias-along", "nan"), "--bias-along"),
         (("--bias-cross", "inf"), "--bias-cross"),
         (("--bias-cross", "120"), "120"),
+        (("--fov", "0"), "--fov 0: give"),
+        (("--fov", "nan"), "--fov nan: give"),
         (("--min-alt", "95"), "95"),
         (("--min-alt", "-5"), "kept above 0°"),
         (("--stream",), "--virtual"),

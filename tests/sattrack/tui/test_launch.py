@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 import pytest
-from tui_builders import SUMMARY, VIEW
+from tui_builders import SKY, SUMMARY, VIEW
 
 from sattrack.errors import SattrackError
 from sattrack.messages import ClearBias, Nudge, StopNow
@@ -150,6 +150,19 @@ def test_lines_that_are_not_known_are_passed_over(feeder_command) -> None:
 
     news = feeder.news()
     assert (news.views, news.ended, news.summary) == ((VIEW,), True, SUMMARY)
+
+
+def test_what_is_told_of_the_pass_stays_known_and_is_no_view(feeder_command) -> None:
+    line = msgspec.json.encode(SKY).decode()
+    feeder = FeederProcess(feeder_command(f"say({line!r})\nsay(VIEW)\nsys.stdin.read()"))
+    assert feeder.wait_first_view()
+    first, second = feeder.news(), feeder.news()
+    feeder.close_input()
+    assert feeder.wait(30.0) == 0
+    feeder.close()
+
+    assert (first.views, first.sky) == ((VIEW,), SKY)
+    assert (second.views, second.sky) == ((), SKY)
 
 
 def test_a_stop_to_a_feeder_that_is_gone_does_no_harm(feeder_command) -> None:

@@ -74,7 +74,7 @@ def demo():
 
 
 def test_the_demonstration_is_watched_nudged_stopped_and_left(demo: Terminal) -> None:
-    demo.wait_for(b"SLEWING", b"SPACE STOP")
+    demo.wait_for(b"SLEWING", b"SPACE STOP", b"rise", b"Sun", b"expect")
     demo.type(b"\x1b[C")
     demo.wait_for(b"+0.100")
     demo.type(b" ")

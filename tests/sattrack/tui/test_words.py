@@ -81,3 +81,18 @@ def test_azimuth(degrees: float, text: str) -> None:
 )
 def test_gauge(share: float, bar: str) -> None:
     assert words.gauge(share, 4) == bar
+
+
+@pytest.mark.parametrize(
+    ("share", "mark", "bar"),
+    [
+        (0.5, 0.5, "██┃·"),
+        (0.5, 0.0, "┃█··"),
+        (-0.25, 0.75, "█··┃"),
+        (0.0, 1.0, "···┃"),
+        (1.0, 9.0, "███┃"),
+        (0.01, 0.5, "▏·┃·"),
+    ],
+)
+def test_a_gauge_with_a_stroke_where_it_is_to_be(share: float, mark: float, bar: str) -> None:
+    assert words.gauge(share, 4, mark) == bar

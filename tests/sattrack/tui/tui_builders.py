@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from sattrack.tui.feed import News
-from sattrack.view import DatagramsView, ErrorView, LinkView, Summary, TrackView
+from sattrack.view import (
+    DatagramsView,
+    ErrorView,
+    LinkView,
+    PassView,
+    PathPoint,
+    SkyPoint,
+    Summary,
+    TrackView,
+)
 
 if TYPE_CHECKING:
     from sattrack.messages import Message
@@ -69,6 +78,36 @@ SUMMARY = Summary(
     bias_cross_deg=0.0,
     recording=None,
     mount_stopped=True,
+)
+
+
+def _climb(begin_utc_s: float, end_utc_s: float) -> tuple[PathPoint, ...]:
+    """Return a path from 10° in the west through 80° in the south to 10° in the east, made by hand."""
+    points = ((10, 270), (30, 262), (60, 240), (80, 180), (60, 120), (30, 98), (10, 90))
+    step_s = (end_utc_s - begin_utc_s) / (len(points) - 1)
+    rows = enumerate(points)
+    return tuple(PathPoint(begin_utc_s + step_s * n, float(alt), float(az), 0.5) for n, (alt, az) in rows)
+
+
+SKY = PassView(
+    latitude_deg=50.0,
+    longitude_deg=10.0,
+    path=_climb(UTC_S - 152.0, UTC_S + 257.0),
+    rises=True,
+    sets=True,
+    culminate_utc_s=UTC_S + 53.0,
+    sun=(SkyPoint(UTC_S - 152.0, 30.0, 200.0), SkyPoint(UTC_S + 257.0, 30.0, 202.0)),
+    moon=(SkyPoint(UTC_S, 40.0, 45.0),),
+    sun_cone_deg=15.0,
+    moon_cone_deg=0.0,
+    floor_altitude_deg=5.0,
+    horizon=((0.0, 10.0), (90.0, 2.0), (180.0, 2.0), (270.0, 2.0)),
+    keyhole_deg=10.0,
+    command_delay_s=0.0003,
+    delays_measured=False,
+    along_arcsec=200.0,
+    across_arcsec=50.0,
+    fov_deg=0.25,
 )
 
 
