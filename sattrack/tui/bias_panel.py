@@ -71,15 +71,21 @@ def _track_values(scene: Scene) -> tuple[Row, Row]:
     view = scene.view
     along: Row = [
         (f"{words.signed(view.bias_along_s, 3)} s", "bold"),
-        ("  asked ", DIM),
-        f"{words.signed(view.bias_along_goal_s, 3)} s",
+        *_asked(scene, TRACK.across.what, f"{words.signed(view.bias_along_goal_s, 3)} s"),
     ]
     across: Row = [
         (f"{words.signed(view.bias_cross_deg, 4)}°", "bold"),
-        ("  asked ", DIM),
-        f"{words.signed(view.bias_cross_goal_deg, 4)}°",
+        *_asked(scene, TRACK.upward.what, f"{words.signed(view.bias_cross_goal_deg, 4)}°"),
     ]
     return along, across
+
+
+def _asked(scene: Scene, what: str, goal: str) -> Row:
+    """Return what was asked for; where that changes gradually, by how much a second."""
+    rate = next((one.rate for one in scene.view.offsets if one.what == what), 0.0)
+    if rate == 0.0:
+        return [("  asked ", DIM), goal]
+    return [("  by ", DIM), f"{words.signed(rate, 5)}/s"]
 
 
 def _values(scene: Scene, move: Move) -> Row:

@@ -122,3 +122,12 @@ def test_a_remembered_bias_shows_its_age_and_the_key_that_drops_it(size: tuple[i
     assert "1.6 h old ±0.028 s   m drop" in run(changed(remembered=known), size=size)[1]
     dropped = msgspec.structs.replace(known, state="dropped")
     assert "m drop" not in run(changed(remembered=dropped), size=size)[1]
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+def test_what_changes_gradually_says_by_how_much_a_second(size: tuple[int, int]) -> None:
+    gradual = (OffsetView("along_s", 1.0, 0.4, 0.02), OffsetView("cross_deg", -0.5, -0.1, -0.00125))
+    _, text = run(changed(offsets=gradual), size=size)
+    assert "+0.050 s  by +0.02000/s" in text
+    assert "−0.0100°  by −0.00125/s" in text
+    assert "asked" not in text
