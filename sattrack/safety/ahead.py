@@ -33,6 +33,8 @@ class Ahead:
         self._profile, self._limits, self._bounds = profile, limits, bounds
         self.latency_s = latency_s(profile)
         """How long it takes until the mount acts on what is decided now."""
+        self.horizon_s = self.latency_s + limits.longest_fault_s
+        """How long it may take until it acts on what is decided next."""
 
     def limit(
         self,
@@ -46,12 +48,11 @@ class Ahead:
         `near` are the limits whose margin the axes have used up, and what is left: rates must not lead nearer
         to them, nor past them by what is under way.
         """
-        seconds = self.latency_s + self._limits.longest_fault_s
         margins = {name: 0.0 if clear >= 0.0 else -math.inf for name, clear in near.items()}
-        name = self._bounds.violated(self.reach(motions, rates, age_s), margins, seconds)
+        name = self._bounds.violated(self.reach(motions, rates, age_s), margins, self.horizon_s)
         if name is None and near:
             place = (motions[0].position_deg, motions[1].position_deg)
-            name = self._bounds.comes_nearer(near, place, rates, seconds)
+            name = self._bounds.comes_nearer(near, place, rates, self.horizon_s)
         return name
 
     def limit_of(

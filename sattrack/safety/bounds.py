@@ -96,15 +96,17 @@ class Bounds:
                 return cone.name
         return None
 
-    def near(self, place: tuple[float, float]) -> dict[str, float]:
-        """Return how far a place is clear of those regions whose margin it does not keep.
+    def near(self, place: tuple[float, float], seconds: float = 0.0) -> dict[str, float]:
+        """Return how far a place is clear of those regions whose margin it does not keep for so many seconds.
 
         From there, axes may move along and away but not nearer. Zones of the pier have no such way out.
         """
+        moves_deg = SIDEREAL_RATE_DEG_S * seconds
         return {
             name: clear
             for name, clear in self._clearances(place).items()
-            if clear < HOLD_MARGIN_DEG and not (name == "pier" and clear < 0.0)
+            if clear < HOLD_MARGIN_DEG + (moves_deg if name in CONES else 0.0)
+            and not (name == "pier" and clear < 0.0)
         }
 
     def _clearances(self, place: tuple[float, float]) -> dict[str, float]:

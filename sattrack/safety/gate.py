@@ -235,13 +235,14 @@ class Safety:
         wish = axis_rates(move, self._standing.beyond_pole)
         clipped = self._clipped(wish)
         self.clamping = clipped != wish
-        wanted = self._within_ramp(clipped, utc_s)
+        room = self._room(utc_s)
+        wanted = _within(clipped[0], room[0]), _within(clipped[1], room[1])
         now = self._in_force(max(spot.age_s for spot in spots), utc_s)
         name = self.holding = self._ahead.limit_of(spots, now, wanted, nears=None)
         if name is None:
             self._outside = 0
         else:
-            nears = [self._bounds.near(spot.place) for spot in spots]
+            nears = [self._bounds.near(spot.place, self._ahead.horizon_s) for spot in spots]
             if not self._holds:
                 inward = self._ahead.limit_of(spots, now, wanted, nears)
                 if inward is not None:
@@ -251,7 +252,7 @@ class Safety:
                 if outside is not None and outside not in MOVES_BY_ITSELF:
                     return self._trip(outside)
                 wanted = self._held(
-                    wanted,
+                    (clipped, room),
                     spots[0].place,
                     lambda rates: self._ahead.limit_of(spots, now, rates, nears),
                     outside is not None,
@@ -269,23 +270,24 @@ class Safety:
 
     def _held(
         self,
-        wanted: tuple[float, float],
+        wish: tuple[Rates, tuple[Rates, Rates]],
         place: Place,
-        ahead: Callable[[tuple[float, float]], str | None],
+        ahead: Callable[[Rates], str | None],
         inside: bool,
-    ) -> tuple[float, float]:
-        """Return the rates nearest to the wanted ones with no limit `ahead`, or what leads away from the Sun.
+    ) -> Rates:
+        """Return the rates nearest to a wish with no limit `ahead`, or what leads away from the Sun.
 
-        What moves by itself towards axes that stand, the Sun or the Moon, is given way to; and axes that are
-        `inside` of its cone make for its edge, whatever is wanted.
+        A wish comes with the room that there is for the next command's rates. What moves by itself towards
+        axes that stand, the Sun or the Moon, is given way to; and axes that are `inside` of its cone make for
+        its edge, whatever is wanted.
         """
         held = REST
         if not inside:
             cos_dec = math.cos(math.radians(place.dec_deg))
-            held = nearest_rates(wanted, cos_dec, lambda rates: ahead(rates) is None)
+            held = nearest_rates(*wish, cos_dec, lambda rates: ahead(rates) is None)
         if held != REST:
             return held
-        ways = self._bounds.away(place, self._ahead.latency_s + self._limits.longest_fault_s)
+        ways = self._bounds.away(place, self._ahead.horizon_s)
         return next((away for away in ways if ahead(away) is None), REST)
 
     def _as_move(self, rates: tuple[float, float], move: MoveAxes, wish: tuple[float, float]) -> MoveAxes:
@@ -297,17 +299,16 @@ class Safety:
             move.dec_rate_deg_s if rates[1] == wish[1] else sense * rates[1],
         )
 
-    def _within_ramp(self, rates: tuple[float, float], utc_s: float | None) -> tuple[float, float]:
-        """Return rates that are, for a stream, no farther from the last than a ramp."""
-        ha, dec = rates
+    def _room(self, utc_s: float | None) -> tuple[Rates, Rates]:
+        """Return the least and the greatest rates of each axis within a ramp of the last, for a stream."""
         if not (self._holds and self._sent and utc_s is not None):
-            return ha, dec
+            return ANY_RATE, ANY_RATE
         then_s, ha_before, dec_before = self._sent[-1]
         seconds = max(self._profile.period_s, utc_s - then_s)
         profile = self._profile
         return (
-            _stepped(ha, ha_before, STEP_SHARE * profile.ra.max_acceleration_deg_s2 * seconds),
-            _stepped(dec, dec_before, STEP_SHARE * profile.dec.max_acceleration_deg_s2 * seconds),
+            _room_about(ha_before, STEP_SHARE * profile.ra.max_acceleration_deg_s2 * seconds),
+            _room_about(dec_before, STEP_SHARE * profile.dec.max_acceleration_deg_s2 * seconds),
         )
 
     def _clipped(self, wish: tuple[float, float]) -> tuple[float, float]:
@@ -342,11 +343,16 @@ class Safety:
         return Cleared(Stop())
 
 
-REST = (0.0, 0.0)
+Rates = tuple[float, float]
+REST: Rates = (0.0, 0.0)
+ANY_RATE: Rates = (-math.inf, math.inf)
 MOVES_BY_ITSELF = frozenset({"sun", "moon"})
 
 
-def _stepped(rate: float, before: float, step: float) -> float:
-    """Return a rate no more than a step faster either way; slowing down is never held back."""
-    low, high = min(before, 0.0) - step, max(before, 0.0) + step
-    return max(low, min(high, rate))
+def _room_about(before: float, step: float) -> Rates:
+    """Return rates no more than a step faster either way; slowing down is never held back."""
+    return min(before, 0.0) - step, max(before, 0.0) + step
+
+
+def _within(rate: float, room: Rates) -> float:
+    return max(room[0], min(room[1], rate))

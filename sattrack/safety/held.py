@@ -15,97 +15,124 @@ TURNS_DEG = (30.0, -30.0, 60.0, -60.0, 75.0, -75.0)
 FINER_DEG = (15.0, 7.0)
 """Beside the best of them others are tried."""
 WORTH = 0.04
-"""What leads aside comes nearer to the wish by this share of its square: axes at a wall must not waver."""
+"""What leads aside comes nearer to the wish by this share of what could be: axes at a wall must not waver."""
+GOOD_ENOUGH = 0.98
 HALVINGS = 5
 SMALLEST_SHARE = 0.5**HALVINGS
-"""Slower than this share of the wish it rests."""
-GOOD_ENOUGH = 0.98
+"""Slower than this share of what could be it rests."""
+NO_WAY = (0.0, 0.0)
 
 
-def nearest_rates(wanted: Vector, cos_dec: float, allowed: Callable[[Vector], bool]) -> Vector:
+def nearest_rates(
+    wanted: Vector, room: tuple[Vector, Vector], cos_dec: float, allowed: Callable[[Vector], bool]
+) -> Vector:
     """Return rates of hour angle and declination that are allowed, the nearest to the wanted ones on the sky.
 
-    Rest, (0, 0), where none is. `cos_dec` is the cosine of the declination. Tried are the wish and what of it
-    leads along directions beside it, slower where need be, and each axis as far as it may go: a limit of one
-    axis is no reason for the other to leave its way.
+    Rest, (0, 0), where none is. `room` are the least and the greatest rates, of each axis, that the next
+    command may have; `cos_dec` is the cosine of the declination. Tried are the wish and what of it leads
+    along directions beside it, slower where need be, and each axis as far as it may go: a limit of one axis
+    is no reason for the other to leave its way.
     """
-    cos_dec = max(0.02, abs(cos_dec))
-    wish = (wanted[0] * cos_dec, wanted[1])
-    size = math.hypot(*wish)
-    if size == 0.0:
-        return 0.0, 0.0
-
-    def is_free(way: Vector) -> bool:
-        return allowed((way[0] / cos_dec, way[1]))
-
-    best = _farthest(wish, wish, (0.0, 0.0), is_free)
-    if _gain(wish, best) < GOOD_ENOUGH * size * size:
-        best = _by_axes(wish, best, is_free)
-    aside = _aside(wish, best, is_free)
-    if _gain(wish, aside) >= _gain(wish, best) + WORTH * size * size:
+    search = _Search(wanted, room, max(0.02, abs(cos_dec)), allowed)
+    best = search.farthest(search.wish, NO_WAY)
+    if search.gain(best) < GOOD_ENOUGH * search.most:
+        best = search.by_axes(best)
+    aside = search.aside(best)
+    if search.gain(aside) > search.gain(best) + WORTH * search.most:
         best = aside
-    return best[0] / cos_dec, best[1]
+    return search.rates(best)
 
 
-def _aside(wish: Vector, best: Vector, is_free: Callable[[Vector], bool]) -> Vector:
-    """Return what of the wish leads in a direction beside it, or `best` where that is nearer."""
-    turned_deg = 0.0
-    for turn in TURNS_DEG:
-        found = _farthest(wish, _part(wish, turn), best, is_free)
-        best, turned_deg = (best, turned_deg) if found is best else (found, turn)
-    for finer in FINER_DEG if turned_deg else ():
-        for turn in (turned_deg - finer, turned_deg + finer):
-            found = _farthest(wish, _part(wish, turn), best, is_free)
+class _Search:
+    """Ways on the sky, across and up, degrees a second: how near they come to one wish, and what is free."""
+
+    def __init__(
+        self,
+        wanted: Vector,
+        room: tuple[Vector, Vector],
+        cos_dec: float,
+        allowed: Callable[[Vector], bool],
+    ) -> None:
+        self._cos_dec, self._allowed = cos_dec, allowed
+        self.wish = (wanted[0] * cos_dec, wanted[1])
+        self._room = ((room[0][0] * cos_dec, room[0][1] * cos_dec), room[1])
+        self.most = self.gain((_within(self.wish[0], self._room[0]), _within(self.wish[1], self._room[1])))
+        """What could be gained if nothing stood in the way."""
+
+    def rates(self, way: Vector) -> Vector:
+        """Return a way as rates of the axes."""
+        return way[0] / self._cos_dec, way[1]
+
+    def gain(self, way: Vector) -> float:
+        """Return by how much a way comes nearer to the wish than rest does, in squares."""
+        wish = self.wish
+        return 2.0 * (wish[0] * way[0] + wish[1] * way[1]) - way[0] ** 2 - way[1] ** 2
+
+    def farthest(self, part: Vector, best: Vector) -> Vector:
+        """Return as much as is free of a part of the wish that leads some way, or `best` if it gains more."""
+        whole, gained = self.gain(part), self.gain(best)
+        if whole <= 0.0:
+            return best
+        fits = min(_fits(part[0], self._room[0]), _fits(part[1], self._room[1]))
+        way = (fits * part[0], fits * part[1])
+        if self.gain(way) * GOOD_ENOUGH <= gained:
+            return best
+        # A share s of such a part gains 2s - s² of what all of it does.
+        least = (1.0 - math.sqrt(max(0.0, 1.0 - gained / whole))) / fits
+        share = self._largest_share(way, max(SMALLEST_SHARE, min(1.0, least)))
+        found = (share * way[0], share * way[1])
+        return found if self.gain(found) > gained else best
+
+    def by_axes(self, best: Vector) -> Vector:
+        """Return as much of the wish as each axis may have and both together, or `best` if it gains more."""
+        one = self.farthest((self.wish[0], 0.0), NO_WAY)
+        other = self.farthest((0.0, self.wish[1]), NO_WAY)
+        both = (one[0], other[1])
+        ways = [both, one, other] if self._is_free(both) else [one, other]
+        return max(best, *ways, key=self.gain)
+
+    def aside(self, best: Vector) -> Vector:
+        """Return what of the wish leads in a direction beside it, or `best` if it gains more."""
+        turned_deg = 0.0
+        for turn in TURNS_DEG:
+            found = self.farthest(self._part(turn), best)
             best, turned_deg = (best, turned_deg) if found is best else (found, turn)
-    return best
-
-
-def _part(wish: Vector, turn_deg: float) -> Vector:
-    """Return what of a wish leads in a direction turned from its own."""
-    cosine, sine = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
-    return cosine * (wish[0] * cosine - wish[1] * sine), cosine * (wish[0] * sine + wish[1] * cosine)
-
-
-def _gain(wish: Vector, way: Vector) -> float:
-    """Return by how much a way comes nearer to the wish than rest does, in squares."""
-    return 2.0 * (wish[0] * way[0] + wish[1] * way[1]) - way[0] ** 2 - way[1] ** 2
-
-
-def _farthest(wish: Vector, way: Vector, best: Vector, is_free: Callable[[Vector], bool]) -> Vector:
-    """Return as much of a way as is free, or `best` where that is nearer to the wish.
-
-    The way is what of the wish leads in its direction, so that the nearer, the more of it.
-    """
-    most, gained = _gain(wish, way), _gain(wish, best)
-    if most <= gained / GOOD_ENOUGH:
+        for finer in FINER_DEG if turned_deg else ():
+            for turn in (turned_deg - finer, turned_deg + finer):
+                found = self.farthest(self._part(turn), best)
+                best, turned_deg = (best, turned_deg) if found is best else (found, turn)
         return best
-    # A share s of such a way gains 2s - s² of what all of it does.
-    least = max(SMALLEST_SHARE, 1.0 - math.sqrt(1.0 - gained / most))
-    share = _largest_share(way, is_free, least)
-    found = (share * way[0], share * way[1])
-    return found if _gain(wish, found) > gained else best
+
+    def _part(self, turn_deg: float) -> Vector:
+        """Return what of the wish leads in a direction turned from its own."""
+        cosine, sine = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
+        across, up = self.wish
+        return cosine * (across * cosine - up * sine), cosine * (across * sine + up * cosine)
+
+    def _is_free(self, way: Vector) -> bool:
+        return self._allowed(self.rates(way))
+
+    def _largest_share(self, way: Vector, least: float) -> float:
+        """Return the largest share of a way that is free, to a part in 2^HALVINGS; 0 if less than `least`."""
+        if not self._is_free((way[0] * least, way[1] * least)):
+            return 0.0
+        if self._is_free(way):
+            return 1.0
+        low, high = least, 1.0
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            if self._is_free((way[0] * middle, way[1] * middle)):
+                low = middle
+            else:
+                high = middle
+        return low
 
 
-def _by_axes(wish: Vector, best: Vector, is_free: Callable[[Vector], bool]) -> Vector:
-    """Return as much of the wish as each axis may have by itself and both together, or `best` if nearer."""
-    one = _farthest(wish, (wish[0], 0.0), (0.0, 0.0), is_free)
-    other = _farthest(wish, (0.0, wish[1]), (0.0, 0.0), is_free)
-    both = (one[0], other[1])
-    ways = [both, one, other] if is_free(both) else [one, other]
-    return max(best, *ways, key=lambda way: _gain(wish, way))
+def _within(rate: float, room: Vector) -> float:
+    return max(room[0], min(room[1], rate))
 
 
-def _largest_share(way: Vector, is_free: Callable[[Vector], bool], least: float) -> float:
-    """Return the largest share of a way that is free, to a part in 2^HALVINGS; 0 for less than `least`."""
-    if not is_free((way[0] * least, way[1] * least)):
-        return 0.0
-    if is_free(way):
-        return 1.0
-    low, high = least, 1.0
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        if is_free((way[0] * middle, way[1] * middle)):
-            low = middle
-        else:
-            high = middle
-    return low
+def _fits(rate: float, room: Vector) -> float:
+    """Return the share of a rate, at most all of it, that a room about rest holds."""
+    edge = room[1] if rate > 0.0 else room[0]
+    return 1.0 if abs(rate) <= abs(edge) else edge / rate

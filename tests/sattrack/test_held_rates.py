@@ -5,23 +5,32 @@ from __future__ import annotations
 import math
 
 import pytest
-from safety_stand import Stand, axis_speed_deg_s, steadily
+from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, T0, Stand, axis_speed_deg_s, steadily
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile
+from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes
 from sattrack.safety import SafetyLimits
+from sattrack.safety.bodies import sun_over
+from sattrack.safety.geometry import separation_deg
 from sattrack.safety.held import nearest_rates
 from sattrack.xerxes.simulator.facts import StartPosition
 
 DARK = SafetyLimits(floor_altitude_deg=-90.0, optical=False)
 
 
+FREELY = ((-math.inf, math.inf), (-math.inf, math.inf))
+
+
 def test_a_wall_across_one_axis_leaves_the_other_what_it_wishes() -> None:
-    assert nearest_rates((0.6, 0.02), 1.0, lambda rates: rates[0] <= 0.0) == pytest.approx((0.0, 0.02))
-    assert nearest_rates((0.02, -0.6), 0.3, lambda rates: rates[1] >= 0.0) == pytest.approx((0.02, 0.0))
+    assert nearest_rates((0.6, 0.02), FREELY, 1.0, lambda rates: rates[0] <= 0.0) == pytest.approx(
+        (0.0, 0.02)
+    )
+    assert nearest_rates((0.02, -0.6), FREELY, 0.3, lambda rates: rates[1] >= 0.0) == pytest.approx(
+        (0.02, 0.0)
+    )
 
 
 def test_a_wall_that_lets_some_through_lets_it_through_and_the_other_axis_wholly() -> None:
-    ha, dec = nearest_rates((0.64, 0.4), 1.0, lambda rates: rates[0] <= 0.11)
+    ha, dec = nearest_rates((0.64, 0.4), FREELY, 1.0, lambda rates: rates[0] <= 0.11)
     assert 0.08 <= ha <= 0.11
     assert dec == pytest.approx(0.4)
 
@@ -33,16 +42,26 @@ def test_along_a_slanting_wall_goes_what_of_the_wish_leads_there(wall_deg: int) 
     wish = (1.0, 0.0)
     beyond = wish[0] * across[0] + wish[1] * across[1]
     foot = (wish[0] - beyond * across[0], wish[1] - beyond * across[1])
-    found = nearest_rates(wish, 1.0, lambda rates: rates[0] * across[0] + rates[1] * across[1] <= 1e-9)
+    found = nearest_rates(
+        wish, FREELY, 1.0, lambda rates: rates[0] * across[0] + rates[1] * across[1] <= 1e-9
+    )
     nearest = math.dist(wish, foot)
     assert nearest <= math.dist(wish, found) + 1e-9
     # Directions are tried down to 7° apart; what gains next to nothing is not worth leaving the way.
     assert math.dist(wish, found) ** 2 <= nearest**2 + 0.15
 
 
+def test_what_a_ramp_leaves_of_a_wish_keeps_to_the_way_along_the_wall() -> None:
+    """The wish is 5 °/s into the wall and 2 °/s along it; a step of the ramp is 0.5 °/s from rest."""
+    room = ((-0.5, 0.5), (-0.5, 0.5))
+    assert nearest_rates((5.0, 2.0), room, 1.0, lambda rates: rates[0] <= 0.0) == pytest.approx((0.0, 0.5))
+    free = nearest_rates((5.0, 2.0), room, 1.0, lambda _: True)
+    assert free == pytest.approx((0.5, 0.5))
+
+
 def test_rest_is_the_answer_where_nothing_is_free() -> None:
-    assert nearest_rates((1.0, -1.0), 0.5, lambda rates: rates == (0.0, 0.0)) == (0.0, 0.0)
-    assert nearest_rates((0.0, 0.0), 0.5, lambda _: True) == (0.0, 0.0)
+    assert nearest_rates((1.0, -1.0), FREELY, 0.5, lambda rates: rates == (0.0, 0.0)) == (0.0, 0.0)
+    assert nearest_rates((0.0, 0.0), FREELY, 0.5, lambda _: True) == (0.0, 0.0)
 
 
 def test_nothing_leads_away_from_the_wish() -> None:
@@ -54,7 +73,7 @@ def test_nothing_leads_away_from_the_wish() -> None:
             off = math.remainder(math.atan2(rates[1], rates[0]) - h, 2.0 * math.pi)
             return rates == (0.0, 0.0) or abs(off) < 0.2
 
-        found = nearest_rates(wish, 1.0, in_a_sector)
+        found = nearest_rates(wish, FREELY, 1.0, in_a_sector)
         assert math.dist(wish, found) <= math.hypot(*wish)
 
 
@@ -70,3 +89,26 @@ def test_axes_held_at_the_end_of_one_ones_travel_go_on_quietly_with_the_other() 
     assert max(truth.hour_angle_axis_deg for truth in held) < 60.0
     at_the_end = [SIDEREAL_RATE_DEG_S - truth.ra_rate_deg_s for truth in held[-100:]]
     assert max(at_the_end) - min(at_the_end) < 0.02
+
+
+def test_axes_held_at_the_suns_cone_go_round_it_after_what_passed_behind_it() -> None:
+    """The wish leads straight into the cone at first, then past it: they do not stay where they met it."""
+    limits = SafetyLimits(floor_altitude_deg=0.0, sun_cone_deg=15.0)
+    sun = sun_over(LATITUDE_DEG, LONGITUDE_DEG).at(T0)
+    start = StartPosition(sun.hour_angle_deg - 1.0, sun.dec_deg + 18.0)
+
+    def wish(t: float) -> MoveAxes:
+        # South at first; then, as the target draws away to the west, more and more that way.
+        return MoveAxes(SIDEREAL_RATE_DEG_S - min(2.0, 0.1 * t), -0.5)
+
+    stand = Stand(wish, limits, start).run(40.0)
+    assert stand.met_s is not None
+    assert stand.safety.tripped is None
+    last = stand.truths[-1][1]
+    assert last.hour_angle_axis_deg > sun.hour_angle_deg + 10.0
+    bodies = [(truth, sun_over(LATITUDE_DEG, LONGITUDE_DEG).at(T0 + t)) for t, truth in stand.truths[::20]]
+    apart = [
+        separation_deg(truth.hour_angle_axis_deg, truth.dec_axis_deg, body.hour_angle_deg, body.dec_deg)
+        for truth, body in bodies
+    ]
+    assert min(apart) > 15.0

@@ -159,7 +159,7 @@ def test_the_rate_row_keeps_the_axes_to_the_profiles_rate(monkeypatch: pytest.Mo
 def jump(monkeypatch: pytest.MonkeyPatch | None) -> float:
     """The largest step between two commands of a stream that jumps, deg/s."""
     if monkeypatch is not None:
-        monkeypatch.setattr(gate, "_stepped", lambda rate, *_: rate)
+        monkeypatch.setattr(gate, "_room_about", lambda *_: (-math.inf, math.inf))
     stand = Stand(lambda t: MoveAxes(0.0, 3.0 if t > 1.0 else 0.0), DARK, START).run(2.0)
     rates = [motion.dec_rate_deg_s for motion in stand.sent if isinstance(motion, MoveAxes)]
     return max(abs(b - a) for a, b in itertools.pairwise(rates))
