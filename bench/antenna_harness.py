@@ -45,11 +45,8 @@ class VirtualAntenna:
     """Until when statuses are lost."""
 
     def __post_init__(self) -> None:
-        sky = Sky(SITE)
-        span = axis_range(self.profile, self.axes)
-        antenna = Antenna(sky, self.axes, span, self.stow, self.service, SimulatedFocuser(), self.refraction)
-        self.sky = sky
-        self.station = Station(antenna, self.profile, self.limits)
+        self.sky = Sky(SITE)
+        self.station = self.make_station()
         site = SimulatedSite(SITE.latitude_deg, SITE.longitude_deg, SITE.height_m)
         mount = SimulatedMount(self.profile, site, self.start)
         self._wires = Installation(mount, None, self.profile.command_delay_s, self.profile.status_delay_s)
@@ -59,6 +56,12 @@ class VirtualAntenna:
         self._at(self.begin_utc_s, self._tick, None)
         first = self._wires.next_turn_s(self.begin_utc_s - self.profile.period_s + MOUNT_PHASE_S)
         self._at(first, self._mount_turn, None)
+
+    def make_station(self) -> Station:
+        span = axis_range(self.profile, self.axes)
+        focuser = SimulatedFocuser()
+        antenna = Antenna(self.sky, self.axes, span, self.stow, self.service, focuser, self.refraction)
+        return Station(antenna, self.profile, self.limits)
 
     def call(self, utc_s: float, what: Callable[[float], None]) -> None:
         self._at(utc_s, lambda now, _: what(now), None)

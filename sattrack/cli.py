@@ -31,7 +31,7 @@ COMMANDS = {
     "stop": "Stop the mount, from any terminal.",
     "mount": "Look at a mount, and operate it by hand: status, watch, slew, park, ...",
     "sim": "The simulated mount alone, on UDP.",
-    "serve": "The mount for other people's programs: antenna, for a VLBI Field System.",
+    "serve": "The mount for other people's programs: antenna (VLBI Field System), rotctld (Hamlib).",
     "elements": "Fetch, show and check element sets.",
     "doctor": "What is fine, what is not, and what to do: clock, elements, priority, mount.",
 }

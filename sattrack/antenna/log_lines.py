@@ -25,9 +25,9 @@ def stamp(utc_s: float) -> str:
     return f"{at:%Y.%j.%H:%M:%S}.{at.microsecond // 10000:02d}"
 
 
-def spoken(words: str) -> str:
+def spoken(words: str, program: str = PROGRAM) -> str:
     """Return the program's own words, without the instant."""
-    return f"#{PROGRAM}#{words}"
+    return f"#{program}#{words}"
 
 
 def typed(words: str) -> str:

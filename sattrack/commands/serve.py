@@ -2,14 +2,36 @@
 
 from __future__ import annotations
 
+import importlib
+
 import click
 
-from sattrack.commands.serve_antenna import command as antenna
+DOORS = {
+    "antenna": "The mount as an antenna for a VLBI Field System, on TCP or a serial line.",
+    "rotctld": "The mount as a rotator for gpredict and other clients of Hamlib, on TCP.",
+}
 
 
-@click.group("serve")
+class LazyDoors(click.Group):
+    """A group that knows its doors by name and imports `sattrack.commands.serve_NAME` on first use."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the doors in the order of the table."""
+        return list(DOORS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import the door's module; None for an unknown name."""
+        if cmd_name not in DOORS:
+            return None
+        door: click.Command = importlib.import_module(f"sattrack.commands.serve_{cmd_name}").command
+        return door
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """List the doors from the table, so that help imports none of them."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(DOORS.items()))
+
+
+@click.group("serve", cls=LazyDoors)
 def command() -> None:
     """Make the mount available to other people's programs."""
-
-
-command.add_command(antenna, "antenna")

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import queue
 import select
 import sys
-import threading
 import time
 from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
@@ -17,13 +15,14 @@ from sattrack import practice
 from sattrack.antenna.equipment import Antenna
 from sattrack.antenna.focus import FocusAxis, SimulatedFocuser
 from sattrack.antenna.line import Check
-from sattrack.antenna.log_lines import spoken, stamp
+from sattrack.antenna.log_lines import spoken
 from sattrack.antenna.sky import Sky
 from sattrack.antenna.station import DEC_LIMIT_DEG, Station, axis_range
 from sattrack.antenna.trajectory import to_ns
 from sattrack.commands.common import CommandContext, common_options, profile_option
 from sattrack.commands.json_lines import JsonLines
 from sattrack.commands.running import tui_possible
+from sattrack.commands.serve_log import Log
 from sattrack.errors import BadInputError, InterruptedRunError, SattrackError
 from sattrack.runtime.antenna_door import BAUDS, DEFAULT_FRAMING, Door, SerialChannel, listen
 from sattrack.runtime.antenna_focus import FORM, parse_focuser, start_focusers
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
 
     from sattrack.antenna.focuser import Focuser
     from sattrack.antenna.sky import AxisKind
-    from sattrack.clock import Clock
     from sattrack.mount import AxesPosition, MountProfile
     from sattrack.runtime.alpaca_focuser import FocuserConfig
     from tle.site import Site
@@ -45,7 +43,6 @@ if TYPE_CHECKING:
 DEFAULT_PORT = 7621
 READ_BYTES = 4096
 MOST_FOCUS_AXES = 3
-LAST_LINES_WITHIN_S = 1.0
 
 
 @click.command("antenna")
@@ -209,32 +206,6 @@ def _place(option: str, text: str | None, axes: str) -> tuple[float, float] | No
 
 def _park(park: AxesPosition | None, axes: str) -> tuple[float, float] | None:
     return None if park is None or axes == "azel" else (park.hour_angle_deg, park.dec_deg)
-
-
-class Log:
-    """Lines on standard error in the Field System's style, each with its instant.
-
-    They are written by a thread of their own: a terminal that is held holds nothing else up.
-    """
-
-    def __init__(self, clock: Clock) -> None:
-        self._clock = clock
-        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._write, name="log", daemon=True)
-        self._thread.start()
-
-    def tell(self, words: str) -> None:
-        """Tell one line, without waiting."""
-        self._lines.put(stamp(self._clock.utc_s(time.monotonic())) + words)
-
-    def close(self) -> None:
-        """Have the last lines written, if that does not take long."""
-        self._lines.put(None)
-        self._thread.join(LAST_LINES_WITHIN_S)
-
-    def _write(self) -> None:
-        while (line := self._lines.get()) is not None:
-            click.echo(line, err=True)
 
 
 class Words:

@@ -36,8 +36,8 @@ DIRECTION_WORDS: dict[str, Direction] = {
     "CW": "right",
 }
 BOUNDS = {name: f"{name}_deg" for name in ("min_az", "max_az", "min_el", "max_el")}
-WITHOUT_MEANING = frozenset({"rot_pathname", "write_delay", "post_write_delay", "timeout", "retry"})
-"""Settings of a rotator's line, which a mount here has none of: taken, and left alone."""
+WITHOUT_MEANING = frozenset({"write_delay", "post_write_delay", "timeout", "retry"})
+"""Numbers of a rotator's line, which a mount here has none of: taken, and left alone."""
 
 
 @dataclass(slots=True)
@@ -54,6 +54,11 @@ class Client:
     """Whether it has asked to be hung up on."""
     _reader: Reader = field(default_factory=Reader)
     _after_pause: str = ""
+
+    @property
+    def paused(self) -> bool:
+        """Whether it has asked for a pause that is not over."""
+        return self._after_pause != ""
 
     def receive(self, data: bytes) -> None:
         """Take bytes; what they say is answered by `answer`."""
@@ -187,7 +192,9 @@ class Client:
             return self.rotator.narrow(BOUNDS[name], need(scan_double(value)))
         if name == "south_zero":
             return Code.OK if scan_integer(value) == 0 else Code.INVALID
-        return Code.OK if name in WITHOUT_MEANING else Code.INVALID
+        if name in WITHOUT_MEANING:
+            return Code.INVALID if scan_integer(value) is None else Code.OK
+        return Code.OK if name == "rot_pathname" else Code.INVALID
 
     def _get_info(self, request: Request, now_ns: int) -> str:
         del now_ns

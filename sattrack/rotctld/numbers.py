@@ -1,7 +1,7 @@
 """Numbers as C's `sscanf` reads them, since that is how clients' numbers have always been read.
 
-ISO/IEC 9899:2011, 7.21.6.2: the longest beginning that may be of a number is taken, and must be one itself;
-what follows is not looked at.
+ISO/IEC 9899:2011, 7.21.6.2, as glibc has it: the beginning that is a number is taken, with an exponent that
+lacks its digits as one of 0; what follows is not looked at.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import struct
 _SPACES = " \t\n\v\f\r"
 _INTEGER = re.compile(r"[+-]?[0-9]+")
 _HEX = re.compile(r"([+-]?)0[xX]([0-9a-fA-F]*)(?:\.([0-9a-fA-F]*))?(?:[pP]([+-]?[0-9]*))?")
-_DECIMAL = re.compile(r"[+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE]([+-]?[0-9]*))?")
+_DECIMAL = re.compile(r"([+-]?(?:[0-9]+\.?[0-9]*|\.[0-9]+))(?:[eE]([+-]?[0-9]*))?")
 _NAMED = re.compile(r"([+-]?)(inf(?:i[a-z]*)?|nan)", re.IGNORECASE)
 MOST_DIGITS = 300
 
@@ -38,9 +38,10 @@ def scan_double(text: str) -> float | None:
     if re.match(r"[+-]?0[xX]", text):
         return _hexadecimal(text)
     found = _DECIMAL.match(text)
-    if found is None or _lacks_digits(found.group(1)):
+    if found is None:
         return None
-    return float(found.group())
+    mantissa, exponent = found.groups()
+    return float(mantissa if _lacks_digits(exponent) else f"{mantissa}e{exponent}")
 
 
 def _hexadecimal(text: str) -> float | None:
@@ -48,16 +49,17 @@ def _hexadecimal(text: str) -> float | None:
     if found is None:
         return None
     sign, whole, fraction, exponent = found.groups()
-    if not (whole or fraction) or _lacks_digits(exponent):
+    if not (whole or fraction):
         return None
+    power = "0" if _lacks_digits(exponent) else exponent
     try:
-        return float.fromhex(f"{sign}0x{whole or '0'}.{fraction or '0'}p{exponent or '0'}")
+        return float.fromhex(f"{sign}0x{whole or '0'}.{fraction or '0'}p{power}")
     except OverflowError:
         return float(f"{sign}inf")
 
 
 def _lacks_digits(exponent: str | None) -> bool:
-    return exponent is not None and exponent.strip("+-") == ""
+    return not (exponent or "").strip("+-")
 
 
 def scan_single(text: str) -> float | None:

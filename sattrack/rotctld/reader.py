@@ -69,12 +69,13 @@ class Reader:
             return None
         try:
             said, end = self._read()
-            self._skipping |= said is Said.TOO_LONG
         except _More:
             if len(self._bytes) <= LONGEST_COMMAND:
                 return None
-            said, end = Said.TOO_LONG, len(self._bytes)
-            self._skipping = self._bytes[-1] not in _ENDS
+            end = LONGEST_COMMAND + 1
+        if end > LONGEST_COMMAND:
+            said, end = Said.TOO_LONG, LONGEST_COMMAND
+        self._skipping |= said is Said.TOO_LONG
         del self._bytes[:end]
         self._extended, self._mark = False, "\n"
         return said

@@ -3,8 +3,8 @@
 A satellite program tells a rotator about once a second where the satellite is just then, to a hundredth of a
 degree. Three or more positions of which each continues those before make a *track*: a parabola through the
 last ones by least squares, in Cartesian coordinates so that neither the zenith nor north is anything special,
-is gone along until the next comes. Where a new one bends the way, the difference is let go of over a second,
-without a step in position or rate. Everything else is a position to stand at.
+is gone along until the next comes. Where a new one bends the way, the difference is let go of over a second
+or more, without a step in position or rate. Everything else is a position to stand at.
 
 A track whose client falls silent ends soon. Pure: instants are given, UTC as POSIX seconds.
 """
@@ -29,7 +29,7 @@ MOST_POINTS = 7
 """So many are fitted: at one a second, more miss bends of the way, fewer let more of their rounding in."""
 FEWEST_POINTS = 3
 """A track has so many; with these few its way is straight."""
-MOST_GAP_S = 12.0
+MOST_GAP_S = 40.0
 LEAST_GAP_S = 0.02
 """Positions that come sooner after each other than this are one: the last."""
 MOST_RATE_DEG_S = 6.0
@@ -38,11 +38,16 @@ STRAY_SHARE = 0.15
 """How far a position may be from where those before lead: so much, and so much of a step."""
 COAST_S = 3.0
 """How long a track goes on after the last word of its client."""
-CONTENT_S = 10.0
-"""How long it goes on after the last position, while its client goes on to ask where the mount is."""
+LEAST_CONTENT_S, MOST_CONTENT_S, CONTENT_GAPS = 10.0, 30.0, 2.5
+"""How long it goes on after the last position, while its client goes on to ask where the mount is: so many of
+the last interval between positions. Some clients send a position only where the mount is off."""
 EASE_S = 1.0
 """How long a track takes to come to rest."""
-BLEND_S = 1.0
+RETURN_S = 4.0
+"""How long it rests there; a client that asks on, and sends nothing, then means the position that it sent."""
+LEAST_BLEND_S, MOST_BLEND_S = 1.0, 3.0
+BLEND_DEG_S2 = 0.5
+"""A bend is let go of so slowly that this acceleration is enough, as far as that is within those times."""
 RATE_STEP_S = 0.05
 
 
@@ -90,6 +95,7 @@ class SmoothedTrack:
         self._last = AzEl(0.0, 0.0)
         self._curve: _Curve | None = None
         self._bend: tuple[Vector, Vector] | None = None
+        self._blend_s = LEAST_BLEND_S
         self._bent_s = 0.0
         self._heard_s = -math.inf
         self._gone = False
@@ -102,7 +108,7 @@ class SmoothedTrack:
     def take(self, place: AzEl, utc_s: float) -> None:
         """Take a position that has come."""
         v, points = _unit(place), self._points
-        former = None if self._curve is None else self._on_curve(utc_s)
+        former = None if self._curve is None else self._in_force(utc_s)
         if points and utc_s - points[-1].utc_s < LEAST_GAP_S:
             points.pop()
         if points and not self._continues(v, utc_s):
@@ -113,7 +119,9 @@ class SmoothedTrack:
         self._bend, self._bent_s = None, utc_s
         if former is not None and self._curve is not None:
             there, rate = self._curve.at(utc_s)
-            self._bend = (former[0] - there, former[1] - rate)
+            self._bend = off, _ = former[0] - there, former[1] - rate
+            blend_s = math.sqrt(6.0 * math.degrees(float(np.linalg.norm(off))) / BLEND_DEG_S2)
+            self._blend_s = max(LEAST_BLEND_S, min(MOST_BLEND_S, blend_s))
 
     def heard(self, utc_s: float) -> None:
         """Note that the client is there, whatever it said; after too long a silence that changes nothing."""
@@ -139,28 +147,40 @@ class SmoothedTrack:
         if self._curve is None:
             return self._last
         ends_s = self._ends_s()
-        content = not self._gone and ends_s >= self._points[-1].utc_s + CONTENT_S
-        if content and utc_s >= ends_s + EASE_S:
-            # Whoever asks on and sends nothing else means the position that was sent.
+        content = not self._gone and ends_s >= self._points[-1].utc_s + self._content_s()
+        if content and utc_s >= ends_s + EASE_S + RETURN_S:
             return self._last
-        return _place(self._on_curve(_eased(utc_s, ends_s))[0])
+        return _place(self._in_force(utc_s)[0])
 
     def _ends_s(self) -> float:
         """Return when a track begins to come to rest, if nothing else is heard."""
         if not self._points:
             return -math.inf
-        return min(self._heard_s + COAST_S, self._points[-1].utc_s + CONTENT_S)
+        return min(self._heard_s + COAST_S, self._points[-1].utc_s + self._content_s())
+
+    def _content_s(self) -> float:
+        if len(self._points) < FEWEST_POINTS:
+            return LEAST_CONTENT_S
+        gap_s = self._points[-1].utc_s - self._points[-2].utc_s
+        return max(LEAST_CONTENT_S, min(MOST_CONTENT_S, CONTENT_GAPS * gap_s))
+
+    def _in_force(self, utc_s: float) -> tuple[Vector, Vector]:
+        """Return place and rate of a track, which slows down where it ends, and stands."""
+        past_s = max(0.0, min(utc_s - self._ends_s(), EASE_S))
+        place, rate = self._on_curve(min(utc_s, self._ends_s()) + past_s - past_s * past_s / (2.0 * EASE_S))
+        return place, rate * (1.0 - past_s / EASE_S)
 
     def _on_curve(self, utc_s: float) -> tuple[Vector, Vector]:
         """Return place and rate of the way, with what is left of the last bend."""
         assert self._curve is not None
         place, rate = self._curve.at(utc_s)
-        s = (utc_s - self._bent_s) / BLEND_S
+        lasts_s = self._blend_s
+        s = (utc_s - self._bent_s) / lasts_s
         if self._bend is None or not 0.0 <= s < 1.0:
             return place, rate
         off, off_rate = self._bend
-        left, left_rate = 1.0 - s * s * (3.0 - 2.0 * s), 6.0 * s * (s - 1.0) / BLEND_S
-        gone, gone_rate = s * (1.0 - s) ** 2 * BLEND_S, (1.0 - s) * (1.0 - 3.0 * s)
+        left, left_rate = 1.0 - s * s * (3.0 - 2.0 * s), 6.0 * s * (s - 1.0) / lasts_s
+        gone, gone_rate = s * (1.0 - s) ** 2 * lasts_s, (1.0 - s) * (1.0 - 3.0 * s)
         return place + left * off + gone * off_rate, rate + left_rate * off + gone_rate * off_rate
 
     def _continues(self, v: Vector, utc_s: float) -> bool:
@@ -187,9 +207,3 @@ class SmoothedTrack:
         terms = np.zeros((3, 3))
         terms[: degree + 1] = solved
         return _Curve(last_s, 2.0 * float(-t[0]) / (len(t) - 1), terms)
-
-
-def _eased(utc_s: float, ends_s: float) -> float:
-    """Return the instant of the way to be at: time slows down from the end of a track on, and stands."""
-    past_s = min(utc_s - ends_s, EASE_S)
-    return utc_s if past_s <= 0.0 else ends_s + past_s - past_s * past_s / (2.0 * EASE_S)

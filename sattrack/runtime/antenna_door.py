@@ -176,14 +176,14 @@ def _reason(error: Exception) -> str:
     return str(error) if number is None else os.strerror(number)
 
 
-def listen(host: str, port: int) -> socket.socket:
+def listen(host: str, port: int, backlog: int = 4) -> socket.socket:
     """Return a listening TCP socket. Raises SattrackError, naming address and port, where there is none."""
     listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     listener.setblocking(False)
     try:
         listener.bind((host, port))
-        listener.listen(4)
+        listener.listen(backlog)
     except OSError as error:
         listener.close()
         raise SattrackError(

@@ -1,0 +1,94 @@
+"""`sattrack serve rotctld` as a program."""
+
+from __future__ import annotations
+
+import json
+import queue
+import select
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import threading
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rotctld_setup import PATIENCE_S, SITE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+WHERE = f"{SITE.latitude_deg},{SITE.longitude_deg},0"
+
+
+class Served:
+    """The program at work: its port, and the log so far."""
+
+    def __init__(self, process: subprocess.Popen[bytes]) -> None:
+        assert process.stdout is not None
+        self.process = process
+        self.log: list[bytes] = []
+        self._lines: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+        readable, _, _ = select.select([process.stdout], [], [], PATIENCE_S)
+        assert readable, "it did not start"
+        self.port = int(json.loads(process.stdout.readline())["listening"])
+
+    def wait_for(self, words: bytes) -> None:
+        """Wait until a line that was not looked at yet has these words."""
+        while words not in self._lines.get(timeout=PATIENCE_S):
+            pass
+
+    def end(self) -> None:
+        """Interrupt it, and have the rest of its log."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+            self.process.wait(timeout=PATIENCE_S)
+        self._reader.join(PATIENCE_S)
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            self.log.append(line)
+            self._lines.put(line)
+
+
+@contextmanager
+def serving(*options: str) -> Iterator[Served]:
+    """Serve a simulated mount until the end, once it is heard.
+
+    The antenna is that of a radio dish, so that tests pass wherever the Sun stands when they run.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        settings = Path(folder) / "radio.toml"
+        settings.write_text("[safety]\noptical = false\n")
+        command = [sys.executable, "-m", "sattrack", "serve", "rotctld", "--mount", "sim", "--site", WHERE]
+        process = subprocess.Popen(
+            [*command, "--json", "--port", "0", "--config", str(settings), *options],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+        served = Served(process)
+        try:
+            served.wait_for(b"the mount is heard")
+            yield served
+        finally:
+            served.end()
+            process.communicate()
+
+
+def call(port: int) -> socket.socket:
+    """Return a client's line."""
+    line = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
+    line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    return line
+
+
+def say(line: socket.socket, words: bytes) -> bytes:
+    """Say a line and return what came back first."""
+    line.sendall(words + b"\n")
+    return line.recv(65536)

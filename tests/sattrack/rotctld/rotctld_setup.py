@@ -1,0 +1,78 @@
+"""A rotator that stands still, for tests of what is answered; and Hamlib's own, where it is installed."""
+
+from __future__ import annotations
+
+import socket
+import subprocess
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from sattrack.antenna.equipment import Feedback
+from sattrack.antenna.sky import Sky
+from sattrack.antenna.trajectory import NS, AxisState
+from sattrack.mount import AxesPosition
+from sattrack.rotctld.rotator import Rotator
+from tle.instants import Utc
+from tle.site import Site
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sattrack.rotctld.answers import Client
+
+NOON_NS = int(Utc.parse("2026-10-02T12:00:00Z").unix_s) * NS
+SITE = Site(52.1541, 4.4908, 0.0)
+PATIENCE_S = 20.0
+
+
+class StandsStill(Feedback):
+    link_up = True
+
+    def actual(self, utc_ns: int) -> AxisState:
+        return AxisState(0.0, 0.0, 0.0, 0.0)
+
+
+def make_rotator(feedback: Feedback | None = None, one_at_a_time: bool = False) -> Rotator:
+    park = AxesPosition(hour_angle_deg=0.0, dec_deg=60.0)
+    return Rotator(Sky(SITE), feedback or StandsStill(), park, one_at_a_time)
+
+
+def ask(client: Client, sent: bytes, at_s: float = 0.0) -> bytes:
+    client.receive(sent)
+    return client.answer(NOON_NS + round(at_s * NS), 10_000)[0]
+
+
+def all_that_comes(port: int, sent: bytes) -> bytes:
+    """Send on a connection of its own, say no more, and return all that comes back."""
+    with socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S) as line:
+        line.sendall(sent)
+        line.shutdown(socket.SHUT_WR)
+        came = b""
+        while data := line.recv(65536):
+            came += data
+        return came
+
+
+@contextmanager
+def hamlibs_own() -> Iterator[int]:
+    """Run `rotctld -m 1` on a free port."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    quiet = subprocess.DEVNULL
+    process = subprocess.Popen(
+        ["rotctld", "-m", "1", "-T", "127.0.0.1", "-t", str(port)], stdout=quiet, stderr=quiet
+    )
+    try:
+        deadline_s = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                socket.create_connection(("127.0.0.1", port), timeout=1.0).close()
+                break
+            except OSError:
+                assert time.monotonic() < deadline_s, "rotctld did not start"
+        yield port
+    finally:
+        process.terminate()
+        process.wait()
