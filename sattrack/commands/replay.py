@@ -12,8 +12,16 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from sattrack.commands.common import CommandContext, common_options, tell
+from sattrack.commands.common import (
+    CommandContext,
+    appearance,
+    common_options,
+    fov_option,
+    screen_options,
+    tell,
+)
 from sattrack.commands.json_lines import JsonLines
+from sattrack.commands.replay_views import LeftError, ViewsAtOnce
 from sattrack.commands.running import SummaryLine, tui_possible
 from sattrack.errors import BadInputError
 from sattrack.recording.comparison import Choice
@@ -23,6 +31,7 @@ from sattrack.recording.wording import replay_lines, replay_view
 from sattrack.runtime.again import engine_of, open_recording
 from sattrack.runtime.outcome import Ledger, summarise
 from sattrack.runtime.whatif import read_law, what_if
+from tle.errors import TleError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,10 +46,15 @@ LONGEST_PAUSE_S = 5.0
 
 @click.command("replay")
 @click.argument("file", type=click.Path(path_type=Path))
-@click.option("--tui", is_flag=True, help="Show the run in the terminal UI, as it was seen.")
+@click.option(
+    "--tui", is_flag=True, help="Show the run in the terminal UI: pause, step, wind; ? there tells the keys."
+)
 @click.option("--stream", is_flag=True, help="Views as JSON lines on standard output, as they were recorded.")
 @click.option("--speed", type=float, metavar="X", help="With --tui or --stream: so many times as fast (1).")
 @click.option("--control", is_flag=True, hidden=True)
+@click.option("--at-once", is_flag=True, hidden=True)
+@fov_option
+@screen_options
 @click.option(
     "--set", "settings", multiple=True, metavar="KEY=N", help="Try another law: feeder.settling_s=0.2."
 )
@@ -60,10 +74,13 @@ def command(context: CommandContext, file: Path, **options: Any) -> int:
     if speed is not None and not (shown and 0.0 < speed <= 1000.0):
         raise BadInputError("--speed: give a factor up to 1000, with --tui or --stream")
     if options["tui"]:
-        return _with_tui(file, speed or 1.0, options["part"])
+        return _with_tui(file, context, options)
     recording, facts = open_recording(file, options["part"])
     for words in recording.problems:
         tell(f"{file}: {words}")
+    if options["stream"] and options["at_once"]:
+        fov_deg = facts.fov_deg if options["fov_deg"] is None else options["fov_deg"]
+        return _give_all(recording, msgspec.structs.replace(facts, fov_deg=fov_deg))
     if options["stream"]:
         return _play(recording, _Player(speed or 1.0, options["control"]))
     if options["settings"] or options["law"]:
@@ -113,17 +130,32 @@ def _try(context: CommandContext, recording: Recording, facts: RunFacts, law: Co
     return 0
 
 
+def _give_all(recording: Recording, facts: RunFacts) -> int:
+    """Write all views for the screen, after what is to be known of the pass."""
+    from sattrack.runtime.pass_scene import pass_scene
+
+    told = ViewsAtOnce(recording)
+    with contextlib.suppress(TleError):
+        # Without it there is no chart; the run is shown all the same.
+        told.write_whole(pass_scene(facts))
+    with contextlib.suppress(LeftError):
+        result = replay(recording, engine_of, watch=told)
+        if not result.agrees:
+            tell("NOT the same as recorded: without --tui, the difference is told")
+    told.end()
+    if told.engine is not None:
+        summary = summarise(told.engine, Ledger(), told.utc_s)
+        click.echo(msgspec.json.encode(SummaryLine(summary)).decode())
+    return 0
+
+
 def _play(recording: Recording, player: _Player) -> int:
-    with contextlib.suppress(_LeftError):
+    with contextlib.suppress(LeftError):
         result = replay(recording, engine_of, watch=player)
         if not result.agrees:
             tell("NOT the same as recorded: without --stream, the difference is told")
     player.finish()
     return 0
-
-
-class _LeftError(Exception):
-    """Whoever looked on has left."""
 
 
 class _Player(JsonLines):
@@ -149,7 +181,7 @@ class _Player(JsonLines):
         self.write(engine.view(entry.utc_s))
 
     def _wait(self) -> None:
-        """Wait for the next view's time; raises _LeftError where standard input says stop, or ends."""
+        """Wait for the next view's time; raises LeftError where standard input says stop, or ends."""
         while True:
             left_s = max(0.0, self._due_s - time.monotonic())
             heard, _, _ = select.select([sys.stdin] if self._control else [], [], [], left_s)
@@ -157,7 +189,7 @@ class _Player(JsonLines):
                 return
             line = sys.stdin.buffer.readline()
             if not line or b'"stop"' in line:
-                raise _LeftError
+                raise LeftError
 
     def finish(self) -> None:
         """Write what the run came to, as far as it was shown."""
@@ -168,13 +200,19 @@ class _Player(JsonLines):
             )
 
 
-def _with_tui(file: Path, speed: float, part: int) -> int:
-    from sattrack.tui.launch import fly_with_tui
+def _with_tui(file: Path, context: CommandContext, options: dict[str, Any]) -> int:
+    from sattrack.tui.replay_launch import replay_with_tui
+    from sattrack.tui.tape import Tape
 
     if not tui_possible():
         raise BadInputError("--tui needs a terminal, and textual: pip install 'sattrack[tui]'")
-    arguments = ["replay", str(file), "--stream", "--control", "--speed", str(speed), "--part", str(part)]
-    return fly_with_tui([sys.executable, "-m", "sattrack", *arguments])
+    arguments = ["replay", str(file), "--stream", "--control", "--at-once", "--part", str(options["part"])]
+    fov_deg = context.settings.camera.fov_deg if options["fov_deg"] is None else options["fov_deg"]
+    if fov_deg is not None:
+        arguments += ["--fov", str(fov_deg)]
+    look = appearance(context, options["theme"], options["plain"])
+    tape = Tape(file.name, options["speed"] or 1.0)
+    return replay_with_tui([sys.executable, "-m", "sattrack", *arguments], tape, look)
 
 
 def _progress() -> Callable[[float], None] | None:

@@ -19,7 +19,7 @@ from sattrack.tui.error_plot import ErrorPanel
 from sattrack.tui.frames import FRAMES, TRACK
 from sattrack.tui.help import HelpScreen
 from sattrack.tui.history import ErrorHistory
-from sattrack.tui.panels import Cautions, HeadlineBar, KeyBar, Panel, TitleBar
+from sattrack.tui.panels import Cautions, HeadlineBar, KeyBar, Panel, TapeBar, TitleBar
 from sattrack.tui.plain import PlainFilter
 from sattrack.tui.scene import Scene
 from sattrack.tui.sky_panel import NotesPanel, SkyPanel, chart_columns
@@ -128,6 +128,7 @@ class TrackApp(App[None]):
             yield figures.FieldPanel(id="field")
             yield NotesPanel(id="notes")
             yield figures.RunPanel(id="run")
+        yield TapeBar()
         yield KeyBar()
 
     def on_mount(self) -> None:
@@ -145,6 +146,9 @@ class TrackApp(App[None]):
     def look(self) -> None:
         """Take in what has come, and draw the newest."""
         news = self._feed.news()
+        if news.rewound:
+            self._history = ErrorHistory()
+            self._ended, self._summary = False, None
         for view in news.views:
             self._history.add(view)
         if news.views:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 LEFT_CELLS = 9
 MINUTE_S = 60.0
+ROOM_FOR_ALL_WORDS = 72
 LEGEND = {False: "⠒⠒", True: "▀▀"}
 """What the line of right ascension looks like, with colour and without."""
 
@@ -135,7 +136,8 @@ class PlotCaption(Panel):
             (f"   scale ±{self.range_arcsec:g}″", ""),
         ]
         if self.beyond:
-            row.append(("   some beyond the scale", SPOKEN[Tone.NOTICE]))
+            roomy = self.content_size.width >= ROOM_FOR_ALL_WORDS
+            row.append(("   some beyond the scale" if roomy else "  beyond", SPOKEN[Tone.NOTICE]))
         return [row]
 
 

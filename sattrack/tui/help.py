@@ -36,6 +36,24 @@ where it is to the left; RA is measured on the sky.
 """
 
 
+REPLAY_TEXT = """\
+SPACE     pause, or go on; at the end, once more from the beginning
+← →       10 s back / on
+PgUp PgDn 60 s back / on
+Home End  the beginning / the end
+,  .      one view back / on, standing still
+[ ]       slower / faster, from a tenth to a hundred times
+1         as fast as it was
+v  t      the sky alone, or all / next theme: night, red, contrast
+q  Ctrl-C leave
+
+The recorded inputs run through today's code; what it commands goes
+nowhere, and no mount moves.
+
+?  Esc  q close this help
+"""
+
+
 class HelpScreen(ModalScreen[None]):
     """What the keys do."""
 
@@ -43,7 +61,11 @@ class HelpScreen(ModalScreen[None]):
         Binding("escape,q,question_mark", "dismiss", "close", show=False),
     ]
 
+    def __init__(self, text: str = TEXT) -> None:
+        super().__init__()
+        self._text = text
+
     def compose(self) -> ComposeResult:
         """Make the parts."""
         with VerticalScroll():
-            yield Static(TEXT, markup=False)
+            yield Static(self._text, markup=False)

@@ -66,7 +66,7 @@ def show_screen(feed: Feed, stay: bool, appearance: Appearance) -> None:
     from sattrack.tui.app import TrackApp
 
     app = TrackApp(feed, stay, appearance=appearance)
-    with _leaving(app.ask_to_leave):
+    with leaving(app.ask_to_leave):
         app.run()
     if app.interrupted:
         raise KeyboardInterrupt
@@ -104,7 +104,7 @@ def _say(text: str) -> None:
 
 
 @contextmanager
-def _leaving(leave: Callable[[], None]) -> Iterator[None]:
+def leaving(leave: Callable[[], None]) -> Iterator[None]:
     """Have the signals that end programs leave the screen as its own key does, the terminal restored."""
     before = {number: signal.signal(number, lambda *_: leave()) for number in LEAVING_SIGNALS}
     try:

@@ -132,7 +132,7 @@ CSS = """
 Screen { background: $background; color: $foreground; }
 
 Panel { height: 1; text-wrap: nowrap; text-overflow: ellipsis; padding: 0 1; }
-TitleBar, HeadlineBar, KeyBar { background: $panel; }
+TitleBar, HeadlineBar, TapeBar, KeyBar { background: $panel; }
 Cautions { height: auto; max-height: 4; text-wrap: wrap; background: $surface; }
 
 #state { height: 5; }

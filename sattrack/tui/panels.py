@@ -120,11 +120,44 @@ class Cautions(Panel):
         self.display = bool(cautions(scene))
 
 
+class TapeBar(Panel):
+    """Where a recording stands, and at what speed it runs; takes no room where there is none."""
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return the one row."""
+        tape = scene.tape
+        if tape is None:
+            return []
+        state = "AT THE END" if tape.ended else "PLAYING" if tape.playing else "PAUSED"
+        tone = Tone.CALM if tape.playing or tape.ended else Tone.NOTICE
+        row: Row = [
+            (f" {state} ", PLATE[tone]),
+            (f" ×{tape.speed:g}".ljust(6), "bold"),
+            (words.span(tape.at_s), "bold"),
+            (" of ", DIM),
+            words.span(tape.length_s),
+            ("" if tape.whole else ", reading on", DIM),
+            "  ",
+        ]
+        room = self.content_size.width - sum(cell_len(p if isinstance(p, str) else p[0]) for p in row)
+        name = tape.name[-(room // 2) :] if room > 1 else ""
+        cells = max(0, room - cell_len(name) - 2)
+        done = min(cells, round(cells * tape.at_s / tape.length_s)) if tape.length_s > 0.0 else cells
+        return [[*row, ("█" * done, "$primary"), ("·" * (cells - done), DIM), "  ", (name, DIM)]]
+
+    def show(self, scene: Scene) -> None:
+        """Take a new scene."""
+        self.display = scene.tape is not None
+        super().show(scene)
+
+
 class KeyBar(Panel):
     """The keys."""
 
     def full(self, scene: Scene) -> list[Row]:
         """Return the one row."""
+        if scene.tape is not None:
+            return [self._tape_keys()]
         keys: tuple[tuple[str, str], ...] = (
             ("←→", "along"),
             ("↑↓", "across"),
@@ -141,3 +174,18 @@ class KeyBar(Panel):
         for key, what in (("q", "quit"), ("?", "help")):
             row += [(key, "bold"), (f" {what}   ", DIM)]
         return [row]
+
+    def _tape_keys(self) -> Row:
+        keys: tuple[tuple[str, str], ...] = (
+            ("SPACE", "pause"),
+            ("←→", "10 s"),
+            (", .", "step"),
+            ("[ ]", "speed"),
+            ("Home End", ""),
+        )
+        if self.content_size.width >= ROOM_FOR_ALL_KEYS:
+            keys = (*keys[:2], ("PgUp PgDn", "60 s"), *keys[2:], ("v", "sky"))
+        row: Row = []
+        for key, what in (*keys, ("q", "quit"), ("?", "help")):
+            row += [(key, "bold"), (f" {what}   " if what else "   ", DIM)]
+        return row

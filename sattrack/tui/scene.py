@@ -12,6 +12,7 @@ from sattrack.tui.frames import TRACK
 if TYPE_CHECKING:
     from sattrack.tui.frames import Frame
     from sattrack.tui.steps import Step
+    from sattrack.tui.tape import TapeView
     from sattrack.view import PassView, Summary, TrackView
 
 ON_TARGET_ARCSEC = 2.0
@@ -63,6 +64,8 @@ class Scene:
     """What the arrow keys move the target by."""
     sky: PassView | None = None
     """What was told of the pass beforehand; None where nothing was."""
+    tape: TapeView | None = None
+    """Where a recording stands that is shown; None for a run that goes on now."""
     plain: bool = False
     """Whether there are no characters but those of ASCII."""
 
@@ -115,7 +118,10 @@ def _tracking(view: TrackView) -> Headline:
 
 
 def _ended(scene: Scene) -> Headline:
-    summary = scene.summary
+    summary, ended_by = scene.summary, scene.view.ended_by
+    if scene.tape is not None:
+        why = "it is cut off here" if ended_by is None else why_ended(ended_by)
+        return Headline("END", f"of the recording: {why}; q leaves", Tone.CALM)
     if summary is None:
         return Headline("FEEDER LOST", "it ended without a word: stop the mount by hand", Tone.BAD)
     why = why_ended(summary.ended_by)
@@ -140,7 +146,12 @@ def why_ended(ended_by: str) -> str:
 
 
 def cautions(scene: Scene) -> tuple[Caution, ...]:
-    """Return what wants attention, the gravest first."""
+    """Return what wants attention, the gravest first; of a recording, what did, with nothing to be done."""
+    found = _cautions(scene)
+    return found if scene.tape is None else tuple(Caution(one.what, "", one.tone) for one in found)
+
+
+def _cautions(scene: Scene) -> tuple[Caution, ...]:
     found: list[Caution] = []
     view = scene.view
     if scene.leaving and not scene.ended:

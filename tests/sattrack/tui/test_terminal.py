@@ -10,10 +10,17 @@ import struct
 import subprocess
 import sys
 import termios
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+CLEAN = Path(__file__).parents[3] / "examples" / "passes" / "clean.mcap"
 PATIENCE_S = 60.0
 COLUMNS, ROWS = 80, 24
 
@@ -55,10 +62,17 @@ class Terminal:
 
 @pytest.fixture
 def demo():
+    with on_terminal("demo") as terminal:
+        yield terminal
+
+
+@contextmanager
+def on_terminal(*arguments: str) -> Iterator[Terminal]:
+    """Run the program with these arguments on a terminal of its own."""
     controller, terminal = pty.openpty()
     fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, COLUMNS, 0, 0))
     process = subprocess.Popen(
-        [sys.executable, "-m", "sattrack", "demo"],
+        [sys.executable, "-m", "sattrack", *arguments],
         stdin=terminal,
         stdout=terminal,
         stderr=terminal,
@@ -94,3 +108,25 @@ def test_a_signal_to_end_leaves_cleanly_and_stops_the_mount(demo: Terminal) -> N
 
     assert code == 0
     assert "ended by operator" in drawn
+
+
+def test_a_recording_is_watched_wound_to_its_end_and_left() -> None:
+    with on_terminal("replay", str(CLEAN), "--tui", "--speed", "100", "--theme", "red", "--ascii") as replay:
+        replay.wait_for(b"clean.mcap", b"rise", b"END", b"the satellite has set")
+        replay.type(b"\x1b[H")
+        replay.wait_for(b"WAITING")
+        replay.type(b"q")
+        code, drawn = replay.finish()
+
+    assert code == 0
+    assert "ended by set" in drawn
+    assert "make sure that the mount is at rest" not in drawn
+
+
+def test_a_recording_that_cannot_be_read_shows_no_screen(tmp_path: Path) -> None:
+    (tmp_path / "none.mcap").write_bytes(b"nothing of the kind")
+    with on_terminal("replay", str(tmp_path / "none.mcap"), "--tui") as replay:
+        code, drawn = replay.finish()
+
+    assert code == 2
+    assert "not an MCAP file" in drawn
