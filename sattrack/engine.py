@@ -85,10 +85,7 @@ class Engine:
         """Lines that came where observations or messages were expected, and were neither."""
         self.dropped = 0
         """Observations that came faster than they could be used."""
-        site = spec.propagator.site
-        self.safety = Safety(
-            spec.profile, spec.limits, site.latitude_deg, site.longitude_deg, holds=True, escapes=True
-        )
+        self.safety = safety_of(spec)
         self.reported = RunningError()
         self.on_target_s = 0.0
         self.held_s: dict[str, float] = {}
@@ -404,6 +401,12 @@ class Engine:
     @property
     def _heard_utc_s(self) -> float:
         return 0.0 if self.session.sample is None else self.session.sample.arrival_utc_s
+
+
+def safety_of(spec: RunSpec) -> Safety:
+    """Return what clears a run's motions: held at limits, slews led round, out of the Sun by itself."""
+    site = spec.propagator.site
+    return Safety(spec.profile, spec.limits, site.latitude_deg, site.longitude_deg, holds=True, escapes=True)
 
 
 def _reported_dec_rate_deg_s(sample: StatusSample) -> float:

@@ -18,7 +18,7 @@ import numpy as np
 
 from sattrack import practice
 from sattrack.control.acquisition import slew_time_s
-from sattrack.engine import Engine
+from sattrack.engine import Engine, safety_of
 from sattrack.errors import BadInputError, SattrackError
 from sattrack.mount import SIDEREAL_RATE_DEG_S
 from sattrack.planning.budget import Circumstances, error_budget
@@ -68,6 +68,7 @@ if TYPE_CHECKING:
 MARGIN_S = 10.0
 MOVING = (Phase.ACQUIRING, Phase.TRACKING)
 FULL_PERIOD_S, SLOW_PERIOD_S = 0.05, 0.1
+MOVING_LIMITS = frozenset({"sun", "moon"})
 SLOW_ERROR_SHARE = 0.1
 """A slow object's loop may leave so much of what counts as on target by holding its rates twice as long."""
 SLOW_RATE_SHARE = 0.97
@@ -318,8 +319,8 @@ def loop_period_s(path: AxisPath, ability: Ability, plan: TrackPlan) -> float:
     profile = ability.profile
     if plan.end_utc_s - plan.start_utc_s > LONGEST_RUN_S:
         return SLOW_PERIOD_S
-    if outside(path, ability):
-        # How soon rates are held before a limit, and the way along its edge, depend on the steps.
+    if any(loss.limit in MOVING_LIMITS for loss in outside(path, ability)):
+        # The way along an edge that moves itself depends on the steps.
         return FULL_PERIOD_S
     cos_dec = np.abs(np.cos(np.radians(path.pointing.dec_axis_deg)))
     sky_deg_s2 = np.hypot(path.hour_angle_acceleration_deg_s2 * cos_dec, path.dec_acceleration_deg_s2)
@@ -462,7 +463,8 @@ def perform(
     The loop runs every `period_s` on both sides, from where the axes stand at `start`. Raises BadInputError,
     PropagationError.
     """
-    profile = msgspec.structs.replace(facts.profile, period_s=period_s)
+    real = facts.profile
+    profile = msgspec.structs.replace(real, period_s=period_s)
     facts = msgspec.structs.replace(facts, profile=profile, recording=None)
     spec = build_engine(facts).spec
     plan = facts.plan
@@ -476,7 +478,10 @@ def perform(
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
     hardware = msgspec.structs.replace(ideal_hardware(table), flip=_rule(profile, ideal_hardware(table)))
     mount = SimulatedMount(profile, site, start, hardware)
-    run = RehearsedRun(Engine(spec), mount, facts.started_utc_s, NoRecording())
+    engine = Engine(spec)
+    # How soon rates are held before a limit depends on the steps of the real loop.
+    engine.safety = safety_of(replace(spec, profile=real))
+    run = RehearsedRun(engine, mount, facts.started_utc_s, NoRecording())
     with _without_collector():
         ended_utc_s = run.run()
     trace = run.trace.arrays()
