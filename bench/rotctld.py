@@ -13,6 +13,7 @@ import random
 import sys
 from typing import TYPE_CHECKING, NamedTuple
 
+from antenna import peak_rate_deg_s
 from antenna_harness import SITE, rms, separation_arcsec
 from rotctld_harness import VirtualRotator
 
@@ -99,6 +100,13 @@ def jerk(truths: list[Truth]) -> float:
     return worst
 
 
+def highest_deg() -> float:
+    """Return how high the satellite gets."""
+    propagator = Propagator(practice.elements(), SITE)
+    seconds = range(int(SET_UTC_S - RISE_UTC_S))
+    return max(float(propagator.at(Utc(RISE_UTC_S + second)).alt_deg) for second in seconds)
+
+
 def told(figures: Figures) -> str:
     return (
         f"true error {figures.rms_arcsec:.1f}″ RMS, {figures.peak_arcsec:.1f}″ peak; "
@@ -108,6 +116,8 @@ def told(figures: Figures) -> str:
 
 def main() -> None:
     argparse.ArgumentParser(description=__doc__).parse_args()
+    rate = peak_rate_deg_s()
+    print(f"the pass: up to {highest_deg():.0f}° high, up to {rate:.2f} °/s: 10 ms are {rate * 36.0:.0f}″")
     print(f"straight way, 1 Hz, 0.01°:           {told(follow(make=Steps))}")
     print(f"followed, 1 Hz, 0.01°:               {told(follow())}")
     print(f"followed, 1 Hz, 0.000001°:           {told(follow(digits=6))}")

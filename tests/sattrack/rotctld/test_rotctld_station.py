@@ -56,7 +56,7 @@ def test_a_pass_at_one_hertz_is_followed_without_jerks() -> None:
     span = (BEGIN_UTC_S - 30.0, BEGIN_UTC_S + 20.0)
     smooth = bench.follow(begin_utc_s=span[0], end_utc_s=span[1])
     straight = bench.follow(make=bench.Steps, begin_utc_s=span[0], end_utc_s=span[1])
-    # A hundredth of a degree is 36″; a step of this pass is up to 1.1°.
+    # A hundredth of a degree is 36″; a step of this pass is up to 0.97°.
     assert smooth.rms_arcsec < 36.0
     assert straight.rms_arcsec > 30.0 * smooth.rms_arcsec
     assert smooth.jerk_deg_s2 < 0.5
