@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sattrack.schedule.candidates import INFEASIBLE, PIER
+from sattrack.schedule.detours import LedSlews
 from sattrack.schedule.gathering import gather
-from sattrack.schedule.nodes import finer, first_slew_s, node_set, way_of, whole_and_cut
+from sattrack.schedule.nodes import finer, first_slew_s, node_set, stand_of, way_of, whole_and_cut
 from sattrack.schedule.plan import Asked, LostPass, Plan, PlannedPass, Rehearsed
 from sattrack.schedule.planner import best_plan
 from sattrack.schedule.why import why_lost
@@ -21,6 +23,7 @@ if TYPE_CHECKING:
     from sattrack.schedule.candidates import Candidate, Found, Loaded, Progress, Situation
     from sattrack.schedule.file import Schedule
     from sattrack.schedule.nodes import Node, NodeSet, Way
+    from sattrack.schedule.transitions import Stand
 
     Rehearse = Callable[[Candidate, float, float], Rehearsed]
 
@@ -65,6 +68,10 @@ class _Maker:
             if one.lost is None:
                 self._ways[one.number] = way_of(one, situation.site, situation.profile)
                 self._check_side(one)
+        self._stands: dict[Node, Stand] = {}
+        self._led = LedSlews(situation)
+        self._extra_s: dict[tuple[int, int], float] = {}
+        self._looked_at: set[tuple[int, int, float, float]] = set()
         self._set = self._nodes([])
         self._chosen: list[int] = []
 
@@ -77,12 +84,47 @@ class _Maker:
             self._candidates[one.number] = replace(one, lost=(PIER, words))
 
     def _nodes(self, nodes: Sequence[Node]) -> NodeSet:
-        return node_set(nodes, self._candidates, self._ways, self._terms, self._situation)
+        for node in nodes:
+            if node not in self._stands:
+                one = self._candidates[node.candidate]
+                self._stands[node] = stand_of(
+                    node, one, self._ways[one.number], self._terms[one.entry], self._situation
+                )
+        stands = [self._stands[node] for node in nodes]
+        return node_set(nodes, stands, self._candidates, self._situation, self._extra_s)
 
     def _least_s(self) -> list[float]:
         return [self._terms[one.entry].least_s for one in self._candidates]
 
     def choose(self) -> None:
+        """Make the best choice whose slews, led round what is in their way, take no longer than there is."""
+        self._choose()
+        while self._lead():
+            self._choose()
+        self._set = self._nodes(self._set.nodes)
+
+    def _lead(self) -> bool:
+        """Find the ways of the slews between chosen passes; tell whether one takes longer than there is time.
+
+        What a way round takes holds for the same two passes however they are shortened.
+        """
+        late = False
+        for before, after in pairwise(self._chosen):
+            one, other = self._set.nodes[before], self._set.nodes[after]
+            key = (one.candidate, other.candidate, one.end_utc_s, other.start_utc_s)
+            if key in self._looked_at:
+                continue
+            self._looked_at.add(key)
+            leave, want = self._stands[one].after, self._stands[other].before
+            more_s = self._led.extra_s(leave.last, want.first, one.end_utc_s + leave.seconds)
+            known_s = self._extra_s.get(key[:2], 0.0)
+            if more_s > known_s:
+                self._extra_s[key[:2]] = more_s
+                needed_s = float(self._set.transitions.seconds(np.array([before]), after)[0])
+                late |= one.end_utc_s + needed_s + more_s - known_s > other.start_utc_s
+        return late
+
+    def _choose(self) -> None:
         """Make the best choice, then once more with those that are shortened cut in finer steps."""
         least_s = self._least_s()
         coarse = whole_and_cut([one for one in self._candidates if one.lost is None], least_s)

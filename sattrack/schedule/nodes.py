@@ -16,7 +16,7 @@ from tle.instants import Utc
 from tle.propagator import Propagator
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -128,49 +128,63 @@ def _grid(one: Candidate, starts: list[float], ends: list[float], least_s: float
     return list(found)
 
 
+def stand_of(node: Node, one: Candidate, way: Way, asked: Terms, situation: Situation) -> Stand:
+    """Return what a node needs around it."""
+    site, profile = situation.site, situation.profile
+    start, end = way.at(node.start_utc_s), way.at(node.end_utc_s)
+    return Stand(
+        errands_before(asked.before, start, node.start_utc_s, site, profile),
+        asked.settle_s,
+        errands_after(asked.after, end, node.end_utc_s, site, profile),
+    )
+
+
 def node_set(
     nodes: Sequence[Node],
+    stands: Sequence[Stand],
     candidates: Sequence[Candidate],
-    ways: dict[int, Way],
-    terms: Sequence[Terms],
     situation: Situation,
+    extra_s: Mapping[tuple[int, int], float],
 ) -> NodeSet:
-    """Return nodes as a problem; `candidates` by number, `terms` by entry, `ways` by candidate."""
-    site, profile = situation.site, situation.profile
-    stands = []
-    for node in nodes:
-        one, way = candidates[node.candidate], ways[node.candidate]
-        asked = terms[one.entry]
-        start, end = way.at(node.start_utc_s), way.at(node.end_utc_s)
-        stands.append(
-            Stand(
-                errands_before(asked.before, start, node.start_utc_s, site, profile),
-                asked.settle_s,
-                errands_after(asked.after, end, node.end_utc_s, site, profile),
-            )
-        )
-    transitions = SlewTransitions.of(stands, profile)
+    """Return nodes as a problem; `candidates` by number, `extra_s` what slews between two take longer."""
+    profile = situation.profile
+    longer = _by_node(nodes, extra_s) if extra_s else {}
+    transitions = SlewTransitions.of(stands, profile, longer)
+    values = [
+        candidates[n.candidate].priority * candidates[n.candidate].useful_within(n.start_utc_s, n.end_utc_s)
+        for n in nodes
+    ]
+    first = [
+        situation.span[0] + first_s(stand, profile) <= node.start_utc_s
+        for node, stand in zip(nodes, stands, strict=True)
+    ]
     problem = Problem(
         start_s=np.array([node.start_utc_s for node in nodes]),
         end_s=np.array([node.end_utc_s for node in nodes]),
-        value=np.array(
-            [
-                candidates[n.candidate].priority
-                * candidates[n.candidate].useful_within(n.start_utc_s, n.end_utc_s)
-                for n in nodes
-            ]
-        ),
-        first=np.array(
-            [
-                situation.span[0] + first_s(stand, profile) <= node.start_utc_s
-                for node, stand in zip(nodes, stands, strict=True)
-            ],
-            dtype=bool,
-        ),
+        value=np.array(values),
+        first=np.array(first, dtype=bool),
         group=np.array([candidates[node.candidate].entry for node in nodes], dtype=np.intp),
         transitions=transitions,
     )
     return NodeSet(tuple(nodes), tuple(stands), problem, transitions)
+
+
+def _by_node(
+    nodes: Sequence[Node], extra_s: Mapping[tuple[int, int], float]
+) -> dict[int, tuple[NDArray[np.intp], Array]]:
+    """Return by the later node which earlier ones take longer to come from, and by how much."""
+    of: dict[int, list[int]] = {}
+    for k, node in enumerate(nodes):
+        of.setdefault(node.candidate, []).append(k)
+    earlier: dict[int, list[tuple[int, float]]] = {}
+    for (before, after), seconds in extra_s.items():
+        earlier.setdefault(after, []).extend((k, seconds) for k in of.get(before, []))
+    return {
+        k: (np.array([at for at, _ in found], dtype=np.intp), np.array([more for _, more in found]))
+        for after, found in earlier.items()
+        for k in of.get(after, [])
+        if found
+    }
 
 
 def first_s(stand: Stand, profile: MountProfile) -> float:

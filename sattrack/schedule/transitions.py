@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -14,7 +14,7 @@ from sattrack.schedule.actions import CommandAction, SlewAction
 from sattrack.schedule.stars import Star, find_star, hour_angle_and_dec_deg
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -112,9 +112,16 @@ class SlewTransitions:
     before_s: Array
     rates_deg_s: tuple[float, float]
     ramps_s: tuple[float, float]
+    extra_s: Mapping[int, tuple[Index, Array]] = field(default_factory=dict)
+    """By the later pass, from which earlier ones a slew takes longer than straight, and by how much."""
 
     @classmethod
-    def of(cls, stands: Sequence[Stand], profile: MountProfile) -> SlewTransitions:
+    def of(
+        cls,
+        stands: Sequence[Stand],
+        profile: MountProfile,
+        extra_s: Mapping[int, tuple[Index, Array]] | None = None,
+    ) -> SlewTransitions:
         """Return those of some passes by a mount's axes."""
         axes = (profile.ra, profile.dec)
         return cls(
@@ -124,6 +131,7 @@ class SlewTransitions:
             np.array([stand.before.seconds + stand.settle_s for stand in stands], dtype=np.float64),
             (axes[0].slew_rate_deg_s, axes[1].slew_rate_deg_s),
             (_ramp_s(axes[0]), _ramp_s(axes[1])),
+            extra_s or {},
         )
 
     def seconds(self, before: Index, after: int) -> Array:
@@ -132,12 +140,20 @@ class SlewTransitions:
         return total
 
     def slews_s(self, before: Index, after: int) -> Array:
-        """Return of those what the slew between takes, as `sattrack.safety.route.slew_s` reckons it."""
+        """Return of those what the slew between takes.
+
+        As `sattrack.safety.route.slew_s` reckons it, and what a way round takes longer where that is known.
+        """
         gap = np.abs(self.leave[before] - self.want[after])
         slews: Array = HANDSHAKE_S + np.maximum(
             gap[:, 0] / self.rates_deg_s[0] + self.ramps_s[0],
             gap[:, 1] / self.rates_deg_s[1] + self.ramps_s[1],
         )
+        if after in self.extra_s:
+            longer = np.zeros(len(self.after_s))
+            others, seconds = self.extra_s[after]
+            longer[others] = seconds
+            slews += longer[before]
         return slews
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -52,7 +53,7 @@ def why_lost(
     tight = _tight(at, chosen, nodes)
     if tight:
         words = "; ".join(
-            f"{need:.0f} s {'from' if earlier else 'to'} {k + 1} ({names[k]}), {free:.0f} s there are"
+            f"{_needed(need)} {'from' if earlier else 'to'} {k + 1} ({names[k]}), {free:.0f} s there are"
             for k, need, free, earlier in tight
         )
         return Reason(CONFLICT, f"no time between: {words}", tuple(k for k, *_ in tight))
@@ -62,6 +63,10 @@ def why_lost(
     if not bool(nodes.problem.first[at]):
         return Reason(BEGINNING, "no time to get there from the plan's beginning")
     return Reason(WORTH_LESS, "the plan without it is worth as much")
+
+
+def _needed(seconds: float) -> str:
+    return f"{seconds:.0f} s" if math.isfinite(seconds) else "no clear way"
 
 
 def _overlap_s(one: Node, other: Node) -> float:

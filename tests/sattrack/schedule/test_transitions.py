@@ -10,8 +10,11 @@ import pytest
 
 from sattrack.mount import AxisLimits, MountProfile
 from sattrack.safety.geometry import Place
-from sattrack.safety.route import slew_s
+from sattrack.safety.limits import SafetyLimits
+from sattrack.safety.route import HANDSHAKE_S, RAMP, slew_s
 from sattrack.schedule.actions import CommandAction, SearchAction, SlewAction, WebhookAction
+from sattrack.schedule.candidates import Situation
+from sattrack.schedule.detours import LedSlews
 from sattrack.schedule.stars import STARS, Star, hour_angle_and_dec_deg
 from sattrack.schedule.transitions import (
     Errands,
@@ -81,6 +84,22 @@ def test_altitude_and_azimuth_are_where_the_sphere_has_them(
     place = place_of(SlewAction(alt_deg=alt_deg, az_deg=az_deg), NOW_UTC_S, LEIDEN, MOUNT)
     assert place.dec_deg == pytest.approx(dec_deg, abs=1e-3)
     assert math.remainder(place.ha_deg - hour_angle_deg, 360.0) == pytest.approx(0.0, abs=1e-3)
+
+
+def test_a_slew_whose_box_goes_below_the_horizon_is_led_round_and_takes_longer() -> None:
+    mount = MountProfile()
+    span = (NOW_UTC_S, NOW_UTC_S + 3600.0)
+    led = LedSlews(Situation(span, NOW_UTC_S, LEIDEN, mount, SafetyLimits()))
+    # Seen from Leiden, hour angle 120° and declination -10° are 28° below the horizon: a corner of this box.
+    north_west, south_east = Place(120.0, 60.0), Place(-30.0, -10.0)
+    slower_s = led.extra_s(north_west, south_east, NOW_UTC_S)
+    # At least another handshake and another ramp up and down, and no way twice over.
+    assert slower_s + 1e-9 >= HANDSHAKE_S + 2.0 * RAMP * 10.0 / 10.0
+    assert slower_s < slew_s(north_west, south_east, mount)
+    assert led.extra_s(Place(10.0, 20.0), Place(-30.0, 40.0), NOW_UTC_S) == 0.0
+    fenced = SafetyLimits(floor_altitude_deg=70.0)
+    high_only = LedSlews(Situation(span, NOW_UTC_S, LEIDEN, mount, fenced))
+    assert high_only.extra_s(Place(0.0, 50.0), Place(0.0, 60.0), NOW_UTC_S) == 0.0
 
 
 def test_a_star_is_where_meeus_has_it() -> None:
