@@ -1,10 +1,11 @@
-"""Draw the screen of a real pass, followed in virtual time, as SVG: `python -m sattrack.tui.picture FILE`."""
+"""Draw the screens of a real pass, run in virtual time, as SVG: `python -m sattrack.tui.picture FOLDER`."""
 
 from __future__ import annotations
 
 import asyncio
 import re
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,13 +16,15 @@ from sattrack import practice
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.pass_scene import pass_scene
 from sattrack.runtime.prepare import RunRequest, prepare
-from sattrack.tui.app import NIGHT_LOOK, TrackApp
+from sattrack.tui.app import TrackApp
+from sattrack.tui.appearance import Appearance
 from sattrack.tui.feed import News
+from sattrack.tui.replay_app import ReplayApp, TapeFeed
+from sattrack.tui.tape import Tape
 from tle.elements import Elements
 
 if TYPE_CHECKING:
     from sattrack.messages import Message
-    from sattrack.tui.appearance import Appearance
     from sattrack.view import PassView, TrackView
 
 COLUMNS, ROWS = 120, 40
@@ -40,17 +43,37 @@ _MENDED = (
 )
 
 
-class RecordedFeed:
-    """Views that are there already; messages go nowhere."""
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """One picture: its size in cells, theme, keys pressed before it, and whether as a recording."""
 
-    def __init__(self, views: list[TrackView], sky: PassView | None = None) -> None:
+    columns: int
+    rows: int
+    theme: str = "night"
+    keys: tuple[str, ...] = ()
+    replayed: bool = False
+
+
+SHOTS = {
+    "tui.svg": Shot(COLUMNS, ROWS),
+    "tui-small-red.svg": Shot(80, 24, "red"),
+    "tui-sky.svg": Shot(80, 24, "contrast", ("v",)),
+    "tui-replay.svg": Shot(80, 24, keys=("space",), replayed=True),
+}
+
+
+class RecordedFeed:
+    """Views that are there already; messages go nowhere. `ended` tells that there will be no more."""
+
+    def __init__(self, views: list[TrackView], sky: PassView | None = None, ended: bool = False) -> None:
         self._views = tuple(views)
         self._sky = sky
+        self._ended = ended
 
     def news(self) -> News:
         """Return all of them, once."""
         views, self._views = self._views, ()
-        return News(views, sky=self._sky)
+        return News(views, self._ended, sky=self._sky)
 
     def send(self, message: Message) -> bool:
         """Take a message to nobody."""
@@ -58,11 +81,11 @@ class RecordedFeed:
         return False
 
 
-def practice_views(until_culmination: bool = True) -> list[TrackView]:
-    """Return the views of the practice pass up to its culmination, or all, half a second apart."""
+def practice_views() -> list[TrackView]:
+    """Return the views of the practice pass, half a second apart."""
     views: list[TrackView] = []
     fly_virtual(prepare(_request()), views.append)
-    return [view for view in views if view.utc_s <= view.culminate_utc_s or not until_culmination]
+    return views
 
 
 def practice_sky() -> PassView:
@@ -85,23 +108,36 @@ def _request() -> RunRequest:
 
 async def draw(
     views: list[TrackView],
-    columns: int = COLUMNS,
-    rows: int = ROWS,
+    shot: Shot = SHOTS["tui.svg"],
     sky: PassView | None = None,
-    keys: tuple[str, ...] = (),
-    appearance: Appearance = NIGHT_LOOK,
 ) -> str:
-    """Return the screen as it stands after some views and keys, as SVG without references elsewhere."""
-    app = TrackApp(RecordedFeed(views, sky), monotonic=lambda: 0.0, appearance=appearance)
-    async with app.run_test(size=(columns, rows)) as pilot:
-        await pilot.press(*keys)
-        await pilot.pause()
+    """Return the screen as it stands at culmination, as SVG without references to anything elsewhere."""
+    app = _app(views, shot, sky)
+    async with app.run_test(size=(shot.columns, shot.rows)) as pilot:
+        await pilot.press(*shot.keys)
         for _ in range(3):
             # The chart's width follows from the layout, and the layout from that.
-            app.plot()
             await pilot.pause()
+            app.plot()
+        await pilot.pause()
         svg = app.export_screenshot(title=f"sattrack: {views[-1].name}")
     return self_contained(svg)
+
+
+def _app(views: list[TrackView], shot: Shot, sky: PassView | None) -> TrackApp:
+    appearance = Appearance(shot.theme)
+    until = [view for view in views if view.utc_s <= view.culminate_utc_s]
+    if not shot.replayed:
+        return TrackApp(RecordedFeed(until, sky), monotonic=_still, appearance=appearance)
+    tape = Tape("iss.mcap")
+    feed = TapeFeed(RecordedFeed(views, sky, ended=True), tape, _still)
+    tape.add(feed.news().views)
+    tape.seek(until[-1].utc_s - views[0].utc_s)
+    return ReplayApp(feed, _still, appearance)
+
+
+def _still() -> float:
+    return 0.0
 
 
 def self_contained(svg: str) -> str:
@@ -112,11 +148,14 @@ def self_contained(svg: str) -> str:
 
 
 def main() -> None:
-    """Write the picture to the file named on the command line."""
-    if len(sys.argv) != 2:
-        click.echo("usage: python -m sattrack.tui.picture FILE.svg", err=True)
+    """Write the pictures into the folder named on the command line."""
+    if len(sys.argv) != 2 or not Path(sys.argv[1]).is_dir():
+        click.echo("usage: python -m sattrack.tui.picture FOLDER", err=True)
         sys.exit(2)
-    Path(sys.argv[1]).write_text(asyncio.run(draw(practice_views())), encoding="utf-8")
+    views, sky = practice_views(), practice_sky()
+    for name, shot in SHOTS.items():
+        svg = asyncio.run(draw(views, shot, sky))
+        (Path(sys.argv[1]) / name).write_text(svg, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING
 from textual.content import Content
 from textual.widget import Widget
 
+from sattrack.tui import words
 from sattrack.tui.dome import Spot, over_site
+from sattrack.tui.look import DIM
 from sattrack.tui.panels import Panel, Row, rows_content
 from sattrack.tui.sky_chart import BODY_BLOCK_S, NARROW_ROWS, Sky, chart, ground, legend, notes
 
@@ -58,7 +60,7 @@ class SkyPanel(Widget):
             return []
         sky = sky_of(told, scene)
         if columns >= 2 * rows + NOTES_CELLS:
-            beside = notes(sky, scene.plain)
+            beside = [*notes(sky, scene.plain), [], *_error(scene)]
             drawn = self._chart(sky, 2 * rows, rows, scene.plain)
             return [
                 [*row, "  ", *(beside[number - 1] if 0 < number <= len(beside) else [])]
@@ -81,6 +83,27 @@ class NotesPanel(Panel):
     def full(self, scene: Scene) -> list[Row]:
         """Return a row for each."""
         return [] if scene.sky is None else notes(sky_of(scene.sky, scene), scene.plain)
+
+
+def _error(scene: Scene) -> list[Row]:
+    """Return the error in two rows: where the sky is alone, its panels are not there."""
+    error, view = scene.view.error, scene.view
+    if error is None:
+        return []
+    name = "error" if scene.following else "way to go"
+    size, along, across = (
+        (words.arcsec(value, sign), "bold")
+        for value, sign in (
+            (error.total_arcsec, False),
+            (error.along_arcsec, True),
+            (error.across_arcsec, True),
+        )
+    )
+    recent = words.arcsec(view.rms_10s_arcsec)
+    return [
+        [(f"  {name:<10}", DIM), size, ("  RMS 10 s ", DIM), (recent, "bold")],
+        [("  along     ", DIM), along, ("  across ", DIM), across],
+    ]
 
 
 def sky_of(told: PassView, scene: Scene) -> Sky:

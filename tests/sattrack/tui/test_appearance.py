@@ -186,6 +186,8 @@ def test_v_gives_the_sky_all_the_room_and_back(size: tuple[int, int], rows_high:
         "TRACKING",
         "SPACE STOP",
         "in 4:17",
+        "RMS 10 s 0.44″",
+        "across −0.12″",
     ):
         assert figure in text, figure
     assert "error on the sky" not in text

@@ -3,16 +3,22 @@ from __future__ import annotations
 import asyncio
 import re
 import xml.etree.ElementTree as ET
+from pathlib import Path
 
-from tui_builders import VIEW
+from tui_builders import SKY, VIEW
 
-from sattrack.tui.picture import draw, practice_views
+from sattrack.tui.picture import SHOTS, draw, practice_sky, practice_views
 
+DOCS = Path(__file__).parents[3] / "docs"
 NAMESPACE = "http://www.w3.org/2000/svg"
 
 
+def said(svg: str) -> str:
+    return " ".join(svg.replace("&#160;", " ").split())
+
+
 def test_the_picture_refers_to_nothing_elsewhere() -> None:
-    svg = asyncio.run(draw([VIEW]))
+    svg = asyncio.run(draw([VIEW], sky=SKY))
 
     assert ET.fromstring(svg).tag == f"{{{NAMESPACE}}}svg"
     assert set(re.findall(r"\w+://[^\s\"')<]+", svg)) == {NAMESPACE}
@@ -20,11 +26,13 @@ def test_the_picture_refers_to_nothing_elsewhere() -> None:
     assert not re.search(r"@font-face|url\([^#]", svg)
 
 
-def test_the_picture_shows_the_practice_pass_at_culmination() -> None:
-    views = practice_views()
-    text = " ".join(asyncio.run(draw(views)).replace("&#160;", " ").split())
-
-    assert views[-1].phase == "tracking"
-    assert 0.0 <= views[-1].culminate_utc_s - views[-1].utc_s < 1.0
-    for figure in ("ISS (ZARYA)", "81.3°", "TRACKING", "all is well"):
-        assert figure in text
+def test_the_pictures_show_the_practice_pass_at_culmination() -> None:
+    views, sky = practice_views(), practice_sky()
+    assert views[-1].utc_s > views[-1].culminate_utc_s + 200.0
+    texts = {name: said(asyncio.run(draw(views, shot, sky))) for name, shot in SHOTS.items()}
+    for text in texts.values():
+        for figure in ("ISS (ZARYA)", "81.3°", "TRACKING", "all is well", "13:05:2", "Sun", "rise"):
+            assert figure in text
+    assert "PAUSED" in texts["tui-replay.svg"]
+    assert "skyline" in texts["tui-sky.svg"]
+    assert texts.keys() <= {path.name for path in DOCS.iterdir()}
