@@ -11,7 +11,16 @@ import numpy as np
 from sattrack.schedule.candidates import INFEASIBLE, PIER
 from sattrack.schedule.detours import LedSlews
 from sattrack.schedule.gathering import gather
-from sattrack.schedule.nodes import finer, first_slew_s, node_set, stand_of, way_of, whole_and_cut
+from sattrack.schedule.nodes import (
+    cuts_for,
+    finer,
+    first_slew_s,
+    is_flexible,
+    node_set,
+    stand_of,
+    way_of,
+    whole_and_cut,
+)
 from sattrack.schedule.plan import Asked, LostPass, Plan, PlannedPass, Rehearsed
 from sattrack.schedule.planner import best_plan
 from sattrack.schedule.why import why_lost
@@ -127,16 +136,14 @@ class _Maker:
     def _choose(self) -> None:
         """Make the best choice, then once more with those that are shortened cut in finer steps."""
         least_s = self._least_s()
-        coarse = whole_and_cut([one for one in self._candidates if one.lost is None], least_s)
+        able = [one for one in self._candidates if one.lost is None]
+        cuts = cuts_for(sum(is_flexible(one) for one in able), len(able))
+        coarse = whole_and_cut(able, cuts, least_s)
         self._set = self._nodes(coarse)
         _, self._chosen = best_plan(self._set.problem, self._limits)
         taken = [coarse[k] for k in self._chosen]
-        fine = [
-            between
-            for node in taken
-            for between in finer(node, self._candidates[node.candidate], least_s[node.candidate])
-        ]
-        more = [node for node in dict.fromkeys(fine) if node not in set(coarse)]
+        known = set(coarse)
+        more = [node for node in finer(taken, self._candidates, cuts, least_s) if node not in known]
         if more:
             self._set = self._nodes([*coarse, *more])
             _, self._chosen = best_plan(self._set.problem, self._limits)

@@ -16,7 +16,7 @@ from tle.instants import Utc
 from tle.propagator import Propagator
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -32,6 +32,8 @@ FEWEST, MOST = 13, 400
 MOST_NODES = 4000
 MOST_CUTS, FEWEST_CUTS = 9, 2
 """Instants at which a pass that may be shortened is entered, and left: so many each."""
+MOST_FINER, FEWEST_FINER, MOST_FINER_SIDE = 2000, 5, 17
+"""So many nodes more, for those that are shortened in a first plan; of one, so many instants each way."""
 
 
 class Node(NamedTuple):
@@ -89,32 +91,46 @@ class NodeSet:
     transitions: SlewTransitions
 
 
-def whole_and_cut(candidates: Iterable[Candidate], least_s: Sequence[float]) -> list[Node]:
+def cuts_for(flexible: int, all_told: int) -> int:
+    """Return at how many instants each of the candidates that may be shortened is entered, and left."""
+    if not flexible:
+        return MOST_CUTS
+    return min(max(int(math.sqrt(max(MOST_NODES - all_told, 0) / flexible)), FEWEST_CUTS), MOST_CUTS)
+
+
+def whole_and_cut(candidates: Sequence[Candidate], cuts: int, least_s: Sequence[float]) -> list[Node]:
     """Return the nodes of candidates; `least_s` is by number how long one must stay."""
-    every = list(candidates)
-    flexible = sum(1 for one in every if one.latest_start_utc_s > one.start_utc_s)
-    cuts = MOST_CUTS
-    if flexible:
-        cuts = int(math.sqrt(max(MOST_NODES - len(every), 0) / flexible))
-    cuts = min(max(cuts, FEWEST_CUTS), MOST_CUTS)
     nodes = []
-    for one in every:
+    for one in candidates:
         starts = np.linspace(one.start_utc_s, one.latest_start_utc_s, cuts)
         ends = np.linspace(one.earliest_end_utc_s, one.end_utc_s, cuts)
         nodes += _grid(one, starts.tolist(), ends.tolist(), least_s[one.number])
     return nodes
 
 
-def finer(node: Node, one: Candidate, least_s: float) -> list[Node]:
-    """Return the nodes between a node's neighbours, where its candidate may be shortened."""
-    if one.latest_start_utc_s <= one.start_utc_s:
-        return [node]
-    step = (one.latest_start_utc_s - one.start_utc_s) / (MOST_CUTS - 1)
-    after = (one.end_utc_s - one.earliest_end_utc_s) / (MOST_CUTS - 1)
-    offsets = np.linspace(-1.0, 1.0, 2 * MOST_CUTS - 1)
-    starts = np.clip(node.start_utc_s + step * offsets, one.start_utc_s, one.latest_start_utc_s)
-    ends = np.clip(node.end_utc_s + after * offsets, one.earliest_end_utc_s, one.end_utc_s)
-    return _grid(one, [node.start_utc_s, *starts.tolist()], [node.end_utc_s, *ends.tolist()], least_s)
+def is_flexible(one: Candidate) -> bool:
+    """Tell whether a candidate may be shortened."""
+    return one.latest_start_utc_s > one.start_utc_s or one.earliest_end_utc_s < one.end_utc_s
+
+
+def finer(
+    taken: Sequence[Node], candidates: Sequence[Candidate], cuts: int, least_s: Sequence[float]
+) -> list[Node]:
+    """Return nodes about those taken that are shortened, between their neighbours of the coarser cut."""
+    whole = {(one.number, one.start_utc_s, one.end_utc_s) for one in candidates}
+    shortened = [node for node in taken if node not in whole]
+    if not shortened:
+        return []
+    side = min(max(int(math.sqrt(MOST_FINER / len(shortened))), FEWEST_FINER), MOST_FINER_SIDE)
+    offsets = np.linspace(-1.0, 1.0, side) / (cuts - 1)
+    found: dict[Node, None] = {}
+    for node in shortened:
+        one = candidates[node.candidate]
+        start_s, end_s = one.latest_start_utc_s - one.start_utc_s, one.end_utc_s - one.earliest_end_utc_s
+        starts = np.clip(node.start_utc_s + start_s * offsets, one.start_utc_s, one.latest_start_utc_s)
+        ends = np.clip(node.end_utc_s + end_s * offsets, one.earliest_end_utc_s, one.end_utc_s)
+        found |= dict.fromkeys(_grid(one, starts.tolist(), ends.tolist(), least_s[one.number]))
+    return list(found)
 
 
 def _grid(one: Candidate, starts: list[float], ends: list[float], least_s: float) -> list[Node]:
