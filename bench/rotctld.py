@@ -1,9 +1,9 @@
 """How near and how smoothly rotctld's clients keep a mount to a satellite: `python bench/rotctld.py`.
 
 The built-in pass, in virtual time, by a client that sends positions at 1 Hz: rounded to a hundredth of a
-degree as satellite programs send them, and to a millionth; late, by what a client needs to send them; and by
-one that sends them only where the rotator is off by more than a tolerance. Beside them: the straight way, the
-same mount sent to each position as it comes, to stand there until the next.
+degree as satellite programs send them, and to a millionth; late, by what a client needs to send them; ahead,
+as gpredict sends them; and by one that sends them only where the rotator is off by more than a tolerance.
+Beside them: the straight way, the same mount sent to each position as it comes, to stand there until then.
 """
 
 from __future__ import annotations
@@ -53,6 +53,7 @@ class Figures(NamedTuple):
 def follow(
     digits: int = 2,
     late_s: float = 0.0,
+    ahead_s: float = 0.0,
     tolerance_deg: float = 0.0,
     make: Callable[[], SmoothedTrack] = SmoothedTrack,
     begin_utc_s: float = RISE_UTC_S,
@@ -65,7 +66,7 @@ def follow(
     sent = []
 
     def turn(now: float) -> None:
-        seen = propagator.at(Utc(now))
+        seen = propagator.at(Utc(now + chance.uniform(0.0, ahead_s)))
         az_deg, el_deg = float(seen.az_deg), max(0.0, float(seen.alt_deg))
         answer = rotator.say("p").split()
         off = 1e9
@@ -122,6 +123,7 @@ def main() -> None:
     print(f"followed, 1 Hz, 0.01°:               {told(follow())}")
     print(f"followed, 1 Hz, 0.000001°:           {told(follow(digits=6))}")
     print(f"followed, up to 20 ms late:          {told(follow(late_s=0.02))}")
+    print(f"followed, up to 0.7 s ahead:         {told(follow(ahead_s=0.7))}")
     print(f"followed, off by 0.1°:               {told(follow(tolerance_deg=0.1))}")
     print(f"straight way, off by 0.1°:           {told(follow(tolerance_deg=0.1, make=Steps))}")
 

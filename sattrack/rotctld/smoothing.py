@@ -33,9 +33,14 @@ MOST_GAP_S = 40.0
 LEAST_GAP_S = 0.02
 """Positions that come sooner after each other than this are one: the last."""
 MOST_RATE_DEG_S = 6.0
+NOISY_DEG, NOISY_S = 0.03, 12.0
+"""Positions of so short a time that scatter more than this about a parabola are fitted by a straight way,
+which follows them less; those of a longer time may be off it because the way bends more."""
 STRAY_DEG = 0.1
 STRAY_SHARE = 0.15
-"""How far a position may be from where those before lead: so much, and so much of a step."""
+STRAY_S = 1.0
+"""How far a position may be from where those before lead: so much, and so much of a step; and along the way
+so much sooner or later, as some programs send where a satellite will be, now more ahead and now less."""
 COAST_S = 3.0
 """How long a track goes on after the last word of its client."""
 LEAST_CONTENT_S, MOST_CONTENT_S, CONTENT_GAPS = 10.0, 30.0, 2.5
@@ -190,20 +195,32 @@ class SmoothedTrack:
         if not 0.0 < gap_s <= MOST_GAP_S or step_deg > MOST_RATE_DEG_S * gap_s:
             return False
         if self._curve is not None:
-            led = self._curve.at(utc_s)[0]
+            led, rate = self._curve.at(utc_s)
         elif len(self._points) > 1:
             before = self._points[-2]
-            led = last.v + (last.v - before.v) * (gap_s / (last.utc_s - before.utc_s))
+            rate = (last.v - before.v) / (last.utc_s - before.utc_s)
+            led = last.v + rate * gap_s
         else:
             return True
-        return _apart_deg(led / np.linalg.norm(led), v) <= STRAY_DEG + STRAY_SHARE * step_deg
+        off = v - led / np.linalg.norm(led)
+        pace = float(np.linalg.norm(rate))
+        along = float(off @ rate) / pace if pace > 0.0 else 0.0
+        across = math.sqrt(max(0.0, float(off @ off) - along * along))
+        stray = math.radians(STRAY_DEG + STRAY_SHARE * step_deg)
+        return across <= stray and abs(along) <= stray + STRAY_S * pace
 
     def _fit(self) -> _Curve:
         last_s = self._points[-1].utc_s
         t = np.array([point.utc_s - last_s for point in self._points])
+        places = np.stack([point.v for point in self._points])
         degree = 1 if len(t) <= FEWEST_POINTS else 2
-        powers = np.stack([t**power for power in range(degree + 1)], axis=1)
-        solved = np.linalg.lstsq(powers, np.stack([point.v for point in self._points]), rcond=None)[0]
+        while True:
+            powers = np.stack([t**power for power in range(degree + 1)], axis=1)
+            solved = np.linalg.lstsq(powers, places, rcond=None)[0]
+            scatter = math.sqrt(float(np.sum((powers @ solved - places) ** 2)) / max(1, len(t) - degree - 1))
+            if degree == 1 or scatter <= math.radians(NOISY_DEG) or -t[0] > NOISY_S:
+                break
+            degree = 1
         terms = np.zeros((3, 3))
         terms[: degree + 1] = solved
         return _Curve(last_s, 2.0 * float(-t[0]) / (len(t) - 1), terms)

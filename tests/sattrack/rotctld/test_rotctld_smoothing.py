@@ -118,6 +118,26 @@ def test_one_position_again_and_again_is_stood_at() -> None:
         assert apart_deg(at(track, second + 0.7), AzEl(123.45, 67.89)) < 1e-6
 
 
+def test_positions_that_are_now_more_and_now_less_ahead_are_one_track() -> None:
+    """gpredict 2.3 was seen to send positions of 0 to 0.7 s later, from one to the next at random."""
+    ahead_s = (0.0, 0.7, 0.1, 0.6, 0.0, 0.3, 0.7, 0.7, 0.0, 0.5)
+    track = following(40)
+    for second in range(41, 140):
+        sent(track, second, great_circle(second + ahead_s[second % len(ahead_s)]))
+        assert track.following
+        here = at(track, second + 0.5)
+        assert min(apart_deg(here, great_circle(second + 0.5 + s)) for s in (0.0, 0.35, 0.7)) < 0.7
+    assert apart_deg(at(track, 139.5), great_circle(139.5)) < 1.0
+
+
+def test_a_position_beside_the_track_is_none_of_it() -> None:
+    track = following(40)
+    there = great_circle(41)
+    # It rises steeply from the east here: azimuths are across.
+    sent(track, 41, AzEl(there.az_deg + 1.0, there.el_deg))
+    assert not track.following
+
+
 def test_a_step_off_the_track_ends_it() -> None:
     track = following(40)
     sent(track, 41, AzEl(200.0, 20.0))
