@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sattrack.safety.bodies import sun_over
 from sattrack.schedule.candidates import (
     CUT,
     FAINT,
@@ -40,7 +41,8 @@ if TYPE_CHECKING:
     from tle.elements import Elements
     from tle.facts import PassFacts
 
-    Cut = tuple[Span | None, tuple[str, str] | None]
+    Cut = tuple[Span, tuple[str, str] | None]
+    """What of a pass may be followed, and why it is lost all the same."""
 
 
 class EntrySearch:
@@ -148,54 +150,72 @@ class EntrySearch:
         """Return those of the passes that are to be told of: of rules only what they do not rule out."""
         self.found.passes = len(passes)
         if not len(passes):
-            self._tell_none(passes)
+            if not passes.failed:
+                self._tell_none(passes)
             return []
         seen = list(passes)
         suns = sun_altitudes_deg(passes)
-        cuts = {k: self._cut(passes, seen[k], windows) for k in range(len(seen))}
-        kept = [k for k in cuts if self._keep_before_facts(seen[k], float(suns[k]), cuts[k])]
+        kept: list[tuple[int, Cut, float]] = []
+        for k, one in enumerate(seen):
+            cuts = self._cuts(passes, one, windows)
+            if not cuts:
+                self.found.dropped["outside the window"] += 1
+            for cut in cuts:
+                sun_deg = self._sun_deg(one, cut, float(suns[k]))
+                if self._keep_before_facts(one, sun_deg, cut):
+                    kept.append((k, cut, sun_deg))
         progress = self._progress
+        wanted = sorted({k for k, _, _ in kept})
         facts = pass_facts(
             passes,
-            kept,
+            wanted,
             self._situation.magnitudes,
             None if progress is None else lambda done, total: progress("looked at", done, total),
         )
-        made = []
-        for k, fact in zip(kept, facts, strict=True):
-            one = self._candidate(seen[k], fact, float(suns[k]), cuts[k], loaded)
-            if one is not None:
-                made.append(one)
-        return made
+        known = dict(zip(wanted, facts, strict=True))
+        made = (self._candidate(seen[k], known[k], sun_deg, cut, loaded) for k, cut, sun_deg in kept)
+        return [one for one in made if one is not None]
+
+    def _sun_deg(self, one: SatellitePass, cut: Cut, at_culmination_deg: float) -> float:
+        """Return the Sun's altitude at the highest instant of what may be followed."""
+        top = float(one.seen.culminate_utc.unix_s)
+        if cut[0][0] <= top <= cut[0][1]:
+            return at_culmination_deg
+        site = self._situation.site
+        there = sun_over(site.latitude_deg, site.longitude_deg).at(min(max(top, cut[0][0]), cut[0][1]))
+        p = math.radians(site.latitude_deg)
+        return math.degrees(math.asin(math.sin(p) * there.z + math.cos(p) * there.x))
 
     def _tell_none(self, passes: CataloguePasses) -> None:
         low = self._entry.terms.min_altitude_deg
         names = ", ".join(e.label for e in passes.elements[:3]) if self._by_name else "nothing of it"
         self.found.notes.append(f"{names}: not above {low:g}° in the plan's time")
 
-    def _cut(self, passes: CataloguePasses, one: SatellitePass, windows: list[Span]) -> Cut:
-        """Return what of a pass may be followed, and why it is lost by its times, None where it is not."""
-        terms, fixed = self._entry.terms, self._entry.fixed
+    def _cuts(self, passes: CataloguePasses, one: SatellitePass, windows: list[Span]) -> list[Cut]:
+        """Return what of a pass may be followed, a stretch for each window, and why one is lost by times."""
         begin, end = passes.start, passes.start.plus(passes.task.span[1])
         low = float((one.seen.rise_utc or begin).unix_s)
         high = float((one.seen.set_utc or end).unix_s)
+        return [
+            self._cut(one, (low, high), (max(low, a), min(high, b)))
+            for a, b in windows
+            if a < high and b > low
+        ]
+
+    def _cut(self, one: SatellitePass, seen: Span, span: Span) -> Cut:
+        terms, fixed = self._entry.terms, self._entry.fixed
         always = one.seen.rise_utc is None and one.seen.set_utc is None
-        touching = [(max(low, a), min(high, b)) for a, b in windows if a < high and b > low]
-        if not touching:
-            return None, None
-        span = max(touching, key=lambda x: x[1] - x[0])
-        whole = fixed if fixed is not None else (low, high)
+        is_whole = span == fixed if fixed is not None else span == seen and not self._is_cut(one)
         lost: tuple[str, str] | None = None
-        if not always and not terms.shorten and (span != whole or (fixed is None and self._is_cut(one))):
-            if fixed is not None:
-                off_s = fixed[1] - fixed[0] - (span[1] - span[0])
-                lost = (TOO_LOW, f"below {terms.min_altitude_deg:g}° or the skyline for {off_s:.0f} s of it")
-            else:
-                lost = (CUT, "not whole within the plan's time or its window; shorten = true takes a part")
-        if terms.longest_s is not None and span[1] - span[0] > terms.longest_s:
+        if fixed is not None and not (always or is_whole or terms.shorten):
+            off_s = fixed[1] - fixed[0] - (span[1] - span[0])
+            lost = (TOO_LOW, f"below {terms.min_altitude_deg:g}° or the skyline for {off_s:.0f} s of it")
+        elif terms.longest_s is not None and span[1] - span[0] >= terms.longest_s:
             top = min(max(float(one.seen.culminate_utc.unix_s), span[0]), span[1])
             first = min(max(top - 0.5 * terms.longest_s, span[0]), span[1] - terms.longest_s)
             span = (first, first + terms.longest_s)
+        elif not (always or is_whole or terms.shorten):
+            lost = (CUT, "not whole within the plan's time or its window; shorten = true takes a part")
         return span, lost
 
     @staticmethod
@@ -205,9 +225,6 @@ class EntrySearch:
     def _keep_before_facts(self, one: SatellitePass, sun_deg: float, cut: Cut) -> bool:
         """Tell whether a pass is told of, by what is known at once; of a rule's, count those that are not."""
         conditions, terms = self._entry.conditions, self._entry.terms
-        if cut[0] is None:
-            self.found.dropped["outside the window"] += 1
-            return False
         if self._by_name:
             return True
         too_low = conditions.culminates_deg is not None and one.seen.max_alt_deg < conditions.culminates_deg
@@ -236,8 +253,6 @@ class EntrySearch:
         loaded: Loaded,
     ) -> Candidate | None:
         span, lost = cut
-        if span is None:
-            return None
         entry, terms = self._entry, self._entry.terms
         useful: tuple[Span, ...] = (span,)
         if entry.conditions.sunlit:

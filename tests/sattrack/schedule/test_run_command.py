@@ -30,6 +30,11 @@ if TYPE_CHECKING:
     from tle.elements import Elements
 
 LEIDEN = ("--site", "52.1541,4.4908,0")
+GEOSTATIONARY = (
+    "TDRS 3",
+    "1 19548U 88091B   26150.42208977 -.00000296  00000+0  00000+0 0  9992",
+    "2 19548  12.6156 341.1225 0039238 356.7275  12.9243  1.00281048125214",
+)
 SPAN = "from = 2026-10-02T18:00:00Z\nto = 2026-10-02T23:00:00Z\n"
 CLOCK = ("--clock", "2026-10-02T12:00:00Z")
 
@@ -251,6 +256,25 @@ def test_fixed_times_below_the_horizon_are_lost_or_cut(
     assert (never["reason"], never["why"]) == ("too low", "below 10° or the skyline throughout")
     (outside,) = planned(capsys, tmp_path, day + fixed.format("09:59:00", "10:05:00"), sky)["lost"]
     assert (outside["reason"], outside["why"]) == ("cut", "not whole within the plan's time")
+
+
+def test_a_satellite_that_is_always_up_is_followed_once_in_each_nights_window(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "geo.tle"
+    path.write_text("\n".join(GEOSTATIONARY) + "\n")
+    text = (
+        "from = 2026-06-01T12:00:00Z\nto = 2026-06-04T12:00:00Z\n[[passes]]\nsatellite = 'TDRS 3'\n"
+        "from = 22:30:00\nto = 00:30:00\nlongest_s = 600\nmin_altitude_deg = 3\n"
+    )
+    passes = planned(capsys, tmp_path, text, str(path))["passes"]
+    assert [one["start_utc"][:10] for one in passes] in (
+        [f"2026-06-0{day}" for day in (1, 2, 3)],
+        [f"2026-06-0{day}" for day in (2, 3, 4)],
+    )
+    for one in passes:
+        assert utc_s(one["end_utc"]) - utc_s(one["start_utc"]) == pytest.approx(600.0, abs=0.01)
+        assert one["start_utc"][11:16] >= "22:30" or one["end_utc"][11:16] <= "00:30"
 
 
 def test_the_same_pass_by_two_entries_is_taken_once(
