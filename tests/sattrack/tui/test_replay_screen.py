@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import re
-import subprocess
 import sys
 from itertools import pairwise
 from pathlib import Path
@@ -14,9 +14,11 @@ import msgspec
 import pytest
 from tui_builders import SKY, SUMMARY, UTC_S, FakeFeed, HandClock, changed
 
+from sattrack.cli import run as run_program
 from sattrack.tui.appearance import Appearance
 from sattrack.tui.feed import News
 from sattrack.tui.replay_app import ReplayApp, TapeFeed
+from sattrack.tui.replay_launch import replay_with_tui
 from sattrack.tui.tape import Tape
 from sattrack.view import PassView, TrackView
 
@@ -93,39 +95,48 @@ def keys(*pressed: str, after_s: float = 0.0):
     return act
 
 
-@pytest.mark.parametrize(
-    ("pressed", "at_s", "playing", "speed"),
-    [
-        ([], 20.0, True, 1.0),
-        (["space"], 20.0, False, 1.0),
-        (["space", "space"], 20.0, True, 1.0),
-        (["right"], 30.0, True, 1.0),
-        (["left", "left"], 0.0, True, 1.0),
-        (["pagedown"], 80.0, True, 1.0),
-        (["pagedown", "pageup"], 20.0, True, 1.0),
-        (["home"], 0.0, True, 1.0),
-        (["end"], 120.0, True, 1.0),
-        (["end", "space"], 0.0, True, 1.0),
-        (["full_stop"], 20.1, False, 1.0),
-        (["comma", "comma"], 19.8, False, 1.0),
-        (["right_square_bracket"], 20.0, True, 2.0),
-        (["left_square_bracket"] * 2, 20.0, True, 0.25),
-        (["right_square_bracket"] * 3 + ["1"], 20.0, True, 1.0),
-        (["question_mark", "space"], 20.0, False, 1.0),
-        (["question_mark", "right", "question_mark", "right"], 30.0, True, 1.0),
-        (["v", "t", "up", "down", "0", "s", "w", "f", "r", "m", "escape", "enter"], 20.0, True, 1.0),
-    ],
+PRESSED: tuple[tuple[list[str], float, bool, float], ...] = (
+    ([], 20.0, True, 1.0),
+    (["space"], 20.0, False, 1.0),
+    (["space", "space"], 20.0, True, 1.0),
+    (["right"], 30.0, True, 1.0),
+    (["left"], 10.0, True, 1.0),
+    (["left", "left", "left"], 0.0, True, 1.0),
+    (["pagedown"], 80.0, True, 1.0),
+    (["pagedown", "pageup"], 20.0, True, 1.0),
+    (["home"], 0.0, True, 1.0),
+    (["end"], 120.0, True, 1.0),
+    (["end", "space"], 0.0, True, 1.0),
+    (["full_stop"], 20.1, False, 1.0),
+    (["comma", "comma"], 19.8, False, 1.0),
+    (["right_square_bracket"], 20.0, True, 2.0),
+    (["left_square_bracket"] * 2, 20.0, True, 0.25),
+    (["right_square_bracket"] * 3 + ["1"], 20.0, True, 1.0),
+    (["question_mark", "space", "escape"], 20.0, False, 1.0),
+    (["question_mark", "right", "question_mark", "right"], 30.0, True, 1.0),
+    (["v", "t", "up", "down", "0", "s", "w", "f", "r", "m", "escape", "enter", "v"], 20.0, True, 1.0),
 )
-def test_each_key_moves_the_tape_and_says_nothing_to_anybody(
-    pressed: list[str], at_s: float, playing: bool, speed: float
-) -> None:
-    _, source, tape = played(keys(*pressed, after_s=20.0))
-    assert tape.view.at_s == pytest.approx(at_s, abs=1e-6)
-    assert (tape.playing, tape.speed) == (playing, speed)
+"""Keys, and where the tape then stands that played at 20 s: seconds, whether it plays, how fast."""
+
+
+def test_each_key_moves_the_tape_and_says_nothing_to_anybody() -> None:
+    found = []
+
+    async def act(app: ReplayApp, clock: HandClock, press: Callable[..., object]) -> None:
+        for pressed, *_ in PRESSED:
+            tape = app._tape
+            tape.seek(20.0)
+            tape.playing, tape.speed = True, 1.0
+            app.look()
+            await press(*pressed)  # type: ignore[misc]
+            found.append((pressed, round(tape.view.at_s, 6), tape.playing, tape.speed))
+
+    _, source, _ = played(act)
+    assert found == list(PRESSED)
     assert source.sent == []
 
 
-@pytest.mark.parametrize("key", ["q", "ctrl+q", "ctrl+c"])
+@pytest.mark.parametrize("key", ["q", "ctrl+c"])
 def test_it_is_left_at_once_and_not_by_itself(key: str) -> None:
     async def act(app: ReplayApp, clock: HandClock, press: Callable[..., object]) -> None:
         clock.now_s += 500.0
@@ -139,8 +150,7 @@ def test_it_is_left_at_once_and_not_by_itself(key: str) -> None:
     assert played(act)[1].sent == []
 
 
-@pytest.mark.parametrize("theme", ["red", "contrast"])
-@pytest.mark.parametrize("size", [SMALL, LARGE])
+@pytest.mark.parametrize(("size", "theme"), [(SMALL, "red"), (LARGE, "contrast")])
 def test_the_screen_is_the_runs_own_with_the_tape_below(size: tuple[int, int], theme: str) -> None:
     rows, _, _ = played(keys("space", after_s=40.0), size, appearance=Appearance(theme))
     text = "\n".join(rows)
@@ -210,16 +220,36 @@ def test_a_run_that_is_still_being_read_says_so() -> None:
     assert " PLAYING  ×100 0:04 of 0:04, reading on" in row
 
 
-def test_the_views_of_a_recording_come_all_at_once_after_what_is_told_of_the_pass() -> None:
-    command = [sys.executable, "-m", "sattrack", "replay", str(CLEAN), "--stream", "--control", "--at-once"]
-    done = subprocess.run([*command, "--fov", "0.5"], stdin=subprocess.PIPE, capture_output=True, check=False)
-    assert done.returncode == 0, done.stderr
-    first, *middle, last = done.stdout.splitlines()
-    told = msgspec.json.decode(first, type=PassView)
-    assert told.fov_deg == 0.5
-    # Its standard input ends at once, which is heeded now and then.
+def test_the_views_of_a_recording_come_all_at_once_after_what_is_told_of_the_pass(
+    capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with Path(os.devnull).open() as nobody:
+        # Its end comes at once, and is heeded now and then.
+        monkeypatch.setattr("sys.stdin", nobody)
+        command = ["replay", str(CLEAN), "--stream", "--control", "--at-once", "--fov", "0.5"]
+        assert run_program(command) == 0
+    first, *middle, last = capfd.readouterr().out.splitlines()
+    assert msgspec.json.decode(first, type=PassView).fov_deg == 0.5
     assert 0 < len(middle) <= 20
-    assert b'"summary"' in last
+    assert '"summary"' in last
     views = [msgspec.json.decode(line, type=TrackView) for line in middle]
     gaps = [b.utc_s - a.utc_s for a, b in pairwise(views)]
     assert all(0.09 < gap < 0.16 for gap in gaps)
+
+
+def test_a_reading_that_fails_shows_no_screen_and_gives_its_code(capfd: pytest.CaptureFixture[str]) -> None:
+    shown: list[object] = []
+    command = [sys.executable, "-c", "import sys; print('no such pass', file=sys.stderr); sys.exit(2)"]
+    code = replay_with_tui(command, Tape("x"), Appearance(), lambda *what: shown.append(what))
+    assert (code, shown) == (2, [])
+    assert capfd.readouterr().err == "no such pass\n"
+
+
+def test_leaving_before_all_is_read_ends_the_reading_and_is_no_failure() -> None:
+    line = msgspec.json.encode(RECORDED[0]).decode()
+    command = [
+        sys.executable,
+        "-c",
+        f"print({line!r}, flush=True); import sys; sys.exit(len(sys.stdin.read()) + 3)",
+    ]
+    assert replay_with_tui(command, Tape("x"), Appearance(), lambda *what: None) == 0

@@ -113,6 +113,9 @@ def test_a_signal_to_end_leaves_cleanly_and_stops_the_mount(demo: Terminal) -> N
 def test_a_recording_is_watched_wound_to_its_end_and_left() -> None:
     with on_terminal("replay", str(CLEAN), "--tui", "--speed", "100", "--theme", "red", "--ascii") as replay:
         replay.wait_for(b"clean.mcap", b"rise", b"END", b"the satellite has set")
+        # A step back stands still: at this speed, a busy machine might not draw the beginning at all.
+        replay.type(b",")
+        replay.wait_for(b"PAUSED")
         replay.type(b"\x1b[H")
         replay.wait_for(b"WAITING")
         replay.type(b"q")
@@ -121,12 +124,3 @@ def test_a_recording_is_watched_wound_to_its_end_and_left() -> None:
     assert code == 0
     assert "ended by set" in drawn
     assert "make sure that the mount is at rest" not in drawn
-
-
-def test_a_recording_that_cannot_be_read_shows_no_screen(tmp_path: Path) -> None:
-    (tmp_path / "none.mcap").write_bytes(b"nothing of the kind")
-    with on_terminal("replay", str(tmp_path / "none.mcap"), "--tui") as replay:
-        code, drawn = replay.finish()
-
-    assert code == 2
-    assert "not an MCAP file" in drawn
