@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.mount import MoveAxes
@@ -24,6 +25,17 @@ class Former(NamedTuple):
     older_s: float
 
 
+class Belief(StrEnum):
+    """What becomes of a status' place."""
+
+    GOES_ON = "goes on"
+    DOUBTED = "doubted"
+    BORNE_OUT = "borne out"
+    """It is far from those before, but so many in a row are: the axes are there after all."""
+    ANEW = "anew"
+    """Nothing had borne out the very first one: this one takes its place."""
+
+
 class Doubt:
     """Follows the places of one mount, status by status."""
 
@@ -35,6 +47,8 @@ class Doubt:
         self._claimed: Place | None = None
         """What the last status in doubt reported."""
         self._claims = 0
+        self._begun = False
+        """Whether a second place has gone together with the first."""
         self.moved = MoveAxes(0.0, 0.0)
         """The rates of the reported place between the last two statuses that are believed."""
 
@@ -45,21 +59,30 @@ class Doubt:
             return None
         return Former(self._believed, self._believed_s)
 
-    def see(self, place: Place, seconds: float, moved: MoveAxes) -> None:
+    def see(self, place: Place, seconds: float, moved: MoveAxes) -> Belief:
         """Take a status' place, how long after the one before it came, and the rates between the two."""
         seconds = max(0.0, seconds)
         self._believed_s += seconds
-        if self._believed is None or self._near(self._believed, place, self._believed_s):
+        if self._believed is None:
+            self._believe(place)
+            return Belief.ANEW
+        if self._near(self._believed, place, self._believed_s):
             if self._claimed is None:
                 self.moved = moved
+            self._begun = True
             self._believe(place)
-            return
+            return Belief.GOES_ON
+        if not self._begun:
+            self._believe(place)
+            return Belief.ANEW
         goes_on = self._claimed is not None and self._near(self._claimed, place, seconds)
         self._claims = self._claims + 1 if goes_on else 1
         self._claimed = place
         if self._claims >= PROOF:
             self.moved = moved
             self._believe(place)
+            return Belief.BORNE_OUT
+        return Belief.DOUBTED
 
     def _near(self, one: Place, other: Place, seconds: float) -> bool:
         ways = (abs(other[0] - one[0]), abs(other[1] - one[1]))

@@ -16,7 +16,7 @@ from sattrack.requests import Abort, FineRate, Request, Slew, objection
 from sattrack.safety.ahead import Ahead, Spot, motions_of
 from sattrack.safety.asked import Asked
 from sattrack.safety.bounds import INSIDE_MARGIN_DEG, Bounds
-from sattrack.safety.doubt import Doubt
+from sattrack.safety.doubt import Belief, Doubt
 from sattrack.safety.geometry import Box
 from sattrack.safety.held import nearest_rates
 from sattrack.safety.slews import SlewGate
@@ -85,6 +85,9 @@ class Safety:
         """Whether the last command's rates were cut to the axes' limits."""
         self._slewing = False
         self._outside = 0
+        self._news = True
+        """Whether a status has come since axes were last found outside or inside."""
+        self._watched = False
         self._escapes = escapes
         self._escape: SlewTo | None = None
         self._sent: deque[tuple[float, float, float]] = deque()
@@ -103,16 +106,32 @@ class Safety:
 
     def watch(self, seen: Seen, commanded: Motion) -> None:
         """Take a status; `commanded` is the motion that was in force. Call once a status."""
-        self._standing.note(seen.sidereal_deg - seen.ra_deg, seen.beyond_pole)
+        self._watched = True
         self._slewing = seen.slewing
         seconds = self._watch.seconds_to(seen)
         tripped = self._watch.see(seen, commanded)
-        place = self._standing.place(seen.dec_deg)
-        self._doubt.see(place, seconds, self._watch.moved)
+        place = self._believed(seen, seconds)
         if tripped is None and self._slews.strays(place, seen):
             tripped = "obedience"
         if tripped is not None and self.tripped is None and isinstance(commanded, MoveAxes | SlewTo):
             self._trip(tripped)
+
+    def _believed(self, seen: Seen, seconds: float) -> Place:
+        """Return the place that a status reports, taken for the axes' own where it is believed."""
+        hour_angle_deg = seen.sidereal_deg - seen.ra_deg
+        place = self._standing.reported(hour_angle_deg, seen.dec_deg, seen.beyond_pole)
+        belief = self._doubt.see(place, seconds, self._watch.moved)
+        if belief is Belief.ANEW:
+            self._standing.begin_anew()
+        if belief is Belief.BORNE_OUT:
+            # A slew that was judged from elsewhere is judged anew.
+            self._slews.forget()
+        if belief is not Belief.DOUBTED:
+            # In doubt, neither the turns nor the side of the pier change.
+            self._standing.note(hour_angle_deg, seen.beyond_pole)
+            place = self._standing.place(seen.dec_deg)
+        self._news = True
+        return place
 
     def follow_on(self, former: Safety) -> None:
         """Take over how far the cables are wound from a former one, whose stop is over."""
@@ -134,6 +153,7 @@ class Safety:
         """
         self.clamping = False
         if self.tripped is not None or isinstance(motion, Stop):
+            self._escape = None
             self._let_go()
             return Cleared(Stop())
         if isinstance(motion, Hold):
@@ -194,7 +214,13 @@ class Safety:
         known = self._escapes and not self._watch.clock_is_off
         if not (known and all(math.isfinite(x) for x in (sidereal_deg, ra_deg, dec_deg))):
             return Hold()
-        if self._escape is None and not self._slewing and self._bounds.look(utc_s, self._watch.clock_gap_deg):
+        sure = self._doubt.former is None
+        if (
+            self._escape is None
+            and not self._slewing
+            and sure
+            and self._bounds.look(utc_s, self._watch.clock_gap_deg)
+        ):
             place = self._standing.place(dec_deg, self._standing.nearest_turn(sidereal_deg - ra_deg))
             self._escape = self._slews.way_out(sidereal_deg, place)
         elif self._escape is not None and self._slews.is_there((ra_deg, dec_deg)):
@@ -265,7 +291,9 @@ class Safety:
         """Return the limit past which the axes have been found so often that they must be; or None."""
         place = spots[0].place
         name = self._bounds.violated(Box.between(place, place), {}, 0.0, INSIDE_MARGIN_DEG)
-        self._outside = 0 if name is None or len(spots) > 1 else self._outside + 1
+        if self._news or not self._watched:
+            self._outside = 0 if name is None or len(spots) > 1 else self._outside + 1
+            self._news = False
         return name if self._outside >= OUTSIDE_PROOF else None
 
     def _held(
@@ -334,6 +362,7 @@ class Safety:
 
     def _let_go(self) -> None:
         self.holding = None
+        self._outside = 0
         self._sent.clear()
         self._slews.forget()
 

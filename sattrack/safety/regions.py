@@ -84,7 +84,10 @@ class Floor:
         return Clearance(clear, clear)
 
 
-STRUCK, BESIDE, APART = Clearance(-1.0, -1.0), Clearance(0.05, 0.05), Clearance(2.0, 2.0)
+STRUCK, APART = Clearance(-1.0, -1.0), Clearance(2.0, 2.0)
+BESIDE_DEG = 0.09
+"""Less than what is held before any limit: all of a zone's margin counts as that."""
+PIER_HALVINGS = 6
 
 
 class Skyline:
@@ -155,11 +158,21 @@ class PierCollision:
         self._polygons = list(_axis_polygons(zone))
 
     def clearance(self, box: Box) -> Clearance:
-        """See Region: no more is told than whether the zone is met, its margin, or neither."""
+        """See Region: told is whether the zone is met, what is left of its margin, or that all of it is."""
         m = self._margin_deg
         if not self._meets(box.grown(m, m, m, m)):
             return APART
-        return STRUCK if self._meets(box) else BESIDE
+        if self._meets(box):
+            return STRUCK
+        clear, met = 0.0, m
+        for _ in range(PIER_HALVINGS):
+            middle = 0.5 * (clear + met)
+            if self._meets(box.grown(middle, middle, middle, middle)):
+                met = middle
+            else:
+                clear = middle
+        left = BESIDE_DEG * clear / m
+        return Clearance(left, left)
 
     def _meets(self, box: Box) -> bool:
         return any(

@@ -32,23 +32,38 @@ class Standing:
         self.hour_angle_deg: float | None = None
         """The hour angle axis' angle, turns counted; None before the first status."""
         self.beyond_pole = False
+        self._anchor_deg: float | None = None
+        """Where the axis stood before the first status, where that is known."""
+
+    def begin_anew(self) -> None:
+        """Forget how the first status had the axis stand."""
+        self.hour_angle_deg = self._anchor_deg
 
     def follow_on(self, former: Standing) -> None:
         """Take over how far the cables are wound."""
         self.hour_angle_deg, self.beyond_pole = former.hour_angle_deg, former.beyond_pole
+        self._anchor_deg = former.hour_angle_deg
 
     def note(self, hour_angle_deg: float, beyond_pole: bool) -> None:
         """Take what a status reports."""
         self.beyond_pole = beyond_pole
         self.hour_angle_deg = self.nearest_turn(hour_angle_deg)
 
+    def reported(self, hour_angle_deg: float, dec_deg: float, beyond_pole: bool) -> Place:
+        """Return the axes' angles that a status reports, whether that is believed or not."""
+        dec_axis = math.copysign(180.0, self._latitude_deg) - dec_deg if beyond_pole else dec_deg
+        return Place(self._turned(hour_angle_deg, beyond_pole), dec_axis)
+
     def nearest_turn(self, hour_angle_deg: float) -> float:
         """Return the hour angle axis' angle that goes with a reported hour angle.
 
         Beyond the pole the axis stands half a turn from it.
         """
+        return self._turned(hour_angle_deg, self.beyond_pole)
+
+    def _turned(self, hour_angle_deg: float, beyond_pole: bool) -> float:
         before = self.hour_angle_deg or 0.0
-        axis_deg = hour_angle_deg + (180.0 if self.beyond_pole else 0.0)
+        axis_deg = hour_angle_deg + (180.0 if beyond_pole else 0.0)
         return before + (axis_deg - before + 180.0) % 360.0 - 180.0
 
     def place(self, dec_deg: float, ha_deg: float | None = None) -> Place:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from sattrack.safety.reach import Delays, closing_s, latency_s, standstill_s
 from sattrack.safety.watch import (
+    CLOCK_PROOF,
     DISOBEDIENT_FOR_S,
     LOOK_EVERY,
     OLDEST_STATUS_S,
@@ -163,10 +164,10 @@ INTERLOCKS = (
         "clock",
         "the mount's sidereal clock against ours, and ours against itself",
         "clock_tolerance_s; ours never back",
-        "none",
+        "three statuses in a row, where the clock was well before",
         Reaction.STOP,
         "set the mount's clock or this computer's, start again",
-        noticed_s=STATUS_PERIOD_S,
+        noticed_s=CLOCK_PROOF * STATUS_PERIOD_S,
     ),
     Interlock(
         "current",

@@ -29,6 +29,8 @@ STEP_DEG_S = 40.0
 LONGEST_STEP_S = 0.5
 OVERLOADED_FOR_S = 0.5
 BACKWARD_S = 0.5
+CLOCK_PROOF = 3
+"""A clock that was well counts as set when so many statuses in a row say so: a bit of one may turn over."""
 OLDEST_STATUS_S = 2.5
 """Age of the last status from which on the mount is not moved any more."""
 
@@ -70,6 +72,9 @@ class Watch:
         self._commanded_s = 0.0
         self.moved = MoveAxes(0.0, 0.0)
         """The rates of the reported place between the last two statuses."""
+        self._clock_off = 0
+        """Statuses in a row whose clock was too far from ours."""
+        self._clock_known = False
         self.clock_gap_deg = 0.0
         """How far the mount's sidereal clock is from ours."""
 
@@ -160,7 +165,12 @@ class Watch:
         if seen.utc_s is None or self._longitude_deg is None:
             return None
         ours_deg = mean_sidereal_deg(seen.utc_s, self._longitude_deg)
-        self.clock_gap_deg = abs(math.remainder(seen.sidereal_deg - ours_deg, 360.0))
+        gap_deg = abs(math.remainder(seen.sidereal_deg - ours_deg, 360.0))
+        off = gap_deg > self._tolerance_s * SIDEREAL_RATE_DEG_S
+        self._clock_off = self._clock_off + 1 if off else 0
+        if not off or self._clock_off >= CLOCK_PROOF or not self._clock_known:
+            self.clock_gap_deg = gap_deg
+            self._clock_known = True
         return "clock" if self.clock_is_off else None
 
     @property

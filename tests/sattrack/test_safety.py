@@ -8,6 +8,7 @@ from pathlib import Path
 
 import erfa
 import msgspec
+import numpy as np
 import pytest
 
 import sattrack
@@ -143,9 +144,14 @@ def test_whatever_can_trip_is_in_the_table() -> None:
 
 
 def at_hour_angles(*seen: float) -> Safety:
+    """Statuses of an axis that turned from one hour angle to the next, as fast as a slew."""
     gate = safety(floor_deg=-90.0)
-    for k, hour_angle in enumerate(seen):
-        gate.watch(Seen(None, hour_angle, 0.0, 40.0 + k), Hold())
+    way = [seen[0]]
+    for goal in seen:
+        steps = math.ceil(abs(goal - way[-1]) / 0.4)
+        way += list(np.linspace(way[-1], goal, steps + 1))
+    for hour_angle in way:
+        gate.watch(Seen(None, float(hour_angle), 0.0, 40.0), Hold())
     return gate
 
 
