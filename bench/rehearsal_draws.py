@@ -15,7 +15,7 @@ from sattrack.runtime.facts import build_engine
 from sattrack.runtime.outcome import summarise
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.runtime.virtual import VirtualRun
-from sattrack.tracker import Phase
+from sattrack.tracker import FOLLOWING
 from sattrack.xerxes.datagrams import DTICS_S_PER_DEG_S, decode_status
 from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite
 from sattrack.xerxes.simulator.settings import simulator_profile
@@ -153,7 +153,7 @@ class WatchedRun(VirtualRun):
         error = tracker.error
         if error is None or self.engine.safety.holding is not None or tracker.acquired_utc_s is None:
             return
-        if tracker.phase in (Phase.ACQUIRING, Phase.TRACKING):
+        if tracker.phase in FOLLOWING:
             rates = abs(status.ra_rate_dtics_s), abs(status.dec_rate_dtics_s)
             self.rows.append((error.utc_s, error.total_arcsec, *rates))
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from sattrack.recording.format import COMMAND, STATUS
 from sattrack.recording.replay import Replay, replay
-from sattrack.tracker import Phase
+from sattrack.tracker import FOLLOWING
 from sattrack.xerxes.datagrams import DatagramError, decode_command
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ class _Columns:
             return
         if self.samples and self.samples[-1][0] == error.utc_s:
             return
-        following = engine.tracker.phase in {Phase.ACQUIRING, Phase.TRACKING}
+        following = engine.tracker.phase in FOLLOWING
         counted = following and engine.tracker.acquired_utc_s is not None
         self.samples.append(
             (

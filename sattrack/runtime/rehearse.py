@@ -44,7 +44,8 @@ from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.facts import SEARCH_HOURS, build_engine, plan_for
 from sattrack.runtime.prepare import with_detours
 from sattrack.runtime.virtual import VirtualRun
-from sattrack.tracker import ACQUIRED_AFTER_SAMPLES, Phase
+from sattrack.safety.bounds import CONES
+from sattrack.tracker import ACQUIRED_AFTER_SAMPLES, FOLLOWING
 from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.xerxes.simulator.settings import SimulatorProfile, simulator_profile
 from tle.ground import Ground
@@ -66,9 +67,7 @@ if TYPE_CHECKING:
     from sattrack.tracker import TrackPlan
 
 MARGIN_S = 10.0
-MOVING = (Phase.ACQUIRING, Phase.TRACKING)
 FULL_PERIOD_S, SLOW_PERIOD_S = 0.05, 0.1
-MOVING_LIMITS = frozenset({"sun", "moon"})
 SLOW_ERROR_SHARE = 0.1
 """A slow object's loop may leave so much of what counts as on target by holding its rates twice as long."""
 SLOW_RATE_SHARE = 0.97
@@ -101,7 +100,7 @@ class RehearsedRun(VirtualRun):
         trace.total_arcsec.append(error.total_arcsec)
         trace.along_arcsec.append(error.along_arcsec)
         trace.across_arcsec.append(error.across_arcsec)
-        trace.moving.append(tracker.phase in MOVING)
+        trace.moving.append(tracker.phase in FOLLOWING)
         trace.acquired.append(tracker.acquired_utc_s is not None)
         trace.clamping.append(engine.safety.clamping)
         trace.holding.append(engine.safety.holding)
@@ -319,7 +318,7 @@ def loop_period_s(path: AxisPath, ability: Ability, plan: TrackPlan) -> float:
     profile = ability.profile
     if plan.end_utc_s - plan.start_utc_s > LONGEST_RUN_S:
         return SLOW_PERIOD_S
-    if any(loss.limit in MOVING_LIMITS for loss in outside(path, ability)):
+    if any(loss.limit in CONES for loss in outside(path, ability)):
         # The way along an edge that moves itself depends on the steps.
         return FULL_PERIOD_S
     cos_dec = np.abs(np.cos(np.radians(path.pointing.dec_axis_deg)))

@@ -31,6 +31,7 @@ ESCAPE_DEG_S, ESCAPE_S = 1.0, 1.0
 RETREAT_STEP_DEG = 0.05
 SAME_DEG = 1e-6
 CONES = frozenset({"sun", "moon"})
+"""Rows that move by themselves."""
 PARTS = (0.25, 0.5, 1.0)
 
 

@@ -85,9 +85,10 @@ class Doubt:
         return Belief.DOUBTED
 
     def _near(self, one: Place, other: Place, seconds: float) -> bool:
-        ways = (abs(other[0] - one[0]), abs(other[1] - one[1]))
-        return all(
-            way <= LOOSE_DEG + fastest * seconds for way, fastest in zip(ways, self._fastest, strict=True)
+        ha, dec = self._fastest
+        return (
+            abs(other[0] - one[0]) <= LOOSE_DEG + ha * seconds
+            and abs(other[1] - one[1]) <= LOOSE_DEG + dec * seconds
         )
 
     def _believe(self, place: Place) -> None:

@@ -15,10 +15,10 @@ from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, Motion, MountProfile, Move
 from sattrack.requests import Abort, FineRate, Request, Slew, objection
 from sattrack.safety.ahead import Ahead, Spot, motions_of
 from sattrack.safety.asked import Asked
-from sattrack.safety.bounds import INSIDE_MARGIN_DEG, Bounds
+from sattrack.safety.bounds import CONES, INSIDE_MARGIN_DEG, Bounds
 from sattrack.safety.doubt import Belief, Doubt
 from sattrack.safety.geometry import Box
-from sattrack.safety.held import nearest_rates
+from sattrack.safety.held import nearest_rates, within
 from sattrack.safety.slews import SlewGate
 from sattrack.safety.standing import Standing, axis_rates
 from sattrack.safety.table import ROWS
@@ -118,18 +118,18 @@ class Safety:
 
     def _believed(self, seen: Seen, seconds: float) -> Place:
         """Return the place that a status reports, taken for the axes' own where it is believed."""
-        hour_angle_deg = seen.sidereal_deg - seen.ra_deg
-        place = self._standing.reported(hour_angle_deg, seen.dec_deg, seen.beyond_pole)
+        reported = (seen.sidereal_deg - seen.ra_deg, seen.dec_deg, seen.beyond_pole)
+        place = self._standing.place(*reported)
         belief = self._doubt.see(place, seconds, self._watch.moved)
         if belief is Belief.ANEW:
             self._standing.begin_anew()
-        if belief is Belief.BORNE_OUT:
+            place = self._standing.place(*reported)
+        elif belief is Belief.BORNE_OUT:
             # A slew that was judged from elsewhere is judged anew.
             self._slews.forget()
         if belief is not Belief.DOUBTED:
             # In doubt, neither the turns nor the side of the pier change.
-            self._standing.note(hour_angle_deg, seen.beyond_pole)
-            place = self._standing.place(seen.dec_deg)
+            self._standing.take(place, seen.beyond_pole)
         self._news = True
         return place
 
@@ -178,10 +178,10 @@ class Safety:
         self._newest_utc_s = max(self._newest_utc_s, -math.inf if utc_s is None else utc_s)
         if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
             return self._trip("sun")
+        beyond_pole = self._standing.beyond_pole
+        place = self._standing.place(sidereal_deg - ra_deg, dec_deg, beyond_pole)
         if self._standing.hour_angle_deg is None:
-            self._standing.note(sidereal_deg - ra_deg, self._standing.beyond_pole)
-        turned = self._standing.nearest_turn(sidereal_deg - ra_deg)
-        place = self._standing.place(dec_deg, turned)
+            self._standing.take(place, beyond_pole)
         former = self._doubt.former
         if isinstance(motion, SlewTo):
             # Should the axes be elsewhere after all, they stray from what the slew is judged by.
@@ -221,7 +221,7 @@ class Safety:
             and sure
             and self._bounds.look(utc_s, self._watch.clock_gap_deg)
         ):
-            place = self._standing.place(dec_deg, self._standing.nearest_turn(sidereal_deg - ra_deg))
+            place = self._standing.place(sidereal_deg - ra_deg, dec_deg, self._standing.beyond_pole)
             self._escape = self._slews.way_out(sidereal_deg, place)
         elif self._escape is not None and self._slews.is_there((ra_deg, dec_deg)):
             self._escape = None
@@ -262,7 +262,7 @@ class Safety:
         clipped = self._clipped(wish)
         self.clamping = clipped != wish
         room = self._room(utc_s)
-        wanted = _within(clipped[0], room[0]), _within(clipped[1], room[1])
+        wanted = within(clipped[0], room[0]), within(clipped[1], room[1])
         now = self._in_force(max(spot.age_s for spot in spots), utc_s)
         name = self.holding = self._ahead.limit_of(spots, now, wanted, nears=None)
         if name is None:
@@ -275,7 +275,7 @@ class Safety:
                     return self._trip(inward)
             else:
                 outside = self._proven_outside(spots)
-                if outside is not None and outside not in MOVES_BY_ITSELF:
+                if outside is not None and outside not in CONES:
                     return self._trip(outside)
                 wanted = self._held(
                     (clipped, room),
@@ -375,13 +375,8 @@ class Safety:
 Rates = tuple[float, float]
 REST: Rates = (0.0, 0.0)
 ANY_RATE: Rates = (-math.inf, math.inf)
-MOVES_BY_ITSELF = frozenset({"sun", "moon"})
 
 
 def _room_about(before: float, step: float) -> Rates:
     """Return rates no more than a step faster either way; slowing down is never held back."""
     return min(before, 0.0) - step, max(before, 0.0) + step
-
-
-def _within(rate: float, room: Rates) -> float:
-    return max(room[0], min(room[1], rate))

@@ -56,7 +56,7 @@ class _Search:
         self._cos_dec, self._allowed = cos_dec, allowed
         self.wish = (wanted[0] * cos_dec, wanted[1])
         self._room = ((room[0][0] * cos_dec, room[0][1] * cos_dec), room[1])
-        self.most = self.gain((_within(self.wish[0], self._room[0]), _within(self.wish[1], self._room[1])))
+        self.most = self.gain((within(self.wish[0], self._room[0]), within(self.wish[1], self._room[1])))
         """What could be gained if nothing stood in the way."""
 
     def rates(self, way: Vector) -> Vector:
@@ -128,7 +128,8 @@ class _Search:
         return low
 
 
-def _within(rate: float, room: Vector) -> float:
+def within(rate: float, room: Vector) -> float:
+    """Return the rate nearest to one between the least and the greatest of a room."""
     return max(room[0], min(room[1], rate))
 
 

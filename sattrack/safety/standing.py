@@ -44,37 +44,24 @@ class Standing:
         self.hour_angle_deg, self.beyond_pole = former.hour_angle_deg, former.beyond_pole
         self._anchor_deg = former.hour_angle_deg
 
-    def note(self, hour_angle_deg: float, beyond_pole: bool) -> None:
-        """Take what a status reports."""
-        self.beyond_pole = beyond_pole
-        self.hour_angle_deg = self.nearest_turn(hour_angle_deg)
+    def take(self, place: Place, beyond_pole: bool) -> None:
+        """Take a place for where the axes stand."""
+        self.hour_angle_deg, self.beyond_pole = place.ha_deg, beyond_pole
 
-    def reported(self, hour_angle_deg: float, dec_deg: float, beyond_pole: bool) -> Place:
-        """Return the axes' angles that a status reports, whether that is believed or not."""
-        dec_axis = math.copysign(180.0, self._latitude_deg) - dec_deg if beyond_pole else dec_deg
-        return Place(self._turned(hour_angle_deg, beyond_pole), dec_axis)
+    def place(self, hour_angle_deg: float, dec_deg: float, beyond_pole: bool) -> Place:
+        """Return the axes' angles that go with a reported direction, the hour angle within half a turn.
 
-    def nearest_turn(self, hour_angle_deg: float) -> float:
-        """Return the hour angle axis' angle that goes with a reported hour angle.
-
-        Beyond the pole the axis stands half a turn from it.
+        Beyond the pole the hour angle axis stands half a turn from the reported hour angle.
         """
-        return self._turned(hour_angle_deg, self.beyond_pole)
-
-    def _turned(self, hour_angle_deg: float, beyond_pole: bool) -> float:
         before = self.hour_angle_deg or 0.0
         axis_deg = hour_angle_deg + (180.0 if beyond_pole else 0.0)
-        return before + (axis_deg - before + 180.0) % 360.0 - 180.0
-
-    def place(self, dec_deg: float, ha_deg: float | None = None) -> Place:
-        """Return the axes' angles for a reported declination, at the hour angle noted last or a given one."""
-        axis = math.copysign(180.0, self._latitude_deg) - dec_deg if self.beyond_pole else dec_deg
-        return Place((self.hour_angle_deg or 0.0) if ha_deg is None else ha_deg, axis)
+        dec_axis_deg = math.copysign(180.0, self._latitude_deg) - dec_deg if beyond_pole else dec_deg
+        return Place(before + (axis_deg - before + 180.0) % 360.0 - 180.0, dec_axis_deg)
 
     def of(self, stance: Stance) -> Place:
         """Return the axes' angles as a mount stands."""
         self.beyond_pole = stance.beyond_pole
-        return self.place(stance.dec_deg, self.nearest_turn(stance.sidereal_deg - stance.ra_deg))
+        return self.place(stance.sidereal_deg - stance.ra_deg, stance.dec_deg, stance.beyond_pole)
 
 
 def axis_rates(move: MoveAxes, beyond_pole: bool) -> tuple[float, float]:
