@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import importlib
-import signal
 import sys
 import termios
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import click
 
 from sattrack.console_messages import LeaveOrder
-from sattrack.errors import SattrackError
 from sattrack.tui.console_child import ConsoleProcess
 from sattrack.tui.hangup import end_with_the_terminal
+from sattrack.tui.showing import INTERRUPTED, run_until_left
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
     from sattrack.tui.console_feed import ConsoleFeed
 
@@ -25,8 +23,6 @@ PATIENCE_S = 75.0
 """Longer than the console goes on sending stops to a mount that does not come to rest."""
 TELL_AFTER_S = 0.6
 GRACE_S = 2.0
-INTERRUPTED = 130
-LEAVING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
 def watch_with_tui(
@@ -66,12 +62,7 @@ def show_console(feed: ConsoleFeed) -> bool:
     if sys.stdin.isatty():
         # Keys from before there was a screen were not meant for it.
         termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
-    app = ConsoleApp(feed)
-    with _leaving(app.ask_to_leave):
-        app.run()
-    if app.return_code:
-        raise SattrackError("the screen broke; the mount was told to stop")
-    return app.interrupted
+    return run_until_left(ConsoleApp(feed), "the screen broke; the mount was told to stop")
 
 
 def _end(console: ConsoleProcess, patience_s: float) -> int:
@@ -87,14 +78,3 @@ def _end(console: ConsoleProcess, patience_s: float) -> int:
         console.end_by_force(GRACE_S)
         return 1
     return code if code >= 0 else 128 - code
-
-
-@contextmanager
-def _leaving(leave: Callable[[], None]) -> Iterator[None]:
-    """Have the signals that end programs leave the screen as its own key does, the terminal restored."""
-    before = {number: signal.signal(number, lambda *_: leave()) for number in LEAVING_SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

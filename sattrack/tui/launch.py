@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 import importlib
-import signal
-from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING
 
 import click
 
-from sattrack.errors import SattrackError
 from sattrack.messages import StopNow
 from sattrack.summary_text import summary_lines
 from sattrack.tui.appearance import Appearance
 from sattrack.tui.child import FeederProcess
 from sattrack.tui.hangup import end_with_the_terminal
+from sattrack.tui.showing import INTERRUPTED, run_until_left
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
     from sattrack.tui.feed import Feed
 
@@ -26,8 +24,6 @@ NIGHT = Appearance()
 PATIENCE_S = 20.0
 TELL_AFTER_S = 0.3
 GRACE_S = 2.0
-INTERRUPTED = 130
-LEAVING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
 
 
 def fly_with_tui(
@@ -66,12 +62,8 @@ def show_screen(feed: Feed, stay: bool, appearance: Appearance) -> None:
     from sattrack.tui.app import TrackApp
 
     app = TrackApp(feed, stay, appearance=appearance)
-    with leaving(app.ask_to_leave):
-        app.run()
-    if app.interrupted:
+    if run_until_left(app, "the screen broke; the mount was told to stop"):
         raise KeyboardInterrupt
-    if app.return_code:
-        raise SattrackError("the screen broke; the mount was told to stop")
 
 
 def _end(feeder: FeederProcess, patience_s: float) -> int:
@@ -101,14 +93,3 @@ def _tell(feeder: FeederProcess) -> None:
 
 def _say(text: str) -> None:
     click.echo(f"sattrack: {text}", err=True)
-
-
-@contextmanager
-def leaving(leave: Callable[[], None]) -> Iterator[None]:
-    """Have the signals that end programs leave the screen as its own key does, the terminal restored."""
-    before = {number: signal.signal(number, lambda *_: leave()) for number in LEAVING_SIGNALS}
-    try:
-        yield
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sattrack.errors import SattrackError
 from sattrack.summary_text import summary_lines
 from sattrack.tui.child import FeederProcess
-from sattrack.tui.launch import INTERRUPTED, leaving
+from sattrack.tui.hangup import end_with_the_terminal
+from sattrack.tui.showing import INTERRUPTED, run_until_left
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -33,6 +33,7 @@ def replay_with_tui(
     The screen stays until it is left. `show` stands in for it.
     """
     reader = FeederProcess(command)
+    end_with_the_terminal(reader, GRACE_S, GRACE_S)
     if show is None:
         # While the reading begins: the screen is to be there with its first view.
         importlib.import_module("sattrack.tui.replay_app")
@@ -65,9 +66,5 @@ def show_tape(source: Feed, tape: Tape, appearance: Appearance) -> None:
     from sattrack.tui.replay_app import ReplayApp, TapeFeed
 
     app = ReplayApp(TapeFeed(source, tape), appearance=appearance)
-    with leaving(app.ask_to_leave):
-        app.run()
-    if app.interrupted:
+    if run_until_left(app, "the screen broke"):
         raise KeyboardInterrupt
-    if app.return_code:
-        raise SattrackError("the screen broke")

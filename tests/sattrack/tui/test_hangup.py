@@ -29,20 +29,25 @@ def stuck(*_):
 from sattrack.tui.child import FeederProcess
 FeederProcess.wait_first_view = lambda self: True
 print("watched", flush=True)
-{launch}([sys.executable, "-c", {feeder!r}, sys.argv[1]], show=stuck, patience_s=20.0)
+{launch}([sys.executable, "-c", {feeder!r}, sys.argv[1]], {also})
 """
 
 
 @pytest.mark.parametrize(
-    ("module", "launch"),
-    [("sattrack.tui.launch", "fly_with_tui"), ("sattrack.tui.console_launch", "watch_with_tui")],
+    ("module", "launch", "also"),
+    [
+        ("sattrack.tui.launch", "fly_with_tui", "show=stuck, patience_s=20.0"),
+        ("sattrack.tui.console_launch", "watch_with_tui", "show=stuck, patience_s=20.0"),
+        ("sattrack.tui.replay_launch", "replay_with_tui", "None, None, show=stuck"),
+    ],
+    ids=["track", "console", "replay"],
 )
 def test_a_screen_that_waits_for_ever_ends_with_its_terminal_and_the_mount_is_stopped(
-    module: str, launch: str, tmp_path: Path
+    module: str, launch: str, also: str, tmp_path: Path
 ) -> None:
     controller, terminal = pty.openpty()
     told = tmp_path / "told"
-    script = SCREEN.format(module=module, launch=launch, feeder=FEEDER)
+    script = SCREEN.format(module=module, launch=launch, feeder=FEEDER, also=also)
     process = subprocess.Popen(
         [sys.executable, "-c", script, str(told)],
         stdin=terminal,
