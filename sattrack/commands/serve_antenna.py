@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack import practice
 from sattrack.antenna.equipment import Antenna
 from sattrack.antenna.focus import FocusAxis, SimulatedFocuser
 from sattrack.antenna.line import Check
@@ -23,12 +22,12 @@ from sattrack.commands.common import CommandContext, common_options, profile_opt
 from sattrack.commands.json_lines import JsonLines
 from sattrack.commands.running import tui_possible
 from sattrack.commands.serve_log import Log
-from sattrack.errors import BadInputError, InterruptedRunError, SattrackError
+from sattrack.commands.serving import check_port, end_of_service, what_is_served
+from sattrack.errors import BadInputError
 from sattrack.runtime.antenna_door import BAUDS, DEFAULT_FRAMING, Door, SerialChannel, listen
 from sattrack.runtime.antenna_focus import FORM, parse_focuser, start_focusers
 from sattrack.runtime.antenna_serve import LEAVE, AntennaLoop
 from sattrack.runtime.console import connected
-from sattrack.runtime.mounts import mount_address
 from sattrack.runtime.signals import StopRequest, stopping
 
 if TYPE_CHECKING:
@@ -95,15 +94,8 @@ def command(context: CommandContext, **options: Any) -> int:
     if options["stream"] and sys.stdout.isatty():
         # A terminal that is held would hold up the loop that feeds the mount.
         raise BadInputError("--stream is for programs, not for a terminal; leave it out, or pipe it on")
-    address = mount_address(options["mount_url"] or context.settings.mount.url)
-    if address is not None and context.clock_option is not None:
-        raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
-    described = context.profile(options["profile"])
-    practising = address is None and not context.has_site()
-    site = practice.SITE.place() if practising else context.site()
-    clock = context.clock()
-    if clock.speed != 1.0:
-        raise BadInputError("--clock: antcn lives in real time; leave its speed out")
+    served = what_is_served(context, options["mount_url"], options["profile"], "antcn lives")
+    profile, clock = served.described.mount, served.clock
     simulated, configs = _focusers(options["focus"])
     door, where = _door(options)
     stop, log = StopRequest(), Log(clock)
@@ -114,10 +106,10 @@ def command(context: CommandContext, **options: Any) -> int:
         focus = start_focusers(configs) if configs else None
         if focus is not None:
             closing.callback(focus.close)
-        antenna = _antenna(options, described.mount, site, simulated if focus is None else focus.focuser)
-        station = Station(antenna, described.mount, context.settings.safety.limits())
+        antenna = _antenna(options, profile, served.site, simulated if focus is None else focus.focuser)
+        station = Station(antenna, profile, context.settings.safety.limits())
         station.controller.switch(not options["local"], to_ns(clock.utc_s(time.monotonic())))
-        connection = closing.enter_context(connected(address, described, site, clock))
+        connection = closing.enter_context(connected(served.address, served.described, served.site, clock))
         closing.enter_context(stopping(stop))
         if lines is not None and context.json:
             lines.write({"listening": door.port, "serial": options["device"]})
@@ -125,11 +117,7 @@ def command(context: CommandContext, **options: Any) -> int:
         show = lines.write if lines is not None and options["stream"] else None
         words = Words(options["control"]).typed
         AntennaLoop(station, connection, door, stop, log.tell, words, where, show, focus).run()
-    if station.mount_stopped is False:
-        raise SattrackError("THE MOUNT DID NOT CONFIRM THE STOP: stop it by hand")
-    if stop.asked:
-        raise InterruptedRunError("interrupted; " + _end_words(station.mount_stopped))
-    return 0
+    return end_of_service(station.mount_stopped, stop)
 
 
 def _antenna(options: dict[str, Any], profile: MountProfile, site: Site, focuser: Focuser | None) -> Antenna:
@@ -171,10 +159,6 @@ def _with_console(options: dict[str, Any]) -> int:
     return serve_with_console([sys.executable, "-m", "sattrack", *arguments, "--stream", "--control"])
 
 
-def _end_words(stopped: bool | None) -> str:
-    return "the mount is stopped" if stopped else "nothing was asked of the mount"
-
-
 def _door(options: dict[str, Any]) -> tuple[Door, str]:
     device = options["device"]
     if device is not None:
@@ -185,8 +169,7 @@ def _door(options: dict[str, Any]) -> tuple[Door, str]:
         return Door(
             channel=reopen(), reopen=reopen
         ), f"{device}, {options['baud']} baud, {options['framing']}"
-    if not 0 <= options["port"] <= 65535:
-        raise BadInputError(f"--port {options['port']}: ports run to 65535; 0 takes a free one")
+    check_port(options["port"])
     door = Door(listen(options["host"], options["port"]))
     return door, f"{options['host']}:{door.port}"
 
