@@ -73,31 +73,34 @@ class Refraction:
         """Return the bend and its derivative for true altitudes from -1°, by Newton's method."""
         scale_deg = self.pressure_hpa / 1010.0 * 283.0 / (273.0 + self.temperature_c) / 60.0
         raised = altitude_deg + 0.0
+        scalar, sin, cos = fn is FLOATS, fn.sin, fn.cos
         for _ in range(_NEWTON_STEPS):
             above = raised + 4.4
             angle = (raised + 7.31 / above) * _RAD
-            sine = fn.sin(angle)
-            bend = scale_deg * (fn.cos(angle) / sine + _AT_ZENITH_ARCMIN)
+            sine = sin(angle)
+            bend = scale_deg * (cos(angle) / sine + _AT_ZENITH_ARCMIN)
             slope = -scale_deg / (sine * sine) * (1.0 - 7.31 / (above * above)) * _RAD
             before, raised = raised, raised - (raised - bend - altitude_deg) / (1.0 - slope)
-            if fn is FLOATS and raised == before:
+            if scalar and raised == before:
                 break
         return raised - altitude_deg, slope / (1.0 - slope)
 
     def refract(self, u: Triple, u_rate: Triple, up: Triple, up_rate: Triple) -> tuple[Triple, Triple]:
         """Return a unit vector raised towards the zenith, and its rate; all in one frame, rates a second."""
         fn = functions_for(u[0])
-        sine = _dot(u, up)
+        # Written out: calls and loops take twice the time.
+        (ax, ay, az), (adx, ady, adz) = u, u_rate
+        (kx, ky, kz), (kdx, kdy, kdz) = up, up_rate
+        sine = ax * kx + ay * ky + az * kz
         cosine = fn.sqrt(fn.where(sine * sine < 1.0, 1.0 - sine * sine, 0.0)) + _TINY
-        altitude_rate = (_dot(u_rate, up) + _dot(u, up_rate)) / cosine
+        rising = (adx * kx + ady * ky + adz * kz) + (ax * kdx + ay * kdy + az * kdz)
+        altitude_rate = rising / cosine
         bend, slope = self.bend_deg(fn.atan2(sine, cosine) / _RAD)
         bend = bend * _RAD
         bend_rate = slope * altitude_rate
         sin_bend, cos_bend = fn.sin(bend), fn.cos(bend)
         lost, turning = cosine * altitude_rate, sine * altitude_rate
-        (ax, ay, az), (adx, ady, adz) = u, u_rate
-        (kx, ky, kz), (kdx, kdy, kdz) = up, up_rate
-        # Towards the zenith, at right angles to the direction. Written out: a loop takes twice the time.
+        # Towards the zenith, at right angles to the direction.
         tx, ty, tz = (kx - sine * ax) / cosine, (ky - sine * ay) / cosine, (kz - sine * az) / cosine
         tdx = (kdx - lost * ax - sine * adx + tx * turning) / cosine
         tdy = (kdy - lost * ay - sine * ady + ty * turning) / cosine
@@ -113,7 +116,3 @@ class Refraction:
             (adz + tz * bend_rate) * cos_bend + (tdz - az * bend_rate) * sin_bend,
         )
         return raised, raised_rate
-
-
-def _dot(a: Triple, b: Triple) -> Quantity:
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]

@@ -9,9 +9,13 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import TYPE_CHECKING
 
 from sattrack.control.stepped_clock import SteppedClock
 from sattrack.mount import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
 
 SIDEREAL_SECONDS_PER_SECOND = 1.00273790935
 BUCKET_S = 1.0
@@ -44,34 +48,47 @@ class Envelope:
         return self.offset_s + self.drift * (mount_s - self.at_s)
 
 
+Point = tuple[float, float]
+"""A time and an offset, seconds."""
+
+
+def lower_hull(points: Iterable[Point], onto: Sequence[Point] = ()) -> list[Point]:
+    """Return the lower convex hull of points in order of time; `onto` is that of those before them."""
+    hull = list(onto)
+    for t, y in points:
+        while len(hull) >= 2:
+            t1, y1 = hull[-2]
+            t2, y2 = hull[-1]
+            if (t2 - t1) * (y - y1) - (y2 - y1) * (t - t1) > 0.0:
+                break
+            hull.pop()
+        hull.append((t, y))
+    return hull
+
+
 def lower_envelope(
-    points: list[tuple[float, float]],
+    points: list[Point],
     largest_drift: float = LARGEST_DRIFT,
     shortest_base_s: float = SHORTEST_DRIFT_BASE_S,
+    hull_before_last: Sequence[Point] | None = None,
 ) -> Envelope:
     """Return the line under all points (time, offset) that lies nearest to them on average.
 
     That line runs along the edge of the lower convex hull over the points' mean time. Needs one point or
     more, in order of time. The slope is bounded by what clocks do, and is zero over too short a base.
+    Whoever knows the hull of all but the last point may hand it in.
     """
     base_s = points[-1][0] - points[0][0]
     if base_s < shortest_base_s:
         at_s, offset_s = min(points, key=lambda p: p[1])
         return Envelope(at_s, offset_s)
-    hull: list[tuple[float, float]] = []
-    for t, y in points:
-        while len(hull) >= 2:
-            (t1, y1), (t2, y2) = hull[-2:]
-            if (t2 - t1) * (y - y1) - (y2 - y1) * (t - t1) > 0.0:
-                break
-            hull.pop()
-        hull.append((t, y))
-    middle_s = sum(p[0] for p in points) / len(points)
+    hull = lower_hull(points if hull_before_last is None else points[-1:], hull_before_last or ())
+    middle_s = sum([p[0] for p in points]) / len(points)
     for left, right in pairwise(hull):
         if right[0] >= middle_s:
             slope = (right[1] - left[1]) / (right[0] - left[0])
             drift = max(-largest_drift, min(largest_drift, slope))
-            return Envelope(left[0], min(y - drift * (t - left[0]) for t, y in points), drift)
+            return Envelope(left[0], min([y - drift * (t - left[0]) for t, y in points]), drift)
     raise AssertionError("the hull spans the points' mean time")
 
 
@@ -138,7 +155,8 @@ class MountClock:
     _last_h: float = 0.0
     _turns: int = 0
     _first_arrival_s: float = 0.0
-    _buckets: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=BUCKETS))
+    _buckets: deque[Point] = field(default_factory=lambda: deque(maxlen=BUCKETS))
+    _hull_before_last: list[Point] = field(default_factory=list)
     _lately: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=TRUST_SAMPLES))
     _envelope: Envelope | None = None
     _astray: int = 0
@@ -235,4 +253,5 @@ class MountClock:
             self._buckets[-1] = (mount_s, offset_s)
         else:
             self._buckets.append((mount_s, offset_s))
-        self._envelope = lower_envelope(list(self._buckets))
+            self._hull_before_last = lower_hull(list(self._buckets)[:-1])
+        self._envelope = lower_envelope(list(self._buckets), hull_before_last=self._hull_before_last)

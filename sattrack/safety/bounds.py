@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 from sattrack.mount import SIDEREAL_RATE_DEG_S
 from sattrack.safety.geometry import Box, altitude_deg
 from sattrack.safety.regions import Cone, Region, fixed_regions, is_clear
+from sattrack.safety.room import ClearRoom
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from sattrack.mount import MountProfile
     from sattrack.safety.bodies import Body, Wanderer
@@ -49,6 +50,7 @@ class Bounds:
         )
         self._wanderers: list[tuple[str, Wanderer, float]] | None = None
         self._cones: list[Cone] = []
+        self._room, self._room_of_cones = ClearRoom(), ClearRoom()
         self.sun_is_up = False
         """Whether the Sun's light may reach optics; True where nobody knows."""
         self.utc_s: float | None = None
@@ -62,6 +64,7 @@ class Bounds:
         if utc_s is not None and self.utc_s is not None and 0.0 <= utc_s - self.utc_s < LOOK_S:
             return True
         self._cones = []
+        self._room_of_cones.forget()
         self.utc_s = None
         wanted = self._limits.sun_deg > 0.0 or self._limits.moon_cone_deg > 0.0
         self.sun_is_up = self._limits.optical
@@ -86,16 +89,10 @@ class Bounds:
 
         `margins` are those of single regions, `margin_deg` that of the others.
         """
-        for region in self._fixed:
-            margin = margins.get(region.name, margin_deg)
-            if not is_clear(region, box, margin):
-                return region.name
         moves_deg = SIDEREAL_RATE_DEG_S * seconds
-        for cone in self._cones:
-            margin = margins.get(cone.name, margin_deg + moves_deg)
-            if not is_clear(cone, box, margin):
-                return cone.name
-        return None
+        return _violated(self._fixed, self._room, box, margins, margin_deg) or _violated(
+            self._cones, self._room_of_cones, box, margins, margin_deg + moves_deg
+        )
 
     def near(self, place: tuple[float, float], seconds: float = 0.0) -> dict[str, float]:
         """Return how far a place is clear of those regions whose margin it does not keep for so many seconds.
@@ -195,6 +192,20 @@ class Bounds:
 
     def _is_up(self, body: Body) -> bool:
         return altitude_deg(body.hour_angle_deg, body.dec_deg, self._latitude_deg) > UP_DEG
+
+
+def _violated(
+    regions: Sequence[Region], room: ClearRoom, box: Box, margins: Mapping[str, float], margin_deg: float
+) -> str | None:
+    """Return the name of the first of some regions of which a box is not clear, or None."""
+    if not regions or (not margins and room.holds(box, margin_deg)):
+        return None
+    for region in regions:
+        if not is_clear(region, box, margins.get(region.name, margin_deg)):
+            return region.name
+    if not margins:
+        room.widen(regions, box, margin_deg)
+    return None
 
 
 def _gain_deg(cone: Cone, place: tuple[float, float], axis: int) -> float:

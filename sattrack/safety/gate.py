@@ -356,7 +356,8 @@ class Safety:
             since_s = utc_s - age_s - self._ahead.latency_s
             while self._sent and self._sent[0][0] < since_s and len(self._sent) > 1:
                 self._sent.popleft()
-            _, has, decs = zip((0.0, *seen), *self._sent, strict=True)
+            has = [seen[0], *[sent[1] for sent in self._sent]]
+            decs = [seen[1], *[sent[2] for sent in self._sent]]
             return (min(has), min(decs)), (max(has), max(decs))
         return seen, seen
 

@@ -50,12 +50,15 @@ def reach_deg(
 
 
 def _ahead_deg(going: float, asked: float, delays: Delays, braking: float) -> float:
-    going, asked = max(0.0, going), max(0.0, asked)
-    ahead = going * delays.age_s + max(going, asked) * delays.latency_s + asked * delays.fault_s
-    ahead += asked * asked / (2.0 * braking)
-    if going > asked:
-        ahead += (going - asked) ** 2 / (2.0 * braking)
-    return ahead
+    # Four times for every command: without calls.
+    going = going if going > 0.0 else 0.0
+    asked = asked if asked > 0.0 else 0.0
+    age_s, latency_s, fault_s = delays
+    stopping = asked * asked / (2.0 * braking)
+    if going <= asked:
+        return going * age_s + asked * latency_s + asked * fault_s + stopping
+    slowing = (going - asked) ** 2 / (2.0 * braking)
+    return going * age_s + going * latency_s + asked * fault_s + stopping + slowing
 
 
 def latency_s(profile: MountProfile) -> float:

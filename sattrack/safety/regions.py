@@ -30,6 +30,8 @@ SMALLEST_DEG = 0.05
 MOST_BOXES = 4000
 """A box that takes more halvings than this to be judged counts as not clear."""
 SKYLINE_CELL_DEG = 0.5
+FAR_DEG = 2.0
+"""More than any margin: so far above all of a skyline, how far above its nearest part need not be known."""
 
 
 class Clearance(NamedTuple):
@@ -115,8 +117,9 @@ class Skyline:
     def clearance(self, box: Box) -> Clearance:
         """See Region."""
         lowest = lowest_altitude_deg(box, self._latitude_deg)
-        if lowest >= self._highest_deg:
-            return Clearance(lowest - self._highest_deg, lowest - self._highest_deg)
+        above = lowest - self._highest_deg
+        if above >= FAR_DEG:
+            return Clearance(above, above)
         circle = box.circle
         sine = self._cosine * circle.x + self._sine * circle.z
         altitude = math.degrees(math.asin(max(-1.0, min(1.0, sine))))
@@ -187,11 +190,11 @@ class Cone:
 
     def __init__(self, name: str, body: Body, cone_deg: float) -> None:
         self.name = name
-        self._body, self._cone_deg = body, cone_deg
+        self.body, self.cone_deg = body, cone_deg
 
     def clearance(self, box: Box) -> Clearance:
         """See Region."""
-        clear = nearest_deg(box, self._body.hour_angle_deg, self._body.dec_deg) - self._cone_deg
+        clear = nearest_deg(box, self.body.hour_angle_deg, self.body.dec_deg) - self.cone_deg
         return Clearance(clear, clear)
 
 

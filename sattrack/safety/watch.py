@@ -111,13 +111,8 @@ class Watch:
             self._commanded.clear()
             self._window_s = self._commanded_s = 0.0
             return None
-        pairs = (
-            (commanded.ra_rate_deg_s, moved.ra_rate_deg_s),
-            (commanded.dec_rate_deg_s, moved.dec_rate_deg_s),
-        )
-        disobeyed = any(
-            (abs(c) > DISOBEDIENT_DEG_S and m * c < 0.05 * c * c) or abs(m) > 2.0 * abs(c) + RUNAWAY_DEG_S
-            for c, m in pairs
+        disobeyed = _disobeys(commanded.ra_rate_deg_s, moved.ra_rate_deg_s) or _disobeys(
+            commanded.dec_rate_deg_s, moved.dec_rate_deg_s
         )
         self._disobeyed_s = self._disobeyed_s + seconds if disobeyed else 0.0
         # A command that is lost is not disobeyed.
@@ -153,11 +148,10 @@ class Watch:
         return not low - loose <= mean <= high + loose
 
     def _see_current(self, seen: Seen, seconds: float) -> str | None:
-        pairs = (
-            (seen.ra_current_a, self._profile.ra.max_current_a),
-            (seen.dec_current_a, self._profile.dec.max_current_a),
+        most_ra, most_dec = self._profile.ra.max_current_a, self._profile.dec.max_current_a
+        over = (most_ra is not None and abs(seen.ra_current_a) > most_ra) or (
+            most_dec is not None and abs(seen.dec_current_a) > most_dec
         )
-        over = any(limit is not None and abs(current) > limit for current, limit in pairs)
         self._overloaded_s = self._overloaded_s + seconds if over else 0.0
         return "current" if self._overloaded_s > OVERLOADED_FOR_S else None
 
@@ -182,3 +176,10 @@ class Watch:
         self._window.clear()
         self._commanded.clear()
         self._window_s = self._commanded_s = 0.0
+
+
+def _disobeys(commanded_deg_s: float, moved_deg_s: float) -> bool:
+    """Tell whether one axis does not go where it is told, or goes faster than that explains."""
+    told, went = abs(commanded_deg_s), abs(moved_deg_s)
+    stays = told > DISOBEDIENT_DEG_S and moved_deg_s * commanded_deg_s < 0.05 * told * told
+    return stays or went > 2.0 * told + RUNAWAY_DEG_S

@@ -18,6 +18,7 @@ from sattrack.safety.geometry import (
     nearest_deg,
     separation_deg,
 )
+from sattrack.safety.regions import Skyline, is_clear
 
 
 def vector(ha_deg: float, dec_deg: float) -> np.ndarray:
@@ -172,3 +173,21 @@ def test_sun_and_moon_stand_where_the_almanac_has_them(unix_s: float, site: tupl
         told = np.array([math.cos(d) * math.cos(ra), math.cos(d) * math.sin(ra), math.sin(d)])
         assert angle_deg(told, seen) < within
         np.testing.assert_allclose([body.x, body.y, body.z], vector(body.hour_angle_deg, body.dec_deg))
+
+
+@pytest.mark.parametrize("above_deg", [-0.5, -0.05, 0.0, 0.05, 0.09, 0.5, 1.5])
+def test_a_skyline_is_no_wall_where_it_is_low(above_deg: float) -> None:
+    """On the meridian to the south the altitude is 90° less what the declination is below the latitude."""
+    skyline = Skyline(((0.0, 60.0), (120.0, 5.0), (240.0, 5.0)), 52.0)
+    dec = 52.0 - (90.0 - 60.0 - above_deg)
+    assert is_clear(skyline, Box(0.0, 0.0, dec, dec), 1.0)
+    assert is_clear(skyline, Box(-0.5, 0.5, dec, dec + 0.5), 1.0)
+    assert skyline.clearance(Box(0.0, 0.0, dec, dec)).some_deg == pytest.approx(55.0 + above_deg)
+
+
+def test_a_skyline_is_a_wall_where_it_is_high() -> None:
+    skyline = Skyline(((0.0, 60.0), (120.0, 5.0), (240.0, 5.0)), 52.0)
+    for above_deg, clear in ((0.95, False), (1.05, True)):
+        # To the north, above the pole.
+        dec = 52.0 + 90.0 - 60.0 - above_deg
+        assert is_clear(skyline, Box(0.0, 0.0, dec, dec), 1.0) is clear

@@ -1,0 +1,56 @@
+"""A box of axis angles found clear of regions: what lies within it need not be judged again.
+
+A stream of rates is judged many times a second, in nearly the same place.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from sattrack.safety.geometry import Box
+    from sattrack.safety.regions import Region
+
+ROOM_DEG = 4.0
+"""How far on each side a box is tried to be grown."""
+TRY_EVERY = 16
+"""Judgements from one try that found no room to the next."""
+
+
+class ClearRoom:
+    """The last box found clear of regions that stay as they are, and by what margin."""
+
+    def __init__(self) -> None:
+        self._box: Box | None = None
+        self._margin_deg = 0.0
+        self._wait = 0
+
+    def forget(self) -> None:
+        """Let the regions have moved."""
+        self._box = None
+        self._wait = 0
+
+    def holds(self, box: Box, margin_deg: float) -> bool:
+        """Tell whether a box is within the one that is known to be clear by this margin."""
+        room = self._box
+        return (
+            room is not None
+            and margin_deg <= self._margin_deg
+            and room.ha_low_deg <= box.ha_low_deg
+            and box.ha_high_deg <= room.ha_high_deg
+            and room.dec_low_deg <= box.dec_low_deg
+            and box.dec_high_deg <= room.dec_high_deg
+        )
+
+    def widen(self, regions: Iterable[Region], box: Box, margin_deg: float) -> None:
+        """Look for room about a box that is clear; where there is none, there is no haste to look again."""
+        if self._wait:
+            self._wait -= 1
+            return
+        grown = box.grown(ROOM_DEG, ROOM_DEG, ROOM_DEG, ROOM_DEG)
+        if all(region.clearance(grown).least_deg >= margin_deg for region in regions):
+            self._box, self._margin_deg = grown, margin_deg
+        else:
+            self._wait = TRY_EVERY
