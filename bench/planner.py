@@ -11,18 +11,28 @@ from __future__ import annotations
 
 import argparse
 import sys
+import tempfile
 import time
 from pathlib import Path
 
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "sattrack" / "schedule"))
-from planning_nights import brute_force, can_be_done, greedy, random_night
+from planning_nights import brute_force, can_be_done, greedy, random_night, random_sky
 
+from sattrack.mount import AxesPosition, MountProfile
+from sattrack.safety.limits import SafetyLimits
+from sattrack.schedule.candidates import Loaded, Situation
+from sattrack.schedule.file import load_schedule
+from sattrack.schedule.making import make_plan
 from sattrack.schedule.planner import best_plan
+from tle.instants import Utc
+from tle.site import Site
 
 NIGHTS, SMALL, CANDIDATES = 1000, 200, 2000
 PASSES, HOURS = 60, 4.0
+SATELLITES = 700
+BEGIN = "2026-10-02T12:00:00Z"
 
 
 def against_greed(rng: np.random.Generator, nights: int) -> None:
@@ -62,6 +72,29 @@ def seconds_for(rng: np.random.Generator, count: int) -> None:
         )
 
 
+def whole_plan(shorten: bool) -> None:
+    """Plan a day of a made-up sky with more passes than are weighed, from the file to the plan."""
+    begin = float(Utc.parse(BEGIN).unix_s)
+    text = f"[defaults]\nif_sun_up = 'run'\nshorten = {str(shorten).lower()}\n"
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "day.toml"
+        file.write_text(text + "[[passes]]\nrule = 'all, above 15°'\n", encoding="utf-8")
+        schedule = load_schedule(file)
+    profile = MountProfile(park=AxesPosition(0.0, 50.0))
+    situation = Situation(
+        (begin, begin + 86400.0), begin, Site(52.1541, 4.4908, 0.0), profile, SafetyLimits(), workers=1
+    )
+    sky = Loaded(random_sky(SATELLITES), False, "made up")
+    began = time.process_time()
+    plan = make_plan(schedule, situation, lambda source: sky)
+    taken_s = time.process_time() - began
+    weighed = len(plan.passes) + sum(one.reason not in ("too many", "cut", "too short") for one in plan.lost)
+    print(
+        f"a day of {SATELLITES} satellites{', shortened' if shorten else ''}: {weighed} passes weighed, "
+        f"{len(plan.passes)} planned, in {taken_s:.1f} s"
+    )
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--nights", type=int, default=NIGHTS)
@@ -72,6 +105,8 @@ def main() -> None:
     against_greed(rng, options.nights)
     against_brute_force(rng)
     seconds_for(rng, options.candidates)
+    whole_plan(shorten=False)
+    whole_plan(shorten=True)
 
 
 if __name__ == "__main__":

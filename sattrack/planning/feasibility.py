@@ -14,7 +14,8 @@ from tle.propagator import Propagator
 from tle.refraction import Refraction
 
 if TYPE_CHECKING:
-    from sattrack.mount import MountProfile
+    from sattrack.mount import AxisLimits, MountProfile
+    from sattrack.planning.path import AxisPath
     from sattrack.safety.limits import SafetyLimits
     from tle.earth import EarthOrientation
     from tle.elements import Elements
@@ -22,8 +23,8 @@ if TYPE_CHECKING:
 
 STEP_S, FINE_STEP_S = 1.0, 0.05
 FEWEST, MOST = 60, 20_000
-POLAR_DEG = 75.0
-"""From this declination on the hour angle may turn fast, and the path is looked at in fine steps."""
+BOUND_SHARE = 0.8
+"""Share of the hour angle axis' limits that a bound on what is asked may take before fine steps decide."""
 ON_TARGET_DEG = 2.0 / 3600.0
 
 
@@ -51,10 +52,26 @@ def why_not_feasible(
     dec = path.pointing.dec_axis_deg
     if not np.isfinite(dec).all():
         return "the elements have it come down before the pass ends"
-    if float(np.max(np.abs(dec))) > POLAR_DEG:
+    if _may_be_too_fast(path, ability.profile.ra):
         path = axis_path(propagator, NO_BIAS, _instants(begin, end, FINE_STEP_S))
     beyond = ability.profile.pier_rule == "hour_angle" and _is_west(path.pointing.hour_angle_axis_deg[0])
     return why_not(path.seen_from(beyond, ability.latitude_deg), ability)
+
+
+def _may_be_too_fast(path: AxisPath, can: AxisLimits) -> bool:
+    """Tell whether the hour angle may turn, or its rate change, too fast between the samples of a path.
+
+    A target at a speed s and a distance p from the pole turns it by s / sin p at most, which changes by no
+    more than 2 (s / sin p)², and comes nearer by half a step's way between two samples.
+    """
+    speed = float(np.max(path.sky_rate_deg_s))
+    step_s = float(np.max(np.diff(path.utc_s)))
+    polar = 90.0 - float(np.max(np.abs(path.pointing.dec_axis_deg))) - 0.5 * step_s * speed
+    if polar <= 0.0:
+        return True
+    rate = speed / math.sin(math.radians(polar))
+    change = 2.0 * rate * math.radians(rate)
+    return rate > BOUND_SHARE * can.max_rate_deg_s or change > BOUND_SHARE * can.max_acceleration_deg_s2
 
 
 def _instants(begin: float, end: float, step_s: float) -> np.ndarray[tuple[int], np.dtype[np.float64]]:

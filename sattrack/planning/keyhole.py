@@ -161,11 +161,14 @@ def can_pass_pole(path: AxisPath, profile: MountProfile, at: int) -> bool:
     return bool(np.min(across) >= low and np.max(across) <= high)
 
 
-def find_keyholes(path: AxisPath, profile: MountProfile, tolerance_deg: float) -> list[Keyhole]:
+def find_keyholes(
+    path: AxisPath, profile: MountProfile, tolerance_deg: float, ways: bool = True
+) -> list[Keyhole]:
     """Return the keyholes of a target's path, in order.
 
     `path` needs steps well below a second near the pole; `tolerance_deg` is how far on the sky from the
     target still counts as on it. The pole is passed through where the declination axis' travel allows that.
+    Without `ways`, no way past it is looked for but that of an axis at its limits.
     """
     limits = profile.ra
     rate = limits.max_rate_deg_s
@@ -182,7 +185,10 @@ def find_keyholes(path: AxisPath, profile: MountProfile, tolerance_deg: float) -
         if keyholes and path.utc_s[last] <= keyholes[-1].end_utc_s:
             continue
         through_pole = profile.through_pole and can_pass_pole(path, profile, (first + last) // 2)
-        keyholes.append(_keyhole(path, first, last, limits, tolerance_deg, through_pole))
+        turns: tuple[tuple[int, ...], ...] = ()
+        if ways:
+            turns = (_ROUND, _THROUGH) if through_pole else (_ROUND,)
+        keyholes.append(_keyhole(path, first, last, limits, tolerance_deg, turns))
     return keyholes
 
 
@@ -198,8 +204,17 @@ def _stretches(fast: NDArray[np.bool_], utc_s: Array) -> list[tuple[int, int]]:
     return found
 
 
+_ROUND, _THROUGH = (-2, 0, 2), (-1, 1)
+"""Half turns of the hour angle on the ways round the pole, and through it."""
+
+
 def _keyhole(
-    path: AxisPath, first: int, last: int, limits: AxisLimits, tolerance_deg: float, through_pole: bool
+    path: AxisPath,
+    first: int,
+    last: int,
+    limits: AxisLimits,
+    tolerance_deg: float,
+    turns: tuple[tuple[int, ...], ...],
 ) -> Keyhole:
     p = path.pointing
     distance = np.abs(90.0 - np.abs(p.dec_axis_deg))
@@ -228,8 +243,8 @@ def _keyhole(
         tolerance_deg,
     )
     clipped = full.best((0,), lagging=True)
-    around = search.best((-2, 0, 2))
-    through = search.best((-1, 1)) if through_pole else None
+    around = search.best(_ROUND) if _ROUND in turns else None
+    through = search.best(_THROUGH) if _THROUGH in turns else None
     rest_s = float(track.time_s[-1]) - begin_s
     clipped_s = rest_s if clipped is None else clipped.lost_s
     ways = [way for way in (around, through) if way is not None and way.lost_s < clipped_s]

@@ -107,7 +107,7 @@ def outside(path: AxisPath, ability: Ability) -> list[Loss]:
 def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) -> list[Loss]:
     profile = ability.profile
     if keyholes is None:
-        keyholes = find_keyholes(path, profile, ability.tolerance_deg)
+        keyholes = find_keyholes(path, profile, ability.tolerance_deg, ways=ability.detours)
     begin_utc_s, end_utc_s = float(path.utc_s[0]), float(path.utc_s[-1])
     found = [
         Loss(
@@ -155,11 +155,20 @@ def _lost_span(keyhole: Keyhole, detours: bool) -> tuple[float, float]:
 def _follow(place: Array, utc_s: Array, limit_deg_s: float) -> Array:
     """Return where an axis is that follows as fast as it can."""
     at = place.copy()
-    most = (np.diff(utc_s) * limit_deg_s).tolist()
-    here = float(place[0])
-    for i, there in enumerate(place[1:].tolist()):
-        here += max(-most[i], min(most[i], there - here))
-        at[i + 1] = here
+    most = np.diff(utc_s) * limit_deg_s
+    fast = np.flatnonzero(np.abs(np.diff(place)) > most).tolist()
+    after = 0
+    for first in fast:
+        if first < after:
+            continue
+        # It is there until the place goes too fast, and again once it has caught up.
+        here, after = float(place[first]), first
+        for there, can in zip(place[first + 1 :].tolist(), most[first:].tolist(), strict=True):
+            after += 1
+            here += max(-can, min(can, there - here))
+            at[after] = here
+            if here == there:
+                break
     return at
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -126,9 +127,7 @@ def axis_path(propagator: Propagator, bias: Bias, utc_s: Array) -> AxisPath:
     good = np.isfinite(hour_angle)
     axis[good] = np.degrees(np.unwrap(np.radians(hour_angle[good])))
     site = propagator.site
-    bodies = [
-        body_place_deg(over(site.latitude_deg, site.longitude_deg), utc_s) for over in (sun_over, moon_over)
-    ]
+    bodies = [body_place_deg(name, site.latitude_deg, site.longitude_deg, utc_s) for name in _OVER]
     ha_rate, dec_rate = np.asarray(seen.ha_rate_deg_s), np.asarray(seen.dec_rate_deg_s)
     return AxisPath(
         Pointing(utc_s, axis, np.asarray(seen.dec_deg), *bodies[0], *bodies[1]),
@@ -143,14 +142,28 @@ def axis_path(propagator: Propagator, bias: Bias, utc_s: Array) -> AxisPath:
 
 
 LOOK_S = 120.0
+_OVER = {"sun": sun_over, "moon": moon_over}
 
 
-def body_place_deg(body: Wanderer, utc_s: Array) -> tuple[Array, Array]:
-    """Return hour angle and declination of the Sun or the Moon at rising instants, degrees.
+def body_place_deg(name: str, latitude_deg: float, longitude_deg: float, utc_s: Array) -> tuple[Array, Array]:
+    """Return hour angle and declination of the "sun" or the "moon" at rising instants, degrees.
 
     Interpolated between looks two minutes apart, in which the sky turns by half a degree: good to 8″.
     """
-    looks = np.arange(utc_s[0] - 1.0, utc_s[-1] + LOOK_S + 1.0, LOOK_S)
-    seen = [body.at(float(t)) for t in looks]
-    x, y, z = (np.interp(utc_s, looks, [getattr(one, name) for one in seen]) for name in "xyz")
+    first, last = int(utc_s[0] // LOOK_S), int(utc_s[-1] // LOOK_S) + 1
+    seen = np.array([_look(name, latitude_deg, longitude_deg, look) for look in range(first, last + 1)])
+    looks = LOOK_S * np.arange(first, last + 1)
+    x, y, z = (np.interp(utc_s, looks, seen[:, k]) for k in range(3))
     return np.degrees(np.arctan2(y, x)), np.degrees(np.arctan2(z, np.hypot(x, y)))
+
+
+@lru_cache(maxsize=16384)
+def _look(name: str, latitude_deg: float, longitude_deg: float, look: int) -> tuple[float, float, float]:
+    """Return a body's unit vector at a whole number of LOOK_S; many passes of a night share it."""
+    body = _over(name, latitude_deg, longitude_deg).at(look * LOOK_S)
+    return body.x, body.y, body.z
+
+
+@lru_cache(maxsize=16)
+def _over(name: str, latitude_deg: float, longitude_deg: float) -> Wanderer:
+    return _OVER[name](latitude_deg, longitude_deg)

@@ -190,11 +190,18 @@ class _Grid:
         high = (max(p[0] for p in every) + CELL_DEG, max(p[1] for p in every) + CELL_DEG)
         shape = tuple(math.ceil((h - low) / CELL_DEG) for h, low in zip(high, self._low, strict=True))
         closed = np.zeros(shape)
-        for i in range(shape[0]):
-            for j in range(shape[1]):
-                middle = Place(self._low[0] + (i + 0.5) * CELL_DEG, self._low[1] + (j + 0.5) * CELL_DEG)
-                exempt = min(_apart(middle, start), _apart(middle, goal)) < EXEMPT_DEG
-                closed[i, j] = not exempt and judge(Box.between(middle, middle), 0.0) is not None
+        hour_angles, decs = (
+            low + (np.arange(count) + 0.5) * CELL_DEG for low, count in zip(self._low, shape, strict=True)
+        )
+        exempt = np.zeros(shape, dtype=bool)
+        for end in (start, goal):
+            near = np.abs(hour_angles - end[0]) < EXEMPT_DEG, np.abs(decs - end[1]) < EXEMPT_DEG
+            exempt |= near[0][:, None] & near[1][None, :]
+        judged = np.argwhere(~exempt).tolist()
+        at_ha, at_dec = hour_angles.tolist(), decs.tolist()
+        for i, j in judged:
+            ha, dec = at_ha[i], at_dec[j]
+            closed[i, j] = judge(Box(ha, ha, dec, dec), 0.0) is not None
         self._sums = np.zeros((shape[0] + 1, shape[1] + 1))
         self._sums[1:, 1:] = closed.cumsum(axis=0).cumsum(axis=1)
 
@@ -239,7 +246,3 @@ class _Grid:
         rates = np.array([self._profile.ra.slew_rate_deg_s, self._profile.dec.slew_rate_deg_s])
         seconds: Array = np.max(gap / rates, axis=-1) + HANDSHAKE_S
         return seconds
-
-
-def _apart(one: Place, other: Place) -> float:
-    return max(abs(one[0] - other[0]), abs(one[1] - other[1]))

@@ -10,8 +10,9 @@ import numpy as np
 
 from sattrack.schedule.candidates import INFEASIBLE, PIER
 from sattrack.schedule.detours import LedSlews
-from sattrack.schedule.gathering import gather
+from sattrack.schedule.gathering import Judge, gather
 from sattrack.schedule.nodes import (
+    FEWEST_CUTS,
     cuts_for,
     finer,
     first_slew_s,
@@ -52,7 +53,8 @@ def make_plan(
     lost, and the plan made anew. Raises BadInputError, SattrackError, TleError.
     """
     found, per_entry = gather(schedule, situation, load, progress)
-    maker = _Maker(schedule, situation, found)
+    judge = Judge(schedule, situation)
+    maker = _Maker(schedule, situation, judge.all_if_few(found, progress), judge)
     maker.choose()
     while rehearse is not None and maker.rehearse(rehearse, progress):
         maker.choose()
@@ -62,9 +64,11 @@ def make_plan(
 class _Maker:
     """Candidates, and the choice of them as it stands."""
 
-    def __init__(self, schedule: Schedule, situation: Situation, candidates: list[Candidate]) -> None:
+    def __init__(
+        self, schedule: Schedule, situation: Situation, candidates: list[Candidate], judge: Judge
+    ) -> None:
         self._schedule, self._situation = schedule, situation
-        self._candidates = candidates
+        self._candidates, self._judge = candidates, judge
         self._terms = [entry.terms for entry in schedule.entries]
         self._ways: dict[int, Way] = {}
         self._rehearsed: dict[Node, Rehearsed] = {}
@@ -75,7 +79,8 @@ class _Maker:
         }
         for one in candidates:
             if one.lost is None:
-                self._ways[one.number] = way_of(one, situation.site, situation.profile)
+                way = self._ways[one.number] = way_of(one, situation.site, situation.profile)
+                candidates[one.number] = judge.coarsely(one, way)
                 self._check_side(one)
         self._stands: dict[Node, Stand] = {}
         self._led = LedSlews(situation)
@@ -107,10 +112,26 @@ class _Maker:
 
     def choose(self) -> None:
         """Make the best choice whose slews, led round what is in their way, take no longer than there is."""
+        # Most of what the mount cannot follow shows before passes are cut in fine steps.
+        self._choose(FEWEST_CUTS)
+        while self._judge_chosen():
+            self._choose(FEWEST_CUTS)
         self._choose()
-        while self._lead():
+        while self._judge_chosen() or self._lead():
             self._choose()
         self._set = self._nodes(self._set.nodes)
+
+    def _judge_chosen(self) -> bool:
+        """Judge what was chosen by the mount's limits; tell whether some of it is lost by that.
+
+        The best choice of all is the best of those that the mount can follow, once it can follow all of it.
+        """
+        any_lost = False
+        for k in self._chosen:
+            number = self._set.nodes[k].candidate
+            one = self._candidates[number] = self._judge.judged(self._candidates[number])
+            any_lost |= one.lost is not None
+        return any_lost
 
     def _lead(self) -> bool:
         """Find the ways of the slews between chosen passes; tell whether one takes longer than there is time.
@@ -133,16 +154,21 @@ class _Maker:
                 late |= one.end_utc_s + needed_s + more_s - known_s > other.start_utc_s
         return late
 
-    def _choose(self) -> None:
-        """Make the best choice, then once more with those that are shortened cut in finer steps."""
+    def _choose(self, most_cuts: int | None = None) -> None:
+        """Make the best choice, then once more with those that are shortened cut in finer steps.
+
+        With `most_cuts` passes that may be shortened are entered and left at no more instants than that.
+        """
         least_s = self._least_s()
         able = [one for one in self._candidates if one.lost is None]
-        cuts = cuts_for(sum(is_flexible(one) for one in able), len(able))
+        cuts = most_cuts or cuts_for(sum(is_flexible(one) for one in able), len(able))
         coarse = whole_and_cut(able, cuts, least_s)
         self._set = self._nodes(coarse)
         _, self._chosen = best_plan(self._set.problem, self._limits)
         taken = [coarse[k] for k in self._chosen]
         known = set(coarse)
+        if most_cuts is not None:
+            return
         more = [node for node in finer(taken, self._candidates, cuts, least_s) if node not in known]
         if more:
             self._set = self._nodes([*coarse, *more])
@@ -212,6 +238,12 @@ class _Maker:
             if found.passes and sum(found.dropped.values()) == found.passes:
                 dropped = ", ".join(f"{n} {why}" for why, n in sorted(found.dropped.items()))
                 notes.append(f"{entry.origin}: {entry.label}: no pass meets it: {dropped}")
+        unjudged = sum(not self._judge.knows(one) for one in self._candidates)
+        if unjudged:
+            notes.append(
+                f"{unjudged} passes that lost to others were not judged by the mount's limits: some of them "
+                "may be infeasible as well"
+            )
         if self._situation.profile.park is None:
             notes.append("the profile has no park position: the first slew is not reckoned")
         return tuple(notes)

@@ -102,6 +102,9 @@ def whole_and_cut(candidates: Sequence[Candidate], cuts: int, least_s: Sequence[
     """Return the nodes of candidates; `least_s` is by number how long one must stay."""
     nodes = []
     for one in candidates:
+        if not is_flexible(one):
+            nodes.append(Node(one.number, one.start_utc_s, one.end_utc_s))
+            continue
         starts = np.linspace(one.start_utc_s, one.latest_start_utc_s, cuts)
         ends = np.linspace(one.earliest_end_utc_s, one.end_utc_s, cuts)
         nodes += _grid(one, starts.tolist(), ends.tolist(), least_s[one.number])

@@ -35,6 +35,9 @@ class Transitions(Protocol):
     def seconds(self, before: Index, after: int) -> Array:
         """Return it for some passes before another, none below 0; shape as `before`."""
 
+    def longest_s(self, after: int) -> float:
+        """Return a bound on it for all passes before another; infinity where there is none."""
+
 
 @dataclass(frozen=True, slots=True)
 class Problem:
@@ -90,6 +93,8 @@ def _best(problem: Problem, limits: Mapping[int, int]) -> tuple[float, list[int]
     best = np.full((n, states), -np.inf)
     before = np.full((n, states), -1, dtype=np.intp)
     every = np.arange(states)
+    # Of the passes up to each, the best chain, and where it ends: those long enough before need no more.
+    top, top_at = np.full((n, states), -np.inf), np.full((n, states), -1, dtype=np.intp)
     reach = np.searchsorted(ends, starts, side="right")
     for at, k in enumerate(order.tolist()):
         position = position_of.get(int(problem.group[k]))
@@ -98,21 +103,36 @@ def _best(problem: Problem, limits: Mapping[int, int]) -> tuple[float, list[int]
         value = float(problem.value[k])
         if problem.first[k]:
             best[at, allowed] = value
-        count = int(reach[at])
-        if not count:
-            continue
-        earlier = order[:count]
-        enough = ends[:count] + problem.transitions.seconds(earlier, k) <= starts[at]
-        rows = np.flatnonzero(enough)
-        if not len(rows):
-            continue
-        values = best[rows] if position is None else best[rows][:, np.maximum(state, 0)]
-        chosen = np.argmax(values, axis=0)
-        total = value + values[chosen, every]
-        better = allowed & (total > best[at])
-        best[at, better] = total[better]
-        before[at, better] = rows[chosen[better]]
+        if count := int(reach[at]):
+            far = int(np.searchsorted(ends, starts[at] - problem.transitions.longest_s(k), side="right"))
+            near = order[far:count]
+            enough = ends[far:count] + problem.transitions.seconds(near, k) <= starts[at]
+            rows = far + np.flatnonzero(enough)
+            values, places = _best_before(best, rows, (top, top_at), far - 1)
+            if position is not None:
+                values, places = values[np.maximum(state, 0)], places[np.maximum(state, 0)]
+            total = value + values
+            better = allowed & (total > best[at])
+            best[at, better] = total[better]
+            before[at, better] = places[better]
+        ahead = best[at] > top[at - 1] if at else np.ones(states, dtype=bool)
+        top[at] = np.where(ahead, best[at], top[at - 1])
+        top_at[at] = np.where(ahead, at, top_at[at - 1])
     return _chain(best, before, order, _Counts(problem.group, position_of, less))
+
+
+def _best_before(best: Array, rows: Index, top: tuple[Array, Index], far: int) -> tuple[Array, Index]:
+    """Return by state the best chain that ends with one of some rows, or up to the row `far`, and where."""
+    states = best.shape[1]
+    values, places = np.full(states, -np.inf), np.full(states, -1, dtype=np.intp)
+    if far >= 0:
+        values, places = top[0][far].copy(), top[1][far].copy()
+    if len(rows):
+        chosen = np.argmax(best[rows], axis=0)
+        found = best[rows[chosen], np.arange(states)]
+        ahead = found > values
+        values[ahead], places[ahead] = found[ahead], rows[chosen][ahead]
+    return values, places
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     Index = NDArray[np.intp]
 
 
+ROUNDING_S = 1e-6
+
+
 class Errands(NamedTuple):
     """What a list of actions takes: where its first slew goes, its seconds, where the mount stands then.
 
@@ -112,6 +115,9 @@ class SlewTransitions:
     before_s: Array
     rates_deg_s: tuple[float, float]
     ramps_s: tuple[float, float]
+    leave_deg: tuple[tuple[float, float], tuple[float, float]]
+    """The least and the most of either axis in `leave`."""
+    most_after_s: float
     extra_s: Mapping[int, tuple[Index, Array]] = field(default_factory=dict)
     """By the later pass, from which earlier ones a slew takes longer than straight, and by how much."""
 
@@ -124,13 +130,20 @@ class SlewTransitions:
     ) -> SlewTransitions:
         """Return those of some passes by a mount's axes."""
         axes = (profile.ra, profile.dec)
+        leave = np.array([stand.after.last for stand in stands], dtype=np.float64).reshape(-1, 2)
+        ranges = [
+            (float(np.min(column, initial=math.inf)), float(np.max(column, initial=-math.inf)))
+            for column in leave.T
+        ]
         return cls(
-            np.array([stand.after.last for stand in stands], dtype=np.float64).reshape(-1, 2),
+            leave,
             np.array([stand.before.first for stand in stands], dtype=np.float64).reshape(-1, 2),
             np.array([stand.after.seconds for stand in stands], dtype=np.float64),
             np.array([stand.before.seconds + stand.settle_s for stand in stands], dtype=np.float64),
             (axes[0].slew_rate_deg_s, axes[1].slew_rate_deg_s),
             (_ramp_s(axes[0]), _ramp_s(axes[1])),
+            (ranges[0], ranges[1]),
+            max((stand.after.seconds for stand in stands), default=0.0),
             extra_s or {},
         )
 
@@ -138,6 +151,17 @@ class SlewTransitions:
         """Return the seconds from the ends of some passes to the start of another."""
         total: Array = self.after_s[before] + self.slews_s(before, after) + self.before_s[after]
         return total
+
+    def longest_s(self, after: int) -> float:
+        """Return a bound on the seconds from the end of any pass to the start of another."""
+        slew: float = max(
+            max(high - want, want - low) / rate + ramp
+            for (low, high), want, rate, ramp in zip(
+                self.leave_deg, self.want[after].tolist(), self.rates_deg_s, self.ramps_s, strict=True
+            )
+        )
+        longer = float(np.max(self.extra_s[after][1], initial=0.0)) if after in self.extra_s else 0.0
+        return self.most_after_s + HANDSHAKE_S + slew + longer + float(self.before_s[after]) + ROUNDING_S
 
     def slews_s(self, before: Index, after: int) -> Array:
         """Return of those what the slew between takes.

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations, pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sattrack import practice
 from sattrack.schedule.planner import Problem
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    from tle.elements import Elements
 
 
 @dataclass(frozen=True)
@@ -22,6 +25,9 @@ class Tabled:
 
     def seconds(self, before: NDArray[np.intp], after: int) -> NDArray[np.float64]:
         return self.table[before, after]
+
+    def longest_s(self, after: int) -> float:
+        return float(self.table[:, after].max())
 
 
 def random_night(
@@ -88,3 +94,23 @@ def plain_loops(night: Problem) -> float:
             before.append(0.0)
         best[k] = float(night.value[k]) + max(before, default=-np.inf)
     return max([0.0, *best.values()])
+
+
+def random_sky(count: int, seed: int = 4) -> list[Elements]:
+    """Return satellites in low orbits, drawn at random."""
+    rng = np.random.default_rng(seed)
+    return [
+        replace(
+            practice.elements(),
+            name=f"SAT {k + 1:03d}",
+            catalog_number=70001 + k,
+            designator="",
+            raan_deg=float(rng.uniform(0.0, 360.0)),
+            mean_anomaly_deg=float(rng.uniform(0.0, 360.0)),
+            inclination_deg=float(rng.uniform(50.0, 98.0)),
+            mean_motion_rev_day=float(rng.uniform(13.5, 15.4)),
+            mean_motion_dot_rev_day2=0.0,
+            bstar_per_earth_radius=0.0,
+        )
+        for k in range(count)
+    ]

@@ -137,6 +137,23 @@ def test_a_plan_is_of_the_passes_and_verdicts_that_passes_lists(
     assert {one["reason"] for one in plan["lost"]} >= {"conflict", "infeasible"}
 
 
+def test_to_judge_only_what_a_plan_would_take_gives_the_same_plan(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    text = SPAN + '[defaults]\nif_sun_up = "run"\nshorten = true\n[[passes]]\nrule = "all, above 15°"\n'
+    all_judged = planned(capsys, tmp_path, text, sky)
+    monkeypatch.setattr(gathering, "MOST_JUDGED", 10)
+    few_judged = planned(capsys, tmp_path, text, sky)
+    assert any(one["reason"] == "infeasible" for one in all_judged["lost"])
+    assert few_judged["passes"] == all_judged["passes"]
+    infeasible = {
+        (one["name"], one["start_utc"]) for one in all_judged["lost"] if one["reason"] == "infeasible"
+    }
+    found = {(one["name"], one["start_utc"]) for one in few_judged["lost"] if one["reason"] == "infeasible"}
+    assert found <= infeasible
+    assert any("not judged by the mount's limits" in note for note in few_judged["notes"])
+
+
 def test_slews_settling_and_actions_fit_between_the_passes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
 ) -> None:
