@@ -18,9 +18,10 @@ from sattrack.xerxes.repeats import REPEAT_AFTER_PERIODS
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.antenna.led_mount import LedMount
+    from sattrack.mount import MountProfile
     from sattrack.runtime.console import Connection
     from sattrack.runtime.signals import StopRequest
+    from sattrack.safety import Safety
 
 LATE_ENOUGH_TO_SKIP_S = 0.5
 LEAD_S = 0.0015
@@ -40,6 +41,53 @@ class Doorway(Protocol):
         """Send what waits, as far as it can be sent now."""
 
 
+class Station(Protocol):
+    """One mount behind a door, until it is told to end and the mount is seen at rest."""
+
+    @property
+    def profile(self) -> MountProfile:
+        """What is known of the mount."""
+
+    @property
+    def safety(self) -> Safety:
+        """What clears its motions."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether there is nothing left to do."""
+
+    @property
+    def mount_stopped(self) -> bool | None:
+        """Whether the mount was told to stop and seen at rest; None where that was not needed."""
+
+    @property
+    def link_up(self) -> bool:
+        """Whether the mount is heard."""
+
+    @property
+    def on_trajectory(self) -> bool:
+        """Whether it is where it is to be."""
+
+    @property
+    def tripped(self) -> str | None:
+        """Name of the interlock that stopped the mount."""
+
+    def receive_status(self, data: bytes, arrival_utc_s: float) -> None:
+        """Take one datagram from the mount."""
+
+    def tick(self, now_utc_s: float) -> bytes:
+        """Return the datagram to send to the mount now; called once a period."""
+
+    def repeat(self) -> bytes | None:
+        """Return what to send once more before the next datagram, None for nothing."""
+
+    def send_shift_s(self, now_utc_s: float) -> float:
+        """Return by how much later than a period from now the next `tick` had better come, seconds."""
+
+    def end(self, now_utc_s: float) -> None:
+        """Bring the mount to rest, and be finished when it is seen there."""
+
+
 @dataclass(slots=True)
 class StationLoop:
     """Serves one mount at one door until `stop` is asked for and the mount is seen at rest.
@@ -48,7 +96,7 @@ class StationLoop:
     period, and `report` what has changed.
     """
 
-    station: LedMount
+    station: Station
     connection: Connection
     door: Doorway
     stop: StopRequest
