@@ -23,6 +23,7 @@ COMMANDS = {
     "passes": "Coming passes of one satellite, some, or a whole catalogue.",
     "rehearse": "The coming pass against the mount's limits: what will be lost, and why.",
     "track": "Follow the pass now in progress, else the next.",
+    "attach": "Look at the run that goes on, or take part in it.",
     "run": "A schedule of passes: its plan, and why the others lost.",
     "replay": "Run a recording through today's code and compare every output.",
     "report": "What recorded passes tell of error, mount, link and satellite.",

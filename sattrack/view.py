@@ -255,3 +255,9 @@ class Summary(msgspec.Struct, frozen=True):
     """Seconds for which each limit held the mount off its target while it followed."""
     realtime_priority: bool | None = None
     """Whether the loop ran with real-time priority; null in virtual time."""
+
+
+class SummaryLine(msgspec.Struct, frozen=True):
+    """The last object of a run's JSON."""
+
+    summary: Summary

@@ -68,7 +68,7 @@ def command(context: CommandContext, seconds: float | None, **options: Any) -> i
         memory=options["bias_memory"],
     )
     deadline_s = float("inf") if seconds is None else begun_s + seconds - STOPPING_TAKES_S
-    told = Stream() if options["stream"] else Progress(quiet_off_terminal=False)
+    told = Stream(tells_session=options["scene"]) if options["stream"] else Progress(quiet_off_terminal=False)
     prepared = prepare(request)
     for words in prepared.notes:
         tell(words)

@@ -22,7 +22,7 @@ from sattrack.commands.common import (
 )
 from sattrack.commands.json_lines import JsonLines
 from sattrack.commands.replay_views import LeftError, ViewsAtOnce
-from sattrack.commands.running import SummaryLine, tui_possible
+from sattrack.commands.running import tui_possible
 from sattrack.errors import BadInputError
 from sattrack.recording.comparison import Choice
 from sattrack.recording.format import VIEW
@@ -31,6 +31,7 @@ from sattrack.recording.wording import replay_lines, replay_view
 from sattrack.runtime.again import engine_of, open_recording
 from sattrack.runtime.outcome import Ledger, summarise
 from sattrack.runtime.whatif import read_law, what_if
+from sattrack.view import SummaryLine
 from tle.errors import TleError
 
 if TYPE_CHECKING:

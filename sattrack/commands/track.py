@@ -106,7 +106,7 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
         click.echo(f"sattrack: {words}", err=True)
     for words in (*announcement(prepared.facts), *prepared.notes):
         click.echo(f"sattrack: {words}", err=True)
-    told = Stream() if options["stream"] else Progress(quiet_off_terminal=True)
+    told = Stream(tells_session=options["scene"]) if options["stream"] else Progress(quiet_off_terminal=True)
     if isinstance(told, Stream) and options["scene"]:
         told.tell_scene(prepared.facts)
     if request.virtual:

@@ -1,6 +1,7 @@
 """The operator's messages, as JSON lines on a channel.
 
-The end of the channel stops the mount: whoever held the stop key is gone.
+The end of the channel stops the mount, as whoever held the stop key is gone; unless it was said before that
+the run is to go on without.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.messages import Message, StopNow, decode_message
+from sattrack.messages import Message, StopNow
 from sattrack.runtime.embedded import LineReader
+from sattrack.session_messages import decode_said
 
 MOST_COMPLAINTS = 10
 ORDERS_A_TICK = 20
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sattrack.runtime.observers import Observers
+    from sattrack.session_messages import SessionMessage
 
 
 class StdinInbox:
@@ -35,11 +38,13 @@ class StdinInbox:
         self._reader = LineReader(sys.stdin.fileno() if descriptor is None else descriptor)
         self._observers = observers
         self._ended = False
-        self._waiting: deque[Message] = deque()
+        self.stops_at_end = True
+        """Whether the end of the channel is a stop."""
+        self._waiting: deque[Message | SessionMessage] = deque()
         self.malformed = 0
         self.ignored: list[str] = []
 
-    def messages(self) -> Sequence[Message]:
+    def said(self) -> Sequence[Message | SessionMessage]:
         """Return what has come, without waiting; a stop once the channel has ended."""
         if self._ended:
             return ()
@@ -48,14 +53,14 @@ class StdinInbox:
                 self._observers.put(line)
                 continue
             try:
-                self._waiting.append(decode_message(line))
+                self._waiting.append(decode_said(line))
             except (msgspec.MsgspecError, RecursionError) as error:
                 self.malformed += 1
                 if len(self.ignored) < MOST_COMPLAINTS:
                     self.ignored.append(f"a control line was ignored: {error}")
         self._ended = self._reader.ended
         messages = [self._waiting.popleft() for _ in range(min(ORDERS_A_TICK, len(self._waiting)))]
-        if self._ended or any(isinstance(one, StopNow) for one in self._waiting):
+        if (self._ended and self.stops_at_end) or any(isinstance(one, StopNow) for one in self._waiting):
             # Nothing that still waits may hold up a stop.
             self._waiting.clear()
             messages.append(StopNow())

@@ -42,9 +42,11 @@ LEAD_S = 0.002
 
 
 class Inbox(Protocol):
-    """Where the operator's messages come from; `malformed` counts the lines that were none."""
+    """Where the operator's messages come from."""
 
-    malformed: int
+    @property
+    def malformed(self) -> int:
+        """How many lines were none."""
 
     def messages(self) -> Sequence[Message]:
         """Return what has come, without waiting."""

@@ -11,19 +11,22 @@ from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal
 from textual.css.query import NoMatches
 
-from sattrack.messages import ClearBias, DropRemembered, Nudge, OffsetBy, Search, StopNow
+from sattrack.messages import DropRemembered, StopNow
+from sattrack.session_messages import LeaveRunning, TakeControl, YieldControl
+from sattrack.session_view import STARTER
 from sattrack.tui import figures, look
 from sattrack.tui.appearance import Appearance
 from sattrack.tui.bias_panel import BiasPanel
 from sattrack.tui.error_plot import ErrorPanel
-from sattrack.tui.frames import FRAMES, TRACK
+from sattrack.tui.hand import Hand
 from sattrack.tui.help import HelpScreen
 from sattrack.tui.history import ErrorHistory
+from sattrack.tui.leave_dialog import LEAVE, STOP, LeaveDialog
 from sattrack.tui.panels import Cautions, HeadlineBar, KeyBar, Panel, TapeBar, TitleBar
 from sattrack.tui.plain import PlainFilter
 from sattrack.tui.scene import Scene
+from sattrack.tui.session_bar import SessionBar
 from sattrack.tui.sky_panel import NotesPanel, SkyPanel, chart_columns
-from sattrack.tui.steps import FIRST_STEP, STEPS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -32,17 +35,14 @@ if TYPE_CHECKING:
     from textual.filter import LineFilter
 
     from sattrack.messages import Message
+    from sattrack.session_messages import SessionMessage
+    from sattrack.session_view import SessionView
     from sattrack.tui.feed import Feed
     from sattrack.view import PassView, Summary, TrackView
 
 NIGHT_LOOK = Appearance()
 LOOK_EVERY_S = 0.1
 PLOT_EVERY_S = 0.25
-SPIRAL_STEPS = 10.0
-SPIRAL_ARMS_S = 0.5
-"""A spiral's arms lie ten steps apart, and half of that is run in a second."""
-SWEEP_STEPS = 10.0
-SWEEP_PERIOD_S = 20.0
 LEAVE_WITHIN_S = 4.0
 """How long the screen stays for the mount to come to rest once it is to be left."""
 
@@ -68,6 +68,12 @@ class TrackApp(App[None]):
         Binding("right", "nudge(1, 0)", "ahead, or more"),
         Binding("up", "nudge(0, 1)", "left of motion, or more"),
         Binding("down", "nudge(0, -1)", "right of motion, or less"),
+        Binding("shift+left", "creep(-1, 0)", "gently behind"),
+        Binding("shift+right", "creep(1, 0)", "gently ahead"),
+        Binding("shift+up", "creep(0, 1)", "gently left"),
+        Binding("shift+down", "creep(0, -1)", "gently right"),
+        Binding("u", "undo", "undo"),
+        Binding("c", "control", "control"),
         Binding("left_square_bracket", "step(-1)", "smaller step"),
         Binding("right_square_bracket", "step(1)", "larger step"),
         Binding("f", "frame", "frame"),
@@ -99,8 +105,13 @@ class TrackApp(App[None]):
         self._summary: Summary | None = None
         self._sky: PassView | None = None
         self._ended = False
-        self._step = FIRST_STEP
-        self._frame = 0
+        self._hand = Hand()
+        self._session: SessionView | None = None
+        self._you = STARTER
+        self._refused_s: float | None = None
+        self._leave_running = False
+        self.left_running = False
+        """Whether the run goes on without this screen."""
         self._heard_s = monotonic()
         self._stop_sent_s: float | None = None
         self._leaving_since_s: float | None = None
@@ -111,6 +122,7 @@ class TrackApp(App[None]):
         """Make the parts, from top to bottom."""
         yield TitleBar()
         yield HeadlineBar()
+        yield SessionBar()
         yield Cautions()
         with Horizontal(id="state"):
             yield figures.ErrorBox()
@@ -147,18 +159,24 @@ class TrackApp(App[None]):
         """Take in what has come, and draw the newest."""
         news = self._feed.news()
         if news.rewound:
-            self._history = ErrorHistory()
-            self._ended, self._summary = False, None
+            self._begin_anew()
         for view in news.views:
             self._history.add(view)
         if news.views:
             self._view = news.views[-1]
             self._heard_s = self._monotonic()
         self._sky = news.sky or self._sky
+        if news.session is not None:
+            self._session, self._you = news.session, news.you
         self._summary = news.summary or self._summary
         self._ended = self._ended or news.ended
         self._draw()
         self._leave_when_due()
+
+    def _begin_anew(self) -> None:
+        self._history = ErrorHistory()
+        self._ended, self._summary, self._stop_sent_s = False, None, None
+        self._hand.forget()
 
     def plot(self) -> None:
         """Draw the error against time."""
@@ -174,15 +192,18 @@ class TrackApp(App[None]):
         now_s = self._monotonic()
         return Scene(
             view=self._view,
-            step=STEPS[self._step],
+            step=self._hand.step,
             news_age_s=now_s - self._heard_s,
             stop_sent_s=None if self._stop_sent_s is None else now_s - self._stop_sent_s,
             leaving=self._leaving_since_s is not None,
             ended=self._ended,
             summary=self._summary,
-            frame=FRAMES[self._frame],
+            frame=self._hand.frame,
             sky=self._sky,
             plain=self._appearance.plain,
+            session=self._session,
+            you=self._you,
+            refused_s=None if self._refused_s is None else now_s - self._refused_s,
         )
 
     def get_theme_variable_defaults(self) -> dict[str, str]:
@@ -196,24 +217,40 @@ class TrackApp(App[None]):
 
     def action_stop(self) -> None:
         """Stop everything; every press says it again. Nothing may then hide what the mount does."""
-        while len(self.screen_stack) > 1:
-            self.pop_screen()
+        self._close_dialogs()
+        self._leave_running = False
         if self._stop_sent_s is None:
             self._stop_sent_s = self._monotonic()
-        self._send(StopNow())
+        self._tell(StopNow())
 
     def action_interrupt(self) -> None:
-        """Leave as `q` does, for a program that was interrupted."""
+        """Stop the mount and leave, for a program that was interrupted."""
         self.interrupted = True
-        self.action_leave()
+        self._leave()
 
     def action_leave(self) -> None:
+        """Leave: ask first where the run can be left running; where it was started elsewhere, at once."""
+        if self._session is None or self._ended or self._leaving_since_s is not None or self._attached:
+            self._leave()
+        elif not isinstance(self.screen, LeaveDialog):
+            self._close_dialogs()
+            self.push_screen(LeaveDialog(), self._leave_as_answered)
+
+    def _leave(self) -> None:
         """Stop the mount, then leave once it is at rest; asked again, leave at once."""
-        if self._ended or self._leaving_since_s is not None:
+        self._close_dialogs()
+        if self._ended or self._attached or self._leaving_since_s is not None:
             self.exit()
             return
         self._leaving_since_s = self._monotonic()
         self.action_stop()
+
+    def _leave_as_answered(self, answer: str | None) -> None:
+        if answer == STOP:
+            self._leave()
+        elif answer == LEAVE:
+            self._leave_running = True
+            self._tell(LeaveRunning())
 
     async def action_quit(self) -> None:
         """Leave as `q` does, whoever asks."""
@@ -221,59 +258,58 @@ class TrackApp(App[None]):
 
     def action_nudge(self, along: int, across: int) -> None:
         """Move the target by one step: along its track or across it, or as the frame has it."""
-        step, frame = STEPS[self._step], FRAMES[self._frame]
-        if frame is not TRACK:
-            move, sign = (frame.across, along) if along else (frame.upward, across)
-            self._send(OffsetBy(move.what, "add", sign * step.cross_deg))
-            return
-        if along:
-            self._send(Nudge(along_s=along * step.along_s))
-        if across:
-            self._send(Nudge(cross_deg=across * step.cross_deg))
+        if self._may():
+            self._send_all(self._hand.nudge(along, across))
+
+    def action_creep(self, along: int, across: int) -> None:
+        """Move the target gently, by several steps."""
+        if self._may() and self._view is not None:
+            self._send_all(self._hand.creep(along, across, self._view))
+
+    def action_undo(self) -> None:
+        """Take back what was last done to the offsets."""
+        if self._may():
+            self._send_all(self._hand.undo())
+
+    def action_control(self) -> None:
+        """Take control, or give it up."""
+        if self._session is not None:
+            self._tell(YieldControl() if self._session.controller == self._you else TakeControl())
 
     def action_step(self, by: int) -> None:
         """Choose a smaller or a larger step."""
-        self._step = min(len(STEPS) - 1, max(0, self._step + by))
+        self._hand.resize(by)
         self._draw()
 
     def action_frame(self) -> None:
         """Go on to the next frame in which the arrows move."""
-        self._frame = (self._frame + 1) % len(FRAMES)
+        self._hand.turn_frame()
         self._draw()
 
     def action_search(self, how: str) -> None:
         """Begin a search, its size by the step; or end the one that runs where it is."""
-        step = STEPS[self._step]
-        if self._searching:
-            self._send(Search("stop"))
-        elif how == "spiral":
-            spacing_deg = SPIRAL_STEPS * step.cross_deg
-            self._send(Search(how, spacing_deg=spacing_deg, speed_deg_s=SPIRAL_ARMS_S * spacing_deg))
-        else:
-            self._send(Search(how, reach_s=SWEEP_STEPS * step.along_s, period_s=SWEEP_PERIOD_S))
+        if self._may():
+            self._send_all(self._hand.search(how, self._view))
 
     def action_cancel_search(self) -> None:
         """End a search that runs, back in its centre."""
-        if self._searching:
-            self._send(Search("cancel"))
-
-    @property
-    def _searching(self) -> bool:
-        return self._view is not None and self._view.search is not None
+        if self._may():
+            self._send_all(self._hand.cancel_search(self._view))
 
     def action_reset(self) -> None:
         """Take the offsets of the frame away."""
-        frame = FRAMES[self._frame]
-        for move in (frame.across, frame.upward):
-            self._send(OffsetBy(move.what, "reset"))
+        if self._may():
+            self._send_all(self._hand.reset(self._view))
 
     def action_clear_bias(self) -> None:
         """Take everything back: nudges, offsets, search and estimate."""
-        self._send(ClearBias())
+        if self._may():
+            self._send_all(self._hand.clear(self._view))
 
     def action_drop_remembered(self) -> None:
         """Take back the bias that an earlier pass left, and have it offered no more."""
-        self._send(DropRemembered())
+        if self._may():
+            self._tell(DropRemembered())
 
     def action_sky(self) -> None:
         """Show the sky alone, as large as it goes, or all again."""
@@ -292,10 +328,30 @@ class TrackApp(App[None]):
         self.push_screen(HelpScreen())
 
     def ask_to_leave(self) -> None:
-        """Leave soon, as `q` does; may be called from a signal handler."""
+        """Leave soon, the mount stopped; may be called from a signal handler."""
         self._leave_asked = True
 
-    def _send(self, message: Message) -> None:
+    @property
+    def _attached(self) -> bool:
+        return self._you != STARTER
+
+    def _may(self) -> bool:
+        """Tell whether keys that move the target are obeyed from here; where not, have that shown."""
+        if self._session is None or self._session.controller == self._you:
+            return True
+        self._refused_s = self._monotonic()
+        self._draw()
+        return False
+
+    def _close_dialogs(self) -> None:
+        while len(self.screen_stack) > 1:
+            self.pop_screen()
+
+    def _send_all(self, messages: Sequence[Message]) -> None:
+        for message in messages:
+            self._tell(message)
+
+    def _tell(self, message: Message | SessionMessage) -> None:
         if not self._ended:
             self._feed.send(message)
         self._draw()
@@ -315,7 +371,10 @@ class TrackApp(App[None]):
     def _leave_when_due(self) -> None:
         if self._leave_asked:
             self._leave_asked = False
-            self.action_leave()
+            self._leave()
+        if self._leave_running and self._session is not None and self._session.left_running:
+            self.left_running = True
+            self.exit()
         since_s = self._leaving_since_s
         overdue = since_s is not None and self._monotonic() - since_s > LEAVE_WITHIN_S
         if overdue or (self._ended and (since_s is not None or not self._stay)):

@@ -12,25 +12,25 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.messages import StopNow, encode_message
+from sattrack.messages import StopNow
+from sattrack.session_messages import encode_said
+from sattrack.session_view import SessionView
 from sattrack.tui.feed import News
-from sattrack.view import PassView, Summary, TrackView
+from sattrack.view import PassView, SummaryLine, TrackView
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sattrack.messages import Message
+    from sattrack.session_messages import SessionMessage
+    from sattrack.view import Summary
 
 TOLD_CHARACTERS = 8000
 
 
-class _SummaryLine(msgspec.Struct, frozen=True):
-    summary: Summary
-
-
-_Told = TrackView | PassView
+_Told = TrackView | PassView | SessionView
 _TOLD: msgspec.json.Decoder[_Told] = msgspec.json.Decoder(_Told)
-_SUMMARY: msgspec.json.Decoder[_SummaryLine] = msgspec.json.Decoder(_SummaryLine)
+_SUMMARY: msgspec.json.Decoder[SummaryLine] = msgspec.json.Decoder(SummaryLine)
 
 
 class FeederProcess:
@@ -54,6 +54,7 @@ class FeederProcess:
         os.set_blocking(self._input.fileno(), False)
         self._views: deque[TrackView] = deque()
         self._sky: PassView | None = None
+        self._session: SessionView | None = None
         self._ended = False
         self._changed = threading.Condition()
         self.summary: Summary | None = None
@@ -61,6 +62,11 @@ class FeederProcess:
         """Whether a view has come at all."""
         self._reader = threading.Thread(target=self._read, name="feeder's views", daemon=True)
         self._reader.start()
+
+    @property
+    def left_running(self) -> bool:
+        """Whether the feeder has said that it goes on without us."""
+        return self._session is not None and self._session.left_running
 
     def wait_first_view(self) -> bool:
         """Wait until a view has come; False where the stream ended without one."""
@@ -73,12 +79,12 @@ class FeederProcess:
         with self._changed:
             views = tuple(self._views)
             self._views.clear()
-            return News(views, self._ended, self.summary, self._sky)
+            return News(views, self._ended, self.summary, self._sky, session=self._session)
 
-    def send(self, message: Message) -> bool:
+    def send(self, message: Message | SessionMessage) -> bool:
         """Write a message; a stop that cannot be written is said by closing the channel instead."""
         try:
-            os.write(self._input.fileno(), encode_message(message))
+            os.write(self._input.fileno(), encode_said(message))
         except (OSError, ValueError):
             if isinstance(message, StopNow):
                 self.close_input()
@@ -138,6 +144,9 @@ class FeederProcess:
             told = _TOLD.decode(line)
             if isinstance(told, PassView):
                 self._sky = told
+                return
+            if isinstance(told, SessionView):
+                self._session = told
                 return
             self._views.append(told)
             self.viewed = True

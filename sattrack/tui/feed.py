@@ -5,8 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
+from sattrack.session_view import STARTER
+
 if TYPE_CHECKING:
     from sattrack.messages import Message
+    from sattrack.session_messages import SessionMessage
+    from sattrack.session_view import SessionView
     from sattrack.view import PassView, Summary, TrackView
 
 
@@ -23,6 +27,10 @@ class News:
     """What was told of the pass, once it has come."""
     rewound: bool = False
     """Whether the views begin anew, at an earlier instant: what was drawn from those before is void."""
+    session: SessionView | None = None
+    """Who has control and who looks on, once that was told."""
+    you: int = STARTER
+    """The number by which that knows whoever looks here."""
 
 
 class Feed(Protocol):
@@ -31,5 +39,5 @@ class Feed(Protocol):
     def news(self) -> News:
         """Return what has come since the last call."""
 
-    def send(self, message: Message) -> bool:
+    def send(self, message: Message | SessionMessage) -> bool:
         """Hand a message over; False where the run can no longer be reached."""

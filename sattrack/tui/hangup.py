@@ -11,15 +11,25 @@ import signal
 import stat
 import sys
 import threading
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from sattrack.tui.child import FeederProcess
+from typing import Protocol
 
 HUNG_UP = 128 + signal.SIGHUP
 
 
-def end_with_the_terminal(feeder: FeederProcess, patience_s: float, grace_s: float) -> None:
+class Endable(Protocol):
+    """What is to end with a terminal."""
+
+    def close_input(self) -> None:
+        """Say that nobody is there any more."""
+
+    def wait(self, seconds: float) -> int | None:
+        """Wait for the end; None where it is not over within `seconds`."""
+
+    def end_by_force(self, grace_s: float) -> int:
+        """End it by force."""
+
+
+def end_with_the_terminal(feeder: Endable, patience_s: float, grace_s: float) -> None:
     """Watch standard input from now on, where that is a terminal; its end ends the feeder, and this process.
 
     The feeder is told to stop the mount, has `patience_s` for that, and is ended by force after it: its

@@ -15,16 +15,21 @@ if TYPE_CHECKING:
 TEXT = """\
 SPACE     STOP everything, at once: ends the run, the mount comes to
           rest. Works everywhere, here too.
-q  Ctrl-C stop the mount, wait for it, leave; once more: leave at once
+q         leave: the mount stopped, or the run left running, as you say
+Ctrl-C    stop the mount, wait for it, leave; once more: leave at once
 
 ← →       point behind / ahead of it on its track (it is late / early)
 ↑ ↓       point left / right of its motion (as it goes, from below)
 f         arrows move by track, sky (→ east, ↑ north), axes or camera
+Shift     with an arrow: ten steps that way, spread over 20 s
+u         undo: take the last nudge, offset or clearing back
 [ ]       smaller / larger step, in seconds and degrees on the sky
 s  w      search: spiral / sweep along the track; again: keep it there
 Esc       end the search, back in its centre
 r         take the offsets of this frame back
 0         clear: take all back, the search and the estimate too
+c         take control of the run, or give it up: one at a time moves
+          the target, everybody stops it
 m         drop the bias remembered from an earlier pass, for good
 v  t      the sky alone, or all / next theme: night, red, contrast
 

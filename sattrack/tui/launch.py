@@ -37,7 +37,8 @@ def fly_with_tui(
 
     With `stay`, the screen of an ended run remains until it is left, so that it can be read. However the
     screen ends, the mount is told to stop, and the feeder has `patience_s` to bring it to rest. `show`
-    stands in for the screen.
+    stands in for the screen. A feeder that
+    has said that it is left running is left alone.
     """
     feeder = FeederProcess(command)
     end_with_the_terminal(feeder, patience_s, GRACE_S)
@@ -67,7 +68,9 @@ def show_screen(feed: Feed, stay: bool, appearance: Appearance) -> None:
 
 
 def _end(feeder: FeederProcess, patience_s: float) -> int:
-    """Stop the mount and wait for the feeder's end, for a bounded time."""
+    """Stop the mount and wait for the feeder's end, for a bounded time; one that is left running goes on."""
+    if feeder.left_running:
+        return 0
     feeder.send(StopNow())
     feeder.close_input()
     code = feeder.wait(min(TELL_AFTER_S, patience_s))
@@ -82,7 +85,11 @@ def _end(feeder: FeederProcess, patience_s: float) -> int:
 
 
 def _tell(feeder: FeederProcess) -> None:
+    left = feeder.left_running
     told = feeder.close()
+    if left:
+        _say("the run goes on: `sattrack attach` looks at it again, `sattrack stop` stops the mount")
+        return
     if feeder.summary is not None:
         click.echo("\n".join(summary_lines(feeder.summary)))
     elif feeder.viewed:

@@ -132,7 +132,7 @@ CSS = """
 Screen { background: $background; color: $foreground; }
 
 Panel { height: 1; text-wrap: nowrap; text-overflow: ellipsis; padding: 0 1; }
-TitleBar, HeadlineBar, TapeBar, KeyBar { background: $panel; }
+TitleBar, HeadlineBar, SessionBar, TapeBar, KeyBar { background: $panel; }
 Cautions { height: auto; max-height: 4; text-wrap: wrap; background: $surface; }
 
 #state { height: 5; }
@@ -184,6 +184,13 @@ ErrorPlot > .plot--tick { color: $tick; text-style: none; }
     #below > #bias { width: 46; }
 }
 
+.dialog {
+    width: 72; max-width: 100%; height: auto; max-height: 100%;
+    background: $surface; border: round $primary; padding: 0 2;
+}
+.dialog > Label { width: 100%; height: auto; }
+.dialog-title { text-style: bold; color: $primary; }
+LeaveDialog { align: center middle; background: $background 70%; }
 HelpScreen { align: center middle; background: $background 70%; }
 HelpScreen > VerticalScroll {
     width: 76; max-width: 100%; height: auto; max-height: 100%;

@@ -25,6 +25,7 @@ from tle.elements import Elements
 
 if TYPE_CHECKING:
     from sattrack.messages import Message
+    from sattrack.session_messages import SessionMessage
     from sattrack.view import PassView, TrackView
 
 COLUMNS, ROWS = 120, 40
@@ -75,7 +76,7 @@ class RecordedFeed:
         views, self._views = self._views, ()
         return News(views, self._ended, sky=self._sky)
 
-    def send(self, message: Message) -> bool:
+    def send(self, message: Message | SessionMessage) -> bool:
         """Take a message to nobody."""
         del message
         return False

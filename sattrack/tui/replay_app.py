@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.messages import Message
+    from sattrack.session_messages import SessionMessage
     from sattrack.tui.appearance import Appearance
     from sattrack.tui.feed import Feed
     from sattrack.tui.scene import Scene
@@ -51,7 +52,7 @@ class TapeFeed:
         summary = self._told.summary if ended else None
         return News(shown.views, ended, summary, self._told.sky, shown.rewound)
 
-    def send(self, message: Message) -> bool:
+    def send(self, message: Message | SessionMessage) -> bool:
         """Take a message to nobody."""
         del message
         return False
@@ -96,7 +97,7 @@ class ReplayApp(TrackApp, inherit_bindings=False):
         scene = super().scene
         return None if scene is None else replace(scene, news_age_s=0.0, tape=self._tape.view)
 
-    def action_leave(self) -> None:
+    def _leave(self) -> None:
         """Leave: nothing is moving."""
         self.exit()
 

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
+from sattrack.session_view import STARTER
 from sattrack.tui import words
 from sattrack.tui.frames import TRACK
 
 if TYPE_CHECKING:
+    from sattrack.session_view import SessionView
     from sattrack.tui.frames import Frame
     from sattrack.tui.steps import Step
     from sattrack.tui.tape import TapeView
@@ -19,6 +21,7 @@ ON_TARGET_ARCSEC = 2.0
 NO_NEWS_AFTER_S = 1.5
 OLD_ELEMENTS_S = 3.0 * words.DAY_S
 STOP_UNHEARD_AFTER_S = 1.5
+REFUSAL_SHOWN_S = 4.0
 
 
 class Tone(StrEnum):
@@ -68,6 +71,22 @@ class Scene:
     """Where a recording stands that is shown; None for a run that goes on now."""
     plain: bool = False
     """Whether there are no characters but those of ASCII."""
+    session: SessionView | None = None
+    """Who has control, and who looks on."""
+    you: int = STARTER
+    """The number of whoever looks here."""
+    refused_s: float | None = None
+    """Seconds since a key was of no use for want of control; None where none was."""
+
+    @property
+    def in_control(self) -> bool:
+        """Whether keys that move the target are obeyed from here."""
+        return self.session is None or self.session.controller == self.you
+
+    @property
+    def attached(self) -> bool:
+        """Whether the run was started elsewhere."""
+        return self.you != STARTER
 
     @property
     def following(self) -> bool:
@@ -122,6 +141,8 @@ def _ended(scene: Scene) -> Headline:
     if scene.tape is not None:
         why = "it is cut off here" if ended_by is None else why_ended(ended_by)
         return Headline("END", f"of the recording: {why}; q leaves", Tone.CALM)
+    if summary is None and scene.attached:
+        return Headline("RUN LOST", "no more from it: its guardian stops the mount; look after it", Tone.BAD)
     if summary is None:
         return Headline("FEEDER LOST", "it ended without a word: stop the mount by hand", Tone.BAD)
     why = why_ended(summary.ended_by)
@@ -156,6 +177,8 @@ def _cautions(scene: Scene) -> tuple[Caution, ...]:
     view = scene.view
     if scene.leaving and not scene.ended:
         found.append(Caution("leaving as soon as the mount is at rest", "q again leaves at once", Tone.CALM))
+    if scene.refused_s is not None and scene.refused_s < REFUSAL_SHOWN_S and not scene.in_control:
+        found.append(Caution("looking on: this key does nothing", "c takes control", Tone.NOTICE))
     if scene.ended:
         if scene.summary is not None and scene.summary.message:
             found.append(Caution(scene.summary.message, "", Tone.BAD))

@@ -1,0 +1,102 @@
+"""`sattrack attach`: look at the run that goes on, or take part in it."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sattrack.commands.common import CommandContext, appearance, common_options, screen_options
+from sattrack.commands.running import tui_possible
+from sattrack.errors import BadInputError, SattrackError
+from sattrack.runtime.gallery_words import SUPPORTED, feeders
+
+if TYPE_CHECKING:
+    from sattrack.session_view import Welcome
+
+SEEN_BY_BROWSER = "TEXTUAL_DRIVER"
+"""Set where another program draws the screen, as a browser's server."""
+
+
+@click.command("attach")
+@click.option("--run", "pid", type=int, metavar="PID", help="Which run, where several go on.")
+@click.option("--as", "name", metavar="NAME", help="What others see that looks on; default: this terminal.")
+@screen_options
+@common_options
+def command(context: CommandContext, pid: int | None, name: str | None, **options: Any) -> int:
+    """Look at the run that goes on, or take part in it: the same screen as that of `track`.
+
+    As many as like look on. SPACE stops the mount from any of them; c takes control, which one at a time
+    has, to move the target. Leaving does nothing to the run. With --json: what is seen, an object a line.
+    """
+    pid = chosen_run(pid)
+    name = name or _terminal()
+    if context.json:
+        return _as_json(pid, name)
+    if importlib.util.find_spec("textual_plot") is None:
+        raise SattrackError("the screen needs textual: pip install 'sattrack[tui]'")
+    if not (tui_possible() or SEEN_BY_BROWSER in os.environ):
+        raise BadInputError("attach needs a terminal; --json is for programs")
+    from sattrack.tui.attach_launch import attach_with_tui
+
+    return attach_with_tui(pid, name, appearance(context, options["theme"], options["plain"]))
+
+
+def chosen_run(pid: int | None) -> int:
+    """Return the process of the run to look at. Raises BadInputError where that is none, or in doubt."""
+    if not SUPPORTED:
+        raise SattrackError("runs can be looked at on Linux only")
+    if pid is not None:
+        return pid
+    found = feeders()
+    if not found:
+        raise SattrackError("no run goes on to look at: `sattrack track` and `demo` begin one")
+    if len(found) > 1:
+        told = "; ".join(f"--run {one}: {_told(one)}" for one in found)
+        raise BadInputError(f"{len(found)} runs go on, say which: {told}")
+    return found[0]
+
+
+def _told(pid: int) -> str:
+    from sattrack.tui.attached import welcomed
+
+    try:
+        door, lines, welcome = welcomed(pid, "a list of runs")
+    except SattrackError as error:
+        return str(error)
+    lines.close()
+    door.close()
+    return in_words(welcome)
+
+
+def in_words(welcome: Welcome) -> str:
+    """Return what a run is."""
+    return f"{welcome.name} with {welcome.mount}, `{welcome.command}`, since {welcome.since_utc}"
+
+
+def _terminal() -> str:
+    try:
+        return os.ttyname(sys.stdin.fileno()).removeprefix("/dev/")
+    except (OSError, ValueError):
+        return f"process {os.getpid()}"
+
+
+def _as_json(pid: int, name: str) -> int:
+    """Write what is seen as JSON lines, until the run ends; raises SattrackError where it is lost."""
+    from sattrack.tui.attached import welcomed
+
+    door, lines, _ = welcomed(pid, name)
+    whole = False
+    with door, lines:
+        for line in lines:
+            if line.startswith(b'{"elements"'):
+                continue
+            whole = line.startswith(b'{"summary"')
+            sys.stdout.buffer.write(line)
+            sys.stdout.buffer.flush()
+    if not whole:
+        raise SattrackError("the run ended without a word: its guardian stops the mount; look after it")
+    return 0

@@ -1,0 +1,262 @@
+"""The gallery: a small process from which any number of people look on at a run, and speak to it.
+
+Started by `gallery_link.GalleryLink`, told everything in one JSON line on the descriptor that is its only
+argument. The feeder never waits for it, nor it for anybody: who reads too slowly loses views, who says too
+much is not heard, and a stop goes before everything else. It ends with the feeder.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import signal
+import socket
+import struct
+import sys
+import time
+from collections import deque
+from dataclasses import dataclass, field
+
+import msgspec
+
+from sattrack.runtime.gallery_words import FACTS, SESSION, SUMMARY, VIEW, GalleryTask, Heard
+from sattrack.session_view import Farewell, Welcome
+
+PACKET_BYTES = 262144
+MOST_VISITORS = 64
+LONGEST_LINE = 4096
+ROOM_FOR_VIEWS = 65536
+"""Bytes that wait for somebody, beyond which views are left out."""
+MOST_WAITING = 4_000_000
+"""Bytes that wait for somebody, beyond which that one is sent away."""
+REMEMBERED_S = 180.0
+REMEMBERED_EVERY_S = 0.5
+LINES_A_SECOND = 40.0
+MOST_AT_ONCE = 40.0
+MOST_UNHEARD = 200
+"""Words that wait for the feeder, beyond which nobody new is let in, and nothing but stops taken."""
+LAST_WORDS_WITHIN_S = 2.0
+LONGEST_NAME = 40
+IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGPIPE)
+_CREDENTIALS = struct.Struct("3i")
+
+
+class _Line(msgspec.Struct, frozen=True):
+    """As much of a message as the gallery has to know."""
+
+    type: str
+    name: str = ""
+
+
+@dataclass(slots=True, eq=False)
+class Visitor:
+    """Somebody who looks on."""
+
+    door: socket.socket
+    number: int
+    out: bytearray = field(default_factory=bytearray)
+    said: bytes = b""
+    may_say: float = MOST_AT_ONCE
+    counted_s: float = 0.0
+
+
+class Gallery:
+    """Shows one run to whoever comes, until the feeder ends."""
+
+    def __init__(self, task: GalleryTask, feeder: socket.socket, door: socket.socket) -> None:
+        self._task, self._feeder, self._door = task, feeder, door
+        self._visitors: list[Visitor] = []
+        self._count = 0
+        self._kept: dict[bytes, bytes] = {}
+        """The last of what newcomers are told at once."""
+        self._views: deque[tuple[float, bytes]] = deque()
+        self._newest = b""
+        self._unheard: deque[Heard] = deque()
+        self._ended_s: float | None = None
+
+    def run(self) -> None:
+        """Show the run to its end."""
+        while not self._over():
+            self._turn()
+        for visitor in self._visitors:
+            visitor.door.close()
+
+    def _over(self) -> bool:
+        if self._ended_s is None:
+            return False
+        waiting = any(visitor.out for visitor in self._visitors)
+        return not waiting or time.monotonic() - self._ended_s > LAST_WORDS_WITHIN_S
+
+    def _turn(self) -> None:
+        reads: list[socket.socket] = [visitor.door for visitor in self._visitors]
+        writes = [visitor.door for visitor in self._visitors if visitor.out]
+        if self._ended_s is None:
+            reads.append(self._feeder)
+            if len(self._unheard) < MOST_UNHEARD:
+                reads.append(self._door)
+            if self._unheard:
+                writes.append(self._feeder)
+        readable, writable, _ = select.select(reads, writes, [], 0.5)
+        if self._feeder in readable:
+            self._take_news()
+        if self._door in readable:
+            self._admit()
+        for visitor in [one for one in self._visitors if one.door in readable]:
+            self._hear(visitor)
+        for visitor in [one for one in self._visitors if one.door in writable]:
+            self._write(visitor)
+        self._tell_feeder()
+
+    def _take_news(self) -> None:
+        try:
+            packet = self._feeder.recv(PACKET_BYTES)
+        except BlockingIOError:
+            return
+        except OSError:
+            packet = b""
+        if not packet:
+            self._ended_s = time.monotonic()
+            return
+        kind, line = packet[:1], packet[1:] + b"\n"
+        if kind == VIEW:
+            self._remember(line)
+        else:
+            self._kept[kind] = line
+        for visitor in list(self._visitors):
+            if kind != VIEW or len(visitor.out) < ROOM_FOR_VIEWS:
+                self._say(visitor, line)
+
+    def _remember(self, line: bytes) -> None:
+        now_s = time.monotonic()
+        self._newest = line
+        if not self._views or now_s - self._views[-1][0] >= REMEMBERED_EVERY_S:
+            self._views.append((now_s, line))
+        while now_s - self._views[0][0] > REMEMBERED_S:
+            self._views.popleft()
+
+    def _admit(self) -> None:
+        with contextlib.suppress(OSError):
+            door, _ = self._door.accept()
+            door.setblocking(False)
+            pid, user, _ = _CREDENTIALS.unpack(
+                door.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+            )
+            visitor = Visitor(door, self._count + 1, counted_s=time.monotonic())
+            refusal = self._refusal(user)
+            if refusal is not None:
+                visitor.out += msgspec.json.encode(Farewell(refusal)) + b"\n"
+                with contextlib.suppress(OSError):
+                    door.send(visitor.out)
+                door.close()
+                return
+            self._count += 1
+            self._visitors.append(visitor)
+            self._unheard.append(Heard(visitor.number, "came", f"process {pid}"))
+            self._welcome(visitor)
+
+    def _refusal(self, user: int) -> str | None:
+        if user not in (0, self._task.user):
+            return "this run is another user's"
+        if len(self._visitors) >= MOST_VISITORS:
+            return f"{MOST_VISITORS} look on already, and there is no more room"
+        return None
+
+    def _welcome(self, visitor: Visitor) -> None:
+        task = self._task
+        welcome = Welcome(visitor.number, task.pid, task.command, task.since_utc, task.mount, task.name)
+        first = [msgspec.json.encode(welcome) + b"\n"]
+        first += [self._kept[kind] for kind in (FACTS, SESSION) if kind in self._kept]
+        first += [line for _, line in self._views]
+        first.append(self._newest)
+        if SUMMARY in self._kept:
+            first.append(self._kept[SUMMARY])
+        self._say(visitor, b"".join(first))
+
+    def _hear(self, visitor: Visitor) -> None:
+        try:
+            data = visitor.door.recv(LONGEST_LINE)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        if not data:
+            self._dismiss(visitor)
+            return
+        *lines, visitor.said = (visitor.said + data).split(b"\n")
+        for line in lines:
+            self._take_line(visitor, line)
+        if len(visitor.said) > LONGEST_LINE:
+            self._dismiss(visitor)
+
+    def _take_line(self, visitor: Visitor, line: bytes) -> None:
+        now_s = time.monotonic()
+        earned = LINES_A_SECOND * (now_s - visitor.counted_s)
+        visitor.may_say, visitor.counted_s = min(MOST_AT_ONCE, visitor.may_say + earned), now_s
+        try:
+            told = msgspec.json.decode(line, type=_Line)
+            text = line.decode()
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+            return
+        if told.type == "stop":
+            stop = Heard(visitor.number, "said", text)
+            if stop not in self._unheard:
+                self._unheard.appendleft(stop)
+            return
+        if visitor.may_say < 1.0 or len(self._unheard) >= MOST_UNHEARD:
+            return
+        visitor.may_say -= 1.0
+        if told.type == "hello":
+            name = "".join(each for each in told.name if each.isprintable())[:LONGEST_NAME]
+            self._unheard.append(Heard(visitor.number, "came", name or f"watcher {visitor.number}"))
+            return
+        self._unheard.append(Heard(visitor.number, "said", text))
+
+    def _tell_feeder(self) -> None:
+        while self._unheard and self._ended_s is None:
+            try:
+                self._feeder.send(msgspec.json.encode(self._unheard[0]))
+            except BlockingIOError:
+                return
+            except OSError:
+                self._unheard.clear()
+                return
+            self._unheard.popleft()
+
+    def _say(self, visitor: Visitor, line: bytes) -> None:
+        visitor.out += line
+        if len(visitor.out) > MOST_WAITING:
+            self._dismiss(visitor)
+        else:
+            self._write(visitor)
+
+    def _write(self, visitor: Visitor) -> None:
+        try:
+            sent = visitor.door.send(visitor.out)
+        except BlockingIOError:
+            return
+        except OSError:
+            self._dismiss(visitor)
+            return
+        del visitor.out[:sent]
+
+    def _dismiss(self, visitor: Visitor) -> None:
+        visitor.door.close()
+        if visitor in self._visitors:
+            self._visitors.remove(visitor)
+            self._unheard.append(Heard(visitor.number, "gone"))
+
+
+def main() -> int:
+    """Run the process; returns its exit code."""
+    for number in IGNORED:
+        signal.signal(number, signal.SIG_IGN)
+    feeder = socket.socket(fileno=int(sys.argv[1]))
+    feeder.settimeout(10.0)
+    task = msgspec.json.decode(feeder.recv(PACKET_BYTES), type=GalleryTask)
+    feeder.setblocking(False)
+    Gallery(task, feeder, socket.socket(fileno=task.door)).run()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

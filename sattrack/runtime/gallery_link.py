@@ -1,0 +1,139 @@
+"""The feeder's end of its gallery: show what there is to see, hear what is said, wait for neither."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import socket
+import subprocess
+import sys
+import time
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from sattrack.runtime.facts import encode_facts
+from sattrack.runtime.gallery_words import (
+    FACTS,
+    SESSION,
+    SUMMARY,
+    SUPPORTED,
+    VIEW,
+    GalleryTask,
+    Heard,
+    name_for,
+)
+from sattrack.runtime.owner import this_command, this_user
+from sattrack.view import SummaryLine
+
+if TYPE_CHECKING:
+    from sattrack.runtime.facts import RunFacts
+    from sattrack.session_view import SessionView
+    from sattrack.view import Summary, TrackView
+
+BACKLOG = 128
+HEARD_AT_ONCE = 20
+END_WITHIN_S = 3.0
+SUMMARY_WITHIN_S = 0.5
+PACKET_BYTES = 65536
+
+
+class GalleryLink:
+    """A gallery at work. Where it dies, the run goes on, and nobody can look on any more."""
+
+    def __init__(self, facts: RunFacts) -> None:
+        """Start the process. Raises OSError where it, or the name, is not to be had."""
+        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs, socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as door:
+            try:
+                door.bind(name_for(os.getpid()))
+                door.listen(BACKLOG)
+                door.setblocking(False)
+                self._process = subprocess.Popen(
+                    [sys.executable, "-m", "sattrack.runtime.gallery", str(theirs.fileno())],
+                    stdin=subprocess.DEVNULL,
+                    stdout=subprocess.DEVNULL,
+                    pass_fds=[theirs.fileno(), door.fileno()],
+                    start_new_session=True,
+                )
+            except OSError:
+                self._socket.close()
+                raise
+            task = GalleryTask(
+                door=door.fileno(),
+                user=this_user(),
+                pid=os.getpid(),
+                command=this_command(),
+                since_utc=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+                mount=facts.mount_name,
+                name=facts.elements.label,
+            )
+        self._socket.setblocking(False)
+        self._gone = False
+        self._send(msgspec.json.encode(task))
+        self._send(FACTS + encode_facts(facts))
+        self._decoder = msgspec.json.Decoder(Heard)
+
+    @property
+    def pid(self) -> int:
+        """The gallery's process number."""
+        return self._process.pid
+
+    def show(self, view: TrackView) -> None:
+        """Show a view; where the gallery does not keep up, it is lost."""
+        self._send(VIEW + msgspec.json.encode(view))
+
+    def tell(self, session: SessionView) -> bool:
+        """Say who has control; tell whether that went through."""
+        return self._send(SESSION + msgspec.json.encode(session))
+
+    def tell_end(self, summary: Summary) -> None:
+        """Say what the run came to, when its loop is over."""
+        with contextlib.suppress(OSError):
+            self._socket.settimeout(SUMMARY_WITHIN_S)
+            self._socket.send(SUMMARY + msgspec.json.encode(SummaryLine(summary)))
+
+    def heard(self) -> list[Heard]:
+        """Return what was said and who came and went, a bounded part of it, without waiting."""
+        found: list[Heard] = []
+        while len(found) < HEARD_AT_ONCE and not self._gone:
+            try:
+                packet = self._socket.recv(PACKET_BYTES)
+            except BlockingIOError:
+                break
+            except OSError:
+                packet = b""
+            if not packet:
+                self._gone = True
+                break
+            found.append(self._decoder.decode(packet))
+        return found
+
+    def close(self) -> None:
+        """Let go; the gallery ends once everybody has heard the last."""
+        self._socket.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_WITHIN_S)
+
+    def _send(self, packet: bytes) -> bool:
+        if self._gone:
+            return False
+        try:
+            self._socket.send(packet)
+        except BlockingIOError:
+            return False
+        except OSError as error:
+            self._gone = error.errno != errno.EMSGSIZE
+            return False
+        return True
+
+
+def open_gallery(facts: RunFacts) -> GalleryLink | None:
+    """Start a gallery; None where there are no such names, or it cannot be started."""
+    if not SUPPORTED:
+        return None
+    try:
+        return GalleryLink(facts)
+    except OSError:
+        return None

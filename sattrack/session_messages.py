@@ -1,0 +1,58 @@
+"""What can be said about a run's control, besides what is said to the run: one JSON object a line.
+
+`{"type":"take_control"}`, `{"type":"yield_control"}`, `{"type":"leave_running"}`.
+"""
+
+from __future__ import annotations
+
+import msgspec
+
+from sattrack.messages import (
+    ClearBias,
+    DropRemembered,
+    Message,
+    Nudge,
+    Observation,
+    OffsetBy,
+    Search,
+    StopNow,
+)
+
+
+class TakeControl(msgspec.Struct, frozen=True, tag="take_control", forbid_unknown_fields=True):
+    """Have control from now on, whoever had it."""
+
+
+class YieldControl(msgspec.Struct, frozen=True, tag="yield_control", forbid_unknown_fields=True):
+    """Give control up, for anybody to take."""
+
+
+class LeaveRunning(msgspec.Struct, frozen=True, tag="leave_running", forbid_unknown_fields=True):
+    """From whoever started the run: the end of this channel is not to stop it."""
+
+
+SessionMessage = TakeControl | YieldControl | LeaveRunning
+
+_Any = (
+    Nudge
+    | ClearBias
+    | DropRemembered
+    | StopNow
+    | OffsetBy
+    | Search
+    | Observation
+    | TakeControl
+    | YieldControl
+    | LeaveRunning
+)
+_DECODER: msgspec.json.Decoder[_Any] = msgspec.json.Decoder(_Any)
+
+
+def encode_said(message: Message | SessionMessage) -> bytes:
+    """Return a message as one JSON line, its end included."""
+    return msgspec.json.encode(message) + b"\n"
+
+
+def decode_said(line: bytes | str) -> Message | SessionMessage:
+    """Return the message of one JSON line; raises msgspec.MsgspecError."""
+    return _DECODER.decode(line)

@@ -1,0 +1,213 @@
+"""The gallery as a process: whoever looks on, slowly, loudly or not at all, never holds up the feeder."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import select
+import socket
+import time
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import pytest
+
+from sattrack import practice
+from sattrack.messages import StopNow
+from sattrack.runtime.desk import Desk
+from sattrack.runtime.gallery import MOST_VISITORS
+from sattrack.runtime.gallery_link import GalleryLink
+from sattrack.runtime.gallery_words import SUPPORTED, feeders, name_for
+from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.runtime.session_inbox import SessionInbox
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sattrack.view import TrackView
+
+pytestmark = pytest.mark.skipif(not SUPPORTED, reason="abstract names are Linux's")
+PATIENCE_S = 20.0
+
+
+@pytest.fixture(scope="module")
+def facts():
+    request = RunRequest(
+        satellite=practice.NAME,
+        mount_url="sim",
+        elements=None,
+        site=None,
+        clock_option=practice.BEFORE_PASS,
+        min_alt_deg=10.0,
+    )
+    return prepare(request).facts
+
+
+@pytest.fixture(scope="module")
+def view(facts) -> TrackView:
+    from sattrack.runtime.facts import build_engine
+
+    return build_engine(facts).view(facts.started_utc_s)
+
+
+@pytest.fixture
+def gallery(facts) -> Iterator[GalleryLink]:
+    made = GalleryLink(facts)
+    yield made
+    made.close()
+
+
+class Visitor:
+    """Somebody at the gallery, with patience."""
+
+    def __init__(self) -> None:
+        self.door = socket.socket(socket.AF_UNIX)
+        self.door.settimeout(PATIENCE_S)
+        self.door.connect(name_for(os.getpid()))
+        self._lines = self.door.makefile("rb")
+
+    def say(self, *messages: dict[str, Any]) -> None:
+        self.door.sendall(b"".join(json.dumps(each).encode() + b"\n" for each in messages))
+
+    def next(self, kind: str) -> dict[str, Any]:
+        for line in self._lines:
+            told: dict[str, Any] = json.loads(line)
+            if told.get("type") == kind or kind in told:
+                return told
+        raise AssertionError(f"no {kind} came before the end")
+
+    def close(self) -> None:
+        self._lines.close()
+        self.door.close()
+
+
+@contextlib.contextmanager
+def visitors(count: int = 1) -> Iterator[list[Visitor]]:
+    found = [Visitor() for _ in range(count)]
+    yield found
+    for each in found:
+        each.close()
+
+
+def heard_until(inbox: SessionInbox, done) -> list[Any]:
+    """Let the inbox turn as the loop does, until something is so."""
+    until_s = time.monotonic() + PATIENCE_S
+    obeyed: list[Any] = []
+    while not done(obeyed):
+        assert time.monotonic() < until_s
+        obeyed += inbox.messages()
+        select.select([], [], [], 0.002)
+    return obeyed
+
+
+def test_whoever_comes_is_welcomed_with_what_was_shown_and_sees_what_is_shown(
+    gallery: GalleryLink, view: TrackView
+) -> None:
+    gallery.show(view)
+    with visitors(2) as (first, second):
+        for number, each in enumerate((first, second), start=1):
+            welcome = each.next("welcome")
+            assert welcome["you"] == number
+            assert welcome["pid"] == os.getpid()
+            assert each.next("elements")["elements"]["catalog_number"] == 25544
+            assert each.next("view")["utc_s"] == view.utc_s
+        gallery.show(msgspec.structs.replace(view, utc_s=view.utc_s + 1.0))
+        while (shown := first.next("view"))["utc_s"] != view.utc_s + 1.0:
+            assert shown["utc_s"] == view.utc_s
+    assert os.getpid() in feeders()
+
+
+def test_one_who_does_not_read_costs_nobody_anything(gallery: GalleryLink, view: TrackView) -> None:
+    with visitors(2) as (silent, reading):
+        reading.next("welcome")
+        longest_s = 0.0
+        for number in range(600):
+            shown = msgspec.structs.replace(view, utc_s=float(number))
+            begun_s = time.monotonic()
+            gallery.show(shown)
+            longest_s = max(longest_s, time.monotonic() - begun_s)
+            if number % 20 == 0:
+                while reading.next("view")["utc_s"] < number:
+                    pass
+        assert longest_s < 0.05
+        # A stop of one who has read nothing for so long is heard all the same.
+        inbox = SessionInbox(Desk(True), None, gallery)
+        silent.say({"type": "stop"})
+        assert heard_until(inbox, bool) == [StopNow()]
+
+
+def test_a_flood_of_words_is_bounded_and_a_stop_of_another_comes_through(gallery: GalleryLink) -> None:
+    desk = Desk(False)
+    inbox = SessionInbox(desk, None, gallery)
+    with visitors(2) as (loud, quiet):
+        loud.say({"type": "take_control"})
+        heard_until(inbox, lambda _: desk.controller is not None)
+        loud.door.setblocking(False)
+        nudge, sent = json.dumps({"type": "nudge", "along_s": 0.1}).encode() + b"\n", 0
+        until_s = time.monotonic() + 0.5
+        most = 0
+        while time.monotonic() < until_s:
+            with contextlib.suppress(BlockingIOError):
+                sent += loud.door.send(nudge * 50)
+            most = max(most, len(inbox.messages()))
+        assert sent > 100 * len(nudge)
+        assert most <= 20
+        quiet.say({"type": "stop"})
+        obeyed = heard_until(inbox, lambda heard: StopNow() in heard)
+    assert len(obeyed) < 100
+
+
+@pytest.mark.parametrize(
+    "rubbish", [b"\xff\xfe\n", b"{}\n", b"[]\n", b'{"type":"fire"}\n', b"[" * 3000 + b"\n", b"\n" * 50]
+)
+def test_rubbish_moves_nothing_and_its_sender_is_still_heard(gallery: GalleryLink, rubbish: bytes) -> None:
+    inbox = SessionInbox(Desk(True), None, gallery)
+    with visitors(1) as (one,):
+        one.door.sendall(rubbish)
+        one.say({"type": "stop"})
+        assert heard_until(inbox, bool) == [StopNow()]
+
+
+def test_a_line_without_end_sends_its_writer_away(gallery: GalleryLink, view: TrackView) -> None:
+    with visitors(2) as (endless, other):
+        endless.next("welcome")
+        with contextlib.suppress(OSError):
+            endless.door.sendall(b"x" * 100_000)
+        with contextlib.suppress(OSError):
+            while endless.door.recv(65536):
+                pass
+        gallery.show(view)
+        other.next("view")
+
+
+def test_there_is_room_for_so_many_and_the_next_is_told(gallery: GalleryLink) -> None:
+    desk = Desk(True)
+    inbox = SessionInbox(desk, None, gallery)
+    with visitors(MOST_VISITORS) as crowd:
+        heard_until(inbox, lambda _: desk.view().watching == MOST_VISITORS)
+        with visitors(1) as (late,):
+            assert "no more room" in late.next("farewell")["why"]
+        crowd[0].close()
+        heard_until(inbox, lambda _: desk.view().watching == MOST_VISITORS - 1)
+
+
+def test_a_gallery_that_dies_takes_nothing_with_it(gallery: GalleryLink, view: TrackView) -> None:
+    inbox = SessionInbox(Desk(True), None, gallery)
+    gallery.show(view)
+    gallery._process.kill()
+    gallery._process.wait()
+
+    for _ in range(3):
+        gallery.show(view)
+        assert inbox.messages() == []
+        assert not gallery.tell(Desk(True).view())
+
+
+def test_it_ends_with_its_feeder_when_all_is_told(gallery: GalleryLink, view: TrackView) -> None:
+    with visitors(1) as (one,):
+        gallery.show(view)
+        one.next("view")
+        gallery.close()
+        assert one.door.recv(1) == b""
+    assert gallery._process.poll() == 0

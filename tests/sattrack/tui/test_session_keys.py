@@ -1,0 +1,191 @@
+"""The keys of control, of leaving, and of what can be taken back."""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING
+
+import pytest
+from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed
+
+from sattrack.messages import ClearBias, Nudge, OffsetBy, StopNow
+from sattrack.session_messages import LeaveRunning, TakeControl, YieldControl
+from sattrack.session_view import STARTER, SessionView, Watcher
+from sattrack.tui.app import TrackApp
+from sattrack.tui.feed import News
+from sattrack.tui.leave_dialog import LeaveDialog
+from sattrack.view import OffsetView
+
+if TYPE_CHECKING:
+    from sattrack.messages import Message
+
+ANNA = 3
+HERE = SessionView(STARTER, (), 0)
+ELSEWHERE = SessionView(ANNA, (Watcher(ANNA, "anna"),), 1, said="anna took control")
+OFFSETS = (OffsetView("along_s", 0.3, 0.3, 0.0), OffsetView("dec_deg", 0.02, 0.02, 0.0))
+
+
+def press(feed: FakeFeed, *keys: str) -> TrackApp:
+    """Run the screen at 80 × 24, press keys, and return the app as it then stood."""
+
+    async def run() -> TrackApp:
+        app = TrackApp(feed, monotonic=HandClock())
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.press(*keys)
+            await pilot.pause()
+        return app
+
+    return asyncio.run(run())
+
+
+def told(session: SessionView | None, you: int = STARTER, **changes: object) -> FakeFeed:
+    return FakeFeed([News((changed(VIEW, **changes),), session=session, you=you)])
+
+
+@pytest.mark.parametrize(
+    ("session", "you", "keys", "messages"),
+    [
+        (HERE, STARTER, ["right"], [Nudge(along_s=0.1)]),
+        (HERE, STARTER, ["c"], [YieldControl()]),
+        (ELSEWHERE, STARTER, ["c"], [TakeControl()]),
+        (ELSEWHERE, STARTER, ["right", "up", "0", "s", "w", "escape", "r", "m", "u", "shift+left"], []),
+        (ELSEWHERE, STARTER, ["space"], [StopNow()]),
+        (ELSEWHERE, 4, ["right", "space"], [StopNow()]),
+        (ELSEWHERE, ANNA, ["right"], [Nudge(along_s=0.1)]),
+        (ELSEWHERE, ANNA, ["c"], [YieldControl()]),
+        (None, STARTER, ["c"], []),
+        (HERE, STARTER, ["q"], []),
+        (HERE, STARTER, ["q", "x"], []),
+        (HERE, STARTER, ["q", "escape", "right"], [Nudge(along_s=0.1)]),
+        (HERE, STARTER, ["q", "right"], []),
+        (HERE, STARTER, ["q", "s"], [StopNow()]),
+        (HERE, STARTER, ["q", "q"], [StopNow()]),
+        (HERE, STARTER, ["q", "l"], [LeaveRunning()]),
+        (HERE, STARTER, ["q", "space"], [StopNow()]),
+        (HERE, STARTER, ["q", "ctrl+c"], [StopNow()]),
+        (HERE, STARTER, ["ctrl+c"], [StopNow()]),
+        (ELSEWHERE, 4, ["q"], []),
+        (ELSEWHERE, ANNA, ["ctrl+c"], []),
+        (HERE, STARTER, ["shift+right"], [OffsetBy("along_s", "gradual", 1.0, 20.0)]),
+        (HERE, STARTER, ["shift+down"], [OffsetBy("cross_deg", "gradual", -0.1, 20.0)]),
+        (HERE, STARTER, ["right", "u"], [Nudge(along_s=0.1), Nudge(along_s=-0.1)]),
+        (HERE, STARTER, ["u"], []),
+        (HERE, STARTER, ["up", "left", "u", "u", "u"], [
+            Nudge(cross_deg=0.01), Nudge(along_s=-0.1), Nudge(along_s=0.1), Nudge(cross_deg=-0.01)]),
+        (HERE, STARTER, ["f", "up", "u"], [
+            OffsetBy("dec_deg", "add", 0.01), OffsetBy("dec_deg", "add", -0.01)]),
+        (HERE, STARTER, ["shift+right", "u"], [
+            OffsetBy("along_s", "gradual", 1.0, 20.0), OffsetBy("along_s", "set", 0.0)]),
+    ],
+)  # fmt: skip
+def test_each_key_says_what_one_may_say(
+    session: SessionView | None, you: int, keys: list[str], messages: list[Message]
+) -> None:
+    feed = told(session, you)
+    press(feed, *keys)
+
+    assert feed.sent == messages
+
+
+def test_a_gradual_nudge_goes_on_from_what_was_asked_for_and_undo_goes_back_there() -> None:
+    feed = told(HERE, offsets=OFFSETS)
+    press(feed, "shift+right", "u")
+
+    assert feed.sent == [OffsetBy("along_s", "gradual", 1.3, 20.0), OffsetBy("along_s", "set", 0.3)]
+
+
+def test_clearing_is_taken_back_offset_by_offset() -> None:
+    feed = told(HERE, offsets=OFFSETS)
+    press(feed, "0", "u")
+
+    assert feed.sent == [ClearBias(), OffsetBy("along_s", "set", 0.3), OffsetBy("dec_deg", "set", 0.02)]
+
+
+def test_a_frame_s_reset_is_taken_back_for_that_frame() -> None:
+    feed = told(HERE, offsets=OFFSETS)
+    press(feed, "f", "r", "u")
+
+    assert feed.sent[-1:] == [OffsetBy("dec_deg", "set", 0.02)]
+
+
+@pytest.mark.parametrize(("you", "leaves"), [(STARTER, False), (4, True)])
+def test_leaving_asks_where_the_run_was_started_and_nowhere_else(you: int, leaves: bool) -> None:
+    feed = told(HERE, you)
+    app = press(feed, "q")
+
+    assert app._exit is leaves
+    assert feed.sent == []
+
+
+def test_the_screen_goes_once_the_run_has_said_that_it_is_left_running(hand_clock: HandClock) -> None:
+    feed = told(HERE)
+
+    async def run() -> None:
+        app = TrackApp(feed, monotonic=hand_clock)
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.press("q", "l")
+            app.look()
+            assert not app._exit
+            feed.coming.append(News((VIEW,), session=SessionView(None, (), 0, left_running=True)))
+            app.look()
+            assert app._exit
+            assert app.left_running
+
+    asyncio.run(run())
+    assert feed.sent == [LeaveRunning()]
+
+
+def test_a_stop_after_leaving_was_asked_for_stays_to_see_it_through(hand_clock: HandClock) -> None:
+    feed = told(HERE)
+
+    async def run() -> None:
+        app = TrackApp(feed, monotonic=hand_clock)
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.press("q", "l", "space")
+            feed.coming.append(News((VIEW,), session=SessionView(None, (), 0, left_running=True)))
+            app.look()
+            assert not app._exit
+
+    asyncio.run(run())
+    assert feed.sent == [LeaveRunning(), StopNow()]
+
+
+def test_the_question_does_not_come_for_a_run_that_has_ended() -> None:
+    feed = FakeFeed([News((VIEW,), True, SUMMARY, session=HERE)])
+    app = press(feed, "q")
+
+    assert app._exit
+    assert not isinstance(app.screen_stack[-1] if app.screen_stack else None, LeaveDialog)
+
+
+@pytest.mark.parametrize(
+    ("session", "you", "shown", "words"),
+    [
+        (HERE, STARTER, False, ""),
+        (ELSEWHERE, STARTER, True, "LOOKING ON  control: anna  c takes it  1 other"),
+        (ELSEWHERE, ANNA, False, ""),
+        (SessionView(None, (Watcher(4, "ben"),), 1), 4, True, "LOOKING ON  control: nobody  c takes it"),
+        (SessionView(ANNA, (), 2), ANNA, True, "IN CONTROL   1 other"),
+        (SessionView(STARTER, (), 2), STARTER, True, "IN CONTROL   2 others"),
+    ],
+)
+def test_who_has_control_is_said_to_whoever_is_not_alone(
+    session: SessionView, you: int, shown: bool, words: str
+) -> None:
+    from sattrack.tui.session_bar import SessionBar
+
+    async def run() -> tuple[bool, str]:
+        app = TrackApp(told(session, you), monotonic=HandClock())
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.pause()
+            bar = app.query_one(SessionBar)
+            return bar.display, str(bar.render())
+
+    display, text = asyncio.run(run())
+    assert display is shown
+    if shown:
+        assert (
+            text.replace(" LOOKING ON ", "LOOKING ON ")
+            .replace(" IN CONTROL ", "IN CONTROL ")
+            .startswith(words)
+        )
