@@ -1,0 +1,62 @@
+"""Immutable states of a schedule that runs: for the terminal, JSON lines, the status file, a screen."""
+
+from __future__ import annotations
+
+import msgspec
+
+
+class PassView(msgspec.Struct, frozen=True):
+    """One pass of the night's plan, and what has become of it.
+
+    `state` is "waiting", "in progress", "done", "partly" or "lost"; `cause` and `words` say why it is one of
+    the last two. `parts` counts the goes at it: more than one after a restart or a lost link.
+    """
+
+    number: int
+    name: str
+    catalog_number: int
+    start_utc: str
+    culminate_utc: str
+    end_utc: str
+    max_alt_deg: float
+    priority: float
+    state: str
+    cause: str | None = None
+    words: str | None = None
+    on_target_s: float | None = None
+    rms_arcsec: float | None = None
+    parts: int = 0
+    recordings: tuple[str, ...] = ()
+
+
+class ScheduleView(msgspec.Struct, frozen=True, tag="schedule"):
+    """Everything about a schedule that runs, at one instant; `utc_s` as POSIX seconds of UTC.
+
+    `state` is one of the states in docs/schedules.md, `doing` the same in words. `mount` is "unknown",
+    "at rest", "at park" (there, drives on), "parked" (drives off) or "moving". `current` and `next_number`
+    are numbers of `passes`. `running` is False where the process that wrote it has ended, or died.
+    """
+
+    utc_s: float
+    schedule: str
+    state: str
+    doing: str
+    mount: str
+    night: int
+    from_utc: str
+    to_utc: str
+    passes: tuple[PassView, ...]
+    not_planned: int
+    """Passes that were seen and lost to others, or were infeasible, as the plan was made."""
+    current: int | None = None
+    next_number: int | None = None
+    next_in_s: float | None = None
+    """Seconds until the next pass begins to be followed."""
+    weather: str | None = None
+    notes: tuple[str, ...] = ()
+    """The last things that were worth saying."""
+    summary: str | None = None
+    """The file of the last morning's summary."""
+    folder: str = ""
+    pid: int | None = None
+    running: bool = True
