@@ -1,0 +1,84 @@
+"""MoveAxis as ASCOM means it: rates of the axes themselves, in force until other ones are told."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sattrack.manual.procedures import Outcome, Refusal, outcome_of
+from sattrack.mount import SIDEREAL_RATE_DEG_S
+from sattrack.requests import EndMove, MoveAxis, Ticket, TicketState
+
+if TYPE_CHECKING:
+    from sattrack.manual.procedures import Desk
+
+PRIMARY = 0
+SECONDARY = 1
+
+
+def as_request(axis: int, rate_deg_s: float) -> MoveAxis:
+    """Return the request that turns an axis at a rate of its own, westward or northward.
+
+    The primary axis' rate stands in place of sidereal tracking; what a Xerxes mount is told adds to it. Rate
+    0 is no standstill: it gives the axis back to what it did before, which is the sky.
+    """
+    if axis == SECONDARY:
+        return MoveAxis(dec_rate_deg_s=rate_deg_s)
+    return MoveAxis(ra_rate_deg_s=SIDEREAL_RATE_DEG_S - rate_deg_s if rate_deg_s else 0.0)
+
+
+class Drive:
+    """A MoveAxis of one axis or both, a procedure of the console, until both are told to end."""
+
+    doing = "moving by MoveAxis"
+
+    def __init__(self, axis: int, rate_deg_s: float) -> None:
+        self._rates = {axis: rate_deg_s}
+        self._ticket: Ticket | None = None
+        self._ending: Ticket | None = None
+
+    @property
+    def moves(self) -> bool:
+        """Whether an axis is to move, as far as it was told."""
+        return any(self._rates.values())
+
+    def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+        """See Procedure."""
+        (axis, rate_deg_s) = next(iter(self._rates.items()))
+        return self._ask(desk, as_request(axis, rate_deg_s), now_utc_s)
+
+    def change(self, desk: Desk, axis: int, rate_deg_s: float, now_utc_s: float) -> Refusal | None:
+        """Turn an axis at another rate; what the other one does stays."""
+        after = {**self._rates, axis: rate_deg_s}
+        if not any(after.values()):
+            self._rates = after
+            return self._end(desk, now_utc_s)
+        refusal = self._ask(desk, as_request(axis, rate_deg_s), now_utc_s)
+        if refusal is None:
+            self._rates, self._ending = after, None
+        return refusal
+
+    def step(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+        """See Procedure."""
+        del desk, now_utc_s
+        if self._ending is not None:
+            return outcome_of(self._ending)
+        ticket = self._ticket
+        if ticket is None or not ticket.settled or ticket.state is TicketState.COMPLETE:
+            return None
+        return outcome_of(ticket)
+
+    def _ask(self, desk: Desk, request: MoveAxis, now_utc_s: float) -> Refusal | None:
+        asked = desk.submit(request, now_utc_s)
+        if isinstance(asked, Refusal):
+            return asked
+        self._ticket = asked
+        return None
+
+    def _end(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+        if self._ending is not None:
+            return None
+        asked = desk.submit(EndMove(), now_utc_s)
+        if isinstance(asked, Refusal):
+            return asked
+        self._ending = asked
+        return None

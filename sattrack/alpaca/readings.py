@@ -1,0 +1,142 @@
+"""The values of members: what the device fixes, and what the mount said last. UTC as POSIX seconds."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from sattrack.alpaca.actions import ACTIONS
+from sattrack.alpaca.faults import Fault, Number
+from sattrack.alpaca.members import DRIVE_RATES, INTERFACE_VERSION
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from sattrack.alpaca.device import Device
+    from sattrack.alpaca.messages import TelescopeState
+    from sattrack.alpaca.parameters import Value
+
+SIDEREAL_A_SECOND = 86400.0 / 86164.0905
+"""Sidereal seconds in one of UTC."""
+DEG_A_TIME_SECOND = 15.0 / 3600.0
+TOPOCENTRIC = 1
+CHANGING = (
+    "Altitude",
+    "AtHome",
+    "AtPark",
+    "Azimuth",
+    "Declination",
+    "IsPulseGuiding",
+    "RightAscension",
+    "SideOfPier",
+    "SiderealTime",
+    "Slewing",
+    "Tracking",
+)
+"""What DeviceState tells, by ITelescopeV4's definition, beside the instant."""
+
+
+def fixed_value(
+    state: TelescopeState | None, device: Device, name: str, values: Mapping[str, Value], now_utc_s: float
+) -> Any:
+    """Return the value of a member that needs no mount that is heard."""
+    if name == "UTCDate":
+        return _now(now_utc_s)
+    if name.startswith("Site"):
+        return _site(state, device)[("SiteLatitude", "SiteLongitude", "SiteElevation").index(name)]
+    if name in {"AxisRates", "CanMoveAxis"}:
+        most = device.max_rate_deg_s(int(values["Axis"]))
+        if name == "CanMoveAxis":
+            return most > 0.0
+        return [{"Maximum": most, "Minimum": 0.0}] if most > 0.0 else []
+    return _FIXED[name](device)
+
+
+def told_value(
+    state: TelescopeState, device: Device, name: str, values: Mapping[str, Value], now_utc_s: float
+) -> Any:
+    """Return the value of a member by what the mount says of itself. Raises Fault where it does not."""
+    if name == "DeviceState":
+        return _device_state(state, now_utc_s)
+    if name == "DestinationSideOfPier":
+        hour_angle_h = state.sidereal_h - float(values["RightAscension"])
+        return device.destination_side(math.remainder(hour_angle_h * 15.0, 360.0))
+    if name == "Slewing" and state.failure is not None and not state.slewing:
+        raise Fault(Number.DRIVER, state.failure)
+    value = _TOLD[name](state)
+    if value is None:
+        raise Fault(Number.NOT_IMPLEMENTED, f"{name}: the mount does not tell it")
+    return value
+
+
+def _device_state(state: TelescopeState, now_utc_s: float) -> list[dict[str, Any]]:
+    told: list[dict[str, Any]] = []
+    for name in CHANGING:
+        value = _TOLD[name](state)
+        # By the definition, what is not known is left out.
+        if value is not None and (name != "Slewing" or state.failure is None):
+            told.append({"Name": name, "Value": value})
+    now = _now(now_utc_s)
+    return [*told, {"Name": "UTCDate", "Value": now}, {"Name": "TimeStamp", "Value": now}]
+
+
+def _site(state: TelescopeState | None, device: Device) -> tuple[float, float, float]:
+    """Return latitude, longitude and height: the mount's own where it has them, else the site's."""
+    site = device.site
+    if state is None or state.site_latitude_deg is None or state.site_longitude_deg is None:
+        return site.latitude_deg, site.longitude_deg, site.height_m
+    return state.site_latitude_deg, state.site_longitude_deg, state.site_height_m or 0.0
+
+
+def _now(now_utc_s: float) -> str:
+    return Utc(now_utc_s).isoformat("milliseconds")
+
+
+_FIXED: dict[str, Callable[[Device], Any]] = {
+    "AlignmentMode": lambda device: device.alignment,
+    "CanFindHome": lambda device: device.profile.home is not None,
+    "CanPark": lambda device: device.profile.park is not None,
+    "Description": lambda device: device.description,
+    "DriverInfo": lambda device: device.info,
+    "DriverVersion": lambda device: device.version,
+    "Name": lambda device: device.name,
+    "Connecting": lambda _: False,
+    "InterfaceVersion": lambda _: INTERFACE_VERSION,
+    "SupportedActions": lambda _: list(ACTIONS),
+    "EquatorialSystem": lambda _: TOPOCENTRIC,
+    "TrackingRate": lambda _: DRIVE_RATES[0],
+    "TrackingRates": lambda _: [DRIVE_RATES[0]],
+    "CanPulseGuide": lambda _: True,
+    "CanSetDeclinationRate": lambda _: True,
+    "CanSetRightAscensionRate": lambda _: True,
+    "CanSlew": lambda _: True,
+    "CanSlewAsync": lambda _: True,
+    "CanSync": lambda _: True,
+    "CanSetGuideRates": lambda _: False,
+    "CanSetPark": lambda _: False,
+    "CanSetPierSide": lambda _: False,
+    "CanSetTracking": lambda _: False,
+    "CanSlewAltAz": lambda _: False,
+    "CanSlewAltAzAsync": lambda _: False,
+    "CanSyncAltAz": lambda _: False,
+    "CanUnpark": lambda _: False,
+}
+_TOLD: dict[str, Callable[[TelescopeState], Any]] = {
+    "Altitude": lambda state: state.altitude_deg,
+    "AtHome": lambda state: state.at_home,
+    "AtPark": lambda state: state.at_park,
+    "Azimuth": lambda state: state.azimuth_deg,
+    "Declination": lambda state: state.dec_deg,
+    "DeclinationRate": lambda state: state.dec_offset_deg_s * 3600.0,
+    "DoesRefraction": lambda state: state.does_refraction,
+    "GuideRateDeclination": lambda state: state.dec_guide_rate_deg_s,
+    "GuideRateRightAscension": lambda state: state.ra_guide_rate_deg_s,
+    "IsPulseGuiding": lambda state: state.pulse_guiding,
+    "RightAscension": lambda state: state.ra_h,
+    "RightAscensionRate": lambda state: -state.ra_offset_deg_s / DEG_A_TIME_SECOND / SIDEREAL_A_SECOND + 0.0,
+    "SideOfPier": lambda state: int(state.beyond_pole),
+    "SiderealTime": lambda state: state.sidereal_h,
+    "Slewing": lambda state: state.slewing,
+    "Tracking": lambda state: state.tracking,
+}

@@ -1,0 +1,463 @@
+"""The mount's side of an Alpaca telescope, without I/O: orders and datagrams in, datagrams and answers out.
+
+One mount behind a console, as by hand, or, while a satellite is followed, behind an engine, as `track` has
+it. Both pass `safety`; what the one knows of the cables' winding the other takes over.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sattrack.alpaca.drive import Drive
+from sattrack.alpaca.faults import Fault, Number
+from sattrack.alpaca.messages import (
+    AbortOrder,
+    Answered,
+    BiasOrder,
+    FineOrder,
+    FollowedState,
+    FollowOrder,
+    HomeOrder,
+    MoveOrder,
+    ParkOrder,
+    PulseOrder,
+    SlewOrder,
+    SyncOrder,
+)
+from sattrack.alpaca.resting import Resting
+from sattrack.alpaca.standing import Standing, state_of
+from sattrack.bias_view import bias_fields
+from sattrack.manual.console import Console
+from sattrack.manual.procedures import procedure_for
+from sattrack.messages import OffsetBy, StopNow
+from sattrack.mount import Hold
+from sattrack.requests import FindHome, FineRate, Park, PulseGuide, Slew, Sync, TicketState
+from sattrack.tracker import FOLLOWING
+from sattrack.xerxes.link import LinkState
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import msgspec
+
+    from sattrack.alpaca.messages import Asked, Order, TelescopeState
+    from sattrack.engine import Engine
+    from sattrack.manual.procedures import Outcome, Procedure, Refusal
+    from sattrack.mount import MountProfile
+    from sattrack.safety import Safety, SafetyLimits
+    from sattrack.xerxes.session import Session
+    from tle.site import Site
+
+DONE = frozenset({TicketState.COMPLETE, TicketState.UNCONFIRMED})
+SETTLING_TICKS = 2
+"""How many datagrams an answer waits for a status that comes after what it tells of."""
+MOVING_KINDS = frozenset({"slew", "park", "home"})
+HELD_KINDS = frozenset({"sync", "fine"})
+"""What is answered when it has come to its end, as it takes a few datagrams at most."""
+SEEN_AFTER_S = 1.0
+"""After so long, an offset that is asked for counts among those in force."""
+SAME_OFFSET = 1e-9
+ANSWER_WITHIN_TICKS = 80
+"""Four seconds; a client waits five."""
+
+
+@dataclass(slots=True)
+class Undertaking:
+    """A procedure that an order began; `waiting` is the order that is answered at its end."""
+
+    kind: str
+    procedure: Procedure
+    waiting: int | None = None
+    ticks: int = 0
+
+
+class TelescopeStation:
+    """One mount, until it is told to end and the mount is seen at rest.
+
+    `make_engine` makes what follows a satellite, from the facts of a run and the instant; it raises
+    ValueError where they are none.
+    """
+
+    def __init__(
+        self,
+        profile: MountProfile,
+        limits: SafetyLimits,
+        site: Site,
+        mount_name: str,
+        make_engine: Callable[[msgspec.Raw, float], Engine],
+    ) -> None:
+        self.profile = profile
+        self._limits, self._site, self._mount_name = limits, site, mount_name
+        self._make_engine = make_engine
+        self.console = self._new_console()
+        self.engine: Engine | None = None
+        self.answers: list[Answered] = []
+        """What is to be told to clients; whoever tells it takes it away."""
+        self.words: list[str] = []
+        """What the log is to be told; likewise."""
+        self.link = LinkState.SILENT
+        self._under_way: Undertaking | None = None
+        self._drive_waits: list[tuple[int, int]] = []
+        """Orders that end a move, and for how many datagrams they have waited."""
+        self._due: list[tuple[int, Answered]] = []
+        self._ticks = 0
+        self._standing = Standing(profile)
+        self._failure: str | None = None
+        self._reset_at_rest = False
+        self.was_asked = False
+        """Whether anything was asked of the mount."""
+        self._ending: Resting | None = None
+        self.finished = False
+        self.mount_stopped: bool | None = None
+
+    # What the loop asks.
+
+    @property
+    def session(self) -> Session:
+        """The conversation with the mount that is in force."""
+        return self.console.session if self.engine is None else self.engine.session
+
+    @property
+    def safety(self) -> Safety:
+        """What clears motions."""
+        return self.console.safety if self.engine is None else self.engine.safety
+
+    @property
+    def tripped(self) -> str | None:
+        """Name of the interlock that stopped the mount."""
+        return self.safety.tripped
+
+    @property
+    def link_up(self) -> bool:
+        """Whether the mount is heard."""
+        return self.link in {LinkState.UP, LinkState.STALE}
+
+    @property
+    def on_trajectory(self) -> bool:
+        """Whether a satellite is followed, and no limit keeps the mount off it."""
+        return self.engine is not None and self.engine.safety.holding is None
+
+    def receive_status(self, data: bytes, arrival_utc_s: float) -> None:
+        """Take one datagram from the mount."""
+        if self.engine is not None:
+            self.engine.receive(data, arrival_utc_s)
+        else:
+            self.console.receive(data, arrival_utc_s)
+        self._standing.see(self.session)
+
+    def tick(self, now_utc_s: float) -> bytes:
+        """Return the datagram to send now; call once a period."""
+        self._ticks += 1
+        if self.engine is not None:
+            datagram = self.engine.tick(now_utc_s)
+            if self.engine.finished:
+                self._leave_satellite()
+        else:
+            datagram = self.console.tick(now_utc_s)
+            self._look_at_procedure()
+            self._make_ready()
+        self.link = self.session.link_state(now_utc_s)
+        self._give_answers()
+        self._watch_end(now_utc_s)
+        return datagram
+
+    def repeat(self) -> bytes | None:
+        """Return what to send once more before the next datagram, None for nothing."""
+        return None if self.engine is None else self.engine.repeat()
+
+    def send_shift_s(self, now_utc_s: float) -> float:
+        """Return by how much later than a period from now the next `tick` had better come, seconds."""
+        return 0.0 if self.engine is None else self.engine.send_shift_s(now_utc_s)
+
+    def end(self, now_utc_s: float) -> None:
+        """Bring the mount to rest, and be finished when it is seen there."""
+        if self._ending is not None:
+            return
+        moving = self.engine is not None or self.console.moving or self.console.stopping
+        self._ending = Resting(now_utc_s, moving)
+        if self.engine is not None:
+            self.engine.operate(StopNow(), now_utc_s)
+        elif moving:
+            self.console.abort(now_utc_s)
+
+    # What clients ask.
+
+    def obey(self, asked: Asked, now_utc_s: float) -> None:
+        """Begin what is asked; the answer stands in `answers`, at once or after some `tick`."""
+        try:
+            if self._ending is not None:
+                raise Fault(Number.INVALID_OPERATION, "the server is ending")
+            held = self._begin(asked, now_utc_s)
+        except Fault as fault:
+            self.answers.append(Answered(asked.number, int(fault.number), fault.words))
+            return
+        if not held:
+            self.answers.append(Answered(asked.number))
+
+    def state(self, now_utc_s: float) -> TelescopeState:
+        """Return what clients may see, as of an instant."""
+        kind = None if self._under_way is None else self._under_way.kind
+        status = self.session.status
+        mount_slews = status is not None and status.slewing
+        moves = self._drive is not None and self._drive.moves
+        slewing = kind in MOVING_KINDS or moves or mount_slews
+        following = None
+        if self.engine is not None:
+            slewing = self.engine.phase not in FOLLOWING or self.engine.tracker.acquired_utc_s is None
+            following = followed(self.engine, now_utc_s)
+        return state_of(
+            self.session,
+            self._standing,
+            utc_s=now_utc_s,
+            heard=self.link_up,
+            slewing=slewing,
+            pulsing=kind == "pulse",
+            doing=self._doing,
+            failure=self._failure,
+            tripped=self.tripped,
+            following=following,
+        )
+
+    @property
+    def _drive(self) -> Drive | None:
+        procedure = self.console.procedure
+        return procedure if isinstance(procedure, Drive) else None
+
+    @property
+    def _doing(self) -> str:
+        if self.engine is not None:
+            return f"following {self.engine.spec.propagator.elements.label} (TrackSatellite)"
+        if self.console.stopping:
+            return "stopping"
+        return "idle" if self.console.procedure is None else self.console.procedure.doing
+
+    def _begin(self, asked: Asked, now_utc_s: float) -> bool:
+        """Begin an order; tell whether its answer is held back. Raises Fault."""
+        order = asked.order
+        if isinstance(order, AbortOrder):
+            self._abort(now_utc_s)
+            return False
+        if isinstance(order, BiasOrder):
+            self._bias(order, now_utc_s)
+            return False
+        self._check(order)
+        self.was_asked = True
+        if isinstance(order, MoveOrder):
+            return self._move(asked.number, order, now_utc_s)
+        if isinstance(order, FollowOrder):
+            self._follow(order, now_utc_s)
+            return False
+        kind, procedure = self._procedure(order)
+        self._undertake(kind, procedure, now_utc_s)
+        assert self._under_way is not None
+        if kind in HELD_KINDS or (isinstance(order, SlewOrder) and order.wait):
+            self._under_way.waiting = asked.number
+            return True
+        return False
+
+    def _check(self, order: Order) -> None:
+        """Raise Fault where an order does not go with what is under way."""
+        if self.engine is not None:
+            raise Fault(Number.INVALID_OPERATION, f"the mount is {self._doing}: AbortSlew ends that")
+        if self._standing.at_park(self.session):
+            raise Fault(Number.PARKED, "the mount is parked, and only its own console takes it out of park")
+        replaces = isinstance(order, SlewOrder | ParkOrder)
+        on_with_it = isinstance(order, MoveOrder) and (self._drive is not None or not order.rate_deg_s)
+        if self.console.procedure is not None and not (replaces or on_with_it):
+            raise Fault(Number.INVALID_OPERATION, f"the mount is {self._doing}: AbortSlew ends that")
+
+    def _procedure(self, order: Order) -> tuple[str, Procedure]:
+        profile = self.profile
+        match order:
+            case SlewOrder():
+                return "slew", procedure_for(Slew(order.ra_deg, order.dec_deg), profile)
+            case SyncOrder():
+                return "sync", procedure_for(Sync(order.ra_deg, order.dec_deg), profile)
+            case ParkOrder():
+                return "park", procedure_for(Park(), profile)
+            case HomeOrder():
+                return "home", procedure_for(FindHome(), profile)
+            case PulseOrder():
+                return "pulse", procedure_for(PulseGuide(order.ra_ms, order.dec_ms), profile)
+            case FineOrder():
+                return "fine", procedure_for(FineRate(order.ra_deg_s, order.dec_deg_s), profile)
+        raise TypeError(type(order))
+
+    def _undertake(self, kind: str, procedure: Procedure, now_utc_s: float) -> None:
+        """Begin a procedure in place of what is under way. Raises Fault."""
+        former = self._under_way
+        refuse(self.console.begin(procedure, now_utc_s))
+        self._supersede(former)
+        self._under_way = Undertaking(kind, procedure)
+        if kind != "fine":
+            self._failure = None
+        self._standing.moved(kind)
+
+    def _supersede(self, former: Undertaking | None) -> None:
+        if former is not None and former.waiting is not None:
+            words = f"{former.kind} was ended by another command"
+            self.answers.append(Answered(former.waiting, int(Number.CANCELLED), words))
+        self._under_way = None
+        for number, _ in self._drive_waits:
+            self.answers.append(Answered(number))
+        self._drive_waits.clear()
+
+    def _move(self, number: int, order: MoveOrder, now_utc_s: float) -> bool:
+        """Have an axis turn, or be given back; the end of a move is answered when it is seen."""
+        drive = self._drive
+        if drive is None:
+            if order.rate_deg_s:
+                self._undertake("move", Drive(order.axis, order.rate_deg_s), now_utc_s)
+            return False
+        refuse(drive.change(self.console, order.axis, order.rate_deg_s, now_utc_s))
+        if drive.moves:
+            return False
+        self._drive_waits.append((number, 0))
+        return True
+
+    def _abort(self, now_utc_s: float) -> None:
+        self._failure = None
+        if self.engine is not None:
+            self.engine.operate(StopNow(), now_utc_s)
+            return
+        if self._standing.at_park(self.session):
+            raise Fault(Number.PARKED, "the mount is parked: its drives have no power")
+        former = self._under_way
+        self._reset_at_rest = self.tripped is not None
+        self.console.abort(now_utc_s)
+        self.was_asked = True
+        self._supersede(former)
+        self._standing.moved("abort")
+
+    def _follow(self, order: FollowOrder, now_utc_s: float) -> None:
+        session = self.console.session
+        idle = isinstance(session.wanted, Hold) and session.move_over and not session.busy
+        status = session.status
+        if not idle or status is None or status.slewing:
+            raise Fault(Number.INVALID_OPERATION, f"the mount is {self._doing}: wait until that is over")
+        if self.tripped is not None:
+            raise Fault(Number.INVALID_OPERATION, "safety has stopped the mount: AbortSlew makes it ready")
+        try:
+            engine = self._make_engine(order.facts, now_utc_s)
+        except ValueError as error:
+            raise Fault(Number.INVALID_VALUE, str(error)) from error
+        engine.safety.follow_on(self.console.safety)
+        self.engine, self._failure = engine, None
+        self._standing.moved("move")
+        self.words.append(f"follows {engine.spec.propagator.elements.label}")
+
+    def _leave_satellite(self) -> None:
+        engine = self.engine
+        assert engine is not None
+        why = engine.tracker.ended_by
+        if why not in {"set", "operator"}:
+            self._failure = engine.message or "the satellite was lost"
+        if engine.mount_stopped is False:
+            self._failure = "THE MOUNT DID NOT CONFIRM THE STOP: stop it by hand"
+        self.words.append(f"follows {engine.spec.propagator.elements.label} no more: {why}")
+        self.console = self._new_console()
+        self.console.safety.follow_on(engine.safety)
+        self.engine = None
+        if self._ending is not None:
+            self._ending.seen_by_engine(engine.mount_stopped)
+
+    def _bias(self, order: BiasOrder, now_utc_s: float) -> None:
+        engine = self.engine
+        if engine is None:
+            raise Fault(Number.INVALID_OPERATION, "no satellite is followed: TrackSatellite first")
+        before = engine.tracker.steering.biases.totals(now_utc_s + SEEN_AFTER_S)
+        wanted = (("along_s", order.along_s, before[0]), ("cross_deg", order.cross_deg, before[1]))
+        for index, (what, value, had) in enumerate(wanted):
+            if value is None:
+                continue
+            engine.operate(OffsetBy(what, "add" if order.add else "set", value), now_utc_s)
+            goal = had + value if order.add else value
+            has = engine.tracker.steering.biases.totals(now_utc_s + SEEN_AFTER_S)[index]
+            if abs(has - goal) > SAME_OFFSET:
+                words = engine.tracker.steering.refusal or "the offset was not taken"
+                raise Fault(Number.INVALID_VALUE, words)
+
+    def _look_at_procedure(self) -> None:
+        """See whether what is under way has ended, and how."""
+        under_way = self._under_way
+        if under_way is None:
+            return
+        if self.console.procedure is under_way.procedure:
+            under_way.ticks += 1
+            return
+        self._under_way = None
+        outcome = self.console.outcome
+        if outcome is None:
+            self._supersede(under_way)
+            return
+        self._settle(under_way, outcome)
+
+    def _settle(self, done: Undertaking, outcome: Outcome) -> None:
+        ended_well = outcome.state in DONE
+        words = outcome.reason or f"{done.kind}: {outcome.state.value}"
+        if ended_well and done.kind in {"park", "home"}:
+            self._standing.arrived(done.kind, self.session)
+        if not ended_well and done.kind in MOVING_KINDS | {"move"}:
+            self._failure = words
+            self.words.append(f"{done.kind} failed: {words}")
+        if done.waiting is not None:
+            answer = Answered(done.waiting)
+            if not ended_well:
+                safe = outcome.refusal is not None
+                answer = Answered(
+                    done.waiting, int(Number.INVALID_OPERATION if safe else Number.DRIVER), words
+                )
+            self._due.append((self._ticks + SETTLING_TICKS, answer))
+
+    def _make_ready(self) -> None:
+        """After an AbortSlew, let a mount move again that safety has stopped, once it is at rest."""
+        if self._reset_at_rest and self.console.procedure is None and self.console.at_rest:
+            self._reset_at_rest = self.console.reset() is not None
+
+    def _give_answers(self) -> None:
+        due = [answer for at, answer in self._due if at <= self._ticks]
+        self.answers += due
+        self._due = [(at, answer) for at, answer in self._due if at > self._ticks]
+        left = []
+        for number, ticks in self._drive_waits:
+            status = self.session.status
+            over = self._drive is None and (status is None or not status.slewing)
+            if over or ticks >= ANSWER_WITHIN_TICKS:
+                self.answers.append(Answered(number))
+            else:
+                left.append((number, ticks + 1))
+        self._drive_waits = left
+
+    def _watch_end(self, now_utc_s: float) -> None:
+        if self._ending is None or self.finished or self.engine is not None:
+            return
+        self.finished = self._ending.look(self.console.session, now_utc_s)
+        if self.finished:
+            self.mount_stopped = self._ending.mount_stopped
+
+    def _new_console(self) -> Console:
+        return Console(self.profile, self._limits, self._site, self._mount_name)
+
+
+def refuse(refusal: Refusal | None) -> None:
+    """Raise Fault for a refusal of the console's."""
+    if refusal is not None:
+        raise Fault(Number.INVALID_OPERATION, refusal.words)
+
+
+def followed(engine: Engine, now_utc_s: float) -> FollowedState:
+    """Return what clients may see of a satellite that is followed."""
+    elements, tracker = engine.spec.propagator.elements, engine.tracker
+    bias = bias_fields(tracker, now_utc_s + SEEN_AFTER_S)
+    error = tracker.error
+    return FollowedState(
+        name=elements.label,
+        catalog_number=elements.catalog_number,
+        phase=engine.phase,
+        along_s=bias["bias_along_goal_s"],
+        cross_deg=bias["bias_cross_goal_deg"],
+        error_arcsec=None if error is None or not math.isfinite(error.total_arcsec) else error.total_arcsec,
+        acquired=tracker.acquired_utc_s is not None,
+    )

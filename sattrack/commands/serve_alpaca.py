@@ -1,0 +1,178 @@
+"""`sattrack serve alpaca`: the mount as an ASCOM telescope for whatever speaks Alpaca."""
+
+from __future__ import annotations
+
+import platform
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sattrack import __version__, practice
+from sattrack.alpaca.station import TelescopeStation
+from sattrack.antenna.log_lines import spoken
+from sattrack.clock import SimulatedClock
+from sattrack.commands.common import CommandContext, common_options, profile_option
+from sattrack.commands.json_lines import JsonLines
+from sattrack.commands.serve_log import Log
+from sattrack.commands.serving import (
+    allowed_networks,
+    check_port,
+    end_of_service,
+    reached_from_outside,
+    what_is_served,
+)
+from sattrack.errors import BadInputError, InterruptedRunError
+from sattrack.runtime.alpaca_door import open_door
+from sattrack.runtime.alpaca_process import AlpacaTask
+from sattrack.runtime.alpaca_satellites import Satellites
+from sattrack.runtime.alpaca_serve import PROGRAM, AlpacaLoop, discovery_sockets, engine_maker
+from sattrack.runtime.antenna_door import listen
+from sattrack.runtime.console import connected
+from sattrack.runtime.prepare import check_site
+from sattrack.runtime.signals import StopRequest, stopping
+from sattrack.settings import SiteSettings
+from sattrack.xerxes.simulator.process import ClockSetting
+
+if TYPE_CHECKING:
+    import socket
+
+    from sattrack.commands.serving import Networks, Served
+    from tle.elements import Elements
+
+DEFAULT_PORT = 11111
+MOST_CLIENTS = 1000
+BACKLOG = 256
+
+
+@click.command("alpaca")
+@click.option("--mount", "mount_url", metavar="URL", help="sim, or xerxes://HOST:PORT?listen=PORT.")
+@profile_option
+@click.option(
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to listen on. The protocol has no authentication: whoever reaches it moves the mount.",
+)
+@click.option("--port", default=DEFAULT_PORT, show_default=True, help="TCP port; 0 takes a free one.")
+@click.option(
+    "--allow",
+    multiple=True,
+    metavar="ADDRESS",
+    help="Serve this address or network alone, as 192.0.2.7 or 192.0.2.0/24; may be repeated.",
+)
+@click.option(
+    "--discovery/--no-discovery", default=True, show_default=True, help="Answer discovery on UDP port 32227."
+)
+@click.option("--clients", default=256, show_default=True, help="How many connections at once.")
+@click.option(
+    "--idle", default=300.0, show_default=True, help="Seconds of silence after which a connection is ended."
+)
+@click.option(
+    "--requests",
+    default=2000.0,
+    show_default=True,
+    help="Requests a second of one connection; the rest waits.",
+)
+@click.option(
+    "--refraction",
+    type=click.Choice(("auto", "on", "off")),
+    default="auto",
+    show_default=True,
+    help="For satellites: raise directions by the air's refraction; auto where the mount does not.",
+)
+@common_options
+def command(context: CommandContext, **options: Any) -> int:
+    """Serve the mount as an ASCOM telescope (Alpaca, ITelescopeV4) over HTTP, until interrupted.
+
+    docs/alpaca.md tells what each member does, and of the actions TrackSatellite, Bias and Passes.
+    """
+    allowed = _checked(options)
+    served = what_is_served(context, options["mount_url"], options["profile"], "Alpaca's clients live")
+    check_site(served.described.mount, served.site)
+    limits = context.settings.safety.limits()
+    mount = "the simulated mount" if served.address is None else str(served.address)
+    stop, log = StopRequest(), Log(served.clock)
+    with ExitStack() as closing:
+        closing.callback(log.close)
+        station = TelescopeStation(served.described.mount, limits, served.site, mount, engine_maker(limits))
+        listener = closing.enter_context(listen(options["host"], options["port"], BACKLOG))
+        port = int(listener.getsockname()[1])
+        sockets, trouble = discovery_sockets(options["host"]) if options["discovery"] else ((), None)
+        for one in sockets:
+            closing.callback(one.close)
+        connection = closing.enter_context(
+            connected(served.address, served.described, served.site, served.clock)
+        )
+        door = open_door(_task(context, served, options, (listener, *sockets), mount))
+        closing.callback(door.close)
+        closing.enter_context(stopping(stop))
+        if context.json:
+            JsonLines().write({"listening": port, "host": options["host"]})
+        log.tell(
+            spoken(f"Alpaca is on {options['host']}:{port}; Ctrl-C stops the mount and ends it", PROGRAM)
+        )
+        for words in (trouble, reached_from_outside(PROGRAM, options["host"], port, allowed)):
+            if words is not None:
+                log.tell(spoken(words, PROGRAM))
+        AlpacaLoop(station, connection, door, stop, log.tell).run()
+    if stop.asked and station.was_asked and station.mount_stopped is None:
+        raise InterruptedRunError("interrupted; the mount was not moving, and goes on as it was")
+    return end_of_service(station.mount_stopped, stop)
+
+
+def _checked(options: dict[str, Any]) -> Networks | None:
+    """Return who may connect. Raises BadInputError for what no option can be."""
+    check_port(options["port"])
+    if not 1 <= options["clients"] <= MOST_CLIENTS:
+        raise BadInputError(f"--clients {options['clients']}: from 1 to {MOST_CLIENTS}")
+    for name in ("idle", "requests"):
+        if not options[name] >= 1.0:
+            raise BadInputError(f"--{name} {options[name]:g}: 1 or more")
+    return allowed_networks(options["allow"])
+
+
+def _task(
+    context: CommandContext,
+    served: Served,
+    options: dict[str, Any],
+    sockets: tuple[socket.socket, ...],
+    mount: str,
+) -> AlpacaTask:
+    """Return what the process that clients talk to is told; the first socket is the one for HTTP."""
+    site = SiteSettings(served.site.latitude_deg, served.site.longitude_deg, served.site.height_m)
+    clock = served.clock
+    listener, *discovery = sockets
+    return AlpacaTask(
+        listener=listener.fileno(),
+        discovery=tuple(one.fileno() for one in discovery),
+        port=int(listener.getsockname()[1]),
+        profile=served.described.mount,
+        site=site,
+        mount=mount,
+        version=__version__,
+        host=platform.node(),
+        connections=options["clients"],
+        idle_s=options["idle"],
+        requests_per_s=options["requests"],
+        allowed=tuple(options["allow"]) or None,
+        satellites=Satellites(
+            elements=_elements(context, served),
+            site=site,
+            profile=served.described.mount,
+            limits=context.settings.safety.limits(),
+            min_alt_deg=context.settings.min_altitude_deg,
+            refraction=options["refraction"],
+            mount=mount,
+        ),
+        clock=ClockSetting(clock.start_utc_s, clock.anchor_s, clock.speed)
+        if isinstance(clock, SimulatedClock)
+        else None,
+    )
+
+
+def _elements(context: CommandContext, served: Served) -> list[Elements]:
+    """Return whose passes can be asked for: those set, for practice the practice satellite's, or none."""
+    if context.sources():
+        return context.elements()
+    return [practice.elements()] if served.address is None else []

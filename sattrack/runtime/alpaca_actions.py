@@ -1,0 +1,72 @@
+"""The custom actions at work: what takes long is computed in a thread, one at a time."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from sattrack.alpaca.actions import Bias, Passes, TrackSatellite
+from sattrack.alpaca.faults import Fault, Number
+from sattrack.alpaca.messages import BiasOrder, FollowOrder
+from sattrack.runtime.alpaca_satellites import run_told
+from sattrack.runtime.facts import encode_facts
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from sattrack.alpaca.messages import Order
+    from sattrack.alpaca.telescope import Telescope
+    from sattrack.clock import Clock
+    from sattrack.runtime.alpaca_satellites import Satellites
+
+KINDS = (Bias, Passes, TrackSatellite)
+BUSY = "passes are being computed for somebody else: ask again in a moment"
+
+
+class Actions:
+    """Does what actions ask, one computation at a time."""
+
+    def __init__(self, satellites: Satellites, telescope: Telescope, clock: Clock) -> None:
+        self._satellites, self._telescope, self._clock = satellites, telescope, clock
+        self._computing = False
+
+    @staticmethod
+    def knows(asked: msgspec.Struct) -> bool:
+        """Tell whether this is an action's request."""
+        return isinstance(asked, KINDS)
+
+    async def do(self, asked: Any, order: Callable[[Order], Awaitable[None]]) -> str:
+        """Return an action's answer, JSON text; `order` has orders carried out. Raises Fault."""
+        if isinstance(asked, Bias):
+            return await self._bias(asked, order)
+        now_utc_s = self._clock.utc_s(time.monotonic())
+        if isinstance(asked, Passes):
+            return _text(await self._computed(self._satellites.passes, asked, now_utc_s))
+        facts = await self._computed(self._satellites.facts, asked, now_utc_s)
+        await order(FollowOrder(msgspec.Raw(encode_facts(facts))))
+        return _text(run_told(facts))
+
+    async def _computed(self, compute: Callable[..., Any], *arguments: Any) -> Any:
+        if self._computing:
+            raise Fault(Number.INVALID_OPERATION, BUSY)
+        self._computing = True
+        try:
+            return await asyncio.to_thread(compute, *arguments)
+        finally:
+            self._computing = False
+
+    async def _bias(self, asked: Bias, order: Callable[[Order], Awaitable[None]]) -> str:
+        if asked.along_s is not None or asked.cross_deg is not None:
+            await order(BiasOrder(asked.along_s, asked.cross_deg, asked.add))
+        state = self._telescope.state
+        followed = None if state is None else state.following
+        if followed is None:
+            raise Fault(Number.INVALID_OPERATION, "no satellite is followed: TrackSatellite first")
+        return _text(followed)
+
+
+def _text(value: Any) -> str:
+    return msgspec.json.encode(value).decode()

@@ -1,0 +1,135 @@
+"""Who may connect to the HTTP server, how many at once, and for how long without a whole request.
+
+A gate stands between a connection and the protocol that serves it: who may not come in never gets as far.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import ipaddress
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, cast
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+REQUEST_WITHIN_S = 10.0
+"""A request that has begun must be there as a whole within this time."""
+Network = ipaddress.IPv4Network | ipaddress.IPv6Network
+
+
+@dataclass(frozen=True, slots=True)
+class GateLimits:
+    """What clients may take; with `allowed` None, every address may connect."""
+
+    connections: int = 256
+    idle_s: float = 300.0
+    allowed: tuple[Network, ...] | None = None
+
+    def allow(self, host: str) -> bool:
+        """Tell whether an address may connect, or ask where we are."""
+        if self.allowed is None:
+            return True
+        return any(ipaddress.ip_address(host) in network for network in self.allowed)
+
+
+@dataclass(slots=True)
+class Doorkeeper:
+    """All connections that are open, by their transports; instants are the event loop's."""
+
+    limits: GateLimits
+    gates: dict[asyncio.BaseTransport, Gate] = field(default_factory=dict)
+    refused: int = 0
+    """Connections that were hung up on as they came."""
+    cut: int = 0
+    """Connections that were silent, or halting, too long."""
+
+    def objection(self, host: str) -> str | None:
+        """Return why an address may not connect now."""
+        if not self.limits.allow(host):
+            return "it is not among those that --allow names"
+        if len(self.gates) >= self.limits.connections:
+            return f"there are {len(self.gates)} connections already, as many as --clients allows"
+        return None
+
+    def tend(self, now_s: float) -> None:
+        """Hang up on those who have been silent, or have left a request unfinished, for too long."""
+        for gate in list(self.gates.values()):
+            if gate.overdue(now_s, self.limits.idle_s):
+                self.cut += 1
+                gate.hang_up()
+
+
+class Gate(asyncio.Protocol):
+    """One connection's gate; `make_inner` makes what serves it, once it is let in."""
+
+    def __init__(self, keeper: Doorkeeper, make_inner: Callable[[], asyncio.Protocol]) -> None:
+        self._keeper, self._make_inner = keeper, make_inner
+        self._inner: asyncio.Protocol | None = None
+        self._transport: asyncio.Transport | None = None
+        self._loop = asyncio.get_running_loop()
+        self._since_s = self._loop.time()
+        """Since when nothing has happened, or a request is unfinished."""
+        self._unfinished = False
+        self._at_work = 0
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """See asyncio.Protocol."""
+        peer = transport.get_extra_info("peername")
+        if peer is None or self._keeper.objection(str(peer[0])) is not None:
+            self._keeper.refused += 1
+            cast("asyncio.Transport", transport).abort()
+            return
+        self._transport = cast("asyncio.Transport", transport)
+        self._keeper.gates[transport] = self
+        self._inner = self._make_inner()
+        self._inner.connection_made(transport)
+
+    def data_received(self, data: bytes) -> None:
+        """See asyncio.Protocol."""
+        if self._inner is None:
+            return
+        if not self._at_work and not self._unfinished:
+            self._unfinished, self._since_s = True, self._loop.time()
+        self._inner.data_received(data)
+
+    def eof_received(self) -> bool | None:
+        """See asyncio.Protocol."""
+        return None if self._inner is None else self._inner.eof_received()
+
+    def pause_writing(self) -> None:
+        """See asyncio.Protocol."""
+        if self._inner is not None:
+            self._inner.pause_writing()
+
+    def resume_writing(self) -> None:
+        """See asyncio.Protocol."""
+        if self._inner is not None:
+            self._inner.resume_writing()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """See asyncio.Protocol."""
+        if self._transport is not None:
+            self._keeper.gates.pop(self._transport, None)
+        if self._inner is not None:
+            self._inner.connection_lost(exc)
+
+    def begins(self) -> None:
+        """Note that a whole request is here: however long its answer takes, nothing is overdue."""
+        self._unfinished = False
+        self._at_work += 1
+
+    def ends(self) -> None:
+        """Note that its answer is on its way."""
+        self._at_work -= 1
+        self._since_s = self._loop.time()
+
+    def overdue(self, now_s: float, idle_s: float) -> bool:
+        """Tell whether this connection is to be ended."""
+        longest_s = min(REQUEST_WITHIN_S, idle_s) if self._unfinished else idle_s
+        return not self._at_work and now_s - self._since_s > longest_s
+
+    def hang_up(self) -> None:
+        """End the connection."""
+        if self._transport is not None:
+            self._transport.abort()

@@ -1,0 +1,335 @@
+"""The process that Alpaca's clients talk to: HTTP and discovery. It never touches the mount.
+
+Reads are answered from the mount's newest state, which the feeding process pushes; orders go there and are
+answered from there. So however many ask, and whatever they ask, the mount's datagrams are computed elsewhere.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ipaddress
+import logging
+import os
+import socket
+import sys
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, cast
+
+import msgspec
+from aiohttp import web
+
+from sattrack.alpaca.device import Device
+from sattrack.alpaca.discovery import Discovery
+from sattrack.alpaca.faults import Fault, Number
+from sattrack.alpaca.messages import AbortOrder, Answered, Asked, SlewOrder, Told, decode_news, encode
+from sattrack.alpaca.server import Pending, Reply, Server
+from sattrack.alpaca.telescope import Telescope
+from sattrack.clock import SimulatedClock, SystemClock
+from sattrack.mount import MountProfile
+from sattrack.runtime.alpaca_actions import Actions
+from sattrack.runtime.alpaca_gate import REQUEST_WITHIN_S, Doorkeeper, Gate, GateLimits
+from sattrack.runtime.alpaca_satellites import Satellites
+from sattrack.settings import SiteSettings
+from sattrack.xerxes.simulator.process import ClockSetting
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from sattrack.alpaca.messages import Order
+    from sattrack.clock import Clock
+
+MOST_BODY_BYTES = 16384
+MOST_LINE_BYTES = 8190
+MOST_WAITING = 64
+"""Orders that may wait for their end; a stop is never too many."""
+ANSWER_WITHIN_S = 8.0
+SLEW_WITHIN_S = 600.0
+TEND_EVERY_S = 1.0
+TELL_EVERY_S = 10.0
+BEHIND_THE_FEEDER = 5
+"""How much nicer than the feeding process this one is."""
+LONGEST_TASK = 1 << 28
+"""Bytes: a whole catalogue's elements come with the task."""
+
+
+class AlpacaTask(msgspec.Struct, frozen=True):
+    """Everything that this process is told at its start; descriptors are inherited."""
+
+    listener: int
+    discovery: tuple[int, ...]
+    port: int
+    profile: MountProfile
+    site: SiteSettings
+    mount: str
+    version: str
+    host: str
+    connections: int
+    idle_s: float
+    requests_per_s: float
+    allowed: tuple[str, ...] | None
+    satellites: Satellites
+    clock: ClockSetting | None = None
+
+    def limits(self) -> GateLimits:
+        """Return what clients may take."""
+        allowed = None if self.allowed is None else tuple(ipaddress.ip_network(one) for one in self.allowed)
+        return GateLimits(self.connections, self.idle_s, allowed)
+
+
+def encode_task(task: AlpacaTask) -> bytes:
+    """Return a task as one JSON line."""
+    return msgspec.json.encode(task, enc_hook=_encode_utc) + b"\n"
+
+
+def decode_task(line: bytes) -> AlpacaTask:
+    """Return the task of one JSON line; raises msgspec.MsgspecError."""
+    return msgspec.json.decode(line, type=AlpacaTask, dec_hook=_decode_utc)
+
+
+@dataclass(slots=True)
+class Channel:
+    """The line to the feeding process: orders go out, states and answers come in."""
+
+    reader: asyncio.StreamReader
+    writer: asyncio.StreamWriter
+    telescope: Telescope
+    _count: int = 0
+    _waiting: dict[int, asyncio.Future[Answered]] = field(default_factory=dict)
+
+    async def listen(self) -> None:
+        """Take what comes, until the other end is gone."""
+        while line := await self.reader.readline():
+            news = decode_news(line)
+            if not isinstance(news, Answered):
+                self.telescope.state = news
+                continue
+            waiting = self._waiting.get(news.number)
+            if waiting is not None and not waiting.done():
+                waiting.set_result(news)
+
+    async def order(self, order: Order) -> None:
+        """Have an order carried out; raises Fault where it is not."""
+        if len(self._waiting) >= MOST_WAITING and not isinstance(order, AbortOrder):
+            words = f"{len(self._waiting)} commands wait already: too many at once"
+            raise Fault(Number.INVALID_OPERATION, words)
+        self._count += 1
+        number = self._count
+        waiting = self._waiting[number] = asyncio.get_running_loop().create_future()
+        waits = isinstance(order, SlewOrder) and order.wait
+        try:
+            self.writer.write(encode(Asked(number, order)))
+            async with asyncio.timeout(SLEW_WITHIN_S if waits else ANSWER_WITHIN_S):
+                answer = await waiting
+        except TimeoutError:
+            raise Fault(Number.DRIVER, "the mount gave no answer in time") from None
+        finally:
+            del self._waiting[number]
+        if answer.fault:
+            raise Fault(Number(answer.fault), answer.words)
+
+    def tell(self, words: str) -> None:
+        """Have a line logged."""
+        self.writer.write(encode(Told(words)))
+
+
+@dataclass(slots=True)
+class Pace:
+    """How fast one connection may ask: what is too fast waits for its answer."""
+
+    rate: float
+    free_s: float = 0.0
+
+    def wait_s(self, now_s: float) -> float:
+        """Count one request; return how long it is to wait."""
+        self.free_s = max(self.free_s, now_s - 0.2) + 1.0 / self.rate
+        return self.free_s - now_s
+
+
+@dataclass(slots=True)
+class Front:
+    """Serves HTTP requests; `server` knows what they mean."""
+
+    server: Server
+    channel: Channel
+    actions: Actions
+    clock: Clock
+    keeper: Doorkeeper
+    requests_per_s: float
+    _paces: dict[asyncio.BaseTransport, Pace] = field(default_factory=dict)
+
+    async def handle(self, request: web.BaseRequest) -> web.StreamResponse:
+        """Answer one request."""
+        transport = request.transport
+        gate = None if transport is None else self.keeper.gates.get(transport)
+        if transport is None or gate is None:
+            return web.Response(status=503)
+        gate.begins()
+        try:
+            pace = self._paces.setdefault(transport, Pace(self.requests_per_s))
+            now_s = asyncio.get_running_loop().time()
+            if (wait_s := pace.wait_s(now_s)) > 0.0:
+                await asyncio.sleep(wait_s)
+            return await self._answer(request)
+        finally:
+            gate.ends()
+
+    async def _answer(self, request: web.BaseRequest) -> web.StreamResponse:
+        body = await _body(request)
+        if isinstance(body, web.Response):
+            return body
+        path, _, query = request.raw_path.partition("?")
+        now_utc_s = self.clock.utc_s(time.monotonic())
+        asked = self.server.answer(request.method, path, query.encode("utf-8", "replace"), body, now_utc_s)
+        if isinstance(asked, Reply):
+            return _response(asked)
+        return _response(await self._finish(asked))
+
+    async def _finish(self, pending: Pending) -> Reply:
+        try:
+            if isinstance(pending.order, msgspec.Struct) and self.actions.knows(pending.order):
+                value = await self.actions.do(pending.order, self.channel.order)
+                return self.server.finish(pending, value)
+            await self.channel.order(pending.order)  # type: ignore[arg-type]
+        except Fault as fault:
+            return self.server.finish(pending, fault=fault)
+        return self.server.finish(pending)
+
+    async def tend(self) -> None:
+        """Look after connections, for ever; tell of those that were refused, but not of each."""
+        told, told_s = (0, 0), -TELL_EVERY_S
+        loop = asyncio.get_running_loop()
+        while True:
+            await asyncio.sleep(TEND_EVERY_S)
+            self.keeper.tend(loop.time())
+            gates = self.keeper.gates
+            self._paces = {line: pace for line, pace in self._paces.items() if line in gates}
+            counts = (self.keeper.refused, self.keeper.cut)
+            if counts != told and loop.time() - told_s >= TELL_EVERY_S:
+                new = (counts[0] - told[0], counts[1] - told[1])
+                self.channel.tell(
+                    f"{new[0]} connections were refused, {new[1]} were silent or halting too long"
+                )
+                told, told_s = counts, loop.time()
+
+
+class DiscoveryProtocol(asyncio.DatagramProtocol):
+    """Answers discovery's questions from those who may connect."""
+
+    def __init__(self, discovery: Discovery, limits: GateLimits) -> None:
+        self._discovery, self._limits = discovery, limits
+        self._transport: asyncio.DatagramTransport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """See asyncio.DatagramProtocol."""
+        self._transport = cast("asyncio.DatagramTransport", transport)
+
+    def datagram_received(self, data: bytes, addr: tuple[str | Any, int]) -> None:
+        """See asyncio.DatagramProtocol."""
+        if self._transport is None or not self._limits.allow(addr[0]):
+            return
+        answer = self._discovery.answer(data, addr[0], time.monotonic())
+        if answer is not None:
+            self._transport.sendto(answer, addr)
+
+    def error_received(self, exc: Exception) -> None:
+        """See asyncio.DatagramProtocol: who asked is gone already, and that is all."""
+
+
+async def _body(request: web.BaseRequest) -> bytes | web.Response:
+    """Return a request's body, or the answer to one that is too large or too slow."""
+    data = b""
+    try:
+        async with asyncio.timeout(REQUEST_WITHIN_S):
+            while piece := await request.content.readany():
+                data += piece
+                if len(data) > MOST_BODY_BYTES:
+                    return _hung_up(413, f"a body has {MOST_BODY_BYTES} bytes at most")
+    except TimeoutError:
+        return _hung_up(408, f"a request must be whole within {REQUEST_WITHIN_S:g} s")
+    return data
+
+
+def _hung_up(status: int, words: str) -> web.Response:
+    response = web.Response(status=status, text=words + "\n")
+    response.force_close()
+    return response
+
+
+def _response(reply: Reply) -> web.Response:
+    return web.Response(status=reply.status, body=reply.body, content_type=reply.kind, charset="utf-8")
+
+
+async def serve(task: AlpacaTask, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    """Serve until the feeding process is gone."""
+    device = Device(task.profile, task.site.place(), task.mount, task.version, task.host)
+    setting = task.clock
+    clock: Clock = SystemClock()
+    if setting is not None:
+        clock = SimulatedClock(setting.start_utc_s, setting.anchor_s, setting.speed)
+    telescope = Telescope(device)
+    site = task.site
+    server = Server(telescope, f"{site.latitude_deg:.4f}, {site.longitude_deg:.4f}, {site.height_m:g} m")
+    limits = task.limits()
+    channel, keeper = Channel(reader, writer, telescope), Doorkeeper(limits)
+    actions = Actions(task.satellites, telescope, clock)
+    front = Front(server, channel, actions, clock, keeper, task.requests_per_s)
+    http = web.Server(
+        front.handle,
+        access_log=None,
+        max_line_size=MOST_LINE_BYTES,
+        max_field_size=MOST_LINE_BYTES,
+        keepalive_timeout=task.idle_s,
+    )
+    loop = asyncio.get_running_loop()
+    listener = socket.socket(fileno=task.listener)
+    door = await loop.create_server(lambda: Gate(keeper, http), sock=listener, backlog=256)
+    for number in task.discovery:
+        answers = Discovery(task.port)
+        await loop.create_datagram_endpoint(
+            lambda answers=answers: DiscoveryProtocol(answers, limits),  # type: ignore[misc]
+            sock=socket.socket(fileno=number),
+        )
+    tending = loop.create_task(front.tend())
+    channel.tell(READY)
+    try:
+        await channel.listen()
+    finally:
+        tending.cancel()
+        door.close()
+
+
+READY = "ready"
+
+
+async def _main(number: int) -> None:
+    line = socket.socket(fileno=number)
+    reader, writer = await asyncio.open_connection(sock=line, limit=LONGEST_TASK)
+    task = decode_task(await reader.readline())
+    with contextlib.suppress(ConnectionError):
+        await serve(task, reader, writer)
+
+
+def _encode_utc(value: Any) -> Any:
+    if isinstance(value, Utc):
+        return float(value.unix_s)
+    raise NotImplementedError(type(value))
+
+
+def _decode_utc(kind: type, value: Any) -> Any:
+    if kind is Utc:
+        return Utc(float(value))
+    raise NotImplementedError(kind)
+
+
+def main() -> None:
+    """Serve on the descriptors of the task that comes on the one given."""
+    logging.getLogger("aiohttp").addHandler(logging.NullHandler())
+    logging.getLogger("aiohttp").propagate = False
+    with contextlib.suppress(OSError):
+        os.nice(BEHIND_THE_FEEDER)
+    asyncio.run(_main(int(sys.argv[1])))
+
+
+if __name__ == "__main__":
+    main()
