@@ -1,15 +1,18 @@
-"""MoveAxis as ASCOM means it: rates of the axes themselves, in force until other ones are told."""
+"""Procedures that ASCOM's clients need and an operator does not: MoveAxis until told, slews in mid-slew.
+
+MoveAxis as ASCOM means it: rates of the axes themselves, in force until other ones are told.
+"""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sattrack.manual.procedures import Outcome, Refusal, outcome_of
+from sattrack.manual.procedures import Outcome, Refusal, outcome_of, refused
 from sattrack.mount import SIDEREAL_RATE_DEG_S
-from sattrack.requests import EndMove, MoveAxis, Ticket, TicketState
+from sattrack.requests import Abort, EndMove, MoveAxis, Slew, Ticket, TicketState
 
 if TYPE_CHECKING:
-    from sattrack.manual.procedures import Desk
+    from sattrack.manual.procedures import Desk, Procedure
 
 PRIMARY = 0
 SECONDARY = 1
@@ -82,3 +85,44 @@ class Drive:
             return asked
         self._ending = asked
         return None
+
+
+class AfterStop:
+    """A stop, seen through, and then another procedure: the mount ignores a slew while it slews.
+
+    With `slew`, nothing is stopped for a way that there is not.
+    """
+
+    def __init__(self, then: Procedure, slew: Slew | None = None) -> None:
+        self._then, self._slew = then, slew
+        self._stop: Ticket | None = None
+        self._begun = False
+
+    @property
+    def doing(self) -> str:
+        """What is under way, in words."""
+        return self._then.doing if self._begun else "stopping before it slews elsewhere"
+
+    def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+        """See Procedure."""
+        way = None if self._slew is None else desk.way_to(self._slew, now_utc_s)
+        if isinstance(way, Refusal):
+            return way
+        asked = desk.submit(Abort(), now_utc_s)
+        if isinstance(asked, Refusal):
+            return asked
+        self._stop = asked
+        return None
+
+    def step(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+        """See Procedure."""
+        if self._begun:
+            return self._then.step(desk, now_utc_s)
+        assert self._stop is not None
+        if not self._stop.settled:
+            return None
+        if self._stop.state is not TicketState.COMPLETE:
+            return outcome_of(self._stop)
+        self._begun = True
+        refusal = self._then.begin(desk, now_utc_s)
+        return None if refusal is None else refused(refusal)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from sattrack.alpaca.messages import FollowedState, TelescopeState
 from sattrack.manual.procedures import NEAR_DEG, off_axes_deg
-from sattrack.mount import SIDEREAL_RATE_DEG_S
+from sattrack.mount import SIDEREAL_RATE_DEG_S, AxesPosition
 from sattrack.xerxes.datagrams import DTICS_S_PER_DEG_S
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 ALIVE_STATUSES = 20
 """A parked mount that turns with the sky, or slews, for so many statuses in a row is parked no more."""
+SYNCED_WITHIN_DEG = 3.0
 RESTING_STATUSES = 10
 """An axis that brakes to the sky's rate passes through others."""
 
@@ -32,7 +33,8 @@ class Standing:
     def __init__(self, profile: MountProfile) -> None:
         self._profile = profile
         self._parked = False
-        self._home = False
+        self._home: AxesPosition | None = None
+        """Where it stood when its way home was over; syncs shift what is reported."""
         self._alive = 0
         self._restarts = 0
         self._resting = 0
@@ -58,16 +60,23 @@ class Standing:
 
     def moved(self, kind: str) -> None:
         """Note that something else is asked of the mount: "slew" and "move" end in tracking."""
-        self._home = False
+        self._home = None
         self._tracking = self._tracking or kind in {"slew", "move"}
 
-    def arrived(self, kind: str, session: Session) -> None:
-        """Note that a "park" or "home" has come to its end."""
-        if kind == "park":
-            self._parked, self._alive = True, 0
-            self._restarts = session.health.restarts
-        else:
-            self._home = self._near_home(session)
+    def parked(self, session: Session) -> None:
+        """Note that the drives' power was cut."""
+        self._parked, self._alive = True, 0
+        self._restarts = session.health.restarts
+
+    def came_home(self, session: Session) -> bool:
+        """Note that the way home is over; tell whether it ended there, as far as is known."""
+        home, sample = self._profile.home, session.sample
+        told = session.status is not None and session.status.at_home
+        near = home is not None and sample is not None and off_axes_deg(sample, home) <= SYNCED_WITHIN_DEG
+        if sample is not None and (told or near):
+            hour_angle_deg = math.remainder(sample.sidereal_h * 15.0 - sample.ra_deg, 360.0)
+            self._home = AxesPosition(hour_angle_deg, sample.dec_deg)
+        return self._home is not None
 
     def at_park(self, session: Session) -> bool:
         """Tell whether the mount is parked."""
@@ -76,15 +85,13 @@ class Standing:
     def at_home(self, session: Session) -> bool:
         """Tell whether the mount stands where it was sent home to."""
         told = session.status is not None and session.status.at_home
-        return told or (self._home and self._near_home(session))
+        place, sample = self._home, session.sample
+        stands = place is not None and sample is not None and off_axes_deg(sample, place) <= NEAR_DEG
+        return told or stands
 
     def tracking(self, session: Session) -> bool:
         """Tell whether the mount follows the sky, or will when what moves it is over."""
         return self._tracking and not self.at_park(session)
-
-    def _near_home(self, session: Session) -> bool:
-        home, sample = self._profile.home, session.sample
-        return home is not None and sample is not None and off_axes_deg(sample, home) <= NEAR_DEG
 
 
 def state_of(  # noqa: PLR0913 - one argument for everything that statuses do not tell

@@ -10,7 +10,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sattrack.alpaca.drive import Drive
+from sattrack.alpaca.drive import AfterStop, Drive
 from sattrack.alpaca.faults import Fault, Number
 from sattrack.alpaca.messages import (
     AbortOrder,
@@ -199,10 +199,8 @@ class TelescopeStation:
     def state(self, now_utc_s: float) -> TelescopeState:
         """Return what clients may see, as of an instant."""
         kind = None if self._under_way is None else self._under_way.kind
-        status = self.session.status
-        mount_slews = status is not None and status.slewing
         moves = self._drive is not None and self._drive.moves
-        slewing = kind in MOVING_KINDS or moves or mount_slews
+        slewing = kind in MOVING_KINDS or moves or self._is_slewing or bool(self._drive_waits)
         following = None
         if self.engine is not None:
             slewing = self.engine.phase not in FOLLOWING or self.engine.tracker.acquired_utc_s is None
@@ -224,6 +222,12 @@ class TelescopeStation:
     def _drive(self) -> Drive | None:
         procedure = self.console.procedure
         return procedure if isinstance(procedure, Drive) else None
+
+    @property
+    def _is_slewing(self) -> bool:
+        """Whether the mount slews, or brakes at the end of what was stopped."""
+        status, stopping = self.session.status, self.console.stopping and not self.session.stopped
+        return stopping or (self._drive is None and status is not None and status.slewing)
 
     @property
     def _doing(self) -> str:
@@ -250,6 +254,9 @@ class TelescopeStation:
             self._follow(order, now_utc_s)
             return False
         kind, procedure = self._procedure(order)
+        if self._is_slewing and isinstance(order, SlewOrder | ParkOrder):
+            slew = Slew(order.ra_deg, order.dec_deg) if isinstance(order, SlewOrder) else None
+            procedure = AfterStop(procedure, slew)
         self._undertake(kind, procedure, now_utc_s)
         assert self._under_way is not None
         if kind in HELD_KINDS or (isinstance(order, SlewOrder) and order.wait):
@@ -397,8 +404,10 @@ class TelescopeStation:
     def _settle(self, done: Undertaking, outcome: Outcome) -> None:
         ended_well = outcome.state in DONE
         words = outcome.reason or f"{done.kind}: {outcome.state.value}"
-        if ended_well and done.kind in {"park", "home"}:
-            self._standing.arrived(done.kind, self.session)
+        if ended_well and done.kind == "park":
+            self._standing.parked(self.session)
+        if ended_well and done.kind == "home":
+            ended_well = self._standing.came_home(self.session)
         if not ended_well and done.kind in MOVING_KINDS | {"move"}:
             self._failure = words
             self.words.append(f"{done.kind} failed: {words}")
@@ -422,9 +431,7 @@ class TelescopeStation:
         self._due = [(at, answer) for at, answer in self._due if at > self._ticks]
         left = []
         for number, ticks in self._drive_waits:
-            status = self.session.status
-            over = self._drive is None and (status is None or not status.slewing)
-            if over or ticks >= ANSWER_WITHIN_TICKS:
+            if (self._drive is None and self.console.at_rest) or ticks >= ANSWER_WITHIN_TICKS:
                 self.answers.append(Answered(number))
             else:
                 left.append((number, ticks + 1))
