@@ -22,10 +22,10 @@ import msgspec
 from safety_draws import LONGEST_S, Judged, draw, fly
 
 from sattrack.safety import ahead, bounds
-from sattrack.safety.reach import Delays, reach_deg
+from sattrack.safety.reach import AxisReach
 
 if TYPE_CHECKING:
-    from sattrack.safety.reach import AxisMotion
+    from sattrack.safety.reach import AxisMotion, Delays
 
 QUANTILES = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75)
 LIMITS = ("hour_angle", "declination", "altitude", "horizon", "pier", "sun")
@@ -34,7 +34,7 @@ LIMITS = ("hour_angle", "declination", "altitude", "horizon", "pier", "sun")
 def without(row: str) -> None:
     """Leave a row of the table out of this process."""
     if row == "fault":
-        ahead.reach_deg = careless_reach_deg
+        ahead.AxisReach = careless_reach  # type: ignore[misc]
         return
     fixed, look = bounds.fixed_regions, bounds.Bounds.look
 
@@ -50,11 +50,9 @@ def without(row: str) -> None:
     bounds.Bounds.look = blind  # type: ignore[method-assign]
 
 
-def careless_reach_deg(
-    axis: AxisMotion, rate_deg_s: float, delays: Delays, acceleration_deg_s2: float
-) -> tuple[float, float]:
+def careless_reach(axis: AxisMotion, delays: Delays, acceleration_deg_s2: float) -> AxisReach:
     """Look ahead as if every datagram arrived."""
-    return reach_deg(axis, rate_deg_s, delays._replace(fault_s=0.0), acceleration_deg_s2)
+    return AxisReach(axis, delays._replace(fault_s=0.0), acceleration_deg_s2)
 
 
 def one(work: tuple[int, float, str]) -> tuple[int, str, Judged]:

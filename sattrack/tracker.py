@@ -7,6 +7,7 @@ socket or random number, so the same inputs give the same outputs to the last bi
 from __future__ import annotations
 
 import math
+from collections import deque
 from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -40,6 +41,7 @@ SHIFT_SHARE = 0.02
 UNDATED_AT_MOST = 15
 """Samples in a row dated no later than the one before that are left out: a clock is learnt anew meanwhile."""
 SAME_INSTANT_S = 0.0005
+FORETOLD_KEPT = 4
 EDGE_PERIODS = 2.0
 MOST_EDGE_PERIODS = 6.0
 """How long the rates of one edge act: until the next, which the handshake lets through after some periods."""
@@ -89,10 +91,19 @@ class SkyError(NamedTuple):
 
 
 class Target(NamedTuple):
-    """Where the satellite is fed, degrees."""
+    """Where the satellite is fed, degrees, and how fast that changes, degrees a second."""
 
     ra_deg: float
     dec_deg: float
+    ra_rate_deg_s: float
+    dec_rate_deg_s: float
+
+    @classmethod
+    def at(cls, known: Direction, late_s: float = 0.0) -> Target:
+        """Return a known direction's target, so much later that its rates make up for that."""
+        ra_rate, dec_rate = float(known.ra_rate_deg_s), float(known.dec_rate_deg_s)
+        ra, dec = float(known.ra_deg), float(known.dec_deg)
+        return cls(ra + ra_rate * late_s, dec + dec_rate * late_s, ra_rate, dec_rate)
 
 
 class Tracker:
@@ -122,9 +133,8 @@ class Tracker:
         self._stand = Stand(0.0, 0.0, 0.0)
         self._near = 0
         self._undated = 0
-        self._foretold: Direction | None = None
-        """The target at the end of the interval that the last command is for."""
-        self._foretold_utc_s = 0.0
+        self._foretold: deque[tuple[float, Direction]] = deque(maxlen=FORETOLD_KEPT)
+        """The target at the ends of the intervals that the last commands are for."""
         self._last_edge_utc_s: float | None = None
         edge = profile.move_axis == "edge"
         self._acting_s = profile.period_s * (EDGE_PERIODS if edge else 1.0)
@@ -142,7 +152,7 @@ class Tracker:
     def use(self, propagator: Propagator) -> None:
         """Take directions from another propagator of the same satellite from now on."""
         self.steering.biases.use(propagator)
-        self._foretold = None
+        self._foretold.clear()
 
     @property
     def clock_holds(self) -> bool:
@@ -187,7 +197,7 @@ class Tracker:
                 self.lost_utc_s = utc_s
                 self._axes = Axes.begin(self._profile, self._history, seen, utc_s, self.plan.law.filter)
         self._stand = Stand(sample.sidereal_h * 15.0, sample.ra_deg, sample.dec_deg, sample.beyond_pole)
-        self.error = sky_error(utc_s, sample.ra_deg, sample.dec_deg, self.direction_at(utc_s))
+        self.error = sky_error(utc_s, sample.ra_deg, sample.dec_deg, self._foreseen(utc_s))
         if believed:
             self._judge(self.error)
         return self.error
@@ -199,7 +209,7 @@ class Tracker:
         else:
             self.steering.obey(message, now_utc_s)
         if not isinstance(message, Observation):
-            self._foretold = None
+            self._foretold.clear()
 
     def step(self, now_utc_s: float, slew_done: bool, held: bool = False) -> Motion:
         """Return the motion wanted from now on; call once a period, after the samples that came.
@@ -213,7 +223,7 @@ class Tracker:
             self.end("set")
             return Stop()
         if self.steering.watch(now_utc_s):
-            self._foretold = None
+            self._foretold.clear()
         if self._axes is None:
             return Hold()
         if self.phase is Phase.WAITING and now_utc_s >= self.plan.start_utc_s - self.plan.approach_s:
@@ -316,29 +326,26 @@ class Tracker:
     def _ends(self, acts_utc_s: float, interval_s: float) -> tuple[Target | Place, Direction | Place]:
         """Return where the axes are to be at both ends of the interval in which a command acts."""
         begin = self._foreseen(acts_utc_s)
-        self._foretold_utc_s = acts_utc_s + interval_s
-        end = self._foretold = self.direction_at(self._foretold_utc_s)
+        ends_utc_s = acts_utc_s + interval_s
+        end = self.direction_at(ends_utc_s)
+        self._foretold.append((ends_utc_s, end))
         if self._passage is None:
             return begin, end
         return (
             self._passage.place(acts_utc_s, begin.ra_deg, begin.dec_deg),
-            self._passage.place(self._foretold_utc_s, float(end.ra_deg), float(end.dec_deg)),
+            self._passage.place(ends_utc_s, float(end.ra_deg), float(end.dec_deg)),
         )
 
     def _foreseen(self, utc_s: float) -> Target:
-        """Return the target's place at an instant: that of the last interval's end, where it is the same.
+        """Return the target's place at an instant: that of an interval's end, where it is the same.
 
-        The loop's turns are foretold a little differently each time. Over SAME_INSTANT_S the target's rate
-        makes up for that to a thousandth of an arcsecond.
+        Commands end, and samples are taken, at the loop's turns, foretold a little differently each time.
+        Over SAME_INSTANT_S the target's rate makes up for that to a thousandth of an arcsecond.
         """
-        late_s = utc_s - self._foretold_utc_s
-        known = self._foretold
-        if known is None or abs(late_s) > SAME_INSTANT_S:
-            known, late_s = self.direction_at(utc_s), 0.0
-        return Target(
-            float(known.ra_deg) + float(known.ra_rate_deg_s) * late_s,
-            float(known.dec_deg) + float(known.dec_rate_deg_s) * late_s,
-        )
+        for at_utc_s, known in reversed(self._foretold):
+            if abs(utc_s - at_utc_s) <= SAME_INSTANT_S:
+                return Target.at(known, utc_s - at_utc_s)
+        return Target.at(self.direction_at(utc_s))
 
     def send_shift_s(self, now_utc_s: float) -> float:
         """Return by how much later than a period from now the next datagram had better go, seconds."""
@@ -375,7 +382,7 @@ class Tracker:
             self._near = 0
 
 
-def sky_error(utc_s: float, ra_deg: float, dec_deg: float, target: Direction) -> SkyError:
+def sky_error(utc_s: float, ra_deg: float, dec_deg: float, target: Direction | Target) -> SkyError:
     """Return the error on the sky of a pointing against a target's direction at the same instant."""
     target_dec = float(target.dec_deg)
     cos_dec, cos_target = math.cos(math.radians(dec_deg)), math.cos(math.radians(target_dec))

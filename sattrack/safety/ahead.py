@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from sattrack.safety.geometry import Box
-from sattrack.safety.reach import AxisMotion, Delays, latency_s, reach_deg
+from sattrack.safety.reach import AxisMotion, AxisReach, Delays, latency_s
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from sattrack.safety.limits import SafetyLimits
 
 NOTHING_NEAR: Mapping[str, float] = {}
+RateRanges: TypeAlias = "tuple[tuple[float, float], tuple[float, float]]"
+"""The least rates of both axes, hour angle first, and the greatest."""
 
 
 class Spot(NamedTuple):
@@ -36,54 +38,63 @@ class Ahead:
         self.horizon_s = self.latency_s + limits.longest_fault_s
         """How long it may take until it acts on what is decided next."""
 
-    def limit(
-        self,
-        motions: tuple[AxisMotion, AxisMotion],
-        rates: tuple[float, float],
-        age_s: float,
-        near: Mapping[str, float],
-    ) -> str | None:
-        """Return the limit that these rates may pass before a stop can hold the axes, or None.
+    def outlook(
+        self, spots: Sequence[Spot], now: RateRanges, nears: Sequence[Mapping[str, float]] | None = None
+    ) -> Outlook:
+        """Return what judges rates from any of the spots.
 
-        `near` are the limits whose margin the axes have used up, and what is left: rates must not lead nearer
-        to them, nor past them by what is under way.
+        `now` are the least and the greatest rates of both axes in force. `nears` are, for each spot, the
+        limits whose margin the axes have used up, and what is left: rates must not lead nearer to them, nor
+        past them by what is under way.
         """
-        margins = {name: 0.0 if clear >= 0.0 else -math.inf for name, clear in near.items()}
-        name = self._bounds.violated(self.reach(motions, rates, age_s), margins, self.horizon_s)
-        if name is None and near:
-            place = (motions[0].position_deg, motions[1].position_deg)
-            name = self._bounds.comes_nearer(near, place, rates, self.horizon_s)
-        return name
+        views = [
+            _View(spot.place, *self._reaches(spot, now), near)
+            for spot, near in zip(spots, nears or [NOTHING_NEAR] * len(spots), strict=True)
+        ]
+        return Outlook(self._bounds, self.horizon_s, views)
 
-    def limit_of(
-        self,
-        spots: Sequence[Spot],
-        now: tuple[tuple[float, float], tuple[float, float]],
-        rates: tuple[float, float],
-        nears: Sequence[Mapping[str, float]] | None,
-    ) -> str | None:
-        """Return the limit that these rates may pass from any of the spots, or None.
+    def reach(self, spot: Spot, now: RateRanges, rates: tuple[float, float]) -> Box:
+        """Return where the axes may come under these rates before a stop can hold them."""
+        ha, dec = self._reaches(spot, now)
+        return Box(*ha.deg(rates[0]), *dec.deg(rates[1]))
 
-        `now` are the least and the greatest rates in force; `nears` as `limit`'s, one for each spot.
-        """
-        for k, spot in enumerate(spots):
-            near = NOTHING_NEAR if nears is None else nears[k]
-            name = self.limit(motions_of(spot.place, now), rates, spot.age_s, near)
+    def _reaches(self, spot: Spot, now: RateRanges) -> tuple[AxisReach, AxisReach]:
+        delays = Delays(spot.age_s, self.latency_s, self._limits.longest_fault_s)
+        (ha_low, dec_low), (ha_high, dec_high) = now
+        ha = AxisMotion(spot.place[0], ha_low, ha_high)
+        dec = AxisMotion(spot.place[1], dec_low, dec_high)
+        return (
+            AxisReach(ha, delays, self._profile.ra.max_acceleration_deg_s2),
+            AxisReach(dec, delays, self._profile.dec.max_acceleration_deg_s2),
+        )
+
+
+class _View(NamedTuple):
+    """A place, how far each axis may come from it, and what is near there."""
+
+    place: Place
+    ha: AxisReach
+    dec: AxisReach
+    near: Mapping[str, float]
+
+
+class Outlook:
+    """What lies ahead of axes that go on as they do until a command acts: judges one wish after another."""
+
+    def __init__(self, bounds: Bounds, horizon_s: float, views: Sequence[_View]) -> None:
+        self._bounds, self._horizon_s = bounds, horizon_s
+        self._views = [
+            (view, {name: 0.0 if clear >= 0.0 else -math.inf for name, clear in view.near.items()})
+            for view in views
+        ]
+
+    def limit(self, rates: tuple[float, float]) -> str | None:
+        """Return the limit that these rates may pass before a stop can hold the axes, or None."""
+        for view, margins in self._views:
+            box = Box(*view.ha.deg(rates[0]), *view.dec.deg(rates[1]))
+            name = self._bounds.violated(box, margins, self._horizon_s)
+            if name is None and view.near:
+                name = self._bounds.comes_nearer(view.near, view.place, rates, self._horizon_s)
             if name is not None:
                 return name
         return None
-
-    def reach(self, motions: tuple[AxisMotion, AxisMotion], rates: tuple[float, float], age_s: float) -> Box:
-        """Return where the axes may come under these rates before a stop can hold them."""
-        delays = Delays(age_s, self.latency_s, self._limits.longest_fault_s)
-        ha = reach_deg(motions[0], rates[0], delays, self._profile.ra.max_acceleration_deg_s2)
-        dec = reach_deg(motions[1], rates[1], delays, self._profile.dec.max_acceleration_deg_s2)
-        return Box(*ha, *dec)
-
-
-def motions_of(
-    place: Place, now: tuple[tuple[float, float], tuple[float, float]]
-) -> tuple[AxisMotion, AxisMotion]:
-    """Return both axes at a place, with the least and the greatest rates that may be in force."""
-    low, high = now
-    return AxisMotion(place[0], low[0], high[0]), AxisMotion(place[1], low[1], high[1])

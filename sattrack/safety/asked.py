@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S, MoveAxes, SlewTo
 from sattrack.requests import FindHome, FineRate, MoveAxis, Park, PulseGuide, Request, Slew, Sync
-from sattrack.safety.ahead import motions_of
+from sattrack.safety.ahead import Spot
 from sattrack.safety.geometry import Box, altitude_deg
 from sattrack.safety.standing import axis_rates
 from sattrack.safety.table import ROWS
@@ -114,8 +114,9 @@ class Asked:
     def _move_objection(self, move: MoveAxes, stance: Stance) -> str | None:
         place = self._standing.of(stance)
         rates = axis_rates(move, stance.beyond_pole)
-        now = (rates, rates)
-        return self._ahead.limit(motions_of(place, now), rates, 0.0, self._bounds.near(place))
+        return self._ahead.outlook([Spot(place, 0.0)], (rates, rates), [self._bounds.near(place)]).limit(
+            rates
+        )
 
     def _home_objection(self, request: FindHome, stance: Stance) -> str | None:
         home = self._profile.home

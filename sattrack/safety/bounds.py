@@ -87,7 +87,7 @@ class Bounds:
     ) -> str | None:
         """Return the name of a region of which a box is not clear for so many seconds, or None.
 
-        `margins` are those of single regions, `margin_deg` that of the others.
+        `margins` are those of single regions, which they only lower; `margin_deg` is that of the others.
         """
         moves_deg = SIDEREAL_RATE_DEG_S * seconds
         return _violated(self._fixed, self._room, box, margins, margin_deg) or _violated(
@@ -198,7 +198,7 @@ def _violated(
     regions: Sequence[Region], room: ClearRoom, box: Box, margins: Mapping[str, float], margin_deg: float
 ) -> str | None:
     """Return the name of the first of some regions of which a box is not clear, or None."""
-    if not regions or (not margins and room.holds(box, margin_deg)):
+    if not regions or room.holds(box, margin_deg):
         return None
     for region in regions:
         if not is_clear(region, box, margins.get(region.name, margin_deg)):

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, Motion, MountProfile, MoveAxes, SlewTo, Stop
 from sattrack.requests import Abort, FineRate, Request, Slew, objection
-from sattrack.safety.ahead import Ahead, Spot, motions_of
+from sattrack.safety.ahead import Ahead, Spot
 from sattrack.safety.asked import Asked
 from sattrack.safety.bounds import CONES, INSIDE_MARGIN_DEG, Bounds
 from sattrack.safety.doubt import Belief, Doubt
@@ -199,7 +199,7 @@ class Safety:
         """Clear a slew from a place, in legs."""
         self._sent.clear()
         self.holding = None
-        braking = self._ahead.reach(motions_of(place, self._in_force(age_s, None)), REST, age_s)
+        braking = self._ahead.reach(Spot(place, age_s), self._in_force(age_s, None), REST)
         allowed = self._slews.clear(slew, sidereal_deg, reported, place, braking)
         if isinstance(allowed, SlewTo) and not self._slewing and self._slews.is_there(reported):
             # The mount tracks the sky where it has arrived.
@@ -264,25 +264,21 @@ class Safety:
         room = self._room(utc_s)
         wanted = within(clipped[0], room[0]), within(clipped[1], room[1])
         now = self._in_force(max(spot.age_s for spot in spots), utc_s)
-        name = self.holding = self._ahead.limit_of(spots, now, wanted, nears=None)
+        name = self.holding = self._ahead.outlook(spots, now).limit(wanted)
         if name is None:
             self._outside = 0
         else:
             nears = [self._bounds.near(spot.place, self._ahead.horizon_s) for spot in spots]
+            outlook = self._ahead.outlook(spots, now, nears)
             if not self._holds:
-                inward = self._ahead.limit_of(spots, now, wanted, nears)
+                inward = outlook.limit(wanted)
                 if inward is not None:
                     return self._trip(inward)
             else:
                 outside = self._proven_outside(spots)
                 if outside is not None and outside not in CONES:
                     return self._trip(outside)
-                wanted = self._held(
-                    (clipped, room),
-                    spots[0].place,
-                    lambda rates: self._ahead.limit_of(spots, now, rates, nears),
-                    outside is not None,
-                )
+                wanted = self._held((clipped, room), spots[0].place, outlook.limit, outside is not None)
         if utc_s is not None:
             self._sent.append((utc_s, *wanted))
         return Cleared(self._as_move(wanted, move, wish))

@@ -125,22 +125,29 @@ def nearest_deg(box: Box, hour_angle_deg: float, dec_deg: float) -> float:
     Its cosine is linear in that of the hour angle between them, at any declination, and a sine of the
     declination with a phase, at any hour angle: it is largest at an end of either, or on the sine's crest.
     """
-    low, high = box.ha_low_deg - hour_angle_deg, box.ha_high_deg - hour_angle_deg
+    ha_low, ha_high, dec_low, dec_high = box
+    low, high = ha_low - hour_angle_deg, ha_high - hour_angle_deg
     ends = math.cos(math.radians(low)), math.cos(math.radians(high))
     most = 1.0 if TURN_DEG * math.ceil(low / TURN_DEG) <= high else max(ends)
-    half = 0.5 * TURN_DEG
-    least = -1.0 if half + TURN_DEG * math.ceil((low - half) / TURN_DEG) <= high else min(ends)
-    sine, cosine = math.sin(math.radians(dec_deg)), math.cos(math.radians(dec_deg))
-    low, high = math.radians(box.dec_low_deg), math.radians(box.dec_high_deg)
-    sin_low, cos_low, sin_high, cos_high = math.sin(low), math.cos(low), math.sin(high), math.cos(high)
-    largest = -1.0
-    for across in (cosine * most, cosine * least):
-        crest = math.atan2(sine, across)
-        crest += 2.0 * math.pi * math.ceil((low - crest) / (2.0 * math.pi))
-        if crest <= high:
-            largest = max(largest, math.hypot(sine, across))
-        largest = max(largest, sine * sin_low + across * cos_low, sine * sin_high + across * cos_high)
+    dec = math.radians(dec_deg)
+    sine, cosine = math.sin(dec), math.cos(dec)
+    largest = _largest_cosine(sine, cosine * most, dec_low, dec_high)
+    if dec_low < -90.0 or dec_high > 90.0:
+        # Past a pole, it is the least cosine of the hour angle that leads there.
+        half = 0.5 * TURN_DEG
+        least = -1.0 if half + TURN_DEG * math.ceil((low - half) / TURN_DEG) <= high else min(ends)
+        largest = max(largest, _largest_cosine(sine, cosine * least, dec_low, dec_high))
     return math.degrees(math.acos(max(-1.0, min(1.0, largest))))
+
+
+def _largest_cosine(sine: float, across: float, low_deg: float, high_deg: float) -> float:
+    """Return the largest of sine * sin(d) + across * cos(d) for d from a least to a most angle, degrees."""
+    low, high = math.radians(low_deg), math.radians(high_deg)
+    crest = math.atan2(sine, across)
+    crest += 2.0 * math.pi * math.ceil((low - crest) / (2.0 * math.pi))
+    if crest <= high:
+        return math.hypot(sine, across)
+    return max(sine * math.sin(low) + across * math.cos(low), sine * math.sin(high) + across * math.cos(high))
 
 
 def lowest_altitude_deg(box: Box, latitude_deg: float) -> float:

@@ -39,26 +39,35 @@ class Delays(NamedTuple):
     fault_s: float
 
 
-def reach_deg(
-    axis: AxisMotion, rate_deg_s: float, delays: Delays, acceleration_deg_s2: float
-) -> tuple[float, float]:
-    """Return the least and the greatest angle at which the axis may be until it has stopped."""
-    braking = BRAKING_SHARE * acceleration_deg_s2
-    up = _ahead_deg(axis.high_deg_s, rate_deg_s, delays, braking)
-    down = _ahead_deg(-axis.low_deg_s, -rate_deg_s, delays, braking)
-    return axis.position_deg - down, axis.position_deg + up
+class AxisReach:
+    """How far one axis may come from where it was seen, for one rate asked for after another."""
 
+    def __init__(self, axis: AxisMotion, delays: Delays, acceleration_deg_s2: float) -> None:
+        self._position_deg = axis.position_deg
+        self._age_s, self._latency_s, self._fault_s = delays
+        self._twice_braking = 2.0 * BRAKING_SHARE * acceleration_deg_s2
+        self._upward = max(0.0, axis.high_deg_s)
+        self._downward = max(0.0, -axis.low_deg_s)
+        self._least_up, self._least_down = (
+            self._ahead_deg(self._upward, 0.0),
+            self._ahead_deg(self._downward, 0.0),
+        )
 
-def _ahead_deg(going: float, asked: float, delays: Delays, braking: float) -> float:
-    # Four times for every command: without calls.
-    going = going if going > 0.0 else 0.0
-    asked = asked if asked > 0.0 else 0.0
-    age_s, latency_s, fault_s = delays
-    stopping = asked * asked / (2.0 * braking)
-    if going <= asked:
-        return going * age_s + asked * latency_s + asked * fault_s + stopping
-    slowing = (going - asked) ** 2 / (2.0 * braking)
-    return going * age_s + going * latency_s + asked * fault_s + stopping + slowing
+    def deg(self, rate_deg_s: float) -> tuple[float, float]:
+        """Return the least and the greatest angle at which the axis may be until it has stopped."""
+        if rate_deg_s >= 0.0:
+            up, down = self._ahead_deg(self._upward, rate_deg_s), self._least_down
+        else:
+            up, down = self._least_up, self._ahead_deg(self._downward, -rate_deg_s)
+        return self._position_deg - down, self._position_deg + up
+
+    def _ahead_deg(self, going: float, asked: float) -> float:
+        """Return how far an axis comes in a direction, at rates that are not below nought."""
+        until_obeyed = going * self._age_s + (asked if asked > going else going) * self._latency_s
+        ahead = until_obeyed + asked * self._fault_s + asked * asked / self._twice_braking
+        if going > asked:
+            ahead += (going - asked) ** 2 / self._twice_braking
+        return ahead
 
 
 def latency_s(profile: MountProfile) -> float:

@@ -266,7 +266,7 @@ _EITHER_NAMES = tuple(STATUS_FIELDS[i].name for i in _STATUS_EITHERS)
 
 _COMMAND_NAMES = tuple(f.name for f in COMMAND_FIELDS[1:])
 _STATUS_NAMES = tuple(f.name for f in STATUS_FIELDS[1:])
-_COMMAND_DEFAULTS = vars(Command())
+_COMMAND_DEFAULTS, _STATUS_DEFAULTS = vars(Command()), vars(Status())
 _Datagram = TypeVar("_Datagram", Command, Status)
 
 
@@ -279,10 +279,19 @@ def _made(kind: type[_Datagram], values: dict[str, Any]) -> _Datagram:
 
 def command_of(**fields: float | bool) -> Command:
     """Return `Command(**fields)` in less time. Raises TypeError for a field that there is none of."""
-    values = {**_COMMAND_DEFAULTS, **fields}
-    if len(values) != len(_COMMAND_DEFAULTS):
-        raise TypeError(f"a command has no {', '.join(fields.keys() - _COMMAND_DEFAULTS.keys())}")
-    return _made(Command, values)
+    return _made(Command, _filled(_COMMAND_DEFAULTS, fields))
+
+
+def status_of(**fields: float | bool) -> Status:
+    """Return `Status(**fields)` in less time. Raises TypeError for a field that there is none of."""
+    return _made(Status, _filled(_STATUS_DEFAULTS, fields))
+
+
+def _filled(defaults: dict[str, Any], fields: dict[str, float | bool]) -> dict[str, Any]:
+    values = {**defaults, **fields}
+    if len(values) != len(defaults):
+        raise TypeError(f"a datagram has no {', '.join(fields.keys() - defaults.keys())}")
+    return values
 
 
 def encode_command(command: Command) -> bytes:

@@ -38,7 +38,7 @@ def test_no_limit_is_passed_in_two_thousand_runs_of_up_to_ten_minutes() -> None:
 
 @pytest.mark.parametrize("row", ["hour_angle", "sun"])
 def test_a_row_that_is_left_out_is_missed(row: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, name in ((bounds, "fixed_regions"), (ahead, "reach_deg"), (bounds.Bounds, "look")):
+    for module, name in ((bounds, "fixed_regions"), (ahead, "AxisReach"), (bounds.Bounds, "look")):
         monkeypatch.setattr(module, name, getattr(module, name))
     safety_run.without(row)
     assert any(row in flown(seed)[1].violated for seed in range(FOUND_WITHIN))

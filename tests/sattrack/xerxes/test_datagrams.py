@@ -26,10 +26,12 @@ from sattrack.xerxes.datagrams import (
     DatagramError,
     Readings,
     Status,
+    command_of,
     decode_command,
     decode_status,
     encode_command,
     encode_status,
+    status_of,
     status_readings,
 )
 
@@ -1010,3 +1012,11 @@ class TestArbitraryBytes:
                 decode(datagram)
             except DatagramError:
                 continue
+
+
+def test_datagrams_made_the_short_way_are_the_same_and_know_no_other_fields() -> None:
+    assert command_of(counter=7, abort=True) == Command(7, abort=True)
+    assert status_of(counter=7, dec_deg=12.5, slewing=True) == Status(counter=7, dec_deg=12.5, slewing=True)
+    for make in (command_of, status_of):
+        with pytest.raises(TypeError, match="no colour"):
+            make(colour=1.0)
