@@ -24,6 +24,11 @@ class ProfileFile(MountProfile, frozen=True, forbid_unknown_fields=True):
         return MountProfile(**{name: getattr(self, name) for name in MountProfile.__struct_fields__})
 
 
+def profile_file(profile: MountProfile) -> ProfileFile:
+    """Return a profile as it would stand in a file."""
+    return ProfileFile(**{name: getattr(profile, name) for name in MountProfile.__struct_fields__})
+
+
 def load_profile_file(path: Path) -> ProfileFile:
     """Return what a profile file says. Raises BadInputError, naming file, line and key."""
     return read_toml(path, ProfileFile, "the mount profile")

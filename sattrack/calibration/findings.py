@@ -133,6 +133,17 @@ def _refuse_readings(seen: Observations) -> None:
         )
 
 
+def dated_by_requests(seen: Observations) -> ClockTruth | None:
+    """Return what is known of a clock that says the middle of each request, on our own clock.
+
+    Which part of the way there and back the way there is, it cannot tell. None where too little was heard.
+    """
+    if len(seen.log.heard) < FEWEST_BRACKETS:
+        return None
+    trip = round_trip(seen, clock_line(seen.log.heard))
+    return ClockTruth(0.5 * trip.seconds, {"the middle of each request": 0.0})
+
+
 def round_trip(seen: Observations, line: ClockLine) -> RoundTrip:
     """Return the round trip from all flags that were raised and lowered. Raises CalibrationEndedError."""
     heard = seen.log.heard

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 FIRST_RATE_DEG_S = 0.2
 SECOND_RATE_DEG_S = 0.1
@@ -10,6 +10,8 @@ CENTRED_WITHIN_DEG = 0.25
 """How near to where it began an axis is brought back after that test."""
 SEMANTICS_PART_S = 1.2
 """How long each part of the test for held or edge lasts: first rate, second rate, flag down."""
+USUAL_STATUS_PERIOD_S = 0.1
+"""Where statuses come more rarely, motions take longer and are slower by as much."""
 LARGEST_GAIN = 1.5
 """An axis that goes faster than this times what it was told is stopped."""
 REACTION_S = 0.45
@@ -53,6 +55,22 @@ class Plan:
         Leg(-0.2, 4.0),
         Leg(0.2, 4.0),
     )
+
+    def suited(self, largest_deg_s: float | None, status_period_s: float) -> Plan:
+        """Return the plan with motions no faster than an axis bears, and so long that enough is seen of each.
+
+        Raises ValueError where the largest rate is below FIRST_RATE_DEG_S.
+        """
+        slower = max(1.0, status_period_s / USUAL_STATUS_PERIOD_S)
+        part = 1.0 / slower
+        if largest_deg_s is not None and part * self.fastest_deg_s > largest_deg_s:
+            part = largest_deg_s / self.fastest_deg_s
+        if largest_deg_s is not None and largest_deg_s < FIRST_RATE_DEG_S:
+            raise ValueError(
+                f"the mount's largest rate is {largest_deg_s:g} °/s: no satellite can be followed"
+            )
+        legs = tuple(Leg(part * leg.rate_deg_s, slower * leg.seconds) for leg in self.legs)
+        return replace(self, legs=legs)
 
     @property
     def fastest_deg_s(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
@@ -12,6 +12,9 @@ from tle.instants import Utc
 if TYPE_CHECKING:
     from sattrack.calibration.findings import Findings, Interval
     from sattrack.calibration.motion import AxisResponse
+
+
+Profile = TypeVar("Profile", bound=MountProfile)
 
 
 def calibrated(base: MountProfile, found: Findings, name: str | None, program: str) -> MountProfile:
@@ -37,6 +40,17 @@ def calibrated(base: MountProfile, found: Findings, name: str | None, program: s
         "calibration": _record(base, found, program),
     }
     return msgspec.structs.replace(base, **changes)
+
+
+def bounded(profile: Profile, largest_deg_s: tuple[float, float] | None) -> Profile:
+    """Return a profile with the largest rates that the mount tells of, right ascension first."""
+    if largest_deg_s is None:
+        return profile
+    ra, dec = (
+        msgspec.structs.replace(limits, max_rate_deg_s=largest)
+        for limits, largest in zip((profile.ra, profile.dec), largest_deg_s, strict=True)
+    )
+    return msgspec.structs.replace(profile, ra=ra, dec=dec)
 
 
 def _signs(base: MountProfile, found: Findings) -> dict[str, Any]:

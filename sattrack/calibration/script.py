@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     Steps = Generator[None, None, None]
 
 LISTEN_S = 2.0
+LISTEN_ON_S = 6.0
+"""How much longer it is listened to a mount that tells something, but rarely."""
 FEWEST_STATUSES = 15
 ANSWER_WITHIN_S = 2.0
 REST_WITHIN_S = 6.0
@@ -159,9 +161,12 @@ class Script:
 
     def _listen(self) -> Steps:
         yield from self._wait(LISTEN_S)
+        began = self.now_utc_s
+        while 0 < len(self._seen.log.heard) < FEWEST_STATUSES and self.now_utc_s < began + LISTEN_ON_S:
+            yield
         if len(self._seen.log.heard) < FEWEST_STATUSES:
             heard = len(self._seen.log.heard)
-            words = f"{heard} statuses from the mount in {LISTEN_S:g} s"
+            words = f"{heard} statuses from the mount in {LISTEN_S + LISTEN_ON_S:g} s"
             if heard == 0:
                 words = f"no status from the mount within {LISTEN_S:g} s"
             raise CalibrationEndedError(Kind.LINK, f"{words}; is it on, and set to send here?")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from sattrack.mount import SIDEREAL_RATE_DEG_S
 from sattrack.xerxes.datagrams import DatagramError, Readings, Status, decode_status, status_readings
 
 SIDEREAL_SECONDS_PER_SECOND = 1.00273790935
@@ -79,7 +80,7 @@ class StatusLog:
         return heard
 
     def still(self) -> bool:
-        """Tell whether both axes stand, by the newest statuses."""
+        """Tell whether both axes stand, or follow the sky, by the newest statuses."""
         newest = self.heard[-STILL_STATUSES:]
         if len(newest) < STILL_STATUSES:
             return False
@@ -87,8 +88,9 @@ class StatusLog:
         span_s = last.mount_s - first.mount_s
         if span_s < STILL_SPAN_S * 0.8:
             return False
-        moved = max(abs(last.hour_angle_deg - first.hour_angle_deg), abs(last.dec_deg - first.dec_deg))
-        return moved < STILL_WITHIN_DEG_S * span_s
+        turned = last.hour_angle_deg - first.hour_angle_deg
+        off_deg = min(abs(turned), abs(turned - SIDEREAL_RATE_DEG_S * span_s))
+        return max(off_deg, abs(last.dec_deg - first.dec_deg)) < STILL_WITHIN_DEG_S * span_s
 
     def _began_anew(self, status: Status, before: Heard) -> bool:
         """Tell whether low counters that rise again and again are those of a program started anew."""

@@ -86,16 +86,17 @@ class CommandContext:
             tell(note)
         return sets
 
-    def profile(self, explicit: Path | None) -> ProfileFile:
-        """Return the mount's profile: the option's, else the settings file's, else the built-in one.
+    def profile(self, explicit: Path | None, mount_url: str | None = None) -> ProfileFile:
+        """Return the mount's profile: the option's, else the settings file's, else the usual one of its kind.
 
         Raises BadInputError, naming file, line and key.
         """
-        from sattrack.profiles import ProfileFile, load_profile_file
+        from sattrack.profiles import load_profile_file, profile_file
+        from sattrack.runtime.mounts import usual_profile
 
         configured = self.settings.mount.profile
         path = explicit if explicit is not None or configured is None else Path(configured)
-        return ProfileFile() if path is None else load_profile_file(path)
+        return profile_file(usual_profile(mount_url)) if path is None else load_profile_file(path)
 
     def clock(self) -> Clock:
         """Return the clock to run by, the simulated one started now."""

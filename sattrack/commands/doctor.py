@@ -58,7 +58,10 @@ class _PatientCommand(click.Command):
 
 @click.command("doctor", cls=_PatientCommand)
 @click.option(
-    "--mount", "mount_url", metavar="URL", help="Listen to this mount: xerxes://HOST:PORT?listen=PORT."
+    "--mount",
+    "mount_url",
+    metavar="URL",
+    help="Listen to this mount: xerxes://HOST:PORT?listen=PORT or alpaca://HOST:PORT/DEVICE.",
 )
 @profile_option
 @click.option(
@@ -165,7 +168,7 @@ def _check_mount(context: CommandContext, url: str | None, explicit: Path | None
     profile: MountProfile | None = None
     error = None
     try:
-        profile = context.profile(explicit).mount
+        profile = context.profile(explicit, url).mount
     except SattrackError as refusal:
         error = str(refusal)
     yield doctor.check_profile(configured, profile, error, real)

@@ -24,16 +24,17 @@ if TYPE_CHECKING:
     from sattrack.clock import Clock
     from sattrack.mount import MountProfile
     from sattrack.profiles import ProfileFile
+    from sattrack.runtime.mounts import MountAddress
     from sattrack.safety import SafetyLimits
-    from sattrack.xerxes.client import Address
     from tle.site import Site
 
 LARGEST_UNCERTAINTY_S = 1.0
+MOUNT_HELP = "sim, xerxes://HOST:PORT?listen=PORT, or alpaca://HOST:PORT/DEVICE."
 FILE = click.Path(path_type=Path)
 
 
 @click.command("calibrate")
-@click.option("--mount", "mount_url", metavar="URL", help="sim, or xerxes://HOST:PORT?listen=PORT.")
+@click.option("--mount", "mount_url", metavar="URL", help=MOUNT_HELP)
 @click.option("--out", type=FILE, metavar="FILE", help="The mount profile to write.")
 @click.option(
     "--update", type=FILE, metavar="FILE", help="A profile to put the findings into; its other values stay."
@@ -57,18 +58,22 @@ def command(context: CommandContext, **options: Any) -> int:
     Signs, gains, additive or absolute, held or edge, round trip, acceleration, the mount's clock. The mount
     must stand clear, 20° high or more, and away from the Sun. Any key stops it.
     """
+    from sattrack.calibration.profile import bounded
     from sattrack.runtime.calibrate import ending_error
     from sattrack.runtime.mounts import mount_address
 
-    address = mount_address(options["mount_url"] or context.settings.mount.url)
+    url = options["mount_url"] or context.settings.mount.url
+    address = mount_address(url)
     _check(context, options, address)
     target = _target(options)
-    base = _base(context, options)
+    base = _base(options, url)
     site = context.site() if context.has_site() else None
     if site is None:
         if address is not None:
             raise BadInputError("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
         site = practice.SITE.place()
+    if address is not None:
+        address = address.seen_from(site)
     _ask(options["yes"], "sim" if address is None else str(address))
     limits = context.settings.safety.limits()
     calibrator = _fly(context.clock(), site, (base.mount, limits), address, options["sim_profile"])
@@ -76,13 +81,14 @@ def command(context: CommandContext, **options: Any) -> int:
     error = ending_error(calibrator.ending)
     if error is not None:
         raise error
-    found = _conclude(calibrator, site, options["clock_true"])
-    profile = _write(target, base, found, options["name"])
+    dated = address is None or address.dates_itself
+    found = _conclude(calibrator, site, options["clock_true"], dated)
+    profile = _write(target, bounded(base, calibrator.largest_rates_deg_s), found, options["name"])
     _tell(found, profile, target, context.json)
     return 0
 
 
-def _check(context: CommandContext, options: dict[str, Any], address: Address | None) -> None:
+def _check(context: CommandContext, options: dict[str, Any], address: MountAddress | None) -> None:
     if address is not None and context.clock_option is not None:
         raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
     if address is not None and options["sim_profile"] is not None:
@@ -108,13 +114,14 @@ def _target(options: dict[str, Any]) -> Path:
     return target
 
 
-def _base(context: CommandContext, options: dict[str, Any]) -> ProfileFile:
+def _base(options: dict[str, Any], url: str | None) -> ProfileFile:
     """Return the profile whose values stay where nothing is found; raises BadInputError."""
-    from sattrack.profiles import ProfileFile, load_profile_file
+    from sattrack.profiles import load_profile_file, profile_file
+    from sattrack.runtime.mounts import usual_profile
 
     if options["update"] is not None:
         return load_profile_file(options["update"])
-    return ProfileFile(name=Path(options["out"]).stem)
+    return profile_file(msgspec.structs.replace(usual_profile(url), name=Path(options["out"]).stem))
 
 
 def _ask(consented: bool, mount_name: str) -> None:
@@ -141,7 +148,7 @@ def _fly(
     clock: Clock,
     site: Site,
     described: tuple[MountProfile, SafetyLimits],
-    address: Address | None,
+    address: MountAddress | None,
     sim_profile: Path | None,
 ) -> Calibrator:
     """Run the calibration, beside a simulated mount of its own where there is no other."""
@@ -174,13 +181,16 @@ def _wipe() -> None:
         click.echo("\r\x1b[K", nl=False, err=True)
 
 
-def _conclude(calibrator: Calibrator, site: Site, stated_s: float | None) -> Findings:
+def _conclude(calibrator: Calibrator, site: Site, stated_s: float | None, dates_itself: bool) -> Findings:
     """Return the findings; raises SattrackError where the run contradicts itself."""
-    from sattrack.calibration.findings import conclude
+    from sattrack.calibration.findings import conclude, dated_by_requests
     from sattrack.calibration.guard import CalibrationEndedError
 
     try:
-        return conclude(calibrator.seen, site.longitude_deg, _clock_truth(calibrator, site, stated_s))
+        truth = (
+            _clock_truth(calibrator, site, stated_s) if dates_itself else dated_by_requests(calibrator.seen)
+        )
+        return conclude(calibrator.seen, site.longitude_deg, truth)
     except CalibrationEndedError as ended:
         raise SattrackError(f"{ended.words}; nothing was written, the mount is at rest") from ended
 

@@ -28,7 +28,7 @@ from sattrack.manual.errand import DONE, Errand
 from sattrack.manual.report import view_of
 from sattrack.requests import objection
 from sattrack.runtime.console import Connection, attend, connected
-from sattrack.runtime.mounts import mount_address
+from sattrack.runtime.mounts import FORMS, mount_address
 from sattrack.view import LinkView
 
 if TYPE_CHECKING:
@@ -39,13 +39,8 @@ if TYPE_CHECKING:
     from sattrack.manual.procedures import Outcome, Procedure
     from sattrack.profiles import ProfileFile
     from sattrack.requests import Request
-    from sattrack.xerxes.client import Address
+    from sattrack.runtime.mounts import MountAddress
     from tle.site import Site
-
-SILENT_ADVICE = (
-    "check that the mount is on, that {host}:{port} is its address and port, and that its own window sends "
-    "to this machine's address, port {listen}"
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +48,7 @@ class MountCall:
     """Which mount a verb is for, and how it is to be met; `address` None is the simulated one."""
 
     context: CommandContext
-    address: Address | None
+    address: MountAddress | None
     described: ProfileFile
     site: Site | None
     clock: Clock
@@ -75,6 +70,8 @@ class MountCall:
     def check(self, request: Request) -> None:
         """Raise BadInputError where a request cannot be one, before anything is sent."""
         words = objection(request, self.described.mount)
+        if words is None and self.address is not None:
+            words = self.address.not_carried(request)
         if words is not None:
             raise BadInputError(f"{words}; nothing was sent")
 
@@ -82,10 +79,9 @@ class MountCall:
         """Return what to check where a mount was not heard; `sent` where it has been written to anyway."""
         if self.address is None:
             return "the simulated mount did not answer"
-        host, port, listen = self.address
         if sent and connection.refused():
-            return f"nothing listens on {host}:{port}"
-        return SILENT_ADVICE.format(host=host, port=port, listen=listen)
+            return f"nothing listens on {self.address.name}"
+        return self.address.silence_advice
 
 
 def mount_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -93,7 +89,7 @@ def mount_options(function: Callable[..., Any]) -> Callable[..., Any]:
     options = (
         common_options,
         profile_option,
-        click.option("--mount", "mount_url", metavar="URL", help="sim, or xerxes://HOST:PORT?listen=PORT."),
+        click.option("--mount", "mount_url", metavar="URL", help=f"sim, {FORMS}."),
         click.option(
             "--timeout", type=float, metavar="S", help="Give up, and stop the mount, after so long."
         ),
@@ -103,16 +99,19 @@ def mount_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def resolve(context: CommandContext, options: dict[str, Any], needs_site: bool = True) -> MountCall:
     """Return which mount a verb is for. Raises BadInputError; no socket is opened."""
-    address = mount_address(options["mount_url"] or context.settings.mount.url)
+    url = options["mount_url"] or context.settings.mount.url
+    address = mount_address(url)
     if address is not None and context.clock_option is not None:
         raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
     timeout_s = options["timeout"]
     if timeout_s is not None and not (math.isfinite(timeout_s) and timeout_s > 0.0):
         raise BadInputError(f"--timeout {timeout_s:g}: give seconds, above 0")
-    described = context.profile(options["profile"])
+    described = context.profile(options["profile"], url)
     site = context.site() if context.has_site() or (needs_site and address is not None) else None
     if site is None and address is None:
         site = practice.SITE.place()
+    if site is not None and address is not None:
+        address = address.seen_from(site)
     return MountCall(context, address, described, site, context.clock(), timeout_s)
 
 

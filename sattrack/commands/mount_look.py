@@ -34,7 +34,7 @@ def status(context: CommandContext, **options: Any) -> int:
     a simulated one, is sent datagrams without a command where it keeps silent.
     """
     call = resolve(context, options, needs_site=False)
-    owner = None if call.address is None else owner_of(call.address.host, call.address.port)
+    owner = None if call.address is None else owner_of(call.address.name)
     if owner is not None:
         tell(f"as its owner hears it: {owner}")
     with call.connected(own=False) as connection:

@@ -26,7 +26,7 @@ def abort(context: CommandContext, **options: Any) -> int:
     A session that owns the mount stops it and ends, as by `sattrack stop`; then it is told once more.
     """
     call = resolve(context, options, needs_site=False)
-    owner = None if call.address is None else owner_of(call.address.host, call.address.port)
+    owner = None if call.address is None else owner_of(call.address.name)
     if owner is not None and call.address is not None:
         stopped = stop_session(owner, lambda: None)
         tell(f"stopping it through its session, {owner}" if stopped is None else stopped.words)

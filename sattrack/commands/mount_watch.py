@@ -79,7 +79,7 @@ class _NoOrders(OrderInbox):
 def _stream(call: MountCall, control: bool) -> int:
     lines = JsonLines()
     inbox = OrderInbox() if control else _NoOrders()
-    owner = None if call.address is None else owner_of(call.address.host, call.address.port)
+    owner = None if call.address is None else owner_of(call.address.name)
     with call.connected(own=owner is None) as connection:
         sitting = Sitting(call.console(), connection.now_utc_s(), None if owner is None else str(owner))
         attend_sitting(

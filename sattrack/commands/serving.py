@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from sattrack.clock import Clock
     from sattrack.commands.common import CommandContext
     from sattrack.profiles import ProfileFile
+    from sattrack.runtime.mounts import MountAddress
     from sattrack.runtime.signals import StopRequest
-    from sattrack.xerxes.client import Address
     from tle.site import Site
 
 Networks: TypeAlias = tuple[ipaddress.IPv4Network | ipaddress.IPv6Network, ...]
@@ -28,7 +28,7 @@ Networks: TypeAlias = tuple[ipaddress.IPv4Network | ipaddress.IPv6Network, ...]
 class Served:
     """The mount that a door leads to, where it stands, and the clock; no `address`: a simulated one."""
 
-    address: Address | None
+    address: MountAddress | None
     described: ProfileFile
     site: Site
     clock: Clock
@@ -42,16 +42,17 @@ def what_is_served(
     `lives_in_real_time` names who does. A simulated mount without a site stands at the practice site. Raises
     BadInputError.
     """
-    address = mount_address(mount_url or context.settings.mount.url)
+    url = mount_url or context.settings.mount.url
+    address = mount_address(url)
     if address is not None and context.clock_option is not None:
         raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
-    described = context.profile(profile)
+    described = context.profile(profile, url)
     practising = address is None and not context.has_site()
     site = practice.SITE.place() if practising else context.site()
     clock = context.clock()
     if clock.speed != 1.0:
         raise BadInputError(f"--clock: {lives_in_real_time} in real time; leave its speed out")
-    return Served(address, described, site, clock)
+    return Served(address if address is None else address.seen_from(site), described, site, clock)
 
 
 def end_of_service(mount_stopped: bool | None, stop: StopRequest) -> int:

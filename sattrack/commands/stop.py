@@ -12,16 +12,16 @@ import msgspec
 
 from sattrack.commands.common import CommandContext, common_options, profile_option
 from sattrack.errors import BadInputError, SattrackError
+from sattrack.runtime.mounts import FORMS, mount_address
 from sattrack.runtime.owner import owner_of, owners, this_user
 from sattrack.runtime.stopping import MountStop, stop_after, stop_directly, stop_session
-from sattrack.xerxes.client import parse_address
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from sattrack.mount import MountProfile
+    from sattrack.runtime.mounts import MountAddress
     from sattrack.runtime.owner import Owner
-    from sattrack.xerxes.client import Address
 
 SHOW_EVERY = 4
 
@@ -58,8 +58,8 @@ class Waiting:
     "--mount",
     "mount_url",
     metavar="URL",
-    help="Only this mount: xerxes://HOST:PORT?listen=PORT. Default: whatever sessions of yours move, and "
-    "the mount of the settings.",
+    help=f"Only this mount: {FORMS}. Default: whatever sessions of yours move, and the mount of the "
+    "settings.",
 )
 @profile_option
 @common_options
@@ -74,7 +74,7 @@ def command(context: CommandContext, mount_url: str | None, profile: Path | None
     if mount_url is None:
         sessions = [owner for owner in owners() if this_user() in (0, owner.user)]
     else:
-        owner = None if address is None else owner_of(address.host, address.port)
+        owner = None if address is None else owner_of(address.name)
         sessions = [] if owner is None else [owner]
     if not sessions and address is None:
         raise BadInputError(
@@ -82,7 +82,7 @@ def command(context: CommandContext, mount_url: str | None, profile: Path | None
             "--mount URL stops a mount directly"
         )
     waiting = Waiting()
-    done, failed = _stop_all(sessions, address, context.profile(profile).mount, waiting)
+    done, failed = _stop_all(sessions, address, context.profile(profile, url).mount, waiting)
     waiting.wipe()
     _tell(done, failed, context.json)
     if failed:
@@ -90,17 +90,13 @@ def command(context: CommandContext, mount_url: str | None, profile: Path | None
     return 0
 
 
-def _address(url: str | None) -> Address | None:
+def _address(url: str | None) -> MountAddress | None:
     """Return the mount that a URL names; None for simulated ones, which end with their sessions."""
-    if url is None or url == "sim":
-        return None
-    if not url.startswith("xerxes:"):
-        raise BadInputError(f"--mount {url}: write xerxes://HOST:PORT?listen=PORT")
-    return parse_address(url)
+    return None if url is None else mount_address(url)
 
 
 def _stop_all(
-    sessions: list[Owner], address: Address | None, profile: MountProfile, waiting: Waiting
+    sessions: list[Owner], address: MountAddress | None, profile: MountProfile, waiting: Waiting
 ) -> tuple[list[MountStop], list[SattrackError]]:
     """Stop each session's mount, and `address` where it is none of them."""
     done: list[MountStop] = []
@@ -110,7 +106,7 @@ def _stop_all(
             done.append(stop_session(owner, waiting.show) or stop_after(owner, profile, waiting.show))
         except SattrackError as error:
             failed.append(error)
-    here = None if address is None else f"{address.host}:{address.port}"
+    here = None if address is None else address.name
     if address is not None and here not in {owner.mount for owner in sessions}:
         try:
             done.append(stop_directly(address, profile, waiting.show))

@@ -39,7 +39,10 @@ from sattrack.runtime.prepare import RunRequest, prepare
 @click.command("track")
 @click.argument("satellite")
 @click.option(
-    "--mount", "mount_url", metavar="URL", help="sim, xerxes://HOST:PORT?listen=PORT, or antenna://HOST:PORT."
+    "--mount",
+    "mount_url",
+    metavar="URL",
+    help="sim, xerxes://HOST:PORT?listen=PORT, alpaca://HOST:PORT/DEVICE, or antenna://HOST:PORT.",
 )
 @profile_option
 @click.option("--headless", is_flag=True, help="No terminal UI.")
@@ -80,7 +83,7 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
         fov_deg=context.settings.camera.fov_deg if options["fov_deg"] is None else options["fov_deg"],
         virtual=options["virtual"],
         record=options["record"],
-        profile=context.profile(options["profile"]),
+        profile=context.profile(options["profile"], options["mount_url"] or context.settings.mount.url),
         limits=context.settings.safety.limits(),
         memory=options["bias_memory"],
     )

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 from sattrack import practice
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, Kind, Surroundings
+from sattrack.calibration.plan import Plan
 from sattrack.calibration.sender import PERIOD_S
 from sattrack.calibration.sky import sun_hour_angle_and_dec
 from sattrack.clock import SimulatedClock
@@ -38,10 +39,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sattrack.calibration.calibrator import Ending
-    from sattrack.calibration.plan import Plan
     from sattrack.clock import Clock
     from sattrack.mount import MountProfile
     from sattrack.runtime.embedded import EmbeddedMount
+    from sattrack.runtime.mounts import MountAddress
     from sattrack.xerxes.client import UdpLink
     from tle.site import Site
 
@@ -129,7 +130,7 @@ def _clear_start(around: Surroundings) -> StartPosition:
 
 def calibrate_live(
     around: Surroundings,
-    address: Address,
+    address: MountAddress,
     clock: Clock,
     show: Callable[[str, float], None],
     plan: Plan | None = None,
@@ -146,7 +147,14 @@ def calibrate_live(
         stack.enter_context(stopping(stop))
         keys = stack.enter_context(_any_key())
         stack.enter_context(_quiet_memory())
+        told = link.largest_rates_deg_s
+        try:
+            period_s = (profile or address.usual_profile()).period_s
+            plan = (plan or Plan()).suited(None if told is None else min(told), period_s)
+        except ValueError as error:
+            raise SattrackError(f"{address}: {error}") from error
         calibrator = Calibrator(around, clock.utc_s(time.monotonic()), plan)
+        calibrator.largest_rates_deg_s = told
         _CalibrationLoop(calibrator, link, guard, clock, show, stop, keys).run()
     return calibrator
 

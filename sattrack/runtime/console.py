@@ -18,7 +18,7 @@ from sattrack.console_messages import LeaveOrder, decode_order
 from sattrack.errors import SattrackError
 from sattrack.runtime.embedded import LineReader, start_embedded
 from sattrack.runtime.guard import Guard, Unguarded, owned
-from sattrack.runtime.onlooker import OverheardLink, look_on
+from sattrack.runtime.links import heard
 from sattrack.runtime.realtime import undisturbed
 from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.xerxes.client import Address, UdpLink, nobody_listens
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from sattrack.manual.sitting import Sitting
     from sattrack.profiles import ProfileFile
     from sattrack.runtime.embedded import EmbeddedMount
+    from sattrack.runtime.mounts import MountAddress
+    from sattrack.runtime.onlooker import OverheardLink
     from tle.site import Site
 
 LATE_ENOUGH_TO_SKIP_S = 0.5
@@ -89,12 +91,13 @@ class Connection:
 
     def refused(self) -> bool:
         """Tell whether the mount's host says that nothing listens at the mount's port."""
-        return nobody_listens(self.link.address, encode_command(Command()))
+        address = self.link.address
+        return isinstance(address, Address) and nobody_listens(address, encode_command(Command()))
 
 
 @contextmanager
 def connected(
-    address: Address | None, described: ProfileFile, site: Site | None, clock: Clock, own: bool = True
+    address: MountAddress | None, described: ProfileFile, site: Site | None, clock: Clock, own: bool = True
 ) -> Iterator[Connection]:
     """Give a connection to a mount; with `address` None, to a simulated one in a process of its own.
 
@@ -113,9 +116,7 @@ def connected(
             link, guard = stack.enter_context(owned(address, described.mount, clock.speed, name))
             yield Connection(link, clock, simulated, guard)
             return
-        heard = look_on(address) or UdpLink(address)
-        stack.callback(heard.close)
-        yield Connection(heard, clock, simulated)
+        yield Connection(stack.enter_context(heard(address)), clock, simulated)
 
 
 def _simulator_config(described: ProfileFile, site: Site | None, clock: Clock) -> SimulatorConfig:

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 SEARCH_HOURS = 48.0
 SIMULATED = "sim"
 """The name of the simulated mount, as `--mount` has it."""
+SETTLING_PERIODS = 2.0
 REFRACTION_MODES = ("auto", "on", "off")
 
 
@@ -122,6 +123,18 @@ def plan_for(satellite_pass: Pass, now: Utc) -> TrackPlan:
     if satellite_pass.set_utc is not None:
         end_s = float(satellite_pass.set_utc.unix_s)
     return TrackPlan(start_utc_s=max(float(rise.unix_s), float(now.unix_s)), end_utc_s=end_s)
+
+
+def suited_to(plan: TrackPlan, profile: MountProfile, on_target_arcsec: float) -> TrackPlan:
+    """Return a plan for a mount that takes commands as rarely as its profile says, and is dated so well.
+
+    An error that were taken out faster than in SETTLING_PERIODS would be overshot before that is seen.
+    """
+    law = plan.law
+    settling_s = max(law.feeder.settling_s, SETTLING_PERIODS * profile.period_s)
+    feeder = msgspec.structs.replace(law.feeder, settling_s=settling_s)
+    law = msgspec.structs.replace(law, feeder=feeder)
+    return msgspec.structs.replace(plan, law=law, on_target_arcsec=on_target_arcsec)
 
 
 def _encode_utc(value: Any) -> Any:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from sattrack.messages import Message, Observation
     from sattrack.runtime.facts import RunFacts
     from sattrack.runtime.live import Inbox
+    from sattrack.runtime.mounts import MountAddress
     from sattrack.runtime.observers import Observers
     from sattrack.runtime.prepare import Prepared
     from sattrack.runtime.signals import StopRequest
@@ -78,7 +79,7 @@ def fly_live(
     facts = in_run_time(prepared.facts, prepared.clock.speed)
     with ExitStack() as stack:
         simulated: EmbeddedMount | None = None
-        address = prepared.address
+        address: MountAddress | None = prepared.address
         if address is None:
             simulated = start_embedded(_simulator_config(prepared))
             stack.callback(simulated.close)

@@ -22,17 +22,18 @@ from typing import TYPE_CHECKING, Protocol
 import msgspec
 
 from sattrack.errors import SattrackError
-from sattrack.mount import MountProfile
 from sattrack.runtime import guard_memory
 from sattrack.runtime.guard_memory import Release, Word
 from sattrack.runtime.guardian import GuardianTask
+from sattrack.runtime.links import open_link
 from sattrack.runtime.owner import Owner, claim, this_command, this_user
-from sattrack.xerxes.client import UdpLink
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sattrack.xerxes.client import Address
+    from sattrack.mount import MountProfile
+    from sattrack.runtime.mounts import MountAddress
+    from sattrack.xerxes.client import UdpLink
 
 HANG_AFTER_S = 1.0
 """How long a feeder may stand still before its guardian takes the mount from it."""
@@ -86,16 +87,17 @@ class Unguarded:
 class Guarded:
     """A guardian at work; where it dies, another takes its place once, and then the run is to end."""
 
-    def __init__(self, link: UdpLink, door: int, profile: MountProfile, speed: float, name: str) -> None:
+    def __init__(
+        self, link: UdpLink, door: int, profile: MountProfile, speed: float, name: str, owned_as: str
+    ) -> None:
         self._memory = guard_memory.create()
         self._words = guard_memory.words(self._memory)
         link.onlooker = partial(guard_memory.note_status, self._words)
-        address = link.address
         self._task = GuardianTask(
             memory=self._memory,
             link=link.fileno(),
             door=door,
-            address=address,
+            address=link.address,
             profile=profile,
             speed=speed,
             hang_after_s=HANG_AFTER_S,
@@ -104,7 +106,7 @@ class Guarded:
                 user=this_user(),
                 command=this_command(),
                 since_utc=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
-                mount=f"{address.host}:{address.port}",
+                mount=owned_as,
                 listen_port=link.listen_port,
             ),
         )
@@ -242,18 +244,19 @@ class Guarded:
 
 @contextmanager
 def owned(
-    address: Address, profile: MountProfile | None, speed: float = 1.0, name: str | None = None
+    address: MountAddress, profile: MountProfile | None, speed: float = 1.0, name: str | None = None
 ) -> Iterator[tuple[UdpLink, Guarded]]:
     """Own a mount: give a socket towards it and the guard of whoever feeds it; `profile` None: not known yet.
 
-    Raises Taken, naming the owner, where the mount has one, SattrackError where the port is not to be had.
+    Raises Taken, naming the owner, where the mount has one, SattrackError where the port is not to be had, or
+    what is to stand between finds no mount.
     """
     with contextlib.ExitStack() as stack:
         held = claim(address)
         stack.callback(held.close)
-        link = UdpLink(address)
-        stack.callback(link.close)
-        guard = Guarded(link, held.fileno(), profile or MountProfile(), speed, name or str(address))
+        link = stack.enter_context(open_link(address))
+        profile = profile or address.usual_profile()
+        guard = Guarded(link, held.fileno(), profile, speed, name or str(address), address.name)
         stack.callback(guard.close)
         guard.wait_ready()
         yield link, guard

@@ -7,31 +7,28 @@ import time
 from typing import TYPE_CHECKING
 
 from sattrack.clock import SystemClock
-from sattrack.runtime.onlooker import look_on
-from sattrack.xerxes.client import UdpLink
+from sattrack.runtime.links import heard
 from sattrack.xerxes.session import Session
 
 if TYPE_CHECKING:
     from sattrack.mount import MountProfile
-    from sattrack.xerxes.client import Address
+    from sattrack.runtime.mounts import MountAddress
     from sattrack.xerxes.link import LinkHealth
 
 LISTEN_S = 2.0
 
 
-def listen(address: Address, profile: MountProfile, seconds: float = LISTEN_S) -> LinkHealth:
+def listen(address: MountAddress, profile: MountProfile, seconds: float = LISTEN_S) -> LinkHealth:
     """Return what was heard from a mount within some seconds, by its owner if it has one; nothing is sent.
 
     Raises SattrackError where the port is not to be had.
     """
-    link, session, clock = look_on(address) or UdpLink(address), Session(profile), SystemClock()
-    try:
+    session, clock = Session(profile), SystemClock()
+    with heard(address) as link:
         end_s = time.monotonic() + seconds
         while (left_s := end_s - time.monotonic()) > 0.0:
             select.select([link], [], [], left_s)
             for arrival in link.receive():
                 session.receive(arrival.data, clock.utc_s(arrival.monotonic_s))
-    finally:
-        link.close()
     session.health.strangers = link.strangers
     return session.health

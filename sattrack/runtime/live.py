@@ -178,10 +178,9 @@ class LiveLoop:
         self._gather_truth()
 
     def _with_trouble(self, view: TrackView) -> TrackView:
-        """Add what is wrong with the recording to what is shown."""
-        if self.sink.trouble is None:
-            return view
-        return msgspec.structs.replace(view, warnings=(*view.warnings, self.sink.trouble))
+        """Add what is wrong with the recording, or on the way to the mount, to what is shown."""
+        troubles = tuple(words for words in (self.sink.trouble, self.link.trouble) if words is not None)
+        return msgspec.structs.replace(view, warnings=(*view.warnings, *troubles)) if troubles else view
 
     def _repeat(self, due_s: float) -> None:
         """Send the last datagram once more where that is wanted; it is no part of the period."""

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import contextlib
+from typing import TYPE_CHECKING, TypeAlias
 
+from sattrack.alpaca_mount.address import AlpacaAddress, parse_alpaca
 from sattrack.errors import BadInputError
-from sattrack.xerxes.client import parse_address
+from sattrack.mount import MountProfile
+from sattrack.xerxes.client import Address, parse_address
 
 if TYPE_CHECKING:
-    from sattrack.xerxes.client import Address
+    from sattrack.runtime.owner import Owner
 
-NOT_YET = ("alpaca",)
+MountAddress: TypeAlias = Address | AlpacaAddress
+"""Where a real mount is; `runtime.links.open_link` opens the way there, the same for all kinds."""
+FORMS = "xerxes://HOST:PORT?listen=PORT or alpaca://HOST:PORT/DEVICE"
 
 
 def is_antenna(url: str | None) -> bool:
@@ -18,11 +23,11 @@ def is_antenna(url: str | None) -> bool:
     return url is not None and url.partition(":")[0] == "antenna"
 
 
-def mount_address(url: str | None) -> Address | None:
+def mount_address(url: str | None) -> MountAddress | None:
     """Read `--mount`: None for the simulated mount. Raises BadInputError."""
     if url is None:
         raise BadInputError(
-            "no mount: give --mount xerxes://HOST:PORT?listen=PORT or set [mount] url in sattrack.toml; "
+            f"no mount: give --mount {FORMS}, or set [mount] url in sattrack.toml; "
             "--mount sim is a simulated one for practice"
         )
     scheme = url.partition(":")[0]
@@ -30,8 +35,24 @@ def mount_address(url: str | None) -> Address | None:
         return None
     if is_antenna(url):
         raise BadInputError(f"--mount {url}: an antenna's controller is driven by `sattrack track` alone")
-    if scheme in NOT_YET:
-        raise BadInputError(f"--mount {url}: {scheme} mounts are not supported yet; use xerxes:// or sim")
+    if scheme == "alpaca":
+        return parse_alpaca(url)
     if scheme != "xerxes":
-        raise BadInputError(f"--mount {url}: write sim or xerxes://HOST:PORT?listen=PORT")
+        raise BadInputError(f"--mount {url}: write sim, {FORMS}")
     return parse_address(url)
+
+
+def owned_address(owner: Owner) -> MountAddress:
+    """Return where the mount is that a session on this machine owns."""
+    if owner.mount.startswith("alpaca:"):
+        return parse_alpaca(owner.mount)
+    host, _, port = owner.mount.rpartition(":")
+    return Address(host, int(port), owner.listen_port)
+
+
+def usual_profile(url: str | None) -> MountProfile:
+    """Return what is presumed of a mount of this kind that has no profile; a URL that is wrong has no kind."""
+    if url is not None and url.startswith("alpaca:"):
+        with contextlib.suppress(BadInputError):
+            return parse_alpaca(url).usual_profile()
+    return MountProfile()

@@ -11,7 +11,7 @@ from sattrack.runtime.owner import Overheard, door_to_watch
 from sattrack.xerxes.client import Arrival
 
 if TYPE_CHECKING:
-    from sattrack.xerxes.client import Address
+    from sattrack.runtime.mounts import MountAddress
 
 READ_BYTES = 65536
 
@@ -19,7 +19,7 @@ READ_BYTES = 65536
 class OverheardLink:
     """In place of a `UdpLink`: the same datagrams with the same arrivals; what is sent goes nowhere."""
 
-    def __init__(self, address: Address, door: socket.socket) -> None:
+    def __init__(self, address: MountAddress, door: socket.socket) -> None:
         self.address = address
         self.strangers = self.unsent = 0
         self.stranger_hosts: list[str] = []
@@ -67,7 +67,7 @@ class OverheardLink:
         self._door.setblocking(False)
 
 
-def look_on(address: Address) -> OverheardLink | None:
+def look_on(address: MountAddress) -> OverheardLink | None:
     """Return what to look on by; None where nobody on this machine owns the mount."""
-    door = door_to_watch(address.host, address.port)
+    door = door_to_watch(address.name)
     return None if door is None else OverheardLink(address, door)

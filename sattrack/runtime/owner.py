@@ -28,7 +28,7 @@ from sattrack.errors import SattrackError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.xerxes.client import Address
+    from sattrack.runtime.mounts import MountAddress
 
 PREFIX = "sattrack-mount/"
 ANSWER_WITHIN_S = 3.0
@@ -99,7 +99,7 @@ class Claim:
             self._socket.close()
 
 
-def claim(address: Address) -> Claim:
+def claim(address: MountAddress) -> Claim:
     """Take a mount's name. Raises Taken, naming the owner, where somebody has it.
 
     Off Linux there are no such names, and nothing is held.
@@ -108,7 +108,7 @@ def claim(address: Address) -> Claim:
         return Claim(None)
     bound = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     try:
-        bound.bind(_name(address.host, address.port))
+        bound.bind(_name(address.name))
         bound.listen(BACKLOG)
     except OSError as error:
         bound.close()
@@ -117,9 +117,9 @@ def claim(address: Address) -> Claim:
     return Claim(bound)
 
 
-def owner_of(host: str, port: int) -> Owner | None:
-    """Return who owns the mount at an address; None where nobody on this machine does."""
-    return _ask_who(_name(host, port))
+def owner_of(name: str) -> Owner | None:
+    """Return who owns the mount of a name, its address'; None where nobody on this machine does."""
+    return _ask_who(_name(name))
 
 
 def owners() -> list[Owner]:
@@ -137,9 +137,8 @@ def ask_stop(owner: Owner, waiting: Callable[[], None], within_s: float = STOP_W
 
     None where the session is gone without an answer. Raises SattrackError where it does not answer in time.
     """
-    host, _, port = owner.mount.rpartition(":")
     try:
-        with _connected(_name(host, int(port)), ANSWER_WITHIN_S) as door:
+        with _connected(_name(owner.mount), ANSWER_WITHIN_S) as door:
             door.sendall(msgspec.json.encode(Ask("stop")) + b"\n")
             line = _line(door, within_s, waiting)
     except ConnectionError:
@@ -154,10 +153,10 @@ def ask_stop(owner: Owner, waiting: Callable[[], None], within_s: float = STOP_W
     return msgspec.json.decode(line, type=Stopped) if line else None
 
 
-def door_to_watch(host: str, port: int) -> socket.socket | None:
+def door_to_watch(name: str) -> socket.socket | None:
     """Return a connection on which a session tells each status that it hears; None where there is none."""
     try:
-        door = _connected(_name(host, port), ANSWER_WITHIN_S)
+        door = _connected(_name(name), ANSWER_WITHIN_S)
         door.sendall(msgspec.json.encode(Ask("watch")) + b"\n")
     except OSError:
         return None
@@ -165,8 +164,8 @@ def door_to_watch(host: str, port: int) -> socket.socket | None:
     return door
 
 
-def _name(host: str, port: int) -> str:
-    return f"\0{PREFIX}{host}:{port}"
+def _name(mount: str) -> str:
+    return f"\0{PREFIX}{mount}"
 
 
 def _names() -> set[str]:
@@ -240,8 +239,8 @@ def _line(door: socket.socket, within_s: float, waiting: Callable[[], None] | No
     return None
 
 
-def _refusal(address: Address) -> str:
-    owner = owner_of(address.host, address.port)
+def _refusal(address: MountAddress) -> str:
+    owner = owner_of(address.name)
     if owner is None:
         return f"{address} was owned by another session until just now: ask again"
     way = "`sattrack stop` ends it"

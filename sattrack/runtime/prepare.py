@@ -12,7 +12,7 @@ from sattrack.clock import Clock, make_clock
 from sattrack.control.orders import MOST_ALONG_S, MOST_CROSS_DEG
 from sattrack.errors import BadInputError
 from sattrack.profiles import ProfileFile
-from sattrack.runtime.facts import RunFacts, build_engine, choose_pass, first_bias, plan_for
+from sattrack.runtime.facts import RunFacts, build_engine, choose_pass, first_bias, plan_for, suited_to
 from sattrack.runtime.mounts import mount_address
 from sattrack.runtime.remembering import MemoryMode, recall, uses_memory
 from sattrack.safety import SafetyLimits
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sattrack.mount import MountProfile
+    from sattrack.runtime.mounts import MountAddress
     from sattrack.view import RememberedView
-    from sattrack.xerxes.client import Address
     from tle.elements import Elements
     from tle.site import Site
 
@@ -62,14 +62,14 @@ class Prepared:
 
     facts: RunFacts
     clock: Clock
-    address: Address | None
+    address: MountAddress | None
     practising: bool
     """Whether the built-in pass stands in for elements and site that nobody set."""
     simulator: dict[str, Any] = field(default_factory=dict)
     """What the profile's file says of the simulated mount alone."""
     memory: MemoryMode = "off"
     notes: tuple[str, ...] = ()
-    """What is to be known of the bias memory before the run begins."""
+    """What is to be known before the run begins: of the bias memory, of a mount that is not calibrated."""
 
 
 def prepare(request: RunRequest) -> Prepared:
@@ -86,6 +86,8 @@ def prepare(request: RunRequest) -> Prepared:
     practising = address is None and request.elements is None and request.site is None
     elements, site = _object_and_site(request, practising)
     check_site(request.profile.mount, site)
+    if address is not None:
+        address = address.seen_from(site)
     clock_text = request.clock_option
     if clock_text is None and practising:
         clock_text = practice.BEFORE_PASS
@@ -93,6 +95,8 @@ def prepare(request: RunRequest) -> Prepared:
     satellite = find(elements, request.satellite)
     satellite_pass = choose_pass(satellite, site, now, request.min_alt_deg)
     plan = plan_for(satellite_pass, now)
+    if address is not None:
+        plan = suited_to(plan, request.profile.mount, address.on_target_arcsec)
     started_s = float(now.unix_s)
     if request.virtual:
         started_s = max(started_s, plan.start_utc_s - plan.approach_s - VIRTUAL_LEAD_S)
@@ -121,6 +125,8 @@ def prepare(request: RunRequest) -> Prepared:
         given = bool(request.bias_along_s or request.bias_cross_deg)
         recalled = recall(satellite, facts.culminate_utc_s, request.memory, given)
         facts, notes = _beginning_with(facts, recalled.bias), recalled.notes
+    if address is not None and address.presumption is not None and facts.profile.calibration is None:
+        notes = (*notes, address.presumption)
     facts = with_detours(facts)
     return Prepared(facts, clock, address, practising, request.profile.simulator, request.memory, notes)
 

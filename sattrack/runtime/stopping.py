@@ -11,14 +11,16 @@ import msgspec
 from sattrack.errors import LinkLostError, SattrackError
 from sattrack.halt import Halt
 from sattrack.runtime.guard import owned
+from sattrack.runtime.mounts import owned_address
 from sattrack.runtime.owner import Taken, ask_stop, owner_of
-from sattrack.xerxes.client import Address, nobody_listens
+from sattrack.xerxes.client import nobody_listens
 from sattrack.xerxes.datagrams import Command, encode_command
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.mount import MountProfile
+    from sattrack.runtime.mounts import MountAddress
     from sattrack.runtime.owner import Owner
 
 NOBODY = "nothing listens there"
@@ -59,13 +61,13 @@ def stop_session(owner: Owner, waiting: Callable[[], None]) -> MountStop | None:
     return MountStop(owner.mount, stopped.by, True, owner.pid, owner.command, words)
 
 
-def stop_directly(address: Address, profile: MountProfile, waiting: Callable[[], None]) -> MountStop:
+def stop_directly(address: MountAddress, profile: MountProfile, waiting: Callable[[], None]) -> MountStop:
     """Stop a mount that no session owns, by datagrams of our own, and see it at rest.
 
     Raises SattrackError where another session comes in between, or the port is not to be had.
     """
     wait_until_free(address, waiting)
-    mount = f"{address.host}:{address.port}"
+    mount = address.name
     with owned(address, profile) as (link, guard):
         begun_s = due_s = asked_s = time.monotonic()
         halt = Halt(profile, begun_s)
@@ -85,7 +87,7 @@ def stop_directly(address: Address, profile: MountProfile, waiting: Callable[[],
             if halt.session.sample is not None or now_s - asked_s < GONE_AFTER_S:
                 continue
             asked_s = now_s
-            if nobody_listens(address, encode_command(Command(abort=True)), LOOK_AGAIN_S):
+            if nobody_listens(link.address, encode_command(Command(abort=True)), LOOK_AGAIN_S):
                 guard.release(None)
                 return MountStop(mount, "direct", None, None, None, NOBODY)
         guard.release(halt.at_rest)
@@ -101,18 +103,18 @@ def stop_directly(address: Address, profile: MountProfile, waiting: Callable[[],
 
 def stop_after(owner: Owner, profile: MountProfile, waiting: Callable[[], None]) -> MountStop:
     """Stop directly a mount whose session has ended without knowing it at rest. Raises SattrackError."""
-    host, _, port = owner.mount.rpartition(":")
-    stopped = stop_directly(Address(host, int(port), owner.listen_port), profile, waiting)
-    if stopped.words == NOBODY and host.startswith("127."):
+    address = owned_address(owner)
+    stopped = stop_directly(address, profile, waiting)
+    if stopped.words == NOBODY and address.host.startswith("127."):
         words = f"the simulated mount has ended with its session, `{owner.command}`, process {owner.pid}"
         return msgspec.structs.replace(stopped, by="gone", pid=owner.pid, command=owner.command, words=words)
     return stopped
 
 
-def wait_until_free(address: Address, waiting: Callable[[], None]) -> None:
+def wait_until_free(address: MountAddress, waiting: Callable[[], None]) -> None:
     """Wait for the end of a session that owns the mount still; raises Taken where it does not come."""
     until_s = time.monotonic() + FREE_WITHIN_S
-    while (owner := owner_of(address.host, address.port)) is not None:
+    while (owner := owner_of(address.name)) is not None:
         if time.monotonic() > until_s:
             raise Taken(f"{address} has an owner: {owner}; it does not end: `kill {owner.pid}`")
         waiting()

@@ -17,11 +17,16 @@ from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import parse_qs, urlsplit
 
 from sattrack.errors import BadInputError, SattrackError
+from sattrack.mount import MountProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sattrack.requests import Request
+    from tle.site import Site
+
 DEFAULT_PORT = 15001
+ON_TARGET_ARCSEC = 2.0
 RECEIVE_BYTES = 2048
 BURST = 64
 """Datagrams taken at one go, so that a flood cannot hold the loop."""
@@ -43,6 +48,48 @@ class Address(NamedTuple):
     def __str__(self) -> str:
         """Give the mount's end, as a user would write it."""
         return f"xerxes://{self.host}:{self.port}"
+
+    @property
+    def name(self) -> str:
+        """The name under which a mount is owned."""
+        return f"{self.host}:{self.port}"
+
+    @property
+    def silence_advice(self) -> str:
+        """What to check where it is not heard."""
+        return (
+            f"check that the mount is on, that {self.host}:{self.port} is its address and port, and that its "
+            f"own window sends to this machine's address, port {self.listen_port}"
+        )
+
+    @property
+    def presumption(self) -> str | None:
+        """What to say of a run without a calibration; None for nothing."""
+        return None
+
+    @property
+    def dates_itself(self) -> bool:
+        """Whether statuses carry a clock of the mount's own; else the middle of each request dates them."""
+        return True
+
+    @property
+    def on_target_arcsec(self) -> float:
+        """How near to the satellite counts as on it."""
+        return ON_TARGET_ARCSEC
+
+    def not_carried(self, request: Request) -> str | None:
+        """Return why a request cannot be made to this kind of mount, in words; None where it can."""
+        del request
+        return None
+
+    def seen_from(self, site: Site) -> Address:
+        """Return the address for a site: this mount tells its sidereal time itself."""
+        del site
+        return self
+
+    def usual_profile(self) -> MountProfile:
+        """Return what is presumed of a mount that was not calibrated."""
+        return MountProfile()
 
 
 def parse_address(url: str) -> Address:
@@ -128,6 +175,10 @@ class UdpLink:
         """The first MOST_STRANGERS of those hosts."""
         self.unsent = 0
         """Datagrams that the network refused to take."""
+        self.trouble: str | None = None
+        """What is the matter with the mount, where what stands between tells; None where nothing is."""
+        self.largest_rates_deg_s: tuple[float, float] | None = None
+        """The largest rates of MoveAxis, right ascension first; None where the mount does not tell."""
         self.onlooker: Callable[[float, bytes], None] | None = None
         """Hears of each datagram from the mount: its arrival by the monotonic clock, and its bytes."""
         self._socket = bind(address.host, address.listen_port) if bound is None else bound

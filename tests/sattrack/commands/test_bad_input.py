@@ -89,7 +89,7 @@ def test_a_time_that_is_none(clock: str, capsys: pytest.CaptureFixture[str]) -> 
     [
         ("", "no mount"),
         ("antenna://there", "write antenna://HOST:PORT"),
-        ("serial://x", "write sim or xerxes://"),
+        ("serial://x", "write sim, xerxes://"),
         ("xerxes://", "no host"),
         ("xerxes://127.0.0.1:70000", "Port out of range"),
         ("xerxes://127.0.0.1:15001?listen=no", "listen=no is no port"),

@@ -38,8 +38,7 @@ def moving(mount: Mount) -> subprocess.Popen[str]:
 
 
 def owner(mount: Mount) -> Owner:
-    host, _, port = mount.url.removeprefix("xerxes://").partition("?")[0].partition(":")
-    found = owner_of(host, int(port))
+    found = owner_of(mount.url.removeprefix("xerxes://").partition("?")[0])
     assert found is not None
     return found
 
@@ -134,7 +133,7 @@ def test_nothing_to_stop_and_nobody_there(capsys: pytest.CaptureFixture[str]) ->
         "sattrack: nothing to stop: no session of yours moves a mount on this machine; "
         "--mount URL stops a mount directly\n"
     )
-    assert run(["stop", "--mount", "alpaca://127.0.0.1:1/0"]) == 2
+    assert run(["stop", "--mount", "telescope://127.0.0.1:1/0"]) == 2
     port = free_port()
     assert run(["stop", "--mount", f"xerxes://127.0.0.1:{port}?listen={free_port()}", "--json"]) == 4
     out, err = capsys.readouterr()

@@ -57,7 +57,7 @@ def test_who_comes_second_is_told_who_was_first_and_what_to_do(address: Address)
     with owned(address, MountProfile()) as (link, guard):
         with pytest.raises(Taken) as refused, owned(address, MountProfile()):
             pass
-        first = owner_of(address.host, address.port)
+        first = owner_of(address.name)
         assert first is not None
         assert first in owners()
         guard.release(None)
@@ -94,7 +94,7 @@ def test_a_name_is_free_again_however_its_holder_ended(
         with pytest.raises(Taken):
             claim(address)
         holder.kill()
-    assert owner_of(address.host, address.port) is None
+    assert owner_of(address.name) is None
     claim(address).close()
 
 
@@ -106,7 +106,7 @@ def test_an_owner_that_does_not_answer_is_named_by_its_process(
     try:
         with pytest.raises(Taken, match=rf"process {os.getpid()}, does not answer, .*kill {os.getpid()}"):
             claim(address)
-        silent = owner_of(address.host, address.port)
+        silent = owner_of(address.name)
         assert silent is not None
         with pytest.raises(Exception, match=f"end it with `kill {os.getpid()}`"):
             ask_stop(silent, lambda: None, within_s=0.3)
@@ -124,12 +124,12 @@ def test_a_stop_reaches_the_loop_and_its_end_reaches_whoever_asked(address: Addr
             # What the loop does, in between.
             guard.beat(MOVING)
             if guard.stop_asked and not heard:
-                first = owner_of(address.host, address.port)
+                first = owner_of(address.name)
                 assert first is not None
                 heard.append(first.state)
                 guard.release(True)
 
-        first = owner_of(address.host, address.port)
+        first = owner_of(address.name)
         assert first is not None
         stopped = ask_stop(first, waiting)
     assert heard == ["stopping"]
@@ -219,7 +219,7 @@ def test_nonsense_at_the_door_changes_nothing(address: Address) -> None:
             door.connect(name)
             with contextlib.suppress(OSError):
                 door.sendall(words)
-        first = owner_of(address.host, address.port)
+        first = owner_of(address.name)
         assert first is not None
         assert first.state == "running"
         for door in crowd:
@@ -234,7 +234,7 @@ def test_the_guardian_keeps_the_name_until_the_mount_is_stopped(address: Address
         assert guard.beat(MOVING)
         pid = guard.pid
         guard._life.close()
-        while (first := owner_of(address.host, address.port)) is not None and first.state == "running":
+        while (first := owner_of(address.name)) is not None and first.state == "running":
             pass
         assert first is not None
         assert first.state == "ended without a word, its guardian stops the mount"

@@ -1,0 +1,247 @@
+"""A session, the gateway's bridge and a simulated Alpaca telescope in virtual time, HTTP's ways included.
+
+Requests take half of the telescope's latency each way, with its jitter; the gateway's turns are uneven by
+TURN_JITTER_S, as an event loop's are. The truth is that of the simulated axes.
+"""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass, field
+from heapq import heappop, heappush
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from sattrack.alpaca_mount.address import AlpacaAddress
+from sattrack.alpaca_mount.bridge import Bridge, Order
+from sattrack.alpaca_mount.device import DeviceFacts, Place, Span, Standing
+from sattrack.alpaca_simulator.telescope import Refused, Telescope
+from sattrack.calibration.calibrator import Calibrator
+from sattrack.calibration.findings import Findings, conclude, dated_by_requests
+from sattrack.calibration.guard import Surroundings
+from sattrack.calibration.plan import Plan
+from sattrack.calibration.profile import bounded, calibrated
+from sattrack.figures import RunningError
+from sattrack.runtime.facts import build_engine, suited_to
+from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.tracker import sky_error
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sattrack.alpaca_simulator.settings import TelescopeSettings
+    from sattrack.mount import MountProfile
+
+TURN_JITTER_S = 0.001
+LOOPBACK_S = 0.0002
+LOOK_EVERY_S = 0.02
+
+
+def address(settings: TelescopeSettings, hz: float = 10.0) -> AlpacaAddress:
+    return AlpacaAddress("192.0.2.9", 11111, 0, hz, settings.longitude_deg)
+
+
+def facts_of(settings: TelescopeSettings) -> DeviceFacts:
+    """What the telescope would tell over HTTP."""
+    spans = tuple(Span(low, high) for low, high in settings.rates_deg_s)
+    return DeviceFacts(
+        equatorial_system=2 if settings.system == "j2000" else 1,
+        latitude_deg=settings.latitude_deg,
+        longitude_deg=settings.longitude_deg,
+        can_set_tracking=True,
+        can_slew=True,
+        can_sync=True,
+        primary_rates=spans,
+        secondary_rates=spans,
+    )
+
+
+@dataclass
+class VirtualTelescope:
+    """Gateway and telescope; `deliver` hears each status with its instant."""
+
+    settings: TelescopeSettings
+    begin_utc_s: float
+    hz: float
+    deliver: Callable[[bytes, float], None]
+    queue: list[tuple[float, int, Callable[[float], None]]] = field(default_factory=list)
+    _number: int = 0
+
+    def __post_init__(self) -> None:
+        self.telescope = Telescope(self.settings, self.begin_utc_s)
+        self.telescope.connected = True
+        self.bridge = Bridge(facts_of(self.settings), self.settings.longitude_deg)
+        self._random = random.Random(self.settings.seed)
+        self._waiting: dict[str, list[Order]] = {"ra": [], "dec": [], "rest": []}
+        self._busy = {"ra": False, "dec": False, "rest": False}
+        self._reading = False
+        self.refusals: list[str] = []
+        self.at(self.begin_utc_s + 0.0137, self._turn)
+
+    def at(self, utc_s: float, happen: Callable[[float], None]) -> None:
+        self._number += 1
+        heappush(self.queue, (utc_s, self._number, happen))
+
+    def next(self) -> float:
+        utc_s, _, happen = heappop(self.queue)
+        happen(utc_s)
+        return utc_s
+
+    def hear(self, datagram: bytes, utc_s: float) -> None:
+        self.at(utc_s + LOOPBACK_S, lambda now: self.bridge.hear(datagram, now))
+
+    def _way(self) -> float:
+        jitter = self._random.uniform(-self.settings.jitter_s, self.settings.jitter_s)
+        return max(0.0, self.settings.latency_s / 2.0 + jitter)
+
+    def _turn(self, now: float) -> None:
+        for order in self.bridge.turn(now):
+            waiting = self._waiting[order.lane]
+            if order.lane != "rest":
+                waiting.clear()
+            waiting.append(order)
+            self._work(order.lane, now)
+        if not self._reading:
+            self._reading = True
+            self._read(now)
+        due = self.begin_utc_s + (round((now - self.begin_utc_s) * self.hz) + 1) / self.hz
+        self.at(due + 0.0137 + self._random.uniform(0.0, TURN_JITTER_S), self._turn)
+
+    def _work(self, lane: str, now: float) -> None:
+        if self._busy[lane] or not self._waiting[lane]:
+            return
+        self._busy[lane] = True
+        order = self._waiting[lane].pop(0)
+        self.at(now + self._way(), lambda at: self._do(order, at))
+
+    def _do(self, order: Order, now: float) -> None:
+        fields, telescope, refusal = dict(order.fields), self.telescope, None
+        try:
+            if order.member == "moveaxis":
+                telescope.move_axis(int(fields["Axis"]), float(fields["Rate"]), now)
+            elif order.member == "slewtocoordinatesasync":
+                telescope.slew(float(fields["RightAscension"]) * 15.0, float(fields["Declination"]), now)
+            elif order.member == "synctocoordinates":
+                telescope.sync(float(fields["RightAscension"]) * 15.0, float(fields["Declination"]), now)
+            elif order.member == "tracking":
+                telescope.track(fields["Tracking"] == "true", now)
+            elif order.member == "abortslew":
+                telescope.abort(now)
+            else:
+                raise AssertionError(order)
+        except Refused as refused:
+            refusal = refused.words
+            self.refusals.append(f"{order.member} {fields}: {refusal}")
+
+        def back(at: float) -> None:
+            self._busy[order.lane] = False
+            self.bridge.answered(order, refusal, at)
+            self._work(order.lane, at)
+
+        self.at(now + self._way(), back)
+
+    def _read(self, begun: float) -> None:
+        got: dict[str, tuple[float, float]] = {}
+
+        def ask(name: str) -> None:
+            def sample(now: float) -> None:
+                place = self.telescope.reported(now)
+                value = place.ra_deg if name == "ra" else place.dec_deg
+                standing = Standing(
+                    begun, self.telescope.slewing(now), self.telescope.tracks(), self.telescope.parked
+                )
+
+                def answered(at: float) -> None:
+                    got[name] = (0.5 * (begun + at), value)
+                    if len(got) == 2:
+                        self.bridge.stand(standing)
+                        self._reading = False
+                        status = self.bridge.see(Place(*got["ra"], *got["dec"]))
+                        if status is not None:
+                            self.at(at + LOOPBACK_S, lambda now: self.deliver(status, now))
+
+                self.at(now + self._way(), answered)
+
+            self.at(begun + self._way(), sample)
+
+        ask("ra")
+        ask("dec")
+
+
+def calibrate(
+    settings: TelescopeSettings, hz: float = 10.0, plan: Plan | None = None, begin_utc_s: float = 1.79e9
+) -> tuple[MountProfile, Findings]:
+    """Run `mount calibrate` in virtual time; raises AssertionError where it is refused."""
+    around = Surroundings(settings.latitude_deg, settings.longitude_deg, 180.0, -20.0, 200.0)
+    plan = (plan or Plan()).suited(settings.rates_deg_s[-1][1], 1.0 / hz)
+    calibrator = Calibrator(around, begin_utc_s, plan)
+    virtual = VirtualTelescope(settings, begin_utc_s, hz, calibrator.receive)
+    while calibrator.ending is None:
+        due = calibrator.due()
+        if virtual.queue and virtual.queue[0][0] < due:
+            virtual.next()
+            continue
+        virtual.hear(calibrator.send(due), due)
+        calibrator.sent(due)
+    assert calibrator.ending.kind == "done", calibrator.ending
+    assert calibrator.ending.at_rest
+    found = conclude(calibrator.seen, settings.longitude_deg, dated_by_requests(calibrator.seen))
+    base = bounded(address(settings, hz).usual_profile(), (settings.rates_deg_s[-1][1],) * 2)
+    return calibrated(base, found, "found", "bench"), found
+
+
+@dataclass
+class PassResult:
+    """How near a pass was followed, arcseconds, and the instants at which errors were taken."""
+
+    true: RunningError
+    reported: RunningError
+    ended_by: str | None
+    stopped: bool | None
+    refusals: list[str]
+    message: str | None
+    errors: list[tuple[float, float]]
+
+
+def follow(
+    settings: TelescopeSettings, profile: MountProfile, hz: float = 10.0, seconds: float = 1e9, **facts: Any
+) -> PassResult:
+    """Follow the practice pass in virtual time; true errors from the first acquisition on."""
+    prepared = prepare(RunRequest("ISS", "sim", None, None, None, min_alt_deg=10.0, virtual=True)).facts
+    where = address(settings, hz)
+    plan = suited_to(prepared.plan, profile, where.on_target_arcsec)
+    made = msgspec.structs.replace(prepared, profile=profile, plan=plan, mount_name=str(where), **facts)
+    engine = build_engine(made)
+    begin = made.started_utc_s
+    virtual = VirtualTelescope(settings, begin, hz, engine.receive)
+    true, errors = RunningError(), []
+
+    def client(now: float) -> None:
+        if now - begin > seconds and engine.tracker.ended_by is None:
+            engine.tracker.end("operator")
+        virtual.hear(engine.tick(now), now)
+        virtual.at(now + profile.period_s + engine.send_shift_s(now), client)
+
+    def look(now: float) -> None:
+        following = engine.tracker.acquired_utc_s is not None and engine.tracker.ended_by is None
+        if following:
+            place = virtual.telescope.truth(now)
+            error = sky_error(now, place.ra_deg, place.dec_deg, engine.tracker.direction_at(now))
+            true.add(error.total_arcsec)
+            errors.append((now, error.total_arcsec))
+        virtual.at(now + LOOK_EVERY_S, look)
+
+    virtual.at(begin, client)
+    virtual.at(begin + 0.001, look)
+    while not engine.finished:
+        virtual.next()
+    return PassResult(
+        true,
+        engine.reported,
+        engine.tracker.ended_by,
+        engine.mount_stopped,
+        virtual.refusals,
+        engine.message,
+        errors,
+    )

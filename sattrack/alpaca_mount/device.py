@@ -1,0 +1,131 @@
+"""What is known of an Alpaca telescope: what it can do, asked once, and how it stands, asked again."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import msgspec
+
+JNOW_SYSTEMS = frozenset({0, 1})
+"""EquatorialSystem "other" is taken for topocentric of date, as most drivers mean it."""
+J2000_SYSTEM = 2
+PIER_WEST = 1
+"""SideOfPier of a telescope that points through the pole."""
+
+
+class Span(msgspec.Struct, frozen=True):
+    """One of AxisRates: degrees a second."""
+
+    low_deg_s: float
+    high_deg_s: float
+
+
+class DeviceFacts(msgspec.Struct, frozen=True):
+    """What a telescope can do; degrees, metres. Site None where the driver does not tell it."""
+
+    name: str = "telescope"
+    interface_version: int = 3
+    equatorial_system: int = 1
+    does_refraction: bool = False
+    latitude_deg: float | None = None
+    longitude_deg: float | None = None
+    height_m: float = 0.0
+    can_set_tracking: bool = False
+    can_slew: bool = False
+    can_sync: bool = False
+    can_pulse_guide: bool = False
+    has_device_state: bool = False
+    primary_rates: tuple[Span, ...] = ()
+    secondary_rates: tuple[Span, ...] = ()
+
+    def objection(self) -> str | None:
+        """Return why it cannot be driven, in words; None where it can."""
+        if not (self.primary_rates and self.secondary_rates):
+            return f"{self.name} has no MoveAxis on both axes: satellites cannot be followed with it"
+        for axis in (0, 1):
+            if all(span.low_deg_s == span.high_deg_s for span in self.rates(axis)):
+                return (
+                    f"{self.name} moves its axes at single rates only: satellites cannot be followed with it"
+                )
+        if self.equatorial_system not in JNOW_SYSTEMS | {J2000_SYSTEM}:
+            return (
+                f"{self.name} gives coordinates of EquatorialSystem {self.equatorial_system}; set it to JNow"
+            )
+        return None
+
+    def rates(self, axis: int) -> tuple[Span, ...]:
+        """Return the rates that one axis bears."""
+        return self.secondary_rates if axis else self.primary_rates
+
+    def fastest_deg_s(self, axis: int) -> float:
+        """Return the largest rate of one axis."""
+        return max(span.high_deg_s for span in self.rates(axis))
+
+
+class Standing(NamedTuple):
+    """How a telescope stands besides its place; `began_s`, monotonic: when asked whether it slews."""
+
+    began_s: float
+    slewing: bool = False
+    tracking: bool = True
+    at_park: bool = False
+    at_home: bool = False
+    beyond_pole: bool = False
+    pulse_guiding: bool = False
+
+    def with_values(self, began_s: float, values: dict[str, Any]) -> Standing:
+        """Return it with what was told anew; names as Alpaca's, lower case. What makes no sense is left."""
+        told: dict[str, bool] = {}
+        for name, member in MEMBERS.items():
+            value = values.get(member)
+            if name == "beyond_pole" and isinstance(value, int):
+                told[name] = value == PIER_WEST
+            elif isinstance(value, bool):
+                told[name] = value
+        began_s = began_s if "slewing" in told else self.began_s
+        return self._replace(began_s=began_s, **told)
+
+
+MEMBERS = {
+    "slewing": "slewing",
+    "tracking": "tracking",
+    "at_park": "atpark",
+    "at_home": "athome",
+    "beyond_pole": "sideofpier",
+    "pulse_guiding": "ispulseguiding",
+}
+
+
+class Place(NamedTuple):
+    """A place that was read: each axis with its own instant, the middle of its request, UTC POSIX seconds.
+
+    Degrees, in the telescope's own equinox.
+    """
+
+    ra_utc_s: float
+    ra_deg: float
+    dec_utc_s: float
+    dec_deg: float
+
+
+def nearest_rate(rate_deg_s: float, spans: tuple[Span, ...]) -> float:
+    """Return the rate that an axis bears and that is nearest to a wanted one; its sign is kept, 0 is 0."""
+    speed = abs(rate_deg_s)
+    if speed == 0.0 or not spans:
+        return 0.0
+    borne = [min(max(speed, span.low_deg_s), span.high_deg_s) for span in spans]
+    # Below the slowest rate there is standing still as well.
+    best = min([0.0, *borne], key=lambda one: abs(one - speed))
+    return -best if rate_deg_s < 0.0 else best
+
+
+def spans_of(axis_rates: Any) -> tuple[Span, ...]:
+    """Return AxisRates as they come in JSON; what is no range is left out."""
+    if not isinstance(axis_rates, list):
+        return ()
+    spans = []
+    for one in axis_rates:
+        low, high = (one.get("Minimum"), one.get("Maximum")) if isinstance(one, dict) else (None, None)
+        if isinstance(low, int | float) and isinstance(high, int | float) and 0.0 <= low <= high > 0.0:
+            spans.append(Span(float(low), float(high)))
+    return tuple(spans)

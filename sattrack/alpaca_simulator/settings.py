@@ -1,0 +1,48 @@
+"""What kind of Alpaca telescope is simulated: how its driver reads the standard, and how well it does."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import msgspec
+
+EquatorialSystem = Literal["jnow", "j2000"]
+
+
+class TelescopeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """One simulated telescope. Degrees, seconds, hertz.
+
+    `additive` where MoveAxis adds to tracking in place of replacing it; a sign of -1 turns an axis round;
+    `latency_s` is what a request takes to the driver and back together, `jitter_s` how much either way of
+    that each takes at random. `rates_deg_s` are AxisRates: pairs of the lowest and the highest.
+    """
+
+    latitude_deg: float = 52.1541
+    longitude_deg: float = 4.4908
+    height_m: float = 0.0
+    hour_angle_deg: float = 50.0
+    """Where it stands at first."""
+    dec_deg: float = 15.0
+    additive: bool = False
+    ra_sign: Literal[-1, 1] = 1
+    dec_sign: Literal[-1, 1] = 1
+    ra_gain: float = 1.0
+    dec_gain: float = 1.0
+    system: EquatorialSystem = "jnow"
+    rates_deg_s: tuple[tuple[float, float], ...] = ((0.0, 6.0),)
+    acceleration_deg_s2: float = 10.0
+    slew_rate_deg_s: float = 6.0
+    servo_hz: float = 5.0
+    """Frequency at which the critically damped servo follows its reference."""
+    tracking: bool = True
+    parked: bool = False
+    refuses_connection: bool = False
+    device_state: bool = True
+    """Whether one request tells the whole state (Platform 7), or each property needs its own."""
+    latency_s: float = 0.030
+    jitter_s: float = 0.002
+    cache_s: float = 0.0
+    """Places are those of the last turn of a loop with this period; 0 gives them as they are."""
+    move_interval_s: float = 0.0
+    """A MoveAxis that changes an axis' rate sooner after the last one is refused."""
+    seed: int = 1

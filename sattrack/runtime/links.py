@@ -1,0 +1,53 @@
+"""The way to a mount, whatever kind it is of: a socket on which it takes commands and gives statuses.
+
+A Xerxes mount is at the other end of that itself; before an Alpaca telescope, a gateway stands.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from sattrack.runtime.onlooker import OverheardLink, look_on
+from sattrack.xerxes.client import Address, UdpLink
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sattrack.runtime.mounts import MountAddress
+
+
+@contextmanager
+def open_link(address: MountAddress) -> Iterator[UdpLink]:
+    """Give a socket towards a mount.
+
+    Raises SattrackError where the port is not to be had, LinkLostError where a gateway finds no telescope.
+    """
+    if isinstance(address, Address):
+        link = UdpLink(address)
+    else:
+        # HTTP's modules are many; without an Alpaca telescope they are not needed.
+        from sattrack.runtime.alpaca_link import open_gateway
+
+        link = open_gateway(address)
+    try:
+        yield link
+    finally:
+        link.close()
+
+
+@contextmanager
+def heard(address: MountAddress) -> Iterator[UdpLink | OverheardLink]:
+    """Give what to listen to a mount by: its owner's own ears where it has one on this machine, else ours.
+
+    Raises as `open_link`.
+    """
+    overheard = look_on(address)
+    if overheard is None:
+        with open_link(address) as link:
+            yield link
+        return
+    try:
+        yield overheard
+    finally:
+        overheard.close()
