@@ -98,6 +98,8 @@ class TelescopeStation:
         self.words: list[str] = []
         """What the log is to be told; likewise."""
         self.link = LinkState.SILENT
+        self._heard: tuple[bytes, float] | None = None
+        """The mount's last datagram: what a new conversation begins with."""
         self._under_way: Undertaking | None = None
         self._drive_waits: list[tuple[int, int]] = []
         """Orders that end a move, and for how many datagrams they have waited."""
@@ -141,6 +143,7 @@ class TelescopeStation:
 
     def receive_status(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
+        self._heard = (data, arrival_utc_s)
         if self.engine is not None:
             self.engine.receive(data, arrival_utc_s)
         else:
@@ -351,6 +354,8 @@ class TelescopeStation:
         except ValueError as error:
             raise Fault(Number.INVALID_VALUE, str(error)) from error
         engine.safety.follow_on(self.console.safety)
+        if self._heard is not None:
+            engine.receive(*self._heard)
         self.engine, self._failure = engine, None
         self._standing.moved("move")
         self.words.append(f"follows {engine.spec.propagator.elements.label}")
@@ -366,6 +371,8 @@ class TelescopeStation:
         self.words.append(f"follows {engine.spec.propagator.elements.label} no more: {why}")
         self.console = self._new_console()
         self.console.safety.follow_on(engine.safety)
+        if self._heard is not None:
+            self.console.receive(*self._heard)
         self.engine = None
         if self._ending is not None:
             self._ending.seen_by_engine(engine.mount_stopped)

@@ -24,15 +24,14 @@ from sattrack.commands.serving import (
 )
 from sattrack.errors import BadInputError, InterruptedRunError
 from sattrack.runtime.alpaca_door import open_door
-from sattrack.runtime.alpaca_process import AlpacaTask
 from sattrack.runtime.alpaca_satellites import Satellites
 from sattrack.runtime.alpaca_serve import PROGRAM, AlpacaLoop, discovery_sockets, engine_maker
+from sattrack.runtime.alpaca_task import AlpacaTask, ClockNumbers
 from sattrack.runtime.antenna_door import listen
 from sattrack.runtime.console import connected
 from sattrack.runtime.prepare import check_site
 from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.settings import SiteSettings
-from sattrack.xerxes.simulator.process import ClockSetting
 
 if TYPE_CHECKING:
     import socket
@@ -165,7 +164,7 @@ def _task(
             refraction=options["refraction"],
             mount=mount,
         ),
-        clock=ClockSetting(clock.start_utc_s, clock.anchor_s, clock.speed)
+        clock=ClockNumbers(clock.start_utc_s, clock.anchor_s, clock.speed)
         if isinstance(clock, SimulatedClock)
         else None,
     )

@@ -12,7 +12,6 @@ from sattrack.alpaca.actions import Bias, Passes, TrackSatellite
 from sattrack.alpaca.faults import Fault, Number
 from sattrack.alpaca.messages import BiasOrder, FollowOrder
 from sattrack.runtime.alpaca_satellites import run_told
-from sattrack.runtime.facts import encode_facts
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -46,6 +45,8 @@ class Actions:
         if isinstance(asked, Passes):
             return _text(await self._computed(self._satellites.passes, asked, now_utc_s))
         facts = await self._computed(self._satellites.facts, asked, now_utc_s)
+        from sattrack.runtime.facts import encode_facts
+
         await order(FollowOrder(msgspec.Raw(encode_facts(facts))))
         return _text(run_told(facts))
 

@@ -21,11 +21,11 @@ import msgspec
 from sattrack.alpaca.faults import Number
 from sattrack.alpaca.messages import AbortOrder, Answered, Asked, BiasOrder, Told, decode_asked, encode
 from sattrack.errors import SattrackError
-from sattrack.runtime.alpaca_process import READY, encode_task
+from sattrack.runtime.alpaca_task import READY, encode_task
 
 if TYPE_CHECKING:
     from sattrack.alpaca.messages import TelescopeState
-    from sattrack.runtime.alpaca_process import AlpacaTask
+    from sattrack.runtime.alpaca_task import AlpacaTask
 
 READ_BYTES = 65536
 LONGEST_LINE = 1 << 22

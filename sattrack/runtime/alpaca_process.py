@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import ipaddress
 import logging
 import os
 import socket
@@ -27,17 +26,15 @@ from sattrack.alpaca.messages import AbortOrder, Answered, Asked, SlewOrder, Tol
 from sattrack.alpaca.server import Pending, Reply, Server
 from sattrack.alpaca.telescope import Telescope
 from sattrack.clock import SimulatedClock, SystemClock
-from sattrack.mount import MountProfile
 from sattrack.runtime.alpaca_actions import Actions
-from sattrack.runtime.alpaca_gate import REQUEST_WITHIN_S, Doorkeeper, Gate, GateLimits
-from sattrack.runtime.alpaca_satellites import Satellites
-from sattrack.settings import SiteSettings
-from sattrack.xerxes.simulator.process import ClockSetting
-from tle.instants import Utc
+from sattrack.runtime.alpaca_gate import REQUEST_WITHIN_S, Doorkeeper, Gate
+from sattrack.runtime.alpaca_task import READY, decode_task
 
 if TYPE_CHECKING:
     from sattrack.alpaca.messages import Order
     from sattrack.clock import Clock
+    from sattrack.runtime.alpaca_gate import GateLimits
+    from sattrack.runtime.alpaca_task import AlpacaTask
 
 MOST_BODY_BYTES = 16384
 MOST_LINE_BYTES = 8190
@@ -51,40 +48,6 @@ BEHIND_THE_FEEDER = 5
 """How much nicer than the feeding process this one is."""
 LONGEST_TASK = 1 << 28
 """Bytes: a whole catalogue's elements come with the task."""
-
-
-class AlpacaTask(msgspec.Struct, frozen=True):
-    """Everything that this process is told at its start; descriptors are inherited."""
-
-    listener: int
-    discovery: tuple[int, ...]
-    port: int
-    profile: MountProfile
-    site: SiteSettings
-    mount: str
-    version: str
-    host: str
-    connections: int
-    idle_s: float
-    requests_per_s: float
-    allowed: tuple[str, ...] | None
-    satellites: Satellites
-    clock: ClockSetting | None = None
-
-    def limits(self) -> GateLimits:
-        """Return what clients may take."""
-        allowed = None if self.allowed is None else tuple(ipaddress.ip_network(one) for one in self.allowed)
-        return GateLimits(self.connections, self.idle_s, allowed)
-
-
-def encode_task(task: AlpacaTask) -> bytes:
-    """Return a task as one JSON line."""
-    return msgspec.json.encode(task, enc_hook=_encode_utc) + b"\n"
-
-
-def decode_task(line: bytes) -> AlpacaTask:
-    """Return the task of one JSON line; raises msgspec.MsgspecError."""
-    return msgspec.json.decode(line, type=AlpacaTask, dec_hook=_decode_utc)
 
 
 @dataclass(slots=True)
@@ -299,27 +262,12 @@ async def serve(task: AlpacaTask, reader: asyncio.StreamReader, writer: asyncio.
         door.close()
 
 
-READY = "ready"
-
-
 async def _main(number: int) -> None:
     line = socket.socket(fileno=number)
     reader, writer = await asyncio.open_connection(sock=line, limit=LONGEST_TASK)
     task = decode_task(await reader.readline())
     with contextlib.suppress(ConnectionError):
         await serve(task, reader, writer)
-
-
-def _encode_utc(value: Any) -> Any:
-    if isinstance(value, Utc):
-        return float(value.unix_s)
-    raise NotImplementedError(type(value))
-
-
-def _decode_utc(kind: type, value: Any) -> Any:
-    if kind is Utc:
-        return Utc(float(value))
-    raise NotImplementedError(kind)
 
 
 def main() -> None:

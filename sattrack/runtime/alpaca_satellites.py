@@ -1,4 +1,7 @@
-"""What the actions of an Alpaca telescope need of satellites: passes to list, and the facts of a run."""
+"""What the actions of an Alpaca telescope need of satellites: passes to list, and the facts of a run.
+
+What computes them is imported when the first is asked for.
+"""
 
 from __future__ import annotations
 
@@ -9,20 +12,15 @@ import msgspec
 from sattrack.alpaca.faults import Fault, Number
 from sattrack.errors import SattrackError
 from sattrack.mount import MountProfile
-from sattrack.runtime.facts import RunFacts, choose_pass, plan_for
-from sattrack.runtime.prepare import with_detours
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
 from tle.elements import Elements
 from tle.errors import TleError
 from tle.instants import Utc
-from tle.passes import find_passes
-from tle.propagator import Propagator
-from tle.refraction import Refraction
-from tle.sources import find
 
 if TYPE_CHECKING:
     from sattrack.alpaca.actions import Passes, TrackSatellite
+    from sattrack.runtime.facts import RunFacts
     from tle.passes import Pass
 
 NO_ELEMENTS = "no elements: give --elements FILE to `sattrack serve alpaca`, or set elements in sattrack.toml"
@@ -41,6 +39,9 @@ class Satellites(msgspec.Struct, frozen=True):
 
     def passes(self, asked: Passes, now_utc_s: float) -> list[dict[str, Any]]:
         """Return a satellite's coming passes, fields named as by `sattrack passes --json`. Raises Fault."""
+        from tle.passes import find_passes
+        from tle.propagator import Propagator
+
         elements = self._find(asked.satellite)
         floor_deg = self.min_alt_deg if asked.min_alt_deg is None else asked.min_alt_deg
         try:
@@ -52,6 +53,10 @@ class Satellites(msgspec.Struct, frozen=True):
 
     def facts(self, asked: TrackSatellite, now_utc_s: float) -> RunFacts:
         """Return the facts of a run: the pass in progress, else the next. Raises Fault."""
+        from sattrack.runtime.facts import RunFacts, choose_pass, plan_for
+        from sattrack.runtime.prepare import with_detours
+        from tle.refraction import Refraction
+
         elements, site, now = self._find(asked.satellite), self.site.place(), Utc(now_utc_s)
         floor_deg = self.min_alt_deg if asked.min_alt_deg is None else asked.min_alt_deg
         lowest_deg = self.limits.floor_altitude_deg
@@ -83,6 +88,8 @@ class Satellites(msgspec.Struct, frozen=True):
             raise Fault(Number.INVALID_OPERATION, str(error)) from error
 
     def _find(self, name: str) -> Elements:
+        from tle.sources import find
+
         if not self.elements:
             raise Fault(Number.INVALID_OPERATION, NO_ELEMENTS)
         try:

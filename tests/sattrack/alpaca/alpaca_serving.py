@@ -117,19 +117,20 @@ def call(port: int, host: str = "127.0.0.1") -> socket.socket:
 
 
 def read_answer(line: socket.socket) -> tuple[int, bytes]:
-    """Return the status and the body of the next answer."""
-    data = b""
-    while b"\r\n\r\n" not in data:
-        piece = line.recv(65536)
-        assert piece, f"hung up on after {data!r}"
-        data += piece
-    head, _, body = data.partition(b"\r\n\r\n")
+    """Return the status and the body of the next answer, and leave what comes after it."""
+    head = b""
+    while b"\r\n\r\n" not in head:
+        seen = line.recv(65536, socket.MSG_PEEK)
+        assert seen, f"hung up on after {head!r}"
+        end = (head + seen).find(b"\r\n\r\n")
+        head += line.recv(len(seen) if end < 0 else end + 4 - len(head))
     status = int(head.split()[1])
     length = next(
         int(one.split(b":")[1]) for one in head.split(b"\r\n") if one.lower().startswith(b"content-length")
     )
+    body = b""
     while len(body) < length:
-        body += line.recv(65536)
+        body += line.recv(length - len(body))
     return status, body
 
 

@@ -1,0 +1,71 @@
+"""What the process that Alpaca's clients talk to is told at its start: one JSON line."""
+
+from __future__ import annotations
+
+import ipaddress
+from typing import Any
+
+import msgspec
+
+from sattrack.mount import MountProfile
+from sattrack.runtime.alpaca_gate import GateLimits
+from sattrack.runtime.alpaca_satellites import Satellites
+from sattrack.settings import SiteSettings
+from tle.instants import Utc
+
+READY = "ready"
+"""What that process says first."""
+
+
+class ClockNumbers(msgspec.Struct, frozen=True):
+    """A simulated clock's three numbers."""
+
+    start_utc_s: float
+    anchor_s: float
+    speed: float
+
+
+class AlpacaTask(msgspec.Struct, frozen=True):
+    """Everything that this process is told at its start; descriptors are inherited."""
+
+    listener: int
+    discovery: tuple[int, ...]
+    port: int
+    profile: MountProfile
+    site: SiteSettings
+    mount: str
+    version: str
+    host: str
+    connections: int
+    idle_s: float
+    requests_per_s: float
+    allowed: tuple[str, ...] | None
+    satellites: Satellites
+    clock: ClockNumbers | None = None
+
+    def limits(self) -> GateLimits:
+        """Return what clients may take."""
+        allowed = None if self.allowed is None else tuple(ipaddress.ip_network(one) for one in self.allowed)
+        return GateLimits(self.connections, self.idle_s, allowed)
+
+
+def encode_task(task: AlpacaTask) -> bytes:
+    """Return a task as one JSON line."""
+    return msgspec.json.encode(task, enc_hook=_encode_utc) + b"\n"
+
+
+def decode_task(line: bytes) -> AlpacaTask:
+    """Return the task of one JSON line; raises msgspec.MsgspecError."""
+    return msgspec.json.decode(line, type=AlpacaTask, dec_hook=_decode_utc)
+
+
+def _encode_utc(value: Any) -> Any:
+    if isinstance(value, Utc):
+        return float(value.unix_s)
+    raise NotImplementedError(type(value))
+
+
+def _decode_utc(kind: type, value: Any) -> Any:
+    if kind is Utc:
+        return Utc(float(value))
+    raise NotImplementedError(kind)

@@ -1,0 +1,206 @@
+"""Connections that are silent, halting or not allowed, and discovery, without a mount behind them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import ipaddress
+import socket
+from typing import TYPE_CHECKING
+
+import pytest
+from aiohttp import web
+
+from sattrack.alpaca.discovery import A_SECOND, A_SECOND_EACH, Discovery
+from sattrack.runtime.alpaca_gate import Doorkeeper, Gate, GateLimits
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+PATIENCE_S = 20.0
+WHOLE = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
+
+
+class Callers:
+    """Those who call at a door, with their lines."""
+
+    def __init__(self, port: int) -> None:
+        self._port = port
+        self._writers: list[asyncio.StreamWriter] = []
+
+    async def call(self) -> tuple[asyncio.StreamReader, asyncio.StreamWriter]:
+        reader, writer = await asyncio.open_connection("127.0.0.1", self._port)
+        self._writers.append(writer)
+        return reader, writer
+
+    async def leave(self) -> None:
+        for writer in self._writers:
+            writer.close()
+            with contextlib.suppress(OSError):
+                await writer.wait_closed()
+
+
+def with_door(
+    limits: GateLimits, play: Callable[[Callers, Doorkeeper, asyncio.Event], Awaitable[None]]
+) -> None:
+    """Play a scene before a door; requests are answered when the event is set."""
+
+    async def scene() -> None:
+        keeper, answers = Doorkeeper(limits), asyncio.Event()
+        answers.set()
+
+        async def handle(request: web.BaseRequest) -> web.StreamResponse:
+            assert request.transport is not None
+            gate = keeper.gates[request.transport]
+            gate.begins()
+            await answers.wait()
+            gate.ends()
+            return web.Response(text="here")
+
+        async def tend() -> None:
+            while True:
+                await asyncio.sleep(0.02)
+                keeper.tend(asyncio.get_running_loop().time())
+
+        http = web.Server(handle, access_log=None, keepalive_timeout=1000.0)
+        door = await asyncio.get_running_loop().create_server(lambda: Gate(keeper, http), "127.0.0.1", 0)
+        tending = asyncio.create_task(tend())
+        callers = Callers(int(door.sockets[0].getsockname()[1]))
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                await play(callers, keeper, answers)
+        finally:
+            tending.cancel()
+            await callers.leave()
+            door.close()
+            await http.shutdown(1.0)
+
+    asyncio.run(scene())
+
+
+async def hung_up(reader: asyncio.StreamReader) -> bool:
+    """Wait for the end of a connection, whatever comes before it."""
+    try:
+        while await reader.read(65536):
+            pass
+    except ConnectionError:
+        pass
+    return True
+
+
+@pytest.mark.parametrize(
+    "begun", [b"", b"GET / HT", WHOLE[:-2], b"PUT / HTTP/1.1\r\nContent-Length: 9\r\n\r\n"[:-3]]
+)
+def test_who_is_silent_or_leaves_a_request_unfinished_is_hung_up_on(begun: bytes) -> None:
+    async def play(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
+        reader, writer = await callers.call()
+        writer.write(begun)
+        assert await hung_up(reader)
+        assert keeper.cut == 1
+
+    with_door(GateLimits(idle_s=0.2), play)
+
+
+def test_a_request_that_dribbles_in_is_hung_up_on_all_the_same() -> None:
+    async def play(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
+        reader, writer = await callers.call()
+        ended = asyncio.create_task(hung_up(reader))
+        writer.write(b"GET / HTTP/1.1\r\nX: ")
+        while not ended.done():
+            writer.write(b"a")
+            await asyncio.sleep(0.01)
+        assert keeper.cut == 1
+
+    with_door(GateLimits(idle_s=0.2), play)
+
+
+def test_who_waits_for_an_answer_is_not_hung_up_on_however_long_it_takes() -> None:
+    async def play(callers: Callers, keeper: Doorkeeper, answers: asyncio.Event) -> None:
+        answers.clear()
+        reader, writer = await callers.call()
+        writer.write(WHOLE)
+        silent, _ = await callers.call()
+        assert await hung_up(silent)
+        assert keeper.cut == 1
+        answers.set()
+        assert (await reader.readline()).startswith(b"HTTP/1.1 200")
+
+    with_door(GateLimits(idle_s=0.3), play)
+
+
+def test_more_connections_than_allowed_and_strangers_are_not_let_in() -> None:
+    async def play(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
+        lines = [await callers.call() for _ in range(3)]
+        assert await hung_up(lines[2][0])
+        assert keeper.refused == 1
+        lines[0][1].write(WHOLE)
+        assert (await lines[0][0].readline()).startswith(b"HTTP/1.1 200")
+
+    with_door(GateLimits(connections=2), play)
+
+    async def strangers(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
+        reader, writer = await callers.call()
+        writer.write(WHOLE)
+        assert await hung_up(reader)
+        assert (keeper.refused, len(keeper.gates)) == (1, 0)
+
+    with_door(GateLimits(allowed=(ipaddress.ip_network("192.0.2.0/24"),)), strangers)
+
+
+def test_discovery_answers_the_question_and_nothing_else() -> None:
+    discovery = Discovery(11111)
+    assert discovery.answer(b"alpacadiscovery1", "192.0.2.1", 0.0) == b'{"AlpacaPort":11111}'
+    # What comes after the version is reserved.
+    assert discovery.answer(b"alpacadiscovery1" + b"\0" * 48, "192.0.2.1", 0.0) is not None
+    for other in (
+        b"",
+        b"alpacadiscovery",
+        b"alpacadiscovery2",
+        b"AlpacaDiscovery1",
+        b"alpacadiscovery1" * 100,
+    ):
+        assert discovery.answer(other, "192.0.2.1", 0.0) is None
+
+
+def test_a_storm_is_answered_no_faster_than_it_is_bounded_and_others_still_are() -> None:
+    discovery = Discovery(1)
+    answered = sum(
+        discovery.answer(b"alpacadiscovery1", "192.0.2.1", step / 10000.0) is not None
+        for step in range(50000)
+    )
+    assert answered == pytest.approx(A_SECOND_EACH * 6.0, abs=2)
+    assert discovery.answer(b"alpacadiscovery1", "192.0.2.2", 5.0) is not None
+    assert discovery.unanswered == 50000 - answered
+
+
+def test_a_storm_from_forged_senders_is_bounded_as_a_whole_and_leaves_nothing_behind() -> None:
+    discovery = Discovery(1)
+    answered = sum(
+        discovery.answer(
+            b"alpacadiscovery1", f"10.{step >> 16}.{step >> 8 & 255}.{step & 255}", step / 10000.0
+        )
+        is not None
+        for step in range(50000)
+    )
+    assert answered == pytest.approx(A_SECOND * 6.0, abs=2)
+    assert len(discovery._each) <= 256
+
+
+def test_discovery_listens_where_the_server_does() -> None:
+    from sattrack.runtime.alpaca_serve import discovery_sockets
+
+    for host, addresses in (("127.0.0.1", {"127.0.0.1", "127.255.255.255"}), ("0.0.0.0", {"0.0.0.0"})):
+        sockets, trouble = discovery_sockets(host)
+        assert trouble is None
+        assert {one.getsockname()[0] for one in sockets} == addresses
+        for one in sockets:
+            one.close()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as taken:
+        try:
+            taken.bind(("127.0.0.1", 32227))
+        except OSError:
+            pytest.skip("somebody answers discovery here")
+        sockets, trouble = discovery_sockets("127.0.0.1")
+        assert not sockets
+        assert trouble is not None
+        assert "UDP port 32227 on 127.0.0.1 cannot be had" in trouble
