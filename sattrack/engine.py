@@ -169,7 +169,7 @@ class Engine:
         if not self.failed:
             self._watch_link(now_utc_s)
         arrived = self.session.slew_state is SlewState.DONE and self.safety.on_last_leg
-        motion = self.tracker.step(now_utc_s, arrived, self.safety.holding is not None)
+        motion = self.tracker.step(now_utc_s, arrived)
         sample = self.session.sample
         if sample is not None:
             age_s = max(0.0, now_utc_s - sample.arrival_utc_s)

@@ -211,11 +211,10 @@ class Tracker:
         if not isinstance(message, Observation):
             self._foretold.clear()
 
-    def step(self, now_utc_s: float, slew_done: bool, held: bool = False) -> Motion:
+    def step(self, now_utc_s: float, slew_done: bool) -> Motion:
         """Return the motion wanted from now on; call once a period, after the samples that came.
 
-        `slew_done` tells whether the slew last asked for has arrived, `held` whether a limit keeps the mount
-        off its target.
+        `slew_done` tells whether the slew last asked for has arrived.
         """
         if self.phase is Phase.STOPPING:
             return Stop()
@@ -230,7 +229,7 @@ class Tracker:
             self._approach(now_utc_s)
         if self.phase is Phase.SLEWING:
             return self._slew(now_utc_s, slew_done, self._axes)
-        left_behind = self.phase is Phase.ACQUIRING and not held and self._is_left_behind(now_utc_s)
+        left_behind = self.phase is Phase.ACQUIRING and self._is_left_behind(now_utc_s)
         if left_behind:
             self._approach(now_utc_s, moving=True)
         if self.phase in FOLLOWING and not left_behind:

@@ -26,6 +26,9 @@ PATIENCE_S, PATIENCE_TIMES = 30.0, 3.0
 FAR_DEG = 5.0
 """An error on the sky from which on a slew ahead may be worth more than going on with rates."""
 FAR_FOR_S = 0.5
+AGAIN_SHARE, LEAST_AGAIN_S, MOST_AGAIN_S = 0.5, 0.5, 20.0
+"""After a slew that a limit cut short, the next is asked for when the target has gone so much of what is
+missing: sooner, it would hardly lead any nearer."""
 
 
 class Step(Enum):
@@ -60,6 +63,7 @@ class Approach:
         self._overdue_utc_s = 0.0
         self._far_since_utc_s: float | None = None
         self._not_before_utc_s = 0.0
+        self._not_again_before_utc_s = -math.inf
         self.intercept = Intercept(0.0, 0.0, 0.0)
         self._sent: SlewTo | None = None
         self.trouble: str | None = None
@@ -83,9 +87,13 @@ class Approach:
         if off_deg > THERE_DEG:
             return self._fail(f"stands {off_deg:.1f}° from its goal")
         self._failed = 0
+        missing_deg = _apart_deg(goal.ra_deg, goal.dec_deg, sent.ra_deg, sent.dec_deg)
+        cut_short = missing_deg > THERE_DEG
+        if cut_short:
+            self._not_again_before_utc_s = now_utc_s + self._in_vain_s(goal, missing_deg)
         if goal.utc_s <= self._not_before_utc_s:
             return Step.FOLLOW if now_utc_s >= goal.utc_s - self._lead_s(goal) else Step.SLEW
-        if _apart_deg(goal.ra_deg, goal.dec_deg, sent.ra_deg, sent.dec_deg) > THERE_DEG:
+        if cut_short:
             # A limit is in between: no slew leads nearer, and rates go on when it lets them.
             return Step.FOLLOW
         # A target that is there already is gone to meet, or run after; one far gone needs another slew.
@@ -102,7 +110,7 @@ class Approach:
 
         `end_utc_s` is when following ends.
         """
-        if error_deg < FAR_DEG:
+        if error_deg < FAR_DEG or now_utc_s < self._not_again_before_utc_s:
             self._far_since_utc_s = None
             return False
         if self._far_since_utc_s is None:
@@ -128,6 +136,14 @@ class Approach:
         to, here = (wrap180(stand.sidereal_deg - ra_deg) for ra_deg in (goal.ra_deg, stand.ra_deg))
         ra_s = slew_time_s(to - here, self._profile.ra)
         return max(ra_s, slew_time_s(goal.dec_deg - stand.dec_deg, self._profile.dec)) + HANDSHAKE_S
+
+    def _in_vain_s(self, goal: Intercept, missing_deg: float) -> float:
+        """Return for how long a slew would be cut short much like one that lacked so much of its goal."""
+        target = self._target_at(goal.utc_s)
+        cos_dec = math.cos(math.radians(goal.dec_deg))
+        rate_deg_s = max(abs(float(target.ra_rate_deg_s)) * cos_dec, abs(float(target.dec_rate_deg_s)))
+        takes_s = AGAIN_SHARE * missing_deg / rate_deg_s if rate_deg_s else MOST_AGAIN_S
+        return max(LEAST_AGAIN_S, min(MOST_AGAIN_S, takes_s))
 
     def _fail(self, words: str) -> Step:
         self._failed += 1

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -60,6 +61,8 @@ RINGS_DEG = (
     100.0,
 )
 RING_PLACES = 24
+NEAREST_DEG = 0.3
+"""How near to the nearest place there is the one to wait at is looked for."""
 WAIT_MARGIN_DEG = 0.25
 PIECES = 24
 """Boxes into which a straight way of two axes together is cut."""
@@ -160,22 +163,40 @@ def reachable(profile: MountProfile, latitude_deg: float) -> list[Place]:
 
 
 def clear_places(goal: Place, latitude_deg: float, profile: MountProfile, judge: Judge) -> Iterator[Place]:
-    """Yield places where the mount can wait, on rings about a goal, the nearest first."""
+    """Yield places where the mount can wait, in rings about a goal, as near as may be, the nearest first."""
     hour_angle, dec = direction_of(goal)
     widen = 1.0 / max(0.05, math.cos(math.radians(dec)))
-    for ring in RINGS_DEG:
+
+    def place(ring_deg: float, turn: float) -> Place | None:
+        """Return a place so far from the goal if the mount can wait there."""
+        there_dec = dec + ring_deg * math.sin(turn)
+        if abs(there_dec) > 90.0:
+            return None
+        there = axes_of(hour_angle + ring_deg * widen * math.cos(turn), there_dec, profile, latitude_deg)
+        # While it waits it goes on with the sky.
+        box = Box.between(there, there).grown(
+            WAIT_MARGIN_DEG, 2.0 * WAIT_MARGIN_DEG, WAIT_MARGIN_DEG, WAIT_MARGIN_DEG
+        )
+        return there if judge(box, 0.0) is None else None
+
+    for inner_deg, ring_deg in zip((0.0, *RINGS_DEG), RINGS_DEG, strict=False):
         for k in range(RING_PLACES):
             turn = 2.0 * math.pi * k / RING_PLACES
-            there_dec = dec + ring * math.sin(turn)
-            if abs(there_dec) > 90.0:
-                continue
-            there = axes_of(hour_angle + ring * widen * math.cos(turn), there_dec, profile, latitude_deg)
-            # While it waits it goes on with the sky.
-            box = Box.between(there, there).grown(
-                WAIT_MARGIN_DEG, 2.0 * WAIT_MARGIN_DEG, WAIT_MARGIN_DEG, WAIT_MARGIN_DEG
-            )
-            if judge(box, 0.0) is None:
-                yield there
+            found = place(ring_deg, turn)
+            if found is not None:
+                yield _nearer(found, partial(place, turn=turn), inner_deg, ring_deg)
+
+
+def _nearer(found: Place, place: Callable[[float], Place | None], clear_of: float, at: float) -> Place:
+    """Return the place that is found between two distances, or one found nearer to the first."""
+    while at - clear_of > NEAREST_DEG:
+        middle = 0.5 * (clear_of + at)
+        nearer = place(middle)
+        if nearer is None:
+            clear_of = middle
+        else:
+            found, at = nearer, middle
+    return found
 
 
 class _Grid:
