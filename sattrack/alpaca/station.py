@@ -6,34 +6,27 @@ it. Both pass `safety`; what the one knows of the cables' winding the other take
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sattrack.alpaca.drive import AfterStop, Drive
 from sattrack.alpaca.faults import Fault, Number
+from sattrack.alpaca.following import followed, offset
 from sattrack.alpaca.messages import (
     AbortOrder,
     Answered,
     BiasOrder,
-    FineOrder,
-    FollowedState,
     FollowOrder,
-    HomeOrder,
     MoveOrder,
     ParkOrder,
-    PulseOrder,
     SlewOrder,
-    SyncOrder,
 )
 from sattrack.alpaca.resting import Resting
 from sattrack.alpaca.standing import Standing, state_of
-from sattrack.bias_view import bias_fields
+from sattrack.alpaca.undertaking import Undertaking, procedure_of, refuse
 from sattrack.manual.console import Console
-from sattrack.manual.procedures import procedure_for
-from sattrack.messages import OffsetBy, StopNow
+from sattrack.messages import StopNow
 from sattrack.mount import Hold
-from sattrack.requests import FindHome, FineRate, Park, PulseGuide, Slew, Sync, TicketState
+from sattrack.requests import FineRate, Slew, TicketState
 from sattrack.tracker import FOLLOWING
 from sattrack.xerxes.link import LinkState
 
@@ -44,7 +37,7 @@ if TYPE_CHECKING:
 
     from sattrack.alpaca.messages import Asked, Order, TelescopeState
     from sattrack.engine import Engine
-    from sattrack.manual.procedures import Outcome, Procedure, Refusal
+    from sattrack.manual.procedures import Outcome, Procedure
     from sattrack.mount import MountProfile
     from sattrack.safety import Safety, SafetyLimits
     from sattrack.xerxes.session import Session
@@ -56,21 +49,8 @@ SETTLING_TICKS = 2
 MOVING_KINDS = frozenset({"slew", "park", "home"})
 HELD_KINDS = frozenset({"sync", "fine"})
 """What is answered when it has come to its end, as it takes a few datagrams at most."""
-SEEN_AFTER_S = 1.0
-"""After so long, an offset that is asked for counts among those in force."""
-SAME_OFFSET = 1e-9
 ANSWER_WITHIN_TICKS = 80
 """Four seconds; a client waits five."""
-
-
-@dataclass(slots=True)
-class Undertaking:
-    """A procedure that an order began; `waiting` is the order that is answered at its end."""
-
-    kind: str
-    procedure: Procedure
-    waiting: int | None = None
-    ticks: int = 0
 
 
 class TelescopeStation:
@@ -107,6 +87,7 @@ class TelescopeStation:
         self._ticks = 0
         self._standing = Standing(profile)
         self._failure: str | None = None
+        self._trouble: str | None = None
         self._reset_at_rest = False
         self.was_asked = False
         """Whether anything was asked of the mount."""
@@ -160,6 +141,7 @@ class TelescopeStation:
         else:
             datagram = self.console.tick(now_utc_s)
             self._look_at_procedure()
+            self._look_for_trouble()
             self._make_ready()
         self.link = self.session.link_state(now_utc_s)
         self._give_answers()
@@ -178,7 +160,9 @@ class TelescopeStation:
         """Bring the mount to rest, and be finished when it is seen there."""
         if self._ending is not None:
             return
-        moving = self.engine is not None or self.console.moving or self.console.stopping
+        console = self.console
+        offset_rates = console.session.fine_rate != FineRate()
+        moving = self.engine is not None or console.moving or console.stopping or offset_rates
         self._ending = Resting(now_utc_s, moving)
         if self.engine is not None:
             self.engine.operate(StopNow(), now_utc_s)
@@ -247,7 +231,7 @@ class TelescopeStation:
             self._abort(now_utc_s)
             return False
         if isinstance(order, BiasOrder):
-            self._bias(order, now_utc_s)
+            offset(self.engine, order, now_utc_s)
             return False
         self._check(order)
         self.was_asked = True
@@ -256,7 +240,7 @@ class TelescopeStation:
         if isinstance(order, FollowOrder):
             self._follow(order, now_utc_s)
             return False
-        kind, procedure = self._procedure(order)
+        kind, procedure = procedure_of(order, self.profile)
         if self._is_slewing and isinstance(order, SlewOrder | ParkOrder):
             slew = Slew(order.ra_deg, order.dec_deg) if isinstance(order, SlewOrder) else None
             procedure = AfterStop(procedure, slew)
@@ -277,23 +261,6 @@ class TelescopeStation:
         on_with_it = isinstance(order, MoveOrder) and (self._drive is not None or not order.rate_deg_s)
         if self.console.procedure is not None and not (replaces or on_with_it):
             raise Fault(Number.INVALID_OPERATION, f"the mount is {self._doing}: AbortSlew ends that")
-
-    def _procedure(self, order: Order) -> tuple[str, Procedure]:
-        profile = self.profile
-        match order:
-            case SlewOrder():
-                return "slew", procedure_for(Slew(order.ra_deg, order.dec_deg), profile)
-            case SyncOrder():
-                return "sync", procedure_for(Sync(order.ra_deg, order.dec_deg), profile)
-            case ParkOrder():
-                return "park", procedure_for(Park(), profile)
-            case HomeOrder():
-                return "home", procedure_for(FindHome(), profile)
-            case PulseOrder():
-                return "pulse", procedure_for(PulseGuide(order.ra_ms, order.dec_ms), profile)
-            case FineOrder():
-                return "fine", procedure_for(FineRate(order.ra_deg_s, order.dec_deg_s), profile)
-        raise TypeError(type(order))
 
     def _undertake(self, kind: str, procedure: Procedure, now_utc_s: float) -> None:
         """Begin a procedure in place of what is under way. Raises Fault."""
@@ -377,29 +344,10 @@ class TelescopeStation:
         if self._ending is not None:
             self._ending.seen_by_engine(engine.mount_stopped)
 
-    def _bias(self, order: BiasOrder, now_utc_s: float) -> None:
-        engine = self.engine
-        if engine is None:
-            raise Fault(Number.INVALID_OPERATION, "no satellite is followed: TrackSatellite first")
-        before = engine.tracker.steering.biases.totals(now_utc_s + SEEN_AFTER_S)
-        wanted = (("along_s", order.along_s, before[0]), ("cross_deg", order.cross_deg, before[1]))
-        for index, (what, value, had) in enumerate(wanted):
-            if value is None:
-                continue
-            engine.operate(OffsetBy(what, "add" if order.add else "set", value), now_utc_s)
-            goal = had + value if order.add else value
-            has = engine.tracker.steering.biases.totals(now_utc_s + SEEN_AFTER_S)[index]
-            if abs(has - goal) > SAME_OFFSET:
-                words = engine.tracker.steering.refusal or "the offset was not taken"
-                raise Fault(Number.INVALID_VALUE, words)
-
     def _look_at_procedure(self) -> None:
         """See whether what is under way has ended, and how."""
         under_way = self._under_way
-        if under_way is None:
-            return
-        if self.console.procedure is under_way.procedure:
-            under_way.ticks += 1
+        if under_way is None or self.console.procedure is under_way.procedure:
             return
         self._under_way = None
         outcome = self.console.outcome
@@ -417,7 +365,8 @@ class TelescopeStation:
             ended_well = self._standing.came_home(self.session)
         if not ended_well and done.kind in MOVING_KINDS | {"move"}:
             self._failure = words
-            self.words.append(f"{done.kind} failed: {words}")
+            if self.console.trouble is None:
+                self.words.append(f"{done.kind} failed: {words}")
         if done.waiting is not None:
             answer = Answered(done.waiting)
             if not ended_well:
@@ -426,6 +375,14 @@ class TelescopeStation:
                     done.waiting, int(Number.INVALID_OPERATION if safe else Number.DRIVER), words
                 )
             self._due.append((self._ticks + SETTLING_TICKS, answer))
+
+    def _look_for_trouble(self) -> None:
+        """See whether the mount was brought to a stop that nobody asked for."""
+        trouble = self.console.trouble
+        if trouble is not None and trouble != self._trouble:
+            self._failure = self.console.refusal or trouble
+            self.words.append(f"the mount is being stopped: {self._failure}")
+        self._trouble = trouble
 
     def _make_ready(self) -> None:
         """After an AbortSlew, let a mount move again that safety has stopped, once it is at rest."""
@@ -453,25 +410,3 @@ class TelescopeStation:
 
     def _new_console(self) -> Console:
         return Console(self.profile, self._limits, self._site, self._mount_name)
-
-
-def refuse(refusal: Refusal | None) -> None:
-    """Raise Fault for a refusal of the console's."""
-    if refusal is not None:
-        raise Fault(Number.INVALID_OPERATION, refusal.words)
-
-
-def followed(engine: Engine, now_utc_s: float) -> FollowedState:
-    """Return what clients may see of a satellite that is followed."""
-    elements, tracker = engine.spec.propagator.elements, engine.tracker
-    bias = bias_fields(tracker, now_utc_s + SEEN_AFTER_S)
-    error = tracker.error
-    return FollowedState(
-        name=elements.label,
-        catalog_number=elements.catalog_number,
-        phase=engine.phase,
-        along_s=bias["bias_along_goal_s"],
-        cross_deg=bias["bias_cross_goal_deg"],
-        error_arcsec=None if error is None or not math.isfinite(error.total_arcsec) else error.total_arcsec,
-        acquired=tracker.acquired_utc_s is not None,
-    )

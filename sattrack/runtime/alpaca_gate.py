@@ -71,7 +71,8 @@ class Gate(asyncio.Protocol):
         self._since_s = self._loop.time()
         """Since when nothing has happened, or a request is unfinished."""
         self._unfinished = False
-        self._at_work = 0
+        self.at_work = 0
+        """How many whole requests have not been answered yet."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """See asyncio.Protocol."""
@@ -89,7 +90,7 @@ class Gate(asyncio.Protocol):
         """See asyncio.Protocol."""
         if self._inner is None:
             return
-        if not self._at_work and not self._unfinished:
+        if not self.at_work and not self._unfinished:
             self._unfinished, self._since_s = True, self._loop.time()
         self._inner.data_received(data)
 
@@ -117,17 +118,17 @@ class Gate(asyncio.Protocol):
     def begins(self) -> None:
         """Note that a whole request is here: however long its answer takes, nothing is overdue."""
         self._unfinished = False
-        self._at_work += 1
+        self.at_work += 1
 
     def ends(self) -> None:
         """Note that its answer is on its way."""
-        self._at_work -= 1
+        self.at_work -= 1
         self._since_s = self._loop.time()
 
     def overdue(self, now_s: float, idle_s: float) -> bool:
         """Tell whether this connection is to be ended."""
         longest_s = min(REQUEST_WITHIN_S, idle_s) if self._unfinished else idle_s
-        return not self._at_work and now_s - self._since_s > longest_s
+        return not self.at_work and now_s - self._since_s > longest_s
 
     def hang_up(self) -> None:
         """End the connection."""

@@ -12,12 +12,14 @@ import pytest
 from aiohttp import web
 
 from sattrack.alpaca.discovery import A_SECOND, A_SECOND_EACH, Discovery
-from sattrack.runtime.alpaca_gate import Doorkeeper, Gate, GateLimits
+from sattrack.runtime.alpaca_gate import REQUEST_WITHIN_S, Doorkeeper, Gate, GateLimits
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
 PATIENCE_S = 20.0
+IDLE_S = 300.0
+LIMITS = GateLimits(idle_s=IDLE_S)
 WHOLE = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
 
 
@@ -57,20 +59,13 @@ def with_door(
             gate.ends()
             return web.Response(text="here")
 
-        async def tend() -> None:
-            while True:
-                await asyncio.sleep(0.02)
-                keeper.tend(asyncio.get_running_loop().time())
-
-        http = web.Server(handle, access_log=None, keepalive_timeout=1000.0)
+        http = web.Server(handle, access_log=None, keepalive_timeout=IDLE_S * 10.0)
         door = await asyncio.get_running_loop().create_server(lambda: Gate(keeper, http), "127.0.0.1", 0)
-        tending = asyncio.create_task(tend())
         callers = Callers(int(door.sockets[0].getsockname()[1]))
         try:
             async with asyncio.timeout(PATIENCE_S):
                 await play(callers, keeper, answers)
         finally:
-            tending.cancel()
             await callers.leave()
             door.close()
             await http.shutdown(1.0)
@@ -88,30 +83,63 @@ async def hung_up(reader: asyncio.StreamReader) -> bool:
     return True
 
 
-@pytest.mark.parametrize(
-    "begun", [b"", b"GET / HT", WHOLE[:-2], b"PUT / HTTP/1.1\r\nContent-Length: 9\r\n\r\n"[:-3]]
-)
-def test_who_is_silent_or_leaves_a_request_unfinished_is_hung_up_on(begun: bytes) -> None:
+async def overdue(keeper: Doorkeeper, after_s: float) -> None:
+    """Wait until a connection would be overdue so long from now, and then make it so."""
+    loop = asyncio.get_running_loop()
+    while not any(gate.overdue(loop.time() + after_s, IDLE_S) for gate in keeper.gates.values()):
+        await asyncio.sleep(0)
+    keeper.tend(loop.time() + after_s)
+
+
+def test_who_is_silent_is_hung_up_on() -> None:
     async def play(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
-        reader, writer = await callers.call()
-        writer.write(begun)
+        reader, _writer = await callers.call()
+        await overdue(keeper, IDLE_S + 1.0)
         assert await hung_up(reader)
         assert keeper.cut == 1
 
-    with_door(GateLimits(idle_s=0.2), play)
+    with_door(LIMITS, play)
 
 
-def test_a_request_that_dribbles_in_is_hung_up_on_all_the_same() -> None:
+def test_who_has_been_answered_may_be_silent_for_as_long_as_anybody() -> None:
     async def play(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
         reader, writer = await callers.call()
-        ended = asyncio.create_task(hung_up(reader))
-        writer.write(b"GET / HTTP/1.1\r\nX: ")
-        while not ended.done():
-            writer.write(b"a")
-            await asyncio.sleep(0.01)
+        writer.write(WHOLE)
+        assert (await reader.readline()).startswith(b"HTTP/1.1 200")
+        keeper.tend(asyncio.get_running_loop().time() + IDLE_S - 1.0)
+        assert keeper.cut == 0
+        await overdue(keeper, IDLE_S + 1.0)
+        assert await hung_up(reader)
+
+    with_door(LIMITS, play)
+
+
+@pytest.mark.parametrize("begun", [b"G", b"GET / HT", WHOLE[:-2], b"PUT / HTTP/1.1\r\nContent-Length: 9\r\n"])
+def test_who_leaves_a_request_unfinished_is_hung_up_on_much_sooner(begun: bytes) -> None:
+    async def play(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
+        reader, writer = await callers.call()
+        writer.write(begun)
+        await overdue(keeper, REQUEST_WITHIN_S + 1.0)
+        assert await hung_up(reader)
         assert keeper.cut == 1
 
-    with_door(GateLimits(idle_s=0.2), play)
+    with_door(LIMITS, play)
+
+
+def test_a_request_that_dribbles_in_gains_no_time_by_it() -> None:
+    async def play(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
+        loop = asyncio.get_running_loop()
+        _reader, writer = await callers.call()
+        writer.write(b"GET / HTTP/1.1\r\nX: ")
+        while not any(gate.overdue(loop.time() + 11.0, IDLE_S) for gate in keeper.gates.values()):
+            await asyncio.sleep(0)
+        (gate,), begun_s = keeper.gates.values(), loop.time()
+        while loop.time() < begun_s + 0.05:
+            writer.write(b"a")
+            await asyncio.sleep(0)
+        assert gate.overdue(begun_s + REQUEST_WITHIN_S + 0.001, IDLE_S)
+
+    with_door(LIMITS, play)
 
 
 def test_who_waits_for_an_answer_is_not_hung_up_on_however_long_it_takes() -> None:
@@ -119,13 +147,16 @@ def test_who_waits_for_an_answer_is_not_hung_up_on_however_long_it_takes() -> No
         answers.clear()
         reader, writer = await callers.call()
         writer.write(WHOLE)
-        silent, _ = await callers.call()
+        silent, _writer = await callers.call()
+        while len(keeper.gates) < 2 or sum(gate.at_work for gate in keeper.gates.values()) < 1:
+            await asyncio.sleep(0)
+        keeper.tend(asyncio.get_running_loop().time() + 100.0 * IDLE_S)
         assert await hung_up(silent)
         assert keeper.cut == 1
         answers.set()
         assert (await reader.readline()).startswith(b"HTTP/1.1 200")
 
-    with_door(GateLimits(idle_s=0.3), play)
+    with_door(LIMITS, play)
 
 
 def test_more_connections_than_allowed_and_strangers_are_not_let_in() -> None:

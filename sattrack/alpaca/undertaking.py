@@ -1,0 +1,49 @@
+"""What an order begins: a procedure of the console's, and what is known of it until its end."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sattrack.alpaca.faults import Fault, Number
+from sattrack.alpaca.messages import FineOrder, HomeOrder, ParkOrder, PulseOrder, SlewOrder, SyncOrder
+from sattrack.manual.procedures import procedure_for
+from sattrack.requests import FindHome, FineRate, Park, PulseGuide, Slew, Sync
+
+if TYPE_CHECKING:
+    from sattrack.alpaca.messages import Order
+    from sattrack.manual.procedures import Procedure, Refusal
+    from sattrack.mount import MountProfile
+
+
+@dataclass(slots=True)
+class Undertaking:
+    """A procedure that an order began; `waiting` is the order that is answered at its end."""
+
+    kind: str
+    procedure: Procedure
+    waiting: int | None = None
+
+
+def procedure_of(order: Order, profile: MountProfile) -> tuple[str, Procedure]:
+    """Return how an order is carried out, and of which kind that is. Raises TypeError for other orders."""
+    match order:
+        case SlewOrder():
+            return "slew", procedure_for(Slew(order.ra_deg, order.dec_deg), profile)
+        case SyncOrder():
+            return "sync", procedure_for(Sync(order.ra_deg, order.dec_deg), profile)
+        case ParkOrder():
+            return "park", procedure_for(Park(), profile)
+        case HomeOrder():
+            return "home", procedure_for(FindHome(), profile)
+        case PulseOrder():
+            return "pulse", procedure_for(PulseGuide(order.ra_ms, order.dec_ms), profile)
+        case FineOrder():
+            return "fine", procedure_for(FineRate(order.ra_deg_s, order.dec_deg_s), profile)
+    raise TypeError(type(order))
+
+
+def refuse(refusal: Refusal | None) -> None:
+    """Raise Fault for a refusal of the console's."""
+    if refusal is not None:
+        raise Fault(Number.INVALID_OPERATION, refusal.words)
