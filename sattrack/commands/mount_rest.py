@@ -8,7 +8,7 @@ import click
 
 from sattrack.commands.common import tell
 from sattrack.commands.mount_common import mount_options, perform, resolve
-from sattrack.manual.procedures import procedure_for
+from sattrack.manual.procedures import ParkThere, procedure_for
 from sattrack.requests import Abort, FindHome, Park
 from sattrack.runtime.owner import owner_of
 from sattrack.runtime.stopping import stop_session, wait_until_free
@@ -35,14 +35,20 @@ def abort(context: CommandContext, **options: Any) -> int:
 
 
 @click.command("park")
+@click.option("--drives-on", is_flag=True, help="Rest at the park position, the drives' power left on.")
 @mount_options
-def park(context: CommandContext, **options: Any) -> int:
+def park(context: CommandContext, drives_on: bool, **options: Any) -> int:
     """Slew to the profile's park position, stop there, see the mount at rest, cut the drives' power.
 
     The protocol has no acknowledgement for parking: it ends as "sent, unconfirmed" unless the mount says that
     it is at park. There is no unpark: the mount's own window gives the power back.
     """
-    return _ask(context, "park", Park(), options)
+    if not drives_on:
+        return _ask(context, "park", Park(), options)
+    call = resolve(context, options)
+    call.check(Park())
+    asked = {"type": "park", "drives_on": True}
+    return perform(call, ParkThere(call.described.mount, power_off=False), asked, "rest at the park position")
 
 
 @click.command("home")

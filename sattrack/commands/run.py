@@ -1,9 +1,8 @@
-"""`sattrack run`: the plan of a schedule."""
+"""`sattrack run`: a schedule planned, carried out, or looked at."""
 
 from __future__ import annotations
 
 import os
-import sys
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,9 +15,7 @@ from tle.errors import EarthOrientationWarning
 from tle.instants import Utc
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sattrack.schedule.candidates import Loaded, Situation
+    from sattrack.schedule.candidates import Situation
     from sattrack.schedule.file import Schedule
     from sattrack.schedule.plan import Plan
 
@@ -28,8 +25,26 @@ DEFAULT_HOURS, MOST_DAYS = 24.0, 31.0
 @click.command("run")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--dry-run", is_flag=True, help="Make the plan and show it; nothing is moved.")
-@click.option("--from", "start", metavar="UTC", help="Beginning of the plan; as the file says, else now.")
-@click.option("--to", "end", metavar="UTC", help="Its end; as the file says, else 24 hours later.")
+@click.option("--status", is_flag=True, help="Show how the run of this schedule stands.")
+@click.option(
+    "--mount", "mount_url", metavar="URL", help="sim, or xerxes://HOST:PORT?listen=PORT; else as set."
+)
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Journal, status, summaries, recordings; else beside FILE, with the ending .run.",
+)
+@click.option(
+    "--virtual",
+    is_flag=True,
+    help="With --mount sim: in virtual time, one day or to --to.",
+)
+@click.option("--seed", type=int, metavar="N", help="With --virtual: troubles, drawn from this seed.")
+@click.option("--from", "start", metavar="UTC", help="Beginning; as the file says, else now.")
+@click.option(
+    "--to", "end", metavar="UTC", help="End; as the file says, else of a plan 24 hours later, of a run none."
+)
 @click.option(
     "--rehearse", is_flag=True, help="Rehearse what is chosen in full, and plan without what is no go."
 )
@@ -42,14 +57,25 @@ DEFAULT_HOURS, MOST_DAYS = 24.0, 31.0
 @profile_option
 @common_options
 def command(context: CommandContext, file: Path, **options: Any) -> int:
-    """Plan a schedule FILE: which passes to take for the largest value, and why the others lost."""
+    """Run a schedule FILE, night after night, and run it on after whatever interrupted it.
+
+    Each night is planned for the largest value; with --dry-run that is all, and the plan is shown, with why
+    other passes lost. Exit code 130 where it was stopped; the mount is at rest then.
+    """
+    if options["status"]:
+        from sattrack.commands.run_status import show_status
+
+        return show_status(context, file, options["folder"])
+    if not options["dry_run"]:
+        from sattrack.commands.run_night import run_schedule
+
+        for name in ("png", "ics"):
+            if options[name] is not None:
+                raise BadInputError(f"--{name} goes with --dry-run")
+        return run_schedule(context, file, options)
     from sattrack.schedule.file import load_schedule
 
     schedule = load_schedule(file)
-    if not options["dry_run"]:
-        raise BadInputError(
-            f"{file}: only plans are made so far: add --dry-run for the plan; track follows one pass"
-        )
     for name in ("png", "ics"):
         path = options[name]
         if path is not None and not path.absolute().parent.is_dir():
@@ -65,6 +91,7 @@ def command(context: CommandContext, file: Path, **options: Any) -> int:
 
 
 def _plan(context: CommandContext, schedule: Schedule, options: dict[str, Any]) -> Plan:
+    from sattrack.commands.run_plan import loader, progress
     from sattrack.schedule.making import make_plan
 
     situation = _situation(context, schedule, options)
@@ -73,81 +100,23 @@ def _plan(context: CommandContext, schedule: Schedule, options: dict[str, Any]) 
         from sattrack.commands.run_rehearse import rehearser
 
         rehearse = rehearser(context, context.profile(options["profile"]), schedule)
-    return make_plan(schedule, situation, _loader(context, schedule), rehearse, _progress())
+    return make_plan(schedule, situation, loader(context, schedule), rehearse, progress())
 
 
 def _situation(context: CommandContext, schedule: Schedule, options: dict[str, Any]) -> Situation:
-    from sattrack.runtime.prepare import check_site
-    from sattrack.schedule.candidates import Situation
-    from tle.brightness import read_magnitudes
+    from sattrack.commands.run_plan import said_utc_s, situation_of
 
-    now = context.now()
-    site, profile = context.site(), context.profile(options["profile"]).mount
-    check_site(profile, site)
-    begin = float(now.unix_s) if schedule.from_utc_s is None else schedule.from_utc_s
-    begin = begin if options["start"] is None else float(Utc.parse(options["start"]).unix_s)
-    end = begin + DEFAULT_HOURS * 3600.0 if schedule.to_utc_s is None else schedule.to_utc_s
-    end = end if options["end"] is None else float(Utc.parse(options["end"]).unix_s)
+    now = float(context.now().unix_s)
+    begin = said_utc_s(options["start"], schedule.from_utc_s)
+    begin = now if begin is None else begin
+    end = said_utc_s(options["end"], schedule.to_utc_s)
+    end = begin + DEFAULT_HOURS * 3600.0 if end is None else end
     if not 0.0 < end - begin <= MOST_DAYS * 86400.0:
         raise BadInputError(
             f"the plan goes from {Utc(begin).isoformat('seconds')} to {Utc(end).isoformat('seconds')}: "
             f"give --from and --to in order, {MOST_DAYS:g} days apart at most"
         )
-    limits = context.settings.safety.limits()
-    low = [one for one in schedule.entries if one.terms.min_altitude_deg < limits.floor_altitude_deg]
-    if low:
-        raise low[0].origin.wrong(
-            f"follows above {low[0].terms.min_altitude_deg:g}°, and the mount is kept above "
-            f"{limits.floor_altitude_deg:g}° (safety.floor_altitude_deg)"
-        )
-    return Situation(
-        span=(begin, end),
-        now_utc_s=float(now.unix_s),
-        site=site,
-        profile=profile,
-        limits=limits,
-        magnitudes={} if schedule.magnitudes is None else read_magnitudes(schedule.magnitudes),
-        workers=os.cpu_count() or 1,
-    )
-
-
-def _loader(context: CommandContext, schedule: Schedule) -> Callable[[str | None], Loaded]:
-    """Return what gives the elements of a source, each read once."""
-    from sattrack.schedule.candidates import Loaded
-    from tle.sources import is_fetched, newest
-
-    known: dict[str | None, Loaded] = {}
-
-    def load(source: str | None) -> Loaded:
-        if source not in known:
-            sources = (*context.sources(), *schedule.elements) if source is None else (source,)
-            if not sources:
-                raise BadInputError(
-                    f"{schedule.file}: no elements: set elements in it or in sattrack.toml, or give some"
-                )
-            sets = context.load(sources)
-            if sets.rejected and not sets.accepted:
-                raise sets.rejected[0]
-            if sets.rejected:
-                count, first = len(sets.rejected) + len(sets.accepted), str(sets.rejected[0]).splitlines()[0]
-                tell(f"{len(sets.rejected)} of {count} element sets refused, the first: {first}")
-            renewable = all(is_fetched(one) for one in sources)
-            known[source] = Loaded(newest(sets.accepted), renewable, ", ".join(sources))
-        return known[source]
-
-    return load
-
-
-def _progress() -> Callable[[str, int, int], None] | None:
-    """Return what shows on the terminal how far long work is, and wipes that at its end; else None."""
-    if not sys.stderr.isatty():
-        return None
-
-    def show(what: str, done: int, total: int) -> None:
-        words = f"{what} {done} of {total}" if done < total else ""
-        click.echo(f"\r\x1b[K{words}", nl=False, err=True)
-
-    return show
+    return situation_of(context, schedule, context.profile(options["profile"]), (begin, end), now)
 
 
 def _write(plan: Plan, context: CommandContext, options: dict[str, Any]) -> None:

@@ -34,6 +34,7 @@ from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.mounts import is_antenna
 from sattrack.runtime.observers import read_all
 from sattrack.runtime.prepare import RunRequest, prepare
+from tle.instants import Utc
 
 
 @click.command("track")
@@ -55,6 +56,8 @@ from sattrack.runtime.prepare import RunRequest, prepare
     "--bias-cross", default=0.0, metavar="DEG", help="Degrees; positive to the left, seen from below."
 )
 @click.option("--min-alt", type=float, metavar="DEG", help="Follow above this altitude (10, or as set).")
+@click.option("--from", "begin", metavar="UTC", help="Follow from then on: the pass that is up, or the next.")
+@click.option("--to", "end", metavar="UTC", help="Follow until then at the latest.")
 @click.option("--virtual", is_flag=True, help="With --mount sim: in virtual time, as fast as it goes.")
 @click.option("--stream", is_flag=True, help="Views as JSON lines on standard output, ten a second.")
 @click.option(
@@ -86,6 +89,7 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
         profile=context.profile(options["profile"], options["mount_url"] or context.settings.mount.url),
         limits=context.settings.safety.limits(),
         memory=options["bias_memory"],
+        between=(_utc_s(options["begin"]), _utc_s(options["end"])),
     )
     if is_antenna(request.mount_url):
         from sattrack.commands.track_antenna import follow
@@ -121,3 +125,7 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
     else:
         summary, interrupted = fly_and_tell(prepared, told, options["control"], observations=observations)
     return finish(summary, interrupted, context.json or options["stream"])
+
+
+def _utc_s(text: str | None) -> float | None:
+    return None if text is None else float(Utc.parse(text).unix_s)

@@ -263,9 +263,10 @@ class GoHome:
 
 @dataclass(slots=True)
 class ParkThere:
-    """Slew to the profile's park position, stop there, be seen at rest, cut the drives' power."""
+    """Slew to the profile's park position, stop there, be seen at rest; cut the drives' power if asked to."""
 
     profile: MountProfile
+    power_off: bool = True
     doing: str = "slewing to the park position"
     _way: SlewThere | None = None
     _tickets: list[Ticket] = field(default_factory=list)
@@ -296,11 +297,13 @@ class ParkThere:
             return None
         if isinstance(ticket.request, Park) or ticket.state is not TicketState.COMPLETE:
             return outcome_of(ticket)
-        if self._rests(desk, now_utc_s):
-            self.doing = "parking"
-            refusal = self._ask(desk, Park(), now_utc_s)
-        else:
+        if not self._rests(desk, now_utc_s):
             return None
+        return self._park(desk, now_utc_s) if self.power_off else outcome_of(ticket)
+
+    def _park(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+        self.doing = "parking"
+        refusal = self._ask(desk, Park(), now_utc_s)
         return None if refusal is None else refused(refusal)
 
     def _rests(self, desk: Desk, now_utc_s: float) -> bool:

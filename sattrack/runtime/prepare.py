@@ -10,13 +10,14 @@ import msgspec
 from sattrack import practice
 from sattrack.clock import Clock, make_clock
 from sattrack.control.orders import MOST_ALONG_S, MOST_CROSS_DEG
-from sattrack.errors import BadInputError
+from sattrack.errors import BadInputError, SattrackError
 from sattrack.profiles import ProfileFile
 from sattrack.runtime.facts import RunFacts, build_engine, choose_pass, first_bias, plan_for, suited_to
 from sattrack.runtime.mounts import mount_address
 from sattrack.runtime.remembering import MemoryMode, recall, uses_memory
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
+from tle.instants import Utc
 from tle.refraction import Refraction
 from tle.sources import find
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
     from sattrack.mount import MountProfile
     from sattrack.runtime.mounts import MountAddress
+    from sattrack.tracker import TrackPlan
     from sattrack.view import RememberedView
     from tle.elements import Elements
     from tle.site import Site
@@ -54,6 +56,8 @@ class RunRequest:
     profile: ProfileFile = field(default_factory=ProfileFile)
     limits: SafetyLimits = field(default_factory=SafetyLimits)
     memory: MemoryMode = "off"
+    between: tuple[float | None, float | None] = (None, None)
+    """From when, and until when, at most, the pass is followed: POSIX seconds of UTC."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +97,10 @@ def prepare(request: RunRequest) -> Prepared:
         clock_text = practice.BEFORE_PASS
     clock, now = make_clock(clock_text)
     satellite = find(elements, request.satellite)
-    satellite_pass = choose_pass(satellite, site, now, request.min_alt_deg)
-    plan = plan_for(satellite_pass, now)
+    begin_s, end_s = request.between
+    from_then = now if begin_s is None else Utc(max(begin_s, float(now.unix_s)))
+    satellite_pass = choose_pass(satellite, site, from_then, request.min_alt_deg)
+    plan = _until(plan_for(satellite_pass, from_then), end_s, satellite.label)
     if address is not None:
         plan = suited_to(plan, request.profile.mount, address.on_target_arcsec)
     started_s = float(now.unix_s)
@@ -129,6 +135,18 @@ def prepare(request: RunRequest) -> Prepared:
         notes = (*notes, address.presumption)
     facts = with_detours(facts)
     return Prepared(facts, clock, address, practising, request.profile.simulator, request.memory, notes)
+
+
+def _until(plan: TrackPlan, end_utc_s: float | None, name: str) -> TrackPlan:
+    """Return a plan that ends no later than an instant. Raises SattrackError where it begins only then."""
+    if end_utc_s is None:
+        return plan
+    if plan.start_utc_s >= end_utc_s:
+        raise SattrackError(
+            f"--to {Utc(end_utc_s).isoformat('seconds')}: {name} can be followed from "
+            f"{Utc(plan.start_utc_s).isoformat('seconds')} on"
+        )
+    return msgspec.structs.replace(plan, end_utc_s=min(plan.end_utc_s, end_utc_s))
 
 
 def _beginning_with(facts: RunFacts, bias: RememberedView | None) -> RunFacts:

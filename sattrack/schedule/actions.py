@@ -174,6 +174,46 @@ class Weather(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return " ".join(self.command) if self.command is not None else str(self.alpaca)
 
 
+NOTICES = ("pass", "lost", "trouble", "morning")
+Notice = Literal["pass", "lost", "trouble", "morning"]
+
+
+class Notify(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Who is told of what: a program that is run, or an address to which JSON is posted.
+
+    `on`: "pass" (one was followed), "lost" (one was not), "trouble" (whatever else is worth telling),
+    "morning" (the night's summary). Nobody waits for it. Raises ValueError.
+    """
+
+    run: tuple[str, ...] | None = None
+    url: str | None = None
+    on: tuple[Notice, ...] = ("lost", "trouble", "morning")
+    timeout_s: float = 30.0
+
+    def __post_init__(self) -> None:
+        """Check that there is one of the two."""
+        if (self.run is None) == (self.url is None):
+            raise ValueError("give one of run and url to notify by")
+        if self.run is not None and not (self.run and self.run[0].strip()):
+            raise ValueError('run is empty; give the program and its arguments, as ["./tell-me"]')
+        if self.url is not None:
+            check_http("url", self.url)
+        between("timeout_s", self.timeout_s, 0.1, LONGEST_S)
+
+
+class Wake(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The program that gives the drives their power back after they were parked; done when it ends with 0."""
+
+    run: tuple[str, ...]
+    timeout_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        """Check that there is a program, and for how long."""
+        if not self.run or not self.run[0].strip():
+            raise ValueError('run is empty; give the program and its arguments, as ["./power", "on"]')
+        between("timeout_s", self.timeout_s, 0.1, 3600.0)
+
+
 def _check_alpaca(address: str) -> None:
     try:
         parts = urlsplit(address)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from datetime import tzinfo
     from pathlib import Path
 
-    from sattrack.schedule.actions import Weather
+    from sattrack.schedule.actions import Notify, Wake, Weather
     from sattrack.schedule.schema import FixedEntry, ImportEntry, PassEntry
 
     Windows = Callable[[tuple[float, float]], list[tuple[float, float]]]
@@ -67,6 +67,8 @@ class Schedule:
     entries: tuple[Entry, ...]
     weather: Weather | None
     park_at_end: bool
+    wake: Wake | None
+    notify: tuple[Notify, ...]
     files: tuple[str, ...]
     """Every file that was read for it."""
 
@@ -99,6 +101,8 @@ def load_schedule(path: Path) -> Schedule:
         entries=tuple(reader.entries),
         weather=weather,
         park_at_end=top.park_at_end is not False,
+        wake=top.wake,
+        notify=top.notify,
         files=tuple(reader.files),
     )
 

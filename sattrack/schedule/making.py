@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -52,13 +52,33 @@ def make_plan(
     With `rehearse` every chosen pass is rehearsed; one that is no go, and not to be run all the same, is
     lost, and the plan made anew. Raises BadInputError, SattrackError, TleError.
     """
+    return make_plan_and_choice(schedule, situation, load, rehearse, progress)[0]
+
+
+def make_plan_and_choice(
+    schedule: Schedule,
+    situation: Situation,
+    load: Callable[[str | None], Loaded],
+    rehearse: Rehearse | None = None,
+    progress: Progress | None = None,
+) -> tuple[Plan, list[Chosen]]:
+    """Return the plan of a schedule, and its passes as whoever runs them needs them; see `make_plan`."""
     found, per_entry = gather(schedule, situation, load, progress)
     judge = Judge(schedule, situation)
     maker = _Maker(schedule, situation, judge.all_if_few(found, progress), judge)
     maker.choose()
     while rehearse is not None and maker.rehearse(rehearse, progress):
         maker.choose()
-    return maker.plan(per_entry)
+    return maker.plan(per_entry), maker.choice()
+
+
+class Chosen(NamedTuple):
+    """A pass of a plan: the candidate, from when to when (POSIX seconds of UTC), when to set out for it."""
+
+    candidate: Candidate
+    start_utc_s: float
+    end_utc_s: float
+    leave_utc_s: float
 
 
 class _Maker:
@@ -193,6 +213,27 @@ class _Maker:
             progress("rehearsed", len(self._chosen), len(self._chosen))
         return any_lost
 
+    def choice(self) -> list[Chosen]:
+        """Return the passes that were chosen, in order of time."""
+        found = []
+        for place in range(len(self._chosen)):
+            node = self._set.nodes[self._chosen[place]]
+            leave = node.start_utc_s - self._needs(place)[1]
+            found.append(Chosen(self._candidates[node.candidate], node.start_utc_s, node.end_utc_s, leave))
+        return found
+
+    def _needs(self, place: int) -> tuple[float, float, float]:
+        """Return of a chosen pass its slew, with that all it needs before its start, and from when it may."""
+        k = self._chosen[place]
+        stand = self._set.stands[k]
+        if place:
+            before = self._chosen[place - 1]
+            slew = float(self._set.transitions.slews_s(np.array([before]), k)[0])
+            ready = self._set.nodes[before].end_utc_s + self._set.stands[before].after.seconds
+        else:
+            slew, ready = first_slew_s(stand, self._situation.profile), self._situation.span[0]
+        return slew, slew + stand.before.seconds + stand.settle_s, ready
+
     def plan(self, per_entry: Sequence[Found]) -> Plan:
         """Return all that is told."""
         planned = [self._planned(place) for place in range(len(self._chosen))]
@@ -253,13 +294,7 @@ class _Maker:
         node, stand = self._set.nodes[k], self._set.stands[k]
         one = self._candidates[node.candidate]
         entry, way = self._schedule.entries[one.entry], self._ways[one.number]
-        if place:
-            before = self._chosen[place - 1]
-            slew = float(self._set.transitions.slews_s(np.array([before]), k)[0])
-            ready = self._set.nodes[before].end_utc_s + self._set.stands[before].after.seconds
-        else:
-            slew, ready = first_slew_s(stand, self._situation.profile), self._situation.span[0]
-        needs = slew + stand.before.seconds + stand.settle_s
+        slew, needs, ready = self._needs(place)
         useful = one.useful_within(node.start_utc_s, node.end_utc_s)
         return PlannedPass(
             number=place + 1,

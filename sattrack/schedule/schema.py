@@ -10,7 +10,7 @@ from typing import Literal
 import msgspec
 
 from sattrack.control.orders import MOST_ALONG_S, MOST_CROSS_DEG
-from sattrack.schedule.actions import LONGEST_S, Action, Weather, between
+from sattrack.schedule.actions import LONGEST_S, Action, Notify, Wake, Weather, between
 
 MOST_PRIORITY = 1e6
 FIXED_PRIORITY = 100.0
@@ -143,6 +143,8 @@ class ScheduleText(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     magnitudes: str | None = None
     park_at_end: bool | None = None
     weather: Weather | None = None
+    wake: Wake | None = None
+    notify: tuple[Notify, ...] = ()
     defaults: Wishes = msgspec.field(default_factory=Wishes)
     passes: tuple[PassEntry, ...] = ()
     fixed: tuple[FixedEntry, ...] = ()
@@ -150,5 +152,15 @@ class ScheduleText(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     fixed_list: str | None = None
 
 
-ONLY_AT_THE_TOP = ("from", "to", "elements", "magnitudes", "park_at_end", "weather", "defaults")
+ONLY_AT_THE_TOP = (
+    "from",
+    "to",
+    "elements",
+    "magnitudes",
+    "park_at_end",
+    "weather",
+    "wake",
+    "notify",
+    "defaults",
+)
 """Keys that an included file cannot have."""

@@ -106,14 +106,25 @@ def listed_passes(capsys: pytest.CaptureFixture[str], sky: str, *options: str) -
     return found
 
 
-def test_only_plans_are_made_and_that_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_without_a_mount_or_with_options_that_do_not_go_with_one_says_so_and_leaves_nothing_behind(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
     file = written(tmp_path, SPAN + '[[passes]]\nrule = "all"\n')
-    assert run(["run", file]) == 2
-    out, err = capsys.readouterr()
-    assert out == ""
-    assert err == (
-        f"sattrack: {file}: only plans are made so far: add --dry-run for the plan; track follows one pass\n"
-    )
+    real = ("--mount", "xerxes://127.0.0.1:15001?listen=15002")
+    for options, words in (
+        ((), "no mount: give --mount"),
+        ((*real, "--virtual"), "--virtual goes with --mount sim only"),
+        ((*real, *CLOCK), "--clock is for simulated mounts only"),
+        (("--mount", "sim", "--seed", "1"), "--seed draws troubles for --virtual only"),
+        (("--mount", "antenna://127.0.0.1:1"), "an antenna's controller runs no schedules"),
+        (("--mount", "sim", "--virtual", "--to", "2026-10-01T00:00:00Z"), "give --from and --to in order"),
+        (("--mount", "sim", "--png", "x.png"), "--png goes with --dry-run"),
+    ):
+        assert run(["run", file, "--elements", sky, *LEIDEN, *options]) == 2
+        out, err = capsys.readouterr()
+        assert out == ""
+        assert words in err
+    assert [one.name for one in tmp_path.iterdir()] == ["night.toml"]
 
 
 def test_a_plan_is_of_the_passes_and_verdicts_that_passes_lists(

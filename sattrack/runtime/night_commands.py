@@ -1,0 +1,167 @@
+"""Programs and addresses that a schedule names: run with a time limit, posted to, never waited for longer."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import threading
+import urllib.error
+import urllib.request
+from typing import TYPE_CHECKING, Any
+
+from tle.errors import printable
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from sattrack.schedule.actions import Notify
+    from sattrack.schedule.night import NightPass, Result
+
+KILL_AFTER_S = 2.0
+MOST_WORDS = 160
+PREFIX = "SATTRACK_"
+
+
+def facts_of(one: NightPass, schedule: str, when: str, result: Result | None = None) -> dict[str, Any]:
+    """Return what a program or an address is told of a pass; names carry units."""
+    facts: dict[str, Any] = {
+        "schedule": schedule,
+        "when": when,
+        "number": one.number,
+        "name": one.elements.name,
+        "catalog_number": one.elements.catalog_number,
+        "start_utc": Utc(one.start_utc_s).isoformat("milliseconds"),
+        "culminate_utc": Utc(one.culminate_utc_s).isoformat("milliseconds"),
+        "end_utc": Utc(one.end_utc_s).isoformat("milliseconds"),
+        "max_alt_deg": one.max_alt_deg,
+        "priority": one.priority,
+    }
+    if result is not None:
+        facts |= {
+            "result": result.state,
+            "cause": result.cause,
+            "words": result.words,
+            "on_target_s": result.on_target_s,
+            "rms_arcsec": result.rms_arcsec,
+            "recordings": list(result.recordings),
+        }
+    return facts
+
+
+def as_environment(facts: dict[str, Any]) -> dict[str, str]:
+    """Return facts as variables: `SATTRACK_START_UTC` for `start_utc`; several recordings by colons."""
+    found = {}
+    for name, value in facts.items():
+        words = ":".join(value) if isinstance(value, list) else "" if value is None else str(value)
+        # No program can be given a NUL.
+        found[PREFIX + name.upper()] = words.replace("\0", "")
+    return found
+
+
+def run_program(
+    run: Sequence[str], timeout_s: float, folder: Path, facts: dict[str, Any], given: str | None = None
+) -> str | None:
+    """Run a program to its end, `timeout_s` at most, in a folder; return what went wrong, None where nothing.
+
+    It and all that it started are ended where they take longer. `given` is written to its standard input.
+    """
+    try:
+        process = subprocess.Popen(
+            list(run),
+            cwd=folder,
+            env={**os.environ, **as_environment(facts)},
+            stdin=subprocess.DEVNULL if given is None else subprocess.PIPE,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+    except (OSError, ValueError) as error:
+        return f"cannot be run: {getattr(error, 'strerror', None) or error}"
+    try:
+        process.communicate(None if given is None else given.encode(), timeout=timeout_s)
+    except subprocess.TimeoutExpired:
+        _end(process)
+        return f"not done within {timeout_s:g} s, ended"
+    if process.returncode < 0:
+        return f"ended by signal {-process.returncode}"
+    return None if process.returncode == 0 else f"ended with {process.returncode}"
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(process.pid, number)
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(KILL_AFTER_S)
+            if number == signal.SIGTERM:
+                continue
+            return
+
+
+def post(url: str, facts: dict[str, Any], timeout_s: float) -> str | None:
+    """Post facts as JSON to an address; return what went wrong, None where nothing."""
+    request = urllib.request.Request(
+        url, json.dumps(facts).encode(), {"Content-Type": "application/json"}, method="POST"
+    )
+    try:
+        with urllib.request.urlopen(request, timeout=timeout_s) as answer:
+            answer.read(1)
+    except urllib.error.HTTPError as error:
+        error.close()
+        return f"answered {error.code}"
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "reason", None) or error
+        return f"cannot be posted to: {printable(str(reason))[:MOST_WORDS]}"
+    return None
+
+
+class Errands:
+    """What is done beside the run and waited for by nobody; `complaints` hears what went wrong, later."""
+
+    def __init__(self, complaints: Callable[[str], None]) -> None:
+        """Take who hears."""
+        self._complaints = complaints
+
+    def begin(self, words: str, errand: Callable[[], str | None]) -> None:
+        """Begin an errand in a thread of its own."""
+
+        def run() -> None:
+            wrong = errand()
+            if wrong is not None:
+                self._complaints(f"{words}: {wrong}")
+
+        threading.Thread(target=run, name="errand", daemon=True).start()
+
+
+class Notifier:
+    """Tells whoever the schedule names of what happens."""
+
+    def __init__(self, notify: Sequence[Notify], folder: Path, errands: Errands) -> None:
+        """Take whom to tell, and where programs run."""
+        self._notify, self._folder, self._errands = notify, folder, errands
+
+    def tell(self, notice: str, words: str, facts: dict[str, Any]) -> None:
+        """Tell of something, without waiting; programs have it in their environment and on standard input."""
+        told = {"notice": notice, "message": words, **facts}
+        for one in self._notify:
+            if notice not in one.on:
+                continue
+            if one.run is not None:
+                run = one.run
+                self._errands.begin(
+                    f"notify by {run[0]}",
+                    lambda run=run, one=one: run_program(  # type: ignore[misc]
+                        run, one.timeout_s, self._folder, told, words + "\n"
+                    ),
+                )
+            elif one.url is not None:
+                url = one.url
+                self._errands.begin(
+                    "notify by its address",
+                    lambda url=url, one=one: post(url, told, one.timeout_s),  # type: ignore[misc]
+                )

@@ -1,0 +1,49 @@
+"""A schedule's run, driven: what the machine orders is carried out, what comes of it kept and told."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from sattrack.schedule import machine
+from sattrack.schedule.night import End, Run, Started
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sattrack.runtime.night_journal import Beat, Journal
+    from sattrack.schedule.night import Doing, Happening, Ways
+
+
+class Hands(Protocol):
+    """Whoever carries orders out, with a real mount or with a simulated one."""
+
+    def begin(self, beat: Beat | None) -> float:
+        """Take up where the last sign of life was; return the instant that is now, POSIX seconds of UTC."""
+
+    def perform(self, doing: Doing, run: Run) -> Happening:
+        """Carry out an order; return the event that it ended with."""
+
+
+def drive(
+    journal: Journal, hands: Hands, ways: Ways, told: Callable[[Run, Happening, Doing], None]
+) -> tuple[Run, End]:
+    """Run, or run on, until nothing is left to do; return what is known then, and why it ended.
+
+    `told` hears of every event once it is kept. Raises SattrackError where the journal cannot be used.
+    """
+    run = journal.fold(Run())
+    beat = journal.last_beat()
+    event: Happening = Started(
+        utc_s=hands.begin(beat),
+        ways=ways,
+        last_utc_s=None if beat is None else beat.utc_s,
+        on_target_s=0.0 if beat is None else beat.on_target_s,
+        recording=None if beat is None else beat.recording,
+    )
+    while True:
+        run, doing = machine.step(run, event)
+        journal.append(event, run, doing)
+        told(run, event, doing)
+        if isinstance(doing, End):
+            return run, doing
+        event = hands.perform(doing, run)

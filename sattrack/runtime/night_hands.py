@@ -1,0 +1,347 @@
+"""The orders of a schedule's run carried out with a real mount, or a simulated one, in real time."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from sattrack.errors import SattrackError
+from sattrack.mount import mean_sidereal_deg
+from sattrack.runtime.night_commands import facts_of, post, run_program
+from sattrack.runtime.night_journal import Beat
+from sattrack.runtime.night_session import Session, run_verb
+from sattrack.runtime.stopping import wait_until_free
+from sattrack.runtime.weather import WeatherWatch, ask_weather
+from sattrack.safety.route import direction_of
+from sattrack.schedule.actions import CommandAction, SlewAction, WebhookAction
+from sattrack.schedule.night import (
+    AskWeather,
+    ClockSet,
+    DoStep,
+    Due,
+    End,
+    Follow,
+    Followed,
+    Go,
+    Laid,
+    LayDown,
+    MakePlan,
+    Mount,
+    NotPlanned,
+    Planned,
+    Prepare,
+    Prepared,
+    StepDone,
+    StopAsked,
+    SummedUp,
+    SumUp,
+    Wait,
+    WeatherTold,
+)
+from sattrack.schedule.summary import headline
+from sattrack.schedule.transitions import place_of
+from tle.errors import TleError
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from sattrack.mount import MountProfile
+    from sattrack.runtime.mounts import MountAddress
+    from sattrack.runtime.night_commands import Errands
+    from sattrack.runtime.night_files import NightFiles
+    from sattrack.runtime.night_journal import Journal
+    from sattrack.runtime.signals import StopRequest
+    from sattrack.schedule.file import Schedule
+    from sattrack.schedule.night import Doing, Happening, NightPass, Run
+    from tle.elements import Elements
+    from tle.site import Site
+
+POLL_S = 0.25
+SHOW_EVERY_S = 1.0
+BEAT_EVERY_S = 5.0
+JUMP_S = 2.0
+"""A clock that went so much more, or less, than time did was set."""
+VERB_WITHIN_S = 600.0
+DAY_S = 86400.0
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """What the machine's clocks read at one moment: UTC, and two that are never set; seconds.
+
+    The first of these stands still while the machine sleeps.
+    """
+
+    utc_s: float
+    awake_s: float
+    since_boot_s: float
+
+
+def read_clocks(utc_s: float) -> Readings:
+    """Read them."""
+    boot = getattr(time, "CLOCK_BOOTTIME", None)
+    awake = time.monotonic()
+    return Readings(utc_s, awake, awake if boot is None else time.clock_gettime(boot))
+
+
+def jump_between(before: Readings, after: Readings, speed: float = 1.0) -> tuple[float, bool] | None:
+    """Return by how much UTC jumped between two readings, and whether the machine slept; None for no jump."""
+    jumped = (after.utc_s - before.utc_s) - speed * (after.awake_s - before.awake_s)
+    if abs(jumped) < JUMP_S * max(1.0, speed):
+        return None
+    slept = (after.since_boot_s - before.since_boot_s) - (after.awake_s - before.awake_s)
+    return jumped, slept > 0.5 * abs(jumped)
+
+
+@dataclass(slots=True)
+class Kit:
+    """What the hands work with."""
+
+    schedule: Schedule
+    site: Site
+    profile: MountProfile
+    address: MountAddress | None
+    folder: Path
+    """Where the schedule's programs run."""
+    program: tuple[str, ...]
+    """The beginning of every command of ours."""
+    common: tuple[str, ...]
+    """Options of every command: which mount, site, settings."""
+    now: Callable[[], float]
+    speed: float
+    clock: Callable[[], tuple[str, ...]]
+    """The option that sets a command's clock by ours; none by the machine's own."""
+    plan: Callable[[float, float, float], Planned]
+    renew: Callable[[NightPass], Elements | None]
+    waits: Callable[[float], None]
+    progress: Callable[[str], None]
+    errands: Errands
+    stop: StopRequest
+
+
+@dataclass(slots=True)
+class LiveHands:
+    """Waits in real time, and has a process of its own for whatever moves the mount."""
+
+    kit: Kit
+    files: NightFiles
+    journal: Journal
+    _watch: WeatherWatch | None = None
+    _beaten_s: float = field(default=float("-inf"))
+    _recording: str | None = None
+
+    def begin(self, beat: Beat | None) -> float:
+        """See Hands."""
+        del beat
+        return self.kit.now()
+
+    def now_utc_s(self) -> float:
+        """Return the instant that is now, POSIX seconds of UTC."""
+        return self.kit.now()
+
+    def perform(self, doing: Doing, run: Run) -> Happening:
+        """See Hands."""
+        found = self._perform(doing, run)
+        if self.kit.stop.asked and not isinstance(found, Followed | StopAsked):
+            return StopAsked(utc_s=found.utc_s)
+        return found
+
+    def _perform(self, doing: Doing, run: Run) -> Happening:
+        now = self.kit.now
+        found: Happening
+        match doing:
+            case Wait():
+                found = self._wait(doing.until_utc_s)
+            case MakePlan():
+                found = self._make_plan(run)
+            case Prepare():
+                found = self._prepare(run.passes[doing.index], doing.wake)
+            case AskWeather():
+                found = self._ask_weather()
+            case DoStep():
+                words = self._do(doing, run)
+                found = StepDone(utc_s=now(), done=words is None, words=words)
+            case Follow():
+                go = self._follow(doing, run.passes[doing.index])
+                found = Followed(utc_s=now(), go=go)
+            case LayDown():
+                found = self._lay_down(doing.power_off)
+            case SumUp():
+                found = SummedUp(utc_s=now(), file=self.files.sum_up(run), words=headline(run))
+            case End():
+                raise ValueError("an end is not performed")
+        return found
+
+    def _wait(self, until_utc_s: float) -> Happening:
+        kit = self.kit
+        before = read_clocks(kit.now())
+        shown_s = float("-inf")
+        while True:
+            clocks = read_clocks(kit.now())
+            jump = jump_between(before, clocks, kit.speed)
+            before = clocks
+            if kit.stop.asked:
+                return StopAsked(utc_s=clocks.utc_s)
+            if jump is not None:
+                return ClockSet(utc_s=clocks.utc_s, seconds=round(jump[0], 1), slept=jump[1])
+            left_s = until_utc_s - clocks.utc_s
+            if left_s <= 0.0:
+                return Due(utc_s=clocks.utc_s)
+            if clocks.awake_s - shown_s >= SHOW_EVERY_S:
+                shown_s = clocks.awake_s
+                kit.waits(clocks.utc_s)
+                self._beat(clocks.utc_s, 0.0)
+            time.sleep(min(POLL_S, left_s / kit.speed))
+
+    def _beat(self, utc_s: float, on_target_s: float) -> None:
+        if time.monotonic() - self._beaten_s >= BEAT_EVERY_S:
+            self._beaten_s = time.monotonic()
+            self.journal.beat(Beat(utc_s, round(on_target_s, 3), self._recording))
+
+    def _make_plan(self, run: Run) -> Happening:
+        now = self.kit.now()
+        try:
+            return self.kit.plan(max(now, run.night_from_utc_s), run.night_to_utc_s, now)
+        except (SattrackError, TleError) as error:
+            return NotPlanned(utc_s=now, words=str(error).splitlines()[0])
+
+    def _prepare(self, one: NightPass, wake: bool) -> Prepared:
+        kit, how = self.kit, self.kit.schedule.wake
+        words = None
+        if wake and how is None:
+            return Prepared(
+                utc_s=kit.now(),
+                cause="power",
+                words="the drives are parked, and no [wake] says how to wake them",
+            )
+        if wake and how is not None:
+            failed = run_program(
+                how.run, how.timeout_s, kit.folder, facts_of(one, self.files.schedule, "wake")
+            )
+            if failed is not None:
+                return Prepared(utc_s=kit.now(), cause="power", words=f"{how.run[0]}: {failed}")
+        elements = None
+        if one.renewable:
+            try:
+                elements = kit.renew(one)
+            except (SattrackError, TleError) as error:
+                words = f"{one.name}: elements are not renewed: {str(error).splitlines()[0]}"
+        used = elements or one.elements
+        age_days = (one.start_utc_s - float(used.epoch.unix_s)) / DAY_S
+        if age_days > one.terms.elements_oldest_days and one.terms.if_elements_old == "skip":
+            old = f"{age_days:.1f} days old at the pass, {one.terms.elements_oldest_days:g} are allowed"
+            return Prepared(utc_s=kit.now(), cause="elements too old", words=old)
+        return Prepared(utc_s=kit.now(), words=words, elements=elements, woken=wake)
+
+    def _ask_weather(self) -> WeatherTold:
+        weather = self.kit.schedule.weather
+        if weather is None:
+            return WeatherTold(utc_s=self.kit.now(), safe=None)
+        told = ask_weather(weather, self.kit.folder)
+        return WeatherTold(utc_s=self.kit.now(), safe=told.safe, words=told.words)
+
+    def _do(self, doing: DoStep, run: Run) -> str | None:
+        """Carry out an action; return what went wrong, None where nothing."""
+        kit, one = self.kit, run.passes[doing.index]
+        action = (one.terms.before if doing.when == "before" else one.terms.after)[doing.step]
+        result = run.results[doing.index] if doing.when == "after" else None
+        facts = facts_of(one, self.files.schedule, doing.when, result)
+        if isinstance(action, CommandAction):
+            if action.wait:
+                return run_program(action.run, action.timeout_s, kit.folder, facts)
+            kit.errands.begin(
+                action.words, lambda: run_program(action.run, action.timeout_s, kit.folder, facts)
+            )
+        elif isinstance(action, WebhookAction):
+            kit.errands.begin(action.words, lambda: post(action.url, facts, action.timeout_s))
+        elif isinstance(action, SlewAction):
+            return self._slew(action)
+        return None
+
+    def _slew(self, action: SlewAction) -> str | None:
+        now, site = self.kit.now(), self.kit.site
+        hour_angle_deg, dec_deg = direction_of(place_of(action, now, site, self.kit.profile))
+        ra_deg = (mean_sidereal_deg(now, site.longitude_deg) - hour_angle_deg) % 360.0
+        wrong = self._verb("slew", f"{ra_deg:.6f}", f"{dec_deg:.6f}")
+        if wrong is None and action.wait_s:
+            until = self.kit.now() + action.wait_s
+            while self.kit.now() < until and not self.kit.stop.asked:
+                time.sleep(POLL_S)
+        return wrong
+
+    def _verb(self, *verb: str) -> str | None:
+        """Run a verb of `sattrack mount`; return what went wrong, None where nothing."""
+        kit = self.kit
+        self._wait_until_free()
+        command = [*kit.program, "mount", *verb, *kit.common, *kit.clock()]
+        try:
+            code, words = run_verb(command, VERB_WITHIN_S, lambda: kit.stop.asked)
+        except OSError as error:
+            return f"mount {verb[0]} cannot be run: {error.strerror}"
+        return None if code == 0 else words or f"mount {verb[0]} ended with {code}"
+
+    def _wait_until_free(self) -> None:
+        """Wait for the end of a session that a runner before this one left behind."""
+        if self.kit.address is not None:
+            wait_until_free(self.kit.address, lambda: None)
+
+    def _lay_down(self, power_off: bool) -> Laid:
+        try:
+            wrong = self._verb("park", *(() if power_off else ("--drives-on",)))
+        except SattrackError as error:
+            wrong = str(error)
+        if wrong is not None:
+            return Laid(utc_s=self.kit.now(), mount=Mount.AT_REST, words=wrong)
+        return Laid(utc_s=self.kit.now(), mount=Mount.PARKED if power_off else Mount.AT_PARK)
+
+    def _follow(self, doing: Follow, one: NightPass) -> Go:
+        kit, weather = self.kit, self.kit.schedule.weather
+        self._recording = self.files.recording(one, doing.part)
+        if weather is not None and one.terms.if_weather_unsafe != "run":
+            self._watch = WeatherWatch(weather, kit.folder)
+        try:
+            self._wait_until_free()
+            session = Session(
+                self._track_command(one, self._recording),
+                one,
+                self._recording,
+                self.files.folder / "sessions.log",
+                self,
+            )
+            return session.run()
+        except (OSError, SattrackError) as error:
+            return Go("crash", kit.now(), words=str(error))
+        finally:
+            self._recording = None
+            if self._watch is not None:
+                self._watch.close()
+                self._watch = None
+
+    def _track_command(self, one: NightPass, recording: str) -> list[str]:
+        kit, terms = self.kit, one.terms
+        iso = [Utc(utc_s).isoformat("milliseconds") for utc_s in (one.start_utc_s, one.end_utc_s)]
+        return [
+            *kit.program,
+            *("track", str(one.elements.catalog_number), "--headless", "--stream", "--control"),
+            *("--record", str(self.files.folder / recording)),
+            *("--elements", str(self.files.elements(one))),
+            *("--from", iso[0], "--to", iso[1]),
+            *("--min-alt", f"{terms.min_altitude_deg:g}"),
+            *("--bias-along", f"{terms.bias_along_s:g}", "--bias-cross", f"{terms.bias_cross_deg:g}"),
+            *kit.common,
+            *kit.clock(),
+        ]
+
+    def why_end(self) -> str | None:
+        """See Patient."""
+        if self.kit.stop.asked:
+            return "stopped"
+        return "weather" if self._watch is not None and self._watch.unsafe is not None else None
+
+    def hears(self, utc_s: float, on_target_s: float, line: str) -> None:
+        """See Patient."""
+        self.kit.progress(f"{Utc(utc_s).isoformat('seconds')[11:]}  {line}")
+        self._beat(utc_s, on_target_s)

@@ -1,0 +1,313 @@
+"""What the runner of a schedule knows of a night: passes, what has become of them, events, orders.
+
+Plain data that JSON keeps, as the journal does; instants are POSIX seconds of UTC.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+import msgspec
+
+from sattrack.schedule.schema import Terms
+from tle.elements import Elements
+
+
+class State(StrEnum):
+    """What the runner is doing, in words for people."""
+
+    PLANNING = "planning"
+    PLANLESS = "without a plan"
+    WAITING = "waiting"
+    PREPARING = "preparing"
+    ASKING = "asking about the weather"
+    HOLDING = "holding for the weather"
+    READYING = "readying"
+    FOLLOWING = "following"
+    FINISHING = "finishing"
+    PARKING = "parking"
+    PAUSING = "pausing before it parks again"
+    SUMMING_UP = "summing up"
+    RESTING = "resting"
+    STOPPED = "stopped"
+    ENDED = "ended"
+
+
+class Mount(StrEnum):
+    """Where the mount was left, as far as the runner knows."""
+
+    UNKNOWN = "unknown"
+    AT_REST = "at rest"
+    AT_PARK = "at park"
+    PARKED = "parked"
+
+
+class NightPass(msgspec.Struct, frozen=True):
+    """A pass of the plan, with all that is needed to run it; `key` names it among those of all nights."""
+
+    key: str
+    number: int
+    elements: Elements
+    start_utc_s: float
+    culminate_utc_s: float
+    end_utc_s: float
+    leave_utc_s: float
+    """When the mount must set out at the latest, what is done before the pass included."""
+    max_alt_deg: float
+    priority: float
+    useful_s: float
+    terms: Terms
+    asked_by: str
+    source: str | None = None
+    """Where its elements came from, as the schedule names it; None for all that is set."""
+    renewable: bool = False
+
+    @property
+    def name(self) -> str:
+        """Its satellite's name, or number."""
+        return self.elements.label
+
+
+class Result(msgspec.Struct, frozen=True):
+    """What became of a pass: "done", or "partly" or "lost" to a cause that has a name."""
+
+    state: str
+    cause: str | None = None
+    words: str | None = None
+    on_target_s: float = 0.0
+    lost_s: float = 0.0
+    """Seconds of the pass in which nothing followed, because the runner had died or the session had ended."""
+    rms_arcsec: float | None = None
+    peak_arcsec: float | None = None
+    parts: int = 0
+    recordings: tuple[str, ...] = ()
+
+
+class Go(msgspec.Struct, frozen=True):
+    """How one go at a pass ended: `ended_by` as a run's summary has it, or "weather", "stopped", "crash"."""
+
+    ended_by: str
+    ended_utc_s: float
+    on_target_s: float = 0.0
+    rms_arcsec: float | None = None
+    peak_arcsec: float | None = None
+    words: str | None = None
+    recording: str | None = None
+
+
+class Ways(msgspec.Struct, frozen=True):
+    """What holds for all nights: the run's span (None: no end), and what the schedule and the site say.
+
+    Nights change at `noon_s`, seconds after midnight UTC: the site's mean noon.
+    """
+
+    from_utc_s: float
+    to_utc_s: float | None
+    noon_s: float
+    park: bool = True
+    can_wake: bool = False
+    """Whether the drives' power can be given back without a person, so that it may be cut by day."""
+    weather_every_s: float = 30.0
+    prepare_s: float = 90.0
+    """How long before the mount sets out a pass is prepared."""
+    rest_after_s: float = 1800.0
+    """A mount with so long to wait waits at its park position, drives on."""
+
+
+class Event(msgspec.Struct, frozen=True, tag_field="event", kw_only=True):
+    """Something happened at an instant."""
+
+    utc_s: float
+
+
+class Started(Event, frozen=True, tag="started"):
+    """The runner has come up, for the first time or again; `last_utc_s` is when it was last alive."""
+
+    ways: Ways
+    last_utc_s: float | None = None
+    on_target_s: float = 0.0
+    """Of the go at a pass that was under way then."""
+    recording: str | None = None
+
+
+class Due(Event, frozen=True, tag="due"):
+    """The instant that was waited for has come."""
+
+
+class ClockSet(Event, frozen=True, tag="clock set"):
+    """The machine's clock went by so much more than time did, or the machine slept for so long."""
+
+    seconds: float
+    slept: bool = False
+
+
+class Planned(Event, frozen=True, tag="planned"):
+    """The night has a plan; so many other passes were seen and are not in it, by reason."""
+
+    passes: tuple[NightPass, ...]
+    others: dict[str, int] = {}
+    words: str | None = None
+
+
+class NotPlanned(Event, frozen=True, tag="not planned"):
+    """No plan could be made."""
+
+    words: str
+
+
+class Prepared(Event, frozen=True, tag="prepared"):
+    """Elements were renewed where that is due, the drives have power; or why the pass cannot be taken."""
+
+    cause: str | None = None
+    words: str | None = None
+    elements: Elements | None = None
+    woken: bool = False
+
+
+class WeatherTold(Event, frozen=True, tag="weather"):
+    """Whether the weather is safe; None where nobody is asked."""
+
+    safe: bool | None
+    words: str | None = None
+
+
+class StepDone(Event, frozen=True, tag="step done"):
+    """An action before or after a pass is over."""
+
+    done: bool
+    words: str | None = None
+
+
+class Followed(Event, frozen=True, tag="followed"):
+    """A go at a pass is over."""
+
+    go: Go
+
+
+class Laid(Event, frozen=True, tag="laid"):
+    """The mount was sent to its park position: is it there, and have its drives no power?"""
+
+    mount: Mount
+    words: str | None = None
+
+
+class SummedUp(Event, frozen=True, tag="summed up"):
+    """The night's summary is written."""
+
+    file: str | None = None
+    words: str | None = None
+
+
+class StopAsked(Event, frozen=True, tag="stop asked"):
+    """The operator wants an end."""
+
+    words: str = "interrupted"
+
+
+Happening = (
+    Started
+    | Due
+    | ClockSet
+    | Planned
+    | NotPlanned
+    | Prepared
+    | WeatherTold
+    | StepDone
+    | Followed
+    | Laid
+    | SummedUp
+    | StopAsked
+)
+
+
+class Order(msgspec.Struct, frozen=True, tag_field="order", kw_only=True):
+    """What is to be done next; each ends with one event."""
+
+
+class Wait(Order, frozen=True, tag="wait"):
+    """Wait for an instant: ends with Due, ClockSet or StopAsked."""
+
+    until_utc_s: float
+
+
+class MakePlan(Order, frozen=True, tag="plan"):
+    """Plan the night: ends with Planned or NotPlanned."""
+
+
+class Prepare(Order, frozen=True, tag="prepare"):
+    """Renew a pass' elements, give the drives power where they have none: ends with Prepared."""
+
+    index: int
+    wake: bool
+
+
+class AskWeather(Order, frozen=True, tag="ask weather"):
+    """Ask about the weather: ends with WeatherTold."""
+
+
+class DoStep(Order, frozen=True, tag="do"):
+    """Carry out an action before or after a pass: ends with StepDone."""
+
+    index: int
+    when: str
+    step: int
+
+
+class Follow(Order, frozen=True, tag="follow"):
+    """Follow a pass, or what is left of it: ends with Followed."""
+
+    index: int
+    part: int
+    from_utc_s: float
+
+
+class LayDown(Order, frozen=True, tag="lay down"):
+    """Bring the mount to its park position, and with `power_off` cut its drives' power: ends with Laid."""
+
+    power_off: bool
+
+
+class SumUp(Order, frozen=True, tag="sum up"):
+    """Write the night's summary: ends with SummedUp."""
+
+
+class End(Order, frozen=True, tag="end"):
+    """Nothing is left to do."""
+
+    why: str
+    interrupted: bool = False
+
+
+Doing = Wait | MakePlan | Prepare | AskWeather | DoStep | Follow | LayDown | SumUp | End
+
+
+class Run(msgspec.Struct, frozen=True):
+    """All that the runner knows; every event makes a new one."""
+
+    ways: Ways = Ways(0.0, None, 0.0)
+    state: State = State.PLANNING
+    mount: Mount = Mount.UNKNOWN
+    night: int = 0
+    night_from_utc_s: float = 0.0
+    night_to_utc_s: float = 0.0
+    passes: tuple[NightPass, ...] = ()
+    results: tuple[Result, ...] = ()
+    """Of the passes so far, in their order: those that are over."""
+    others: dict[str, int] = {}
+    step: int = 0
+    part: int = 0
+    goes: tuple[Go, ...] = ()
+    """Those at the pass in progress."""
+    part_from_utc_s: float = 0.0
+    tries: int = 0
+    weather: str | None = None
+    summary: str | None = None
+    notes: tuple[str, ...] = ()
+    told: str | None = None
+    """What is worth telling of the last event."""
+
+    @property
+    def at(self) -> NightPass | None:
+        """The pass that is next, or in progress; None where none is left."""
+        place = len(self.results)
+        return self.passes[place] if place < len(self.passes) else None

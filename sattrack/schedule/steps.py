@@ -1,0 +1,421 @@
+"""The actions of the machine's rows; each says in its first line what the table says of it."""
+
+from __future__ import annotations
+
+import math
+
+from msgspec.structs import replace
+
+from sattrack.schedule.known import actions_of, at_of, cuts_power, prepared_from_s, stepped
+from sattrack.schedule.night import (
+    AskWeather,
+    ClockSet,
+    Doing,
+    DoStep,
+    End,
+    Follow,
+    Followed,
+    Go,
+    Happening,
+    Laid,
+    LayDown,
+    MakePlan,
+    Mount,
+    NightPass,
+    NotPlanned,
+    Planned,
+    Prepare,
+    Prepared,
+    Result,
+    Run,
+    Started,
+    State,
+    StepDone,
+    StopAsked,
+    SummedUp,
+    SumUp,
+    Wait,
+    WeatherTold,
+)
+
+DAY_S = 86400.0
+SHORT_S = 4.0 * 3600.0
+TRY_PLAN_AGAIN_S = 600.0
+TRY_PARK_AGAIN_S = 60.0
+DONE_SHARE = 0.9
+"""Share of a pass that must have been on target for "done"."""
+
+
+def make_plan(run: Run, _: Happening) -> tuple[Run, Doing]:
+    """Make the night's plan."""
+    return run, MakePlan()
+
+
+def try_again_later(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Tell why, and try again in ten minutes."""
+    words = event.words if isinstance(event, NotPlanned) else None
+    told = None if words is None else f"no plan: {words}"
+    return replace(run, told=told), Wait(until_utc_s=event.utc_s + TRY_PLAN_AGAIN_S)
+
+
+def take_plan(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Take the plan."""
+    assert isinstance(event, Planned)
+    count = len(event.passes)
+    told = f"night {run.night}: {count} {'pass' if count == 1 else 'passes'} planned" + (
+        f"; {event.words}" if event.words else ""
+    )
+    run = replace(run, passes=event.passes, results=(), others=event.others, notes=(), told=told)
+    return _fresh(run), Wait(until_utc_s=event.utc_s)
+
+
+def look(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """See what is next."""
+    run = replace(run, told=run.told or _failure(run, event))
+    return _fresh(run), Wait(until_utc_s=event.utc_s)
+
+
+def wait(run: Run, _: Happening) -> tuple[Run, Doing]:
+    """Wait until it is to be prepared, or until the mount may lie down."""
+    return run, Wait(until_utc_s=prepared_from_s(run))
+
+
+def wait_anew(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Tell it, and look at the clock again."""
+    assert isinstance(event, ClockSet)
+    hours = abs(event.seconds) / 3600.0
+    size = f"{hours:.2f} h" if hours >= 0.5 else f"{abs(event.seconds):.0f} s"
+    if event.slept:
+        words = f"the computer slept for {size}"
+    else:
+        words = f"the computer's clock was set {'ahead' if event.seconds > 0.0 else 'back'} by {size}"
+    until = event.utc_s
+    if run.state is State.RESTING:
+        until = max(until, run.night_from_utc_s)
+    elif run.state is State.PAUSING:
+        until += TRY_PARK_AGAIN_S
+    return replace(run, told=words), Wait(until_utc_s=until)
+
+
+def prepare(run: Run, _: Happening) -> tuple[Run, Doing]:
+    """Prepare it."""
+    return run, Prepare(index=len(run.results), wake=run.mount is Mount.PARKED)
+
+
+def ask_weather(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Ask about the weather."""
+    if isinstance(event, Prepared):
+        run = replace(run, told=event.words)
+        if event.woken:
+            run = replace(run, mount=Mount.AT_REST)
+        if event.elements is not None:
+            run = _with_elements(run, event)
+    return run, AskWeather()
+
+
+def hold(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Ask again later."""
+    assert isinstance(event, WeatherTold)
+    told = None if run.weather == event.words else f"{at_of(run).name}: the weather is unsafe: {event.words}"
+    run = replace(run, weather=event.words, told=told)
+    return run, Wait(until_utc_s=event.utc_s + run.ways.weather_every_s)
+
+
+def first_action(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Begin with what is done before it."""
+    run = replace(run, weather=event.words if isinstance(event, WeatherTold) else None, step=0)
+    return _moving(run), DoStep(index=len(run.results), when="before", step=0)
+
+
+def next_action(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Tell what went wrong, and do the next."""
+    return _action(run, event, run.step + 1, _failure(run, event))
+
+
+def same_action(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Do it again."""
+    return _action(run, event, run.step, None)
+
+
+def next_action_untold(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Do not repeat it: go on with what follows."""
+    words = f"{actions_of(run)[run.step].words}: cut off by a restart, not repeated"
+    # What is next is seen as if this one had ended.
+    return _action(run, event, run.step + 1, words)
+
+
+def follow(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Follow it."""
+    failed = _failure(run, event) if isinstance(event, StepDone) else None
+    weather = event.words if isinstance(event, WeatherTold) else run.weather
+    run = replace(run, weather=weather, told=failed, part=1, goes=(), part_from_utc_s=event.utc_s)
+    return _moving(run), Follow(index=len(run.results), part=1, from_utc_s=event.utc_s)
+
+
+def follow_on(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Follow what is left of it."""
+    go = _go_of(run, event)
+    words = "the runner was restarted" if isinstance(event, Started) else f"{go.words or go.ended_by}"
+    part = run.part + 1
+    told = f"{at_of(run).name}: {words}: following on, part {part}"
+    run = replace(run, goes=(*run.goes, go), part=part, part_from_utc_s=event.utc_s, told=told)
+    return _moving(run), Follow(index=len(run.results), part=part, from_utc_s=event.utc_s)
+
+
+def end_pass(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Note what became of it."""
+    assert isinstance(event, Followed)
+    run = _with_result(run, _result(at_of(run), (*run.goes, event.go)))
+    return _after_pass(run, event)
+
+
+def end_cut_off(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Note what became of it, as far as anybody knows."""
+    run = _with_result(run, _result(at_of(run), (*run.goes, _go_of(run, event))))
+    return _after_pass(run, event)
+
+
+def stop_in_pass(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """End: nothing is moved any more."""
+    assert isinstance(event, Followed)
+    run = _with_result(run, _result(at_of(run), (*run.goes, event.go)))
+    why = event.go.words or "stopped by the operator"
+    return _fresh(run), End(why=why, interrupted=True)
+
+
+def lose_missed(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Lose it: it was missed."""
+    late_s = event.utc_s - at_of(run).start_utc_s
+    words = f"nothing could begin it until {late_s:.0f} s after its start"
+    return _lose(run, event, "missed", words)
+
+
+def lose_to_restart(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Lose it: the runner was restarted too late."""
+    return _lose(run, event, "missed", "the runner was restarted too late for it")
+
+
+def lose_to_delay(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Lose it: what is done before it took too long."""
+    return _lose(run, event, "delay", _failure(run, event) or "what is done before it took too long")
+
+
+def lose_unprepared(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Lose it to what kept it from being taken."""
+    assert isinstance(event, Prepared)
+    return _lose(run, event, event.cause or "error", event.words)
+
+
+def lose_to_weather(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Lose it to the weather."""
+    assert isinstance(event, WeatherTold)
+    return _lose(replace(run, weather=event.words), event, "weather", event.words)
+
+
+def lose_to_action(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Lose it to what failed before it."""
+    return _lose(run, event, "command", _failure(run, event))
+
+
+def lay_down(run: Run, _: Happening) -> tuple[Run, Doing]:
+    """Let the mount wait at its park position, drives on."""
+    return replace(run, tries=1), LayDown(power_off=False)
+
+
+def lay_down_for_the_day(run: Run, _: Happening) -> tuple[Run, Doing]:
+    """Park the mount: at its park position, the drives' power cut where it can be given back."""
+    return replace(run, tries=1), LayDown(power_off=cuts_power(run))
+
+
+def lay_down_anew(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Begin that again."""
+    return lay_down_again(replace(run, tries=0), event)
+
+
+def lay_down_again(run: Run, _: Happening) -> tuple[Run, Doing]:
+    """Try again."""
+    off = run.at is None and cuts_power(run)
+    return replace(run, tries=run.tries + 1), LayDown(power_off=off)
+
+
+def pause(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Tell it, and try again in a minute."""
+    assert isinstance(event, Laid)
+    run = replace(run, mount=event.mount, told=f"the mount is not parked: {event.words}")
+    return run, Wait(until_utc_s=event.utc_s + TRY_PARK_AGAIN_S)
+
+
+def look_laid_down(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """See what is next."""
+    run = _laid(run, event)
+    if run.mount is Mount.AT_REST:
+        # It was tried often enough: not again until the mount has moved.
+        run = replace(run, mount=Mount.UNKNOWN)
+    return look(run, event)
+
+
+def sum_up(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Write the night's summary."""
+    return _laid(run, event), SumUp()
+
+
+def rest(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Wait for the next night."""
+    if isinstance(event, SummedUp):
+        run = replace(run, summary=event.file or run.summary, told=event.words)
+        run = _next_night(run, event.utc_s)
+    return run, Wait(until_utc_s=run.night_from_utc_s)
+
+
+def go_on(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Go on with another night: the run's end was put off."""
+    run = _next_night(run, event.utc_s)
+    return run, Wait(until_utc_s=run.night_from_utc_s)
+
+
+def rest_until_the_night(run: Run, _: Happening) -> tuple[Run, Doing]:
+    """Wait for the night."""
+    return run, Wait(until_utc_s=run.night_from_utc_s)
+
+
+def stop(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """End: nothing is moved any more."""
+    assert isinstance(event, StopAsked)
+    return run, End(why=event.words, interrupted=True)
+
+
+def end(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """End."""
+    if isinstance(event, SummedUp):
+        run = replace(run, summary=event.file or run.summary, told=event.words)
+    return run, End(why="all nights are over")
+
+
+def first_night(run: Run) -> Run:
+    """Return a run with its first night found."""
+    return _night_from(run, run.ways.from_utc_s, 1)
+
+
+def _next_night(run: Run, now_utc_s: float) -> Run:
+    """Return the run with the next night: the one in progress where some were slept through."""
+    begin, number = run.night_to_utc_s, run.night + 1
+    while _end_of(run, begin) <= now_utc_s and not _is_last(run, begin):
+        begin = _end_of(run, begin)
+    return _night_from(replace(run, passes=(), results=(), others={}), begin, number)
+
+
+def _night_from(run: Run, begin: float, number: int) -> Run:
+    return replace(run, night=number, night_from_utc_s=begin, night_to_utc_s=_end_of(run, begin))
+
+
+def _end_of(run: Run, begin: float) -> float:
+    """Return the end of the night that begins then: the next noon at the site, or the run's end."""
+    noon = run.ways.noon_s
+    end = (math.floor((begin - noon) / DAY_S + 1e-9) + 1.0) * DAY_S + noon
+    last = run.ways.to_utc_s
+    # A few hours at the end are no night of their own.
+    return last if last is not None and end + SHORT_S >= last else end
+
+
+def _is_last(run: Run, begin: float) -> bool:
+    return run.ways.to_utc_s is not None and _end_of(run, begin) >= run.ways.to_utc_s
+
+
+def _fresh(run: Run) -> Run:
+    """Return the run with nothing begun of the next pass."""
+    return replace(run, step=0, part=0, goes=(), tries=0)
+
+
+def _action(run: Run, event: Happening, place: int, told: str | None) -> tuple[Run, Doing]:
+    """Return the order for an action, or what follows where there is none at that place."""
+    run = replace(run, step=place, told=told)
+    finishing = run.state is State.FINISHING
+    if place < len(actions_of(run)):
+        index = len(run.results) - (1 if finishing else 0)
+        return _moving(run), DoStep(index=index, when="after" if finishing else "before", step=place)
+    return run, Wait(until_utc_s=event.utc_s)
+
+
+def _moving(run: Run) -> Run:
+    return replace(run, mount=Mount.AT_REST)
+
+
+def _failure(run: Run, event: Happening) -> str | None:
+    if isinstance(event, StepDone) and not event.done:
+        return f"{stepped(run).name}: {actions_of(run)[run.step].words}: {event.words}"
+    return None
+
+
+def _laid(run: Run, event: Happening) -> Run:
+    if not isinstance(event, Laid):
+        return run
+    told = event.words if event.mount in (Mount.AT_PARK, Mount.PARKED) else f"NOT PARKED: {event.words}"
+    return replace(run, mount=event.mount, told=told)
+
+
+def _with_elements(run: Run, event: Prepared) -> Run:
+    assert event.elements is not None
+    place = len(run.results)
+    renewed = replace(at_of(run), elements=event.elements)
+    return replace(run, passes=(*run.passes[:place], renewed, *run.passes[place + 1 :]))
+
+
+def _with_result(run: Run, result: Result) -> Run:
+    one = at_of(run)
+    words = f"{one.name}: {result.state}"
+    if result.cause is not None:
+        words += f", {result.cause}: {result.words or ''}".rstrip(": ")
+    elif result.rms_arcsec is not None:
+        words += f", {result.on_target_s:.0f} s on target, {result.rms_arcsec:.2f}″ RMS"
+    return replace(run, results=(*run.results, result), told=words)
+
+
+def _lose(run: Run, event: Happening, cause: str, words: str | None) -> tuple[Run, Doing]:
+    run = _with_result(run, Result("lost", cause, words))
+    return _fresh(run), Wait(until_utc_s=event.utc_s)
+
+
+def _after_pass(run: Run, event: Happening) -> tuple[Run, Doing]:
+    place = len(run.results) - 1
+    run = _fresh(run)
+    if run.passes[place].terms.after:
+        return run, DoStep(index=place, when="after", step=0)
+    return run, Wait(until_utc_s=event.utc_s)
+
+
+def _go_of(run: Run, event: Happening) -> Go:
+    """Return the go that has just ended: as it was told, or as the last that was known of it."""
+    if isinstance(event, Followed):
+        return event.go
+    assert isinstance(event, Started)
+    last = event.utc_s if event.last_utc_s is None else event.last_utc_s
+    return Go("restart", last, event.on_target_s, words="the runner ended", recording=event.recording)
+
+
+def _result(one: NightPass, goes: tuple[Go, ...]) -> Result:
+    """Return what became of a pass of all goes at it."""
+    on_target_s = sum(go.on_target_s for go in goes)
+    whole_s = one.end_utc_s - one.start_utc_s
+    last = goes[-1]
+    rms = [(go.rms_arcsec, go.on_target_s) for go in goes if go.rms_arcsec is not None and go.on_target_s]
+    weight = sum(seconds for _, seconds in rms)
+    together = math.sqrt(sum(r * r * s for r, s in rms) / weight) if weight else None
+    peaks = [go.peak_arcsec for go in goes if go.peak_arcsec is not None]
+    state = "done" if on_target_s >= DONE_SHARE * whole_s else "partly" if on_target_s > 0.0 else "lost"
+    cause = words = None
+    if state != "done" or last.ended_by not in ("set", "restart"):
+        broken = [go for go in goes if go.ended_by != "set"] or [last]
+        cause, words = broken[-1].ended_by, broken[-1].words
+        if cause == "set":
+            cause, words = "late", words or "the mount was not on the satellite for all of it"
+    return Result(
+        state=state,
+        cause=cause,
+        words=words,
+        on_target_s=round(on_target_s, 3),
+        lost_s=round(max(0.0, whole_s - on_target_s), 3),
+        rms_arcsec=None if together is None else round(together, 4),
+        peak_arcsec=max(peaks) if peaks else None,
+        parts=len(goes),
+        recordings=tuple(go.recording for go in goes if go.recording is not None),
+    )
