@@ -1,6 +1,7 @@
 """What can be said about a run's control, besides what is said to the run: one JSON object a line.
 
-`{"type":"take_control"}`, `{"type":"yield_control"}`, `{"type":"leave_running"}`.
+`{"type":"take_control"}`, `{"type":"yield_control"}`, `{"type":"leave_running"}`,
+`{"type":"arm","catalog_number":25544,"culminate_utc_s":1790946324.4}`.
 """
 
 from __future__ import annotations
@@ -31,7 +32,26 @@ class LeaveRunning(msgspec.Struct, frozen=True, tag="leave_running", forbid_unkn
     """From whoever started the run: the end of this channel is not to stop it."""
 
 
-SessionMessage = TakeControl | YieldControl | LeaveRunning
+class Arm(msgspec.Struct, frozen=True, tag="arm", forbid_unknown_fields=True):
+    """Have a pass followed after this one; with `now`, end this one for it.
+
+    A pass is named by the satellite's catalogue number and about when it culminates (UTC, POSIX seconds).
+    """
+
+    catalog_number: int
+    culminate_utc_s: float
+    name: str = ""
+    now: bool = False
+
+
+class Disarm(msgspec.Struct, frozen=True, tag="disarm", forbid_unknown_fields=True):
+    """Take a pass back that was armed."""
+
+    catalog_number: int
+    culminate_utc_s: float
+
+
+SessionMessage = TakeControl | YieldControl | LeaveRunning | Arm | Disarm
 
 _Any = (
     Nudge
@@ -44,6 +64,8 @@ _Any = (
     | TakeControl
     | YieldControl
     | LeaveRunning
+    | Arm
+    | Disarm
 )
 _DECODER: msgspec.json.Decoder[_Any] = msgspec.json.Decoder(_Any)
 

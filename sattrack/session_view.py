@@ -15,6 +15,14 @@ class Watcher(msgspec.Struct, frozen=True):
     name: str
 
 
+class Armed(msgspec.Struct, frozen=True):
+    """A pass that is to be followed after this one: whose, and when it culminates (UTC, POSIX seconds)."""
+
+    catalog_number: int
+    culminate_utc_s: float
+    name: str
+
+
 class SessionView(msgspec.Struct, frozen=True, tag="session"):
     """The people before a run. Whoever has control moves the target; a stop is obeyed from anybody."""
 
@@ -28,6 +36,10 @@ class SessionView(msgspec.Struct, frozen=True, tag="session"):
     """Whether whoever started the run has gone, and had it go on."""
     said: str | None = None
     """The last that happened among them, in words."""
+    queue: tuple[Armed, ...] = ()
+    """What is to be followed next, in this order."""
+    takes_others: bool = False
+    """Whether other satellites can be followed after this one."""
 
     def name_of(self, number: int | None) -> str:
         """Return who that is, in words."""

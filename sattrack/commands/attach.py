@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sattrack.commands.aside import beside
 from sattrack.commands.common import CommandContext, appearance, common_options, screen_options
 from sattrack.commands.running import tui_possible
 from sattrack.errors import BadInputError, SattrackError
@@ -42,7 +43,8 @@ def command(context: CommandContext, pid: int | None, name: str | None, **option
         raise BadInputError("attach needs a terminal; --json is for programs")
     from sattrack.tui.attach_launch import attach_with_tui
 
-    return attach_with_tui(pid, name, appearance(context, options["theme"], options["plain"]))
+    look = appearance(context, options["theme"], options["plain"])
+    return attach_with_tui(pid, name, look, beside(context, None, None, practising=False))
 
 
 def chosen_run(pid: int | None) -> int:

@@ -9,6 +9,7 @@ from typing import Any
 import click
 
 from sattrack import practice
+from sattrack.commands.aside import beside
 from sattrack.commands.common import (
     CommandContext,
     appearance,
@@ -19,12 +20,12 @@ from sattrack.commands.common import (
     screen_options,
     tell,
 )
+from sattrack.commands.flying import fly_and_tell
 from sattrack.commands.running import (
     Progress,
     Stream,
     check_observations,
     finish,
-    fly_and_tell,
     tui_possible,
     with_tui,
 )
@@ -60,7 +61,8 @@ def command(context: CommandContext, seconds: float | None, **options: Any) -> i
     check_observations(observations, control, ())
     alone = options["headless"] or context.json or options["stream"] or control or observations == "stdin"
     if not alone and tui_possible():
-        return with_tui(appearance(context, options["theme"], options["plain"]), stay=seconds is None)
+        look = appearance(context, options["theme"], options["plain"])
+        return with_tui(look, seconds is None, beside(context, options["profile"], None, practising=True))
     request = replace(
         demo_request(context.clock_option, options["record"], context.profile(options["profile"])),
         camera_rotation_deg=options["camera_rotation"],

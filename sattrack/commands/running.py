@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import math
-import os
 import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -14,23 +13,17 @@ import msgspec
 
 from sattrack.commands.json_lines import JsonLines
 from sattrack.errors import BadInputError
-from sattrack.runtime.channel import StdinInbox
-from sattrack.runtime.desk import Desk
-from sattrack.runtime.fly import fly_live
-from sattrack.runtime.gallery_link import GalleryLink, open_gallery
-from sattrack.runtime.observers import Observers, check_source, open_observers
+from sattrack.runtime.observers import Observers, check_source
 from sattrack.runtime.outcome import failure
-from sattrack.runtime.session_inbox import SessionInbox
-from sattrack.runtime.signals import StopRequest
 from sattrack.summary_text import summary_lines
 from sattrack.view import Summary, SummaryLine, TrackView
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from sattrack.runtime.facts import RunFacts
-    from sattrack.runtime.prepare import Prepared
     from sattrack.session_view import SessionView
     from sattrack.tui.appearance import Appearance
+    from sattrack.tui.beside import Beside
 
 SECONDS_BETWEEN_LINES = 5.0
 OLD_AFTER_DAYS = 3.0
@@ -108,16 +101,16 @@ def tui_possible() -> bool:
     return sys.stdin.isatty() and sys.stdout.isatty() and importlib.util.find_spec("textual_plot") is not None
 
 
-def with_tui(appearance: Appearance, stay: bool = True) -> int:
+def with_tui(appearance: Appearance, stay: bool = True, beside: Beside | None = None) -> int:
     """Run this very command line headless in a process of its own, and the terminal UI here on top of it.
 
-    With `stay`, the screen of an ended run remains until it is left.
+    With `stay`, the screen of an ended run remains until it is left. `beside`: what the screen starts itself.
     The loop that feeds the mount must not share a process with anything that draws.
     """
     from sattrack.tui.launch import fly_with_tui
 
     arguments = [*sys.argv[1:], "--stream", "--control", "--scene"]
-    return fly_with_tui([sys.executable, "-m", "sattrack", *arguments], appearance, stay)
+    return fly_with_tui([sys.executable, "-m", "sattrack", *arguments], appearance, stay, beside=beside)
 
 
 class Stream(JsonLines):
@@ -144,83 +137,6 @@ class Stream(JsonLines):
     def show(self, view: TrackView) -> None:
         """Take one state."""
         self.write(view)
-
-
-class Public:
-    """Everybody whom a run is shown to: whoever started it, and those who look on."""
-
-    def __init__(self, told: Progress | Stream, desk: Desk, gallery: GalleryLink | None) -> None:
-        self._told, self._desk, self._gallery = told, desk, gallery
-        self._version = -1
-        self._left = False
-
-    def show(self, view: TrackView) -> None:
-        """Take one state, and say who has control where that has changed."""
-        version = self._desk.version
-        if version != self._version and self._tell_session():
-            self._version = version
-        self._told.show(view)
-        if self._gallery is not None:
-            self._gallery.show(view)
-
-    def end(self, summary: Summary) -> None:
-        """Say what the run came to to those who look on."""
-        if self._gallery is not None:
-            self._tell_session()
-            self._gallery.tell_end(summary)
-
-    def _tell_session(self) -> bool:
-        if self._gallery is None:
-            return True
-        session = self._desk.view()
-        if isinstance(self._told, Stream) and not self._left:
-            self._told.tell_session(session)
-            if session.left_running:
-                # Whoever started the run goes at this word: nothing must be written to nobody.
-                self._left = True
-                _write_nowhere()
-        return self._gallery.tell(session)
-
-
-def _write_nowhere() -> None:
-    """Have whatever goes to standard output from now on be lost, and nobody waited for."""
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, sys.stdout.fileno())
-    os.close(nowhere)
-
-
-def fly_and_tell(
-    prepared: Prepared,
-    told: Progress | Stream,
-    control: bool,
-    deadline_s: float = float("inf"),
-    observations: str | None = None,
-) -> tuple[Summary, bool]:
-    """Fly a run in real time; return its summary and whether a signal interrupted it.
-
-    With `control`, messages come on standard input; which of them did nothing is said at the end. With
-    `observations`, what `--observations` takes, observations come from there.
-    """
-    stop = StopRequest()
-    observers = open_observers(observations)
-    stdin = StdinInbox(observers) if control else None
-    listening = observers if control or observations else None
-    gallery = open_gallery(prepared.facts)
-    desk = Desk(control)
-    public = Public(told, desk, gallery)
-    inbox = SessionInbox(desk, stdin, gallery)
-    try:
-        summary = fly_live(prepared, public.show, stop, inbox, deadline_s, listening)
-        public.end(summary)
-    finally:
-        observers.close()
-        if gallery is not None:
-            gallery.close()
-    told.end()
-    for words in () if stdin is None else stdin.ignored:
-        click.echo(f"sattrack: {words}", err=True)
-    tell_malformed(observers)
-    return summary, stop.asked
 
 
 def tell_malformed(observers: Observers) -> None:

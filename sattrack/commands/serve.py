@@ -10,6 +10,7 @@ DOORS = {
     "alpaca": "The mount as an ASCOM telescope for programs that speak Alpaca, over HTTP.",
     "antenna": "The mount as an antenna for a VLBI Field System, on TCP or a serial line.",
     "rotctld": "The mount as a rotator for gpredict and other clients of Hamlib, on TCP.",
+    "web": "The screen of the run that goes on, in a browser.",
 }
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import re
 import sys
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
+from sattrack.commands.aside import beside
 from sattrack.commands.common import (
     CommandContext,
     appearance,
@@ -17,13 +20,13 @@ from sattrack.commands.common import (
     profile_option,
     screen_options,
 )
+from sattrack.commands.flying import fly_and_tell
 from sattrack.commands.running import (
     Progress,
     Stream,
     announcement,
     check_observations,
     finish,
-    fly_and_tell,
     tell_malformed,
     tui_possible,
     with_tui,
@@ -35,6 +38,10 @@ from sattrack.runtime.mounts import is_antenna
 from sattrack.runtime.observers import read_all
 from sattrack.runtime.prepare import RunRequest, prepare
 from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from sattrack.runtime.prepare import Prepared
+    from sattrack.session_view import Armed
 
 
 @click.command("track")
@@ -105,8 +112,12 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
         raise BadInputError(f"--observations {observations}: in virtual time they come from stdin")
     streams = options["stream"] or options["control"] or observations == "stdin"
     if not (options["headless"] or options["virtual"] or context.json or streams) and tui_possible():
-        prepare(request)
-        return with_tui(appearance(context, options["theme"], options["plain"]))
+        practising = prepare(request).practising
+        look = appearance(context, options["theme"], options["plain"])
+        return with_tui(
+            look,
+            beside=beside(context, options["profile"], options["min_alt"], practising, request.mount_url),
+        )
     prepared = prepare(request)
     if prepared.practising:
         words = "no elements or site set: practising with the built-in ISS pass over Leiden"
@@ -123,9 +134,36 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
         if observers is not None:
             tell_malformed(observers)
     else:
-        summary, interrupted = fly_and_tell(prepared, told, options["control"], observations=observations)
+        summary, interrupted = fly_and_tell(
+            prepared,
+            told,
+            options["control"],
+            observations=observations,
+            again=lambda armed, before: prepare(_next_request(request, armed, before)),
+        )
     return finish(summary, interrupted, context.json or options["stream"])
 
 
 def _utc_s(text: str | None) -> float | None:
     return None if text is None else float(Utc.parse(text).unix_s)
+
+
+def _next_request(request: RunRequest, armed: Armed, before: Prepared) -> RunRequest:
+    """Return what is asked for by a pass that was armed: the same by the same clock, its record apart."""
+    recording = before.facts.recording
+    return replace(
+        request,
+        satellite=str(armed.catalog_number),
+        between=(None, None),
+        culminate_utc_s=armed.culminate_utc_s,
+        clock=before.clock,
+        record=None if recording is None else next_file(Path(recording)),
+    )
+
+
+def next_file(path: Path) -> Path:
+    """Return the first name like `path` that is free: pass.mcap, pass-2.mcap, pass-3.mcap."""
+    stem, number = re.sub(r"-[0-9]+$", "", path.stem), 2
+    while (other := path.with_stem(f"{stem}-{number}")).exists():
+        number += 1
+    return other

@@ -44,6 +44,11 @@ class StdinInbox:
         self.malformed = 0
         self.ignored: list[str] = []
 
+    @property
+    def ended(self) -> bool:
+        """Whether the channel has come to its end."""
+        return self._ended
+
     def said(self) -> Sequence[Message | SessionMessage]:
         """Return what has come, without waiting; a stop once the channel has ended."""
         if self._ended:

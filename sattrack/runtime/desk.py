@@ -3,9 +3,19 @@
 from __future__ import annotations
 
 from sattrack.messages import Message, StopNow
-from sattrack.session_messages import LeaveRunning, SessionMessage, TakeControl, YieldControl
-from sattrack.session_view import STARTER, SessionView, Watcher
+from sattrack.session_messages import (
+    Arm,
+    Disarm,
+    LeaveRunning,
+    SessionMessage,
+    TakeControl,
+    YieldControl,
+)
+from sattrack.session_view import STARTER, Armed, SessionView, Watcher
 
+MOST_ARMED = 12
+SAME_PASS_S = 120.0
+LONGEST_NAME = 24
 NAMED = 8
 """So many of those who look on are named in a view, which has to stay small."""
 
@@ -13,10 +23,15 @@ NAMED = 8
 class Desk:
     """Hears everybody before a run, and hands on what is to be obeyed.
 
-    `with_starter`: whoever started the run speaks to it, and has control first.
+    `with_starter`: whoever started the run speaks to it, and has control first. `takes_others`: passes can be
+    armed, to be followed after this one. A stop takes them all back.
     """
 
-    def __init__(self, with_starter: bool) -> None:
+    def __init__(self, with_starter: bool, takes_others: bool = False) -> None:
+        self._takes_others = takes_others
+        self._queue: list[Armed] = []
+        self.changing = False
+        """Whether the run is being ended for the next, by whoever has control."""
         self.controller: int | None = STARTER if with_starter else None
         self.left_running = False
         self._names: dict[int, str] = {}
@@ -52,7 +67,17 @@ class Desk:
                     self.left_running = True
                     self.controller = None if self.controller == STARTER else self.controller
                     self._said = "left running by whoever started it"
+            case Arm() | Disarm():
+                if number != self.controller:
+                    return None
+                self.version += 1
+                if isinstance(message, Arm):
+                    return self._arm(message)
+                self._disarm(message)
+                return None
             case StopNow():
+                self._queue.clear()
+                self.changing = False
                 self._said = f"stopped from {self._name(number)}"
                 self.version += 1
                 return message
@@ -67,8 +92,51 @@ class Desk:
         # Whoever has control is to be named, however many there are.
         named.sort(key=lambda one: (one.number != self.controller, one.number))
         return SessionView(
-            self.controller, tuple(named[:NAMED]), len(self._names), self.left_running, self._said
+            self.controller,
+            tuple(named[:NAMED]),
+            len(self._names),
+            self.left_running,
+            self._said,
+            tuple(self._queue),
+            self._takes_others,
         )
+
+    def take_next(self) -> Armed | None:
+        """Return what is to be followed next, and take it out of the queue."""
+        self.changing = False
+        if not self._queue:
+            return None
+        self.version += 1
+        return self._queue.pop(0)
+
+    def say(self, words: str) -> None:
+        """Have everybody told something."""
+        self._said = words
+        self.version += 1
+
+    def _arm(self, order: Arm) -> Message | None:
+        armed = Armed(order.catalog_number, order.culminate_utc_s, order.name[:LONGEST_NAME])
+        if not self._takes_others:
+            self._said = "this run takes no other satellite"
+            return None
+        self._queue = [one for one in self._queue if not _same(one, armed)]
+        if order.now:
+            self._queue.insert(0, armed)
+            self.changing = True
+            self._said = f"going on to {armed.name or armed.catalog_number}"
+            # It ends this run and nothing else: the queue stays.
+            return StopNow()
+        if len(self._queue) < MOST_ARMED:
+            self._queue.append(armed)
+            self._queue.sort(key=lambda one: one.culminate_utc_s)
+            self._said = f"armed {armed.name or armed.catalog_number}"
+        else:
+            self._said = f"{MOST_ARMED} passes are armed already, which is all there is room for"
+        return None
+
+    def _disarm(self, order: Disarm) -> None:
+        gone = Armed(order.catalog_number, order.culminate_utc_s, "")
+        self._queue = [one for one in self._queue if not _same(one, gone)]
 
     def _give(self, number: int) -> None:
         if self.controller == number:
@@ -80,3 +148,9 @@ class Desk:
 
     def _name(self, number: int) -> str:
         return "where it was started" if number == STARTER else self._names.get(number, f"watcher {number}")
+
+
+def _same(one: Armed, other: Armed) -> bool:
+    """Tell whether two name the same pass."""
+    near = abs(one.culminate_utc_s - other.culminate_utc_s) < SAME_PASS_S
+    return one.catalog_number == other.catalog_number and near

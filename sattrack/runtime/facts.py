@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from tle.site import Site
 
 SEARCH_HOURS = 48.0
+SAME_PASS_S = 120.0
 SIMULATED = "sim"
 """The name of the simulated mount, as `--mount` has it."""
 SETTLING_PERIODS = 2.0
@@ -104,8 +105,13 @@ def first_bias(facts: RunFacts) -> Bias:
     return Bias(along_s, facts.bias_cross_deg + angle_deg)
 
 
-def choose_pass(elements: Elements, site: Site, now: Utc, min_alt_deg: float) -> Pass:
-    """Return the pass in progress, else the next; raises SattrackError where there is none in two days."""
+def choose_pass(
+    elements: Elements, site: Site, now: Utc, min_alt_deg: float, culminate_utc_s: float | None = None
+) -> Pass:
+    """Return the pass in progress, else the next, or the one that culminates about `culminate_utc_s`.
+
+    Raises SattrackError where there is none in two days, or not that one.
+    """
     passes: Sequence[Pass] = find_passes(Propagator(elements, site), now, SEARCH_HOURS, min_alt_deg)
     if not passes:
         raise SattrackError(
@@ -113,7 +119,13 @@ def choose_pass(elements: Elements, site: Site, now: Utc, min_alt_deg: float) ->
             f"{SEARCH_HOURS:g} hours of {now.isoformat('seconds')}; "
             "try a lower --min-alt, or another satellite"
         )
-    return passes[0]
+    if culminate_utc_s is None:
+        return passes[0]
+    for one in passes:
+        if abs(float(one.culminate_utc.unix_s) - culminate_utc_s) < SAME_PASS_S:
+            return one
+    when = Utc(culminate_utc_s).isoformat("seconds")
+    raise SattrackError(f"{elements.label} has no pass above {min_alt_deg:g}° that culminates about {when}")
 
 
 def plan_for(satellite_pass: Pass, now: Utc) -> TrackPlan:

@@ -122,6 +122,11 @@ class Gallery:
             self._remember(line)
         else:
             self._kept[kind] = line
+        if kind == FACTS:
+            # Another run: what was seen of the one before is over.
+            self._views.clear()
+            self._newest = b""
+            self._kept.pop(SUMMARY, None)
         for visitor in list(self._visitors):
             if kind != VIEW or len(visitor.out) < ROOM_FOR_VIEWS:
                 self._say(visitor, line)

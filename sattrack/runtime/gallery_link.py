@@ -80,6 +80,10 @@ class GalleryLink:
         """The gallery's process number."""
         return self._process.pid
 
+    def begin(self, facts: RunFacts) -> None:
+        """Show another run from now on."""
+        self._send(FACTS + encode_facts(facts))
+
     def show(self, view: TrackView) -> None:
         """Show a view; where the gallery does not keep up, it is lost."""
         self._send(VIEW + msgspec.json.encode(view))
@@ -93,6 +97,7 @@ class GalleryLink:
         with contextlib.suppress(OSError):
             self._socket.settimeout(SUMMARY_WITHIN_S)
             self._socket.send(SUMMARY + msgspec.json.encode(SummaryLine(summary)))
+        self._socket.setblocking(False)
 
     def heard(self) -> list[Heard]:
         """Return what was said and who came and went, a bounded part of it, without waiting."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -58,6 +59,10 @@ class RunRequest:
     memory: MemoryMode = "off"
     between: tuple[float | None, float | None] = (None, None)
     """From when, and until when, at most, the pass is followed: POSIX seconds of UTC."""
+    clock: Clock | None = None
+    """A clock that runs already, by which to go on."""
+    culminate_utc_s: float | None = None
+    """About when the pass that is meant culminates; None for the next."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,10 +101,13 @@ def prepare(request: RunRequest) -> Prepared:
     if clock_text is None and practising:
         clock_text = practice.BEFORE_PASS
     clock, now = make_clock(clock_text)
+    if request.clock is not None:
+        clock = request.clock
+        now = Utc(clock.utc_s(time.monotonic()))
     satellite = find(elements, request.satellite)
     begin_s, end_s = request.between
     from_then = now if begin_s is None else Utc(max(begin_s, float(now.unix_s)))
-    satellite_pass = choose_pass(satellite, site, from_then, request.min_alt_deg)
+    satellite_pass = choose_pass(satellite, site, from_then, request.min_alt_deg, request.culminate_utc_s)
     plan = _until(plan_for(satellite_pass, from_then), end_s, satellite.label)
     if address is not None:
         plan = suited_to(plan, request.profile.mount, address.on_target_arcsec)

@@ -31,6 +31,11 @@ class SessionInbox:
         """How many lines were none."""
         return self._strange + (0 if self._stdin is None else self._stdin.malformed)
 
+    @property
+    def ended(self) -> bool:
+        """Whether whoever speaks directly has gone."""
+        return self._stdin is None or self._stdin.ended
+
     def messages(self) -> Sequence[Message]:
         """Return what has come, without waiting."""
         obeyed: list[Message] = []

@@ -2,31 +2,38 @@
 
 from __future__ import annotations
 
+import subprocess
 import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, ClassVar
 
-from textual.app import App, ComposeResult
+from textual.app import App, ComposeResult, SuspendNotSupported
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal
 from textual.css.query import NoMatches
 
 from sattrack.messages import DropRemembered, StopNow
-from sattrack.session_messages import LeaveRunning, TakeControl, YieldControl
+from sattrack.session_messages import Arm, LeaveRunning, TakeControl, YieldControl
 from sattrack.session_view import STARTER
 from sattrack.tui import figures, look
 from sattrack.tui.appearance import Appearance
 from sattrack.tui.bias_panel import BiasPanel
+from sattrack.tui.console_dialogs import Question
 from sattrack.tui.error_plot import ErrorPanel
 from sattrack.tui.hand import Hand
-from sattrack.tui.help import HelpScreen
+from sattrack.tui.help import TEXTS, HelpScreen
 from sattrack.tui.history import ErrorHistory
 from sattrack.tui.leave_dialog import LEAVE, STOP, LeaveDialog
+from sattrack.tui.log_page import LogPage
+from sattrack.tui.mount_page import MountPage
+from sattrack.tui.pages import LIVE, MOUNT, PAGES, TONIGHT
 from sattrack.tui.panels import Cautions, HeadlineBar, KeyBar, Panel, TapeBar, TitleBar
 from sattrack.tui.plain import PlainFilter
 from sattrack.tui.scene import Scene
+from sattrack.tui.screens import Screens
 from sattrack.tui.session_bar import SessionBar
 from sattrack.tui.sky_panel import NotesPanel, SkyPanel, chart_columns
+from sattrack.tui.tonight_page import TonightPage
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -37,6 +44,7 @@ if TYPE_CHECKING:
     from sattrack.messages import Message
     from sattrack.session_messages import SessionMessage
     from sattrack.session_view import SessionView
+    from sattrack.tui.beside import Aside
     from sattrack.tui.feed import Feed
     from sattrack.view import PassView, Summary, TrackView
 
@@ -72,6 +80,17 @@ class TrackApp(App[None]):
         Binding("shift+right", "creep(1, 0)", "gently ahead"),
         Binding("shift+up", "creep(0, 1)", "gently left"),
         Binding("shift+down", "creep(0, -1)", "gently right"),
+        Binding("pageup", "leaf(-1)", "up"),
+        Binding("pagedown", "leaf(1)", "down"),
+        Binding("home", "leaf(-1000)", "to the top"),
+        Binding("end", "leaf(1000)", "to the end"),
+        Binding("enter", "arm", "arm"),
+        Binding("a", "follow('pointed')", "follow now"),
+        Binding("n", "follow('next')", "next satellite"),
+        Binding("b", "follow('before')", "satellite before"),
+        Binding("g", "look_again", "search again"),
+        Binding("j", "by_hand", "by hand"),
+        *(Binding(key, f"page('{page}')", page) for key, page in PAGES.items()),
         Binding("u", "undo", "undo"),
         Binding("c", "control", "control"),
         Binding("left_square_bracket", "step(-1)", "smaller step"),
@@ -94,6 +113,7 @@ class TrackApp(App[None]):
         stay: bool = True,
         monotonic: Callable[[], float] = time.monotonic,
         appearance: Appearance = NIGHT_LOOK,
+        aside: Aside | None = None,
     ) -> None:
         self._appearance = appearance
         super().__init__()
@@ -105,7 +125,10 @@ class TrackApp(App[None]):
         self._summary: Summary | None = None
         self._sky: PassView | None = None
         self._ended = False
+        self._gone = False
+        """Whether nothing more will come of whatever brings the views."""
         self._hand = Hand()
+        self._screens = Screens(aside)
         self._session: SessionView | None = None
         self._you = STARTER
         self._refused_s: float | None = None
@@ -124,6 +147,15 @@ class TrackApp(App[None]):
         yield HeadlineBar()
         yield SessionBar()
         yield Cautions()
+        with Container(id="live"):
+            yield from self._live()
+        yield TonightPage()
+        yield MountPage()
+        yield LogPage()
+        yield TapeBar()
+        yield KeyBar()
+
+    def _live(self) -> ComposeResult:
         with Horizontal(id="state"):
             yield figures.ErrorBox()
             yield figures.AxesPanel(id="axes")
@@ -140,8 +172,6 @@ class TrackApp(App[None]):
             yield figures.FieldPanel(id="field")
             yield NotesPanel(id="notes")
             yield figures.RunPanel(id="run")
-        yield TapeBar()
-        yield KeyBar()
 
     def on_mount(self) -> None:
         """Set the look, and look at the feed from now on."""
@@ -168,8 +198,10 @@ class TrackApp(App[None]):
         self._sky = news.sky or self._sky
         if news.session is not None:
             self._session, self._you = news.session, news.you
+        self._screens.take(news)
         self._summary = news.summary or self._summary
-        self._ended = self._ended or news.ended
+        self._gone = self._gone or news.ended
+        self._ended = self._ended or news.ended or news.summary is not None
         self._draw()
         self._leave_when_due()
 
@@ -203,6 +235,7 @@ class TrackApp(App[None]):
             plain=self._appearance.plain,
             session=self._session,
             you=self._you,
+            page=self._screens.page,
             refused_s=None if self._refused_s is None else now_s - self._refused_s,
         )
 
@@ -257,8 +290,10 @@ class TrackApp(App[None]):
         self.action_leave()
 
     def action_nudge(self, along: int, across: int) -> None:
-        """Move the target by one step: along its track or across it, or as the frame has it."""
-        if self._may():
+        """Move the target by one step, along its track, across it, or as the frame has it; or down a list."""
+        if self._screens.page != LIVE:
+            self._turn(lambda main: self._screens.move(main, -across))
+        elif self._may():
             self._send_all(self._hand.nudge(along, across))
 
     def action_creep(self, along: int, across: int) -> None:
@@ -282,8 +317,11 @@ class TrackApp(App[None]):
         self._draw()
 
     def action_frame(self) -> None:
-        """Go on to the next frame in which the arrows move."""
-        self._hand.turn_frame()
+        """Go on to the next frame in which the arrows move, or to the next filter of a list."""
+        if self._screens.page == LIVE:
+            self._hand.turn_frame()
+        else:
+            self._turn(self._screens.turn_filter)
         self._draw()
 
     def action_search(self, how: str) -> None:
@@ -311,9 +349,70 @@ class TrackApp(App[None]):
         if self._may():
             self._tell(DropRemembered())
 
+    def action_page(self, page: str) -> None:
+        """Show another screen."""
+        self._turn(lambda main: self._screens.turn_to(page, main))
+        self.call_after_refresh(self.plot)
+
+    def action_leaf(self, by: int) -> None:
+        """Go down a list by screens, or up."""
+        self._turn(lambda main: self._screens.turn_leaf(main, by))
+
+    def action_look_again(self) -> None:
+        """Search for the passes anew."""
+        if self._screens.page == TONIGHT:
+            self._screens.look_again()
+            self._draw()
+
+    def action_by_hand(self) -> None:
+        """Operate the mount by hand, by the console's own screen, once no run has it."""
+        command = self._screens.console_command()
+        if self._screens.page != MOUNT or not self._ended or command is None:
+            return
+        with suppress(SuspendNotSupported), self.suspend():
+            subprocess.run(command, check=False)
+        self.refresh()
+
+    def action_arm(self) -> None:
+        """Arm the pass under the cursor, or take it back; once a run is over, follow it."""
+        scene = self.scene
+        if self._screens.page == TONIGHT and scene is not None and self._may_say():
+            self._order(self._screens.arm(scene, now=False))
+
+    def action_follow(self, which: str) -> None:
+        """Leave this satellite for another: ask first where a pass is being followed."""
+        scene = self.scene
+        if scene is None or (which == "pointed" and self._screens.page != TONIGHT) or not self._may_say():
+            return
+        by = {"next": 1, "before": -1}.get(which, 0)
+        row = self._screens.beside(by, scene) if by else self._screens.night.pointed
+        if row is None:
+            self.action_page(TONIGHT)
+            return
+        order = Arm(row.catalog_number, row.culminate_utc_s, row.name, now=True)
+        if scene.ended or scene.view.phase == "waiting":
+            self._order(order)
+            return
+        text = f"{scene.view.name} is left, and the mount goes on to {row.name}."
+        self.push_screen(Question("leave it?", text), lambda sure: self._order(order) if sure else None)
+
+    def _order(self, order: SessionMessage | None) -> None:
+        """Say something about what is to be followed: it is heard also after the end of a run."""
+        if order is not None and not self._gone:
+            self._feed.send(order)
+        self._draw()
+
+    def _turn(self, turn: Callable[[DOMNode], object]) -> None:
+        self._draw_on_main(turn)
+        self._draw()
+
+    def on_unmount(self) -> None:
+        """End what was started for the screens."""
+        self._screens.close()
+
     def action_sky(self) -> None:
         """Show the sky alone, as large as it goes, or all again."""
-        if self._sky is not None:
+        if self._sky is not None and self._screens.page == LIVE:
             self.screen_stack[0].toggle_class("-sky-alone")
             self.call_after_refresh(self.plot)
 
@@ -325,7 +424,7 @@ class TrackApp(App[None]):
 
     def action_help(self) -> None:
         """Show what the keys do."""
-        self.push_screen(HelpScreen())
+        self.push_screen(HelpScreen(TEXTS[self._screens.page]))
 
     def ask_to_leave(self) -> None:
         """Leave soon, the mount stopped; may be called from a signal handler."""
@@ -337,6 +436,11 @@ class TrackApp(App[None]):
 
     def _may(self) -> bool:
         """Tell whether keys that move the target are obeyed from here; where not, have that shown."""
+        if self._screens.page != LIVE:
+            return False
+        return self._may_say()
+
+    def _may_say(self) -> bool:
         if self._session is None or self._session.controller == self._you:
             return True
         self._refused_s = self._monotonic()
@@ -352,7 +456,8 @@ class TrackApp(App[None]):
             self._tell(message)
 
     def _tell(self, message: Message | SessionMessage) -> None:
-        if not self._ended:
+        # After a run, another may be about to begin: a stop is said as long as there is anybody to hear it.
+        if not (self._gone if isinstance(message, StopNow) else self._ended):
             self._feed.send(message)
         self._draw()
 
@@ -361,6 +466,8 @@ class TrackApp(App[None]):
         if scene is not None:
             huge = self.size.width >= look.HUGE[0] and self.size.height >= look.HUGE[1]
             self._draw_on_main(lambda main: _show(main, scene, huge))
+            now_s = self._monotonic()
+            self._draw_on_main(lambda main: self._screens.draw(main, scene, now_s))
 
     def _draw_on_main(self, draw: Callable[[DOMNode], object]) -> None:
         """Draw on what lies under any dialog; nothing while it is being put up or taken down."""

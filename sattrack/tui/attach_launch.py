@@ -10,17 +10,22 @@ import click
 
 from sattrack.summary_text import summary_lines
 from sattrack.tui.attached import AttachedRun
+from sattrack.tui.beside import Aside
 from sattrack.tui.hangup import end_with_the_terminal
 from sattrack.tui.showing import INTERRUPTED, run_until_left
 
 if TYPE_CHECKING:
     from sattrack.runtime.facts import RunFacts
     from sattrack.tui.appearance import Appearance
+    from sattrack.tui.beside import Beside
     from sattrack.view import PassView
 
 
-def attach_with_tui(pid: int, name: str, appearance: Appearance) -> int:
-    """Show the run of a process until that is left; return the exit code. Raises SattrackError."""
+def attach_with_tui(pid: int, name: str, appearance: Appearance, beside: Beside) -> int:
+    """Show the run of a process until that is left; return the exit code. Raises SattrackError.
+
+    `beside` is what the screen starts itself.
+    """
     run = AttachedRun(pid, name, sky_of_run)
     end_with_the_terminal(run, 0.0, 0.0)
     # While the first views come.
@@ -32,7 +37,9 @@ def attach_with_tui(pid: int, name: str, appearance: Appearance) -> int:
             importing.join()
             from sattrack.tui.app import TrackApp
 
-            interrupted = run_until_left(TrackApp(run, appearance=appearance), "the screen broke")
+            interrupted = run_until_left(
+                TrackApp(run, appearance=appearance, aside=Aside.of(beside, pid)), "the screen broke"
+            )
     except KeyboardInterrupt:
         interrupted = True
     finally:

@@ -142,10 +142,14 @@ class AttachedRun:
             with self._changed:
                 self.summary = summary
             return
-        if self._scene is None:
-            return
         with contextlib.suppress(msgspec.MsgspecError, SattrackError, TleError):
-            sky = self._scene(decode_facts(line))
+            facts = decode_facts(line)
+            with self._changed:
+                if self.summary is not None:
+                    # Another run begins: what was seen of the one before is over.
+                    self.summary, self._rewound = None, True
+                    self._views.clear()
+            sky = None if self._scene is None else self._scene(facts)
             with self._changed:
                 self._sky = sky
 

@@ -55,6 +55,7 @@ class FeederProcess:
         self._views: deque[TrackView] = deque()
         self._sky: PassView | None = None
         self._session: SessionView | None = None
+        self._rewound = False
         self._ended = False
         self._changed = threading.Condition()
         self.summary: Summary | None = None
@@ -62,6 +63,11 @@ class FeederProcess:
         """Whether a view has come at all."""
         self._reader = threading.Thread(target=self._read, name="feeder's views", daemon=True)
         self._reader.start()
+
+    @property
+    def pid(self) -> int:
+        """The process' number."""
+        return self._process.pid
 
     @property
     def left_running(self) -> bool:
@@ -79,7 +85,8 @@ class FeederProcess:
         with self._changed:
             views = tuple(self._views)
             self._views.clear()
-            return News(views, self._ended, self.summary, self._sky, session=self._session)
+            rewound, self._rewound = self._rewound, False
+            return News(views, self._ended, self.summary, self._sky, rewound, self._session)
 
     def send(self, message: Message | SessionMessage) -> bool:
         """Write a message; a stop that cannot be written is said by closing the channel instead."""
@@ -129,6 +136,12 @@ class FeederProcess:
         self._told.close()
         return text[-TOLD_CHARACTERS:]
 
+    def _begin_anew(self) -> None:
+        """Where a run was shown already, have what was seen of it be over: another begins."""
+        if self.summary is not None:
+            self.summary, self._rewound = None, True
+            self._views.clear()
+
     def _read(self) -> None:
         assert self._process.stdout is not None
         for line in self._process.stdout:
@@ -144,6 +157,7 @@ class FeederProcess:
             told = _TOLD.decode(line)
             if isinstance(told, PassView):
                 self._sky = told
+                self._begin_anew()
                 return
             if isinstance(told, SessionView):
                 self._session = told

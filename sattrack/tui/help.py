@@ -9,37 +9,76 @@ from textual.containers import VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
+from sattrack.tui.pages import LIVE, LOG, MOUNT, TONIGHT
+
 if TYPE_CHECKING:
     from textual.app import ComposeResult
 
 TEXT = """\
 SPACE     STOP everything, at once: ends the run, the mount comes to
           rest. Works everywhere, here too.
-q         leave: the mount stopped, or the run left running, as you say
-Ctrl-C    stop the mount, wait for it, leave; once more: leave at once
-
+q         leave: with the mount stopped, or the run left running
+Ctrl-C    stop the mount, wait for it, leave; once more: at once
+1 2 3 4   live, tonight's passes, the mount's status, log
 ← →       point behind / ahead of it on its track (it is late / early)
 ↑ ↓       point left / right of its motion (as it goes, from below)
+Shift     with an arrow: ten steps, spread over 20 s
+u         undo the last nudge, offset, reset or clearing
 f         arrows move by track, sky (→ east, ↑ north), axes or camera
-Shift     with an arrow: ten steps that way, spread over 20 s
-u         undo: take the last nudge, offset or clearing back
 [ ]       smaller / larger step, in seconds and degrees on the sky
 s  w      search: spiral / sweep along the track; again: keep it there
 Esc       end the search, back in its centre
-r         take the offsets of this frame back
-0         clear: take all back, the search and the estimate too
-c         take control of the run, or give it up: one at a time moves
-          the target, everybody stops it
+r  0      take back the offsets of this frame / all, searches and all
 m         drop the bias remembered from an earlier pass, for good
+n  b      leave this satellite for the next pass / the one before
+c         take control of the run, or give it up; a stop is anybody's
 v  t      the sky alone, or all / next theme: night, red, contrast
-
-Nudges add up to the bias, which is reached gently. Errors are mount
-minus satellite: along is positive where the mount is ahead, across
-where it is to the left; RA is measured on the sky.
+Errors are mount minus satellite: + is ahead along, left across.
 
 ?  Esc  q close this help
 """
 
+TONIGHT_TEXT = """\
+SPACE     STOP everything, at once
+↑ ↓       choose a pass; PgUp PgDn Home End go further
+Enter     arm it, to be followed after what is followed now; again:
+          take it back. Once a run is over: follow it at once.
+a         follow it now, and leave what is followed, if you say so
+n  b      the same with the next pass of the list / the one before
+f         which passes: all, go, above 30°, sunlit by night
+g         look for passes again
+1 2 3 4   live, tonight's passes, the mount's status, log
+
+Go and no-go are by the mount's limits, as `passes --judged` has
+them; why not stands below the list. A stop takes back what is armed.
+
+?  Esc  q close this help
+"""
+
+MOUNT_TEXT = """\
+SPACE     STOP everything, at once
+j         once the run is over: operate the mount by hand, on the
+          console's screen: jog, slew, sync, park, home
+1 2 3 4   live, tonight's passes, the mount's status, log
+
+Every field of the mount's last status, as the run hears it. A mount
+has one owner at a time: while a run has it, nothing else moves it.
+
+?  Esc  q close this help
+"""
+
+LOG_TEXT = """\
+SPACE     STOP everything, at once
+↑ ↓       scroll; PgUp PgDn Home End go further. Scrolled back, the
+          log keeps its place; at its end it follows what is said.
+f         what is shown: all, warnings, people
+1 2 3 4   live, tonight's passes, the mount's status, log
+
+?  Esc  q close this help
+"""
+
+TEXTS = {LIVE: TEXT, TONIGHT: TONIGHT_TEXT, MOUNT: MOUNT_TEXT, LOG: LOG_TEXT}
+"""By the screen that it lies over."""
 
 REPLAY_TEXT = """\
 SPACE     pause, or go on; at the end, once more from the beginning

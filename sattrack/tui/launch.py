@@ -11,6 +11,7 @@ import click
 from sattrack.messages import StopNow
 from sattrack.summary_text import summary_lines
 from sattrack.tui.appearance import Appearance
+from sattrack.tui.beside import Aside
 from sattrack.tui.child import FeederProcess
 from sattrack.tui.hangup import end_with_the_terminal
 from sattrack.tui.showing import INTERRUPTED, run_until_left
@@ -18,6 +19,7 @@ from sattrack.tui.showing import INTERRUPTED, run_until_left
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from sattrack.tui.beside import Beside
     from sattrack.tui.feed import Feed
 
 NIGHT = Appearance()
@@ -32,13 +34,14 @@ def fly_with_tui(
     stay: bool = True,
     show: Callable[[Feed, bool], None] | None = None,
     patience_s: float = PATIENCE_S,
+    beside: Beside | None = None,
 ) -> int:
     """Run `command` (a feeder with `--stream --control`) under the screen; return its exit code.
 
     With `stay`, the screen of an ended run remains until it is left, so that it can be read. However the
     screen ends, the mount is told to stop, and the feeder has `patience_s` to bring it to rest. `show`
     stands in for the screen. A feeder that
-    has said that it is left running is left alone.
+    has said that it is left running is left alone. `beside` is what the screen starts itself.
     """
     feeder = FeederProcess(command)
     end_with_the_terminal(feeder, patience_s, GRACE_S)
@@ -49,7 +52,8 @@ def fly_with_tui(
     interrupted = False
     try:
         if feeder.wait_first_view():
-            (show or partial(show_screen, appearance=appearance))(feeder, stay)
+            aside = None if beside is None else Aside.of(beside, feeder.pid)
+            (show or partial(show_screen, appearance=appearance, aside=aside))(feeder, stay)
     except KeyboardInterrupt:
         interrupted = True
     finally:
@@ -58,11 +62,11 @@ def fly_with_tui(
     return INTERRUPTED if interrupted else code
 
 
-def show_screen(feed: Feed, stay: bool, appearance: Appearance) -> None:
+def show_screen(feed: Feed, stay: bool, appearance: Appearance, aside: Aside | None = None) -> None:
     """Run the screen until it is left; raises SattrackError where it broke."""
     from sattrack.tui.app import TrackApp
 
-    app = TrackApp(feed, stay, appearance=appearance)
+    app = TrackApp(feed, stay, appearance=appearance, aside=aside)
     if run_until_left(app, "the screen broke; the mount was told to stop"):
         raise KeyboardInterrupt
 
@@ -75,7 +79,8 @@ def _end(feeder: FeederProcess, patience_s: float) -> int:
     feeder.close_input()
     code = feeder.wait(min(TELL_AFTER_S, patience_s))
     if code is None:
-        _say("stopping the mount …")
+        if feeder.summary is None:
+            _say("stopping the mount …")
         code = feeder.wait(patience_s)
     if code is None:
         _say("THE FEEDER DOES NOT END: STOP THE MOUNT BY HAND; ending the feeder by force")

@@ -135,6 +135,12 @@ Panel { height: 1; text-wrap: nowrap; text-overflow: ellipsis; padding: 0 1; }
 TitleBar, HeadlineBar, SessionBar, TapeBar, KeyBar { background: $panel; }
 Cautions { height: auto; max-height: 4; text-wrap: wrap; background: $surface; }
 
+#live { height: 1fr; }
+#tonight, #mount-page, #log { display: none; height: 1fr; padding: 0 1; }
+#tonight, #log { text-wrap: nowrap; text-overflow: ellipsis; }
+.-page-tonight #live, .-page-mount #live, .-page-log #live { display: none; }
+.-page-tonight #tonight, .-page-mount #mount-page, .-page-log #log { display: block; }
+.-page-mount #mount-page { padding: 0; }
 #state { height: 5; }
 ErrorBox { width: 30; height: 5; }
 ErrorBox #digits-row { height: 3; padding: 0 1; }
@@ -175,6 +181,7 @@ ErrorPlot > .plot--tick { color: $tick; text-style: none; }
     #below > #run { display: none; }
     #below > #field { display: block; }
 }
+.-wide.-tall #tonight, .-wide.-tall #log { border: round $secondary; }
 .-wide.-tall.-sky-alone #narrow-times { display: block; }
 .-wide.-tall.-huge {
     #below, #below > Panel { height: 13; }
@@ -184,12 +191,37 @@ ErrorPlot > .plot--tick { color: $tick; text-style: none; }
     #below > #bias { width: 46; }
 }
 
+ConsolePanel { height: 1; text-wrap: nowrap; text-overflow: ellipsis; padding: 0 1; }
+#m-note { height: 1; padding: 0 1; color: $quiet; text-wrap: nowrap; text-overflow: ellipsis; }
+#m-fields { height: 10; layout: horizontal; }
+#m-fields > ConsolePanel { height: 10; width: 1fr; }
+#m-fields > #m-pointing { width: 30; }
+#m-fields > #m-drives { width: 24; }
+#m-below { height: 6; }
+#m-readings { height: 2; }
+#m-link { height: 3; }
+.-wide.-tall {
+    ConsolePanel { border-title-color: $primary; }
+    #m-fields { height: 12; }
+    #m-fields > ConsolePanel { height: 12; border: round $secondary; }
+    #m-fields > #m-pointing { width: 40; }
+    #m-fields > #m-drives { width: 36; }
+    #m-acks { height: 3; border: round $secondary; }
+    #m-below { height: 9; layout: horizontal; }
+    #m-below > ConsolePanel { height: 9; border: round $secondary; }
+    #m-place { width: 32; }
+    #m-readings { width: 40; }
+    #m-link { width: 1fr; }
+}
+
 .dialog {
     width: 72; max-width: 100%; height: auto; max-height: 100%;
     background: $surface; border: round $primary; padding: 0 2;
 }
 .dialog > Label { width: 100%; height: auto; }
 .dialog-title { text-style: bold; color: $primary; }
+.dialog > Static { width: 100%; height: auto; }
+Question { align: center middle; background: $background 70%; }
 LeaveDialog { align: center middle; background: $background 70%; }
 HelpScreen { align: center middle; background: $background 70%; }
 HelpScreen > VerticalScroll {

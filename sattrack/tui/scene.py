@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from sattrack.session_view import STARTER
 from sattrack.tui import words
 from sattrack.tui.frames import TRACK
+from sattrack.tui.pages import LIVE
 
 if TYPE_CHECKING:
     from sattrack.session_view import SessionView
@@ -75,6 +76,8 @@ class Scene:
     """Who has control, and who looks on."""
     you: int = STARTER
     """The number of whoever looks here."""
+    page: str = LIVE
+    """Which screen is shown."""
     refused_s: float | None = None
     """Seconds since a key was of no use for want of control; None where none was."""
 

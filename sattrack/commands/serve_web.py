@@ -1,0 +1,87 @@
+"""`sattrack serve web`: the screen of the run that goes on, in a browser."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from functools import partial
+from typing import Any
+
+import click
+import msgspec
+
+from sattrack.commands.attach import chosen_run
+from sattrack.commands.common import CommandContext, common_options, screen_options, tell
+from sattrack.errors import BadInputError, SattrackError
+
+PORT = 8137
+FEWEST_CHARACTERS = 16
+
+
+@click.command("web")
+@click.option(
+    "--host", default="127.0.0.1", show_default=True, help="Where to listen; anywhere else needs a token."
+)
+@click.option(
+    "--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0: any free one."
+)
+@click.option(
+    "--token",
+    envvar="SATTRACK_WEB_TOKEN",
+    metavar="WORDS",
+    help="What a visitor has to bring, 16 characters or more; made up where one is needed and none is given. "
+    "Also from SATTRACK_WEB_TOKEN, where other users cannot read it.",
+)
+@click.option("--run", "pid", type=int, metavar="PID", help="Which run, where several go on.")
+@screen_options
+@common_options
+def command(
+    context: CommandContext, host: str, port: int, token: str | None, pid: int | None, **options: Any
+) -> int:
+    """Show the run that goes on in a browser: each visitor has a screen as `attach` has.
+
+    SPACE stops the mount from any of them; c takes control, which one at a time has. On this machine alone
+    unless told; elsewhere whoever comes has to bring a token. There is no encryption: put it behind a proxy
+    or a tunnel that has, before it crosses a network that is not yours.
+    """
+    if importlib.util.find_spec("textual_serve") is None:
+        raise SattrackError("the browser's screen needs textual-serve: pip install 'sattrack[web]'")
+    if token is not None and len(token) < FEWEST_CHARACTERS:
+        raise BadInputError(f"--token: {len(token)} characters; give {FEWEST_CHARACTERS} or more")
+    from sattrack.web.server import serve
+    from sattrack.web.visit import Visit, needs_token, new_token
+
+    if token is None and needs_token(host):
+        token = new_token()
+    visit = Visit(
+        host, port, token, (sys.executable, "-m", "sattrack", "attach", *_handed_on(context, pid, options))
+    )
+    serve(visit, partial(_no_run, pid), partial(_tell_address, context.json))
+    return 0
+
+
+def _no_run(pid: int | None) -> str | None:
+    try:
+        chosen_run(pid)
+    except SattrackError as error:
+        return f"{error}; this page looks again"
+    return None
+
+
+def _tell_address(as_json: bool, url: str) -> None:
+    if as_json:
+        click.echo(msgspec.json.encode({"url": url}).decode())
+    else:
+        tell(f"open {url}; Ctrl-C ends the page, and does nothing to the run")
+
+
+def _handed_on(context: CommandContext, pid: int | None, options: dict[str, Any]) -> list[str]:
+    words: list[str] = []
+    for name, value in (("--run", pid), ("--theme", options["theme"]), ("--site", context.site_option)):
+        if value is not None:
+            words += [name, str(value)]
+    for source in context.element_sources:
+        words += ["--elements", source]
+    if options["plain"]:
+        words.append("--ascii")
+    return words

@@ -1,0 +1,61 @@
+"""The mount's status as a screen, field by field: the panels of the console, beside a run."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from textual.containers import Container, Vertical
+from textual.widgets import Static
+
+from sattrack import console_words
+from sattrack.tui import console_panels as panels
+from sattrack.tui.console_scene import ConsoleScene
+
+if TYPE_CHECKING:
+    from textual.app import ComposeResult
+
+    from sattrack.console_view import ConsoleView
+
+TITLES = {
+    "#m-pointing": "pointing",
+    "#m-drives": "drives (tics/10 s)",
+    "#m-state": "state",
+    "#m-acks": "acknowledged",
+    "#m-readings": "read as",
+    "#m-place": "site and datagram",
+    "#m-link": "link",
+}
+
+
+class MountPage(Vertical):
+    """Every field of the mount's last status, as the run hears it."""
+
+    def __init__(self) -> None:
+        super().__init__(id="mount-page")
+
+    def compose(self) -> ComposeResult:
+        """Make the parts."""
+        yield Static("", id="m-note", markup=False)
+        with Container(id="m-fields"):
+            yield panels.GroupPanel(console_words.pointing, "m-pointing")
+            yield panels.GroupPanel(console_words.drives, "m-drives")
+            yield panels.GroupPanel(console_words.state, "m-state")
+        yield panels.AcksPanel("m-acks")
+        with Container(id="m-below"):
+            yield panels.GroupPanel(console_words.place, "m-place")
+            yield panels.ReadingsPanel("m-readings")
+            yield panels.LinkPanel("m-link")
+
+    def on_mount(self) -> None:
+        """Name the parts."""
+        for name, title in TITLES.items():
+            self.query_one(name).border_title = title
+
+    def draw(self, view: ConsoleView | None, news_age_s: float, note: str) -> None:
+        """Take the newest look at the mount, and what is to be said of it."""
+        self.query_one("#m-note", Static).update(note)
+        if view is None:
+            return
+        scene = ConsoleScene(view=view, news_age_s=news_age_s)
+        for panel in self.query(panels.ConsolePanel):
+            panel.show(scene)

@@ -1,0 +1,7 @@
+"""The screens of a run, by the keys that show them."""
+
+from __future__ import annotations
+
+LIVE, TONIGHT, MOUNT, LOG = "live", "tonight", "mount", "log"
+PAGES = {"1": LIVE, "2": TONIGHT, "3": MOUNT, "4": LOG}
+PAGE_CLASSES = {page: f"-page-{page}" for page in PAGES.values()}

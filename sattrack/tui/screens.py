@@ -1,0 +1,160 @@
+"""The screens beside the live one: which is shown, what they are drawn from, and where their lists stand."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from sattrack.tui.log import LogBook
+from sattrack.tui.log_page import LogPage
+from sattrack.tui.mount_page import MountPage
+from sattrack.tui.pages import LIVE, LOG, MOUNT, PAGE_CLASSES, TONIGHT
+from sattrack.tui.tonight import Night
+from sattrack.tui.tonight_page import TonightPage
+
+if TYPE_CHECKING:
+    from textual.dom import DOMNode
+
+    from sattrack.console_view import ConsoleView
+    from sattrack.session_messages import SessionMessage
+    from sattrack.tui.beside import Aside
+    from sattrack.tui.feed import News
+    from sattrack.tui.scene import Scene
+    from sattrack.tui.tonight import PassRow
+
+SEARCH_AGAIN_S = 600.0
+LOOK_AWAY_S = 30.0
+"""How long a look at the mount lasts after its screen was left."""
+NO_ASIDE = "this screen was started without them"
+
+
+class Screens:
+    """Tonight, mount and log. `aside` None: there is nothing but the log."""
+
+    def __init__(self, aside: Aside | None) -> None:
+        self._aside = aside
+        self.page = LIVE
+        self.night = Night()
+        self.book = LogBook()
+        self._console: ConsoleView | None = None
+        self._heard_s = self._looked_s = 0.0
+        self._ended = False
+
+    def take(self, news: News) -> None:
+        """Take in what has come of a run."""
+        for view in news.views:
+            self.book.take(view)
+        if news.session is not None:
+            self.book.hear(news.session)
+        if news.rewound:
+            self._ended = False
+        if news.summary is not None and not self._ended:
+            self._ended = True
+            self.book.end(news.summary)
+        found = None if self._aside is None else self._aside.search.take()
+        if found is not None:
+            self.night.take(found)
+
+    def turn_to(self, page: str, main: DOMNode) -> None:
+        """Show another screen."""
+        self.page = page
+        for name, style in PAGE_CLASSES.items():
+            main.set_class(name == page, style)
+
+    def draw(self, main: DOMNode, scene: Scene, now_s: float) -> None:
+        """Draw the screen that is shown, and have what it needs brought."""
+        self._look_at_mount(scene, now_s)
+        if self.page == TONIGHT:
+            main.query_one(TonightPage).draw(self.night, scene, self._search(scene.view.utc_s))
+        elif self.page == MOUNT:
+            main.query_one(MountPage).draw(self._console, now_s - self._heard_s, self._mount_note(scene))
+        elif self.page == LOG:
+            main.query_one(LogPage).draw(self.book)
+
+    def look_again(self) -> None:
+        """Search for the passes anew."""
+        if self._aside is not None:
+            self._aside.search.begun_utc_s = None
+
+    def arm(self, scene: Scene, now: bool) -> SessionMessage | None:
+        """Return what arms the pass under the cursor; after the end of a run it is followed at once."""
+        queue = () if scene.session is None else scene.session.queue
+        return self.night.arm(queue, now or scene.ended)
+
+    def beside(self, by: int, scene: Scene) -> PassRow | None:
+        """Point to the pass after the one that goes on, or before it; None where none is known."""
+        return self.night.point_beside(by, scene.view.catalog_number, scene.view.culminate_utc_s)
+
+    def console_command(self) -> list[str] | None:
+        """Return what operates the mount by hand; None for a simulated one, which ends with its run."""
+        return None if self._aside is None else self._aside.console
+
+    def move(self, main: DOMNode, rows: int) -> None:
+        """Go down a list, or up where negative."""
+        if self.page == TONIGHT:
+            self.night.move(rows)
+        elif self.page == LOG:
+            main.query_one(LogPage).move(rows)
+
+    def turn_leaf(self, main: DOMNode, pages: int) -> None:
+        """Go down a list by screens."""
+        if self.page == TONIGHT:
+            main.query_one(TonightPage).page(pages)
+        elif self.page == LOG:
+            main.query_one(LogPage).page(pages)
+
+    def turn_filter(self, main: DOMNode) -> None:
+        """Go on to the next filter of a list."""
+        if self.page == TONIGHT:
+            self.night.turn_filter()
+        elif self.page == LOG:
+            main.query_one(LogPage).turn_filter()
+
+    def close(self) -> None:
+        """End what was started for them."""
+        if self._aside is not None:
+            self._aside.close()
+
+    def _search(self, utc_s: float) -> str:
+        """Have the passes looked for where that is due; return what is to be said of it."""
+        if self._aside is None:
+            return NO_ASIDE
+        search = self._aside.search
+        due = search.begun_utc_s is None or abs(utc_s - search.begun_utc_s) > SEARCH_AGAIN_S
+        if due and not search.busy:
+            search.begin(utc_s)
+        if search.busy:
+            return "looking for passes …"
+        return search.trouble
+
+    def _look_at_mount(self, scene: Scene, now_s: float) -> None:
+        if self._aside is None:
+            return
+        look = self._aside.look
+        if self.page == MOUNT and not scene.ended:
+            self._looked_s = now_s
+            look.open(self._aside.pid)
+        latest = look.latest()
+        if latest.view is not None:
+            self._console, self._heard_s = latest.view, now_s
+            if scene.view.mount == "sim":
+                # It keeps the time that the run has it keep, which is not this machine's.
+                self._console = msgspec.structs.replace(latest.view, clock_offset_s=None)
+        if latest.ended or (self.page != MOUNT and now_s - self._looked_s > LOOK_AWAY_S):
+            look.close()
+
+    def _mount_note(self, scene: Scene) -> str:
+        if self._aside is None:
+            return NO_ASIDE
+        if scene.ended:
+            if self._aside.console is None:
+                return "the run is over, and the simulated mount with it"
+            return "the run is over: j operates the mount by hand (jog, slew, sync, park, home)"
+        if self._aside.look.trouble:
+            return self._aside.look.trouble
+        if self._console is None:
+            return "looking at the mount …"
+        return (
+            f"as the run hears it; by hand only after its end, by `sattrack mount watch`: {scene.view.mount}"
+        )

@@ -1,0 +1,1 @@
+"""The screen of a run in a browser."""

@@ -1,0 +1,159 @@
+"""The page and the connections behind it. It is no part of the run: each visitor's screen looks on."""
+
+from __future__ import annotations
+
+import asyncio
+import shlex
+import signal
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import textual_serve
+from aiohttp import web
+from textual_serve.app_service import AppService
+from textual_serve.server import Server
+
+from sattrack.errors import SattrackError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from aiohttp.typedefs import Handler
+
+    from sattrack.web.visit import Visit
+
+MOST_VISITORS = 8
+"""Each has a process of its own here."""
+FONT_SIZES = range(8, 41)
+USUAL_FONT_SIZE = 16
+LOOK_AGAIN_S = 3
+HEARTBEAT_S = 15.0
+HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' "
+    "'unsafe-inline'; img-src 'self' data:; connect-src 'self' ws: wss:; frame-ancestors 'none'",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+STATIC = Path(textual_serve.__file__).parent / "static"
+PAGE = Path(__file__).parent / "templates" / "index.html"
+
+
+class RunServer(Server):
+    """Serves the screens. `no_run` says why there is no run to look at, in words, or None."""
+
+    def __init__(self, visit: Visit, no_run: Callable[[], str | None]) -> None:
+        super().__init__(shlex.join(visit.command), visit.host, visit.port, title="sattrack")
+        self._visit, self._no_run = visit, no_run
+        self._visitors = 0
+
+    def application(self) -> web.Application:
+        """Make the application."""
+
+        @web.middleware
+        async def let_in(request: web.Request, handler: Handler) -> web.StreamResponse:
+            return await self._let_in(request, handler)
+
+        app = web.Application(middlewares=[let_in])
+        app.add_routes(
+            [
+                web.get("/", self._index),
+                web.get("/ws", self.handle_websocket),
+                web.static("/static", STATIC),
+            ]
+        )
+        return app
+
+    async def _let_in(self, request: web.Request, go_on: Handler) -> web.StreamResponse:
+        origin = request.headers.get("Origin")
+        why = self._visit.refusal(request.host, origin, request.query, request.cookies)
+        if why is not None:
+            return web.Response(status=403, text=f"{why}\n", headers=HEADERS)
+        response = await go_on(request)
+        if not response.prepared:
+            response.headers.update(HEADERS)
+        return response
+
+    async def _index(self, request: web.Request) -> web.StreamResponse:
+        token = self._visit.token
+        if token is not None and "token" in request.query:
+            # The token is to stand neither in the address nor in the browser's history.
+            moved = web.Response(status=303, headers={"Location": "/"})
+            moved.set_cookie(self._visit.cookie, token, httponly=True, samesite="Lax")
+            return moved
+        why = self._no_run()
+        if why is not None:
+            return web.Response(text=f"{why}\n", headers={"Refresh": str(LOOK_AGAIN_S)})
+        asked = request.query.get("fontsize", "")
+        size = int(asked) if asked.isascii() and asked.isdecimal() else USUAL_FONT_SIZE
+        scheme = "wss" if request.secure else "ws"
+        page = PAGE.read_text(encoding="utf-8")
+        # The host was let in above: it is one that leads here, and has no character that could end the text.
+        page = page.replace("{{ websocket_url }}", f"{scheme}://{request.url.authority}/ws")
+        page = page.replace("{{ font_size }}", str(size if size in FONT_SIZES else USUAL_FONT_SIZE))
+        return web.Response(text=page, content_type="text/html")
+
+    async def handle_websocket(self, request: web.Request) -> web.WebSocketResponse:
+        """Give a visitor a screen of their own, until either side ends."""
+        if self._visitors >= MOST_VISITORS:
+            raise web.HTTPServiceUnavailable(text=f"{MOST_VISITORS} visitors are here already\n")
+        websocket = web.WebSocketResponse(heartbeat=HEARTBEAT_S)
+        self._visitors += 1
+        service: AppService | None = None
+
+        async def close() -> None:
+            await websocket.close()
+
+        try:
+            await websocket.prepare(request)
+            service = AppService(
+                f"exec {self.command} --as {shlex.quote(f'browser at {request.remote}')}",
+                write_bytes=websocket.send_bytes,
+                write_str=websocket.send_str,
+                close=close,
+                download_manager=self.download_manager,
+            )
+            await service.start(_cells(request, "width", 80), _cells(request, "height", 24))
+            await self._process_messages(websocket, service)
+        except (ConnectionError, ValueError, KeyError, IndexError, TypeError, AssertionError):
+            # What came was no message of the page's: this visitor's screen ends, and nothing else.
+            pass
+        finally:
+            self._visitors -= 1
+            if service is not None:
+                await service.stop()
+        return websocket
+
+
+def _cells(request: web.Request, name: str, usual: int) -> int:
+    text = request.query.get(name, "")
+    return min(500, max(1, int(text))) if text.isascii() and text.isdecimal() else usual
+
+
+def serve(visit: Visit, no_run: Callable[[], str | None], tell: Callable[[str], None]) -> None:
+    """Serve until a signal ends it; `tell` is handed the address. Raises SattrackError where it is taken."""
+    asyncio.run(_serve(visit, no_run, tell))
+
+
+async def _serve(visit: Visit, no_run: Callable[[], str | None], tell: Callable[[str], None]) -> None:
+    runner = web.AppRunner(RunServer(visit, no_run).application(), access_log=None)
+    await runner.setup()
+    ended = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        loop.add_signal_handler(number, ended.set)
+    try:
+        site = web.TCPSite(runner, visit.host, visit.port, shutdown_timeout=1.0)
+        try:
+            await site.start()
+        except OSError as error:
+            raise SattrackError(
+                f"{visit.host} port {visit.port} is not to be had: {error.strerror}"
+            ) from None
+        port = runner.addresses[0][1]
+        host = f"[{visit.host}]" if ":" in visit.host else visit.host
+        query = "" if visit.token is None else f"?token={visit.token}"
+        tell(f"http://{host}:{port}/{query}")
+        await ended.wait()
+    finally:
+        await runner.cleanup()

@@ -1,0 +1,382 @@
+"""Tonight, mount and log: their keys, their lists, and the stop in all of them, whatever lies on them."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from console_tui_builders import VIEW as MOUNT_VIEW
+from textual.events import MouseScrollUp
+from tui_builders import SUMMARY, UTC_S, VIEW, FakeFeed, HandClock, changed
+
+from sattrack.messages import StopNow
+from sattrack.session_messages import Arm, Disarm
+from sattrack.session_view import STARTER, Armed, SessionView
+from sattrack.tui.app import TrackApp
+from sattrack.tui.console_feed import Latest
+from sattrack.tui.feed import News
+from sattrack.tui.log import MOST_LINES, LogBook
+from sattrack.tui.pages import PAGES
+from sattrack.tui.scene import Tone
+from sattrack.tui.tonight import Night, PassRow, read_passes
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from textual.pilot import Pilot
+
+HERE = SessionView(STARTER, (), 0, takes_others=True)
+
+
+def pass_row(number: int, minutes: float, alt_deg: float = 50.0, **changes: Any) -> PassRow:
+    culminates = Utc(UTC_S + 60.0 * minutes)
+    told: dict[str, Any] = {
+        "name": f"SAT {number}",
+        "catalog_number": number,
+        "rise_utc": culminates.plus(-300.0).isoformat(),
+        "culminate_utc": culminates.isoformat(),
+        "set_utc": culminates.plus(300.0).isoformat(),
+        "max_alt_deg": alt_deg,
+        "rise_az_deg": 270.0,
+        "set_az_deg": 90.0,
+        "sunlit_from_utc": None,
+        "sunlit_to_utc": None,
+        "sun_alt_deg": -20.0,
+        "feasible": True,
+        "why_not": None,
+        "magnitude": None,
+        **changes,
+    }
+    return read_passes(json.dumps([told]).encode())[0]
+
+
+ROWS = (
+    pass_row(25544, 53.0 / 60.0, 81.0, name="ISS (ZARYA)"),
+    pass_row(101, 20.0, sunlit_from_utc="2026-10-02T13:20:00Z", sunlit_to_utc="2026-10-02T13:25:00Z"),
+    pass_row(102, 40.0, 20.0, feasible=False, why_not="too fast for the hour angle axis near the pole"),
+    pass_row(103, 60.0),
+)
+
+
+@dataclass
+class FakeSearch:
+    rows: tuple[PassRow, ...] | None = ROWS
+    begun_utc_s: float | None = None
+    trouble: str = ""
+    busy: bool = False
+    begun: list[float] = field(default_factory=list)
+
+    def begin(self, utc_s: float) -> None:
+        self.begun.append(utc_s)
+        self.begun_utc_s = utc_s
+
+    def take(self) -> tuple[PassRow, ...] | None:
+        rows, self.rows = self.rows, None
+        return rows
+
+    def close(self) -> None:
+        self.busy = False
+
+
+@dataclass
+class FakeLook:
+    opened: list[int] = field(default_factory=list)
+    trouble: str = ""
+    closed: int = 0
+
+    def open(self, pid: int) -> None:
+        self.opened.append(pid)
+
+    def latest(self) -> Latest:
+        return Latest(MOUNT_VIEW if self.opened else None)
+
+    def close(self) -> None:
+        self.closed += 1
+
+
+@dataclass
+class FakeAside:
+    search: FakeSearch = field(default_factory=FakeSearch)
+    look: FakeLook = field(default_factory=FakeLook)
+    pid: int = 4321
+    console: list[str] | None = None
+
+    def close(self) -> None:
+        self.look.close()
+
+
+def on_screen(
+    act: Callable[[TrackApp, Pilot[None]], Any],
+    *news: News,
+    size: tuple[int, int] = (80, 24),
+    aside: FakeAside | None = None,
+) -> FakeFeed:
+    """Run the screen, have something done with it, and return what it was told to say."""
+    feed = FakeFeed(list(news) or [News((VIEW,), session=HERE)])
+
+    async def run() -> None:
+        app = TrackApp(feed, monotonic=HandClock(), aside=aside or FakeAside())  # type: ignore[arg-type]
+        async with app.run_test(size=size) as pilot:
+            await act(app, pilot)
+
+    asyncio.run(run())
+    return feed
+
+
+def text_of(app: TrackApp) -> str:
+    """Return what stands on the screen."""
+    strips = app.screen._compositor.render_strips()
+    return "\n".join("".join(segment.text for segment in strip) for strip in strips)
+
+
+OVER = {"nothing": (), "help": ("question_mark",), "leave": ("q",), "next": ("1", "n")}
+
+
+def test_space_stops_in_every_screen_and_over_everything_that_lies_on_it() -> None:
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        sent = app._feed.sent  # type: ignore[attr-defined]
+        for page in PAGES:
+            for keys in OVER.values():
+                sent.clear()
+                await pilot.press(page, *keys, "space")
+                assert sent == [StopNow()], (page, keys)
+                assert len(app.screen_stack) == 1
+                app._stop_sent_s = None
+
+    on_screen(act)
+
+
+def test_tonight_arms_takes_back_and_follows_what_is_pointed_at() -> None:
+    one, two = ROWS[1], ROWS[2]
+
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        sent = app._feed.sent  # type: ignore[attr-defined]
+        await pilot.press("2", "down", "enter")
+        assert sent == [Arm(101, one.culminate_utc_s, "SAT 101")]
+        queue = (Armed(101, one.culminate_utc_s + 3.0, "SAT 101"),)
+        app._feed.coming.append(News((VIEW,), session=SessionView(STARTER, (), 0, queue=queue)))  # type: ignore[attr-defined]
+        app.look()
+        await pilot.pause()
+        assert "armed 1" in text_of(app)
+        sent.clear()
+        await pilot.press("enter", "down", "up", "up", "up", "left", "right", "0", "s", "w", "r", "m", "u")
+        assert sent == [Disarm(101, one.culminate_utc_s)]
+        sent.clear()
+        await pilot.press("end", "home", "down", "down", "a", "x")
+        assert sent == []
+        await pilot.press("a", "y")
+        assert sent == [Arm(102, two.culminate_utc_s, "SAT 102", now=True)]
+
+    on_screen(act)
+
+
+@pytest.mark.parametrize(
+    ("keys", "number"), [(["n", "y"], 101), (["n", "n"], None), (["b", "y"], None), (["n", "escape"], None)]
+)
+def test_next_and_before_go_by_the_list_and_ask(keys: list[str], number: int | None) -> None:
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        await pilot.press(*keys)
+
+    sent = on_screen(act).sent
+
+    assert [one.catalog_number for one in sent if isinstance(one, Arm)] == (
+        [] if number is None else [number]
+    )
+    assert all(one.now for one in sent if isinstance(one, Arm))
+
+
+def test_nothing_is_asked_while_a_satellite_is_waited_for_and_after_a_run() -> None:
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        await pilot.press("n")
+
+    waiting = on_screen(act, News((changed(phase="waiting"),), session=HERE))
+    over = on_screen(act, News((VIEW,), False, SUMMARY, session=HERE))
+
+    assert [type(one) for one in waiting.sent] == [type(one) for one in over.sent] == [Arm]
+
+
+def test_who_looks_on_arms_nothing() -> None:
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        await pilot.press("2", "down", "enter", "a", "n", "b")
+        assert len(app.screen_stack) == 1
+
+    assert on_screen(act, News((VIEW,), session=SessionView(7, (), 1))).sent == []
+
+
+def test_after_a_run_a_stop_is_said_as_long_as_anybody_hears_and_another_pass_is_followed_at_once() -> None:
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        await pilot.press("2", "down", "enter", "space", "1", "right")
+
+    sent = on_screen(act, News((VIEW,), False, SUMMARY, session=HERE)).sent
+
+    assert sent == [Arm(101, ROWS[1].culminate_utc_s, "SAT 101", now=True), StopNow()]
+
+
+def test_another_run_begins_with_nothing_of_the_one_before() -> None:
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        await pilot.press("space")
+        assert app._ended
+        other = changed(name="SAT 101", catalog_number=101, phase="waiting", error=None)
+        app._feed.coming.append(News((other,), rewound=True, session=HERE))  # type: ignore[attr-defined]
+        app.look()
+        assert app.scene is not None
+        assert (app.scene.ended, app.scene.summary, app.scene.stop_sent_s) == (False, None, None)
+        await pilot.press("space")
+
+    assert on_screen(act, News((VIEW,), False, SUMMARY, session=HERE)).sent == [StopNow(), StopNow()]
+
+
+def test_the_mouse_points_to_a_pass_and_scrolls() -> None:
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        await pilot.press("2")
+        await pilot.click("#tonight", offset=(8, 4))
+        assert app._screens.night.cursor == 2
+        await pilot._post_mouse_events([MouseScrollUp], widget="#tonight")
+        assert app._screens.night.cursor == 0
+
+    on_screen(act)
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40), (200, 60)])
+def test_every_screen_says_what_it_has_to_and_cuts_nothing_off(size: tuple[int, int]) -> None:
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        shown = {}
+        for key, page in PAGES.items():
+            await pilot.press(key)
+            app.look()
+            await pilot.pause()
+            shown[page] = text_of(app)
+        for text in shown.values():
+            assert "TRACKING" in text
+            assert "SPACE STOP" in text
+        for words in (
+            "SAT 101",
+            "SAT 103",
+            "13:24:31",
+            "NO-GO",
+            "this one",
+            "go",
+            "Enter" if size[0] > 80 else "",
+        ):
+            assert words in shown["tonight"]
+        for words in ("RA rate", "altitude", "side", "acknowledged", "as the run hears it"):
+            assert words in shown["mount"]
+        for words in ("ISS (ZARYA): tracking", "link up", "the newest"):
+            assert words in shown["log"]
+
+    on_screen(act, size=size)
+
+
+def test_a_mount_is_looked_at_only_while_its_screen_is_wanted() -> None:
+    aside = FakeAside()
+
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        assert aside.look.opened == []
+        await pilot.press("3")
+        app.look()
+        assert set(aside.look.opened) == {4321}
+        await pilot.press("1")
+        app._monotonic.now_s += 31.0  # type: ignore[attr-defined]
+        app.look()
+        assert aside.look.closed
+
+    on_screen(act, aside=aside)
+
+
+def test_the_search_begins_when_it_is_first_wanted_and_again_when_it_is_old() -> None:
+    aside = FakeAside(FakeSearch(rows=None))
+
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        assert aside.search.begun == []
+        await pilot.press("2")
+        app.look()
+        assert aside.search.begun == [UTC_S]
+        app._feed.coming.append(News((changed(utc_s=UTC_S + 601.0),)))  # type: ignore[attr-defined]
+        app.look()
+        assert aside.search.begun == [UTC_S, UTC_S + 601.0]
+        await pilot.press("g")
+        assert len(aside.search.begun) == 3
+
+    on_screen(act, aside=aside)
+
+
+def test_filters_let_through_what_they_say_and_the_cursor_stays_on_its_pass() -> None:
+    night = Night()
+    night.take(ROWS)
+    night.move(3)
+    shown = []
+    for _ in range(4):
+        shown.append((night.filter_words, [row.catalog_number for row in night.rows]))
+        assert night.pointed is not None
+        night.turn_filter()
+
+    assert shown == [
+        ("all", [25544, 101, 102, 103]),
+        ("go", [25544, 101, 103]),
+        ("above 30°", [25544, 101, 103]),
+        ("sunlit by night", [101]),
+    ]
+    night.take(())
+    assert night.pointed is None
+    night.move(5)
+    assert night.arm((), now=True) is None
+    assert night.point_beside(1, 25544, UTC_S) is None
+
+
+def test_the_log_has_a_line_for_what_changed_and_not_for_what_stayed() -> None:
+    book = LogBook()
+    for second in range(5):
+        book.take(changed(utc_s=UTC_S + second, warnings=(f"the mount's clock is {second} ms off",)))
+    book.take(changed(utc_s=UTC_S + 5.0, link={"state": "stale"}))
+    book.take(changed(utc_s=UTC_S + 6.0, phase="stopping", ended_by="limit:sun"))
+    book.hear(SessionView(None, (), 0, said="anna took control"))
+    book.hear(SessionView(None, (), 0, said="anna took control"))
+    book.end(SUMMARY)
+
+    assert [one.text for one in book.lines] == [
+        "ISS (ZARYA): tracking, 0.42″ off",
+        "link up",
+        "the mount's clock is 0 ms off",
+        "link stale",
+        "ISS (ZARYA): stopping",
+        "link up",
+        "safety's sun limit was reached",
+        "anna took control",
+        "ISS (ZARYA): 400 s on target, error 0.02″ RMS; mount at rest",
+    ]
+    assert [one.text for one in book.shown("people")] == ["anna took control"]
+    assert {one.tone for one in book.shown("warnings")} <= {Tone.NOTICE, Tone.BAD}
+
+
+def test_a_log_that_was_scrolled_back_keeps_its_place() -> None:
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        for number in range(100):
+            app._screens.book.say(Tone.CALM, "run", f"line {number}")
+        await pilot.press("4", "up", "up", "up")
+        await pilot.pause()
+        before = [row for row in text_of(app).splitlines() if "line" in row and "lines" not in row]
+        app._screens.book.say(Tone.CALM, "run", "one more")
+        app.look()
+        await pilot.pause()
+        text = text_of(app)
+        assert [row for row in text.splitlines() if "line" in row and "lines" not in row] == before
+        assert "4 later ones below" in text
+        await pilot.press("end")
+        await pilot.pause()
+        assert "one more" in text_of(app)
+
+    on_screen(act)
+
+
+def test_the_log_is_bounded() -> None:
+    book = LogBook()
+    for number in range(MOST_LINES + 10):
+        book.say(Tone.CALM, "run", str(number))
+
+    assert len(book.lines) == MOST_LINES
+    assert book.dropped == 10
+    assert book.lines[-1].text == str(MOST_LINES + 9)
