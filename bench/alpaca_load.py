@@ -1,4 +1,4 @@
-"""What Alpaca's clients do to the mount's datagrams: `python bench/alpaca.py [--seconds S] [--rounds N]`.
+"""What Alpaca's clients do to the mount's datagrams: `python bench/alpaca_load.py [--seconds S] [--rounds N]`.
 
 A simulated mount in a process of its own; between it and `sattrack serve alpaca` this program, which hands
 datagrams on and has the kernel's own stamps of when each of the server's came. Loads take turns, so that all
@@ -34,6 +34,7 @@ LOADS = {
     "both": [(1, 1000.0), (200, 200.0)],
 }
 ORDER_EVERY = 50
+LATE_MS = 1.0
 RATE_DEG_S = 0.05
 DEVICE = "/api/v1/telescope/0/"
 READ = f"GET {DEVICE}rightascension?ClientID=1 HTTP/1.1\r\nHost: x\r\n\r\n".encode()
@@ -142,7 +143,9 @@ def measure(seconds: float, rounds: int) -> None:
     for name, row in figures.items():
         ratios = [f"{mine / alone:6.2f}" for mine, alone in zip(row[2:], figures["none"][2:], strict=True)]
         print(f"{name:<36}" + "".join(f"{figure:8.2f}" for figure in row) + "  " + "".join(ratios))
-        print(f"    of {len(off_ms[name])} periods; " + "; ".join(told[name] or ["nobody asks"]))
+        late = sum(off > LATE_MS for off in off_ms[name])
+        many = f"of {len(off_ms[name])} periods, {late} off by more than {LATE_MS:g} ms"
+        print(f"    {many}; " + "; ".join(told[name] or ["nobody asks"]))
     print(f"with a load of {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
 
 
