@@ -80,7 +80,8 @@ class Standing:
 
     def at_park(self, session: Session) -> bool:
         """Tell whether the mount is parked."""
-        return self._parked or (session.status is not None and session.status.at_park)
+        status = session.status
+        return self._parked or (status is not None and status.at_park and not status.slewing)
 
     def at_home(self, session: Session) -> bool:
         """Tell whether the mount stands where it was sent home to."""

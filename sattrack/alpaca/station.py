@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from sattrack.alpaca.answers import Answers
 from sattrack.alpaca.drive import AfterStop, Drive
 from sattrack.alpaca.faults import Fault, Number
 from sattrack.alpaca.following import followed, offset
 from sattrack.alpaca.messages import (
     AbortOrder,
-    Answered,
     BiasOrder,
     FollowOrder,
     MoveOrder,
@@ -44,13 +44,9 @@ if TYPE_CHECKING:
     from tle.site import Site
 
 DONE = frozenset({TicketState.COMPLETE, TicketState.UNCONFIRMED})
-SETTLING_TICKS = 2
-"""How many datagrams an answer waits for a status that comes after what it tells of."""
 MOVING_KINDS = frozenset({"slew", "park", "home"})
 HELD_KINDS = frozenset({"sync", "fine"})
 """What is answered when it has come to its end, as it takes a few datagrams at most."""
-ANSWER_WITHIN_TICKS = 80
-"""Four seconds; a client waits five."""
 
 
 class TelescopeStation:
@@ -73,18 +69,13 @@ class TelescopeStation:
         self._make_engine = make_engine
         self.console = self._new_console()
         self.engine: Engine | None = None
-        self.answers: list[Answered] = []
-        """What is to be told to clients; whoever tells it takes it away."""
+        self.answers = Answers()
         self.words: list[str] = []
         """What the log is to be told; likewise."""
         self.link = LinkState.SILENT
         self._heard: tuple[bytes, float] | None = None
         """The mount's last datagram: what a new conversation begins with."""
         self._under_way: Undertaking | None = None
-        self._drive_waits: list[tuple[int, int]] = []
-        """Orders that end a move, and for how many datagrams they have waited."""
-        self._due: list[tuple[int, Answered]] = []
-        self._ticks = 0
         self._standing = Standing(profile)
         self._failure: str | None = None
         self._trouble: str | None = None
@@ -126,25 +117,22 @@ class TelescopeStation:
         """Take one datagram from the mount."""
         self._heard = (data, arrival_utc_s)
         if self.engine is not None:
-            self.engine.receive(data, arrival_utc_s)
+            self._let_engine_receive(self.engine, data, arrival_utc_s)
         else:
             self.console.receive(data, arrival_utc_s)
         self._standing.see(self.session)
 
     def tick(self, now_utc_s: float) -> bytes:
         """Return the datagram to send now; call once a period."""
-        self._ticks += 1
         if self.engine is not None:
-            datagram = self.engine.tick(now_utc_s)
-            if self.engine.finished:
-                self._leave_satellite()
+            datagram = self._tick_engine(self.engine, now_utc_s)
         else:
             datagram = self.console.tick(now_utc_s)
             self._look_at_procedure()
             self._look_for_trouble()
             self._make_ready()
         self.link = self.session.link_state(now_utc_s)
-        self._give_answers()
+        self.answers.tick(self._drive is None and self.console.at_rest)
         self._watch_end(now_utc_s)
         return datagram
 
@@ -178,16 +166,16 @@ class TelescopeStation:
                 raise Fault(Number.INVALID_OPERATION, "the server is ending")
             held = self._begin(asked, now_utc_s)
         except Fault as fault:
-            self.answers.append(Answered(asked.number, int(fault.number), fault.words))
+            self.answers.refused(asked.number, fault)
             return
         if not held:
-            self.answers.append(Answered(asked.number))
+            self.answers.done(asked.number)
 
     def state(self, now_utc_s: float) -> TelescopeState:
         """Return what clients may see, as of an instant."""
         kind = None if self._under_way is None else self._under_way.kind
         moves = self._drive is not None and self._drive.moves
-        slewing = kind in MOVING_KINDS or moves or self._is_slewing or bool(self._drive_waits)
+        slewing = kind in MOVING_KINDS or moves or self._is_slewing or self.answers.await_rest
         following = None
         if self.engine is not None:
             slewing = self.engine.phase not in FOLLOWING or self.engine.tracker.acquired_utc_s is None
@@ -273,13 +261,9 @@ class TelescopeStation:
         self._standing.moved(kind)
 
     def _supersede(self, former: Undertaking | None) -> None:
-        if former is not None and former.waiting is not None:
-            words = f"{former.kind} was ended by another command"
-            self.answers.append(Answered(former.waiting, int(Number.CANCELLED), words))
+        kind, waiting = ("", None) if former is None else (former.kind, former.waiting)
+        self.answers.supersede(kind, waiting)
         self._under_way = None
-        for number, _ in self._drive_waits:
-            self.answers.append(Answered(number))
-        self._drive_waits.clear()
 
     def _move(self, number: int, order: MoveOrder, now_utc_s: float) -> bool:
         """Have an axis turn, or be given back; the end of a move is answered when it is seen."""
@@ -291,7 +275,7 @@ class TelescopeStation:
         refuse(drive.change(self.console, order.axis, order.rate_deg_s, now_utc_s))
         if drive.moves:
             return False
-        self._drive_waits.append((number, 0))
+        self.answers.at_rest(number)
         return True
 
     def _abort(self, now_utc_s: float) -> None:
@@ -322,10 +306,27 @@ class TelescopeStation:
             raise Fault(Number.INVALID_VALUE, str(error)) from error
         engine.safety.follow_on(self.console.safety)
         if self._heard is not None:
-            engine.receive(*self._heard)
+            self._let_engine_receive(engine, *self._heard)
         self.engine, self._failure = engine, None
         self._standing.moved("move")
         self.words.append(f"follows {engine.spec.propagator.elements.label}")
+
+    def _let_engine_receive(self, engine: Engine, data: bytes, arrival_utc_s: float) -> None:
+        try:
+            engine.receive(data, arrival_utc_s)
+        except Exception as error:  # noqa: BLE001 - no error is worth a mount that is left moving
+            engine.fail(str(error))
+
+    def _tick_engine(self, engine: Engine, now_utc_s: float) -> bytes:
+        """Have the engine make a datagram; one whose directions fail stops the mount."""
+        try:
+            datagram = engine.tick(now_utc_s)
+        except Exception as error:  # noqa: BLE001 - no error is worth a mount that is left moving
+            engine.fail(str(error))
+            datagram = engine.tick(now_utc_s)
+        if engine.finished:
+            self._leave_satellite()
+        return datagram
 
     def _leave_satellite(self) -> None:
         engine = self.engine
@@ -368,13 +369,8 @@ class TelescopeStation:
             if self.console.trouble is None:
                 self.words.append(f"{done.kind} failed: {words}")
         if done.waiting is not None:
-            answer = Answered(done.waiting)
-            if not ended_well:
-                safe = outcome.refusal is not None
-                answer = Answered(
-                    done.waiting, int(Number.INVALID_OPERATION if safe else Number.DRIVER), words
-                )
-            self._due.append((self._ticks + SETTLING_TICKS, answer))
+            number = Number.DRIVER if outcome.refusal is None else Number.INVALID_OPERATION
+            self.answers.soon(done.waiting, None if ended_well else Fault(number, words))
 
     def _look_for_trouble(self) -> None:
         """See whether the mount was brought to a stop that nobody asked for."""
@@ -388,18 +384,6 @@ class TelescopeStation:
         """After an AbortSlew, let a mount move again that safety has stopped, once it is at rest."""
         if self._reset_at_rest and self.console.procedure is None and self.console.at_rest:
             self._reset_at_rest = self.console.reset() is not None
-
-    def _give_answers(self) -> None:
-        due = [answer for at, answer in self._due if at <= self._ticks]
-        self.answers += due
-        self._due = [(at, answer) for at, answer in self._due if at > self._ticks]
-        left = []
-        for number, ticks in self._drive_waits:
-            if (self._drive is None and self.console.at_rest) or ticks >= ANSWER_WITHIN_TICKS:
-                self.answers.append(Answered(number))
-            else:
-                left.append((number, ticks + 1))
-        self._drive_waits = left
 
     def _watch_end(self, now_utc_s: float) -> None:
         if self._ending is None or self.finished or self.engine is not None:

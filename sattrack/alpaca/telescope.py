@@ -84,7 +84,7 @@ class Telescope:
         if member.path in {"connect", "connected", "disconnect"}:
             self._connect(client, member.path == "connect" or values.get("Connected") is True, now_utc_s)
             return None
-        if member.unparked and self._heard(now_utc_s).at_park:
+        if member.unparked and self._is_parked(member, now_utc_s):
             raise Fault(Number.PARKED, f"{member.name}: the mount is parked, and is woken at its own console")
         return self._order(member.name, values, now_utc_s)
 
@@ -109,6 +109,11 @@ class Telescope:
                 f"the mount at {self.device.mount} is not heard: is it on, and set to send here?",
             )
         return state
+
+    def _is_parked(self, member: Member, now_utc_s: float) -> bool:
+        """Tell whether the mount is parked; raises Fault where it is not heard, but for a stop."""
+        state = self.state if member.name == "AbortSlew" else self._heard(now_utc_s)
+        return state is not None and state.at_park
 
     def _target(self, name: str) -> float:
         target = self._target_ra_h if name == "TargetRightAscension" else self._target_dec_deg

@@ -129,6 +129,8 @@ class Front:
             return web.Response(status=503)
         gate.begins()
         try:
+            if request.method != "GET" and "Origin" in request.headers:
+                return _hung_up(403, "a web page is not obeyed: only programs send no Origin")
             pace = self._paces.setdefault(transport, Pace(self.requests_per_s))
             now_s = asyncio.get_running_loop().time()
             if (wait_s := pace.wait_s(now_s)) > 0.0:

@@ -69,7 +69,7 @@ class AlpacaLoop(StationLoop):
     def _obey(self) -> None:
         while True:
             asked, void = self.door.next_order()
-            self.station.answers += void
+            self.station.answers.ready += void
             if asked is None:
                 if void:
                     self._push()
@@ -78,8 +78,9 @@ class AlpacaLoop(StationLoop):
             self._push()
 
     def _push(self) -> None:
-        answers, self.station.answers = self.station.answers, []
-        self.door.push(self.station.state(self.connection.now_utc_s()), answers)
+        answers = self.station.answers
+        ready, answers.ready = answers.ready, []
+        self.door.push(self.station.state(self.connection.now_utc_s()), ready)
 
 
 def engine_maker(limits: SafetyLimits) -> Callable[[msgspec.Raw, float], Engine]:

@@ -138,6 +138,6 @@ class VirtualTelescope(VirtualAntenna):
 
     def _see(self) -> None:
         self.telescope.state = self.station.state(self.now_utc_s)
-        for answer in self.station.answers:
+        for answer in self.station.answers.ready:
             self._answers[answer.number] = answer
-        self.station.answers.clear()
+        self.station.answers.ready.clear()

@@ -130,6 +130,26 @@ def test_at_the_end_of_its_pass_the_mount_is_free_again() -> None:
     assert scope.fault_of("moveaxis", Axis=1, Rate=1.0) is Number.OK
 
 
+@pytest.mark.parametrize("part", ["direction_at", "take"])
+def test_a_satellite_whose_directions_fail_is_given_up_and_the_mount_stopped_and_free(
+    part: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scope = VirtualTelescope()
+    follow(scope, 150.0)
+
+    def broken(*_: object) -> None:
+        raise ArithmeticError("the orbit has decayed")
+
+    monkeypatch.setattr(scope.station.engine.tracker, part, broken)
+    scope.run_for(5.0)
+    with pytest.raises(Fault, match="decayed"):
+        scope.get("slewing")
+    stands = scope.truths[-1].dec_deg
+    scope.run_for(1.0)
+    assert scope.truths[-1].dec_deg == stands
+    assert scope.fault_of("moveaxis", Axis=1, Rate=1.0) is Number.OK
+
+
 def test_a_satellite_is_not_begun_in_mid_move() -> None:
     scope = VirtualTelescope()
     scope.put("moveaxis", Axis=1, Rate=1.0)

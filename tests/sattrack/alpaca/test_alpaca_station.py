@@ -56,6 +56,21 @@ def test_a_mount_that_falls_silent_in_mid_move_is_stopped_and_its_clients_are_to
     assert scope.get("slewing") is True
 
 
+def test_a_stop_goes_out_to_a_mount_that_is_not_heard() -> None:
+    scope = VirtualTelescope()
+    scope.put("slewtocoordinatesasync", RightAscension=scope.get("siderealtime"), Declination=60.0)
+    scope.run_for(1.0)
+    scope.silent_until_s = scope.now_utc_s + 1e9
+    scope.run_for(2.6)
+    assert scope.get_fault("slewing") is Number.DRIVER
+    assert scope.put("abortslew") is None
+    scope.run_for(3.0)
+    stands = scope.truths[-1].dec_deg
+    assert stands < 59.0
+    scope.run_for(2.0)
+    assert scope.truths[-1].dec_deg == stands
+
+
 def test_an_offset_rate_that_drifts_to_a_limit_is_ended_and_told() -> None:
     low = replace(START, hour_angle_deg=76.0, dec_deg=-5.0)
     scope = VirtualTelescope(start=low)

@@ -127,6 +127,18 @@ def test_what_is_no_request_or_too_large_is_refused(
         assert int(data.split()[1]) in statuses, data
 
 
+def test_a_web_page_in_somebodys_browser_moves_nothing(served: Served) -> None:
+    body = b"Axis=0&Rate=1"
+    with call(served.port) as line:
+        line.sendall(request("PUT", "/api/v1/telescope/0/moveaxis", body, "Origin: http://a.example\r\n"))
+        assert read_answer(line)[0] == 403
+    with call(served.port) as line:
+        line.sendall(request("OPTIONS", "/api/v1/telescope/0/moveaxis", b"", "Origin: http://a.example\r\n"))
+        assert read_answer(line)[0] in {403, 405}
+    with call(served.port) as line:
+        assert say(line, "GET", "slewing")["Value"] is False
+
+
 def test_two_hundred_connections_are_answered_at_once_and_more_are_hung_up_on(served: Served) -> None:
     lines = [call(served.port) for _ in range(200)]
     asked = request("GET", "/api/v1/telescope/0/rightascension")

@@ -1,0 +1,57 @@
+"""docs/alpaca.md against the table that it is written from, the actions, and the program's own limits."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+from sattrack.alpaca.actions import ACTIONS, read_action
+from sattrack.alpaca.faults import Number
+from sattrack.alpaca.members import MEMBERS
+from sattrack.runtime.alpaca_gate import REQUEST_WITHIN_S
+from sattrack.runtime.alpaca_process import MOST_BODY_BYTES, MOST_LINE_BYTES, MOST_WAITING
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "alpaca.md"
+
+
+def check(root: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "tools.alpaca", "--check", "--root", str(root)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_the_page_has_every_member_and_is_what_the_table_says(tmp_path: Path) -> None:
+    assert check(ROOT).returncode == 0
+    text = PAGE.read_text(encoding="utf-8")
+    assert all(text.count(f"\n| `{member.name}` | ") == 1 for member in MEMBERS)
+    folder = tmp_path / "docs"
+    folder.mkdir()
+    (folder / PAGE.name).write_text(text.replace("| `Park` |", "| `Pork` |", 1), encoding="utf-8")
+    spoilt = check(tmp_path)
+    assert spoilt.returncode == 1
+    assert "run python -m tools.alpaca" in spoilt.stderr
+
+
+def test_the_page_has_every_action_with_parameters_that_are_understood() -> None:
+    rows = re.findall(r"^\| `(\w+)` \| `(\{.*?\})` \|", PAGE.read_text(encoding="utf-8"), re.MULTILINE)
+    assert [name for name, _ in rows] == list(ACTIONS)
+    for name, parameters in rows:
+        read_action(name, parameters)
+
+
+def test_the_page_has_every_error_number_and_the_limits_in_force() -> None:
+    text = PAGE.read_text(encoding="utf-8")
+    for number in Number:
+        if number is not Number.OK:
+            assert f"| 0x{number:X} |" in text
+    assert f"more than {MOST_BODY_BYTES} bytes" in text
+    assert f"headers end at {MOST_LINE_BYTES} bytes" in text
+    assert f"Of orders, {MOST_WAITING}\nmay wait" in text
+    assert f"whole within {REQUEST_WITHIN_S:g} s" in text
