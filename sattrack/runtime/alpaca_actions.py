@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from sattrack.alpaca.actions import Bias, Passes, TrackSatellite
+from sattrack.alpaca.actions import Bias, Passes
 from sattrack.alpaca.faults import Fault, Number
 from sattrack.alpaca.messages import BiasOrder, FollowOrder
 from sattrack.runtime.alpaca_satellites import run_told
@@ -16,12 +16,12 @@ from sattrack.runtime.alpaca_satellites import run_told
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
+    from sattrack.alpaca.actions import CustomAction
     from sattrack.alpaca.messages import Order
     from sattrack.alpaca.telescope import Telescope
     from sattrack.clock import Clock
     from sattrack.runtime.alpaca_satellites import Satellites
 
-KINDS = (Bias, Passes, TrackSatellite)
 BUSY = "passes are being computed for somebody else: ask again in a moment"
 
 
@@ -32,12 +32,7 @@ class Actions:
         self._satellites, self._telescope, self._clock = satellites, telescope, clock
         self._computing = False
 
-    @staticmethod
-    def knows(asked: msgspec.Struct) -> bool:
-        """Tell whether this is an action's request."""
-        return isinstance(asked, KINDS)
-
-    async def do(self, asked: Any, order: Callable[[Order], Awaitable[None]]) -> str:
+    async def do(self, asked: CustomAction, order: Callable[[Order], Awaitable[None]]) -> str:
         """Return an action's answer, JSON text; `order` has orders carried out. Raises Fault."""
         if isinstance(asked, Bias):
             return await self._bias(asked, order)

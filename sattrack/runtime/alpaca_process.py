@@ -16,9 +16,9 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
-import msgspec
-from aiohttp import web
+from aiohttp import ClientPayloadError, http_exceptions, web
 
+from sattrack.alpaca.actions import Bias, Passes, TrackSatellite
 from sattrack.alpaca.device import Device
 from sattrack.alpaca.discovery import Discovery
 from sattrack.alpaca.faults import Fault, Number
@@ -44,6 +44,12 @@ ANSWER_WITHIN_S = 8.0
 SLEW_WITHIN_S = 600.0
 TEND_EVERY_S = 1.0
 TELL_EVERY_S = 10.0
+BROKEN_OFF = (
+    web.RequestPayloadError,
+    ClientPayloadError,
+    http_exceptions.HttpProcessingError,
+    ConnectionError,
+)
 BEHIND_THE_FEEDER = 5
 """How much nicer than the feeding process this one is."""
 LONGEST_TASK = 1 << 28
@@ -136,6 +142,9 @@ class Front:
             if (wait_s := pace.wait_s(now_s)) > 0.0:
                 await asyncio.sleep(wait_s)
             return await self._answer(request)
+        except Exception as error:  # noqa: BLE001 - one request that breaks something is no end of the others
+            self.channel.tell(f"a defect of sattrack: {error!r} in {request.method} {request.path[:60]!r}")
+            return _hung_up(500, "a defect of sattrack, told in its log")
         finally:
             gate.ends()
 
@@ -152,10 +161,10 @@ class Front:
 
     async def _finish(self, pending: Pending) -> Reply:
         try:
-            if isinstance(pending.order, msgspec.Struct) and self.actions.knows(pending.order):
+            if isinstance(pending.order, Bias | Passes | TrackSatellite):
                 value = await self.actions.do(pending.order, self.channel.order)
                 return self.server.finish(pending, value)
-            await self.channel.order(pending.order)  # type: ignore[arg-type]
+            await self.channel.order(pending.order)
         except Fault as fault:
             return self.server.finish(pending, fault=fault)
         return self.server.finish(pending)
@@ -210,6 +219,8 @@ async def _body(request: web.BaseRequest) -> bytes | web.Response:
                 data += piece
                 if len(data) > MOST_BODY_BYTES:
                     return _hung_up(413, f"a body has {MOST_BODY_BYTES} bytes at most")
+    except BROKEN_OFF:
+        return _hung_up(400, "the request broke off, or its body is not what its headers say")
     except TimeoutError:
         return _hung_up(408, f"a request must be whole within {REQUEST_WITHIN_S:g} s")
     return data

@@ -12,7 +12,9 @@ import pytest
 from aiohttp import web
 
 from sattrack.alpaca.discovery import A_SECOND, A_SECOND_EACH, Discovery
+from sattrack.clock import SystemClock
 from sattrack.runtime.alpaca_gate import REQUEST_WITHIN_S, Doorkeeper, Gate, GateLimits
+from sattrack.runtime.alpaca_process import Front
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -176,6 +178,80 @@ def test_more_connections_than_allowed_and_strangers_are_not_let_in() -> None:
         assert (keeper.refused, len(keeper.gates)) == (1, 0)
 
     with_door(GateLimits(allowed=(ipaddress.ip_network("192.0.2.0/24"),)), strangers)
+
+
+class Broken:
+    """Stands for a server with a defect, and for the line on which it is told."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+        self.asked = 0
+
+    def answer(self, *_: object) -> None:
+        self.asked += 1
+        raise LookupError("what was that")
+
+    def tell(self, words: str) -> None:
+        self.told.append(words)
+
+
+def with_front(broken: Broken, play: Callable[[Callers], Awaitable[None]]) -> None:
+    """Play a scene before the part that reads requests."""
+
+    async def scene() -> None:
+        keeper = Doorkeeper(LIMITS)
+        front = Front(broken, broken, None, SystemClock(), keeper, 1000.0)  # type: ignore[arg-type]
+        http = web.Server(front.handle, access_log=None)
+        door = await asyncio.get_running_loop().create_server(lambda: Gate(keeper, http), "127.0.0.1", 0)
+        callers = Callers(int(door.sockets[0].getsockname()[1]))
+        async with asyncio.timeout(PATIENCE_S):
+            await play(callers)
+            await callers.leave()
+            while keeper.gates:
+                await asyncio.sleep(0)
+        door.close()
+        await http.shutdown(1.0)
+
+    asyncio.run(scene())
+
+
+def test_a_defect_is_told_and_answered_and_ends_nothing_else() -> None:
+    broken = Broken()
+
+    async def play(callers: Callers) -> None:
+        for _ in range(2):
+            reader, writer = await callers.call()
+            writer.write(WHOLE)
+            assert (await reader.readline()).startswith(b"HTTP/1.1 500")
+
+    with_front(broken, play)
+    assert broken.told == ["a defect of sattrack: LookupError('what was that') in GET '/'"] * 2
+
+
+PUT = b"PUT / HTTP/1.1\r\nHost: x\r\n"
+
+
+@pytest.mark.parametrize(
+    "begun",
+    [
+        PUT + b"Content-Length: 100\r\n\r\nAxis=0",
+        PUT + b"Transfer-Encoding: chunked\r\n\r\n5\r\nAx",
+        PUT + b"Transfer-Encoding: chunked\r\n\r\n5\r\nAxis=\r\nnonsense\r\n",
+        PUT + b"Content-Encoding: gzip\r\nContent-Length: 4\r\n\r\nAxis",
+    ],
+)
+def test_a_body_that_breaks_off_or_is_broken_is_no_defect_and_is_not_obeyed(begun: bytes) -> None:
+    broken = Broken()
+
+    async def play(callers: Callers) -> None:
+        reader, writer = await callers.call()
+        writer.write(begun)
+        writer.write_eof()
+        await hung_up(reader)
+
+    with_front(broken, play)
+    assert broken.told == []
+    assert broken.asked == 0
 
 
 def test_discovery_answers_the_question_and_nothing_else() -> None:
