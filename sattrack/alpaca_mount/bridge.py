@@ -311,12 +311,14 @@ class Bridge:
         """Whether the telescope moves otherwise than with the sky, by what it says or by its places."""
         hour_angle, dec = self._rates_deg_s
         off = min(abs(hour_angle), abs(hour_angle - SIDEREAL_RATE_DEG_S))
-        return self._standing.slewing or max(off, abs(dec)) > MOVES_DEG_S
+        slews = self._standing.slewing and not self._standing.at_park
+        return slews or max(off, abs(dec)) > MOVES_DEG_S
 
     def _goes(self) -> bool:
         """Whether what was asked may still have the telescope moving."""
         told = any(axis.told_deg_s != 0.0 for axis in self._axes)
-        return told or self._slew_awaited or self._moving()
+        # A parked telescope refuses whatever it is told, and stands.
+        return (told and not self._standing.at_park) or self._slew_awaited or self._moving()
 
     @property
     def _slew_awaited(self) -> bool:
@@ -380,7 +382,7 @@ class Bridge:
             does_refraction=facts.does_refraction,
             pulse_guiding=standing.pulse_guiding,
             side_of_pier=standing.beyond_pole,
-            slewing=standing.slewing or self._goes(),
+            slewing=self._goes(),
             tracking=standing.tracking,
             ack_move_ra=command.move_ra and not primary.refused,
             ack_move_dec=command.move_dec and not secondary.refused,

@@ -21,7 +21,7 @@ import msgspec
 
 from sattrack.alpaca_mount.bridge import Bridge, Lane, Order
 from sattrack.alpaca_mount.channel import GatewayConfig, News, Ready, Refused
-from sattrack.alpaca_mount.client import AlpacaClient, Refusal, Unheard
+from sattrack.alpaca_mount.client import NOT_CONNECTED, AlpacaClient, Refusal, Unheard
 from sattrack.alpaca_mount.device import DeviceFacts, Place
 from sattrack.alpaca_mount.watched import Watched
 from sattrack.clock import Clock, SystemClock
@@ -32,6 +32,7 @@ BEHIND_AT_MOST_S = 0.5
 LEAVE_AFTER_S = 2.5
 """How long after the end of the session, and in silence, the gateway stays: a guardian speaks sooner."""
 LEAVE_AT_LAST_S = 90.0
+"""How long it stays at most: longer than a guardian tries to stop a mount."""
 TRY_AGAIN_S = 0.2
 QUEUED_AT_MOST = 32
 SLOW_MEMBERS = (
@@ -160,14 +161,18 @@ class Gateway:
         for task in (*working, *([] if reading is None else [reading])):
             task.cancel()
         self._transport.close()
-        self.watched.let_go()
+        if not self.bridge.in_force:
+            # Else it is the warden's.
+            self.watched.let_go()
 
     def _over(self) -> bool:
-        if self._left_s is None or self.bridge.in_force:
+        if self._left_s is None:
             return False
         now_s = time.monotonic()
+        if now_s - self._left_s > LEAVE_AT_LAST_S:
+            return True
         quiet = now_s - max(self._heard_s, self._left_s) > LEAVE_AFTER_S
-        return self._bade_farewell or quiet or now_s - self._left_s > LEAVE_AT_LAST_S
+        return (self._bade_farewell or quiet) and not self.bridge.in_force
 
     def _hear_channel(self) -> None:
         try:
@@ -198,11 +203,18 @@ class Gateway:
         except (Unheard, Refusal) as error:
             self._silence = f"the telescope does not tell where it is: {error}"
             self._try_again_s = time.monotonic() + TRY_AGAIN_S
+            if isinstance(error, Refusal) and error.number == NOT_CONNECTED:
+                await self._connect_again()
             return
         self._silence = None
         status = self.bridge.see(place)
         if status is not None and self._transport is not None:
             self._transport.sendto(status, ("127.0.0.1", self.config.peer_port))
+
+    async def _connect_again(self) -> None:
+        """Connect to a telescope that was disconnected: whatever moves it must be able to stop it."""
+        with contextlib.suppress(Unheard, Refusal):
+            await self.client.connect()
 
     async def _read_place(self) -> Place:
         if self.facts.has_device_state:
@@ -251,7 +263,9 @@ async def run(config: GatewayConfig, channel: socket.socket) -> None:
         try:
             await client.connect()
             facts = await client.facts()
-        except (Unheard, Refusal) as error:
+        except Unheard as error:
+            raise SattrackError(f"{config.address}: {error}; {config.address.silence_advice}") from error
+        except Refusal as error:
             raise SattrackError(f"{config.address}: {error}") from error
         objection = facts.objection()
         if objection is not None:

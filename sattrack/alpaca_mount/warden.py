@@ -123,7 +123,11 @@ def main() -> int:
         # It must not wake up and move on.
         os.kill(int(gateway), signal.SIGKILL)
     at_rest = stop(Telescope(host, int(port), int(device)))
-    rest = "stopped it: seen at rest" if at_rest else "told it to stop, and DID NOT SEE IT AT REST"
+    rest = {
+        True: "stopped it: seen at rest",
+        False: "told it to stop, and DID NOT SEE IT AT REST: stop it by its own console",
+        None: "does NOT HEAR the telescope: stop it by its own console",
+    }[at_rest]
     words = f"the gateway to alpaca://{host}:{port}/{device} {why}; its warden {rest}"
     with contextlib.suppress(OSError):
         os.write(2, f"sattrack: {words}\n".encode())

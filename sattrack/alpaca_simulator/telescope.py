@@ -184,6 +184,7 @@ class Telescope:
     def park(self, parked: bool) -> None:
         """Be parked, or not, where it stands."""
         self.parked = parked
+        self._moves, self._target = [None, None], None
 
     def _check_moves(self) -> None:
         if self.parked:
@@ -233,7 +234,8 @@ class Telescope:
         return near and max(abs(off), abs(self._dec.rate_deg_s)) < ARRIVED_DEG_S
 
     def _stands(self) -> bool:
-        off = self._hour_angle.rate_deg_s - (SIDEREAL_DEG_S if self._tracking else 0.0)
+        follows = self._tracking and not self.parked
+        off = self._hour_angle.rate_deg_s - (SIDEREAL_DEG_S if follows else 0.0)
         return max(abs(off), abs(self._dec.rate_deg_s)) < STANDS_DEG_S
 
 

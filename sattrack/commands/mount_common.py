@@ -169,7 +169,7 @@ def perform(call: MountCall, procedure: Procedure, asked: dict[str, Any], words:
         attend(errand, connection, progress.show)
         progress.wipe()
         never_heard = errand.console.sample is None
-        advice = call.silence(connection, sent=True) if never_heard else None
+        advice = call.silence(connection, sent=True) if never_heard else errand.console.way_trouble
         view = view_of(errand.console, connection.now_utc_s())
     outcome = errand.outcome
     assert outcome is not None

@@ -87,6 +87,8 @@ class Console:
         """What brought the mount to a stop unasked: "link", "restart" or "limit:NAME"; a new request
         clears it."""
         self.stranger_hosts: tuple[str, ...] = ()
+        self.way_trouble: str | None = None
+        """What the way to the mount says is the matter, in words; None where nothing is."""
         self.failed: str | None = None
         self.limits, self.site = limits, site
         self.safety = self._new_safety()

@@ -107,6 +107,8 @@ def _warnings(console: Console, now_utc_s: float) -> list[str]:
     overdue = since_utc_s is not None and now_utc_s - since_utc_s > STOPS_WITHIN_S
     if overdue and not console.session.stopped:
         warnings.append("the stop is not confirmed yet: it is being sent again and again")
+    if console.way_trouble is not None:
+        warnings.append(console.way_trouble)
     warnings += _site_warnings(console) + _reading_warnings(console)
     offset_s = console.clock_offset_s
     if offset_s is not None and abs(offset_s) > CLOCK_OFF_S:

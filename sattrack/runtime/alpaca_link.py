@@ -18,7 +18,6 @@ from sattrack.xerxes.client import Address, UdpLink, bind
 if TYPE_CHECKING:
     from sattrack.alpaca_mount.address import AlpacaAddress
     from sattrack.alpaca_mount.device import DeviceFacts
-    from sattrack.xerxes.client import Arrival
 
 START_WITHIN_S = 30.0
 END_WITHIN_S = 5.0
@@ -43,12 +42,14 @@ class GatewayLink(UdpLink):
         self._process = process
         self._channel = channel
         self._rest = b""
+        self._trouble: str | None = None
         channel.setblocking(False)
 
-    def receive(self) -> list[Arrival]:
-        """Return what has arrived, in order."""
+    @property
+    def trouble(self) -> str | None:
+        """What is the matter with the telescope, as the gateway told last; None where nothing is."""
         self._hear_news()
-        return super().receive()
+        return self._trouble
 
     def close(self) -> None:
         """Give the port back; the gateway ends once the telescope rests, or is in its guardian's hands."""
@@ -68,7 +69,7 @@ class GatewayLink(UdpLink):
         *lines, self._rest = (self._rest + data).split(b"\n")
         for line in lines:
             with contextlib.suppress(msgspec.MsgspecError):
-                self.trouble = _News.decode(line).words
+                self._trouble = _News.decode(line).words
 
 
 def open_gateway(address: AlpacaAddress) -> GatewayLink:

@@ -11,7 +11,7 @@ import termios
 import time
 import tty
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sattrack import practice
@@ -156,6 +156,9 @@ def calibrate_live(
         calibrator = Calibrator(around, clock.utc_s(time.monotonic()), plan)
         calibrator.largest_rates_deg_s = told
         _CalibrationLoop(calibrator, link, guard, clock, show, stop, keys).run()
+        ending = calibrator.ending
+        if ending is not None and ending.kind is not Kind.DONE and link.trouble is not None:
+            calibrator.ending = replace(ending, words=f"{ending.words}; {link.trouble}")
     return calibrator
 
 

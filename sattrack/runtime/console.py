@@ -247,6 +247,7 @@ class ConsoleLoop:
     def _tick(self) -> None:
         console, link = self.part.console, self.connection.link
         console.session.health.strangers = link.strangers
+        console.way_trouble = link.trouble
         if len(link.stranger_hosts) > len(console.stranger_hosts):
             console.stranger_hosts = tuple(link.stranger_hosts)
         datagram = self.part.tick(self.connection.now_utc_s())

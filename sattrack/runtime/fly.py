@@ -98,6 +98,8 @@ def fly_live(
         stack.enter_context(stopping(stop))
         ended_utc_s = loop.run()
         summary = summarise(loop.engine, loop.ledger, ended_utc_s)
+        if summary.message is not None and link.trouble is not None:
+            summary = msgspec.structs.replace(summary, message=f"{summary.message}; {link.trouble}")
         kept = keep(loop.engine, facts, ended_utc_s, prepared.memory)
         summary = msgspec.structs.replace(summary, bias_memory=kept)
         if guard.deposed:

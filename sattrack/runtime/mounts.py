@@ -51,7 +51,7 @@ def owned_address(owner: Owner) -> MountAddress:
 
 
 def usual_profile(url: str | None) -> MountProfile:
-    """Return what is presumed of a mount of this kind that has no profile; a URL that is wrong has no kind."""
+    """Return what is presumed of a mount of this kind without a profile; a wrong URL is of no kind."""
     if url is not None and url.startswith("alpaca:"):
         with contextlib.suppress(BadInputError):
             return parse_alpaca(url).usual_profile()

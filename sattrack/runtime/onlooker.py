@@ -23,6 +23,7 @@ class OverheardLink:
         self.address = address
         self.strangers = self.unsent = 0
         self.stranger_hosts: list[str] = []
+        self.trouble: str | None = None
         self.ended = False
         """Whether the session has ended, and nothing more is to be heard."""
         self._door = door

@@ -175,8 +175,6 @@ class UdpLink:
         """The first MOST_STRANGERS of those hosts."""
         self.unsent = 0
         """Datagrams that the network refused to take."""
-        self.trouble: str | None = None
-        """What is the matter with the mount, where what stands between tells; None where nothing is."""
         self.largest_rates_deg_s: tuple[float, float] | None = None
         """The largest rates of MoveAxis, right ascension first; None where the mount does not tell."""
         self.onlooker: Callable[[float, bytes], None] | None = None
@@ -193,6 +191,11 @@ class UdpLink:
         """The port that statuses come to."""
         port: int = self._socket.getsockname()[1]
         return port
+
+    @property
+    def trouble(self) -> str | None:
+        """What is the matter with the mount, where something stands between that tells; None for nothing."""
+        return None
 
     def send(self, data: bytes) -> None:
         """Send one datagram; a network that is down for the moment is counted, not raised."""
