@@ -65,7 +65,7 @@ def live_hands(
         plan=plans.make,
         renew=_renewer(context, schedule),
         waits=told.waits,
-        progress=told.progress,
+        follows=told.follows,
         errands=Errands(tell),
         stop=stop,
     )

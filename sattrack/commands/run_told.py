@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from sattrack.schedule_view import ScheduleView
 
 
+FOLLOWS_EVERY_S = 1.0
+
+
 class Told:
     """Tells of every event; with `as_json` as lines of JSON on standard output, each the whole view."""
 
@@ -79,6 +82,21 @@ class Told:
             view = msgspec.structs.replace(view, next_in_s=round(view.next_in_s - (utc_s - view.utc_s), 1))
         view = self._view = msgspec.structs.replace(view, utc_s=utc_s)
         self._files.tell(view)
+        self.progress(progress_line(view))
+
+    def follows(self, utc_s: float, on_target_s: float, words: str) -> None:
+        """Hear how a pass goes; told once a second."""
+        view = self._view
+        if view is None or view.current is None or 0.0 <= utc_s - view.utc_s < FOLLOWS_EVERY_S:
+            return
+        place = view.current - 1
+        one = msgspec.structs.replace(view.passes[place], on_target_s=round(on_target_s, 1))
+        passes = (*view.passes[:place], one, *view.passes[place + 1 :])
+        doing = f"following {one.number}, {one.name}: {words}"
+        self._view = view = msgspec.structs.replace(view, utc_s=utc_s, passes=passes, doing=doing)
+        self._files.tell(view)
+        if self._json:
+            click.echo(msgspec.json.encode(view).decode())
         self.progress(progress_line(view))
 
     def _wipe(self) -> None:

@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from sattrack.xerxes.simulator.mount import Truth
     from tle.site import Site
 
-    Onlooker = Callable[[Truth], None]
     Watch = Callable[[float, float], str | None]
     """Hears now and then of the instant and the seconds on target; says why the run is to end, if it is."""
 
@@ -53,18 +52,14 @@ class SessionDiedError(Exception):
 
 
 class WatchedMount(SimulatedMount):
-    """A simulated mount whose axes somebody looks at."""
+    """A simulated mount that remembers where its axes are."""
 
     last: Truth | None = None
-    onlooker: Onlooker | None = None
 
     def tick(self, now_utc_s: float) -> tuple[bytes, Truth]:
         """See SimulatedMount."""
-        status, truth = super().tick(now_utc_s)
-        self.last = truth
-        if self.onlooker is not None:
-            self.onlooker(truth)
-        return status, truth
+        status, self.last = super().tick(now_utc_s)
+        return status, self.last
 
 
 class WatchedRun(VirtualRun):
@@ -88,7 +83,6 @@ class Airspace:
     limits: SafetyLimits
     hour_angle_deg: float
     dec_deg: float
-    onlooker: Onlooker | None = None
 
     def fly(self, one: NightPass, now_utc_s: float, faults: str, watch: Watch) -> Go:
         """Follow a pass from an instant on, with the mount's faults; `watch` may end it.
@@ -152,9 +146,7 @@ class Airspace:
             hardware = msgspec.structs.replace(hardware, faults=both)
         site = SimulatedSite(self.site.latitude_deg, self.site.longitude_deg, self.site.height_m)
         start = StartPosition(self.hour_angle_deg, self.dec_deg)
-        mount = WatchedMount(self.profile.mount, site, start, hardware)
-        mount.onlooker = self.onlooker
-        return mount
+        return WatchedMount(self.profile.mount, site, start, hardware)
 
     def _note(self, mount: WatchedMount) -> None:
         if mount.last is not None:

@@ -117,7 +117,8 @@ class Kit:
     plan: Callable[[float, float, float], Planned]
     renew: Callable[[NightPass], Elements | None]
     waits: Callable[[float], None]
-    progress: Callable[[str], None]
+    follows: Callable[[float, float, str], None]
+    """Hears now and then how a pass goes: the instant, the seconds on target, words."""
     errands: Errands
     stop: StopRequest
 
@@ -266,11 +267,15 @@ class LiveHands:
         hour_angle_deg, dec_deg = direction_of(place_of(action, now, site, self.kit.profile))
         ra_deg = (mean_sidereal_deg(now, site.longitude_deg) - hour_angle_deg) % 360.0
         wrong = self._verb("slew", f"{ra_deg:.6f}", f"{dec_deg:.6f}")
-        if wrong is None and action.wait_s:
-            until = self.kit.now() + action.wait_s
-            while self.kit.now() < until and not self.kit.stop.asked:
-                time.sleep(POLL_S)
+        if wrong is None:
+            self._pause(action.wait_s)
         return wrong
+
+    def _pause(self, seconds: float) -> None:
+        """Wait so long, or until a stop is asked for."""
+        until = self.kit.now() + seconds
+        while self.kit.now() < until and not self.kit.stop.asked:
+            time.sleep(POLL_S)
 
     def _verb(self, *verb: str) -> str | None:
         """Run a verb of `sattrack mount`; return what went wrong, None where nothing."""
@@ -299,6 +304,7 @@ class LiveHands:
 
     def _follow(self, doing: Follow, one: NightPass) -> Go:
         kit, weather = self.kit, self.kit.schedule.weather
+        self._pause(doing.pause_s)
         self._recording = self.files.recording(one, doing.part)
         if weather is not None and one.terms.if_weather_unsafe != "run":
             self._watch = WeatherWatch(weather, kit.folder)
@@ -343,5 +349,5 @@ class LiveHands:
 
     def hears(self, utc_s: float, on_target_s: float, line: str) -> None:
         """See Patient."""
-        self.kit.progress(f"{Utc(utc_s).isoformat('seconds')[11:]}  {line}")
+        self.kit.follows(utc_s, on_target_s, line)
         self._beat(utc_s, on_target_s)

@@ -192,6 +192,7 @@ class VirtualHands:
 
     def _follow(self, doing: Follow, run: Run) -> Followed:
         one = run.passes[doing.index]
+        self.now_utc_s += doing.pause_s
         if not self._power:
             go = Go("error", self.now_utc_s, words="the drives have no power")
             return Followed(utc_s=self.now_utc_s, go=go)

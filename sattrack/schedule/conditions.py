@@ -16,7 +16,7 @@ from sattrack.schedule.night import (
     WeatherTold,
 )
 
-MOST_PARTS = 6
+MOST_PARTS = 12
 """Goes at one pass that broke off by themselves; restarts of the runner do not count."""
 MOST_PARK_TRIES = 5
 BROKE_OFF = frozenset({"link", "error", "crash"})

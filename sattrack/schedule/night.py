@@ -254,11 +254,12 @@ class DoStep(Order, frozen=True, tag="do"):
 
 
 class Follow(Order, frozen=True, tag="follow"):
-    """Follow a pass, or what is left of it: ends with Followed."""
+    """Follow a pass, or what is left of it, after a pause: ends with Followed."""
 
     index: int
     part: int
     from_utc_s: float
+    pause_s: float = 0.0
 
 
 class LayDown(Order, frozen=True, tag="lay down"):

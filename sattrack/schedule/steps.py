@@ -42,6 +42,8 @@ DAY_S = 86400.0
 SHORT_S = 4.0 * 3600.0
 TRY_PLAN_AGAIN_S = 600.0
 TRY_PARK_AGAIN_S = 60.0
+LONGEST_PAUSE_S = 30.0
+"""Before a session that broke off is begun again: 1 s at first, then twice as long each time."""
 DONE_SHARE = 0.9
 """Share of a pass that must have been on target for "done"."""
 
@@ -159,7 +161,9 @@ def follow_on(run: Run, event: Happening) -> tuple[Run, Doing]:
     part = run.part + 1
     told = f"{at_of(run).name}: {words}: following on, part {part}"
     run = replace(run, goes=(*run.goes, go), part=part, part_from_utc_s=event.utc_s, told=told)
-    return _moving(run), Follow(index=len(run.results), part=part, from_utc_s=event.utc_s)
+    pause_s = 0.0 if isinstance(event, Started) else min(LONGEST_PAUSE_S, 2.0 ** (len(run.goes) - 1))
+    order = Follow(index=len(run.results), part=part, from_utc_s=event.utc_s, pause_s=pause_s)
+    return _moving(run), order
 
 
 def end_pass(run: Run, event: Happening) -> tuple[Run, Doing]:

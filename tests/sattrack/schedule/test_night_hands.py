@@ -1,0 +1,341 @@
+"""What a schedule's run does to the world: programs, addresses, weather, clocks, files, a pass in time."""
+
+from __future__ import annotations
+
+import json
+import os
+import sqlite3
+import subprocess
+import sys
+import threading
+from contextlib import contextmanager
+from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from sattrack import practice
+from sattrack.errors import SattrackError
+from sattrack.runtime.night_commands import Errands, Notifier, as_environment, facts_of, post, run_program
+from sattrack.runtime.night_files import NightFiles, read_status
+from sattrack.runtime.night_hands import Readings, jump_between
+from sattrack.runtime.night_journal import Journal, locked
+from sattrack.runtime.weather import ask_weather
+from sattrack.schedule.actions import Notify, Weather
+from sattrack.schedule.night import NightPass, Result
+from sattrack.schedule.schema import Terms
+from tle.formats.registry import write_elements
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+BEGIN = 1_790_942_520.0
+ONE = NightPass(
+    key="25544@x",
+    number=3,
+    elements=practice.elements(),
+    start_utc_s=BEGIN,
+    culminate_utc_s=BEGIN + 200.0,
+    end_utc_s=BEGIN + 400.0,
+    leave_utc_s=BEGIN - 20.0,
+    max_alt_deg=81.3,
+    priority=2.0,
+    useful_s=400.0,
+    terms=Terms(),
+    asked_by="a test",
+)
+SHELL = ("sh", "-c")
+
+
+def test_a_program_has_the_pass_in_its_environment_with_units_in_the_names(tmp_path: Path) -> None:
+    result = Result("partly", "link", "it fell silent", on_target_s=120.5, recordings=("a.mcap", "b.mcap"))
+    facts = facts_of(ONE, "night.toml", "after", result)
+    assert run_program((*SHELL, "env > env.txt"), 10.0, tmp_path, facts) is None
+    told = dict(line.split("=", 1) for line in (tmp_path / "env.txt").read_text().splitlines() if "=" in line)
+    assert told["SATTRACK_NAME"] == "ISS (ZARYA)"
+    assert told["SATTRACK_CATALOG_NUMBER"] == "25544"
+    assert told["SATTRACK_START_UTC"] == "2026-10-02T12:02:00.000Z"
+    assert told["SATTRACK_MAX_ALT_DEG"] == "81.3"
+    assert told["SATTRACK_RESULT"] == "partly"
+    assert told["SATTRACK_ON_TARGET_S"] == "120.5"
+    assert told["SATTRACK_RECORDINGS"] == "a.mcap:b.mcap"
+    assert as_environment({"a_b": None, "c": "x\0y"}) == {"SATTRACK_A_B": "", "SATTRACK_C": "xy"}
+
+
+def test_a_program_that_hangs_is_ended_with_all_that_it_started(tmp_path: Path) -> None:
+    hangs = "trap '' TERM; sleep 600 & echo $! > pid; wait; sleep 600"
+    assert run_program((*SHELL, hangs), 0.4, tmp_path, {}) == "not done within 0.4 s, ended"
+    child = int((tmp_path / "pid").read_text())
+    # A process that was killed and not yet waited for by init is a zombie, and runs no more.
+    state = Path(f"/proc/{child}/stat")
+    assert not state.exists() or state.read_text().split()[2] == "Z"
+
+
+@pytest.mark.parametrize(
+    ("run", "words"),
+    [
+        ((*SHELL, "exit 3"), "ended with 3"),
+        ((*SHELL, "kill -9 $$"), "ended by signal 9"),
+        (("./no-such-program",), "cannot be run: No such file or directory"),
+    ],
+)
+def test_what_went_wrong_with_a_program_is_said(tmp_path: Path, run: tuple[str, ...], words: str) -> None:
+    assert run_program(run, 10.0, tmp_path, {}) == words
+
+
+class Answers(HTTPServer):
+    """Answers every request alike, and keeps what was posted."""
+
+    code, body = 200, b"{}"
+
+    def __init__(self) -> None:
+        super().__init__(("127.0.0.1", 0), Handler)
+        self.posted: list[Any] = []
+        self.paths: list[str] = []
+
+
+class Handler(BaseHTTPRequestHandler):
+    server: Answers
+
+    def do_GET(self) -> None:
+        self._answer()
+
+    def do_POST(self) -> None:
+        self.server.posted.append(json.loads(self.rfile.read(int(self.headers["Content-Length"]))))
+        self._answer()
+
+    def _answer(self) -> None:
+        self.server.paths.append(self.path)
+        self.send_response(self.server.code)
+        self.send_header("Content-Length", str(len(self.server.body)))
+        self.end_headers()
+        self.wfile.write(self.server.body)
+
+    def log_request(self, code: Any = "-", size: Any = "-") -> None:
+        pass
+
+
+@contextmanager
+def answering(code: int = 200, body: bytes = b"{}") -> Iterator[Answers]:
+    with Answers() as server:
+        server.code, server.body = code, body
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.01})
+        thread.start()
+        try:
+            yield server
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+def test_a_webhook_is_posted_the_facts_as_json_and_its_failures_are_said() -> None:
+    with answering() as server:
+        url = f"http://127.0.0.1:{server.server_port}/passes"
+        assert post(url, facts_of(ONE, "night.toml", "after"), 5.0) is None
+        assert server.posted[0]["catalog_number"] == 25544
+        assert server.posted[0]["max_alt_deg"] == 81.3
+        server.code = 500
+        assert post(url, {}, 5.0) == "answered 500"
+    assert str(post(url, {}, 5.0)).startswith("cannot be posted to: ")
+
+
+def test_those_to_be_notified_hear_of_what_they_want_to_hear_and_nothing_else(tmp_path: Path) -> None:
+    complaints: list[str] = []
+    told = Notify(run=(*SHELL, "cat >> told.txt; echo $SATTRACK_NOTICE >> told.txt"), on=("lost",))
+    wrong = Notify(run=("./no-such-program",), on=("morning",))
+    before = set(threading.enumerate())
+    notifier = Notifier((told, wrong), tmp_path, Errands(complaints.append))
+    for notice in ("pass", "lost", "morning"):
+        notifier.tell(notice, f"words of {notice}", {"number": 3})
+    for thread in set(threading.enumerate()) - before:
+        thread.join()
+    assert (tmp_path / "told.txt").read_text() == "words of lost\nlost\n"
+    assert complaints == ["notify by ./no-such-program: cannot be run: No such file or directory"]
+
+
+@pytest.mark.parametrize(
+    ("text", "safe", "words"),
+    [
+        ("safe", True, None),
+        ("Safe since 20:14\n", True, None),
+        ("unsafe wind 22 m/s", False, "wind 22 m/s"),
+        ("", False, "its first word must be safe or unsafe"),
+        ("safely", False, "'safely': its first word must be"),
+    ],
+)
+def test_a_weather_file_says_it_in_its_first_word(
+    tmp_path: Path, text: str, safe: bool, words: str | None
+) -> None:
+    file = tmp_path / "weather.txt"
+    file.write_text(text)
+    told = ask_weather(Weather(file=str(file)), tmp_path)
+    assert told.safe is safe
+    assert words is None or words in str(told.words)
+
+
+def test_a_weather_file_that_is_old_or_gone_is_unsafe(tmp_path: Path) -> None:
+    file = tmp_path / "weather.txt"
+    assert ask_weather(Weather(file=str(file)), tmp_path).safe is False
+    file.write_text("safe")
+    os.utime(file, (file.stat().st_mtime - 400.0,) * 2)
+    told = ask_weather(Weather(file=str(file), oldest_s=300.0), tmp_path)
+    assert not told.safe
+    assert "300 s are allowed" in str(told.words)
+
+
+def test_a_weather_command_is_safe_where_it_ends_with_0_in_time(tmp_path: Path) -> None:
+    assert ask_weather(Weather(command=("true",)), tmp_path).safe
+    assert ask_weather(Weather(command=("false",)), tmp_path) == (False, "false: ended with 1")
+    hangs = ask_weather(Weather(command=("sleep", "60"), timeout_s=0.2), tmp_path)
+    assert hangs == (False, "sleep: not done within 0.2 s, ended")
+
+
+@pytest.mark.parametrize(
+    ("code", "body", "safe", "words"),
+    [
+        (200, b'{"Value": true, "ErrorNumber": 0, "ErrorMessage": ""}', True, None),
+        (200, b'{"Value": false, "ErrorNumber": 0}', False, "says unsafe"),
+        (200, b'{"ErrorNumber": 1031, "ErrorMessage": "Not connected"}', False, "Not connected"),
+        (200, b'{"Value": "yes"}', False, "no Value that is true or false"),
+        (200, b"<html>", False, "no Alpaca answer"),
+        (200, b"[1]", False, "no Alpaca answer"),
+        (400, b"what?", False, "answered 400"),
+    ],
+)
+def test_an_alpaca_safety_monitor_is_asked_whether_it_is_safe(
+    tmp_path: Path, code: int, body: bytes, safe: bool, words: str | None
+) -> None:
+    with answering(code, body) as server:
+        told = ask_weather(Weather(alpaca=f"alpaca://127.0.0.1:{server.server_port}/2"), tmp_path)
+        assert server.paths[0].startswith("/api/v1/safetymonitor/2/issafe?ClientID=")
+    assert told.safe is safe
+    assert words is None or words in str(told.words)
+    if safe:
+        gone = ask_weather(Weather(alpaca=f"alpaca://127.0.0.1:{server.server_port}/2"), tmp_path)
+        assert not gone.safe
+        assert "does not answer" in str(gone.words)
+
+
+@pytest.mark.parametrize(
+    ("utc_s", "awake_s", "boot_s", "jump"),
+    [
+        (10.0, 10.0, 10.0, None),
+        (10.5, 10.0, 10.0, None),
+        (-3590.0, 10.0, 10.0, (-3600.0, False)),
+        (3610.0, 10.0, 10.0, (3600.0, False)),
+        (1810.0, 10.0, 1810.0, (1800.0, True)),
+    ],
+)
+def test_clocks_tell_a_set_clock_from_a_sleep(
+    utc_s: float, awake_s: float, boot_s: float, jump: tuple[float, bool] | None
+) -> None:
+    before = Readings(1e9, 500.0, 700.0)
+    after = Readings(1e9 + utc_s, 500.0 + awake_s, 700.0 + boot_s)
+    assert jump_between(before, after) == jump
+
+
+def test_a_recording_never_takes_the_name_of_one_that_is_there(tmp_path: Path) -> None:
+    files = NightFiles(tmp_path, "night.toml")
+    first = files.recording(ONE, 1)
+    assert first == "recordings/20261002T120200Z-25544-1.mcap"
+    (tmp_path / first).touch()
+    assert files.recording(ONE, 1) == "recordings/20261002T120200Z-25544-1-2.mcap"
+    assert files.recording(ONE, 2) == "recordings/20261002T120200Z-25544-2.mcap"
+
+
+def test_a_status_that_is_none_is_an_error_in_one_line(tmp_path: Path) -> None:
+    assert read_status(tmp_path) is None
+    (tmp_path / "status.json").write_text('{"type": "schedule"}')
+    with pytest.raises(SattrackError, match=r"status\.json: no status to be read"):
+        read_status(tmp_path)
+
+
+def test_a_journal_that_is_none_or_another_versions_is_refused(tmp_path: Path) -> None:
+    garbage = tmp_path / "garbage"
+    garbage.write_bytes(b"not a data base, but long enough to be taken for one" * 50)
+    with pytest.raises(SattrackError, match="no journal to be used"):
+        Journal(garbage)
+    other = tmp_path / "other"
+    with sqlite3.connect(other) as base:
+        base.execute("PRAGMA user_version = 99")
+    base.close()
+    with pytest.raises(SattrackError, match="another version"):
+        Journal(other)
+
+
+def test_a_folder_is_free_again_once_its_runner_is_gone_however_it_went(tmp_path: Path) -> None:
+    holds = (
+        "import sys, time; from pathlib import Path; from sattrack.runtime.night_journal import locked\n"
+        "with locked(Path(sys.argv[1])): print('mine', flush=True); time.sleep(600)"
+    )
+    process = subprocess.Popen([sys.executable, "-c", holds, str(tmp_path)], stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    assert process.stdout.readline() == b"mine\n"
+    with pytest.raises(SattrackError, match=f"process {process.pid} runs this schedule"), locked(tmp_path):
+        pass
+    process.kill()
+    process.communicate()
+    with locked(tmp_path):
+        pass
+
+
+SCHEDULE = """
+from = 2026-10-02T13:01:50Z
+to = 2026-10-02T13:20:00Z
+[defaults]
+if_sun_up = "run"
+least_s = 10
+before = [
+    { do = "command", run = ["sh", "-c", "echo $SATTRACK_NAME >> before.txt"], timeout_s = 3 },
+    { do = "search", how = "sweep", reach_s = 0.5, period_s = 8, seconds = 5 },
+]
+after = [{ do = "command", run = ["sh", "-c", "echo $SATTRACK_RESULT >> after.txt; exit 4"], timeout_s = 3 }]
+[[notify]]
+run = ["sh", "-c", "echo $SATTRACK_NOTICE >> notices.txt"]
+on = ["pass", "lost", "trouble", "morning"]
+[[fixed]]
+satellite = "25544"
+start = 2026-10-02T13:02:14Z
+end = 2026-10-02T13:02:58Z
+"""
+SPEED = 2
+
+
+def runner(folder: Path, clock: str) -> subprocess.Popen[bytes]:
+    options = ["--mount", "sim", "--elements", "iss.json", "--site", "52.1541,4.4908,0", "--json"]
+    command = [sys.executable, "-m", "sattrack", "run", "night.toml", *options, "--profile", "mount.toml"]
+    return subprocess.Popen(
+        [*command, "--clock", f"{clock}x{SPEED}"], cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+
+
+def test_a_runner_killed_in_mid_pass_follows_the_rest_of_it_when_it_is_started_again(tmp_path: Path) -> None:
+    (tmp_path / "night.toml").write_text(SCHEDULE)
+    (tmp_path / "iss.json").write_text(write_elements([replace(practice.elements(), name="ISS")], "json"))
+    (tmp_path / "mount.toml").write_text('name = "m"\npark = { hour_angle_deg = 0.0, dec_deg = 30.0 }\n')
+    first = runner(tmp_path, "2026-10-02T13:01:50Z")
+    assert first.stdout is not None
+    for line in first.stdout:
+        view = json.loads(line)
+        if view["state"] == "following" and (view["passes"][0]["on_target_s"] or 0.0) > 5.0:
+            break
+    first.kill()
+    first.communicate()
+    again = runner(tmp_path, "2026-10-02T13:02:26Z")
+    out, err = again.communicate()
+    assert again.returncode == 0, err
+    last = json.loads(out.splitlines()[-1])
+    (one,) = last["passes"]
+    assert (last["state"], last["mount"], one["parts"]) == ("ended", "parked", 2)
+    assert len(one["recordings"]) == 2
+    assert all((tmp_path / "night.run" / name).stat().st_size > 10_000 for name in one["recordings"])
+    assert one["on_target_s"] > 15.0
+    # Neither the command before the pass nor that after it was run more than once.
+    assert (tmp_path / "before.txt").read_text() == "ISS\n"
+    assert (tmp_path / "after.txt").read_text() in ("done\n", "partly\n")
+    assert any("ended with 4" in note for note in last["notes"])
+    assert any("restarted: following on, part 2" in note for note in last["notes"])
+    page = (tmp_path / "night.run" / last["summary"]).with_suffix(".html").read_text()
+    assert f'href="../{one["recordings"][1]}"' in page
