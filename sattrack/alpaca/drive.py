@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from sattrack.manual.procedures import Outcome, Refusal, outcome_of, refused
 from sattrack.mount import SIDEREAL_RATE_DEG_S
-from sattrack.requests import Abort, EndMove, MoveAxis, Slew, Ticket, TicketState
+from sattrack.requests import Abort, EndMove, MoveAxis, Ticket, TicketState
 
 if TYPE_CHECKING:
     from sattrack.manual.procedures import Desk, Procedure
@@ -90,11 +90,11 @@ class Drive:
 class AfterStop:
     """A stop, seen through, and then another procedure: the mount ignores a slew while it slews.
 
-    With `slew`, nothing is stopped for a way that there is not.
+    Nor is a way sought while the mount moves: that may take longer than the next datagram can wait.
     """
 
-    def __init__(self, then: Procedure, slew: Slew | None = None) -> None:
-        self._then, self._slew = then, slew
+    def __init__(self, then: Procedure) -> None:
+        self._then = then
         self._stop: Ticket | None = None
         self._begun = False
 
@@ -105,9 +105,6 @@ class AfterStop:
 
     def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
         """See Procedure."""
-        way = None if self._slew is None else desk.way_to(self._slew, now_utc_s)
-        if isinstance(way, Refusal):
-            return way
         asked = desk.submit(Abort(), now_utc_s)
         if isinstance(asked, Refusal):
             return asked

@@ -22,11 +22,11 @@ from sattrack.alpaca.messages import (
 )
 from sattrack.alpaca.resting import Resting
 from sattrack.alpaca.standing import Standing, state_of
-from sattrack.alpaca.undertaking import Undertaking, procedure_of, refuse
+from sattrack.alpaca.undertaking import Undertaking, check_floor, procedure_of, refuse
 from sattrack.manual.console import Console
 from sattrack.messages import StopNow
 from sattrack.mount import Hold
-from sattrack.requests import FineRate, Slew, TicketState
+from sattrack.requests import FineRate, TicketState
 from sattrack.tracker import FOLLOWING
 from sattrack.xerxes.link import LinkState
 
@@ -229,9 +229,10 @@ class TelescopeStation:
             self._follow(order, now_utc_s)
             return False
         kind, procedure = procedure_of(order, self.profile)
-        if self._is_slewing and isinstance(order, SlewOrder | ParkOrder):
-            slew = Slew(order.ra_deg, order.dec_deg) if isinstance(order, SlewOrder) else None
-            procedure = AfterStop(procedure, slew)
+        if isinstance(order, SlewOrder | ParkOrder) and (self._is_slewing or self._drive is not None):
+            if isinstance(order, SlewOrder):
+                check_floor(order, self.session.status, self._limits, self._site.latitude_deg)
+            procedure = AfterStop(procedure)
         self._undertake(kind, procedure, now_utc_s)
         assert self._under_way is not None
         if kind in HELD_KINDS or (isinstance(order, SlewOrder) and order.wait):

@@ -9,11 +9,14 @@ from sattrack.alpaca.faults import Fault, Number
 from sattrack.alpaca.messages import FineOrder, HomeOrder, ParkOrder, PulseOrder, SlewOrder, SyncOrder
 from sattrack.manual.procedures import procedure_for
 from sattrack.requests import FindHome, FineRate, Park, PulseGuide, Slew, Sync
+from sattrack.safety.geometry import altitude_deg
 
 if TYPE_CHECKING:
     from sattrack.alpaca.messages import Order
     from sattrack.manual.procedures import Procedure, Refusal
     from sattrack.mount import MountProfile
+    from sattrack.safety import SafetyLimits
+    from sattrack.xerxes.datagrams import Status
 
 
 @dataclass(slots=True)
@@ -47,3 +50,13 @@ def refuse(refusal: Refusal | None) -> None:
     """Raise Fault for a refusal of the console's."""
     if refusal is not None:
         raise Fault(Number.INVALID_OPERATION, refusal.words)
+
+
+def check_floor(order: SlewOrder, status: Status | None, limits: SafetyLimits, latitude_deg: float) -> None:
+    """Raise Fault for a direction so low that nothing that moves is to be stopped for it."""
+    if status is None:
+        return
+    altitude = altitude_deg(status.sidereal_h * 15.0 - order.ra_deg, order.dec_deg, latitude_deg)
+    if altitude < limits.floor_altitude_deg:
+        words = f"that direction is at {altitude:.1f}° altitude; the limit is {limits.floor_altitude_deg:g}°"
+        raise Fault(Number.INVALID_OPERATION, words)

@@ -33,6 +33,8 @@ MOST_UNREAD_BYTES = 1 << 20
 START_WITHIN_S = 30.0
 END_WITHIN_S = 3.0
 REMEMBERED_WORDS = 20
+PAUSE_FACTOR = 9.0
+"""Orders take a tenth of the feeding process' time at most, however many wait."""
 
 
 @dataclass(slots=True)
@@ -48,6 +50,8 @@ class AlpacaDoor:
     _unsent: bytes = b""
     _orders: deque[Asked] = field(default_factory=deque)
     _obeyed: bool = False
+    _next_s: float = 0.0
+    """Before this instant of the monotonic clock no other order is obeyed."""
 
     def readers(self) -> list[Any]:
         """Return what to wait for."""
@@ -109,9 +113,13 @@ class AlpacaDoor:
         self._obeyed = not isinstance(asked.order, BiasOrder)
         return asked, []
 
-    def begin_period(self) -> None:
-        """Let one more order be obeyed."""
-        self._obeyed = False
+    def begin_period(self, now_s: float) -> None:
+        """Let one more order be obeyed, unless the last one took so long that datagrams come first."""
+        self._obeyed = self._obeyed and now_s < self._next_s
+
+    def took(self, seconds: float, now_s: float) -> None:
+        """Note how long an order took: a way that had to be sought takes some tenths of a second."""
+        self._next_s = now_s + PAUSE_FACTOR * seconds
 
     def close(self) -> None:
         """Have the other process end."""

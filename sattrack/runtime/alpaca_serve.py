@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -50,7 +51,7 @@ class AlpacaLoop(StationLoop):
         """Let another order be obeyed; end where the clients' process has."""
         if self.door.ended and not self.station.finished:
             raise SattrackError("the HTTP server's process is gone; the mount is being stopped")
-        self.door.begin_period()
+        self.door.begin_period(time.monotonic())
 
     def report(self, ticks: int) -> None:
         """Push the mount's state and the answers that are due, and say what has changed."""
@@ -74,8 +75,10 @@ class AlpacaLoop(StationLoop):
                 if void:
                     self._push()
                 return
+            began_s = time.monotonic()
             self.station.obey(asked, self.connection.now_utc_s())
             self._push()
+            self.door.took(time.monotonic() - began_s, time.monotonic())
 
     def _push(self) -> None:
         answers = self.station.answers

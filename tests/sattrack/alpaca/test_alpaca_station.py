@@ -40,6 +40,20 @@ def test_a_slew_goes_round_what_is_in_its_way_and_is_one_slew_to_its_client() ->
     )
 
 
+def test_a_slew_in_mid_move_stops_the_move_first_and_then_goes_its_way() -> None:
+    scope = VirtualTelescope(profile=replace(PROFILE, pier_zones=(WALL,)))
+    scope.put("moveaxis", Axis=1, Rate=4.0)
+    scope.run_for(1.0)
+    ra_h = (scope.get("siderealtime") + 1.0) % 24.0
+    scope.put("slewtocoordinates", RightAscension=ra_h, Declination=15.0)
+    assert scope.get("rightascension") == pytest.approx(ra_h, abs=1e-3)
+    assert scope.get("declination") == pytest.approx(15.0, abs=1e-2)
+    scope.put("moveaxis", Axis=1, Rate=1.0)
+    scope.put("park")
+    scope.wait_while("slewing")
+    assert scope.get("atpark") is True
+
+
 def test_a_mount_that_falls_silent_in_mid_move_is_stopped_and_its_clients_are_told() -> None:
     scope = VirtualTelescope()
     scope.put("moveaxis", Axis=1, Rate=1.0)
@@ -142,5 +156,18 @@ def test_one_order_is_obeyed_a_period_and_a_stop_goes_before_all_that_wait() -> 
     door = door_with(*moves)
     assert door.next_order() == (moves[0], [])
     assert door.next_order() == (None, [])
-    door.begin_period()
+    door.begin_period(0.05)
     assert door.next_order() == (moves[1], [])
+
+
+def test_an_order_that_took_long_lets_datagrams_go_first_for_a_while_and_a_stop_does_not_wait() -> None:
+    door = door_with(*(Asked(number, MoveOrder(0, 1.0)) for number in (1, 2)))
+    door.next_order()
+    door.took(0.4, 10.0)
+    door.begin_period(13.5)
+    assert door.next_order() == (None, [])
+    door._orders.append(Asked(3, AbortOrder()))
+    assert door.next_order()[0] == Asked(3, AbortOrder())
+    door._orders.append(Asked(4, MoveOrder(0, 1.0)))
+    door.begin_period(13.7)
+    assert door.next_order() == (Asked(4, MoveOrder(0, 1.0)), [])
