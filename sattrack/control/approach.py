@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from sattrack.control.acquisition import HANDSHAKE_S, RATES_WITHIN_DEG, Intercept, plan_intercept, slew_time_s
 from sattrack.control.kalman import wrap180
-from sattrack.mount import Motion, SlewTo
+from sattrack.mount import Motion, MoveAxes, SlewTo
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,6 +26,8 @@ PATIENCE_S, PATIENCE_TIMES = 30.0, 3.0
 FAR_DEG = 5.0
 """An error on the sky from which on a slew ahead may be worth more than going on with rates."""
 FAR_FOR_S = 0.5
+REFUSED_FOR_S = 2.0
+"""Not sooner after a slew for which there was no way at all another one is asked for."""
 AGAIN_SHARE, LEAST_AGAIN_S, MOST_AGAIN_S = 0.5, 0.5, 20.0
 """After a slew that a limit cut short, the next is asked for when the target has gone so much of what is
 missing: sooner, it would hardly lead any nearer."""
@@ -66,6 +68,7 @@ class Approach:
         self._not_again_before_utc_s = -math.inf
         self.intercept = Intercept(0.0, 0.0, 0.0)
         self._sent: SlewTo | None = None
+        self._refused = False
         self.trouble: str | None = None
 
     def plan(self, now_utc_s: float, not_before_utc_s: float, stand: Stand, moving: bool = False) -> Step:
@@ -74,6 +77,7 @@ class Approach:
         self.intercept = intercept
         self._not_before_utc_s = not_before_utc_s
         self._far_since_utc_s = None
+        self._refused = False
         takes_s = self._slew_s(stand, intercept)
         self._overdue_utc_s = now_utc_s + PATIENCE_TIMES * takes_s + PATIENCE_S
         return Step.FOLLOW if intercept.by_rates else Step.SLEW
@@ -81,6 +85,9 @@ class Approach:
     def go_on(self, now_utc_s: float, slew_done: bool, stand: Stand) -> Step:
         """Judge a slew that was asked for; `slew_done` where the mount says that it is over."""
         goal, sent = self.intercept, self._sent
+        if self._refused:
+            self._not_again_before_utc_s = now_utc_s + REFUSED_FOR_S
+            return Step.FOLLOW
         if not slew_done or sent is None:
             return self._fail("did not finish it in time") if now_utc_s > self._overdue_utc_s else Step.SLEW
         off_deg = _apart_deg(stand.ra_deg, stand.dec_deg, sent.ra_deg, sent.dec_deg)
@@ -102,8 +109,9 @@ class Approach:
         return Step.FOLLOW if max(gaps_deg) <= RATES_WITHIN_DEG else Step.PLAN
 
     def sent(self, motion: Motion) -> None:
-        """Note what was really sent: safety may let a slew come as near as it can only."""
+        """Note what was really sent: safety may cut a slew short, or hold the mount by rates instead."""
         self._sent = motion if isinstance(motion, SlewTo) else None
+        self._refused = isinstance(motion, MoveAxes)
 
     def slew_ahead(self, now_utc_s: float, end_utc_s: float, error_deg: float, stand: Stand) -> bool:
         """Tell whether a mount that follows, and is far off, had better slew to where the target will be.

@@ -15,7 +15,7 @@ from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, Motion, MountProfile, Move
 from sattrack.requests import Abort, FineRate, Request, Slew, objection
 from sattrack.safety.ahead import Ahead, Spot
 from sattrack.safety.asked import Asked
-from sattrack.safety.bounds import CONES, INSIDE_MARGIN_DEG, Bounds
+from sattrack.safety.bounds import BESIDE_MARGIN_DEG, CONES, INSIDE_MARGIN_DEG, Bounds
 from sattrack.safety.doubt import Belief, Doubt
 from sattrack.safety.geometry import Box
 from sattrack.safety.held import nearest_rates, within
@@ -90,6 +90,8 @@ class Safety:
         self._watched = False
         self._escapes = escapes
         self._escape: SlewTo | None = None
+        self._streams = False
+        """Whether a stream of rates has been cleared: a pass is under way."""
         self._sent: deque[tuple[float, float, float]] = deque()
         """What was cleared of late: when (UTC), and the rates of both axes."""
         self._newest_utc_s = -math.inf
@@ -137,7 +139,7 @@ class Safety:
         """Take over how far the cables are wound from a former one, whose stop is over."""
         self._standing.follow_on(former._standing)
 
-    def clear(  # noqa: PLR0911
+    def clear(
         self,
         motion: Motion,
         sidereal_deg: float,
@@ -163,21 +165,9 @@ class Safety:
                 return Cleared(motion)
         else:
             self._escape = None
-        numbers = (
-            (motion.ra_rate_deg_s, motion.dec_rate_deg_s)
-            if isinstance(motion, MoveAxes)
-            else (motion.ra_deg, motion.dec_deg)
-        )
-        if not all(map(math.isfinite, (*numbers, sidereal_deg, ra_deg, dec_deg, age_s))):
-            return self._trip("command")
-        back = utc_s is not None and utc_s < self._newest_utc_s - BACKWARD_S
-        if back or self._watch.clock_is_off:
-            return self._trip("clock")
-        if age_s > OLDEST_STATUS_S:
-            return self._trip("status_age")
-        self._newest_utc_s = max(self._newest_utc_s, -math.inf if utc_s is None else utc_s)
-        if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
-            return self._trip("sun")
+        unfit = self._unfit(motion, (sidereal_deg, ra_deg, dec_deg), age_s, utc_s)
+        if unfit is not None:
+            return self._trip(unfit)
         beyond_pole = self._standing.beyond_pole
         place = self._standing.place(sidereal_deg - ra_deg, dec_deg, beyond_pole)
         if self._standing.hour_angle_deg is None:
@@ -186,17 +176,43 @@ class Safety:
         if isinstance(motion, SlewTo):
             # Should the axes be elsewhere after all, they stray from what the slew is judged by.
             start = place if former is None else former.place
-            return self._clear_slew(motion, sidereal_deg, (ra_deg, dec_deg), start, age_s)
+            slews = self._slewing and self._slews.under_way
+            cleared = self._clear_slew(motion, sidereal_deg, (ra_deg, dec_deg), start, age_s)
+            if isinstance(cleared, Cleared):
+                return cleared
+            if slews or not (self._holds and self._streams):
+                return self._trip(cleared)
+            # A pass that goes on is held where it is, and takes up its target when that comes back.
+            motion = MoveAxes(SIDEREAL_RATE_DEG_S, 0.0)
         self._slews.forget()
         spots = [Spot(place, age_s)]
         if former is not None:
             spots.append(Spot(former.place, age_s + former.older_s))
         return self._clear_move(motion, spots, utc_s)
 
+    def _unfit(
+        self, motion: MoveAxes | SlewTo, mount: tuple[float, float, float], age_s: float, utc_s: float | None
+    ) -> str | None:
+        """Return the row by which nothing may be moved, whatever it is; `mount` is what its status tells."""
+        numbers = (
+            (motion.ra_rate_deg_s, motion.dec_rate_deg_s)
+            if isinstance(motion, MoveAxes)
+            else (motion.ra_deg, motion.dec_deg)
+        )
+        if not all(map(math.isfinite, (*numbers, *mount, age_s))):
+            return "command"
+        back = utc_s is not None and utc_s < self._newest_utc_s - BACKWARD_S
+        if back or self._watch.clock_is_off:
+            return "clock"
+        if age_s > OLDEST_STATUS_S:
+            return "status_age"
+        self._newest_utc_s = max(self._newest_utc_s, -math.inf if utc_s is None else utc_s)
+        return None if self._bounds.look(utc_s, self._watch.clock_gap_deg) else "sun"
+
     def _clear_slew(
         self, slew: SlewTo, sidereal_deg: float, reported: tuple[float, float], place: Place, age_s: float
-    ) -> Cleared:
-        """Clear a slew from a place, in legs."""
+    ) -> Cleared | str:
+        """Clear a slew from a place, in legs; or return the limit that leaves no way."""
         self._sent.clear()
         self.holding = None
         braking = self._ahead.reach(Spot(place, age_s), self._in_force(age_s, None), REST)
@@ -205,7 +221,7 @@ class Safety:
             # The mount tracks the sky where it has arrived.
             waits = Box.between(place, place).grown(0.0, SIDEREAL_RATE_DEG_S, 0.0, 0.0)
             allowed = self._bounds.violated(waits, {}, 0.0, INSIDE_MARGIN_DEG) or allowed
-        return self._trip(allowed) if isinstance(allowed, str) else Cleared(allowed)
+        return allowed if isinstance(allowed, str) else Cleared(allowed)
 
     def _while_idle(
         self, sidereal_deg: float, ra_deg: float, dec_deg: float, utc_s: float | None
@@ -258,6 +274,7 @@ class Safety:
 
     def _clear_move(self, move: MoveAxes, spots: Sequence[Spot], utc_s: float | None) -> Cleared:
         """Clear rates for every spot where the axes may be; the first is the one that is reported."""
+        self._streams = True
         wish = axis_rates(move, self._standing.beyond_pole)
         clipped = self._clipped(wish)
         self.clamping = clipped != wish
@@ -268,7 +285,8 @@ class Safety:
         if name is None:
             self._outside = 0
         else:
-            nears = [self._bounds.near(spot.place, self._ahead.horizon_s) for spot in spots]
+            horizon_s = self._ahead.horizon_s
+            nears = [self._bounds.near(spot.place, horizon_s, BESIDE_MARGIN_DEG) for spot in spots]
             outlook = self._ahead.outlook(spots, now, nears)
             if not self._holds:
                 inward = outlook.limit(wanted)

@@ -8,6 +8,7 @@ found inside.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from sattrack.safety.geometry import (
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 SMALLEST_DEG = 0.05
 MOST_BOXES = 4000
 """A box that takes more halvings than this to be judged counts as not clear."""
-SKYLINE_CELL_DEG = 0.5
 FAR_DEG = 2.0
 """More than any margin: so far above all of a skyline, how far above its nearest part need not be known."""
 
@@ -103,16 +103,8 @@ class Skyline:
         self._points = [
             (azimuth + turn, altitude) for turn in (-TURN_DEG, 0.0, TURN_DEG) for azimuth, altitude in points
         ]
+        self._azimuths = [azimuth for azimuth, _ in self._points]
         self._highest_deg = max(altitude for _, altitude in points)
-        count = round(TURN_DEG / SKYLINE_CELL_DEG)
-        self._cells = [
-            max(
-                self._altitude_deg(k * SKYLINE_CELL_DEG),
-                self._altitude_deg((k + 1) * SKYLINE_CELL_DEG),
-                *(a for z, a in self._points if k <= z / SKYLINE_CELL_DEG <= k + 1),
-            )
-            for k in range(count)
-        ]
 
     def clearance(self, box: Box) -> Clearance:
         """See Region."""
@@ -137,18 +129,19 @@ class Skyline:
         spread = math.degrees(
             math.asin(min(1.0, math.sin(math.radians(radius_deg)) / math.cos(math.radians(altitude))))
         )
-        first = math.floor((azimuth - spread) / SKYLINE_CELL_DEG)
-        last = math.floor((azimuth + spread) / SKYLINE_CELL_DEG)
-        return max(self._cells[k % len(self._cells)] for k in range(first, last + 1))
+        first, last = azimuth - spread, azimuth + spread
+        between = self._points[bisect_left(self._azimuths, first) : bisect_right(self._azimuths, last)]
+        ends = self._altitude_deg(first), self._altitude_deg(last)
+        return max(*ends, *(altitude for _, altitude in between))
 
     def _altitude_deg(self, azimuth: float) -> float:
-        """Return the altitude of the skyline at an azimuth, the higher one at a wall."""
-        for (z1, a1), (z2, a2) in zip(self._points, self._points[1:], strict=False):
-            if z1 == azimuth == z2:
-                return max(a1, a2)
-            if z1 <= azimuth <= z2 and z1 < z2:
-                return a1 + (a2 - a1) * (azimuth - z1) / (z2 - z1)
-        return self._highest_deg
+        """Return the altitude of the skyline at an azimuth, the highest one at a wall."""
+        azimuth %= TURN_DEG
+        first, last = bisect_left(self._azimuths, azimuth), bisect_right(self._azimuths, azimuth)
+        if first != last:
+            return max(altitude for _, altitude in self._points[first:last])
+        (z1, a1), (z2, a2) = self._points[first - 1], self._points[first]
+        return a1 + (a2 - a1) * (azimuth - z1) / (z2 - z1)
 
 
 class PierCollision:

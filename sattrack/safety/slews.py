@@ -36,6 +36,11 @@ class SlewGate:
         """Whether what is under way goes to the target itself."""
         return len(self._legs) <= 1
 
+    @property
+    def under_way(self) -> bool:
+        """Whether a slew has been cleared since something else was asked for."""
+        return self._target is not None
+
     def forget(self) -> None:
         """Something else is asked for."""
         self._target, self._legs, self._box, self._astray = None, [], None, 0

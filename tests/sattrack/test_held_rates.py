@@ -7,7 +7,7 @@ import math
 import pytest
 from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, T0, Stand, axis_speed_deg_s, steadily
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes
+from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes, SlewTo, mean_sidereal_deg
 from sattrack.safety import SafetyLimits
 from sattrack.safety.bodies import sun_over
 from sattrack.safety.geometry import separation_deg
@@ -112,3 +112,44 @@ def test_axes_held_at_the_suns_cone_go_round_it_after_what_passed_behind_it() ->
         for truth, body in bodies
     ]
     assert min(apart) > 15.0
+
+
+SLANTING = SafetyLimits(
+    floor_altitude_deg=0.0,
+    horizon=((15.7, 4.0), (82.6, 4.3), (144.2, 6.5), (208.8, 16.7), (274.4, 32.7), (302.7, 37.4)),
+    optical=False,
+)
+"""Rises from 16.7° in the south-south-west to 37.4° in the west-north-west."""
+
+
+@pytest.mark.parametrize(("ha_deg_s", "dec_deg_s"), [(0.5, 0.15), (0.6, 0.25)])
+@pytest.mark.parametrize("from_deg", [10.0, 20.0])
+def test_axes_held_at_a_slanting_skyline_go_on_along_it(
+    from_deg: float, ha_deg_s: float, dec_deg_s: float
+) -> None:
+    """The skyline leads northwest: what of the wish leads along it goes on, after a moment at the wall."""
+    stand = Stand(steadily(ha_deg_s, dec_deg_s), SLANTING, StartPosition(55.0, from_deg)).run(40.0)
+    assert stand.met_s is not None
+    assert stand.safety.tripped is None
+    at_the_wall = [truth for t, truth in stand.truths if t > stand.met_s + 3.0]
+    seconds = 40.0 - stand.met_s - 3.0
+    went_deg = at_the_wall[-1].dec_axis_deg - at_the_wall[0].dec_axis_deg
+    assert went_deg > 0.8 * dec_deg_s * seconds
+    assert at_the_wall[-1].hour_angle_axis_deg > at_the_wall[0].hour_angle_axis_deg + 0.08 * seconds
+
+
+def test_a_slew_for_which_there_is_no_way_holds_a_stream_where_it_is_and_ends_no_pass() -> None:
+    """The mount turns 60° either way, and from everywhere in there the goal is past the end of it."""
+    profile = MountProfile(hour_angle_limit_deg=60.0, dec_axis_limits_deg=(-5.0, 25.0))
+    far = SlewTo(mean_sidereal_deg(T0, LONGITUDE_DEG) + 170.0, 10.0)
+
+    def wish(t: float) -> MoveAxes | SlewTo:
+        return MoveAxes(SIDEREAL_RATE_DEG_S - 0.3, 0.1) if t < 5.0 or t > 12.0 else far
+
+    stand = Stand(wish, DARK, StartPosition(10.0, 10.0), profile=profile).run(20.0)
+    assert stand.safety.tripped is None
+    rests = [truth for t, truth in stand.truths if 8.0 < t < 12.0]
+    assert max(axis_speed_deg_s(truth) for truth in rests) < 1e-3
+    assert stand.truths[-1][1].hour_angle_axis_deg > rests[-1].hour_angle_axis_deg + 1.0
+    begun = Stand(lambda _: far, DARK, StartPosition(10.0, 10.0), profile=profile).run(5.0)
+    assert begun.safety.tripped == "hour_angle"

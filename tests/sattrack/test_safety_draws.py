@@ -28,6 +28,12 @@ def test_no_limit_is_passed_and_every_run_ends_at_rest(part: int) -> None:
         assert judged.at_rest, words
 
 
+def test_a_mount_gets_out_of_a_corner_between_a_skyline_and_the_suns_cone_that_closes_on_it() -> None:
+    words, judged = flown(1_000_171, 600.0)
+    assert not judged.violated, (words, judged.nearest_deg)
+    assert judged.ended_by == "set"
+
+
 @pytest.mark.soak
 def test_no_limit_is_passed_in_two_thousand_runs_of_up_to_ten_minutes() -> None:
     for seed in range(1_000_000, 1_002_000):
