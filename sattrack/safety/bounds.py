@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
 HOLD_MARGIN_DEG = 0.1
 """How far inside a limit rates are held: what servo, encoder and clocks may be off."""
-BESIDE_MARGIN_DEG = 0.1
-"""Axes that keep a margin by less than this have no room to look ahead: they are held as if they did not."""
 INSIDE_MARGIN_DEG = 0.01
 """Axes nearer to a limit than this have passed what holds them, and are stopped."""
 PIER_MARGIN_DEG = 0.5
@@ -96,19 +94,16 @@ class Bounds:
             self._cones, self._room_of_cones, box, margins, margin_deg + moves_deg
         )
 
-    def near(
-        self, place: tuple[float, float], seconds: float = 0.0, beside_deg: float = 0.0
-    ) -> dict[str, float]:
+    def near(self, place: tuple[float, float], seconds: float = 0.0) -> dict[str, float]:
         """Return how far a place is clear of those regions whose margin it does not keep for so many seconds.
 
-        From there, axes may move along and away but not nearer. Zones of the pier have no such way out. With
-        `beside_deg`, also of those whose margin it keeps by less than that.
+        From there, axes may move along and away but not nearer. Zones of the pier have no such way out.
         """
-        moves_deg = SIDEREAL_RATE_DEG_S * seconds + beside_deg
+        moves_deg = SIDEREAL_RATE_DEG_S * seconds
         return {
             name: clear
             for name, clear in self._clearances(place).items()
-            if clear < HOLD_MARGIN_DEG + (moves_deg if name in CONES else beside_deg)
+            if clear < HOLD_MARGIN_DEG + (moves_deg if name in CONES else 0.0)
             and not (name == "pier" and clear < 0.0)
         }
 

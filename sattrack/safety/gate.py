@@ -15,7 +15,7 @@ from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, Motion, MountProfile, Move
 from sattrack.requests import Abort, FineRate, Request, Slew, objection
 from sattrack.safety.ahead import Ahead, Spot
 from sattrack.safety.asked import Asked
-from sattrack.safety.bounds import BESIDE_MARGIN_DEG, CONES, INSIDE_MARGIN_DEG, Bounds
+from sattrack.safety.bounds import CONES, INSIDE_MARGIN_DEG, Bounds
 from sattrack.safety.doubt import Belief, Doubt
 from sattrack.safety.geometry import Box
 from sattrack.safety.held import nearest_rates, within
@@ -285,8 +285,7 @@ class Safety:
         if name is None:
             self._outside = 0
         else:
-            horizon_s = self._ahead.horizon_s
-            nears = [self._bounds.near(spot.place, horizon_s, BESIDE_MARGIN_DEG) for spot in spots]
+            nears = [self._bounds.near(spot.place, self._ahead.horizon_s) for spot in spots]
             outlook = self._ahead.outlook(spots, now, nears)
             if not self._holds:
                 inward = outlook.limit(wanted)
