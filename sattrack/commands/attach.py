@@ -18,9 +18,6 @@ from sattrack.runtime.gallery_words import SUPPORTED, feeders
 if TYPE_CHECKING:
     from sattrack.session_view import Welcome
 
-SEEN_BY_BROWSER = "TEXTUAL_DRIVER"
-"""Set where another program draws the screen, as a browser's server."""
-
 
 @click.command("attach")
 @click.option("--run", "pid", type=int, metavar="PID", help="Which run, where several go on.")
@@ -39,9 +36,10 @@ def command(context: CommandContext, pid: int | None, name: str | None, **option
         return _as_json(pid, name)
     if importlib.util.find_spec("textual_plot") is None:
         raise SattrackError("the screen needs textual: pip install 'sattrack[tui]'")
+    from sattrack.tui.attach_launch import SEEN_BY_BROWSER, attach_with_tui
+
     if not (tui_possible() or SEEN_BY_BROWSER in os.environ):
         raise BadInputError("attach needs a terminal; --json is for programs")
-    from sattrack.tui.attach_launch import attach_with_tui
 
     look = appearance(context, options["theme"], options["plain"])
     return attach_with_tui(pid, name, look, beside(context, None, None, practising=False))

@@ -23,13 +23,15 @@ from sattrack.tui.error_plot import ErrorPanel
 from sattrack.tui.hand import Hand
 from sattrack.tui.help import TEXTS, HelpScreen
 from sattrack.tui.history import ErrorHistory
+from sattrack.tui.key_bar import KeyBar
 from sattrack.tui.leave_dialog import LEAVE, STOP, LeaveDialog
 from sattrack.tui.log_page import LogPage
 from sattrack.tui.mount_page import MountPage
 from sattrack.tui.pages import LIVE, MOUNT, PAGES, TONIGHT
-from sattrack.tui.panels import Cautions, HeadlineBar, KeyBar, Panel, TapeBar, TitleBar
+from sattrack.tui.panels import Cautions, HeadlineBar, Panel, TapeBar, TitleBar
 from sattrack.tui.plain import PlainFilter
 from sattrack.tui.scene import Scene
+from sattrack.tui.schedule_page import SchedulePage
 from sattrack.tui.screens import Screens
 from sattrack.tui.session_bar import SessionBar
 from sattrack.tui.sky_panel import NotesPanel, SkyPanel, chart_columns
@@ -151,6 +153,7 @@ class TrackApp(App[None]):
             yield from self._live()
         yield TonightPage()
         yield MountPage()
+        yield SchedulePage()
         yield LogPage()
         yield TapeBar()
         yield KeyBar()
@@ -348,6 +351,10 @@ class TrackApp(App[None]):
         """Take back the bias that an earlier pass left, and have it offered no more."""
         if self._may():
             self._tell(DropRemembered())
+
+    def action_touch(self, key: str) -> None:
+        """Do what a key does, for a mouse."""
+        self.simulate_key(key)
 
     def action_page(self, page: str) -> None:
         """Show another screen."""

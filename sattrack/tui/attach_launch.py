@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import ctypes
 import importlib
+import os
+import signal
+import sys
 import threading
 from typing import TYPE_CHECKING
 
@@ -20,12 +24,18 @@ if TYPE_CHECKING:
     from sattrack.tui.beside import Beside
     from sattrack.view import PassView
 
+SEEN_BY_BROWSER = "TEXTUAL_DRIVER"
+"""Set where another program draws the screen, as a browser's server."""
+_PR_SET_PDEATHSIG = 1
+
 
 def attach_with_tui(pid: int, name: str, appearance: Appearance, beside: Beside) -> int:
     """Show the run of a process until that is left; return the exit code. Raises SattrackError.
 
     `beside` is what the screen starts itself.
     """
+    if SEEN_BY_BROWSER in os.environ:
+        _end_with_the_server()
     run = AttachedRun(pid, name, sky_of_run)
     end_with_the_terminal(run, 0.0, 0.0)
     # While the first views come.
@@ -47,6 +57,12 @@ def attach_with_tui(pid: int, name: str, appearance: Appearance, beside: Beside)
     if run.summary is not None:
         click.echo("\n".join(summary_lines(run.summary)))
     return INTERRUPTED if interrupted else 0
+
+
+def _end_with_the_server() -> None:
+    """Have this process told to end when the one ends that shows it: nobody would see it any more."""
+    if sys.platform.startswith("linux"):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
 
 
 def sky_of_run(facts: RunFacts) -> PassView:

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 WELCOME_WITHIN_S = 5.0
 TRY_AGAIN_S = 0.02
+STOP_WITHIN_S = 1.0
+"""How long a stop may take to show, before it is said another way."""
 LONGEST_UNREAD = 20_000
 
 _Told = TrackView | SessionView | Welcome | Farewell
@@ -50,6 +52,7 @@ class AttachedRun:
         self._session: SessionView | None = None
         self._ended = False
         self._rewound = False
+        self._stopping = False
         self._changed = threading.Condition()
         self.summary: Summary | None = None
         self.viewed = False
@@ -72,9 +75,9 @@ class AttachedRun:
             return News(views, self._ended, self.summary, self._sky, rewound, self._session, self.welcome.you)
 
     def send(self, message: Message | SessionMessage) -> bool:
-        """Hand a message over. A stop goes by the mount's guardian too: it must not depend on one way."""
+        """Hand a message over. A stop that is not obeyed soon goes by the mount's guardian as well."""
         if isinstance(message, StopNow):
-            threading.Thread(target=self._ask_guardian, name="stop", daemon=True).start()
+            threading.Thread(target=self._see_stop_through, name="stop", daemon=True).start()
         try:
             self._door.send(encode_said(message), socket.MSG_DONTWAIT)
         except OSError:
@@ -102,7 +105,10 @@ class AttachedRun:
         self._reader.join(1.0)
         self._door.close()
 
-    def _ask_guardian(self) -> None:
+    def _see_stop_through(self) -> None:
+        with self._changed:
+            if self._changed.wait_for(lambda: self._ended or self._stopping, STOP_WITHIN_S):
+                return
         with contextlib.suppress(SattrackError, OSError):
             for owner in owners():
                 if owner.pid == self._pid:
@@ -126,6 +132,7 @@ class AttachedRun:
             match told:
                 case TrackView():
                     self._views.append(told)
+                    self._stopping = told.ended_by is not None
                     self.viewed = True
                 case SessionView():
                     self._session = told

@@ -9,7 +9,7 @@ from textual.containers import VerticalScroll
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
-from sattrack.tui.pages import LIVE, LOG, MOUNT, TONIGHT
+from sattrack.tui.pages import LIVE, LOG, MOUNT, SCHEDULE, TONIGHT
 
 if TYPE_CHECKING:
     from textual.app import ComposeResult
@@ -19,7 +19,7 @@ SPACE     STOP everything, at once: ends the run, the mount comes to
           rest. Works everywhere, here too.
 q         leave: with the mount stopped, or the run left running
 Ctrl-C    stop the mount, wait for it, leave; once more: at once
-1 2 3 4   live, tonight's passes, the mount's status, log
+1 to 5    live, tonight's passes, mount, schedule, log
 ← →       point behind / ahead of it on its track (it is late / early)
 ↑ ↓       point left / right of its motion (as it goes, from below)
 Shift     with an arrow: ten steps, spread over 20 s
@@ -47,7 +47,7 @@ a         follow it now, and leave what is followed, if you say so
 n  b      the same with the next pass of the list / the one before
 f         which passes: all, go, above 30°, sunlit by night
 g         look for passes again
-1 2 3 4   live, tonight's passes, the mount's status, log
+1 to 5    live, tonight's passes, mount, schedule, log
 
 Go and no-go are by the mount's limits, as `passes --judged` has
 them; why not stands below the list. A stop takes back what is armed.
@@ -59,10 +59,21 @@ MOUNT_TEXT = """\
 SPACE     STOP everything, at once
 j         once the run is over: operate the mount by hand, on the
           console's screen: jog, slew, sync, park, home
-1 2 3 4   live, tonight's passes, the mount's status, log
+1 to 5    live, tonight's passes, mount, schedule, log
 
 Every field of the mount's last status, as the run hears it. A mount
 has one owner at a time: while a run has it, nothing else moves it.
+
+?  Esc  q close this help
+"""
+
+SCHEDULE_TEXT = """\
+SPACE     STOP everything, at once
+↑ ↓       scroll; PgUp PgDn Home End go further
+1 to 5    live, tonight's passes, mount, schedule, log
+
+What the runner of a schedule says of it, where the run is one of a
+schedule's: `sattrack run FILE` runs one, `--status` shows the same.
 
 ?  Esc  q close this help
 """
@@ -72,12 +83,12 @@ SPACE     STOP everything, at once
 ↑ ↓       scroll; PgUp PgDn Home End go further. Scrolled back, the
           log keeps its place; at its end it follows what is said.
 f         what is shown: all, warnings, people
-1 2 3 4   live, tonight's passes, the mount's status, log
+1 to 5    live, tonight's passes, mount, schedule, log
 
 ?  Esc  q close this help
 """
 
-TEXTS = {LIVE: TEXT, TONIGHT: TONIGHT_TEXT, MOUNT: MOUNT_TEXT, LOG: LOG_TEXT}
+TEXTS = {LIVE: TEXT, TONIGHT: TONIGHT_TEXT, MOUNT: MOUNT_TEXT, SCHEDULE: SCHEDULE_TEXT, LOG: LOG_TEXT}
 """By the screen that it lies over."""
 
 REPLAY_TEXT = """\

@@ -136,10 +136,11 @@ TitleBar, HeadlineBar, SessionBar, TapeBar, KeyBar { background: $panel; }
 Cautions { height: auto; max-height: 4; text-wrap: wrap; background: $surface; }
 
 #live { height: 1fr; }
-#tonight, #mount-page, #log { display: none; height: 1fr; padding: 0 1; }
-#tonight, #log { text-wrap: nowrap; text-overflow: ellipsis; }
-.-page-tonight #live, .-page-mount #live, .-page-log #live { display: none; }
-.-page-tonight #tonight, .-page-mount #mount-page, .-page-log #log { display: block; }
+#tonight, #mount-page, #schedule, #log { display: none; height: 1fr; padding: 0 1; }
+#tonight, #schedule, #log { text-wrap: nowrap; text-overflow: ellipsis; }
+.-page-tonight #live, .-page-mount #live, .-page-schedule #live, .-page-log #live { display: none; }
+.-page-tonight #tonight, .-page-mount #mount-page { display: block; }
+.-page-schedule #schedule, .-page-log #log { display: block; }
 .-page-mount #mount-page { padding: 0; }
 #state { height: 5; }
 ErrorBox { width: 30; height: 5; }
@@ -181,7 +182,7 @@ ErrorPlot > .plot--tick { color: $tick; text-style: none; }
     #below > #run { display: none; }
     #below > #field { display: block; }
 }
-.-wide.-tall #tonight, .-wide.-tall #log { border: round $secondary; }
+.-wide.-tall #tonight, .-wide.-tall #schedule, .-wide.-tall #log { border: round $secondary; }
 .-wide.-tall.-sky-alone #narrow-times { display: block; }
 .-wide.-tall.-huge {
     #below, #below > Panel { height: 13; }

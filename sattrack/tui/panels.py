@@ -10,7 +10,6 @@ from textual.widget import Widget
 
 from sattrack.tui import words
 from sattrack.tui.look import DIM, PLATE, SPOKEN
-from sattrack.tui.pages import LIVE, LOG, PAGES, TONIGHT
 from sattrack.tui.scene import Scene, Tone, cautions, headline
 
 if TYPE_CHECKING:
@@ -20,7 +19,6 @@ Part = str | tuple[str, str]
 """Text, plain or with its style."""
 Row = list[Part]
 LABEL_CELLS = 9
-ROOM_FOR_ALL_KEYS = 108
 
 
 def rows_content(rows: Iterable[Row]) -> Content:
@@ -150,60 +148,3 @@ class TapeBar(Panel):
         """Take a new scene."""
         self.display = scene.tape is not None
         super().show(scene)
-
-
-class KeyBar(Panel):
-    """The keys."""
-
-    def full(self, scene: Scene) -> list[Row]:
-        """Return the one row."""
-        if scene.tape is not None:
-            return [self._tape_keys()]
-        if scene.page != LIVE:
-            return [self._page_keys(scene.page)]
-        keys: tuple[tuple[str, str], ...] = (
-            ("←→", "along"),
-            ("↑↓", "across"),
-            ("[ ]", "step"),
-            ("1-4", "more"),
-        )
-        if self.content_size.width >= ROOM_FOR_ALL_KEYS:
-            more = (("f", "frame"), ("s", "spiral"), ("w", "sweep"))
-            keys = (*keys[:3], *more, ("0", "clear"), keys[3])
-        row: Row = []
-        for key, what in keys:
-            row += [(key, "bold"), (f" {what}   ", DIM)]
-        row += [(" SPACE STOP ", PLATE[Tone.BAD]), "   "]
-        row += [("q", "bold"), (" quit   ", DIM), ("?", "bold"), (" help", DIM)]
-        return [row]
-
-    def _page_keys(self, page: str) -> Row:
-        lists = {
-            TONIGHT: (("↑↓", ""), ("Enter", "arm"), ("a", "now"), ("f", "filter"), ("g", "again")),
-            LOG: (("↑↓", ""), ("f", "filter")),
-        }
-        row: Row = []
-        for key, name in PAGES.items():
-            row += [(key, "bold"), (f" {name}  ", PLATE[Tone.CALM] if name == page else DIM)]
-        if self.content_size.width >= ROOM_FOR_ALL_KEYS:
-            for key, what in lists.get(page, ()):
-                row += [(key, "bold"), (f" {what}  " if what else "  ", DIM)]
-        row += [(" SPACE STOP ", PLATE[Tone.BAD]), "  "]
-        for key, what in (("q", "quit"), ("?", "help")):
-            row += [(key, "bold"), (f" {what}  ", DIM)]
-        return row
-
-    def _tape_keys(self) -> Row:
-        keys: tuple[tuple[str, str], ...] = (
-            ("SPACE", "pause"),
-            ("←→", "10 s"),
-            (", .", "step"),
-            ("[ ]", "speed"),
-            ("Home End", ""),
-        )
-        if self.content_size.width >= ROOM_FOR_ALL_KEYS:
-            keys = (*keys[:2], ("PgUp PgDn", "60 s"), *keys[2:], ("v", "sky"))
-        row: Row = []
-        for key, what in (*keys, ("q", "quit"), ("?", "help")):
-            row += [(key, "bold"), (f" {what}   " if what else "   ", DIM)]
-        return row

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import msgspec
 
+from sattrack.errors import SattrackError
 from sattrack.tui.log import LogBook
 from sattrack.tui.log_page import LogPage
 from sattrack.tui.mount_page import MountPage
-from sattrack.tui.pages import LIVE, LOG, MOUNT, PAGE_CLASSES, TONIGHT
+from sattrack.tui.pages import LIVE, LOG, MOUNT, PAGE_CLASSES, SCHEDULE, TONIGHT
+from sattrack.tui.schedule_page import SchedulePage
 from sattrack.tui.tonight import Night
 from sattrack.tui.tonight_page import TonightPage
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from textual.dom import DOMNode
 
     from sattrack.console_view import ConsoleView
+    from sattrack.schedule_view import ScheduleView
     from sattrack.session_messages import SessionMessage
     from sattrack.tui.beside import Aside
     from sattrack.tui.feed import News
@@ -24,15 +30,26 @@ if TYPE_CHECKING:
     from sattrack.tui.tonight import PassRow
 
 SEARCH_AGAIN_S = 600.0
+READ_AGAIN_S = 2.0
 LOOK_AWAY_S = 30.0
 """How long a look at the mount lasts after its screen was left."""
 NO_ASIDE = "this screen was started without them"
 
 
-class Screens:
-    """Tonight, mount and log. `aside` None: there is nothing but the log."""
+def schedule_in(folder: Path) -> ScheduleView | None:
+    """Return what the runner of a schedule says in its folder; raises SattrackError, as `read_status`."""
+    from sattrack.runtime.night_files import read_status
 
-    def __init__(self, aside: Aside | None) -> None:
+    return read_status(folder)
+
+
+class Screens:
+    """Tonight, mount, schedule and log. `aside` None: there is nothing but the log."""
+
+    def __init__(
+        self, aside: Aside | None, read: Callable[[Path], ScheduleView | None] = schedule_in
+    ) -> None:
+        self._read = read
         self._aside = aside
         self.page = LIVE
         self.night = Night()
@@ -40,6 +57,8 @@ class Screens:
         self._console: ConsoleView | None = None
         self._heard_s = self._looked_s = 0.0
         self._ended = False
+        self._schedule: tuple[ScheduleView | None, str] = (None, "")
+        self._read_s: float | None = None
 
     def take(self, news: News) -> None:
         """Take in what has come of a run."""
@@ -69,6 +88,8 @@ class Screens:
             main.query_one(TonightPage).draw(self.night, scene, self._search(scene.view.utc_s))
         elif self.page == MOUNT:
             main.query_one(MountPage).draw(self._console, now_s - self._heard_s, self._mount_note(scene))
+        elif self.page == SCHEDULE:
+            main.query_one(SchedulePage).draw(*self._schedule_of(scene, now_s))
         elif self.page == LOG:
             main.query_one(LogPage).draw(self.book)
 
@@ -94,6 +115,8 @@ class Screens:
         """Go down a list, or up where negative."""
         if self.page == TONIGHT:
             self.night.move(rows)
+        elif self.page == SCHEDULE:
+            main.query_one(SchedulePage).move(rows)
         elif self.page == LOG:
             main.query_one(LogPage).move(rows)
 
@@ -101,6 +124,8 @@ class Screens:
         """Go down a list by screens."""
         if self.page == TONIGHT:
             main.query_one(TonightPage).page(pages)
+        elif self.page == SCHEDULE:
+            main.query_one(SchedulePage).page(pages)
         elif self.page == LOG:
             main.query_one(LogPage).page(pages)
 
@@ -127,6 +152,20 @@ class Screens:
         if search.busy:
             return "looking for passes …"
         return search.trouble
+
+    def _schedule_of(self, scene: Scene, now_s: float) -> tuple[ScheduleView | None, str]:
+        """Return what stands in the folder of the schedule that a run belongs to, and what is wrong with it.
+
+        A run's recording lies in its schedule's folder.
+        """
+        due = self._read_s is None or now_s - self._read_s >= READ_AGAIN_S
+        if due and scene.view.recording is not None:
+            self._read_s = now_s
+            try:
+                self._schedule = self._read(Path(scene.view.recording).parent.parent), ""
+            except SattrackError as error:
+                self._schedule = None, str(error)
+        return self._schedule
 
     def _look_at_mount(self, scene: Scene, now_s: float) -> None:
         if self._aside is None:

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
 
 
 class SessionBar(Panel):
-    """Who has control and how many look on; takes no room for one who is alone with a run."""
+    """Who has control and how many look on; takes no room for one who started a run and is
+    alone with it."""
 
     def full(self, scene: Scene) -> list[Row]:
         """Return the one row."""
@@ -35,6 +36,6 @@ class SessionBar(Panel):
     def show(self, scene: Scene) -> None:
         """Take a new scene, and no room where there is nothing to say."""
         session = scene.session
-        alone = session is None or (scene.in_control and session.watching <= scene.attached)
+        alone = session is None or (scene.in_control and session.watching == 0)
         self.display = not alone and scene.tape is None
         super().show(scene)

@@ -96,6 +96,9 @@ class TonightPage(Widget):
         head.append((f"   {len(night.rows)} of {night.count}", DIM))
         if self._state:
             head += ["   ", (self._state, SPOKEN[Tone.NOTICE])]
+        else:
+            head += ["   ", ("Enter", "bold"), (" arms  ", DIM), ("a", "bold"), (" follows now  ", DIM)]
+            head += [("f", "bold"), (" filters", DIM)]
         columns: Row = [
             (f"  {'rise':<9}{'highest':<9}{'set':<9}{'alt':>4}  {'satellite':<{NAME_CELLS}}  ", DIM)
         ]

@@ -46,6 +46,7 @@ class RunServer(Server):
         super().__init__(shlex.join(visit.command), visit.host, visit.port, title="sattrack")
         self._visit, self._no_run = visit, no_run
         self._visitors = 0
+        self._services: set[AppService] = set()
 
     def application(self) -> web.Application:
         """Make the application."""
@@ -55,6 +56,7 @@ class RunServer(Server):
             return await self._let_in(request, handler)
 
         app = web.Application(middlewares=[let_in])
+        app.on_shutdown.append(self._see_off)
         app.add_routes(
             [
                 web.get("/", self._index),
@@ -63,6 +65,11 @@ class RunServer(Server):
             ]
         )
         return app
+
+    async def _see_off(self, _: web.Application) -> None:
+        """Have every visitor's screen end with the page."""
+        for service in tuple(self._services):
+            await service.send_meta({"type": "quit"})
 
     async def _let_in(self, request: web.Request, go_on: Handler) -> web.StreamResponse:
         origin = request.headers.get("Origin")
@@ -113,6 +120,7 @@ class RunServer(Server):
                 close=close,
                 download_manager=self.download_manager,
             )
+            self._services.add(service)
             await service.start(_cells(request, "width", 80), _cells(request, "height", 24))
             await self._process_messages(websocket, service)
         except (ConnectionError, ValueError, KeyError, IndexError, TypeError, AssertionError):
@@ -121,6 +129,7 @@ class RunServer(Server):
         finally:
             self._visitors -= 1
             if service is not None:
+                self._services.discard(service)
                 await service.stop()
         return websocket
 

@@ -38,7 +38,7 @@ class Visit:
         """
         if self.host in LOOPBACK and _name(host_header) not in LOOPBACK:
             return f"this page is at {self.host} only"
-        if origin is not None and urlsplit(origin).netloc != host_header:
+        if origin is not None and _authority(origin) != host_header:
             return "this page is not for others' scripts"
         if self.token is None:
             return None
@@ -59,7 +59,17 @@ def new_token() -> str:
 
 
 def _name(host_header: str) -> str:
-    return urlsplit(f"//{host_header}").hostname or ""
+    try:
+        return urlsplit(f"//{host_header}").hostname or ""
+    except ValueError:
+        return ""
+
+
+def _authority(origin: str) -> str | None:
+    try:
+        return urlsplit(origin).netloc or None
+    except ValueError:
+        return None
 
 
 def _same(one: str, other: str) -> bool:

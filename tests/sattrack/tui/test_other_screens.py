@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -12,7 +13,10 @@ from console_tui_builders import VIEW as MOUNT_VIEW
 from textual.events import MouseScrollUp
 from tui_builders import SUMMARY, UTC_S, VIEW, FakeFeed, HandClock, changed
 
+from sattrack.errors import SattrackError
 from sattrack.messages import StopNow
+from sattrack.schedule_view import PassView as SchedulePass
+from sattrack.schedule_view import ScheduleView
 from sattrack.session_messages import Arm, Disarm
 from sattrack.session_view import STARTER, Armed, SessionView
 from sattrack.tui.app import TrackApp
@@ -356,7 +360,7 @@ def test_a_log_that_was_scrolled_back_keeps_its_place() -> None:
     async def act(app: TrackApp, pilot: Pilot[None]) -> None:
         for number in range(100):
             app._screens.book.say(Tone.CALM, "run", f"line {number}")
-        await pilot.press("4", "up", "up", "up")
+        await pilot.press("5", "up", "up", "up")
         await pilot.pause()
         before = [row for row in text_of(app).splitlines() if "line" in row and "lines" not in row]
         app._screens.book.say(Tone.CALM, "run", "one more")
@@ -380,3 +384,80 @@ def test_the_log_is_bounded() -> None:
     assert len(book.lines) == MOST_LINES
     assert book.dropped == 10
     assert book.lines[-1].text == str(MOST_LINES + 9)
+
+
+def schedule_view(**changes: Any) -> ScheduleView:
+    def one(number: int, minutes: float, state: str, **more: Any) -> SchedulePass:
+        times = [Utc(UTC_S + 60.0 * minutes + ahead).isoformat() for ahead in (-300.0, 0.0, 300.0)]
+        return SchedulePass(number, f"SAT {number}", number, *times, 50.0, 1.0, state, **more)
+
+    passes = (
+        one(101, -90.0, "done", rms_arcsec=0.31),
+        one(102, -30.0, "lost", cause="weather", words="clouds"),
+        one(25544, 53.0 / 60.0, "in progress"),
+        *(one(200 + number, 30.0 * number, "waiting") for number in range(1, 40)),
+    )
+    told: dict[str, Any] = {
+        "utc_s": UTC_S,
+        "schedule": "night.toml",
+        "state": "following",
+        "doing": "following ISS (ZARYA)",
+        "mount": "moving",
+        "night": 1,
+        "from_utc": "2026-10-02T18:00:00Z",
+        "to_utc": "2026-10-03T05:00:00Z",
+        "passes": passes,
+        "not_planned": 3,
+        "current": 25544,
+        "notes": ("SAT 102 was lost to clouds",),
+        **changes,
+    }
+    return ScheduleView(**told)
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+def test_the_schedule_of_a_run_shows_what_was_what_is_and_what_comes(size: tuple[int, int]) -> None:
+    asked: list[Path] = []
+
+    def read(folder: Path) -> ScheduleView:
+        asked.append(folder)
+        return schedule_view()
+
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        app._screens._read = read
+        await pilot.press("4")
+        app.look()
+        await pilot.pause()
+        text = text_of(app)
+        for words in (
+            "FOLLOWING",
+            "night.toml",
+            "1 of 42 done",
+            "▶",
+            "SAT 102 was lost to clouds",
+            "in progress",
+        ):
+            assert words in text
+        assert "SAT 101" not in text, "it begins one pass before the present one"
+        await pilot.press("up")
+        await pilot.pause()
+        assert "0.31″" in text_of(app)
+
+    on_screen(act, News((changed(recording="/night.run/recordings/a.mcap"),), session=HERE), size=size)
+    assert asked == [Path("/night.run")], "and read no more often than every two seconds"
+
+
+def test_a_run_of_no_schedule_says_so_and_a_status_that_cannot_be_read_why() -> None:
+    def read(folder: Path) -> ScheduleView:
+        raise SattrackError(f"{folder}/status.json: no status to be read: strange")
+
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        await pilot.press("4")
+        await pilot.pause()
+        assert "this run is of no schedule" in text_of(app)
+        app._screens._read, app._screens._read_s = read, None
+        app.look()
+        await pilot.pause()
+        assert "no status to be read: strange" in text_of(app)
+
+    on_screen(act)

@@ -13,6 +13,7 @@ from sattrack.session_messages import LeaveRunning, TakeControl, YieldControl
 from sattrack.session_view import STARTER, SessionView, Watcher
 from sattrack.tui.app import TrackApp
 from sattrack.tui.feed import News
+from sattrack.tui.hand import Hand
 from sattrack.tui.leave_dialog import LeaveDialog
 from sattrack.view import OffsetView
 
@@ -42,49 +43,55 @@ def told(session: SessionView | None, you: int = STARTER, **changes: object) -> 
     return FakeFeed([News((changed(VIEW, **changes),), session=session, you=you)])
 
 
-@pytest.mark.parametrize(
-    ("session", "you", "keys", "messages"),
-    [
-        (HERE, STARTER, ["right"], [Nudge(along_s=0.1)]),
-        (HERE, STARTER, ["c"], [YieldControl()]),
-        (ELSEWHERE, STARTER, ["c"], [TakeControl()]),
-        (ELSEWHERE, STARTER, ["right", "up", "0", "s", "w", "escape", "r", "m", "u", "shift+left"], []),
-        (ELSEWHERE, STARTER, ["space"], [StopNow()]),
-        (ELSEWHERE, 4, ["right", "space"], [StopNow()]),
-        (ELSEWHERE, ANNA, ["right"], [Nudge(along_s=0.1)]),
-        (ELSEWHERE, ANNA, ["c"], [YieldControl()]),
-        (None, STARTER, ["c"], []),
-        (HERE, STARTER, ["q"], []),
-        (HERE, STARTER, ["q", "x"], []),
-        (HERE, STARTER, ["q", "escape", "right"], [Nudge(along_s=0.1)]),
-        (HERE, STARTER, ["q", "right"], []),
-        (HERE, STARTER, ["q", "s"], [StopNow()]),
-        (HERE, STARTER, ["q", "q"], [StopNow()]),
-        (HERE, STARTER, ["q", "l"], [LeaveRunning()]),
-        (HERE, STARTER, ["q", "space"], [StopNow()]),
-        (HERE, STARTER, ["q", "ctrl+c"], [StopNow()]),
-        (HERE, STARTER, ["ctrl+c"], [StopNow()]),
-        (ELSEWHERE, 4, ["q"], []),
-        (ELSEWHERE, ANNA, ["ctrl+c"], []),
-        (HERE, STARTER, ["shift+right"], [OffsetBy("along_s", "gradual", 1.0, 20.0)]),
-        (HERE, STARTER, ["shift+down"], [OffsetBy("cross_deg", "gradual", -0.1, 20.0)]),
-        (HERE, STARTER, ["right", "u"], [Nudge(along_s=0.1), Nudge(along_s=-0.1)]),
-        (HERE, STARTER, ["u"], []),
-        (HERE, STARTER, ["up", "left", "u", "u", "u"], [
-            Nudge(cross_deg=0.01), Nudge(along_s=-0.1), Nudge(along_s=0.1), Nudge(cross_deg=-0.01)]),
-        (HERE, STARTER, ["f", "up", "u"], [
-            OffsetBy("dec_deg", "add", 0.01), OffsetBy("dec_deg", "add", -0.01)]),
-        (HERE, STARTER, ["shift+right", "u"], [
-            OffsetBy("along_s", "gradual", 1.0, 20.0), OffsetBy("along_s", "set", 0.0)]),
-    ],
-)  # fmt: skip
-def test_each_key_says_what_one_may_say(
-    session: SessionView | None, you: int, keys: list[str], messages: list[Message]
-) -> None:
-    feed = told(session, you)
-    press(feed, *keys)
+CASES: list[tuple[SessionView | None, int, list[str], list[Message]]] = [
+    (HERE, STARTER, ["right"], [Nudge(along_s=0.1)]),
+    (HERE, STARTER, ["c"], [YieldControl()]),
+    (ELSEWHERE, STARTER, ["c"], [TakeControl()]),
+    (ELSEWHERE, STARTER, ["right", "up", "0", "s", "w", "escape", "r", "m", "u", "shift+left"], []),
+    (ELSEWHERE, STARTER, ["space"], [StopNow()]),
+    (ELSEWHERE, 4, ["right", "space"], [StopNow()]),
+    (ELSEWHERE, ANNA, ["right"], [Nudge(along_s=0.1)]),
+    (ELSEWHERE, ANNA, ["c"], [YieldControl()]),
+    (None, STARTER, ["c"], []),
+    (HERE, STARTER, ["q"], []),
+    (HERE, STARTER, ["q", "x"], []),
+    (HERE, STARTER, ["q", "escape", "right"], [Nudge(along_s=0.1)]),
+    (HERE, STARTER, ["q", "right"], []),
+    (HERE, STARTER, ["q", "s"], [StopNow()]),
+    (HERE, STARTER, ["q", "q"], [StopNow()]),
+    (HERE, STARTER, ["q", "l"], [LeaveRunning()]),
+    (HERE, STARTER, ["q", "space"], [StopNow()]),
+    (HERE, STARTER, ["q", "ctrl+c"], [StopNow()]),
+    (HERE, STARTER, ["ctrl+c"], [StopNow()]),
+    (HERE, STARTER, ["shift+right"], [OffsetBy("along_s", "gradual", 1.0, 20.0)]),
+    (HERE, STARTER, ["shift+down"], [OffsetBy("cross_deg", "gradual", -0.1, 20.0)]),
+    (HERE, STARTER, ["right", "u"], [Nudge(along_s=0.1), Nudge(along_s=-0.1)]),
+    (HERE, STARTER, ["u"], []),
+    (HERE, STARTER, ["up", "left", "u", "u", "u"], [
+        Nudge(cross_deg=0.01), Nudge(along_s=-0.1), Nudge(along_s=0.1), Nudge(cross_deg=-0.01)]),
+    (HERE, STARTER, ["f", "up", "u"], [
+        OffsetBy("dec_deg", "add", 0.01), OffsetBy("dec_deg", "add", -0.01)]),
+    (HERE, STARTER, ["shift+right", "u"], [
+        OffsetBy("along_s", "gradual", 1.0, 20.0), OffsetBy("along_s", "set", 0.0)]),
+]  # fmt: skip
 
-    assert feed.sent == messages
+
+def test_each_key_says_what_one_may_say() -> None:
+    async def run() -> None:
+        feed = FakeFeed()
+        app = TrackApp(feed, monotonic=HandClock())
+        async with app.run_test(size=(80, 24)) as pilot:
+            for session, you, keys, messages in CASES:
+                app._close_dialogs()
+                app._hand, app._leaving_since_s, app._stop_sent_s = Hand(), None, None
+                app._leave_running, app._session, app._you = False, None, STARTER
+                feed.coming.append(News((VIEW,), session=session, you=you))
+                app.look()
+                feed.sent.clear()
+                await pilot.press(*keys)
+                assert feed.sent == messages, (session, you, keys)
+
+    asyncio.run(run())
 
 
 def test_a_gradual_nudge_goes_on_from_what_was_asked_for_and_undo_goes_back_there() -> None:
@@ -163,7 +170,7 @@ def test_the_question_does_not_come_for_a_run_that_has_ended() -> None:
     [
         (HERE, STARTER, False, ""),
         (ELSEWHERE, STARTER, True, "LOOKING ON  control: anna  c takes it  1 other"),
-        (ELSEWHERE, ANNA, False, ""),
+        (ELSEWHERE, ANNA, True, "IN CONTROL "),
         (SessionView(None, (Watcher(4, "ben"),), 1), 4, True, "LOOKING ON  control: nobody  c takes it"),
         (SessionView(ANNA, (), 2), ANNA, True, "IN CONTROL   1 other"),
         (SessionView(STARTER, (), 2), STARTER, True, "IN CONTROL   2 others"),

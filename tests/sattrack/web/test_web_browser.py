@@ -1,0 +1,195 @@
+"""The page as a browser has it: what is served to whom, and a run seen and stopped in a real one."""
+
+from __future__ import annotations
+
+import asyncio
+import base64
+import contextlib
+import json
+import re
+import shutil
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+import aiohttp
+import pytest
+
+from sattrack.runtime.gallery_words import SUPPORTED
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+pytest.importorskip("textual_serve")
+pytestmark = pytest.mark.skipif(not SUPPORTED, reason="abstract names are Linux's")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+PATIENCE_S = 30.0
+ESCAPES = re.compile(rb"\x1b\[[0-9;?]*[A-Za-z]")
+
+
+@contextmanager
+def started(*command: str, told: str = "stdout") -> Iterator[subprocess.Popen[bytes]]:
+    pipes = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL, told: subprocess.PIPE}
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, start_new_session=True, **pipes)
+    try:
+        yield process
+    finally:
+        process.terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            process.wait(10.0)
+        process.kill()
+        process.wait()
+        pipe = getattr(process, told)
+        pipe.close()
+
+
+@contextmanager
+def page(*options: str, run: int | None = None) -> Iterator[str]:
+    """Serve the page; give its address."""
+    which = () if run is None else ("--run", str(run))
+    command = (sys.executable, "-m", "sattrack", "serve", "web", "--port", "0", "--json", *which, *options)
+    with started(*command) as server:
+        assert server.stdout is not None
+        yield json.loads(server.stdout.readline())["url"]
+
+
+class NoRedirect(urllib.request.HTTPRedirectHandler):
+    def redirect_request(self, *_: Any) -> None:
+        return None
+
+
+def fetched(url: str, **headers: str) -> tuple[int, str, dict[str, str]]:
+    request = urllib.request.Request(url, headers=headers)
+    try:
+        with urllib.request.build_opener(NoRedirect).open(request, timeout=PATIENCE_S) as answer:
+            return answer.status, answer.read().decode(errors="replace"), dict(answer.headers)
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code, error.read().decode(), dict(error.headers)
+
+
+def test_the_page_is_served_to_whom_it_is_for_and_fetches_nothing_from_elsewhere() -> None:
+    with page("--host", "0.0.0.0", "--run", "1") as url:
+        address, _, token = url.replace("0.0.0.0", "127.0.0.1").partition("?token=")
+        assert len(token) >= 24
+        for path in ("", "static/js/textual.js", "ws"):
+            code, text, _ = fetched(address + path)
+            assert (code, text.count("\n")) == (403, 1)
+        code, _, headers = fetched(f"{address}?token={token}")
+        assert (code, headers["Location"]) == (303, "/")
+        cookie = headers["Set-Cookie"].partition(";")[0]
+        assert "HttpOnly" in headers["Set-Cookie"]
+        code, text, headers = fetched(address, Cookie=cookie)
+        assert code == 200
+        assert not re.search(r"https?://", text)
+        assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
+        assert fetched(address, Cookie=cookie, Origin="http://evil.example")[0] == 403
+        assert fetched(f"{address}static/js/textual.js", Cookie=cookie)[0] == 200
+        assert fetched(f"{address}static/../server.py", Cookie=cookie)[0] in {403, 404}
+
+
+def test_a_port_that_is_taken_and_a_short_token_are_told_in_a_line() -> None:
+    with page() as url:
+        port = url.rstrip("/").rpartition(":")[2]
+        for options, words in ((("--port", port), "is not to be had"), (("--token", "short"), "16 or more")):
+            done = subprocess.run(
+                [sys.executable, "-m", "sattrack", "serve", "web", *options],
+                capture_output=True, text=True, check=False, timeout=PATIENCE_S,
+            )  # fmt: skip
+            assert done.returncode in {1, 2}
+            assert words in done.stderr
+            assert done.stderr.count("\n") == 1
+
+
+class Browser:
+    """A browser's page, driven by its own protocol; what comes over the page's connection is kept."""
+
+    def __init__(self, socket: aiohttp.ClientWebSocketResponse) -> None:
+        self._socket = socket
+        self._count = 0
+        self.drawn = b""
+        self.fetched: list[str] = []
+
+    async def call(self, method: str, **parameters: Any) -> dict[str, Any]:
+        self._count += 1
+        await self._socket.send_json({"id": self._count, "method": method, "params": parameters})
+        while (told := await self._next()).get("id") != self._count:
+            pass
+        return told.get("result", {})
+
+    async def until(self, *texts: bytes) -> None:
+        """Wait until each text has been drawn since the last call."""
+        until_s = time.monotonic() + PATIENCE_S
+        while not all(text in (plain := ESCAPES.sub(b"", self.drawn)) for text in texts):
+            assert time.monotonic() < until_s, f"{texts} did not come: {plain[-3000:]!r}"
+            await self._next()
+        self.drawn = b""
+
+    async def picture(self) -> bytes:
+        told = await self.call(
+            "Page.captureScreenshot", clip={"x": 0, "y": 80, "width": 300, "height": 80, "scale": 1}
+        )
+        return base64.b64decode(told["data"])
+
+    async def press(self, key: str, code: str, number: int) -> None:
+        both = {"key": key, "code": code, "windowsVirtualKeyCode": number}
+        await self.call("Input.dispatchKeyEvent", type="keyDown", text=key, **both)
+        await self.call("Input.dispatchKeyEvent", type="keyUp", **both)
+
+    async def _next(self) -> dict[str, Any]:
+        told: dict[str, Any] = await asyncio.wait_for(self._socket.receive_json(), PATIENCE_S)
+        if told.get("method") == "Network.webSocketFrameReceived":
+            frame = told["params"]["response"]
+            if frame["opcode"] == 2:
+                self.drawn += base64.b64decode(frame["payloadData"])
+        if told.get("method") == "Network.requestWillBeSent":
+            self.fetched.append(told["params"]["request"]["url"])
+        return told
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
+def test_a_run_is_seen_taken_and_stopped_in_a_browser(tmp_path: Path) -> None:
+    sattrack = (sys.executable, "-m", "sattrack")
+    with (
+        started(*sattrack, "demo", "--headless", "--json") as demo,
+        page(run=demo.pid) as url,
+        started(
+            str(CHROMIUM), "--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0",
+            f"--user-data-dir={tmp_path / 'profile'}", "--window-size=820,480", "about:blank", told="stderr",
+        ) as chromium,
+    ):  # fmt: skip
+        assert chromium.stderr is not None
+        found = next(filter(None, (re.search(rb"ws://[^/]+", line) for line in chromium.stderr)))
+        asyncio.run(seen_and_stopped(found[0].decode().removeprefix("ws://"), url))
+        assert demo.stdout is not None
+        summary = json.loads(demo.stdout.read())["summary"]
+        assert demo.wait(PATIENCE_S) == 0
+    assert summary["ended_by"] == "operator"
+    assert summary["mount_stopped"] is True
+
+
+async def seen_and_stopped(debugger: str, url: str) -> None:
+    async with aiohttp.ClientSession() as session:
+        async with session.get(f"http://{debugger}/json") as answer:
+            pages = await answer.json()
+        where = next(each["webSocketDebuggerUrl"] for each in pages if each["type"] == "page")
+        async with session.ws_connect(where, max_msg_size=0) as socket:
+            browser = Browser(socket)
+            await browser.call("Network.enable")
+            await browser.call("Page.enable")
+            await browser.call("Page.navigate", url=url)
+            await browser.until(b"LOOKING ON", b"SPACE STOP")
+            before = await browser.picture()
+            while await browser.picture() == before:
+                # The large figure: how far it is to the satellite yet, or the error.
+                await browser.until(b"range")
+            await browser.press("c", "KeyC", 67)
+            await browser.until(b"IN CONTROL")
+            await browser.press(" ", "Space", 32)
+            await browser.until(b"the mount is at rest")
+    assert all(each.startswith(url) for each in browser.fetched if each.startswith("http")), browser.fetched
