@@ -189,7 +189,6 @@ def _ways(context: CommandContext, schedule: Schedule, profile: ProfileFile, opt
         to_utc_s=None if end is None else round(end, 3),
         noon_s=(NOON_S - S_PER_DEG * context.site().longitude_deg) % 86400.0,
         park=park,
-        can_wake=virtual or schedule.wake is not None,
         weather_every_s=30.0 if schedule.weather is None else schedule.weather.every_s,
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sattrack.schedule.actions import CommandAction, WebhookAction
-from sattrack.schedule.known import actions_of, at_of, enough_left, places_laid_down, prepared_from_s, stepped
+from sattrack.schedule.known import actions_of, at_of, enough_left, prepared_from_s, stepped
 from sattrack.schedule.night import (
     Followed,
     Happening,
@@ -54,7 +54,7 @@ def none_left(run: Run, _: Happening) -> bool:
 
 def none_left_to_park(run: Run, event: Happening) -> bool:
     """No pass is left, and the mount is to be parked."""
-    return none_left(run, event) and run.ways.park and run.mount not in places_laid_down(run)
+    return none_left(run, event) and run.ways.park and run.mount is not Mount.PARKED
 
 
 def missed(run: Run, event: Happening) -> bool:
@@ -68,9 +68,10 @@ def too_early(run: Run, event: Happening) -> bool:
 
 
 def long_to_wait(run: Run, event: Happening) -> bool:
-    """There is long to wait, and the mount is not at its park position."""
-    left_s = prepared_from_s(run) - event.utc_s
-    return run.ways.park and left_s > run.ways.rest_after_s and run.mount is Mount.AT_REST
+    """There is long to wait, and the mount was not sent to its park position for as long."""
+    left_s, again_s = prepared_from_s(run) - event.utc_s, run.laid_utc_s + run.ways.rest_after_s
+    stands = run.mount is Mount.AT_REST or (run.mount is Mount.AT_PARK and event.utc_s >= again_s)
+    return run.ways.park and left_s > run.ways.rest_after_s and stands
 
 
 def cannot_be_taken(_: Run, event: Happening) -> bool:

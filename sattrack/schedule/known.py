@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sattrack.schedule.night import (
-    Mount,
     NightPass,
     Run,
     State,
@@ -39,17 +38,6 @@ def actions_of(run: Run) -> tuple[Action, ...]:
 def prepared_from_s(run: Run) -> float:
     """Return from when on the next pass is prepared, POSIX seconds."""
     return at_of(run).leave_utc_s - run.ways.prepare_s
-
-
-def places_laid_down(run: Run) -> tuple[Mount, ...]:
-    """Return where the mount may be by day."""
-    return (Mount.PARKED,) if cuts_power(run) else (Mount.AT_PARK, Mount.PARKED)
-
-
-def cuts_power(run: Run) -> bool:
-    """Tell whether the drives' power is cut: where it can be given back, or is not needed any more."""
-    end = run.ways.to_utc_s
-    return run.ways.can_wake or (end is not None and run.night_to_utc_s >= end - 1.0)
 
 
 def enough_left(run: Run, utc_s: float, another: bool = False) -> bool:

@@ -149,8 +149,8 @@ def step(run: Run, event: Happening) -> tuple[Run, Doing]:
         if row.state is run.state and isinstance(event, row.event) and row.condition(run, event):
             after, doing = row.action(replace(run, told=None), event)
             notes = after.notes
-            # What became of passes is told by their results.
-            if after.told is not None and after.results == run.results:
+            # What became of passes is told by their results, and what is planned by the plan.
+            if after.told is not None and after.results == run.results and not isinstance(event, Planned):
                 notes = (*notes, after.told)[-MOST_NOTES:]
             return replace(after, state=row.next_state, notes=notes), doing
     raise NoRowError(f"{type(event).__name__} while {run.state}")

@@ -105,13 +105,12 @@ class Ways(msgspec.Struct, frozen=True):
     to_utc_s: float | None
     noon_s: float
     park: bool = True
-    can_wake: bool = False
-    """Whether the drives' power can be given back without a person, so that it may be cut by day."""
     weather_every_s: float = 30.0
     prepare_s: float = 90.0
     """How long before the mount sets out a pass is prepared."""
     rest_after_s: float = 1800.0
-    """A mount with so long to wait waits at its park position, drives on."""
+    """A mount with so long to wait waits at its park position, drives on. It is sent there again after as
+    long: nothing ends a mount's tracking of the sky but the end of its drives' power."""
 
 
 class Event(msgspec.Struct, frozen=True, tag_field="event", kw_only=True):
@@ -301,6 +300,8 @@ class Run(msgspec.Struct, frozen=True):
     """Those at the pass in progress."""
     part_from_utc_s: float = 0.0
     tries: int = 0
+    laid_utc_s: float = 0.0
+    """When the mount was last sent to its park position."""
     weather: str | None = None
     summary: str | None = None
     notes: tuple[str, ...] = ()

@@ -6,7 +6,7 @@ import math
 
 from msgspec.structs import replace
 
-from sattrack.schedule.known import actions_of, at_of, cuts_power, prepared_from_s, stepped
+from sattrack.schedule.known import actions_of, at_of, prepared_from_s, stepped
 from sattrack.schedule.night import (
     AskWeather,
     ClockSet,
@@ -77,9 +77,12 @@ def look(run: Run, event: Happening) -> tuple[Run, Doing]:
     return _fresh(run), Wait(until_utc_s=event.utc_s)
 
 
-def wait(run: Run, _: Happening) -> tuple[Run, Doing]:
-    """Wait until it is to be prepared, or until the mount may lie down."""
-    return run, Wait(until_utc_s=prepared_from_s(run))
+def wait(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Wait until it is to be prepared, or until the mount is to be sent to its park position again."""
+    until, again = prepared_from_s(run), run.laid_utc_s + run.ways.rest_after_s
+    if run.mount is Mount.AT_PARK and event.utc_s < again < until - run.ways.rest_after_s:
+        until = again
+    return run, Wait(until_utc_s=until)
 
 
 def wait_anew(run: Run, event: Happening) -> tuple[Run, Doing]:
@@ -227,8 +230,8 @@ def lay_down(run: Run, _: Happening) -> tuple[Run, Doing]:
 
 
 def lay_down_for_the_day(run: Run, _: Happening) -> tuple[Run, Doing]:
-    """Park the mount: at its park position, the drives' power cut where it can be given back."""
-    return replace(run, tries=1), LayDown(power_off=cuts_power(run))
+    """Park the mount: at its park position, the drives' power cut."""
+    return replace(run, tries=1), LayDown(power_off=True)
 
 
 def lay_down_anew(run: Run, event: Happening) -> tuple[Run, Doing]:
@@ -238,8 +241,7 @@ def lay_down_anew(run: Run, event: Happening) -> tuple[Run, Doing]:
 
 def lay_down_again(run: Run, _: Happening) -> tuple[Run, Doing]:
     """Try again."""
-    off = run.at is None and cuts_power(run)
-    return replace(run, tries=run.tries + 1), LayDown(power_off=off)
+    return replace(run, tries=run.tries + 1), LayDown(power_off=run.at is None)
 
 
 def pause(run: Run, event: Happening) -> tuple[Run, Doing]:
@@ -354,7 +356,7 @@ def _laid(run: Run, event: Happening) -> Run:
     if not isinstance(event, Laid):
         return run
     told = event.words if event.mount in (Mount.AT_PARK, Mount.PARKED) else f"NOT PARKED: {event.words}"
-    return replace(run, mount=event.mount, told=told)
+    return replace(run, mount=event.mount, laid_utc_s=event.utc_s, told=told)
 
 
 def _with_elements(run: Run, event: Prepared) -> Run:

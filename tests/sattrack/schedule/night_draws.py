@@ -45,8 +45,8 @@ ACTIONS = (
 )
 
 
-def ways(nights: float, park: bool = True, can_wake: bool = True) -> Ways:
-    return Ways(BEGIN, BEGIN + nights * 86400.0, NOON_S, park=park, can_wake=can_wake)
+def ways(nights: float) -> Ways:
+    return Ways(BEGIN, BEGIN + nights * 86400.0, NOON_S)
 
 
 def drawn_passes(random: Random, night: int, begin: float, end: float) -> tuple[NightPass, ...]:

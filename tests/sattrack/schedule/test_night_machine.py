@@ -21,12 +21,15 @@ from sattrack.schedule.night import (
     Followed,
     Go,
     Happening,
+    Laid,
     LayDown,
     MakePlan,
     Mount,
     NightPass,
     Planned,
+    Prepare,
     Prepared,
+    Result,
     Run,
     Started,
     State,
@@ -287,6 +290,35 @@ def test_a_clock_set_back_while_waiting_is_told_and_no_pass_comes_twice() -> Non
     assert "set back by 1.00 h" in run.notes[-1]
     run, doing = machine.step(run, Due(utc_s=one.end_utc_s - 3600.0))
     assert isinstance(doing, LayDown)
+
+
+def test_a_mount_with_long_to_wait_is_sent_to_its_park_position_each_half_an_hour_as_it_drifts() -> None:
+    at = Ways(BEGIN, BEGIN + 86400.0, 41_522.0)
+    first, second = drawn_passes(Random(1), 1, BEGIN + 3000.0, BEGIN + 80000.0)[:2]
+    second = replace(
+        second,
+        start_utc_s=first.end_utc_s + 9100.0,
+        end_utc_s=first.end_utc_s + 9300.0,
+        leave_utc_s=first.end_utc_s + 9090.0,
+    )
+    run, doing = machine.step(Run(), Started(utc_s=BEGIN, ways=at))
+    run, doing = machine.step(run, Planned(utc_s=BEGIN, passes=(first, second)))
+    run = replace(run, mount=Mount.AT_REST, results=(Result("done"),))
+    now, sent = first.end_utc_s, 0
+    run, doing = machine.step(run, Due(utc_s=now))
+    while not isinstance(doing, Prepare):
+        if isinstance(doing, LayDown):
+            assert not doing.power_off
+            sent += 1
+            run, doing = machine.step(run, Laid(utc_s=now + 20.0, mount=Mount.AT_PARK))
+        else:
+            assert isinstance(doing, Wait)
+            assert doing.until_utc_s >= now
+            now = doing.until_utc_s
+            run, doing = machine.step(run, Due(utc_s=now))
+    # After 0, 1820, 3640 and 5460 s; what is left after 7280 is less than half an hour.
+    assert sent == 4
+    assert now == pytest.approx(second.leave_utc_s - at.prepare_s)
 
 
 def test_a_night_slept_through_is_left_out_and_the_one_in_progress_planned() -> None:
