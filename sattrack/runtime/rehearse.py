@@ -351,7 +351,8 @@ def _sooner(facts: RunFacts, path: AxisPath) -> RunFacts:
     """Return the facts with an approach no longer than the slew needs: waiting shows nothing."""
     start = practice.START
     p = path.pointing
-    far_deg = 360.0 if abs(p.dec_axis_deg[0]) > 90.0 else 180.0
+    # The hour angle ends within half a turn of the meridian, wherever it begins.
+    far_deg = 360.0 if abs(p.dec_axis_deg[0]) > 90.0 else 180.0 + abs(start.hour_angle_deg)
     slew_s = max(
         slew_time_s(far_deg, facts.profile.ra),
         slew_time_s(abs(float(p.dec_axis_deg[0]) - start.dec_deg), facts.profile.dec),
