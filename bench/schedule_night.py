@@ -327,9 +327,11 @@ def main() -> None:
         took_s, used_s = time.perf_counter() - began_s, time.process_time() - used_s
         found = told(plan.journal())
         tell_nights(found, options.nights)
+        sun = "the Sun below the horizon throughout" if margins.sun == 180.0 else ""
         print(
             f"at the nearest {margins.altitude:.1f}° above the floor, {margins.hour_angle:.1f}° inside the "
-            f"hour angle's travel, {margins.sun:.1f}° outside the Sun's cone, in {margins.looks} turns"
+            f"hour angle's travel, {sun or f'{margins.sun:.1f}° outside the cone of the Sun'}, in "
+            f"{margins.looks} turns"
         )
         real_s = options.nights * 86400.0
         ratios = [f"{real_s / seconds:.0f}" for seconds in (took_s, used_s)]

@@ -1,0 +1,98 @@
+"""docs/nights.md against the code: its table, its keys, its example, and the unit that runs a schedule."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from sattrack.cli import run
+from sattrack.commands.run import command
+from sattrack.runtime.night_commands import as_environment, facts_of
+from sattrack.schedule import actions, machine
+from sattrack.schedule.conditions import BROKE_OFF
+from sattrack.schedule.file import load_schedule
+from sattrack.schedule.night import NightPass, Result, State
+from sattrack.schedule.schema import Terms
+
+if TYPE_CHECKING:
+    import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "nights.md"
+TEXT = PAGE.read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```(\w*)\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
+UNIT = ROOT / "examples" / "systemd" / "sattrack-night.service"
+
+
+def check(root: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "tools.nights", "--check", "--root", str(root)]
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+
+
+def test_the_table_is_the_machine_that_runs(tmp_path: Path) -> None:
+    assert check(ROOT).returncode == 0
+    table = TEXT.partition("BEGIN machine")[2].partition("END machine")[0]
+    assert all(f"| {state.value} |" in table for state in State if state is not State.STOPPED)
+    assert table.count("\n| ") - 1 == sum(row.event.__name__ != "StopAsked" for row in machine.TABLE)
+    (tmp_path / "docs").mkdir()
+    (tmp_path / "docs" / PAGE.name).write_text(TEXT.replace("| Follow it |", "| Leave it |", 1))
+    spoilt = check(tmp_path)
+    assert spoilt.returncode == 1
+    assert "run python -m tools.nights" in spoilt.stderr
+
+
+def test_the_run_of_the_example_ends_as_printed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(ROOT)
+    shown = next(block for _, block in BLOCKS if "examples/night.toml --virtual" in block)
+    words = shlex.split(shown.partition("sattrack run examples")[2].replace("\\\n", " "))
+    assert run(["run", f"examples{words[0]}", *words[1:-1], str(tmp_path / "tonight")]) == 0
+    assert capsys.readouterr().out in [block for _, block in BLOCKS]
+
+
+def test_the_schedule_of_the_page_loads_and_every_key_is_told(tmp_path: Path) -> None:
+    (text,) = (block for kind, block in BLOCKS if kind == "toml")
+    file = tmp_path / "night.toml"
+    file.write_text(text, encoding="utf-8")
+    schedule = load_schedule(file)
+    assert schedule.wake is not None
+    assert len(schedule.notify) == 2
+    told = set(re.findall(r"[a-z_]+", " ".join(re.findall(r"`([^`\n]+)`", TEXT))))
+    for kind in (actions.Wake, actions.Notify):
+        assert {field.encode_name for field in msgspec.structs.fields(kind)} <= told
+    assert set(actions.NOTICES) <= told
+    assert told >= BROKE_OFF
+
+
+def test_every_option_of_a_run_and_every_variable_of_a_program_is_told() -> None:
+    planning = {"--dry-run", "--png", "--ics", "--profile"}
+    common = {"--config", "--site", "--elements", "--clock", "--debug", "--help", "-h"}
+    for parameter in command.params:
+        for option in {*parameter.opts} - planning - common:
+            if option.startswith("--"):
+                assert f"`{option}" in TEXT, option
+    from sattrack import practice
+
+    one = NightPass("k", 1, practice.elements(), 0.0, 1.0, 2.0, 0.0, 50.0, 1.0, 2.0, Terms(), "x")
+    for name in as_environment(facts_of(one, "x", "after", Result("done"))):
+        assert f"`{name}`" in TEXT, name
+
+
+def test_the_units_command_is_one_and_it_restarts_after_a_crash_alone() -> None:
+    settings = dict(
+        line.split("=", 1) for line in UNIT.read_text().splitlines() if "=" in line and line[0] not in "#["
+    )
+    program, verb, *arguments = shlex.split(settings["ExecStart"])
+    assert (program.rpartition("/")[2], verb) == ("sattrack", "run")
+    context = command.make_context("run", arguments)
+    assert str(context.params["file"]) == "night.toml"
+    assert settings["Restart"] == "on-failure"
+    assert set(settings["RestartPreventExitStatus"].split()) == {"2", "130"}
+    assert settings["KillMode"] == "mixed"
