@@ -102,7 +102,7 @@ class Bridge:
     """One-shots of the flags that stand that the telescope has refused."""
     _standing: Standing = field(default_factory=lambda: Standing(-math.inf))
     _trail: deque[_Seen] = field(default_factory=lambda: deque(maxlen=64))
-    _rates_deg_s: tuple[float, float] = (0.0, 0.0)
+    _rates_deg_s: tuple[float, float] = (SIDEREAL_RATE_DEG_S, 0.0)
     _last: Place | None = None
     _equinox: Equinox = field(default_factory=Equinox)
     _in_force: bool = False

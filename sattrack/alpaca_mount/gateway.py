@@ -34,6 +34,8 @@ LEAVE_AFTER_S = 2.5
 LEAVE_AT_LAST_S = 90.0
 """How long it stays at most: longer than a guardian tries to stop a mount."""
 TRY_AGAIN_S = 0.2
+FAREWELL_AT_LAST_S = 3.0
+"""How long it stays after a session that has given the stop up itself; the warden goes on then."""
 QUEUED_AT_MOST = 32
 SLOW_MEMBERS = (
     "slewing",
@@ -169,7 +171,7 @@ class Gateway:
         if self._left_s is None:
             return False
         now_s = time.monotonic()
-        if now_s - self._left_s > LEAVE_AT_LAST_S:
+        if now_s - self._left_s > (FAREWELL_AT_LAST_S if self._bade_farewell else LEAVE_AT_LAST_S):
             return True
         quiet = now_s - max(self._heard_s, self._left_s) > LEAVE_AFTER_S
         return (self._bade_farewell or quiet) and not self.bridge.in_force

@@ -1,0 +1,90 @@
+"""A simulated Alpaca telescope in a process of its own, and programs run with it as a user runs them."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+import urllib.parse
+import urllib.request
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+SITE = ("--site", "52.0,4.5,0")
+SIDEREAL_DEG_S = 360.0 / 86164.0905
+LOOK_AGAIN_S = 0.05
+
+
+class AlpacaTelescope:
+    """The process, and what it tells beside its doors."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        assert process.stdout is not None
+        self.process = process
+        self.port = int(json.loads(process.stdout.readline())["port"])
+        self.url = f"alpaca://127.0.0.1:{self.port}/0"
+
+    def ask(self, path: str) -> Any:
+        with urllib.request.urlopen(f"http://127.0.0.1:{self.port}{path}", timeout=10.0) as answer:
+            return json.loads(answer.read())
+
+    def state(self) -> dict[str, Any]:
+        told: dict[str, Any] = self.ask("/simulator/state")
+        return told
+
+    def truth(self, since_utc_s: float = 0.0) -> list[tuple[float, float, float]]:
+        """Rows of UTC, right ascension and declination: where it truly pointed."""
+        return [tuple(row) for row in self.ask(f"/simulator/truth?since={since_utc_s!r}")]
+
+    def set(self, **values: str) -> None:
+        data = urllib.parse.urlencode(values).encode()
+        request = urllib.request.Request(
+            f"http://127.0.0.1:{self.port}/simulator/settings", data, method="PUT"
+        )
+        with urllib.request.urlopen(request, timeout=10.0):
+            pass
+
+    def speed_deg_s(self) -> float:
+        """How fast it moves over the sky by its last fifth of a second."""
+        rows = self.truth(time.time() - 0.5)[-10:]
+        if len(rows) < 2:
+            return 0.0
+        (t1, ra1, dec1), (t2, ra2, dec2) = rows[0], rows[-1]
+        ra = (ra2 - ra1 + 180.0) % 360.0 - 180.0
+        return max(abs(ra), abs(dec2 - dec1)) / (t2 - t1)
+
+    def wait(self, holds: Callable[[], bool], within_s: float = 30.0) -> None:
+        until_s = time.monotonic() + within_s
+        while not holds():
+            assert time.monotonic() < until_s, self.state()
+            time.sleep(LOOK_AGAIN_S)
+
+    def wait_moving(self, moving: bool) -> None:
+        self.wait(lambda: (self.speed_deg_s() > 0.05) is moving)
+
+
+@contextmanager
+def alpaca_telescope(**settings: Any) -> Iterator[AlpacaTelescope]:
+    told = {"latitude_deg": 52.0, "longitude_deg": 4.5, **settings}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "sattrack.alpaca_simulator", json.dumps(told)],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    try:
+        yield AlpacaTelescope(process)
+    finally:
+        process.stdin.close()
+        try:
+            process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+        process.stdout.close()
