@@ -352,10 +352,6 @@ class TrackApp(App[None]):
         if self._may():
             self._tell(DropRemembered())
 
-    def action_touch(self, key: str) -> None:
-        """Do what a key does, for a mouse."""
-        self.simulate_key(key)
-
     def action_page(self, page: str) -> None:
         """Show another screen."""
         self._turn(lambda main: self._screens.turn_to(page, main))

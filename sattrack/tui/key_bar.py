@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from rich.cells import cell_len
+
 from sattrack.tui.look import DIM, PLATE
 from sattrack.tui.pages import LIVE, LOG, PAGES, SCHEDULE, TONIGHT
 from sattrack.tui.panels import Panel, Row
@@ -11,6 +13,8 @@ from sattrack.tui.scene import Tone
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+
+    from textual.events import Click
 
     from sattrack.tui.scene import Scene
 
@@ -63,44 +67,65 @@ WIDE_TAPE_KEYS = (
 )
 
 
+Touch = tuple[str, str, str | None]
+"""A text, its style, and the key that it stands for, if any."""
+
+
 class KeyBar(Panel):
     """The keys."""
 
     def full(self, scene: Scene) -> list[Row]:
         """Return the one row."""
+        return [[(text, style) for text, style, _ in self._touches(scene)]]
+
+    def on_click(self, event: Click) -> None:
+        """Do what the key does that was touched."""
+        at = event.get_content_offset(self)
+        if self._scene is None or at is None:
+            return
+        cells = at.x
+        for text, _, key in self._touches(self._scene):
+            cells -= cell_len(text)
+            if cells < 0:
+                if key is not None:
+                    self.app.simulate_key(key)
+                return
+
+    def _touches(self, scene: Scene) -> list[Touch]:
         wide = self.content_size.width >= ROOM_FOR_ALL_KEYS
         if scene.tape is not None:
-            return [_row((*(WIDE_TAPE_KEYS if wide else TAPE_KEYS), *ENDS), 3)]
-        if scene.page != LIVE:
-            keys = LIST_KEYS.get(scene.page, ()) if wide else ()
-            return [[*_pages(scene.page), *_row(keys, 2, gap_after=True), _stop(), "  ", *_row(ENDS, 2)]]
-        keys = WIDE_LIVE_KEYS if wide else LIVE_KEYS
-        return [[*_row(keys, 3, gap_after=True), _stop(), "   ", *_row(ENDS, 3)]]
+            return _spread((*(WIDE_TAPE_KEYS if wide else TAPE_KEYS), *ENDS), "   ")
+        if scene.page == LIVE:
+            keys = WIDE_LIVE_KEYS if wide else LIVE_KEYS
+            return [*_spread(keys, "   "), _gap("   "), STOP, *_spread(ENDS, "   ", first=True)]
+        more = LIST_KEYS.get(scene.page, ()) if wide else ()
+        pages = [*_pages(scene.page), *_spread(more, "  ", first=True)]
+        return [*pages, _gap("   "), STOP, *_spread(ENDS, "  ", first=True)]
 
 
-def _stop() -> tuple[str, str]:
-    return " SPACE STOP ", _touch(PLATE[Tone.BAD], "space")
+STOP: Touch = (" SPACE STOP ", PLATE[Tone.BAD], "space")
 
 
-def _pages(page: str) -> Row:
-    row: Row = []
+def _gap(text: str) -> Touch:
+    return text, "", None
+
+
+def _pages(page: str) -> list[Touch]:
+    found: list[Touch] = []
     for key, name in PAGES.items():
         style = PLATE[Tone.CALM] if name == page else DIM
-        row += [(f"{key} ", _touch("bold", key)), (name, _touch(style, key)), "  "]
-    return row
+        found += [(f"{key} ", "bold", key), (name, style, key), _gap("  ")]
+    return found[:-1]
 
 
-def _row(keys: Sequence[Key], gap: int, gap_after: bool = False) -> Row:
-    row: Row = []
+def _spread(keys: Sequence[Key], gap: str, first: bool = False) -> list[Touch]:
+    """Return the keys with their words, `gap` between them, and with `first` before them too."""
+    found: list[Touch] = []
     for key in keys:
-        row += [(text, _touch("bold", name)) for text, name in key.touches]
+        if found or first:
+            found.append(_gap(gap))
+        found += [(text, "bold", name) for text, name in key.touches]
         if key.what:
             # A word is of all its keys, and touched for none of two.
-            style = _touch(DIM, key.touches[0][1]) if len(key.touches) == 1 else DIM
-            row.append((f" {key.what}", style))
-        row.append(" " * gap)
-    return row if gap_after else row[:-1]
-
-
-def _touch(style: str, key: str) -> str:
-    return f"{style} @click=app.touch('{key}')"
+            found.append((f" {key.what}", DIM, key.touches[0][1] if len(key.touches) == 1 else None))
+    return found

@@ -194,6 +194,4 @@ class Screens:
             return self._aside.look.trouble
         if self._console is None:
             return "looking at the mount …"
-        return (
-            f"as the run hears it; by hand only after its end, by `sattrack mount watch`: {scene.view.mount}"
-        )
+        return "as the run hears it; by hand only after its end"
