@@ -12,7 +12,7 @@ from sattrack.commands.run_plan import loader, progress, said_utc_s, situation_o
 from sattrack.commands.run_told import Told
 from sattrack.errors import BadInputError, InterruptedRunError
 from sattrack.runtime.mounts import is_antenna, mount_address
-from sattrack.runtime.night_commands import Notifier
+from sattrack.runtime.night_commands import Errands, Notifier
 from sattrack.runtime.night_drive import drive
 from sattrack.runtime.night_files import NightFiles
 from sattrack.runtime.night_flight import Airspace
@@ -39,6 +39,8 @@ if TYPE_CHECKING:
 
 NOON_S, S_PER_DEG = 43200.0, 240.0
 VIRTUAL_DAYS = 1.0
+ERRANDS_WITHIN_S = 30.0
+"""How long those who are notified are waited for at the end."""
 
 
 @dataclass(slots=True)
@@ -112,6 +114,7 @@ def run_schedule(context: CommandContext, file: Path, options: dict[str, Any]) -
         files = NightFiles(folder, str(file))
         journal = Journal(folder / FILE_NAME, durable=not options["virtual"])
         told = Told(files, str(file), context.json)
+        errands: Errands | None = None
         try:
             hands: Hands
             if options["virtual"]:
@@ -121,10 +124,13 @@ def run_schedule(context: CommandContext, file: Path, options: dict[str, Any]) -
                 from sattrack.commands.run_live import live_hands
 
                 hands = live_hands(context, schedule, profile, mount_url, (plans, files, journal, told, stop))
-                told.notifier = Notifier(schedule.notify, file.absolute().parent, hands.kit.errands)
+                errands = hands.kit.errands
+                told.notifier = Notifier(schedule.notify, file.absolute().parent, errands)
             run, end = drive(journal, hands, ways, told.event)
         finally:
             told.close()
+            if errands is not None:
+                errands.finish(ERRANDS_WITHIN_S)
             journal.close()
     return _finish(run, end, told)
 
@@ -179,6 +185,11 @@ def _ways(context: CommandContext, schedule: Schedule, profile: ProfileFile, opt
         raise BadInputError(
             f"the run goes from {Utc(begin).isoformat('seconds')} to {Utc(end).isoformat('seconds')}: "
             "give --from and --to in order"
+        )
+    now = float(context.now().unix_s)
+    if end is not None and not virtual and end <= now:
+        raise BadInputError(
+            f"the run would end at {Utc(end).isoformat('seconds')}, which is over: give another --to"
         )
     park = schedule.park_at_end
     if park and profile.mount.park is None:

@@ -10,8 +10,9 @@ import click
 import msgspec
 
 from sattrack.commands.common import tell
+from sattrack.errors import SattrackError
 from sattrack.runtime.night_commands import facts_of
-from sattrack.schedule.night import Planned, SummedUp
+from sattrack.schedule.night import Planned, Started, SummedUp
 from sattrack.schedule.showing import view_of
 from tle.errors import printable
 from tle.instants import Utc
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from sattrack.schedule_view import ScheduleView
 
 
-FOLLOWS_EVERY_S = 1.0
+FOLLOWS_EVERY_S, STATUS_EVERY_S = 1.0, 5.0
 
 
 class Told:
@@ -35,13 +36,15 @@ class Told:
         self.notifier: Notifier | None = None
         self._line = ""
         self._over = 0
+        self._written_utc_s = float("-inf")
+        self._trouble: str | None = None
         self._view: ScheduleView | None = None
 
     def event(self, run: Run, event: Happening, doing: Doing) -> None:
         """Hear of an event, once it is kept."""
         view = view_of(run, doing, event.utc_s, self._schedule, str(self._files.folder))
         view = self._view = msgspec.structs.replace(view, pid=os.getpid())
-        self._files.tell(view)
+        self._write(view)
         if self._json:
             click.echo(msgspec.json.encode(view).decode())
         elif run.told is not None:
@@ -53,7 +56,7 @@ class Told:
 
     def _notify(self, run: Run, event: Happening, notifier: Notifier) -> None:
         """Tell whoever the schedule names, of whatever he wants to hear."""
-        new = run.told if len(run.results) > self._over else None
+        new = run.told if len(run.results) > self._over and not isinstance(event, Started) else None
         self._over = len(run.results)
         if new is not None:
             place = len(run.results) - 1
@@ -81,8 +84,20 @@ class Told:
         if view.next_in_s is not None:
             view = msgspec.structs.replace(view, next_in_s=round(view.next_in_s - (utc_s - view.utc_s), 1))
         view = self._view = msgspec.structs.replace(view, utc_s=utc_s)
-        self._files.tell(view)
+        if not 0.0 <= utc_s - self._written_utc_s < STATUS_EVERY_S:
+            self._write(view)
         self.progress(progress_line(view))
+
+    def _write(self, view: ScheduleView) -> None:
+        """Renew the status file; a disk that is full is no reason to end a night, and told once."""
+        self._written_utc_s = view.utc_s
+        try:
+            self._files.tell(view)
+            self._trouble = None
+        except SattrackError as error:
+            if self._trouble is None:
+                self._trouble = str(error)
+                tell(self._trouble)
 
     def follows(self, utc_s: float, on_target_s: float, words: str) -> None:
         """Hear how a pass goes; told once a second."""
@@ -94,7 +109,7 @@ class Told:
         passes = (*view.passes[:place], one, *view.passes[place + 1 :])
         doing = f"following {one.number}, {one.name}: {words}"
         self._view = view = msgspec.structs.replace(view, utc_s=utc_s, passes=passes, doing=doing)
-        self._files.tell(view)
+        self._write(view)
         if self._json:
             click.echo(msgspec.json.encode(view).decode())
         self.progress(progress_line(view))
@@ -113,7 +128,7 @@ class Told:
         """Leave the line, and say in the status that nobody runs it any more."""
         self._wipe()
         if self._view is not None:
-            self._files.tell(msgspec.structs.replace(self._view, running=False))
+            self._write(msgspec.structs.replace(self._view, running=False))
 
 
 def progress_line(view: ScheduleView) -> str:

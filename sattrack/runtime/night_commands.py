@@ -8,6 +8,7 @@ import os
 import signal
 import subprocess
 import threading
+import time
 import urllib.error
 import urllib.request
 from typing import TYPE_CHECKING, Any
@@ -126,6 +127,7 @@ class Errands:
     def __init__(self, complaints: Callable[[str], None]) -> None:
         """Take who hears."""
         self._complaints = complaints
+        self._threads: list[threading.Thread] = []
 
     def begin(self, words: str, errand: Callable[[], str | None]) -> None:
         """Begin an errand in a thread of its own."""
@@ -135,7 +137,16 @@ class Errands:
             if wrong is not None:
                 self._complaints(f"{words}: {wrong}")
 
-        threading.Thread(target=run, name="errand", daemon=True).start()
+        self._threads = [thread for thread in self._threads if thread.is_alive()]
+        thread = threading.Thread(target=run, name="errand", daemon=True)
+        self._threads.append(thread)
+        thread.start()
+
+    def finish(self, within_s: float) -> None:
+        """Wait for errands that are under way, so long at most: the process is about to end."""
+        until_s = time.monotonic() + within_s
+        for thread in self._threads:
+            thread.join(max(0.0, until_s - time.monotonic()))
 
 
 class Notifier:

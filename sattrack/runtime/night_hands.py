@@ -171,7 +171,7 @@ class LiveHands:
             case LayDown():
                 found = self._lay_down(doing.power_off)
             case SumUp():
-                found = SummedUp(utc_s=now(), file=self.files.sum_up(run), words=headline(run))
+                found = self._sum_up(run)
             case End():
                 raise ValueError("an end is not performed")
         return found
@@ -280,10 +280,12 @@ class LiveHands:
     def _verb(self, *verb: str) -> str | None:
         """Run a verb of `sattrack mount`; return what went wrong, None where nothing."""
         kit = self.kit
-        self._wait_until_free()
-        command = [*kit.program, "mount", *verb, *kit.common, *kit.clock()]
         try:
+            self._wait_until_free()
+            command = [*kit.program, "mount", *verb, *kit.common, *kit.clock()]
             code, words = run_verb(command, VERB_WITHIN_S, lambda: kit.stop.asked)
+        except SattrackError as error:
+            return str(error)
         except OSError as error:
             return f"mount {verb[0]} cannot be run: {error.strerror}"
         return None if code == 0 else words or f"mount {verb[0]} ended with {code}"
@@ -293,11 +295,14 @@ class LiveHands:
         if self.kit.address is not None:
             wait_until_free(self.kit.address, lambda: None)
 
-    def _lay_down(self, power_off: bool) -> Laid:
+    def _sum_up(self, run: Run) -> SummedUp:
         try:
-            wrong = self._verb("park", *(() if power_off else ("--drives-on",)))
+            return SummedUp(utc_s=self.kit.now(), file=self.files.sum_up(run), words=headline(run))
         except SattrackError as error:
-            wrong = str(error)
+            return SummedUp(utc_s=self.kit.now(), words=f"{headline(run)}; no summary: {error}")
+
+    def _lay_down(self, power_off: bool) -> Laid:
+        wrong = self._verb("park", *(() if power_off else ("--drives-on",)))
         if wrong is not None:
             return Laid(utc_s=self.kit.now(), mount=Mount.AT_REST, words=wrong)
         return Laid(utc_s=self.kit.now(), mount=Mount.PARKED if power_off else Mount.AT_PARK)
@@ -305,10 +310,10 @@ class LiveHands:
     def _follow(self, doing: Follow, one: NightPass) -> Go:
         kit, weather = self.kit, self.kit.schedule.weather
         self._pause(doing.pause_s)
-        self._recording = self.files.recording(one, doing.part)
-        if weather is not None and one.terms.if_weather_unsafe != "run":
-            self._watch = WeatherWatch(weather, kit.folder)
         try:
+            self._recording = self.files.recording(one, doing.part)
+            if weather is not None and one.terms.if_weather_unsafe != "run":
+                self._watch = WeatherWatch(weather, kit.folder)
             self._wait_until_free()
             session = Session(
                 self._track_command(one, self._recording),

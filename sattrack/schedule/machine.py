@@ -61,6 +61,7 @@ _WAITING_STATES = (
 TABLE: tuple[Row, ...] = (
     # A run begins, or goes on where it was when it ended.
     Row(S.PLANNING, Started, on.before_the_night, do.rest_until_the_night, S.RESTING),
+    Row(S.PLANNING, Started, on.night_is_over, do.sum_up, S.SUMMING_UP),
     Row(S.PLANNING, Started, on.always, do.make_plan, S.PLANNING),
     Row(S.PLANLESS, Started, on.always, do.try_again_later, S.PLANLESS),
     Row(S.WAITING, Started, on.always, do.look, S.WAITING),
@@ -144,7 +145,7 @@ def step(run: Run, event: Happening) -> tuple[Run, Doing]:
     if isinstance(event, Started):
         run = replace(run, ways=event.ways)
         if not run.night:
-            run = do.first_night(run)
+            run = do.first_night(run, event.utc_s)
     for row in TABLE:
         if row.state is run.state and isinstance(event, row.event) and row.condition(run, event):
             after, doing = row.action(replace(run, told=None), event)

@@ -297,9 +297,9 @@ def end(run: Run, event: Happening) -> tuple[Run, Doing]:
     return run, End(why="all nights are over")
 
 
-def first_night(run: Run) -> Run:
-    """Return a run with its first night found."""
-    return _night_from(run, run.ways.from_utc_s, 1)
+def first_night(run: Run, now_utc_s: float) -> Run:
+    """Return a run with its first night found: the one in progress, where it could have begun before."""
+    return _night_from(run, max(run.ways.from_utc_s, now_utc_s), 1)
 
 
 def _next_night(run: Run, now_utc_s: float) -> Run:
