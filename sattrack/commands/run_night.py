@@ -23,6 +23,7 @@ from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import make_plan_and_choice
 from sattrack.schedule.night import End, NightPass, Planned, Ways
+from sattrack.schedule.search import named_by
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -107,7 +108,7 @@ def run_schedule(context: CommandContext, file: Path, options: dict[str, Any]) -
     situation_of(context, schedule, profile, (ways.from_utc_s, ways.from_utc_s + 1.0), ways.from_utc_s)
     load = loader(context, schedule)
     for entry in schedule.entries:
-        load(entry.source)
+        named_by(entry, load(entry.source))
     plans = NightPlans(context, file, profile, options["rehearse"])
     folder, stop = folder_of(file, options["folder"]), StopRequest()
     with locked(folder), stopping(stop):

@@ -37,6 +37,11 @@ def night_is_over(run: Run, event: Happening) -> bool:
     return event.utc_s >= run.night_to_utc_s
 
 
+def night_is_over_to_park(run: Run, event: Happening) -> bool:
+    """The night is over, and the mount is to be parked."""
+    return night_is_over(run, event) and none_left_to_park(run, event)
+
+
 def has_a_plan(run: Run, _: Happening) -> bool:
     """The night has a plan."""
     return run.passes != ()

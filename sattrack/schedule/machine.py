@@ -88,6 +88,7 @@ TABLE: tuple[Row, ...] = (
     # The night's plan.
     Row(S.PLANNING, Planned, on.always, do.take_plan, S.WAITING),
     Row(S.PLANNING, NotPlanned, on.always, do.try_again_later, S.PLANLESS),
+    Row(S.PLANLESS, Due, on.night_is_over_to_park, do.lay_down_for_the_day, S.PARKING),
     Row(S.PLANLESS, Due, on.night_is_over, do.sum_up, S.SUMMING_UP),
     Row(S.PLANLESS, Due, on.always, do.make_plan, S.PLANNING),
     # Between passes.

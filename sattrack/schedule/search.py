@@ -117,17 +117,7 @@ class EntrySearch:
                     f"matches no object: {loaded.name} holds {len(loaded.elements)}, none{of}"
                 )
             return matching
-        chosen: dict[int, Elements] = {}
-        for key in entry.satellites:
-            try:
-                one = find(loaded.elements, key)
-            except AmbiguousSatelliteError as error:
-                raise entry.origin.wrong(str(error)) from None
-            except SatelliteNotFoundError as error:
-                hint = meant(key, [e.name for e in loaded.elements if e.name])
-                raise entry.origin.wrong(f"{error}{hint}") from None
-            chosen[one.catalog_number] = one
-        return list(chosen.values())
+        return named_by(entry, loaded)
 
     def _passes(self, chosen: Sequence[Elements], span: Span) -> CataloguePasses:
         situation = self._situation
@@ -324,3 +314,18 @@ class EntrySearch:
             return None
         when = "today" if loaded.renewable else "at the pass"
         return f"elements {days:.1f} days old {when}, more than {self._entry.terms.elements_oldest_days:g}"
+
+
+def named_by(entry: Entry, loaded: Loaded) -> list[Elements]:
+    """Return the satellites that an entry names, each once. Raises BadInputError that says where."""
+    chosen: dict[int, Elements] = {}
+    for key in entry.satellites:
+        try:
+            one = find(loaded.elements, key)
+        except AmbiguousSatelliteError as error:
+            raise entry.origin.wrong(str(error)) from None
+        except SatelliteNotFoundError as error:
+            hint = meant(key, [e.name for e in loaded.elements if e.name])
+            raise entry.origin.wrong(f"{error}{hint}") from None
+        chosen[one.catalog_number] = one
+    return list(chosen.values())

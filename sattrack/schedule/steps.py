@@ -57,6 +57,8 @@ def try_again_later(run: Run, event: Happening) -> tuple[Run, Doing]:
     """Tell why, and try again in ten minutes."""
     words = event.words if isinstance(event, NotPlanned) else None
     told = None if words is None else f"no plan: {words}"
+    if told is not None and run.notes and run.notes[-1] == told:
+        told = None
     return replace(run, told=told), Wait(until_utc_s=event.utc_s + TRY_PLAN_AGAIN_S)
 
 

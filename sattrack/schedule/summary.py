@@ -169,7 +169,7 @@ def _mount_words(run: Run) -> str:
         return "the mount is parked"
     if run.mount is Mount.AT_PARK:
         return "the mount rests at its park position, drives on"
-    return "THE MOUNT IS NOT PARKED" if run.ways.park else "the mount is left where it was"
+    return "THE MOUNT IS NOT PARKED" if run.ways.park else "the mount is left where it is"
 
 
 def _iso(utc_s: float) -> str:

@@ -127,6 +127,15 @@ def test_a_run_without_a_mount_or_with_options_that_do_not_go_with_one_says_so_a
     assert [one.name for one in tmp_path.iterdir()] == ["night.toml"]
 
 
+def test_a_run_of_a_satellite_that_nobody_knows_ends_before_it_begins(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    file = written(tmp_path, SPAN + '[[passes]]\nsatellite = "SAT 0"\n')
+    assert run(["run", file, "--elements", sky, *LEIDEN, "--mount", "sim", "--virtual"]) == 2
+    assert "night.toml:3:1: " in capsys.readouterr().err
+    assert [one.name for one in tmp_path.iterdir()] == ["night.toml"]
+
+
 def test_a_plan_is_of_the_passes_and_verdicts_that_passes_lists(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
 ) -> None:
