@@ -274,7 +274,9 @@ def test_only_safety_makes_what_a_session_takes_and_nothing_else_composes_motion
         composers.add(module)
     assert composers == {"xerxes/session.py", "calibration/guard.py"}
     senders = {module for module, name, _ in every if name == "sendto"}
-    assert senders == {"xerxes/client.py", "xerxes/simulator/server.py"}
+    mounts = {"xerxes/simulator/server.py", "alpaca_mount/gateway.py"}
+    # The last answers who asks for Alpaca servers.
+    assert senders == {"xerxes/client.py", "runtime/alpaca_process.py", *mounts}
 
 
 def test_whoever_lets_a_session_speak_has_a_gate_of_its_own() -> None:
