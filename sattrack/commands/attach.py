@@ -11,7 +11,7 @@ import click
 
 from sattrack.commands.aside import beside
 from sattrack.commands.common import CommandContext, appearance, common_options, screen_options
-from sattrack.commands.running import tui_possible
+from sattrack.commands.screened import tui_possible
 from sattrack.errors import BadInputError, SattrackError
 from sattrack.runtime.gallery_words import SUPPORTED, feeders
 

@@ -26,9 +26,8 @@ from sattrack.commands.running import (
     Stream,
     check_observations,
     finish,
-    tui_possible,
-    with_tui,
 )
+from sattrack.commands.screened import tui_possible, with_tui
 from sattrack.errors import BadInputError
 from sattrack.profiles import ProfileFile
 from sattrack.runtime.facts import choose_pass

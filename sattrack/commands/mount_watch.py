@@ -12,7 +12,7 @@ import click
 
 from sattrack.commands.json_lines import JsonLines
 from sattrack.commands.mount_common import MountCall, mount_options, resolve
-from sattrack.commands.running import tui_possible
+from sattrack.commands.screened import tui_possible
 from sattrack.errors import BadInputError, SattrackError
 from sattrack.manual.sitting import Sitting
 from sattrack.runtime.console import OrderInbox, attend_sitting

@@ -22,7 +22,7 @@ from sattrack.commands.common import (
 )
 from sattrack.commands.json_lines import JsonLines
 from sattrack.commands.replay_views import LeftError, ViewsAtOnce
-from sattrack.commands.running import tui_possible
+from sattrack.commands.screened import tui_possible
 from sattrack.errors import BadInputError
 from sattrack.recording.comparison import Choice
 from sattrack.recording.format import VIEW

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import sys
 from dataclasses import dataclass
@@ -22,8 +21,6 @@ from tle.instants import Utc
 if TYPE_CHECKING:
     from sattrack.runtime.facts import RunFacts
     from sattrack.session_view import SessionView
-    from sattrack.tui.appearance import Appearance
-    from sattrack.tui.beside import Beside
 
 SECONDS_BETWEEN_LINES = 5.0
 OLD_AFTER_DAYS = 3.0
@@ -94,23 +91,6 @@ def progress_line(view: TrackView) -> str:
         f"{clock}  {view.name}  {view.phase:<9} "
         f"alt {view.target_alt_deg:5.1f}°  az {view.target_az_deg:5.1f}°{error}{rms}  link {view.link.state}"
     )
-
-
-def tui_possible() -> bool:
-    """Tell whether there is a terminal to draw on, and what it takes to draw."""
-    return sys.stdin.isatty() and sys.stdout.isatty() and importlib.util.find_spec("textual_plot") is not None
-
-
-def with_tui(appearance: Appearance, stay: bool = True, beside: Beside | None = None) -> int:
-    """Run this very command line headless in a process of its own, and the terminal UI here on top of it.
-
-    With `stay`, the screen of an ended run remains until it is left. `beside`: what the screen starts itself.
-    The loop that feeds the mount must not share a process with anything that draws.
-    """
-    from sattrack.tui.launch import fly_with_tui
-
-    arguments = [*sys.argv[1:], "--stream", "--control", "--scene"]
-    return fly_with_tui([sys.executable, "-m", "sattrack", *arguments], appearance, stay, beside=beside)
 
 
 class Stream(JsonLines):

@@ -20,7 +20,7 @@ from sattrack.antenna.station import DEC_LIMIT_DEG, Station, axis_range
 from sattrack.antenna.trajectory import to_ns
 from sattrack.commands.common import CommandContext, common_options, profile_option
 from sattrack.commands.json_lines import JsonLines
-from sattrack.commands.running import tui_possible
+from sattrack.commands.screened import tui_possible
 from sattrack.commands.serve_log import Log
 from sattrack.commands.serving import check_port, end_of_service, what_is_served
 from sattrack.errors import BadInputError

@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import re
-import sys
-from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
-from sattrack.commands.aside import beside
 from sattrack.commands.common import (
     CommandContext,
     appearance,
@@ -20,28 +16,7 @@ from sattrack.commands.common import (
     profile_option,
     screen_options,
 )
-from sattrack.commands.flying import fly_and_tell
-from sattrack.commands.running import (
-    Progress,
-    Stream,
-    announcement,
-    check_observations,
-    finish,
-    tell_malformed,
-    tui_possible,
-    with_tui,
-)
-from sattrack.errors import BadInputError
-from sattrack.runtime.facts import REFRACTION_MODES
-from sattrack.runtime.fly import fly_virtual
-from sattrack.runtime.mounts import is_antenna
-from sattrack.runtime.observers import read_all
-from sattrack.runtime.prepare import RunRequest, prepare
-from tle.instants import Utc
-
-if TYPE_CHECKING:
-    from sattrack.runtime.prepare import Prepared
-    from sattrack.session_view import Armed
+from sattrack.commands.screened import tui_possible, with_tui
 
 
 @click.command("track")
@@ -57,7 +32,7 @@ if TYPE_CHECKING:
 @click.option(
     "--record", type=click.Path(path_type=Path), help="Write every input and output to a new MCAP file."
 )
-@click.option("--refraction", type=click.Choice(REFRACTION_MODES), default="auto", show_default=True)
+@click.option("--refraction", type=click.Choice(("auto", "on", "off")), default="auto", show_default=True)
 @click.option("--bias-along", default=0.0, metavar="S", help="Seconds; positive leads.")
 @click.option(
     "--bias-cross", default=0.0, metavar="DEG", help="Degrees; positive to the left, seen from below."
@@ -79,91 +54,26 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
 
     SATELLITE is a catalogue number, an international designator or a name.
     """
-    request = RunRequest(
-        satellite=satellite,
-        mount_url=options["mount_url"] or context.settings.mount.url,
-        elements=context.elements() if context.sources() else None,
-        site=context.site() if context.has_site() else None,
-        clock_option=context.clock_option,
-        min_alt_deg=context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"],
-        refraction=options["refraction"],
-        bias_along_s=options["bias_along"],
-        bias_cross_deg=options["bias_cross"],
-        camera_rotation_deg=options["camera_rotation"],
-        fov_deg=context.settings.camera.fov_deg if options["fov_deg"] is None else options["fov_deg"],
-        virtual=options["virtual"],
-        record=options["record"],
-        profile=context.profile(options["profile"], options["mount_url"] or context.settings.mount.url),
-        limits=context.settings.safety.limits(),
-        memory=options["bias_memory"],
-        between=(_utc_s(options["begin"]), _utc_s(options["end"])),
-    )
-    if is_antenna(request.mount_url):
-        from sattrack.commands.track_antenna import follow
+    url = options["mount_url"] or context.settings.mount.url
+    if _wants_screen(context, options, url) and tui_possible():
+        # Whatever is wrong with the rest, the feeder says, before there is a screen.
+        return _on_screen(context, options, url)
+    from sattrack.commands.track_flight import follow
 
-        if request.memory not in {"auto", "off"}:
-            raise BadInputError("--bias-memory does not go with an antenna's controller; leave it out")
-        return follow(context, request, options)
-    if request.virtual and (options["stream"] or options["control"]):
-        raise BadInputError("--stream and --control go with real time; leave --virtual out")
-    observations = options["observations"]
-    check_observations(observations, options["control"], context.sources())
-    if request.virtual and observations not in {None, "stdin"}:
-        raise BadInputError(f"--observations {observations}: in virtual time they come from stdin")
-    streams = options["stream"] or options["control"] or observations == "stdin"
-    if not (options["headless"] or options["virtual"] or context.json or streams) and tui_possible():
-        practising = prepare(request).practising
-        look = appearance(context, options["theme"], options["plain"])
-        return with_tui(
-            look,
-            beside=beside(context, options["profile"], options["min_alt"], practising, request.mount_url),
-        )
-    prepared = prepare(request)
-    if prepared.practising:
-        words = "no elements or site set: practising with the built-in ISS pass over Leiden"
-        click.echo(f"sattrack: {words}", err=True)
-    for words in (*announcement(prepared.facts), *prepared.notes):
-        click.echo(f"sattrack: {words}", err=True)
-    told = Stream(tells_session=options["scene"]) if options["stream"] else Progress(quiet_off_terminal=True)
-    if isinstance(told, Stream) and options["scene"]:
-        told.tell_scene(prepared.facts)
-    if request.virtual:
-        observers = None if observations is None else read_all(sys.stdin.buffer)
-        summary, interrupted = fly_virtual(prepared, told.show, observers=observers), False
-        told.end()
-        if observers is not None:
-            tell_malformed(observers)
-    else:
-        summary, interrupted = fly_and_tell(
-            prepared,
-            told,
-            options["control"],
-            observations=observations,
-            again=lambda armed, before: prepare(_next_request(request, armed, before)),
-        )
-    return finish(summary, interrupted, context.json or options["stream"])
+    return follow(context, satellite, options)
 
 
-def _utc_s(text: str | None) -> float | None:
-    return None if text is None else float(Utc.parse(text).unix_s)
+def _wants_screen(context: CommandContext, options: dict[str, Any], url: str | None) -> bool:
+    streams = options["stream"] or options["control"] or options["observations"] == "stdin"
+    plain = options["headless"] or options["virtual"] or context.json or streams
+    # An antenna's controller has a screen of its own kind.
+    return not plain and not (url or "").startswith("antenna:")
 
 
-def _next_request(request: RunRequest, armed: Armed, before: Prepared) -> RunRequest:
-    """Return what is asked for by a pass that was armed: the same by the same clock, its record apart."""
-    recording = before.facts.recording
-    return replace(
-        request,
-        satellite=str(armed.catalog_number),
-        between=(None, None),
-        culminate_utc_s=armed.culminate_utc_s,
-        clock=before.clock,
-        record=None if recording is None else next_file(Path(recording)),
-    )
+def _on_screen(context: CommandContext, options: dict[str, Any], url: str | None) -> int:
+    from sattrack.commands.aside import beside
 
-
-def next_file(path: Path) -> Path:
-    """Return the first name like `path` that is free: pass.mcap, pass-2.mcap, pass-3.mcap."""
-    stem, number = re.sub(r"-[0-9]+$", "", path.stem), 2
-    while (other := path.with_stem(f"{stem}-{number}")).exists():
-        number += 1
-    return other
+    practising = url == "sim" and not context.sources() and not context.has_site()
+    look = appearance(context, options["theme"], options["plain"])
+    started = beside(context, options["profile"], options["min_alt"], practising, url)
+    return with_tui(look, beside=started)

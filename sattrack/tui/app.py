@@ -206,6 +206,9 @@ class TrackApp(App[None]):
         self._gone = self._gone or news.ended
         self._ended = self._ended or news.ended or news.summary is not None
         self._draw()
+        if self._gone and self._view is None:
+            # It never began; why, is told on the plain terminal.
+            self.exit()
         self._leave_when_due()
 
     def _begin_anew(self) -> None:

@@ -8,12 +8,13 @@ from rich.cells import cell_len
 
 from sattrack.tui.look import DIM, PLATE
 from sattrack.tui.pages import LIVE, LOG, PAGES, SCHEDULE, TONIGHT
-from sattrack.tui.panels import Panel, Row
+from sattrack.tui.panels import Panel, rows_content
 from sattrack.tui.scene import Tone
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from textual.content import Content
     from textual.events import Click
 
     from sattrack.tui.scene import Scene
@@ -74,14 +75,13 @@ Touch = tuple[str, str, str | None]
 class KeyBar(Panel):
     """The keys."""
 
-    def full(self, scene: Scene) -> list[Row]:
-        """Return the one row."""
-        return [[(text, style) for text, style, _ in self._touches(scene)]]
+    def _content(self) -> Content:
+        return rows_content([[(text, style) for text, style, _ in self._touches(self._scene)]])
 
     def on_click(self, event: Click) -> None:
         """Do what the key does that was touched."""
         at = event.get_content_offset(self)
-        if self._scene is None or at is None:
+        if at is None:
             return
         cells = at.x
         for text, _, key in self._touches(self._scene):
@@ -91,7 +91,9 @@ class KeyBar(Panel):
                     self.app.simulate_key(key)
                 return
 
-    def _touches(self, scene: Scene) -> list[Touch]:
+    def _touches(self, scene: Scene | None) -> list[Touch]:
+        if scene is None:
+            return [STOP, *_spread(ENDS, "   ", first=True)]
         wide = self.content_size.width >= ROOM_FOR_ALL_KEYS
         if scene.tape is not None:
             return _spread((*(WIDE_TAPE_KEYS if wide else TAPE_KEYS), *ENDS), "   ")

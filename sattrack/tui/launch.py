@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import time
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,8 @@ if TYPE_CHECKING:
 NIGHT = Appearance()
 PATIENCE_S = 20.0
 TELL_AFTER_S = 0.3
+SHOW_AFTER_S = 0.4
+"""How long after the feeder's start the screen is there without a view, to say that one is to come."""
 GRACE_S = 2.0
 
 
@@ -43,6 +46,7 @@ def fly_with_tui(
     stands in for the screen. A feeder that
     has said that it is left running is left alone. `beside` is what the screen starts itself.
     """
+    begun_s = time.monotonic()
     feeder = FeederProcess(command)
     end_with_the_terminal(feeder, patience_s, GRACE_S)
     if show is None:
@@ -51,7 +55,7 @@ def fly_with_tui(
     code: int | None = None
     interrupted = False
     try:
-        if feeder.wait_first_view():
+        if feeder.wait_first_view(None if show is not None else _left(begun_s)):
             aside = None if beside is None else Aside.of(beside, feeder.pid)
             (show or partial(show_screen, appearance=appearance, aside=aside))(feeder, stay)
     except KeyboardInterrupt:
@@ -69,6 +73,10 @@ def show_screen(feed: Feed, stay: bool, appearance: Appearance, aside: Aside | N
     app = TrackApp(feed, stay, appearance=appearance, aside=aside)
     if run_until_left(app, "the screen broke; the mount was told to stop"):
         raise KeyboardInterrupt
+
+
+def _left(begun_s: float) -> float:
+    return max(0.0, begun_s + SHOW_AFTER_S - time.monotonic())
 
 
 def _end(feeder: FeederProcess, patience_s: float) -> int:

@@ -95,6 +95,13 @@ class TitleBar(Panel):
 class HeadlineBar(Panel):
     """The phase, or whatever matters more."""
 
+    def _content(self) -> Content:
+        if self._scene is None:
+            return rows_content(
+                [[(" STARTING ", PLATE[Tone.CALM]), " ", ("what feeds the mount", SPOKEN[Tone.CALM])]]
+            )
+        return super()._content()
+
     def full(self, scene: Scene) -> list[Row]:
         """Return the one row."""
         word, rest, tone = headline(scene)

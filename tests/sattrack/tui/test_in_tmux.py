@@ -1,0 +1,81 @@
+"""From the first screen to the shell, with a terminal multiplexer between: arm, track, nudge, stop."""
+
+from __future__ import annotations
+
+import os
+import select
+import shutil
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+pytestmark = pytest.mark.skipif(shutil.which("tmux") is None, reason="no tmux here")
+PATIENCE_S = 60.0
+LOOK_EVERY_S = 0.1
+RUN = ("track", "ISS", "--mount", "sim", "--clock", "2026-10-02T13:01:50Z")
+
+
+class Pane:
+    """One program in a session of tmux of its own."""
+
+    def __init__(self, socket: str) -> None:
+        self._socket = socket
+
+    def tmux(self, *arguments: str) -> str:
+        command = ["tmux", "-L", self._socket, "-f", "/dev/null", *arguments]
+        return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+    def press(self, *keys: str) -> None:
+        self.tmux("send-keys", *keys)
+
+    def wait_for(self, *texts: str) -> str:
+        """Look at the screen until each text stands on it."""
+        until_s = time.monotonic() + PATIENCE_S
+        while True:
+            shown = self.tmux("capture-pane", "-p")
+            if all(text in shown for text in texts):
+                return shown
+            assert time.monotonic() < until_s, f"{texts} did not come:\n{shown}"
+            select.select([], [], [], LOOK_EVERY_S)
+
+
+@contextmanager
+def in_tmux(*arguments: str) -> Iterator[Pane]:
+    socket = f"sattrack-test-{os.getpid()}"
+    pane = Pane(socket)
+    program = " ".join([sys.executable, "-m", "sattrack", *arguments])
+    pane.tmux("new-session", "-d", "-x", "80", "-y", "24", f"{program}; echo left with $?; cat")
+    try:
+        yield pane
+    finally:
+        subprocess.run(["tmux", "-L", socket, "kill-server"], check=False, capture_output=True)
+
+
+def test_a_pass_is_armed_another_tracked_nudged_and_stopped() -> None:
+    with in_tmux(*RUN) as pane:
+        pane.wait_for("SPACE STOP")
+        pane.press("2")
+        pane.wait_for("passes to come", "this one", "14:38:48")
+        pane.press("Down")
+        pane.wait_for("▶ 14:38:48")
+        pane.press("Enter")
+        pane.wait_for("armed 1")
+        pane.press("1")
+        pane.wait_for("TRACKING", "all is well")
+        pane.press("Right")
+        pane.wait_for("asked +0.100 s")
+        pane.press("S-Left")
+        pane.wait_for("asked −0.9")
+        pane.press("5")
+        pane.wait_for("armed ISS (ZARYA)", "ISS (ZARYA): tracking")
+        pane.press("Space")
+        pane.wait_for("STOPPED", "by the operator; the mount is at rest")
+        pane.press("q")
+        pane.wait_for("ended by operator", "left with 0")
