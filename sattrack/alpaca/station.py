@@ -24,6 +24,7 @@ from sattrack.alpaca.resting import Resting
 from sattrack.alpaca.standing import Standing, state_of
 from sattrack.alpaca.undertaking import Undertaking, check_floor, procedure_of, refuse
 from sattrack.manual.console import Console
+from sattrack.manual.procedures import Once
 from sattrack.messages import StopNow
 from sattrack.mount import Hold
 from sattrack.requests import FineRate, TicketState
@@ -199,6 +200,11 @@ class TelescopeStation:
         return procedure if isinstance(procedure, Drive) else None
 
     @property
+    def _is_fine(self) -> bool:
+        """Whether fine rates are what is under way."""
+        return self._under_way is not None and self._under_way.kind == "fine"
+
+    @property
     def _is_slewing(self) -> bool:
         """Whether the mount slews, or brakes at the end of what was stopped."""
         status, stopping = self.session.status, self.console.stopping and not self.session.stopped
@@ -248,7 +254,9 @@ class TelescopeStation:
             raise Fault(Number.PARKED, "the mount is parked, and only its own console takes it out of park")
         replaces = isinstance(order, SlewOrder | ParkOrder)
         on_with_it = isinstance(order, MoveOrder) and (self._drive is not None or not order.rate_deg_s)
-        if self.console.procedure is not None and not (replaces or on_with_it):
+        # A rate that is in force is only looked at for a while: the protocol acknowledges none.
+        busy = self.console.procedure is not None and not self._is_fine
+        if busy and not (replaces or on_with_it):
             raise Fault(Number.INVALID_OPERATION, f"the mount is {self._doing}: AbortSlew ends that")
 
     def _undertake(self, kind: str, procedure: Procedure, now_utc_s: float) -> None:
@@ -349,7 +357,10 @@ class TelescopeStation:
     def _look_at_procedure(self) -> None:
         """See whether what is under way has ended, and how."""
         under_way = self._under_way
-        if under_way is None or self.console.procedure is under_way.procedure:
+        if under_way is None:
+            return
+        if self.console.procedure is under_way.procedure:
+            self._look_at_rates(under_way)
             return
         self._under_way = None
         outcome = self.console.outcome
@@ -357,6 +368,15 @@ class TelescopeStation:
             self._supersede(under_way)
             return
         self._settle(under_way, outcome)
+
+    def _look_at_rates(self, under_way: Undertaking) -> None:
+        """Answer for fine rates as soon as datagrams have them."""
+        procedure = under_way.procedure
+        if under_way.waiting is None or not (self._is_fine and isinstance(procedure, Once)):
+            return
+        if self.console.session.fine_rate == procedure.request:
+            self.answers.done(under_way.waiting)
+            under_way.waiting = None
 
     def _settle(self, done: Undertaking, outcome: Outcome) -> None:
         ended_well = outcome.state in DONE

@@ -113,7 +113,11 @@ class Launches:
         return self._active is not None or bool(self._queue)
 
     def submit(self, ticket: Ticket) -> None:
-        """Put a request into the queue."""
+        """Put a request into the queue; fine rates take the place of those that are only looked at."""
+        active = self._active
+        rates = isinstance(ticket.request, FineRate)
+        if rates and active is not None and isinstance(active.ticket.request, FineRate):
+            self._end(active, TicketState.SUPERSEDED, "other fine rates were asked for")
         self._queue.append((ticket, self._ticks))
 
     def supersede(self, reason: str) -> None:

@@ -461,6 +461,23 @@ def test_a_declination_rate_is_in_arcseconds_a_second_and_leaves_the_other_one_a
     assert (scope.truths[-1].dec_deg - before.dec_deg) * 3600.0 / seconds == pytest.approx(-5.0, abs=0.003)
 
 
+def test_offset_rates_are_answered_at_once_and_hold_nothing_up(scope: VirtualTelescope) -> None:
+    began_s = scope.now_utc_s
+    scope.put("declinationrate", DeclinationRate=0.01)
+    assert scope.now_utc_s - began_s < 0.2
+    scope.put("moveaxis", Axis=0, Rate=1.0)
+    scope.put("moveaxis", Axis=0, Rate=0)
+    began_s = scope.now_utc_s
+    scope.put("declinationrate", DeclinationRate=0.02)
+    scope.put("rightascensionrate", RightAscensionRate=0.001)
+    scope.put("declinationrate", DeclinationRate=0.03)
+    assert scope.now_utc_s - began_s < 0.5
+    assert scope.get("declinationrate") == pytest.approx(0.03, abs=1e-9)
+    assert scope.put("pulseguide", Direction=0, Duration=100) is None
+    scope.wait_while("ispulseguiding")
+    assert scope.get("declinationrate") == pytest.approx(0.03, abs=1e-9)
+
+
 def test_home_is_found_and_left(scope: VirtualTelescope) -> None:
     assert scope.get("athome") is False
     scope.put("findhome")

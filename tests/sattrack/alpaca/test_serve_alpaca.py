@@ -223,7 +223,7 @@ def resident_kb(process_id: int) -> int:
 
 
 def hammer_the_program(served: Served, requests: int, seed: int) -> int:
-    """Send malformed requests to the program; return by how many kB it has grown since a tenth of them."""
+    """Send malformed requests to the program; return by how many kB it has grown since half of them."""
     chance, resident, sent = random.Random(seed), 0, 0
     processes = (served.process.pid, served.http_process())
     with call(served.port) as line:
@@ -242,7 +242,7 @@ def hammer_the_program(served: Served, requests: int, seed: int) -> int:
                 status, came = read_answer(another)
             assert status in statuses | {400, 404, 405}, (method, target, body, came)
             sent += 1
-            if sent == requests // 10:
+            if sent == requests // 2:
                 resident = sum(resident_kb(one) for one in processes)
         assert abs(number_of(line, "declination") - before) < 1e-4
         assert say(line, "GET", "slewing")["Value"] is False
