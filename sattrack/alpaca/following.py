@@ -1,4 +1,4 @@
-"""A satellite that is followed, for Alpaca's clients: what they may see of it, and its offsets."""
+"""A satellite that is followed, for Alpaca's clients: what they may see of it, its offsets, its failures."""
 
 from __future__ import annotations
 
@@ -34,6 +34,23 @@ def offset(engine: Engine | None, order: BiasOrder, now_utc_s: float) -> None:
         if abs(has - goal) > SAME_OFFSET:
             words = engine.tracker.steering.refusal or "the offset was not taken"
             raise Fault(Number.INVALID_VALUE, words)
+
+
+def receive_or_stop(engine: Engine, data: bytes, arrival_utc_s: float) -> None:
+    """Have an engine take a datagram; one that fails stops the mount."""
+    try:
+        engine.receive(data, arrival_utc_s)
+    except Exception as error:  # noqa: BLE001 - no error is worth a mount that is left moving
+        engine.fail(str(error))
+
+
+def tick_or_stop(engine: Engine, now_utc_s: float) -> bytes:
+    """Have an engine make the datagram to send now; one that fails stops the mount."""
+    try:
+        return engine.tick(now_utc_s)
+    except Exception as error:  # noqa: BLE001 - no error is worth a mount that is left moving
+        engine.fail(str(error))
+        return engine.tick(now_utc_s)
 
 
 def followed(engine: Engine, now_utc_s: float) -> FollowedState:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from sattrack.alpaca.answers import Answers
 from sattrack.alpaca.drive import AfterStop, Drive
 from sattrack.alpaca.faults import Fault, Number
-from sattrack.alpaca.following import followed, offset
+from sattrack.alpaca.following import followed, offset, receive_or_stop, tick_or_stop
 from sattrack.alpaca.messages import (
     AbortOrder,
     BiasOrder,
@@ -118,7 +118,7 @@ class TelescopeStation:
         """Take one datagram from the mount."""
         self._heard = (data, arrival_utc_s)
         if self.engine is not None:
-            self._let_engine_receive(self.engine, data, arrival_utc_s)
+            receive_or_stop(self.engine, data, arrival_utc_s)
         else:
             self.console.receive(data, arrival_utc_s)
         self._standing.see(self.session)
@@ -126,7 +126,9 @@ class TelescopeStation:
     def tick(self, now_utc_s: float) -> bytes:
         """Return the datagram to send now; call once a period."""
         if self.engine is not None:
-            datagram = self._tick_engine(self.engine, now_utc_s)
+            datagram = tick_or_stop(self.engine, now_utc_s)
+            if self.engine.finished:
+                self._leave_satellite()
         else:
             datagram = self.console.tick(now_utc_s)
             self._look_at_procedure()
@@ -315,27 +317,10 @@ class TelescopeStation:
             raise Fault(Number.INVALID_VALUE, str(error)) from error
         engine.safety.follow_on(self.console.safety)
         if self._heard is not None:
-            self._let_engine_receive(engine, *self._heard)
+            receive_or_stop(engine, *self._heard)
         self.engine, self._failure = engine, None
         self._standing.moved("move")
         self.words.append(f"follows {engine.spec.propagator.elements.label}")
-
-    def _let_engine_receive(self, engine: Engine, data: bytes, arrival_utc_s: float) -> None:
-        try:
-            engine.receive(data, arrival_utc_s)
-        except Exception as error:  # noqa: BLE001 - no error is worth a mount that is left moving
-            engine.fail(str(error))
-
-    def _tick_engine(self, engine: Engine, now_utc_s: float) -> bytes:
-        """Have the engine make a datagram; one whose directions fail stops the mount."""
-        try:
-            datagram = engine.tick(now_utc_s)
-        except Exception as error:  # noqa: BLE001 - no error is worth a mount that is left moving
-            engine.fail(str(error))
-            datagram = engine.tick(now_utc_s)
-        if engine.finished:
-            self._leave_satellite()
-        return datagram
 
     def _leave_satellite(self) -> None:
         engine = self.engine

@@ -33,6 +33,10 @@ SATELLITES = Satellites(
 )
 
 
+IN_THE_PASS_UTC_S = BEGIN_UTC_S + 130.0
+ACQUIRED_AFTER_S = 25.0
+
+
 def follow(scope: VirtualTelescope, seconds: float) -> None:
     facts = SATELLITES.facts(TrackSatellite("ISS"), scope.now_utc_s)
     number = scope.give(FollowOrder(msgspec.Raw(encode_facts(facts))))
@@ -55,10 +59,10 @@ def off_arcsec(scope: VirtualTelescope, along_s: float = 0.0) -> float:
 
 
 def test_a_satellite_is_followed_as_track_follows_it_and_told_of() -> None:
-    scope = VirtualTelescope()
-    follow(scope, 30.0)
+    scope = VirtualTelescope(begin_utc_s=BEGIN_UTC_S + 80.0)
+    follow(scope, 5.0)
     assert scope.get("slewing") is True
-    scope.run_until(BEGIN_UTC_S + 200.0)
+    scope.run_until(BEGIN_UTC_S + 150.0)
     assert scope.get("slewing") is False
     assert scope.get("tracking") is True
     assert off_arcsec(scope) < 1.0
@@ -69,9 +73,9 @@ def test_a_satellite_is_followed_as_track_follows_it_and_told_of() -> None:
 
 
 def test_a_bias_is_set_added_to_and_followed_and_told() -> None:
-    scope = VirtualTelescope()
+    scope = VirtualTelescope(begin_utc_s=IN_THE_PASS_UTC_S)
     assert scope.fault_of("action", Action="Bias", Parameters='{"along_s": 1}') is Number.INVALID_OPERATION
-    follow(scope, 150.0)
+    follow(scope, ACQUIRED_AFTER_S)
     scope.put("action", Action="Bias", Parameters='{"along_s": 0.5}')
     scope.run_for(20.0)
     assert off_arcsec(scope, 0.5) < 1.0
@@ -88,8 +92,8 @@ def test_a_bias_is_set_added_to_and_followed_and_told() -> None:
 
 
 def test_while_a_satellite_is_followed_other_commands_are_refused_by_its_name_and_an_abort_ends_it() -> None:
-    scope = VirtualTelescope()
-    follow(scope, 150.0)
+    scope = VirtualTelescope(begin_utc_s=IN_THE_PASS_UTC_S)
+    follow(scope, ACQUIRED_AFTER_S)
     ra_h = scope.get("rightascension")
     refused = [
         ("moveaxis", {"Axis": 0, "Rate": 1.0}),
@@ -118,8 +122,8 @@ def test_while_a_satellite_is_followed_other_commands_are_refused_by_its_name_an
 
 
 def test_at_the_end_of_its_pass_the_mount_is_free_again() -> None:
-    scope = VirtualTelescope()
-    follow(scope, 540.0)
+    scope = VirtualTelescope(begin_utc_s=BEGIN_UTC_S + 480.0)
+    follow(scope, 60.0)
     told = scope.telescope.state
     scope.get("slewing")
     told = scope.telescope.state
@@ -134,8 +138,8 @@ def test_at_the_end_of_its_pass_the_mount_is_free_again() -> None:
 def test_a_satellite_whose_directions_fail_is_given_up_and_the_mount_stopped_and_free(
     part: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    scope = VirtualTelescope()
-    follow(scope, 150.0)
+    scope = VirtualTelescope(begin_utc_s=IN_THE_PASS_UTC_S)
+    follow(scope, ACQUIRED_AFTER_S)
 
     def broken(*_: object) -> None:
         raise ArithmeticError("the orbit has decayed")
