@@ -63,7 +63,7 @@ def live_hands(
         speed=1.0 if simulated is None else simulated.speed,
         clock=clock_option,
         plan=plans.make,
-        renew=_renewer(context, schedule),
+        renew=renewer(context, schedule),
         waits=told.waits,
         follows=told.follows,
         errands=Errands(tell),
@@ -83,7 +83,7 @@ def _common(context: CommandContext, mount_url: str) -> tuple[str, ...]:
     return tuple(options)
 
 
-def _renewer(context: CommandContext, schedule: Schedule) -> Callable[[NightPass], Elements | None]:
+def renewer(context: CommandContext, schedule: Schedule) -> Callable[[NightPass], Elements | None]:
     """Return what gives a pass' satellite's newest elements, by the providers' rules; None where none are."""
 
     def renew(one: NightPass) -> Elements | None:

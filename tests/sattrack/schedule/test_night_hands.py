@@ -14,19 +14,26 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import msgspec
 import pytest
+from element_server import element_server
 
 from sattrack import practice
+from sattrack.commands.common import CommandContext
+from sattrack.commands.run_live import renewer
 from sattrack.errors import SattrackError
 from sattrack.runtime.night_commands import Errands, Notifier, as_environment, facts_of, post, run_program
 from sattrack.runtime.night_files import NightFiles, read_status
 from sattrack.runtime.night_hands import Readings, jump_between
 from sattrack.runtime.night_journal import Journal, locked
-from sattrack.runtime.weather import ask_weather
+from sattrack.runtime.weather import WeatherWatch, ask_weather
 from sattrack.schedule.actions import Notify, Weather
+from sattrack.schedule.file import load_schedule
 from sattrack.schedule.night import NightPass, Result
 from sattrack.schedule.schema import Terms
+from sattrack.settings import Settings
 from tle.formats.registry import write_elements
+from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -216,6 +223,36 @@ def test_an_alpaca_safety_monitor_is_asked_whether_it_is_safe(
         gone = ask_weather(Weather(alpaca=f"alpaca://127.0.0.1:{server.server_port}/2"), tmp_path)
         assert not gone.safe
         assert "does not answer" in str(gone.words)
+
+
+def test_weather_that_turns_unsafe_is_noticed_while_something_else_goes_on(tmp_path: Path) -> None:
+    (tmp_path / "asked").mkdir()
+    first_safe = "mktemp asked/XXXXXX; test $(ls asked | wc -l) -lt 3"
+    watch = WeatherWatch(Weather(command=(*SHELL, first_safe), every_s=0.1), tmp_path)
+    watch._thread.join(30.0)
+    assert watch.unsafe == "sh: ended with 1"
+    assert len(list((tmp_path / "asked").iterdir())) == 3
+    watch.close()
+
+
+def test_elements_are_renewed_before_each_pass_and_the_provider_asked_once_in_two_hours(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    (tmp_path / "night.toml").write_text('elements = ["celestrak:stations"]\n[[passes]]\nsatellite = "ISS"\n')
+    schedule = load_schedule(tmp_path / "night.toml")
+    old = replace(practice.elements(), epoch=Utc(float(practice.elements().epoch.unix_s) - 3.0 * 86400.0))
+    with element_server() as server:
+        monkeypatch.setenv("SATTRACK_CELESTRAK_URL", server.url)
+        context = CommandContext(Settings(), "52.1541,4.4908,0", (), None, False, False)
+        renew = renewer(context, schedule)
+        for _ in range(5):
+            renewed = renew(msgspec.structs.replace(ONE, elements=old))
+            assert renewed is not None
+            assert renewed.epoch.isoformat("seconds") == "2026-10-02T00:19:53Z"
+        # What is no newer is left as it is.
+        assert renew(ONE) is None
+        assert server.asked == ["GROUP=stations&FORMAT=csv"]
 
 
 @pytest.mark.parametrize(
