@@ -6,6 +6,7 @@ from typing import Literal
 
 import msgspec
 
+LONGEST_S = 10.0
 EquatorialSystem = Literal["jnow", "j2000"]
 
 
@@ -46,3 +47,25 @@ class TelescopeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     move_interval_s: float = 0.0
     """A MoveAxis that changes an axis' rate sooner after the last one is refused."""
     seed: int = 1
+
+    def __post_init__(self) -> None:
+        """Raise ValueError, naming the field, where a number cannot be one of a telescope."""
+        above = {
+            "ra_gain": self.ra_gain,
+            "dec_gain": self.dec_gain,
+            "acceleration_deg_s2": self.acceleration_deg_s2,
+            "slew_rate_deg_s": self.slew_rate_deg_s,
+            "servo_hz": self.servo_hz,
+        }
+        for name, value in above.items():
+            if not value > 0.0:
+                raise ValueError(f"{name} is {value:g}; it must be above 0")
+        least = {
+            "latency_s": self.latency_s,
+            "jitter_s": self.jitter_s,
+            "cache_s": self.cache_s,
+            "move_interval_s": self.move_interval_s,
+        }
+        for name, value in least.items():
+            if not 0.0 <= value <= LONGEST_S:
+                raise ValueError(f"{name} is {value:g}; it goes from 0 to {LONGEST_S:g}")

@@ -35,7 +35,9 @@ FAULTS_HELP = "\n".join(
 
 @click.command("sim", epilog=f"\b\n{FAULTS_HELP}")
 @click.option(
-    "--port", default=DEFAULT_PORT, show_default=True, help="UDP port for commands; 0 takes a free one."
+    "--port",
+    type=int,
+    help=f"UDP port for commands, {DEFAULT_PORT} by default (with --alpaca TCP, 11111); 0 takes a free one.",
 )
 @click.option(
     "--peer", type=int, metavar="PORT", help="Port to send statuses to; default: where commands come from."
@@ -47,15 +49,26 @@ FAULTS_HELP = "\n".join(
     help="What mount it is: a mount profile; its table [simulator] says what only a simulated one needs.",
 )
 @click.option("--faults", metavar="FAULT,...", help="What goes wrong, and when; see below.")
+@click.option(
+    "--alpaca", is_flag=True, help="An ASCOM Alpaca telescope in its stead, for --mount alpaca://…."
+)
+@click.option(
+    "--telescope",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="With --alpaca: what telescope it is (TOML), as examples/alpaca_telescope.toml.",
+)
 @click.option("--seed", type=int, help="Seed of all that is random in it; default: the profile's.")
 @common_options
 def command(
     context: CommandContext,
-    port: int,
+    port: int | None,
     peer: int | None,
     profile: Path | None,
     faults: str | None,
     seed: int | None,
+    alpaca: bool,
+    telescope: Path | None,
 ) -> int:
     """Run the simulated mount alone, on UDP, until interrupted.
 
@@ -64,6 +77,14 @@ def command(
     for number in (port, peer):
         if number is not None and not 0 <= number <= 65535:
             raise BadInputError(f"port {number}: ports run to 65535; 0 takes a free one")
+    if alpaca:
+        from sattrack.commands.sim_alpaca import simulate
+
+        if not (peer is None and profile is None and faults is None and seed is None):
+            raise BadInputError("--alpaca: --telescope FILE says what telescope it is; leave the others out")
+        return simulate(context, port, telescope)
+    if telescope is not None:
+        raise BadInputError(f"--telescope {telescope}: that goes with --alpaca")
     where = context.site() if context.has_site() else None
     site = SimulatedSite(practice.SITE.latitude_deg, practice.SITE.longitude_deg, practice.SITE.height_m)
     if where is not None:
@@ -77,7 +98,7 @@ def command(
         site=site,
         profile=described.mount,
         start=practice.START,
-        port=port,
+        port=DEFAULT_PORT if port is None else port,
         peer_port=peer,
         clock=_setting(context),
         hardware=hardware,

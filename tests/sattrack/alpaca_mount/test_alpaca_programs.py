@@ -294,3 +294,43 @@ def test_a_pass_is_followed_in_real_time_and_stopped_from_another_terminal(tmp_p
         assert sorted(errors)[len(errors) // 2] < 60.0
         rests(telescope, time.monotonic())
     assert run("replay", str(record)) == 0
+
+
+def test_the_examples_telescope_is_simulated_and_found(capsys: pytest.CaptureFixture[str]) -> None:
+    example = Path(__file__).parents[3] / "examples" / "alpaca_telescope.toml"
+    program = Program("sim", "--alpaca", "--port", "0", "--telescope", str(example), "--json")
+    try:
+        assert program.process.stdout is not None
+        told = json.loads(program.process.stdout.readline())
+        assert run("mount", "status", "--mount", told["mount"], "--json") == 0
+        status = json.loads(capsys.readouterr().out)["status"]
+        # Of date, though the driver says it in J2000: the simulated telescope stands at 15° of date.
+        assert status["dec_deg"] == pytest.approx(15.0, abs=1e-4)
+        assert status["site_latitude_deg"] == pytest.approx(52.1541)
+        program.process.send_signal(signal.SIGINT)
+        assert program.end()[0] == 130
+    finally:
+        program.close()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        ("latency_s = -1", "telescope.toml:1: latency_s is -1; it goes from 0 to 10"),
+        ("lat = 1", "telescope.toml:1: Object contains unknown field `lat`"),
+        ("ra_gain = 0", "telescope.toml:1: ra_gain is 0; it must be above 0"),
+    ],
+)
+def test_a_telescope_that_cannot_be_simulated_is_told_by_file_and_line(
+    words: str, says: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "telescope.toml").write_text(words + "\n")
+    assert run("sim", "--alpaca", "--telescope", "telescope.toml") == 2
+    assert says in capsys.readouterr().err
+
+
+def test_options_of_the_other_simulated_mount_are_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run("sim", "--alpaca", "--faults", "loss=3%") == 2
+    assert "leave the others out" in capsys.readouterr().err
+    assert run("sim", "--telescope", "telescope.toml") == 2
+    assert "that goes with --alpaca" in capsys.readouterr().err
