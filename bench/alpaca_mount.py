@@ -1,0 +1,197 @@
+"""How near satellites are followed with simulated Alpaca telescopes, by the truth of their axes.
+
+python bench/alpaca_mount.py            every variant calibrated, then the practice pass, in virtual time
+python bench/alpaca_mount.py --live [N] the first N with every part in a process of its own, 10 minutes each
+python bench/alpaca_mount.py --alpyca   what a request takes with alpyca, and with aiohttp
+
+In virtual time the ways of HTTP requests, the unevenness of the gateway's turns and the telescope's servos
+are simulated; live they are this machine's. Each variant is calibrated first, and its profile used.
+"""
+
+from __future__ import annotations
+
+import argparse
+import asyncio
+import json
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+from alpaca_harness import calibrate, follow
+
+from sattrack.alpaca_simulator.settings import TelescopeSettings
+from sattrack.figures import RunningError
+from sattrack.tracker import sky_error
+from tle.instants import Utc
+from tle.propagator import Propagator
+from tle.refraction import Refraction
+from tle.site import Site
+from tle.sources import load_elements
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+CULMINATES_AFTER_S = 370.0
+"""From the beginning of a live variant: time for the calibration."""
+REQUESTS = 50
+VARIANTS: dict[str, tuple[TelescopeSettings, float]] = {
+    "as the standard has it": (TelescopeSettings(), 10.0),
+    "additive": (TelescopeSettings(additive=True), 10.0),
+    "both axes turned": (TelescopeSettings(ra_sign=-1, dec_sign=-1), 10.0),
+    "additive, RA turned, gains 1.03, 0.96": (
+        TelescopeSettings(additive=True, ra_sign=-1, ra_gain=1.03, dec_gain=0.96),
+        10.0,
+    ),
+    "J2000": (TelescopeSettings(system="j2000"), 10.0),
+    "not tracking before": (TelescopeSettings(tracking=False), 10.0),
+    "soft servos, 1.5 Hz, 2 °/s²": (TelescopeSettings(servo_hz=1.5, acceleration_deg_s2=2.0), 10.0),
+    "latency 60 ms": (TelescopeSettings(latency_s=0.06), 10.0),
+    "latency 30 ± 10 ms either way": (TelescopeSettings(jitter_s=0.01), 10.0),
+    "asked 5 times a second": (TelescopeSettings(), 5.0),
+    "MoveAxis every 250 ms at most, ?hz=3.5": (TelescopeSettings(move_interval_s=0.25), 3.5),
+    "the same, asked 10 times a second": (TelescopeSettings(move_interval_s=0.25), 10.0),
+    "rates 0.002 to 0.3 and 0.5 to 4 °/s": (
+        TelescopeSettings(rates_deg_s=((0.002, 0.3), (0.5, 4.0))),
+        10.0,
+    ),
+    "latency 200 ± 10 ms, ?hz=4": (TelescopeSettings(latency_s=0.2, jitter_s=0.005), 4.0),
+    "places 0 to 200 ms old": (TelescopeSettings(cache_s=0.2), 10.0),
+}
+LIVE: dict[str, tuple[TelescopeSettings, float]] = {
+    "as the standard has it": (TelescopeSettings(), 10.0),
+    "all turned and J2000, a request a property": (
+        TelescopeSettings(system="j2000", additive=True, ra_sign=-1, dec_sign=-1, device_state=False),
+        10.0,
+    ),
+}
+"""Live, no part of what is slow is simulated."""
+
+
+def words(name: str, true: RunningError, reported: RunningError | None, ended_by: str | None) -> str:
+    told = "" if reported is None else f", reported {reported.rms_arcsec or float('nan'):7.2f}″ RMS"
+    rms, peak = true.rms_arcsec or float("nan"), true.peak_arcsec or float("nan")
+    return f"{name:<42} true {rms:7.2f}″ RMS, {peak:7.2f}″ peak{told}, ended by {ended_by}"
+
+
+def virtual() -> None:
+    for name, (settings, hz) in VARIANTS.items():
+        profile, _ = calibrate(settings, hz)
+        result = follow(settings, profile, hz)
+        print(words(name, result.true, result.reported, result.ended_by), flush=True)
+
+
+@contextmanager
+def telescope(settings: TelescopeSettings) -> Iterator[int]:
+    """Run a simulated telescope in a process of its own; give its port."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "sattrack.alpaca_simulator", msgspec.json.encode(settings).decode()],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert process.stdin is not None
+    assert process.stdout is not None
+    try:
+        yield int(json.loads(process.stdout.readline())["port"])
+    finally:
+        process.stdin.close()
+        process.wait()
+
+
+def live(name: str, settings: TelescopeSettings, hz: float) -> None:
+    """Calibrate and follow as a user would; the truth is what the telescope's process tells afterwards."""
+    from guardian import satellite
+
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
+        elements, where = satellite(folder, CULMINATES_AFTER_S)
+        site = Site.parse(where)
+        high = 0.75 * site.latitude_deg
+        stands = {"latitude_deg": site.latitude_deg, "longitude_deg": site.longitude_deg, "dec_deg": high}
+        settings = msgspec.structs.replace(settings, **stands, hour_angle_deg=-20.0)
+        config = folder / "sattrack.toml"
+        # Whatever the time of day, the Sun is in nobody's way.
+        config.write_text("[safety]\noptical = false\n")
+        with telescope(settings) as port:
+            url, profile = f"alpaca://127.0.0.1:{port}/0?hz={hz:g}", folder / "telescope.toml"
+            common = ("--mount", url, "--site", where, "--config", str(config))
+            sattrack("mount", "calibrate", *common, "--out", str(profile), "--yes")
+            track = ("track", "25544", "--elements", str(elements), *common, "--profile", str(profile))
+            summary = json.loads(sattrack(*track, "--headless", "--json", "--min-alt", "15"))["summary"]
+            with urllib.request.urlopen(f"http://127.0.0.1:{port}/simulator/truth", timeout=60) as answer:
+                rows = json.loads(answer.read())
+        air = Refraction.standard(site.height_m)
+        target = Propagator(load_elements(str(elements)).accepted[0], site, refraction=air)
+        begun = float(Utc.parse(summary["started_utc"]).unix_s)
+        ended = float(Utc.parse(summary["ended_utc"]).unix_s)
+        # From when it was on the satellite, as it told, until the stop, which takes a second.
+        begun = max(begun, ended - 3.0 - float(summary["on_target_s"]))
+        true = RunningError()
+        for utc_s, ra_deg, dec_deg in rows:
+            if begun < utc_s < ended - 3.0:
+                true.add(sky_error(utc_s, ra_deg, dec_deg, target.at(Utc(utc_s))).total_arcsec)
+        print(words(name, true, None, summary["ended_by"]), end=", ")
+        print(
+            f"reported {summary['reported_rms_arcsec']:.2f}″ RMS, {summary['on_target_s']:.0f} s", flush=True
+        )
+
+
+def sattrack(*arguments: str) -> str:
+    program = [sys.executable, "-m", "sattrack", *arguments]
+    done = subprocess.run(program, check=False, capture_output=True, text=True)
+    if done.returncode:
+        raise SystemExit(f"sattrack {' '.join(arguments)}: {done.returncode}: {done.stderr}")
+    return done.stdout
+
+
+def requests() -> None:
+    """Tell what one request takes by either library, and how many connections it makes."""
+    from alpaca.telescope import Telescope
+
+    from sattrack.alpaca_mount.address import AlpacaAddress
+    from sattrack.alpaca_mount.client import AlpacaClient
+
+    with telescope(TelescopeSettings(latency_s=0.0, jitter_s=0.0)) as port:
+        device = Telescope(f"127.0.0.1:{port}", 0)
+        device.Connected = True
+        tell("alpyca, one after the other", lambda: [device.RightAscension for _ in range(REQUESTS)])
+
+        async def ask() -> None:
+            async with AlpacaClient(AlpacaAddress("127.0.0.1", port, 0)) as client:
+                for _ in range(REQUESTS):
+                    await client.get("rightascension")
+
+        tell("aiohttp, one after the other", lambda: asyncio.run(ask()))
+
+
+def tell(name: str, act: Any) -> None:
+    began_s, cpu_s = time.perf_counter(), time.process_time()
+    act()
+    each = 1000.0 / REQUESTS
+    elapsed, cpu = (time.perf_counter() - began_s) * each, (time.process_time() - cpu_s) * each
+    print(f"{name}: {elapsed:.2f} ms a request, {cpu:.2f} ms of this processor")
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("--live", type=int, nargs="?", const=len(LIVE), help="in real time, so many")
+    parser.add_argument("--alpyca", action="store_true", help="what a request takes")
+    options = parser.parse_args()
+    if options.alpyca:
+        requests()
+    elif options.live:
+        for name in list(LIVE)[: options.live]:
+            live(name, *LIVE[name])
+    else:
+        virtual()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
