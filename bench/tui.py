@@ -50,7 +50,7 @@ def measured(columns: int, rows: int, seconds: float) -> tuple[float, float, flo
         took_s = time.monotonic() - begun_s
         return (used_s(child) - own) / took_s, (used_by_children_s(child) - others) / took_s, sent
     finally:
-        os.write(terminal, b"q")
+        os.write(terminal, b"\x03")
         while read(terminal, 10.0):
             pass
         os.close(terminal)

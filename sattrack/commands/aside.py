@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from sattrack import practice
 from sattrack.tui.beside import Beside
 
 if TYPE_CHECKING:
@@ -28,12 +27,16 @@ def beside(
     shared = _option("--config", _value("--config")) + _option("--profile", profile)
     site = context.site_option
     if site is None and not context.has_site():
+        from sattrack import practice
+
         where = practice.SITE
         site = f"{where.latitude_deg},{where.longitude_deg},{where.height_m}"
     watch = shared + _option("--site", site)
     least = _option("--min-alt", min_alt_deg)
     sources = context.sources()
     if practising:
+        from sattrack import practice
+
         lines = f"{practice.NAME}\n{practice.LINE_1}\n{practice.LINE_2}\n"
         return Beside((*watch, *least, "--elements", "-"), watch, lines.encode(), mount_url=there)
     if not sources or "-" in sources or not context.has_site():

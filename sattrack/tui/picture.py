@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import re
 import sys
+import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,6 +20,7 @@ from sattrack.runtime.pass_scene import pass_scene
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.tui.app import TrackApp
 from sattrack.tui.appearance import Appearance
+from sattrack.tui.beside import Aside, Beside
 from sattrack.tui.feed import News
 from sattrack.tui.replay_app import ReplayApp, TapeFeed
 from sattrack.tui.tape import Tape
@@ -29,6 +32,7 @@ if TYPE_CHECKING:
     from sattrack.view import PassView, TrackView
 
 COLUMNS, ROWS = 120, 40
+LOOK_EVERY_S = 0.05
 SKYLINE = ((0.0, 8.0), (60.0, 5.0), (110.0, 12.0), (170.0, 6.0), (200.0, 6.0), (250.0, 9.0), (310.0, 14.0))
 FIELD_DEG = 0.25
 _MENDED = (
@@ -59,6 +63,7 @@ SHOTS = {
     "tui.svg": Shot(COLUMNS, ROWS),
     "tui-small-red.svg": Shot(80, 24, "red"),
     "tui-sky.svg": Shot(80, 24, "contrast", ("v",)),
+    "tui-tonight.svg": Shot(80, 24, keys=("2", "down", "down")),
     "tui-replay.svg": Shot(80, 24, keys=("space",), replayed=True),
 }
 
@@ -92,6 +97,19 @@ def practice_views() -> list[TrackView]:
 def practice_sky() -> PassView:
     """Return what is told of that pass beforehand: a skyline and a field of view are made up for it."""
     return msgspec.structs.replace(pass_scene(prepare(_request()).facts), horizon=SKYLINE)
+
+
+def practice_aside(utc_s: float) -> Aside:
+    """Return what lies beside a screen of the practice pass, the passes to come found already."""
+    where = practice.SITE
+    site = f"{where.latitude_deg},{where.longitude_deg},{where.height_m}"
+    lines = f"{practice.NAME}\n{practice.LINE_1}\n{practice.LINE_2}\n"
+    beside = Beside(("--elements", "-", "--site", site), (), lines.encode())
+    aside = Aside.of(beside, os.getpid())
+    aside.search.begin(utc_s)
+    while aside.search.busy:
+        time.sleep(LOOK_EVERY_S)
+    return aside
 
 
 def _request() -> RunRequest:
@@ -129,7 +147,8 @@ def _app(views: list[TrackView], shot: Shot, sky: PassView | None) -> TrackApp:
     appearance = Appearance(shot.theme)
     until = [view for view in views if view.utc_s <= view.culminate_utc_s]
     if not shot.replayed:
-        return TrackApp(RecordedFeed(until, sky), monotonic=_still, appearance=appearance)
+        aside = practice_aside(until[-1].utc_s) if "2" in shot.keys else None
+        return TrackApp(RecordedFeed(until, sky), monotonic=_still, appearance=appearance, aside=aside)
     tape = Tape("iss.mcap")
     feed = TapeFeed(RecordedFeed(views, sky, ended=True), tape, _still)
     tape.add(feed.news().views)
