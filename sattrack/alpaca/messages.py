@@ -54,10 +54,10 @@ class MoveOrder(msgspec.Struct, frozen=True, tag="move"):
 
 
 class FineOrder(msgspec.Struct, frozen=True, tag="fine"):
-    """Adjust the tracking of both axes: degrees per second, westward and northward."""
+    """Adjust the tracking: degrees per second, westward and northward; None leaves an axis as it is."""
 
-    ra_deg_s: float
-    dec_deg_s: float
+    ra_deg_s: float | None = None
+    dec_deg_s: float | None = None
 
 
 class FollowOrder(msgspec.Struct, frozen=True, tag="follow"):

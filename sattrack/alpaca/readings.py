@@ -53,12 +53,10 @@ def fixed_value(
     return _FIXED[name](device)
 
 
-def told_value(
-    state: TelescopeState, device: Device, name: str, values: Mapping[str, Value], now_utc_s: float
-) -> Any:
+def told_value(state: TelescopeState, device: Device, name: str, values: Mapping[str, Value]) -> Any:
     """Return the value of a member by what the mount says of itself. Raises Fault where it does not."""
     if name == "DeviceState":
-        return _device_state(state, now_utc_s)
+        return _device_state(state)
     if name == "DestinationSideOfPier":
         hour_angle_h = state.sidereal_h - float(values["RightAscension"])
         return device.destination_side(math.remainder(hour_angle_h * 15.0, 360.0))
@@ -70,14 +68,14 @@ def told_value(
     return value
 
 
-def _device_state(state: TelescopeState, now_utc_s: float) -> list[dict[str, Any]]:
+def _device_state(state: TelescopeState) -> list[dict[str, Any]]:
     told: list[dict[str, Any]] = []
     for name in CHANGING:
         value = _TOLD[name](state)
         # By the definition, what is not known is left out.
         if value is not None and (name != "Slewing" or state.failure is None):
             told.append({"Name": name, "Value": value})
-    now = _now(now_utc_s)
+    now = _now(state.utc_s)
     return [*told, {"Name": "UTCDate", "Value": now}, {"Name": "TimeStamp", "Value": now}]
 
 

@@ -236,7 +236,7 @@ class TelescopeStation:
         if isinstance(order, FollowOrder):
             self._follow(order, now_utc_s)
             return False
-        kind, procedure = procedure_of(order, self.profile)
+        kind, procedure = procedure_of(order, self.profile, self.console.session.fine_rate)
         if isinstance(order, SlewOrder | ParkOrder) and (self._is_slewing or self._drive is not None):
             if isinstance(order, SlewOrder):
                 check_floor(order, self.session.status, self._limits, self._site.latitude_deg)

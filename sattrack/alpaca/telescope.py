@@ -69,7 +69,7 @@ class Telescope:
         if member.path.startswith("target"):
             return self._target(member.name)
         if member.heard:
-            return told_value(self._heard(now_utc_s), self.device, member.name, values, now_utc_s)
+            return told_value(self._heard(now_utc_s), self.device, member.name, values)
         return fixed_value(self.state, self.device, member.name, values, now_utc_s)
 
     def put(self, path: str, form: Form, client: int, now_utc_s: float) -> Order | CustomAction | None:
@@ -142,7 +142,7 @@ class Telescope:
             case "TargetDeclination":
                 self._target_dec_deg = float(values[name])
             case "RightAscensionRate" | "DeclinationRate":
-                return self._fine(name, float(values[name]), now_utc_s)
+                return self._fine(name, float(values[name]))
             case "AbortSlew":
                 return AbortOrder()
             case "FindHome" | "Park":
@@ -159,17 +159,15 @@ class Telescope:
                 return self._to_target(name, now_utc_s)
         return None
 
-    def _fine(self, name: str, value: float, now_utc_s: float) -> FineOrder:
-        state = self._heard(now_utc_s)
-        ra, dec = state.ra_offset_deg_s, state.dec_offset_deg_s
-        if name == "RightAscensionRate":
-            asked = ra = -value * DEG_A_TIME_SECOND * SIDEREAL_A_SECOND
-        else:
-            asked = dec = value / 3600.0
+    @staticmethod
+    def _fine(name: str, value: float) -> FineOrder:
+        of_ra = name == "RightAscensionRate"
+        asked = -value * DEG_A_TIME_SECOND * SIDEREAL_A_SECOND if of_ra else value / 3600.0
         if not abs(asked) <= LARGEST_FINE_RATE_DEG_S:
             words = f"{name} is {value:g}; at most {LARGEST_FINE_RATE_DEG_S:g}° a second: MoveAxis is faster"
             raise Fault(Number.INVALID_VALUE, words)
-        return FineOrder(ra + 0.0, dec + 0.0)
+        # No -0, which would be read back as it is.
+        return FineOrder(ra_deg_s=asked + 0.0) if of_ra else FineOrder(dec_deg_s=asked + 0.0)
 
     def _place(self, name: str, now_utc_s: float) -> HomeOrder | ParkOrder | None:
         profile = self.device.profile

@@ -28,8 +28,11 @@ class Undertaking:
     waiting: int | None = None
 
 
-def procedure_of(order: Order, profile: MountProfile) -> tuple[str, Procedure]:
-    """Return how an order is carried out, and of which kind that is. Raises TypeError for other orders."""
+def procedure_of(order: Order, profile: MountProfile, fine: FineRate) -> tuple[str, Procedure]:
+    """Return how an order is carried out, and of which kind that is; `fine` are the rates in force.
+
+    Raises TypeError for orders that are no procedure.
+    """
     match order:
         case SlewOrder():
             return "slew", procedure_for(Slew(order.ra_deg, order.dec_deg), profile)
@@ -42,7 +45,9 @@ def procedure_of(order: Order, profile: MountProfile) -> tuple[str, Procedure]:
         case PulseOrder():
             return "pulse", procedure_for(PulseGuide(order.ra_ms, order.dec_ms), profile)
         case FineOrder():
-            return "fine", procedure_for(FineRate(order.ra_deg_s, order.dec_deg_s), profile)
+            ra_deg_s = fine.ra_deg_s if order.ra_deg_s is None else order.ra_deg_s
+            dec_deg_s = fine.dec_deg_s if order.dec_deg_s is None else order.dec_deg_s
+            return "fine", procedure_for(FineRate(ra_deg_s, dec_deg_s), profile)
     raise TypeError(type(order))
 
 
