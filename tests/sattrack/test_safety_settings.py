@@ -29,6 +29,7 @@ DOORS = {
     "slew": ("mount", "slew", "10h", "+40d", "--mount", "xerxes://127.0.0.1:9"),
     "watch": ("mount", "watch", "--mount", "xerxes://127.0.0.1:9"),
     "antenna": ("serve", "antenna", "--mount", "xerxes://127.0.0.1:9"),
+    "alpaca": ("serve", "alpaca", "--mount", "xerxes://127.0.0.1:9"),
 }
 
 
