@@ -290,7 +290,3 @@ def main() -> int:
             channel.sendall(msgspec.json.encode(Refused(str(error), link)) + b"\n")
         return 1
     return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -48,7 +48,7 @@ class Calibrator:
         self.largest_rates_deg_s: tuple[float, float] | None = None
         """What the mount tells of its largest rates, right ascension first; None where it does not."""
         self._begin_utc_s = self._now_utc_s = begin_utc_s
-        self._guard = Guard(surroundings, self.plan.fastest_deg_s)
+        self._guard = Guard(surroundings, self.plan.fastest_deg_s, self.plan.silent_after_s)
         self._sender = Sender(begin_utc_s)
         self._script = Script(self.plan, self._sender, self.seen, self._allow)
         self._script.now_utc_s = begin_utc_s

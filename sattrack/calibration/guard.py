@@ -77,9 +77,12 @@ class Surroundings:
 class Guard:
     """Watches one run."""
 
-    def __init__(self, surroundings: Surroundings, fastest_deg_s: float) -> None:
+    def __init__(
+        self, surroundings: Surroundings, fastest_deg_s: float, silent_after_s: float = SILENT_AFTER_S
+    ) -> None:
         self._around = surroundings
         self._fastest_deg_s = fastest_deg_s
+        self._silent_after_s = silent_after_s
         self._began: Heard | None = None
         self._before: Heard | None = None
         self._answered = float("nan")
@@ -275,7 +278,9 @@ class Guard:
     def watch_link(self, log: StatusLog, now_utc_s: float) -> None:
         """Raise CalibrationEndedError where the mount has fallen silent."""
         last = log.last
-        if self._began is not None and last is not None and now_utc_s - last.arrival_utc_s > SILENT_AFTER_S:
+        if self._began is None or last is None:
+            return
+        if now_utc_s - last.arrival_utc_s > self._silent_after_s:
             raise CalibrationEndedError(
                 Kind.LINK, "the mount fell silent; stop commands are sent: look after it"
             )

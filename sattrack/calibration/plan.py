@@ -12,6 +12,7 @@ SEMANTICS_PART_S = 1.2
 """How long each part of the test for held or edge lasts: first rate, second rate, flag down."""
 USUAL_STATUS_PERIOD_S = 0.1
 """Where statuses come more rarely, motions take longer and are slower by as much."""
+SILENT_PERIODS = 10.0
 LARGEST_GAIN = 1.5
 """An axis that goes faster than this times what it was told is stopped."""
 REACTION_S = 0.45
@@ -43,6 +44,8 @@ class Plan:
     most_toggles: int = 120
     """So often where delays scatter."""
     toggles_after: int = 12
+    silent_after_s: float = 0.6
+    """A mount that says nothing for so long has fallen silent."""
     legs: tuple[Leg, ...] = (
         Leg(-0.8, 2.4),
         Leg(0.8, 2.4),
@@ -70,7 +73,8 @@ class Plan:
                 f"the mount's largest rate is {largest_deg_s:g} °/s: no satellite can be followed"
             )
         legs = tuple(Leg(part * leg.rate_deg_s, slower * leg.seconds) for leg in self.legs)
-        return replace(self, legs=legs)
+        silent_after_s = max(self.silent_after_s, SILENT_PERIODS * status_period_s)
+        return replace(self, legs=legs, silent_after_s=silent_after_s)
 
     @property
     def fastest_deg_s(self) -> float:

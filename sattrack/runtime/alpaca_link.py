@@ -82,7 +82,7 @@ def open_gateway(address: AlpacaAddress) -> GatewayLink:
     config = GatewayConfig(address, int(bound.getsockname()[1]), theirs.fileno())
     with theirs:
         process = subprocess.Popen(
-            [sys.executable, "-m", "sattrack.alpaca_mount.gateway", msgspec.json.encode(config).decode()],
+            [sys.executable, "-m", "sattrack.runtime.alpaca_gateway", msgspec.json.encode(config).decode()],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             pass_fds=[theirs.fileno()],
@@ -111,7 +111,7 @@ def _first_word(channel: socket.socket, address: AlpacaAddress) -> Ready:
         if not more:
             raise SattrackError(
                 f"{address}: the gateway did not start; "
-                f"`{sys.executable} -m sattrack.alpaca_mount.gateway` shows why"
+                f"`{sys.executable} -m sattrack.runtime.alpaca_gateway` shows why"
             )
         data += more
     word = msgspec.json.decode(data, type=Ready | Refused)

@@ -95,13 +95,14 @@ def moving(telescope: AlpacaTelescope, *options: str) -> Iterator[Program]:
         program.close()
 
 
-def gateways(telescope: AlpacaTelescope, word: str = "sattrack.alpaca_mount") -> list[int]:
+def gateways(telescope: AlpacaTelescope, word: str = "sattrack.") -> list[int]:
     """Process numbers of what stands between a session and this telescope."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
             line = (folder / "cmdline").read_bytes().decode(errors="replace")
-            if word in line and str(telescope.port) in line:
+            ours = "alpaca_gateway" in line or "alpaca_mount.warden" in line
+            if ours and word in line and str(telescope.port) in line:
                 found.append(int(folder.name))
     return found
 
@@ -162,7 +163,7 @@ def test_a_gateway_that_is_killed_or_halted_has_its_telescope_stopped_by_its_war
     telescope: AlpacaTelescope, how: signal.Signals
 ) -> None:
     with moving(telescope) as program:
-        (gateway,) = gateways(telescope, "alpaca_mount.gateway")
+        (gateway,) = gateways(telescope, "runtime.alpaca_gateway")
         struck_s = time.monotonic()
         os.kill(gateway, how)
         rests(telescope, struck_s)
