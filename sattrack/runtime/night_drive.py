@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Protocol
 
+from msgspec import structs
+
+from sattrack.runtime.night_journal import go_name
 from sattrack.schedule import machine
 from sattrack.schedule.night import End, Run, Started
 
@@ -33,13 +36,11 @@ def drive(
     """
     run = journal.fold(Run())
     beat = journal.last_beat()
-    event: Happening = Started(
-        utc_s=hands.begin(beat),
-        ways=ways,
-        last_utc_s=None if beat is None else beat.utc_s,
-        on_target_s=0.0 if beat is None else beat.on_target_s,
-        recording=None if beat is None else beat.recording,
-    )
+    event: Happening = Started(utc_s=hands.begin(beat), ways=ways)
+    if beat is not None:
+        event = structs.replace(event, last_utc_s=beat.utc_s)
+        if run.at is not None and beat.go == go_name(run.at, run.part):
+            event = structs.replace(event, on_target_s=beat.on_target_s, recording=beat.recording)
     while True:
         run, doing = machine.step(run, event)
         journal.append(event, run, doing)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from sattrack.errors import SattrackError
 from sattrack.mount import mean_sidereal_deg
 from sattrack.runtime.night_commands import facts_of, post, run_program
-from sattrack.runtime.night_journal import Beat
+from sattrack.runtime.night_journal import Beat, go_name
 from sattrack.runtime.night_session import Session, run_verb
 from sattrack.runtime.stopping import wait_until_free
 from sattrack.runtime.weather import WeatherWatch, ask_weather
@@ -61,7 +61,7 @@ if TYPE_CHECKING:
 
 POLL_S = 0.25
 SHOW_EVERY_S = 1.0
-BEAT_EVERY_S = 5.0
+BEAT_EVERY_S, IDLE_BEAT_EVERY_S = 1.0, 10.0
 JUMP_S = 2.0
 """A clock that went so much more, or less, than time did was set."""
 VERB_WITHIN_S = 600.0
@@ -132,6 +132,7 @@ class LiveHands:
     journal: Journal
     _watch: WeatherWatch | None = None
     _beaten_s: float = field(default=float("-inf"))
+    _go: str | None = None
     _recording: str | None = None
 
     def begin(self, beat: Beat | None) -> float:
@@ -198,9 +199,10 @@ class LiveHands:
             time.sleep(min(POLL_S, left_s / kit.speed))
 
     def _beat(self, utc_s: float, on_target_s: float) -> None:
-        if time.monotonic() - self._beaten_s >= BEAT_EVERY_S:
+        every_s = IDLE_BEAT_EVERY_S if self._go is None else BEAT_EVERY_S
+        if time.monotonic() - self._beaten_s >= every_s:
             self._beaten_s = time.monotonic()
-            self.journal.beat(Beat(utc_s, round(on_target_s, 3), self._recording))
+            self.journal.beat(Beat(utc_s, self._go, round(on_target_s, 3), self._recording))
 
     def _make_plan(self, run: Run) -> Happening:
         now = self.kit.now()
@@ -312,6 +314,7 @@ class LiveHands:
         self._pause(doing.pause_s)
         try:
             self._recording = self.files.recording(one, doing.part)
+            self._go = go_name(one, doing.part)
             if weather is not None and one.terms.if_weather_unsafe != "run":
                 self._watch = WeatherWatch(weather, kit.folder)
             self._wait_until_free()
@@ -326,7 +329,7 @@ class LiveHands:
         except (OSError, SattrackError) as error:
             return Go("crash", kit.now(), words=str(error))
         finally:
-            self._recording = None
+            self._go = self._recording = None
             if self._watch is not None:
                 self._watch.close()
                 self._watch = None

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+    from sattrack.schedule.night import NightPass
+
 LAYOUT = 1
 FILE_NAME, LOCK_NAME = "journal.sqlite3", "lock"
 _TABLES = """
@@ -38,13 +40,14 @@ CREATE TABLE IF NOT EXISTS beat (one INTEGER PRIMARY KEY CHECK (one = 1), beat T
 
 
 class Beat(msgspec.Struct, frozen=True):
-    """The last sign of life: POSIX seconds of UTC, and of the go at a pass what is known by then.
+    """The last sign of life, POSIX seconds of UTC, and what was known by then of the go at a pass named `go`.
 
     The rest is of a simulated mount: its axes' angles, whether its drives have power, and how many jumps of
     its clock were had.
     """
 
     utc_s: float
+    go: str | None = None
     on_target_s: float = 0.0
     recording: str | None = None
     hour_angle_deg: float | None = None
@@ -52,6 +55,11 @@ class Beat(msgspec.Struct, frozen=True):
     power: bool = True
     jumps: int = 0
     clock_s: float = 0.0
+
+
+def go_name(one: NightPass, part: int) -> str:
+    """Return the name of a go at a pass."""
+    return f"{one.key}#{part}"
 
 
 class Entry(msgspec.Struct, frozen=True):

@@ -11,7 +11,7 @@ from sattrack.mount import mean_sidereal_deg
 from sattrack.requests import Slew, TicketState
 from sattrack.runtime import night_troubles as troubles
 from sattrack.runtime.night_flight import Airspace, SessionDiedError
-from sattrack.runtime.night_journal import Beat
+from sattrack.runtime.night_journal import Beat, go_name
 from sattrack.runtime.signals import StopRequest
 from sattrack.safety.route import direction_of
 from sattrack.schedule.actions import CommandAction, SlewAction
@@ -88,7 +88,8 @@ class VirtualHands:
     def perform(self, doing: Doing, run: Run) -> Happening:
         """See Hands."""
         found = self._perform(doing, run)
-        self._beat()
+        if not isinstance(found, Followed):
+            self._beat()
         if self.stop.asked and not isinstance(found, Followed):
             return StopAsked(utc_s=self.now_utc_s)
         return found
@@ -119,10 +120,11 @@ class VirtualHands:
                 raise ValueError("an end is not performed")
         return found
 
-    def _beat(self, on_target_s: float = 0.0) -> None:
+    def _beat(self, go: str | None = None, on_target_s: float = 0.0) -> None:
         self.journal.beat(
             Beat(
                 utc_s=self.now_utc_s,
+                go=go,
                 on_target_s=on_target_s,
                 hour_angle_deg=self.air.hour_angle_deg,
                 dec_deg=self.air.dec_deg,
@@ -208,7 +210,7 @@ class VirtualHands:
             self.now_utc_s, on_target[0] = utc_s, on_target_s
             if utc_s - beaten[0] >= BEAT_EVERY_S:
                 beaten[0] = utc_s
-                self._beat(on_target_s)
+                self._beat(go_name(one, doing.part), on_target_s)
             if utc_s >= dies_at:
                 return "crash"
             if self.stop.asked:
@@ -222,6 +224,7 @@ class VirtualHands:
             words = "the session's process ended without a word"
             go = Go("crash", self.now_utc_s, on_target_s=round(on_target[0], 3), words=words)
         self.now_utc_s = max(self.now_utc_s, go.ended_utc_s)
+        self._beat(go_name(one, doing.part), go.on_target_s)
         return Followed(utc_s=self.now_utc_s, go=go)
 
     def _lay_down(self, doing: LayDown, run: Run) -> Laid:
