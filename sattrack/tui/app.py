@@ -127,6 +127,8 @@ class TrackApp(App[None]):
         self._summary: Summary | None = None
         self._sky: PassView | None = None
         self._ended = False
+        self._beginning = False
+        """Whether another run was told of, and no view of it has come."""
         self._gone = False
         """Whether nothing more will come of whatever brings the views."""
         self._hand = Hand()
@@ -198,6 +200,7 @@ class TrackApp(App[None]):
         if news.views:
             self._view = news.views[-1]
             self._heard_s = self._monotonic()
+            self._beginning = False
         self._sky = news.sky or self._sky
         if news.session is not None:
             self._session, self._you = news.session, news.you
@@ -215,6 +218,7 @@ class TrackApp(App[None]):
         self._history = ErrorHistory()
         self._ended, self._summary, self._stop_sent_s = False, None, None
         self._hand.forget()
+        self._beginning = True
 
     def plot(self) -> None:
         """Draw the error against time."""
@@ -242,6 +246,7 @@ class TrackApp(App[None]):
             session=self._session,
             you=self._you,
             page=self._screens.page,
+            beginning=self._beginning,
             refused_s=None if self._refused_s is None else now_s - self._refused_s,
         )
 

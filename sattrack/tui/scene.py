@@ -76,6 +76,8 @@ class Scene:
     """Who has control, and who looks on."""
     you: int = STARTER
     """The number of whoever looks here."""
+    beginning: bool = False
+    """Whether another run begins, of which there is no view yet."""
     page: str = LIVE
     """Which screen is shown."""
     refused_s: float | None = None
@@ -115,7 +117,7 @@ _ADVICE = (
 def headline(scene: Scene) -> Headline:
     """Return what is to be read first."""
     view = scene.view
-    if scene.ended:
+    if scene.ended or scene.beginning:
         return _ended(scene)
     if scene.news_age_s > NO_NEWS_AFTER_S:
         rest = f"from the feeder for {scene.news_age_s:.0f} s: figures below are old"
@@ -140,6 +142,8 @@ def _tracking(view: TrackView) -> Headline:
 
 
 def _ended(scene: Scene) -> Headline:
+    if scene.beginning:
+        return Headline("STARTING", "what follows the next pass; figures below are of the last", Tone.CALM)
     summary, ended_by = scene.summary, scene.view.ended_by
     if scene.tape is not None:
         why = "it is cut off here" if ended_by is None else why_ended(ended_by)
@@ -185,6 +189,8 @@ def _cautions(scene: Scene) -> tuple[Caution, ...]:
     if scene.ended:
         if scene.summary is not None and scene.summary.message:
             found.append(Caution(scene.summary.message, "", Tone.BAD))
+        return tuple(found)
+    if scene.beginning:
         return tuple(found)
     if scene.news_age_s > NO_NEWS_AFTER_S:
         found.append(Caution("the feeder is silent", "SPACE, then the mount's own stop", Tone.BAD))

@@ -224,6 +224,12 @@ def test_another_run_begins_with_nothing_of_the_one_before() -> None:
     async def act(app: TrackApp, pilot: Pilot[None]) -> None:
         await pilot.press("space")
         assert app._ended
+        app._feed.coming.append(News((), rewound=True, session=HERE))  # type: ignore[attr-defined]
+        app._monotonic.now_s += 5.0  # type: ignore[attr-defined]
+        app.look()
+        await pilot.pause()
+        assert "STARTING" in text_of(app)
+        assert "silent" not in text_of(app)
         other = changed(name="SAT 101", catalog_number=101, phase="waiting", error=None)
         app._feed.coming.append(News((other,), rewound=True, session=HERE))  # type: ignore[attr-defined]
         app.look()
