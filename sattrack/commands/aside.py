@@ -24,7 +24,7 @@ def beside(
 ) -> Beside:
     """Return how a screen calls `passes` and `mount watch`; `practising`: with the built-in satellite."""
     there = None if mount_url == "sim" else mount_url
-    shared = _option("--config", _value("--config")) + _option("--profile", profile)
+    shared = _option("--config", given("--config")) + _option("--profile", profile)
     site = context.site_option
     if site is None and not context.has_site():
         from sattrack import practice
@@ -49,7 +49,7 @@ def _option(name: str, value: object | None) -> tuple[str, ...]:
     return () if value is None else (name, str(value))
 
 
-def _value(name: str) -> str | None:
+def given(name: str) -> str | None:
     """Return what this command line says of an option that the context does not keep."""
     for word, following in zip(sys.argv, [*sys.argv[1:], ""], strict=True):
         if word == name:

@@ -10,6 +10,7 @@ from typing import Any
 import click
 import msgspec
 
+from sattrack.commands.aside import given
 from sattrack.commands.attach import chosen_run
 from sattrack.commands.common import CommandContext, common_options, screen_options, tell
 from sattrack.errors import BadInputError, SattrackError
@@ -77,7 +78,12 @@ def _tell_address(as_json: bool, url: str) -> None:
 
 def _handed_on(context: CommandContext, pid: int | None, options: dict[str, Any]) -> list[str]:
     words: list[str] = []
-    for name, value in (("--run", pid), ("--theme", options["theme"]), ("--site", context.site_option)):
+    for name, value in (
+        ("--run", pid),
+        ("--theme", options["theme"]),
+        ("--site", context.site_option),
+        ("--config", given("--config")),
+    ):
         if value is not None:
             words += [name, str(value)]
     for source in context.element_sources:
