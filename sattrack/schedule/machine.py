@@ -13,6 +13,7 @@ from msgspec.structs import replace
 
 from sattrack.schedule import conditions as on
 from sattrack.schedule import steps as do
+from sattrack.schedule.known import first_night
 from sattrack.schedule.night import (
     ClockSet,
     Doing,
@@ -146,7 +147,7 @@ def step(run: Run, event: Happening) -> tuple[Run, Doing]:
     if isinstance(event, Started):
         run = replace(run, ways=event.ways)
         if not run.night:
-            run = do.first_night(run, event.utc_s)
+            run = first_night(run, event.utc_s)
     for row in TABLE:
         if row.state is run.state and isinstance(event, row.event) and row.condition(run, event):
             after, doing = row.action(replace(run, told=None), event)

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import math
-
 from msgspec.structs import replace
 
-from sattrack.schedule.known import actions_of, at_of, prepared_from_s, stepped
+from sattrack.schedule.known import actions_of, at_of, next_night, prepared_from_s, stepped
 from sattrack.schedule.night import (
     AskWeather,
     ClockSet,
@@ -15,13 +13,11 @@ from sattrack.schedule.night import (
     End,
     Follow,
     Followed,
-    Go,
     Happening,
     Laid,
     LayDown,
     MakePlan,
     Mount,
-    NightPass,
     NotPlanned,
     Planned,
     Prepare,
@@ -37,14 +33,12 @@ from sattrack.schedule.night import (
     Wait,
     WeatherTold,
 )
+from sattrack.schedule.results import go_of, result_of
 
-DAY_S = 86400.0
-SHORT_S = 4.0 * 3600.0
 TRY_PLAN_AGAIN_S = 600.0
 TRY_PARK_AGAIN_S = 60.0
 LONGEST_PAUSE_S = 30.0
 """Before a session that broke off is begun again: 1 s at first, then twice as long each time."""
-DONE_SHARE = 0.9
 """Share of a pass that must have been on target for "done"."""
 
 
@@ -161,7 +155,7 @@ def follow(run: Run, event: Happening) -> tuple[Run, Doing]:
 
 def follow_on(run: Run, event: Happening) -> tuple[Run, Doing]:
     """Follow what is left of it."""
-    go = _go_of(run, event)
+    go = go_of(event)
     words = "the runner was restarted" if isinstance(event, Started) else f"{go.words or go.ended_by}"
     part = run.part + 1
     told = f"{at_of(run).name}: {words}: following on, part {part}"
@@ -174,20 +168,20 @@ def follow_on(run: Run, event: Happening) -> tuple[Run, Doing]:
 def end_pass(run: Run, event: Happening) -> tuple[Run, Doing]:
     """Note what became of it."""
     assert isinstance(event, Followed)
-    run = _with_result(run, _result(at_of(run), (*run.goes, event.go)))
+    run = _with_result(run, result_of(at_of(run), (*run.goes, event.go)))
     return _after_pass(run, event)
 
 
 def end_cut_off(run: Run, event: Happening) -> tuple[Run, Doing]:
     """Note what became of it, as far as anybody knows."""
-    run = _with_result(run, _result(at_of(run), (*run.goes, _go_of(run, event))))
+    run = _with_result(run, result_of(at_of(run), (*run.goes, go_of(event))))
     return _after_pass(run, event)
 
 
 def stop_in_pass(run: Run, event: Happening) -> tuple[Run, Doing]:
     """End: nothing is moved any more."""
     assert isinstance(event, Followed)
-    run = _with_result(run, _result(at_of(run), (*run.goes, event.go)))
+    run = _with_result(run, result_of(at_of(run), (*run.goes, event.go)))
     why = event.go.words or "stopped by the operator"
     return _fresh(run), End(why=why, interrupted=True)
 
@@ -271,13 +265,13 @@ def rest(run: Run, event: Happening) -> tuple[Run, Doing]:
     """Wait for the next night."""
     if isinstance(event, SummedUp):
         run = replace(run, summary=event.file or run.summary, told=event.words)
-        run = _next_night(run, event.utc_s)
+        run = next_night(run, event.utc_s)
     return run, Wait(until_utc_s=run.night_from_utc_s)
 
 
 def go_on(run: Run, event: Happening) -> tuple[Run, Doing]:
     """Go on with another night: the run's end was put off."""
-    run = _next_night(run, event.utc_s)
+    run = next_night(run, event.utc_s)
     return run, Wait(until_utc_s=run.night_from_utc_s)
 
 
@@ -297,36 +291,6 @@ def end(run: Run, event: Happening) -> tuple[Run, Doing]:
     if isinstance(event, SummedUp):
         run = replace(run, summary=event.file or run.summary, told=event.words)
     return run, End(why="all nights are over")
-
-
-def first_night(run: Run, now_utc_s: float) -> Run:
-    """Return a run with its first night found: the one in progress, where it could have begun before."""
-    return _night_from(run, max(run.ways.from_utc_s, now_utc_s), 1)
-
-
-def _next_night(run: Run, now_utc_s: float) -> Run:
-    """Return the run with the next night: the one in progress where some were slept through."""
-    begin, number = run.night_to_utc_s, run.night + 1
-    while _end_of(run, begin) <= now_utc_s and not _is_last(run, begin):
-        begin = _end_of(run, begin)
-    return _night_from(replace(run, passes=(), results=(), others={}), begin, number)
-
-
-def _night_from(run: Run, begin: float, number: int) -> Run:
-    return replace(run, night=number, night_from_utc_s=begin, night_to_utc_s=_end_of(run, begin))
-
-
-def _end_of(run: Run, begin: float) -> float:
-    """Return the end of the night that begins then: the next noon at the site, or the run's end."""
-    noon = run.ways.noon_s
-    end = (math.floor((begin - noon) / DAY_S + 1e-9) + 1.0) * DAY_S + noon
-    last = run.ways.to_utc_s
-    # A few hours at the end are no night of their own.
-    return last if last is not None and end + SHORT_S >= last else end
-
-
-def _is_last(run: Run, begin: float) -> bool:
-    return run.ways.to_utc_s is not None and _end_of(run, begin) >= run.ways.to_utc_s
 
 
 def _fresh(run: Run) -> Run:
@@ -389,41 +353,3 @@ def _after_pass(run: Run, event: Happening) -> tuple[Run, Doing]:
     if run.passes[place].terms.after:
         return run, DoStep(index=place, when="after", step=0)
     return run, Wait(until_utc_s=event.utc_s)
-
-
-def _go_of(run: Run, event: Happening) -> Go:
-    """Return the go that has just ended: as it was told, or as the last that was known of it."""
-    if isinstance(event, Followed):
-        return event.go
-    assert isinstance(event, Started)
-    last = event.utc_s if event.last_utc_s is None else event.last_utc_s
-    return Go("restart", last, event.on_target_s, words="the runner ended", recording=event.recording)
-
-
-def _result(one: NightPass, goes: tuple[Go, ...]) -> Result:
-    """Return what became of a pass of all goes at it."""
-    on_target_s = sum(go.on_target_s for go in goes)
-    whole_s = one.end_utc_s - one.start_utc_s
-    last = goes[-1]
-    rms = [(go.rms_arcsec, go.on_target_s) for go in goes if go.rms_arcsec is not None and go.on_target_s]
-    weight = sum(seconds for _, seconds in rms)
-    together = math.sqrt(sum(r * r * s for r, s in rms) / weight) if weight else None
-    peaks = [go.peak_arcsec for go in goes if go.peak_arcsec is not None]
-    state = "done" if on_target_s >= DONE_SHARE * whole_s else "partly" if on_target_s > 0.0 else "lost"
-    cause = words = None
-    if state != "done" or last.ended_by not in ("set", "restart"):
-        broken = [go for go in goes if go.ended_by != "set"] or [last]
-        cause, words = broken[-1].ended_by, broken[-1].words
-        if cause == "set":
-            cause, words = "late", words or "the mount was not on the satellite for all of it"
-    return Result(
-        state=state,
-        cause=cause,
-        words=words,
-        on_target_s=round(on_target_s, 3),
-        lost_s=round(max(0.0, whole_s - on_target_s), 3),
-        rms_arcsec=None if together is None else round(together, 4),
-        peak_arcsec=max(peaks) if peaks else None,
-        parts=len(goes),
-        recordings=tuple(go.recording for go in goes if go.recording is not None),
-    )
