@@ -45,6 +45,7 @@ RATE_OVER_S = 0.35
 """The span over which the axes' rates are taken from places."""
 MOVES_DEG_S = 0.5 * SIDEREAL_RATE_DEG_S
 LONGEST_SHIFT_S = 0.5
+OLD_PLACES_PROOF = 4
 OLD_AT_MOST_S = 0.5
 """For how long a place that stays the same is taken for an old one: no driver keeps one for longer."""
 TRACKING_AGAIN_S = 1.0
@@ -104,6 +105,9 @@ class Bridge:
     _trail: deque[_Seen] = field(default_factory=lambda: deque(maxlen=64))
     _rates_deg_s: tuple[float, float] = (SIDEREAL_RATE_DEG_S, 0.0)
     _last: Place | None = None
+    _old_places: int = 0
+    """Places that came again though an axis moved."""
+    _oldest_s: float = 0.0
     _equinox: Equinox = field(default_factory=Equinox)
     _in_force: bool = False
     """Whether something of ours may have the telescope moving."""
@@ -115,6 +119,16 @@ class Bridge:
     """Whether it tracked before anything was asked; None before that."""
     _tracking_tries: int = 0
     _tracking_asked_s: float = -math.inf
+
+    @property
+    def doubt(self) -> str | None:
+        """What is doubtful of the places that the telescope tells, in words; None for nothing."""
+        if self._old_places < OLD_PLACES_PROOF:
+            return None
+        return (
+            f"the driver tells places that are {1000.0 * self._oldest_s:.0f} ms old or more: the telescope "
+            "is off by what it moves in that time, and the reported error does not show it"
+        )
 
     @property
     def in_force(self) -> bool:
@@ -184,7 +198,9 @@ class Bridge:
         None where it says what the one before said though an axis moves: the driver tells an old place.
         """
         self.counter += 1
-        if self._is_old(place):
+        if self._last is not None and self._is_old(place):
+            self._old_places += 1
+            self._oldest_s = max(self._oldest_s, place.ra_utc_s - self._last.ra_utc_s)
             return None
         self._last = place
         seen = self._seen(place)

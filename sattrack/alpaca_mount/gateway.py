@@ -189,7 +189,7 @@ class Gateway:
             asyncio.get_running_loop().remove_reader(self.channel.fileno())
 
     def _tell_news(self) -> None:
-        words = self._silence or self.bridge.words
+        words = self._silence or self.bridge.words or self.bridge.doubt
         if words != self._told:
             self._told = words
             self._say(News(words))

@@ -206,6 +206,8 @@ def test_a_place_that_stays_the_same_in_motion_is_no_news_but_not_for_ever() -> 
     for turn in range(6):
         assert made.see(place(T0 + 0.1 * turn, 100.0 - 0.05 * turn, 20.0 - 0.025 * turn)) is not None
     stale = [made.see(place(T0 + 0.5 + 0.1 * more, 99.75, 19.875)) for more in range(1, 9)]
+    assert made.doubt is not None
+    assert "ms old or more" in made.doubt
     assert stale[0] is None
     assert stale[-1] is not None
 
