@@ -200,7 +200,7 @@ def lose_to_restart(run: Run, event: Happening) -> tuple[Run, Doing]:
 
 def lose_to_delay(run: Run, event: Happening) -> tuple[Run, Doing]:
     """Lose it: what is done before it took too long."""
-    return _lose(run, event, "delay", _failure(run, event) or "what is done before it took too long")
+    return _lose(run, event, "delay", _wrong(run, event) or "what is done before it took too long")
 
 
 def lose_unprepared(run: Run, event: Happening) -> tuple[Run, Doing]:
@@ -217,7 +217,7 @@ def lose_to_weather(run: Run, event: Happening) -> tuple[Run, Doing]:
 
 def lose_to_action(run: Run, event: Happening) -> tuple[Run, Doing]:
     """Lose it to what failed before it."""
-    return _lose(run, event, "command", _failure(run, event))
+    return _lose(run, event, "command", _wrong(run, event))
 
 
 def lay_down(run: Run, _: Happening) -> tuple[Run, Doing]:
@@ -313,8 +313,13 @@ def _moving(run: Run) -> Run:
 
 
 def _failure(run: Run, event: Happening) -> str | None:
+    words = _wrong(run, event)
+    return None if words is None else f"{stepped(run).name}: {words}"
+
+
+def _wrong(run: Run, event: Happening) -> str | None:
     if isinstance(event, StepDone) and not event.done:
-        return f"{stepped(run).name}: {actions_of(run)[run.step].words}: {event.words}"
+        return f"{actions_of(run)[run.step].words}: {event.words}"
     return None
 
 
