@@ -74,8 +74,14 @@ class FeederProcess:
         """Whether the feeder has said that it goes on without us."""
         return self._session is not None and self._session.left_running
 
-    def wait_first_view(self, within_s: float | None = None) -> bool:
-        """Wait until a view has come, or so long; False where the stream ended without one."""
+    def wait_first_view(self) -> bool:
+        """Wait until a view has come; False where the stream ended without one."""
+        with self._changed:
+            self._changed.wait_for(lambda: self.viewed or self._ended)
+        return self.viewed
+
+    def may_still_view(self, within_s: float) -> bool:
+        """Wait so long for a view; False where the stream ended without one."""
         with self._changed:
             self._changed.wait_for(lambda: self.viewed or self._ended, within_s)
             return self.viewed or not self._ended

@@ -55,7 +55,7 @@ def fly_with_tui(
     code: int | None = None
     interrupted = False
     try:
-        if feeder.wait_first_view(None if show is not None else _left(begun_s)):
+        if feeder.wait_first_view() if show is not None else feeder.may_still_view(_left(begun_s)):
             aside = None if beside is None else Aside.of(beside, feeder.pid)
             (show or partial(show_screen, appearance=appearance, aside=aside))(feeder, stay)
     except KeyboardInterrupt:

@@ -90,7 +90,7 @@ def test_any_size_of_terminal_is_lived_through_in_every_screen_and_nothing_is_lo
     async def act(app: TrackApp, pilot: Pilot[None], feed: FakeFeed) -> None:
         for page in ("2", "3", "4", "5", "1"):
             await pilot.press(page)
-            for size in sizes if page == "1" else sizes[:3]:
+            for size in sizes if page == "1" else sizes[1:3]:
                 await pilot.resize_terminal(*size)
                 app.look()
                 app.plot()
