@@ -18,6 +18,7 @@ from alpaca_telescope import SIDEREAL_DEG_S, SITE, AlpacaTelescope, alpaca_teles
 from guardian import satellite
 
 from sattrack.cli import run as run_command
+from sattrack.profiles import load_profile
 from tle.elements import Elements
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -335,3 +336,19 @@ def test_options_of_the_other_simulated_mount_are_refused(capsys: pytest.Capture
     assert "leave the others out" in capsys.readouterr().err
     assert run("sim", "--telescope", "telescope.toml") == 2
     assert "that goes with --alpaca" in capsys.readouterr().err
+
+
+@pytest.mark.soak
+def test_a_pass_is_followed_with_the_profile_that_calibration_found(tmp_path: Path) -> None:
+    elements, site = satellite(tmp_path, 300.0)
+    place = Site.parse(site)
+    stands = {"latitude_deg": place.latitude_deg, "longitude_deg": place.longitude_deg}
+    settings = {**stands, "dec_deg": 0.75 * place.latitude_deg, "hour_angle_deg": -20.0}
+    with alpaca_telescope(**settings, additive=True, ra_sign=-1, dec_sign=-1, system="j2000") as telescope:
+        common = ("--mount", telescope.url, "--site", site)
+        assert run("mount", "calibrate", *common, "--out", "found.toml", "--yes") == 0
+        found = load_profile(tmp_path / "found.toml")
+        assert (found.ra_rate_sign, found.dec_rate_sign, found.additive) == (-1, -1, True)
+        track = ("track", "25544", "--elements", str(elements), *common, "--profile", "found.toml")
+        assert run(*track, "--headless", "--min-alt", "15") == 0
+        rests(telescope, time.monotonic())
