@@ -159,6 +159,20 @@ def test_a_session_that_is_killed_leaves_a_telescope_at_rest_with_tracking_as_it
         telescope.wait(lambda: "its guardian stopped the mount: seen at rest" in program.said())
 
 
+def test_a_session_that_is_killed_with_its_guardian_leaves_the_telescope_to_the_gateway(
+    telescope: AlpacaTelescope,
+) -> None:
+    with moving(telescope) as program:
+        struck_s = time.monotonic()
+        for child in Path(f"/proc/{program.process.pid}/task").glob("*/children"):
+            for pid in child.read_text().split():
+                if b"runtime.guardian" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                    os.kill(int(pid), signal.SIGKILL)
+        program.process.kill()
+        rests(telescope, struck_s)
+        assert "guardian" not in program.said()
+
+
 @pytest.mark.parametrize("how", [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.soak)])
 def test_a_gateway_that_is_killed_or_halted_has_its_telescope_stopped_by_its_warden(
     telescope: AlpacaTelescope, how: signal.Signals
