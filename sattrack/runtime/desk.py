@@ -23,12 +23,12 @@ NAMED = 8
 class Desk:
     """Hears everybody before a run, and hands on what is to be obeyed.
 
-    `with_starter`: whoever started the run speaks to it, and has control first. `takes_others`: passes can be
-    armed, to be followed after this one. A stop takes them all back.
+    `with_starter`: whoever started the run speaks to it, and has control first, and again once whoever took
+    it has gone. `takes_others`: passes can be armed, to be followed after this one. A stop takes them back.
     """
 
     def __init__(self, with_starter: bool, takes_others: bool = False) -> None:
-        self._takes_others = takes_others
+        self._with_starter, self._takes_others = with_starter, takes_others
         self._queue: list[Armed] = []
         self.changing = False
         """Whether the run is being ended for the next, by whoever has control."""
@@ -49,7 +49,7 @@ class Desk:
         name = self._name(number)
         self._names.pop(number, None)
         if self.controller == number:
-            self.controller = None
+            self._fall_back()
             self._said = f"{name} had control, and has gone"
         self.version += 1
 
@@ -60,7 +60,7 @@ class Desk:
                 self._give(number)
             case YieldControl():
                 if self.controller == number:
-                    self.controller = None
+                    self._fall_back()
                     self._said = f"{self._name(number)} gave control up"
             case LeaveRunning():
                 if number == STARTER:
@@ -137,6 +137,11 @@ class Desk:
     def _disarm(self, order: Disarm) -> None:
         gone = Armed(order.catalog_number, order.culminate_utc_s, "")
         self._queue = [one for one in self._queue if not _same(one, gone)]
+
+    def _fall_back(self) -> None:
+        """Leave control to whoever started the run, if that is somebody else and there; else to nobody."""
+        there = self._with_starter and not self.left_running and self.controller != STARTER
+        self.controller = STARTER if there else None
 
     def _give(self, number: int) -> None:
         if self.controller == number:

@@ -63,8 +63,20 @@ def test_a_run_without_a_starter_is_nobodys_until_control_is_taken() -> None:
     assert before.hear(1, Nudge(along_s=1.0)) == Nudge(along_s=1.0)
 
 
-def test_control_that_is_given_up_or_left_behind_is_nobodys() -> None:
+def test_control_that_is_given_up_or_left_behind_goes_back_to_the_starter() -> None:
     before = desk(True, "anna", "ben")
+    before.hear(1, TakeControl())
+    before.hear(1, YieldControl())
+    assert before.hear(STARTER, Nudge(along_s=1.0)) == Nudge(along_s=1.0)
+    before.hear(2, TakeControl())
+    before.gone(2)
+    assert before.view().controller == STARTER
+    before.hear(STARTER, YieldControl())
+    assert before.view().controller is None
+
+
+def test_where_nobody_started_it_here_control_that_is_left_is_nobodys() -> None:
+    before = desk(False, "anna", "ben")
     before.hear(1, TakeControl())
     before.hear(2, YieldControl())
     assert before.view().controller == 1, "only one's own can be given up"
