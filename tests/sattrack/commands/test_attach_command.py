@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from sattrack.messages import Nudge, StopNow
+from sattrack.recording.format import COMMAND, OPERATOR
+from sattrack.recording.reading import Recording
 from sattrack.runtime.gallery_words import SUPPORTED
 from sattrack.session_messages import LeaveRunning, TakeControl, encode_said
 from sattrack.tui.attach_launch import sky_of_run
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 
     from sattrack.tui.feed import News
 
+ABORT = 73
+"""Where a command has its flag to stop, by the protocol's table."""
 pytestmark = pytest.mark.skipif(not SUPPORTED, reason="abstract names are Linux's")
 
 
@@ -65,8 +69,9 @@ def seen(run: AttachedRun, so: Callable[[News], bool]) -> News:
             run._changed.wait(1.0)
 
 
-def test_a_run_started_elsewhere_is_seen_moved_by_whoever_took_control_and_stopped() -> None:
-    with sattrack("demo", "--headless", "--json") as demo:
+def test_a_run_started_elsewhere_is_seen_moved_by_whoever_took_control_and_stopped(tmp_path: Path) -> None:
+    record = tmp_path / "run.mcap"
+    with sattrack("demo", "--headless", "--json", "--record", str(record)) as demo:
         assert demo.stderr is not None
         assert "link up" in next(line for line in demo.stderr if "link up" in line)
         run, other = (AttachedRun(demo.pid, name, sky_of_run) for name in ("anna", "ben"))
@@ -91,6 +96,7 @@ def test_a_run_started_elsewhere_is_seen_moved_by_whoever_took_control_and_stopp
         assert moved.views[-1].bias_along_goal_s == 0.25, "what ben said, without control, did nothing"
         assert watching.stdout is not None
         assert watching.stdout.readline().startswith('{"type":"session"')
+        said_utc_s = moved.views[-1].utc_s
         other.send(StopNow())
         out, _ = demo.communicate(timeout=30)
         streamed = watching.stdout.read().splitlines()
@@ -104,6 +110,17 @@ def test_a_run_started_elsewhere_is_seen_moved_by_whoever_took_control_and_stopp
     assert seen(run, lambda news: news.summary is not None).summary is not None
     run.close()
     other.close()
+    after = datagrams_after(record, '"type":"stop"', said_utc_s)
+    assert 0xFF in {datagram[ABORT] for datagram in after[:2]}, "a stop takes effect within two datagrams"
+
+
+def datagrams_after(record: Path, words: str, from_utc_s: float) -> list[bytes]:
+    """Return the datagrams that were sent after somebody's words, as they were recorded."""
+    entries = [entry for entry in Recording(record).entries() if entry.utc_s >= from_utc_s]
+    said = next(
+        n for n, entry in enumerate(entries) if entry.topic == OPERATOR and words.encode() in entry.data
+    )
+    return [entry.data for entry in entries[said:] if entry.topic == COMMAND]
 
 
 def test_a_run_left_running_goes_on_without_whoever_started_it() -> None:
