@@ -29,7 +29,7 @@ BENCH = str(Path(schedule_night.__file__))
 
 
 def small(folder: Path, **more: Any) -> Plan:
-    plan = Plan(folder, **{"nights": 1, "satellites": 24, "most": 2, "longest_s": 40.0, **more})
+    plan = Plan(folder, **{"nights": 1, "satellites": 14, "most": 2, "longest_s": 35.0, **more})
     plan.write()
     return plan
 
@@ -77,7 +77,7 @@ KILLED = r"killed (\d+) times in (\d+) passes.* of the others (\d+) differ; (\d+
 
 
 def test_a_runner_killed_at_random_instants_loses_only_what_it_was_dead_for() -> None:
-    options = ["--nights", "2", "--satellites", "24", "--most", "2", "--longest", "40", "--kills", "6"]
+    options = ["--nights", "2", "--satellites", "14", "--most", "2", "--longest", "30", "--kills", "6"]
     done = subprocess.run([sys.executable, BENCH, *options], capture_output=True, text=True, check=True)
     kills, passes, differ, twice = figures(done.stdout, KILLED)
     assert kills >= 4
@@ -161,7 +161,7 @@ def test_a_status_of_what_was_never_run_is_an_error_in_one_line(
 def test_an_interrupt_in_a_pass_stops_the_mount_ends_with_130_and_the_rest_is_run_later(
     tmp_path: Path,
 ) -> None:
-    plan = small(tmp_path, longest_s=150.0)
+    plan = small(tmp_path, longest_s=90.0)
     command = [sys.executable, "-m", "sattrack", *plan.arguments("run"), "--json"]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE)
     assert process.stdout is not None
