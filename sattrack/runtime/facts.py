@@ -124,6 +124,9 @@ def choose_pass(
     for one in passes:
         if abs(float(one.culminate_utc.unix_s) - culminate_utc_s) < SAME_PASS_S:
             return one
+    if passes[0].rise_utc is None and culminate_utc_s < float(now.unix_s):
+        # Past its highest, what is left of the pass in progress is highest now.
+        return passes[0]
     when = Utc(culminate_utc_s).isoformat("seconds")
     raise SattrackError(f"{elements.label} has no pass above {min_alt_deg:g}° that culminates about {when}")
 
