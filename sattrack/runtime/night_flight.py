@@ -6,7 +6,7 @@ import gc
 import math
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
     from sattrack.manual.procedures import Outcome, Procedure
     from sattrack.messages import Message
+    from sattrack.profiles import ProfileFile
     from sattrack.safety import SafetyLimits
     from sattrack.schedule.night import NightPass
     from sattrack.xerxes.simulator.mount import Truth
@@ -78,8 +79,7 @@ class Airspace:
     """The simulated mount at its site between runs, and what each run begins with."""
 
     site: Site
-    profile: Any
-    """A `ProfileFile`."""
+    profile: ProfileFile
     limits: SafetyLimits
     hour_angle_deg: float
     dec_deg: float

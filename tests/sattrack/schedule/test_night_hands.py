@@ -22,11 +22,17 @@ from sattrack import practice
 from sattrack.commands.common import CommandContext
 from sattrack.commands.run_live import renewer
 from sattrack.errors import SattrackError
+from sattrack.manual.procedures import ParkThere
+from sattrack.mount import AxesPosition
+from sattrack.profiles import ProfileFile
+from sattrack.requests import TicketState
 from sattrack.runtime.night_commands import Errands, Notifier, as_environment, facts_of, post, run_program
 from sattrack.runtime.night_files import NightFiles, read_status
+from sattrack.runtime.night_flight import Airspace
 from sattrack.runtime.night_hands import Readings, jump_between
 from sattrack.runtime.night_journal import Journal, locked
 from sattrack.runtime.weather import WeatherWatch, ask_weather
+from sattrack.safety import SafetyLimits
 from sattrack.schedule.actions import Notify, Weather
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.night import NightPass, Result
@@ -316,6 +322,23 @@ def test_a_folder_is_free_again_once_its_runner_is_gone_however_it_went(tmp_path
     process.communicate()
     with locked(tmp_path):
         pass
+
+
+@pytest.mark.parametrize(
+    ("power_off", "state"), [(False, TicketState.COMPLETE), (True, TicketState.UNCONFIRMED)]
+)
+def test_a_mount_is_laid_down_at_its_park_position_with_its_drives_on_or_off(
+    power_off: bool, state: TicketState
+) -> None:
+    profile = ProfileFile(park=AxesPosition(-20.0, 40.0))
+    air = Airspace(practice.SITE.place(), profile, SafetyLimits(), 50.0, 15.0)
+    midnight = BEGIN + 43_200.0
+    outcome, ended = air.go(ParkThere(profile.mount, power_off=power_off), midnight)
+    assert outcome is not None
+    assert outcome.state is state
+    assert air.hour_angle_deg == pytest.approx(-20.0, abs=0.1)
+    assert air.dec_deg == pytest.approx(40.0, abs=0.1)
+    assert 5.0 < ended - midnight < 60.0
 
 
 SCHEDULE = """
