@@ -93,7 +93,9 @@ class VirtualTelescope:
 
     def _way(self) -> float:
         jitter = self._random.uniform(-self.settings.jitter_s, self.settings.jitter_s)
-        return max(0.0, self.settings.latency_s / 2.0 + jitter)
+        share = self.settings.held_up_share
+        held_up_s = self.settings.held_up_s if share and self._random.random() < share else 0.0
+        return max(0.0, self.settings.latency_s / 2.0 + jitter) + held_up_s
 
     def _turn(self, now: float) -> None:
         for order in self.bridge.turn(now):
@@ -157,7 +159,7 @@ class VirtualTelescope:
                     if len(got) == 2:
                         self.bridge.stand(standing)
                         self._reading = False
-                        status = self.bridge.see(Place(*got["ra"], *got["dec"]))
+                        status = self.bridge.see(Place(*got["ra"], *got["dec"], at - begun))
                         if status is not None:
                             self.at(at + LOOPBACK_S, lambda now: self.deliver(status, now))
 

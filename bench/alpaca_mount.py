@@ -53,6 +53,7 @@ VARIANTS: dict[str, tuple[TelescopeSettings, float]] = {
     "soft servos, 1.5 Hz, 2 °/s²": (TelescopeSettings(servo_hz=1.5, acceleration_deg_s2=2.0), 10.0),
     "latency 60 ms": (TelescopeSettings(latency_s=0.06), 10.0),
     "latency 30 ± 10 ms either way": (TelescopeSettings(jitter_s=0.01), 10.0),
+    "1 % of the ways 100 ms longer": (TelescopeSettings(held_up_share=0.01), 10.0),
     "asked 5 times a second": (TelescopeSettings(), 5.0),
     "MoveAxis every 250 ms at most, ?hz=3.5": (TelescopeSettings(move_interval_s=0.25), 3.5),
     "the same, asked 10 times a second": (TelescopeSettings(move_interval_s=0.25), 10.0),

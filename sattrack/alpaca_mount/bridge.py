@@ -28,6 +28,7 @@ from sattrack.alpaca_mount.device import (
     nearest_rate,
 )
 from sattrack.alpaca_mount.equinox import Equinox
+from sattrack.alpaca_mount.lateness import Lateness
 from sattrack.mount import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 from sattrack.xerxes.datagrams import (
     DTICS_S_PER_DEG_S,
@@ -108,6 +109,7 @@ class Bridge:
     _old_places: int = 0
     """Places that came again though an axis moved."""
     _oldest_s: float = 0.0
+    _lateness: Lateness = field(default_factory=Lateness)
     _equinox: Equinox = field(default_factory=Equinox)
     _in_force: bool = False
     """Whether something of ours may have the telescope moving."""
@@ -195,9 +197,12 @@ class Bridge:
     def see(self, place: Place) -> bytes | None:
         """Take a place that was read in this turn; return the status to send.
 
-        None where it says what the one before said though an axis moves: the driver tells an old place.
+        None where the request took so long that its instant is in doubt, and where the place is the last one
+        though an axis moves: the driver tells an old one.
         """
         self.counter += 1
+        if self._lateness.is_late(place.took_s):
+            return None
         if self._last is not None and self._is_old(place):
             self._old_places += 1
             self._oldest_s = max(self._oldest_s, place.ra_utc_s - self._last.ra_utc_s)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any, NamedTuple
 
 import msgspec
@@ -106,12 +107,17 @@ class Place(NamedTuple):
     ra_deg: float
     dec_utc_s: float
     dec_deg: float
+    took_s: float = 0.0
+    """How long the longer of the requests took."""
 
 
 def nearest_rate(rate_deg_s: float, spans: tuple[Span, ...]) -> float:
-    """Return the rate that an axis bears and that is nearest to a wanted one; its sign is kept, 0 is 0."""
+    """Return the rate that an axis bears and that is nearest to a wanted one, with its sign.
+
+    0 is 0, and so is what is no number.
+    """
     speed = abs(rate_deg_s)
-    if speed == 0.0 or not spans:
+    if not (math.isfinite(speed) and speed > 0.0 and spans):
         return 0.0
     borne = [min(max(speed, span.low_deg_s), span.high_deg_s) for span in spans]
     # Below the slowest rate there is standing still as well.

@@ -94,7 +94,8 @@ class _Mailbox(asyncio.DatagramProtocol):
 
     def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
         """Take one."""
-        if addr[0] == "127.0.0.1":
+        # Whoever else sends here is neither the session nor its guardian, which has the session's socket.
+        if addr == ("127.0.0.1", self._gateway.config.peer_port):
             self._gateway.heard(data)
 
 
@@ -224,39 +225,42 @@ class Gateway:
         member = SLOW_MEMBERS[self._turns % len(SLOW_MEMBERS)]
         self._turns += 1
         begun_s = time.monotonic()
-        (ra_s, ra_h), (dec_s, dec_deg), (_, value) = await asyncio.gather(
+        (ra_s, ra_h, ra_took_s), (dec_s, dec_deg, dec_took_s), value = await asyncio.gather(
             self._timed("rightascension"), self._timed("declination"), self._slow(member)
         )
         self.bridge.stand(self.bridge.standing.with_values(begun_s, {member: value}))
-        return self._place(ra_s, ra_h, dec_s, dec_deg)
+        return self._place((ra_s, ra_h), (dec_s, dec_deg), max(ra_took_s, dec_took_s))
 
     async def _read_state(self) -> Place:
         begun_s = time.monotonic()
-        at_s, state = await self._timed("devicestate")
+        at_s, state, took_s = await self._timed("devicestate")
         values = {}
         for one in state if isinstance(state, list) else []:
             if isinstance(one, dict):
                 values[str(one.get("Name", "")).lower()] = one.get("Value")
         self.bridge.stand(self.bridge.standing.with_values(begun_s, values))
-        return self._place(at_s, values.get("rightascension"), at_s, values.get("declination"))
+        return self._place((at_s, values.get("rightascension")), (at_s, values.get("declination")), took_s)
 
-    async def _timed(self, member: str) -> tuple[float, Any]:
-        """Return the middle of a request, by the monotonic clock, and what was answered."""
+    async def _timed(self, member: str) -> tuple[float, Any, float]:
+        """Return the middle of a request, by the monotonic clock, what was answered, and how long it took."""
         begun_s = time.monotonic()
         value = await self.client.get(member)
-        return 0.5 * (begun_s + time.monotonic()), value
+        ended_s = time.monotonic()
+        return 0.5 * (begun_s + ended_s), value, ended_s - begun_s
 
-    async def _slow(self, member: str) -> tuple[float, Any]:
+    async def _slow(self, member: str) -> Any:
         try:
-            return await self._timed(member)
+            return await self.client.get(member)
         except Refusal:
-            return 0.0, None
+            return None
 
-    def _place(self, ra_s: float, ra_h: Any, dec_s: float, dec_deg: Any) -> Place:
+    def _place(self, ra: tuple[float, Any], dec: tuple[float, Any], took_s: float) -> Place:
+        (ra_s, ra_h), (dec_s, dec_deg) = ra, dec
         numbers = isinstance(ra_h, float | int) and isinstance(dec_deg, float | int)
         if not (numbers and 0.0 <= ra_h <= 24.0 and -90.0 <= dec_deg <= 90.0):
             raise Unheard(f"{ra_h!r} h, {dec_deg!r}° is no direction")
-        return Place(self.clock.utc_s(ra_s), ra_h * 15.0 % 360.0, self.clock.utc_s(dec_s), float(dec_deg))
+        ra_utc_s, dec_utc_s = self.clock.utc_s(ra_s), self.clock.utc_s(dec_s)
+        return Place(ra_utc_s, ra_h * 15.0 % 360.0, dec_utc_s, float(dec_deg), took_s)
 
 
 async def run(config: GatewayConfig, channel: socket.socket) -> None:

@@ -71,6 +71,8 @@ class AlpacaServer:
     async def _way(self) -> None:
         settings = self.settings
         seconds = settings.latency_s / 2.0 + self._random.uniform(-settings.jitter_s, settings.jitter_s)
+        if settings.held_up_share and self._random.random() < settings.held_up_share:
+            seconds += settings.held_up_s
         if seconds > 0.0:
             await asyncio.sleep(seconds)
 

@@ -42,6 +42,9 @@ class TelescopeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     """Whether one request tells the whole state (Platform 7), or each property needs its own."""
     latency_s: float = 0.030
     jitter_s: float = 0.002
+    held_up_share: float = 0.0
+    """Share of the ways there, and of those back, that take `held_up_s` longer."""
+    held_up_s: float = 0.1
     cache_s: float = 0.0
     """Places are those of the last turn of a loop with this period; 0 gives them as they are."""
     move_interval_s: float = 0.0
@@ -63,6 +66,8 @@ class TelescopeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
         least = {
             "latency_s": self.latency_s,
             "jitter_s": self.jitter_s,
+            "held_up_share": self.held_up_share,
+            "held_up_s": self.held_up_s,
             "cache_s": self.cache_s,
             "move_interval_s": self.move_interval_s,
         }

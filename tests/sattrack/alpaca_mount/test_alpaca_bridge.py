@@ -13,6 +13,7 @@ from skyfield.positionlib import position_of_radec
 from sattrack.alpaca_mount.bridge import DEADMAN_S, STOP_AGAIN_S, Bridge, Order
 from sattrack.alpaca_mount.device import DeviceFacts, Place, Span, Standing, nearest_rate, spans_of
 from sattrack.alpaca_mount.equinox import Equinox
+from sattrack.alpaca_mount.lateness import Lateness
 from sattrack.mount import SIDEREAL_RATE_DEG_S
 
 RATES = (Span(0.0, 4.0),)
@@ -213,7 +214,8 @@ def test_a_place_that_stays_the_same_in_motion_is_no_news_but_not_for_ever() -> 
 
 
 @pytest.mark.parametrize(
-    ("wanted", "borne"), [(0.39, 0.3), (0.41, 0.5), (-9.0, -4.0), (0.0, 0.0), (0.0004, 0.0), (0.0006, 0.001)]
+    ("wanted", "borne"),
+    [(0.39, 0.3), (0.41, 0.5), (-9.0, -4.0), (0.0, 0.0), (math.nan, 0.0), (0.0004, 0.0), (0.0006, 0.001)],
 )
 def test_of_the_rates_that_an_axis_bears_the_nearest_is_asked(wanted: float, borne: float) -> None:
     assert nearest_rate(wanted, (Span(0.001, 0.3), Span(0.5, 4.0))) == borne
@@ -270,3 +272,25 @@ def test_the_drives_rates_are_those_of_the_places_that_were_read() -> None:
         SIDEREAL_RATE_DEG_S, abs=1e-5
     )
     assert struct.unpack_from("<q", status, 32)[0] / tics_a_degree == pytest.approx(0.2, abs=1e-5)
+
+
+def test_a_request_that_took_much_longer_than_the_others_tells_no_place_but_a_longer_way_is_believed() -> (
+    None
+):
+    lateness = Lateness()
+    usual = [0.030 + 0.001 * (n % 5) for n in range(50)]
+    assert not any(lateness.is_late(took_s) for took_s in usual)
+    assert lateness.is_late(0.130)
+    assert not lateness.is_late(0.031)
+    longer = [lateness.is_late(0.130) for _ in range(6)]
+    assert longer == [True, True, True, False, False, False]
+
+
+def test_the_status_of_a_held_up_request_is_left_out_and_counted_on() -> None:
+    made = bridge()
+    for turn in range(20):
+        assert made.see(place(T0 + 0.1 * turn)._replace(took_s=0.03)) is not None
+    assert made.see(place(T0 + 2.0)._replace(took_s=0.13)) is None
+    status = made.see(place(T0 + 2.1)._replace(took_s=0.03))
+    assert status is not None
+    assert struct.unpack_from("<q", status, 104)[0] == 22
