@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import subprocess
 import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, ClassVar
 
-from textual.app import App, ComposeResult, SuspendNotSupported
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal
 from textual.css.query import NoMatches
 
-from sattrack.messages import DropRemembered, StopNow
-from sattrack.session_messages import Arm, LeaveRunning, TakeControl, YieldControl
+from sattrack.messages import StopNow
+from sattrack.session_messages import LeaveRunning, TakeControl, YieldControl
 from sattrack.session_view import STARTER
 from sattrack.tui import figures, look
 from sattrack.tui.appearance import Appearance
 from sattrack.tui.bias_panel import BiasPanel
-from sattrack.tui.console_dialogs import Question
 from sattrack.tui.error_plot import ErrorPanel
 from sattrack.tui.hand import Hand
 from sattrack.tui.help import TEXTS, HelpScreen
@@ -27,7 +24,8 @@ from sattrack.tui.key_bar import KeyBar
 from sattrack.tui.leave_dialog import LEAVE, STOP, LeaveDialog
 from sattrack.tui.log_page import LogPage
 from sattrack.tui.mount_page import MountPage
-from sattrack.tui.pages import LIVE, MOUNT, PAGES, TONIGHT
+from sattrack.tui.page_keys import PageKeys
+from sattrack.tui.pages import LIVE, PAGES
 from sattrack.tui.panels import Cautions, HeadlineBar, Panel, TapeBar, TitleBar
 from sattrack.tui.plain import PlainFilter
 from sattrack.tui.scene import Scene
@@ -35,11 +33,13 @@ from sattrack.tui.schedule_page import SchedulePage
 from sattrack.tui.screens import Screens
 from sattrack.tui.session_bar import SessionBar
 from sattrack.tui.sky_panel import NotesPanel, SkyPanel, chart_columns
+from sattrack.tui.target_keys import TargetKeys
 from sattrack.tui.tonight_page import TonightPage
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from textual.app import ComposeResult
     from textual.dom import DOMNode
     from textual.filter import LineFilter
 
@@ -57,7 +57,7 @@ LEAVE_WITHIN_S = 4.0
 """How long the screen stays for the mount to come to rest once it is to be left."""
 
 
-class TrackApp(App[None]):
+class TrackApp(PageKeys, TargetKeys):
     """Shows a run and takes the operator's keys.
 
     With `stay`, the screen of an ended run remains until it is left. `monotonic` is this process's own
@@ -300,122 +300,10 @@ class TrackApp(App[None]):
         """Leave as `q` does, whoever asks."""
         self.action_leave()
 
-    def action_nudge(self, along: int, across: int) -> None:
-        """Move the target by one step, along its track, across it, or as the frame has it; or down a list."""
-        if self._screens.page != LIVE:
-            self._turn(lambda main: self._screens.move(main, -across))
-        elif self._may():
-            self._send_all(self._hand.nudge(along, across))
-
-    def action_creep(self, along: int, across: int) -> None:
-        """Move the target gently, by several steps."""
-        if self._may() and self._view is not None:
-            self._send_all(self._hand.creep(along, across, self._view))
-
-    def action_undo(self) -> None:
-        """Take back what was last done to the offsets."""
-        if self._may():
-            self._send_all(self._hand.undo())
-
     def action_control(self) -> None:
         """Take control, or give it up."""
         if self._session is not None:
             self._tell(YieldControl() if self._session.controller == self._you else TakeControl())
-
-    def action_step(self, by: int) -> None:
-        """Choose a smaller or a larger step."""
-        self._hand.resize(by)
-        self._draw()
-
-    def action_frame(self) -> None:
-        """Go on to the next frame in which the arrows move, or to the next filter of a list."""
-        if self._screens.page == LIVE:
-            self._hand.turn_frame()
-        else:
-            self._turn(self._screens.turn_filter)
-        self._draw()
-
-    def action_search(self, how: str) -> None:
-        """Begin a search, its size by the step; or end the one that runs where it is."""
-        if self._may():
-            self._send_all(self._hand.search(how, self._view))
-
-    def action_cancel_search(self) -> None:
-        """End a search that runs, back in its centre."""
-        if self._may():
-            self._send_all(self._hand.cancel_search(self._view))
-
-    def action_reset(self) -> None:
-        """Take the offsets of the frame away."""
-        if self._may():
-            self._send_all(self._hand.reset(self._view))
-
-    def action_clear_bias(self) -> None:
-        """Take everything back: nudges, offsets, search and estimate."""
-        if self._may():
-            self._send_all(self._hand.clear(self._view))
-
-    def action_drop_remembered(self) -> None:
-        """Take back the bias that an earlier pass left, and have it offered no more."""
-        if self._may():
-            self._tell(DropRemembered())
-
-    def action_page(self, page: str) -> None:
-        """Show another screen."""
-        self._turn(lambda main: self._screens.turn_to(page, main))
-        self.call_after_refresh(self.plot)
-
-    def action_leaf(self, by: int) -> None:
-        """Go down a list by screens, or up."""
-        self._turn(lambda main: self._screens.turn_leaf(main, by))
-
-    def action_look_again(self) -> None:
-        """Search for the passes anew."""
-        if self._screens.page == TONIGHT:
-            self._screens.look_again()
-            self._draw()
-
-    def action_by_hand(self) -> None:
-        """Operate the mount by hand, by the console's own screen, once no run has it."""
-        command = self._screens.console_command()
-        if self._screens.page != MOUNT or not self._ended or command is None:
-            return
-        with suppress(SuspendNotSupported), self.suspend():
-            subprocess.run(command, check=False)
-        self.refresh()
-
-    def action_arm(self) -> None:
-        """Arm the pass under the cursor, or take it back; once a run is over, follow it."""
-        scene = self.scene
-        if self._screens.page == TONIGHT and scene is not None and self._may_say():
-            self._order(self._screens.arm(scene, now=False))
-
-    def action_follow(self, which: str) -> None:
-        """Leave this satellite for another: ask first where a pass is being followed."""
-        scene = self.scene
-        if scene is None or (which == "pointed" and self._screens.page != TONIGHT) or not self._may_say():
-            return
-        by = {"next": 1, "before": -1}.get(which, 0)
-        row = self._screens.beside(by, scene) if by else self._screens.night.pointed
-        if row is None:
-            self.action_page(TONIGHT)
-            return
-        order = Arm(row.catalog_number, row.culminate_utc_s, row.name, now=True)
-        if scene.ended or scene.view.phase == "waiting":
-            self._order(order)
-            return
-        text = f"{scene.view.name} is left, and the mount goes on to {row.name}."
-        self.push_screen(Question("leave it?", text), lambda sure: self._order(order) if sure else None)
-
-    def _order(self, order: SessionMessage | None) -> None:
-        """Say something about what is to be followed: it is heard also after the end of a run."""
-        if order is not None and not self._gone:
-            self._feed.send(order)
-        self._draw()
-
-    def _turn(self, turn: Callable[[DOMNode], object]) -> None:
-        self._draw_on_main(turn)
-        self._draw()
 
     def on_unmount(self) -> None:
         """End what was started for the screens."""
@@ -461,10 +349,6 @@ class TrackApp(App[None]):
     def _close_dialogs(self) -> None:
         while len(self.screen_stack) > 1:
             self.pop_screen()
-
-    def _send_all(self, messages: Sequence[Message]) -> None:
-        for message in messages:
-            self._tell(message)
 
     def _tell(self, message: Message | SessionMessage) -> None:
         # After a run, another may be about to begin: a stop is said as long as there is anybody to hear it.
