@@ -14,6 +14,7 @@ from sattrack.commands.aside import given
 from sattrack.commands.attach import chosen_run
 from sattrack.commands.common import CommandContext, common_options, screen_options, tell
 from sattrack.errors import BadInputError, SattrackError
+from sattrack.runtime.gallery_words import feeders
 
 PORT = 8137
 FEWEST_CHARACTERS = 16
@@ -62,8 +63,10 @@ def command(
 
 
 def _no_run(pid: int | None) -> str | None:
+    if pid is not None:
+        return None if pid in feeders() else f"process {pid} has no run to look at; this page looks again"
     try:
-        chosen_run(pid)
+        chosen_run(None)
     except SattrackError as error:
         return f"{error}; this page looks again"
     return None

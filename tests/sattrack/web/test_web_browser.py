@@ -6,8 +6,10 @@ import asyncio
 import base64
 import contextlib
 import json
+import os
 import re
 import shutil
+import socket
 import subprocess
 import sys
 import time
@@ -19,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import aiohttp
 import pytest
 
-from sattrack.runtime.gallery_words import SUPPORTED
+from sattrack.runtime.gallery_words import SUPPORTED, name_for
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -74,7 +76,7 @@ def fetched(url: str, **headers: str) -> tuple[int, str, dict[str, str]]:
 
 
 def test_the_page_is_served_to_whom_it_is_for_and_fetches_nothing_from_elsewhere() -> None:
-    with page("--host", "0.0.0.0", "--run", "1") as url:
+    with page("--host", "0.0.0.0", run=os.getpid()) as url, socket.socket(socket.AF_UNIX) as run:
         address, _, token = url.replace("0.0.0.0", "127.0.0.1").partition("?token=")
         assert len(token) >= 24
         for path in ("", "static/js/textual.js", "ws"):
@@ -85,7 +87,12 @@ def test_the_page_is_served_to_whom_it_is_for_and_fetches_nothing_from_elsewhere
         cookie = headers["Set-Cookie"].partition(";")[0]
         assert "HttpOnly" in headers["Set-Cookie"]
         code, text, headers = fetched(address, Cookie=cookie)
+        assert (code, headers["Refresh"]) == (200, "3")
+        assert "has no run to look at" in text
+        run.bind(name_for(os.getpid()))
+        code, text, headers = fetched(address, Cookie=cookie)
         assert code == 200
+        assert "data-session-websocket-url" in text
         assert not re.search(r"https?://", text)
         assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
         assert fetched(address, Cookie=cookie, Origin="http://evil.example")[0] == 403
@@ -183,6 +190,7 @@ async def seen_and_stopped(debugger: str, url: str) -> None:
             await browser.call("Network.enable")
             await browser.call("Page.enable")
             await browser.call("Page.navigate", url=url)
+            # Where the run was not there yet, the page looks again by itself.
             await browser.until(b"LOOKING ON", b"SPACE STOP")
             before = await browser.picture()
             while await browser.picture() == before:
