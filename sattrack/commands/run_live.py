@@ -18,6 +18,7 @@ from tle.sources import newest
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from sattrack.commands.common import CommandContext
     from sattrack.commands.run_night import NightPlans
@@ -58,7 +59,7 @@ def live_hands(
         address=mount_address(mount_url),
         folder=plans.file.absolute().parent,
         program=tuple(this_program()),
-        common=_common(context, mount_url),
+        common=_common(context, mount_url, files.profile(profile)),
         now=now,
         speed=1.0 if simulated is None else simulated.speed,
         clock=clock_option,
@@ -72,15 +73,14 @@ def live_hands(
     return LiveHands(kit, files, journal)
 
 
-def _common(context: CommandContext, mount_url: str) -> tuple[str, ...]:
+def _common(context: CommandContext, mount_url: str, profile: Path) -> tuple[str, ...]:
     """Return the options that every command of ours is given, as this one was."""
     given = click.get_current_context().params
     site = context.site()
     options = ["--mount", mount_url, "--site", f"{site.latitude_deg},{site.longitude_deg},{site.height_m}"]
-    for name in ("config", "profile"):
-        if given.get(name) is not None:
-            options += [f"--{name}", str(given[name])]
-    return tuple(options)
+    if given.get("config") is not None:
+        options += ["--config", str(given["config"])]
+    return (*options, "--profile", str(profile))
 
 
 def renewer(context: CommandContext, schedule: Schedule) -> Callable[[NightPass], Elements | None]:

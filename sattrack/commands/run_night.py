@@ -6,6 +6,8 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from msgspec import structs
+
 from sattrack import practice
 from sattrack.commands.common import tell
 from sattrack.commands.run_plan import loader, progress, said_utc_s, situation_of
@@ -40,6 +42,7 @@ if TYPE_CHECKING:
 
 NOON_S, S_PER_DEG = 43200.0, 240.0
 VIRTUAL_DAYS = 1.0
+MOST_HOUR_ANGLE_DEG = 170.0
 ERRANDS_WITHIN_S = 30.0
 """How long those who are notified are waited for at the end."""
 
@@ -93,6 +96,17 @@ def _night_pass(
     )
 
 
+def within_half_a_turn(profile: ProfileFile) -> ProfileFile:
+    """Return a profile whose hour angle axis keeps within half a turn, so that nobody needs to count turns.
+
+    Each pass is a session of its own, no status tells how the cables are wound, and a mount at rest may go on
+    with the sky.
+    """
+    return structs.replace(
+        profile, hour_angle_limit_deg=min(profile.hour_angle_limit_deg, MOST_HOUR_ANGLE_DEG)
+    )
+
+
 def folder_of(file: Path, given: Path | None) -> Path:
     """Return where a schedule's run keeps its journal, status, summaries and recordings."""
     return file.with_suffix(".run") if given is None else given
@@ -102,7 +116,7 @@ def run_schedule(context: CommandContext, file: Path, options: dict[str, Any]) -
     """Run a schedule, or run it on, to its end. Raises the error whose exit code it ends with."""
     schedule = load_schedule(file)
     mount_url = _mount_url(context, options)
-    profile = context.profile(options["profile"], mount_url)
+    profile = within_half_a_turn(context.profile(options["profile"], mount_url))
     ways = _ways(context, schedule, profile, options)
     # What is wrong with the schedule or its elements is told now, and not in the evening.
     situation_of(context, schedule, profile, (ways.from_utc_s, ways.from_utc_s + 1.0), ways.from_utc_s)

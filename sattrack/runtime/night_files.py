@@ -5,9 +5,10 @@ from __future__ import annotations
 import os
 import tempfile
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import msgspec
+import tomli_w
 
 from sattrack.errors import SattrackError
 from sattrack.runtime.night_journal import holder
@@ -17,9 +18,10 @@ from tle.formats.registry import write_elements
 from tle.instants import Utc
 
 if TYPE_CHECKING:
+    from sattrack.profiles import ProfileFile
     from sattrack.schedule.night import NightPass, Run
 
-STATUS = "status.json"
+STATUS, PROFILE = "status.json", "mount.toml"
 SUMMARIES, RECORDINGS, ELEMENTS = "summaries", "recordings", "elements"
 
 
@@ -59,6 +61,12 @@ class NightFiles:
         self._write(name, write_elements([one.elements], "json").encode())
         return self.folder / name
 
+    def profile(self, profile: ProfileFile) -> Path:
+        """Write the mount's profile as sessions are to have it; return where."""
+        said = {name: value for name, value in msgspec.to_builtins(profile).items() if value is not None}
+        self._write(PROFILE, tomli_w.dumps(_without_none(said)).encode())
+        return self.folder / PROFILE
+
     def _write(self, name: str, data: bytes) -> None:
         path = self.folder / name
         try:
@@ -70,6 +78,13 @@ class NightFiles:
             Path(temporary).replace(path)
         except OSError as error:
             raise SattrackError(f"cannot write {path}: {error.strerror}") from None
+
+
+def _without_none(value: Any) -> Any:
+    """Return plain data without what is None, which TOML cannot say."""
+    if isinstance(value, dict):
+        return {key: _without_none(each) for key, each in value.items() if each is not None}
+    return [_without_none(each) for each in value] if isinstance(value, list | tuple) else value
 
 
 def read_status(folder: Path) -> ScheduleView | None:

@@ -53,9 +53,16 @@ class SessionDiedError(Exception):
 
 
 class WatchedMount(SimulatedMount):
-    """A simulated mount that remembers where its axes are."""
+    """A simulated mount that was on before: its encoders know the cables' turns; and it tells where it is."""
 
     last: Truth | None = None
+
+    def __post_init__(self) -> None:
+        """See SimulatedMount."""
+        super().__post_init__()
+        for driven, cable_deg in ((self._ra, self.start.hour_angle_deg), (self._dec, self.start.dec_deg)):
+            driven.turns_deg = 0.0
+            driven.axis.place(cable_deg, driven.sky_rate_deg_s)
 
     def tick(self, now_utc_s: float) -> tuple[bytes, Truth]:
         """See SimulatedMount."""

@@ -21,10 +21,11 @@ from element_server import element_server
 from sattrack import practice
 from sattrack.commands.common import CommandContext
 from sattrack.commands.run_live import renewer
+from sattrack.commands.run_night import within_half_a_turn
 from sattrack.errors import SattrackError
 from sattrack.manual.procedures import ParkThere
 from sattrack.mount import AxesPosition
-from sattrack.profiles import ProfileFile
+from sattrack.profiles import ProfileFile, load_profile_file
 from sattrack.requests import TicketState
 from sattrack.runtime.night_commands import Errands, Notifier, as_environment, facts_of, post, run_program
 from sattrack.runtime.night_files import NightFiles, read_status
@@ -339,6 +340,20 @@ def test_a_mount_is_laid_down_at_its_park_position_with_its_drives_on_or_off(
     assert air.hour_angle_deg == pytest.approx(-20.0, abs=0.1)
     assert air.dec_deg == pytest.approx(40.0, abs=0.1)
     assert 5.0 < ended - midnight < 60.0
+
+
+def test_sessions_one_after_the_other_are_kept_within_half_a_turn_of_the_hour_angle(tmp_path: Path) -> None:
+    given = ProfileFile(park=AxesPosition(-20.0, 40.0), hour_angle_limit_deg=200.0, ra_rate_gain=1.01)
+    kept = within_half_a_turn(given)
+    assert kept.hour_angle_limit_deg == 170.0
+    assert (
+        within_half_a_turn(msgspec.structs.replace(given, hour_angle_limit_deg=90.0)).hour_angle_limit_deg
+        == 90.0
+    )
+    # As the sessions read it, it is the same in all else.
+    written = load_profile_file(NightFiles(tmp_path, "night.toml").profile(kept))
+    assert written == kept
+    assert msgspec.structs.replace(written, hour_angle_limit_deg=200.0) == given
 
 
 SCHEDULE = """
