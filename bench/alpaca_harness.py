@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from sattrack.alpaca_mount.address import AlpacaAddress
-from sattrack.alpaca_mount.bridge import Bridge, Order
+from sattrack.alpaca_mount.bridge import Bridge
 from sattrack.alpaca_mount.device import DeviceFacts, Place, Span, Standing
 from sattrack.alpaca_simulator.telescope import Refused, Telescope
 from sattrack.calibration.calibrator import Calibrator
@@ -30,6 +30,7 @@ from sattrack.tracker import sky_error
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sattrack.alpaca_mount.orders import Order
     from sattrack.alpaca_simulator.settings import TelescopeSettings
     from sattrack.mount import MountProfile
 

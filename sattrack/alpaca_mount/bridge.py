@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 from sattrack.alpaca_mount.device import (
     J2000_SYSTEM,
@@ -29,6 +29,7 @@ from sattrack.alpaca_mount.device import (
 )
 from sattrack.alpaca_mount.equinox import Equinox
 from sattrack.alpaca_mount.lateness import Lateness
+from sattrack.alpaca_mount.orders import AXIS_LANES, Order, move_order, pulse_orders, tracking_order
 from sattrack.mount import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 from sattrack.xerxes.datagrams import (
     DTICS_S_PER_DEG_S,
@@ -52,24 +53,7 @@ OLD_AT_MOST_S = 0.5
 TRACKING_AGAIN_S = 1.0
 MOST_TRACKING_TRIES = 5
 ONE_SHOTS = ("abort", "slew", "sync", "pulse_guide")
-NORTH, SOUTH, EAST, WEST = range(4)
 HALT_NAMES = frozenset({"abortslew"})
-
-Lane = Literal["ra", "dec", "rest"]
-AXIS_LANES: tuple[Lane, Lane] = ("ra", "dec")
-
-
-class Order(NamedTuple):
-    """Something to tell the telescope: a PUT of one member.
-
-    On the lanes `ra` and `dec` a newer order takes the place of one that waits; on `rest` they queue up.
-    """
-
-    lane: Lane
-    member: str
-    fields: tuple[tuple[str, str], ...] = ()
-    rate_deg_s: float = 0.0
-    """Of a MoveAxis."""
 
 
 class _Seen(NamedTuple):
@@ -235,7 +219,7 @@ class Bridge:
         if flag == "abort":
             return self._stop(now_s)
         if flag == "pulse_guide":
-            return self._pulses(command)
+            return pulse_orders(command.pulse_ra_ms, command.pulse_dec_ms)
         target = self._target(command)
         if flag == "sync":
             return [Order("rest", "synctocoordinates", target)]
@@ -247,19 +231,9 @@ class Bridge:
         ra_deg, dec_deg = command.target_ra_h * 15.0 % 360.0, command.target_dec_deg
         if self.facts.equatorial_system == J2000_SYSTEM and self._last is not None:
             ra_deg, dec_deg = self._equinox.j2000(ra_deg, dec_deg, self._last.ra_utc_s)
-        return ("RightAscension", f"{ra_deg / 15.0:.10f}"), ("Declination", f"{dec_deg:.9f}")
-
-    def _pulses(self, command: Command) -> list[Order]:
-        orders = []
-        for milliseconds, onward, back in (
-            (command.pulse_ra_ms, WEST, EAST),
-            (command.pulse_dec_ms, NORTH, SOUTH),
-        ):
-            if milliseconds:
-                direction = onward if milliseconds > 0 else back
-                told = ("Direction", str(direction)), ("Duration", str(abs(milliseconds)))
-                orders.append(Order("rest", "pulseguide", told))
-        return orders
+        # Rounded first: 24 h is no right ascension.
+        hours = round(ra_deg / 15.0, 10) % 24.0
+        return ("RightAscension", f"{hours:.10f}"), ("Declination", f"{dec_deg:.9f}")
 
     def _begin(self) -> None:
         """Something is about to be asked that moves the telescope."""
@@ -274,7 +248,7 @@ class Bridge:
         if now_s - self._tracking_asked_s < TRACKING_AGAIN_S:
             return []
         self._tracking_asked_s = now_s
-        return [Order("rest", "tracking", (("Tracking", "true"),))]
+        return [tracking_order(True)]
 
     def _wants_move(self) -> bool:
         command = self._command
@@ -296,7 +270,7 @@ class Bridge:
             axis = self._axes[number]
             rate = nearest_rate(wish, self.facts.rates(number))
             if axis.told_deg_s is None or abs(rate - axis.told_deg_s) > SAME_RATE_DEG_S:
-                orders.append(_move_order(number, rate))
+                orders.append(move_order(number, rate))
                 axis.told_deg_s = rate
         return orders
 
@@ -305,7 +279,7 @@ class Bridge:
         self._slew_ordered = False
         for axis in self._axes:
             axis.told_deg_s = 0.0
-        return [Order("rest", "abortslew"), _move_order(0, 0.0), _move_order(1, 0.0)]
+        return [Order("rest", "abortslew"), move_order(0, 0.0), move_order(1, 0.0)]
 
     def _see_stop_through(self, now_s: float) -> list[Order]:
         assert self._stop_s is not None
@@ -326,7 +300,7 @@ class Bridge:
             return []
         self._tracking_asked_s = now_s
         self._tracking_tries += 1
-        return [Order("rest", "tracking", (("Tracking", "true" if before else "false"),))]
+        return [tracking_order(before is True)]
 
     def _moving(self) -> bool:
         """Whether the telescope moves otherwise than with the sky, by what it says or by its places."""
@@ -412,11 +386,6 @@ class Bridge:
             ack_pulse_guide=command.pulse_guide and "pulse_guide" not in self._refused,
             ack_slew=command.slew and "slew" not in self._refused,
         )
-
-
-def _move_order(axis: int, rate_deg_s: float) -> Order:
-    told = ("Axis", str(axis)), ("Rate", f"{rate_deg_s:.9f}")
-    return Order(AXIS_LANES[axis], "moveaxis", told, rate_deg_s)
 
 
 def _horizontal(seen: _Seen, latitude_deg: float) -> tuple[float, float]:

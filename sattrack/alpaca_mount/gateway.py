@@ -15,17 +15,20 @@ import socket
 import sys
 import time
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from sattrack.alpaca_mount.bridge import Bridge, Lane, Order
+from sattrack.alpaca_mount.bridge import Bridge
 from sattrack.alpaca_mount.channel import GatewayConfig, News, Ready, Refused
 from sattrack.alpaca_mount.client import NOT_CONNECTED, AlpacaClient, Refusal, Unheard
 from sattrack.alpaca_mount.device import DeviceFacts, Place
 from sattrack.alpaca_mount.watched import Watched
 from sattrack.clock import Clock, SystemClock
 from sattrack.errors import SattrackError
+
+if TYPE_CHECKING:
+    from sattrack.alpaca_mount.orders import Lane, Order
 
 IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGPIPE)
 BEHIND_AT_MOST_S = 0.5

@@ -5,16 +5,20 @@ from __future__ import annotations
 import math
 import struct
 from datetime import UTC, datetime
+from typing import TYPE_CHECKING
 
 import pytest
 from skyfield.api import load
 from skyfield.positionlib import position_of_radec
 
-from sattrack.alpaca_mount.bridge import DEADMAN_S, STOP_AGAIN_S, Bridge, Order
+from sattrack.alpaca_mount.bridge import DEADMAN_S, STOP_AGAIN_S, Bridge
 from sattrack.alpaca_mount.device import DeviceFacts, Place, Span, Standing, nearest_rate, spans_of
 from sattrack.alpaca_mount.equinox import Equinox
 from sattrack.alpaca_mount.lateness import Lateness
 from sattrack.mount import SIDEREAL_RATE_DEG_S
+
+if TYPE_CHECKING:
+    from sattrack.alpaca_mount.orders import Order
 
 RATES = (Span(0.0, 4.0),)
 FACTS = DeviceFacts(
@@ -294,3 +298,28 @@ def test_the_status_of_a_held_up_request_is_left_out_and_counted_on() -> None:
     status = made.see(place(T0 + 2.1)._replace(took_s=0.03))
     assert status is not None
     assert struct.unpack_from("<q", status, 104)[0] == 22
+
+
+def test_guide_pulses_go_west_and_north_where_positive_and_a_telescope_without_is_not_asked() -> None:
+    data = bytearray(datagram(PULSE))
+    struct.pack_into("<ii", data, 64, -300, 200)
+    made = bridge(can_pulse_guide=True)
+    made.hear(bytes(data), 1.0)
+    # Alpaca's directions: 0 north, 1 south, 2 east, 3 west.
+    assert told(made.turn(1.0)) == [
+        ("pulseguide", {"Direction": "2", "Duration": "300"}),
+        ("pulseguide", {"Direction": "0", "Duration": "200"}),
+    ]
+    without = bridge()
+    without.hear(bytes(data), 1.0)
+    assert without.turn(1.0) == []
+    status = without.see(place(T0))
+    assert status is not None
+    assert status[157] == 0
+    assert without.words == "the telescope has no pulse guide"
+
+
+def test_a_right_ascension_that_rounds_to_24_hours_is_0() -> None:
+    made = bridge()
+    made.hear(datagram(SLEW, at_24=24.0 - 1e-12), 1.0)
+    assert told(made.turn(1.0))[0][1]["RightAscension"] == "0.0000000000"
