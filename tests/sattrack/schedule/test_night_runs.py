@@ -87,17 +87,22 @@ def test_a_runner_killed_at_random_instants_loses_only_what_it_was_dead_for() ->
 
 @pytest.mark.soak
 def test_ten_nights_with_300_kills_come_to_the_same_but_for_passes_in_progress() -> None:
-    options = ["--nights", "10", "--satellites", "60", "--most", "6", "--longest", "120", "--kills", "300"]
+    options = ["--nights", "10", "--satellites", "60", "--most", "3", "--longest", "60", "--kills", "300"]
     done = subprocess.run([sys.executable, BENCH, *options], capture_output=True, text=True, check=True)
     kills, passes, differ, twice = figures(done.stdout, KILLED)
     assert kills >= 290
-    assert passes == 60
+    assert passes == 30
     assert (differ, twice) == (0, 0)
 
 
 @pytest.mark.soak
 def test_fourteen_nights_of_300_satellites_run_300_times_faster_than_real_time() -> None:
-    done = subprocess.run([sys.executable, BENCH, "--again"], capture_output=True, text=True, check=True)
+    done = subprocess.run(
+        [sys.executable, BENCH, "--most", "4", "--longest", "150", "--again"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
     (left,) = figures(done.stdout, r"(\d+) not accounted for")
     parked, nights = figures(done.stdout, r"parked at the end of (\d+) of (\d+) nights")
     (ratio,) = figures(done.stdout, r"(\d+) by the processor's time")
