@@ -68,7 +68,7 @@ def test_a_wrong_sign_is_stopped_by_the_obedience_limit() -> None:
     [
         pytest.param(TelescopeSettings(), 5.0, marks=pytest.mark.soak),
         (TelescopeSettings(move_interval_s=0.25), 3.5),
-        (TelescopeSettings(rates_deg_s=((0.001, 1.5),)), 10.0),
+        pytest.param(TelescopeSettings(rates_deg_s=((0.001, 1.5),)), 10.0, marks=pytest.mark.soak),
     ],
 )
 def test_at_the_rate_that_a_telescope_bears_the_bound_is_kept_too(

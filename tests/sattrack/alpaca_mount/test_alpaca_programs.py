@@ -208,6 +208,7 @@ def test_a_telescope_that_is_parked_meanwhile_refuses_and_the_run_ends_saying_so
     assert "stopped and seen at rest" in said
 
 
+@pytest.mark.soak
 def test_a_telescope_that_was_disconnected_is_connected_again_to_be_stopped(
     telescope: AlpacaTelescope,
 ) -> None:
@@ -224,7 +225,12 @@ def test_a_telescope_that_was_disconnected_is_connected_again_to_be_stopped(
     ("settings", "code", "says"),
     [
         ({"refuses_connection": True}, 1, "The serial port is in use (0x407)"),
-        ({"rates_deg_s": [[0.5, 0.5], [1.0, 1.0]]}, 1, "moves its axes at single rates only"),
+        pytest.param(
+            {"rates_deg_s": [[0.5, 0.5], [1.0, 1.0]]},
+            1,
+            "moves its axes at single rates only",
+            marks=pytest.mark.soak,
+        ),
         ({"rates_deg_s": []}, 1, "has no MoveAxis on both axes"),
     ],
 )
