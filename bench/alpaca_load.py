@@ -1,4 +1,4 @@
-"""What Alpaca's clients do to the mount's datagrams: `python bench/alpaca_load.py [--seconds S] [--rounds N]`.
+"""What Alpaca's clients do to the mount's datagrams: python bench/alpaca_load.py [--seconds S] [--rounds N].
 
 A simulated mount in a process of its own; between it and `sattrack serve alpaca` this program, which hands
 datagrams on and has the kernel's own stamps of when each of the server's came. Loads take turns, so that all
