@@ -71,6 +71,7 @@ class NotedLink:
     """Sends nothing anywhere, and nothing comes; a socket that nobody knows is there to be waited on."""
 
     strangers = unsent = 0
+    trouble: str | None = None
 
     def __init__(self) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

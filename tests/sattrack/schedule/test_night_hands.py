@@ -386,6 +386,7 @@ def runner(folder: Path, clock: str) -> subprocess.Popen[bytes]:
     )
 
 
+@pytest.mark.soak
 def test_a_runner_killed_in_mid_pass_follows_the_rest_of_it_when_it_is_started_again(tmp_path: Path) -> None:
     (tmp_path / "night.toml").write_text(SCHEDULE)
     (tmp_path / "iss.json").write_text(write_elements([replace(practice.elements(), name="ISS")], "json"))
