@@ -5,14 +5,16 @@ With `--check` nothing is written; the exit code is 1 where the document differs
 
 from __future__ import annotations
 
-import argparse
 import sys
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sattrack.alpaca.members import MEMBERS, Member
-from tools.protocol.regions import RegionError, replace_region
+from tools.protocol.regions import replace_region
+from tools.writing import write_or_compare
 
-ROOT = Path(__file__).resolve().parents[1]
+if TYPE_CHECKING:
+    from pathlib import Path
+
 DOCUMENT = "docs/alpaca.md"
 COMMAND = "python -m tools.alpaca"
 ACCESS = {"yes": "yes", "absent": "0x400", "no": ""}
@@ -30,25 +32,14 @@ def _line(member: Member) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
+def generated(root: Path) -> str:
+    """Return what the document should hold. Raises RegionError, OSError."""
+    return replace_region((root / DOCUMENT).read_text(encoding="utf-8"), "members", table())
+
+
 def main() -> int:
     """Write or compare; returns the exit code."""
-    parser = argparse.ArgumentParser(prog=COMMAND, description=__doc__)
-    parser.add_argument("--check", action="store_true", help="write nothing, compare")
-    parser.add_argument("--root", type=Path, default=ROOT, help="the folder that holds docs/")
-    options = parser.parse_args()
-    path = options.root / DOCUMENT
-    try:
-        text = path.read_text(encoding="utf-8")
-        wanted = replace_region(text, "members", table())
-    except (RegionError, OSError) as error:
-        sys.stderr.write(f"{error}\n")
-        return 1
-    if not options.check:
-        path.write_text(wanted, encoding="utf-8")
-    elif text != wanted:
-        sys.stderr.write(f"{DOCUMENT} is not what the code says; run {COMMAND}\n")
-        return 1
-    return 0
+    return write_or_compare(COMMAND, __doc__, DOCUMENT, generated)
 
 
 if __name__ == "__main__":

@@ -5,9 +5,8 @@ With `--check` nothing is written; the exit code is 1 where the page differs fro
 
 from __future__ import annotations
 
-import argparse
 import sys
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sattrack.antenna.controller import Controller
 from sattrack.antenna.equipment import Antenna, Feedback
@@ -19,9 +18,13 @@ from sattrack.antenna.transactions import COMMANDS, NAK_MEANINGS, Command, Field
 from tle.instants import Utc
 from tle.site import Site
 from tools.protocol.regions import replace_region
+from tools.writing import write_or_compare
 
-ROOT = Path(__file__).resolve().parents[1]
+if TYPE_CHECKING:
+    from pathlib import Path
+
 PAGE = "docs/antenna-interface.md"
+COMMAND = "python -m tools.antenna_interface"
 NOON_NS = int(Utc.parse("2026-10-02T12:00:00Z").unix_s) * NS
 LINE_1 = "1 25544U 98067A   26275.01380287  .00003738  00000+0  76743-4 0  9992"
 LINE_2 = "2 25544  51.6312 131.4121 0006946 211.9293 148.1275 15.48707684588318"
@@ -125,7 +128,7 @@ def _shown(data: bytes) -> str:
 
 
 def page(root: Path) -> str:
-    """Return what the page should hold."""
+    """Return what the page should hold. Raises RegionError, OSError."""
     text = (root / PAGE).read_text(encoding="utf-8")
     for name, body in (
         ("commands", command_table()),
@@ -138,14 +141,7 @@ def page(root: Path) -> str:
 
 def main() -> int:
     """Write or compare; returns the exit code."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--check", action="store_true", help="write nothing, compare")
-    options = parser.parse_args()
-    wanted = page(ROOT)
-    if options.check:
-        return int((ROOT / PAGE).read_text(encoding="utf-8") != wanted)
-    (ROOT / PAGE).write_text(wanted, encoding="utf-8")
-    return 0
+    return write_or_compare(COMMAND, __doc__, PAGE, page)
 
 
 if __name__ == "__main__":

@@ -5,17 +5,19 @@ With `--check` nothing is written; the exit code is 1 where the document differs
 
 from __future__ import annotations
 
-import argparse
 import sys
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sattrack.mount import MountProfile
 from sattrack.safety import INTERLOCKS, Interlock, SafetyLimits
 from sattrack.safety.table import Reaction, closing_promise_s, promise_s
 from tools import link_loss
-from tools.protocol.regions import RegionError, replace_region
+from tools.protocol.regions import replace_region
+from tools.writing import write_or_compare
 
-ROOT = Path(__file__).resolve().parents[1]
+if TYPE_CHECKING:
+    from pathlib import Path
+
 DOCUMENT = "docs/safety.md"
 COMMAND = "python -m tools.safety"
 RATES_DEG_S = link_loss.RATES_DEG_S
@@ -54,23 +56,7 @@ def generated(root: Path) -> str:
 
 def main() -> int:
     """Write or compare; returns the exit code."""
-    parser = argparse.ArgumentParser(prog=COMMAND, description=__doc__)
-    parser.add_argument("--check", action="store_true", help="write nothing, compare")
-    parser.add_argument("--root", type=Path, default=ROOT, help="the folder that holds docs/")
-    options = parser.parse_args()
-    path = options.root / DOCUMENT
-    try:
-        wanted = generated(options.root)
-    except (RegionError, OSError) as error:
-        sys.stderr.write(f"{error}\n")
-        return 1
-    if options.check:
-        same = path.read_text(encoding="utf-8") == wanted
-        if not same:
-            sys.stderr.write(f"{DOCUMENT} is not what the code says; run {COMMAND}\n")
-        return 0 if same else 1
-    path.write_text(wanted, encoding="utf-8")
-    return 0
+    return write_or_compare(COMMAND, __doc__, DOCUMENT, generated)
 
 
 if __name__ == "__main__":
