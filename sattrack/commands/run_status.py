@@ -8,7 +8,7 @@ import click
 import msgspec
 
 from sattrack.commands.run_night import folder_of
-from sattrack.commands.run_told import countdown
+from sattrack.commands.run_text import duration
 from sattrack.errors import SattrackError
 from sattrack.runtime.night_files import read_status
 from tle.errors import printable
@@ -61,7 +61,7 @@ def _line(one: PassView, view: ScheduleView) -> str:
     if one.on_target_s and one.rms_arcsec is not None:
         why = f"  {one.on_target_s:.0f} s, {one.rms_arcsec:.2f}″ RMS{why}"
     if one.number == view.next_number and view.next_in_s is not None and view.next_in_s > 0.0:
-        why += f"  in {countdown(view.next_in_s)}"
+        why += f"  in {duration(view.next_in_s)}"
     return (
         f"{one.number:3d}  {one.start_utc[11:19]}   {one.end_utc[11:19]}  {one.max_alt_deg:5.1f}  "
         f"{one.state:<11}  {printable(one.name)}{why}"

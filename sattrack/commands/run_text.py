@@ -56,7 +56,7 @@ def _pass_lines(one: PlannedPass) -> list[str]:
     if one.priority != 1.0:
         words += f"  priority {one.priority:g}"
     lines = [
-        f"{one.number:3d}  {one.start_utc[11:19]}   {one.end_utc[11:19]}  {_duration(one.idle_s):>7}  "
+        f"{one.number:3d}  {one.start_utc[11:19]}   {one.end_utc[11:19]}  {duration(one.idle_s):>7}  "
         f"{one.slew_s:6.1f}  {one.max_alt_deg:5.1f}  {sun:>4}  {one.useful_s:8.0f}  {one.value:8.0f}  {words}"
     ]
     indent = " " * 5
@@ -82,8 +82,8 @@ def _total(plan: Plan) -> str:
     count = len(plan.passes)
     return (
         f"{count} {'pass' if count == 1 else 'passes'}, {plan.useful_s:.0f} useful seconds, "
-        f"value {plan.value:.0f}; {_duration(plan.slew_s)} of slews, "
-        f"{_duration(plan.idle_s)} idle before and between; {len(plan.lost)} lost"
+        f"value {plan.value:.0f}; {duration(plan.slew_s)} of slews, "
+        f"{duration(plan.idle_s)} idle before and between; {len(plan.lost)} lost"
     )
 
 
@@ -98,7 +98,7 @@ def _conditions(plan: Plan) -> str:
     return f"     {printable(weather)}; the mount is {'parked' if plan.park_at_end else 'left'} at the end"
 
 
-def _duration(seconds: float) -> str:
+def duration(seconds: float) -> str:
     """Return seconds as 95s, 12m05s or 3h07m."""
     whole = round(seconds)
     if whole < 100:

@@ -10,6 +10,7 @@ import click
 import msgspec
 
 from sattrack.commands.common import tell
+from sattrack.commands.run_text import duration
 from sattrack.errors import SattrackError
 from sattrack.runtime.night_commands import facts_of
 from sattrack.schedule.night import Planned, Started, SummedUp
@@ -137,16 +138,6 @@ def progress_line(view: ScheduleView) -> str:
     words = f"{clock}  {printable(view.doing)}"
     following = next((one for one in view.passes if one.number == view.next_number), None)
     if following is not None and view.next_in_s is not None and view.next_in_s > 0.0:
-        words += f"  in {countdown(view.next_in_s)}  ({following.max_alt_deg:.0f}° high)"
+        words += f"  in {duration(view.next_in_s)}  ({following.max_alt_deg:.0f}° high)"
     over = sum(one.state not in ("waiting", "in progress") for one in view.passes)
     return f"{words}  {over} of {len(view.passes)} over  mount {view.mount}"
-
-
-def countdown(seconds: float) -> str:
-    """Return seconds as 42s, 12m05s or 3h07m."""
-    whole = round(seconds)
-    if whole < 100:
-        return f"{whole}s"
-    if whole < 3600:
-        return f"{whole // 60}m{whole % 60:02d}s"
-    return f"{whole // 3600}h{whole % 3600 // 60:02d}m"

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import gc
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
+from sattrack.collector import without_collector
 from sattrack.messages import decode_message
 from sattrack.recording.comparison import (
     RATES,
@@ -107,7 +106,7 @@ def replay(
     chosen = choice or choose(judge.header, fingerprint(), here())
     run = _Run(Replay(chosen, cut_off=recording.cut_off), tolerances or Tolerances(), keep)
     outputs = None if expected is None else _outputs(expected)
-    with _no_garbage():
+    with without_collector():
         engine = build(recording.header.spec)
         first_utc_s = None
         for number, entry in enumerate(recording.entries()):
@@ -239,15 +238,3 @@ class _SummaryFigures(msgspec.Struct):
     samples: int | None = None
     on_target_s: float | None = None
     ended_by: str | None = None
-
-
-@contextmanager
-def _no_garbage() -> Iterator[None]:
-    """Keep from looking for cycles of garbage: a replay makes none, and the looking takes its time."""
-    was_enabled = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was_enabled:
-            gc.enable()

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import ipaddress
-from typing import Any
 
 import msgspec
 
 from sattrack.mount import MountProfile
 from sattrack.runtime.alpaca_gate import GateLimits
 from sattrack.runtime.alpaca_satellites import Satellites
+from sattrack.runtime.utc_json import decode_utc, encode_utc
 from sattrack.settings import SiteSettings
-from tle.instants import Utc
 
 READY = "ready"
 """What that process says first."""
@@ -51,21 +50,9 @@ class AlpacaTask(msgspec.Struct, frozen=True):
 
 def encode_task(task: AlpacaTask) -> bytes:
     """Return a task as one JSON line."""
-    return msgspec.json.encode(task, enc_hook=_encode_utc) + b"\n"
+    return msgspec.json.encode(task, enc_hook=encode_utc) + b"\n"
 
 
 def decode_task(line: bytes) -> AlpacaTask:
     """Return the task of one JSON line; raises msgspec.MsgspecError."""
-    return msgspec.json.decode(line, type=AlpacaTask, dec_hook=_decode_utc)
-
-
-def _encode_utc(value: Any) -> Any:
-    if isinstance(value, Utc):
-        return float(value.unix_s)
-    raise NotImplementedError(type(value))
-
-
-def _decode_utc(kind: type, value: Any) -> Any:
-    if kind is Utc:
-        return Utc(float(value))
-    raise NotImplementedError(kind)
+    return msgspec.json.decode(line, type=AlpacaTask, dec_hook=decode_utc)

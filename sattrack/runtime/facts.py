@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
 from sattrack.engine import Engine, RunSpec
 from sattrack.errors import SattrackError
 from sattrack.mount import MountProfile
+from sattrack.runtime.utc_json import decode_utc, encode_utc
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
 from sattrack.tracker import TrackPlan
@@ -61,12 +62,12 @@ class RunFacts(msgspec.Struct, frozen=True):
 
 def encode_facts(facts: RunFacts) -> bytes:
     """Return the facts as JSON; floats come back as they were."""
-    return msgspec.json.encode(facts, enc_hook=_encode_utc)
+    return msgspec.json.encode(facts, enc_hook=encode_utc)
 
 
 def decode_facts(data: bytes | msgspec.Raw) -> RunFacts:
     """Return the facts that JSON holds; raises msgspec.ValidationError."""
-    return msgspec.json.decode(data, type=RunFacts, dec_hook=_decode_utc)
+    return msgspec.json.decode(data, type=RunFacts, dec_hook=decode_utc)
 
 
 def build_engine(facts: RunFacts) -> Engine:
@@ -150,15 +151,3 @@ def suited_to(plan: TrackPlan, profile: MountProfile, on_target_arcsec: float) -
     feeder = msgspec.structs.replace(law.feeder, settling_s=settling_s)
     law = msgspec.structs.replace(law, feeder=feeder)
     return msgspec.structs.replace(plan, law=law, on_target_arcsec=on_target_arcsec)
-
-
-def _encode_utc(value: Any) -> Any:
-    if isinstance(value, Utc):
-        return float(value.unix_s)
-    raise NotImplementedError(type(value))
-
-
-def _decode_utc(kind: type, value: Any) -> Any:
-    if kind is Utc:
-        return Utc(float(value))
-    raise NotImplementedError(kind)

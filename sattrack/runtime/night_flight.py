@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import gc
 import math
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import msgspec
 
+from sattrack.collector import without_collector
 from sattrack.engine import Engine
 from sattrack.manual.console import Console
 from sattrack.manual.errand import Errand
@@ -29,7 +28,7 @@ from sattrack.xerxes.simulator.settings import simulator_profile
 from tle.refraction import Refraction
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from sattrack.manual.procedures import Outcome, Procedure
     from sattrack.messages import Message
@@ -113,7 +112,7 @@ class Airspace:
         run = WatchedRun(engine, mount, facts.started_utc_s, NoRecording(), messages)
         run.watcher = look
         try:
-            with _without_collector():
+            with without_collector():
                 ended_utc_s = run.run()
         finally:
             self._note(mount)
@@ -134,7 +133,7 @@ class Airspace:
         errand = Errand(console, procedure, now_utc_s, ERRAND_WITHIN_S)
         mount = self._mount("")
         period_s, turns = profile.period_s, 0
-        with _without_collector():
+        with without_collector():
             while not errand.finished:
                 now_utc_s += period_s
                 turns += 1
@@ -218,15 +217,3 @@ def _tabled_engine(facts: RunFacts) -> Engine:
 
 def _rounded(arcsec: float | None) -> float | None:
     return None if arcsec is None or not math.isfinite(arcsec) else round(arcsec, 4)
-
-
-@contextmanager
-def _without_collector() -> Iterator[None]:
-    """Keep the collector of cycles away: a run makes none, but many objects that it would look through."""
-    was = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was:
-            gc.enable()

@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from sattrack.errors import SattrackError
+from sattrack.runtime.utc_json import decode_utc, encode_utc
 from sattrack.schedule import machine
 from sattrack.schedule.night import Doing, Happening, Run
-from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -138,7 +138,7 @@ class Journal:
     def fold(self, run: Run) -> Run:
         """Return what is known after all events, from a run that knows nothing."""
         for entry in self.entries():
-            event = msgspec.json.decode(entry.event, type=Happening, dec_hook=_decoded)
+            event = msgspec.json.decode(entry.event, type=Happening, dec_hook=decode_utc)
             run, _ = machine.step(run, event)
             if run.state != entry.state:
                 raise SattrackError(
@@ -181,16 +181,4 @@ class Journal:
 
 def encoded(what: Any) -> bytes:
     """Return plain data as JSON, instants as POSIX seconds."""
-    return msgspec.json.encode(what, enc_hook=_encoded)
-
-
-def _encoded(value: Any) -> Any:
-    if isinstance(value, Utc):
-        return float(value.unix_s)
-    raise NotImplementedError(type(value))
-
-
-def _decoded(kind: type, value: Any) -> Any:
-    if kind is Utc:
-        return Utc(float(value))
-    raise NotImplementedError(kind)
+    return msgspec.json.encode(what, enc_hook=encode_utc)

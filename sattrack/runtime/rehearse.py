@@ -6,10 +6,8 @@ limits that it meets are named, and choices compared, by the kinematics of `plan
 
 from __future__ import annotations
 
-import gc
 import math
 import time
-from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -17,6 +15,7 @@ import msgspec
 import numpy as np
 
 from sattrack import practice
+from sattrack.collector import without_collector
 from sattrack.control.acquisition import slew_time_s
 from sattrack.engine import Engine, safety_of
 from sattrack.errors import BadInputError, SattrackError
@@ -55,8 +54,6 @@ from tle.propagator import Propagator
 from tle.sky_bodies import sun_and_moon
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from numpy.typing import NDArray
 
     from sattrack.mount import MountProfile
@@ -482,7 +479,7 @@ def perform(
     # How soon rates are held before a limit depends on the steps of the real loop.
     engine.safety = safety_of(replace(spec, profile=real))
     run = RehearsedRun(engine, mount, facts.started_utc_s, NoRecording())
-    with _without_collector():
+    with without_collector():
         ended_utc_s = run.run()
     trace = run.trace.arrays()
     tracker = run.engine.tracker
@@ -501,15 +498,3 @@ def perform(
         period_s=period_s,
         message=run.engine.message,
     )
-
-
-@contextmanager
-def _without_collector() -> Iterator[None]:
-    """Keep the collector of cycles away: a run makes none, but many objects that it would look through."""
-    was = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was:
-            gc.enable()
