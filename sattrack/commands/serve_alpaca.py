@@ -16,13 +16,13 @@ from sattrack.commands.common import CommandContext, common_options, profile_opt
 from sattrack.commands.json_lines import JsonLines
 from sattrack.commands.serve_log import Log
 from sattrack.commands.serving import (
-    allowed_networks,
-    check_port,
+    caller_limits,
+    caller_options,
     end_of_service,
     reached_from_outside,
     what_is_served,
 )
-from sattrack.errors import BadInputError, InterruptedRunError
+from sattrack.errors import InterruptedRunError
 from sattrack.runtime.alpaca_door import open_door
 from sattrack.runtime.alpaca_satellites import Satellites
 from sattrack.runtime.alpaca_serve import PROGRAM, AlpacaLoop, discovery_sockets, engine_maker
@@ -36,10 +36,9 @@ from sattrack.settings import SiteSettings
 if TYPE_CHECKING:
     import socket
 
-    from sattrack.commands.serving import Networks, Served
+    from sattrack.commands.serving import Served
     from tle.elements import Elements
 
-DEFAULT_PORT = 11111
 MOST_CLIENTS = 1000
 BACKLOG = 256
 
@@ -47,31 +46,9 @@ BACKLOG = 256
 @click.command("alpaca")
 @click.option("--mount", "mount_url", metavar="URL", help="sim, or xerxes://HOST:PORT?listen=PORT.")
 @profile_option
-@click.option(
-    "--host",
-    default="127.0.0.1",
-    show_default=True,
-    help="Address to listen on. The protocol has no authentication: whoever reaches it moves the mount.",
-)
-@click.option("--port", default=DEFAULT_PORT, show_default=True, help="TCP port; 0 takes a free one.")
-@click.option(
-    "--allow",
-    multiple=True,
-    metavar="ADDRESS",
-    help="Serve this address or network alone, as 192.0.2.7 or 192.0.2.0/24; may be repeated.",
-)
+@caller_options(11111, idle_s=300.0, requests_per_s=2000.0)
 @click.option(
     "--discovery/--no-discovery", default=True, show_default=True, help="Answer discovery on UDP port 32227."
-)
-@click.option("--clients", default=256, show_default=True, help="How many connections at once.")
-@click.option(
-    "--idle", default=300.0, show_default=True, help="Seconds of silence after which a connection is ended."
-)
-@click.option(
-    "--requests",
-    default=2000.0,
-    show_default=True,
-    help="Requests a second of one connection; the rest waits.",
 )
 @click.option(
     "--refraction",
@@ -86,7 +63,7 @@ def command(context: CommandContext, **options: Any) -> int:
 
     docs/alpaca.md tells what each member does, and of the actions TrackSatellite, Bias and Passes.
     """
-    allowed = _checked(options)
+    callers = caller_limits(options, MOST_CLIENTS)
     served = what_is_served(context, options["mount_url"], options["profile"], "Alpaca's clients live")
     check_site(served.described.mount, served.site)
     limits = context.settings.safety.limits()
@@ -111,24 +88,13 @@ def command(context: CommandContext, **options: Any) -> int:
         log.tell(
             spoken(f"Alpaca is on {options['host']}:{port}; Ctrl-C stops the mount and ends it", PROGRAM)
         )
-        for words in (trouble, reached_from_outside(PROGRAM, options["host"], port, allowed)):
+        for words in (trouble, reached_from_outside(PROGRAM, options["host"], port, callers.allowed)):
             if words is not None:
                 log.tell(spoken(words, PROGRAM))
         AlpacaLoop(station, connection, door, stop, log.tell).run()
     if stop.asked and station.was_asked and station.mount_stopped is None:
         raise InterruptedRunError("interrupted; the mount was not moving, and goes on as it was")
     return end_of_service(station.mount_stopped, stop)
-
-
-def _checked(options: dict[str, Any]) -> Networks | None:
-    """Return who may connect. Raises BadInputError for what no option can be."""
-    check_port(options["port"])
-    if not 1 <= options["clients"] <= MOST_CLIENTS:
-        raise BadInputError(f"--clients {options['clients']}: from 1 to {MOST_CLIENTS}")
-    for name in ("idle", "requests"):
-        if not options[name] >= 1.0:
-            raise BadInputError(f"--{name} {options[name]:g}: 1 or more")
-    return allowed_networks(options["allow"])
 
 
 def _task(
@@ -151,7 +117,7 @@ def _task(
         mount=mount,
         version=__version__,
         host=platform.node(),
-        connections=options["clients"],
+        callers=options["clients"],
         idle_s=options["idle"],
         requests_per_s=options["requests"],
         allowed=tuple(options["allow"]) or None,

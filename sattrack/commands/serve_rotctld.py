@@ -14,21 +14,19 @@ from sattrack.commands.common import CommandContext, common_options, profile_opt
 from sattrack.commands.json_lines import JsonLines
 from sattrack.commands.serve_log import Log
 from sattrack.commands.serving import (
-    allowed_networks,
-    check_port,
+    caller_limits,
+    caller_options,
     end_of_service,
     reached_from_outside,
     what_is_served,
 )
-from sattrack.errors import BadInputError
 from sattrack.rotctld.station import RotatorStation
 from sattrack.runtime.antenna_door import listen
 from sattrack.runtime.console import connected
-from sattrack.runtime.rotctld_door import DoorLimits, RotctldDoor
+from sattrack.runtime.rotctld_door import RotctldDoor
 from sattrack.runtime.rotctld_serve import PROGRAM, RotctldLoop, client_maker
 from sattrack.runtime.signals import StopRequest, stopping
 
-DEFAULT_PORT = 4533
 MOST_CLIENTS = 500
 BACKLOG = 128
 
@@ -36,30 +34,11 @@ BACKLOG = 128
 @click.command("rotctld")
 @click.option("--mount", "mount_url", metavar="URL", help="sim, or xerxes://HOST:PORT?listen=PORT.")
 @profile_option
-@click.option(
-    "--host",
-    default="127.0.0.1",
-    show_default=True,
-    help="Address to listen on. The protocol has no authentication: whoever reaches it moves the mount.",
-)
-@click.option("--port", default=DEFAULT_PORT, show_default=True, help="TCP port; 0 takes a free one.")
-@click.option(
-    "--allow",
-    multiple=True,
-    metavar="ADDRESS",
-    help="Serve this address or network alone, as 192.0.2.7 or 192.0.2.0/24; may be repeated.",
-)
+@caller_options(4533, idle_s=3600.0, requests_per_s=1000.0)
 @click.option(
     "--one-commander",
     is_flag=True,
     help="While one client commands, refuse the others, until it hangs up, is silent for 10 s, or S is sent.",
-)
-@click.option("--clients", default=256, show_default=True, help="How many clients at once.")
-@click.option(
-    "--idle", default=3600.0, show_default=True, help="Seconds of silence after which a client is hung up on."
-)
-@click.option(
-    "--requests", default=1000.0, show_default=True, help="Requests a second of one client; the rest waits."
 )
 @common_options
 def command(context: CommandContext, **options: Any) -> int:
@@ -68,7 +47,7 @@ def command(context: CommandContext, **options: Any) -> int:
     The mount is a rotator of azimuth and elevation; successive positions are followed smoothly.
     docs/rotctld.md tells what each command does.
     """
-    limits = _limits(options)
+    limits = caller_limits(options, MOST_CLIENTS)
     served = what_is_served(context, options["mount_url"], options["profile"], "rotctld's clients live")
     stop, log = StopRequest(), Log(served.clock)
     with ExitStack() as closing:
@@ -98,16 +77,3 @@ def command(context: CommandContext, **options: Any) -> int:
             log.tell(spoken(warning, PROGRAM))
         RotctldLoop(station, connection, door, stop, log.tell).run()
     return end_of_service(station.mount_stopped, stop)
-
-
-def _limits(options: dict[str, Any]) -> DoorLimits:
-    """Return what callers may take. Raises BadInputError."""
-    check_port(options["port"])
-    if not 1 <= options["clients"] <= MOST_CLIENTS:
-        raise BadInputError(f"--clients {options['clients']}: from 1 to {MOST_CLIENTS}")
-    for name in ("idle", "requests"):
-        if not options[name] >= 1.0:
-            raise BadInputError(f"--{name} {options[name]:g}: 1 or more")
-    return DoorLimits(
-        options["clients"], options["idle"], options["requests"], allowed_networks(options["allow"])
-    )

@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import ipaddress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
 
 from sattrack import practice
 from sattrack.errors import BadInputError, InterruptedRunError, SattrackError
+from sattrack.runtime.callers import CallerLimits
 from sattrack.runtime.mounts import mount_address
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from sattrack.clock import Clock
     from sattrack.commands.common import CommandContext
     from sattrack.profiles import ProfileFile
+    from sattrack.runtime.callers import Networks
     from sattrack.runtime.mounts import MountAddress
     from sattrack.runtime.signals import StopRequest
     from tle.site import Site
 
-Networks: TypeAlias = tuple[ipaddress.IPv4Network | ipaddress.IPv6Network, ...]
+Command = TypeVar("Command", bound="Callable[..., Any]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,13 +73,64 @@ def end_of_service(mount_stopped: bool | None, stop: StopRequest) -> int:
     return 0
 
 
+def caller_options(port: int, idle_s: float, requests_per_s: float) -> Callable[[Command], Command]:
+    """Add the options of a door on TCP without authentication; the defaults are its own."""
+    options = (
+        click.option(
+            "--host",
+            default="127.0.0.1",
+            show_default=True,
+            help="Address to listen on. No authentication: whoever reaches it moves the mount.",
+        ),
+        click.option("--port", default=port, show_default=True, help="TCP port; 0 takes a free one."),
+        click.option(
+            "--allow",
+            multiple=True,
+            metavar="ADDRESS",
+            help="Serve this address or network alone, as 192.0.2.7 or 192.0.2.0/24; may be repeated.",
+        ),
+        click.option("--clients", default=256, show_default=True, help="How many clients at once."),
+        click.option(
+            "--idle",
+            default=idle_s,
+            show_default=True,
+            help="Seconds of silence after which a client is hung up on.",
+        ),
+        click.option(
+            "--requests",
+            default=requests_per_s,
+            show_default=True,
+            help="Requests a second of one client; the rest waits.",
+        ),
+    )
+
+    def add(function: Command) -> Command:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return add
+
+
+def caller_limits(options: dict[str, Any], most_clients: int) -> CallerLimits:
+    """Return what `caller_options` let callers take. Raises BadInputError."""
+    check_port(options["port"])
+    if not 1 <= options["clients"] <= most_clients:
+        raise BadInputError(f"--clients {options['clients']}: from 1 to {most_clients}")
+    for name in ("idle", "requests"):
+        if not options[name] >= 1.0:
+            raise BadInputError(f"--{name} {options[name]:g}: 1 or more")
+    allowed = _networks(options["allow"])
+    return CallerLimits(options["clients"], options["idle"], options["requests"], allowed)
+
+
 def check_port(port: int) -> None:
     """Raise BadInputError for a number that is no port."""
     if not 0 <= port <= 65535:
         raise BadInputError(f"--port {port}: ports run to 65535; 0 takes a free one")
 
 
-def allowed_networks(given: Sequence[str]) -> Networks | None:
+def _networks(given: Sequence[str]) -> Networks | None:
     """Return the addresses and networks of `--allow`; None lets everybody in. Raises BadInputError."""
     networks = []
     for text in given:

@@ -6,51 +6,28 @@ A gate stands between a connection and the protocol that serves it: who may not 
 from __future__ import annotations
 
 import asyncio
-import ipaddress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, cast
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sattrack.runtime.callers import CallerLimits
+
 REQUEST_WITHIN_S = 10.0
 """A request that has begun must be there as a whole within this time."""
-Network = ipaddress.IPv4Network | ipaddress.IPv6Network
-
-
-@dataclass(frozen=True, slots=True)
-class GateLimits:
-    """What clients may take; with `allowed` None, every address may connect."""
-
-    connections: int = 256
-    idle_s: float = 300.0
-    allowed: tuple[Network, ...] | None = None
-
-    def allow(self, host: str) -> bool:
-        """Tell whether an address may connect, or ask where we are."""
-        if self.allowed is None:
-            return True
-        return any(ipaddress.ip_address(host) in network for network in self.allowed)
 
 
 @dataclass(slots=True)
 class Doorkeeper:
     """All connections that are open, by their transports; instants are the event loop's."""
 
-    limits: GateLimits
+    limits: CallerLimits
     gates: dict[asyncio.BaseTransport, Gate] = field(default_factory=dict)
     refused: int = 0
     """Connections that were hung up on as they came."""
     cut: int = 0
     """Connections that were silent, or halting, too long."""
-
-    def objection(self, host: str) -> str | None:
-        """Return why an address may not connect now."""
-        if not self.limits.allow(host):
-            return "it is not among those that --allow names"
-        if len(self.gates) >= self.limits.connections:
-            return f"there are {len(self.gates)} connections already, as many as --clients allows"
-        return None
 
     def tend(self, now_s: float) -> None:
         """Hang up on those who have been silent, or have left a request unfinished, for too long."""
@@ -77,7 +54,7 @@ class Gate(asyncio.Protocol):
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """See asyncio.Protocol."""
         peer = transport.get_extra_info("peername")
-        if peer is None or self._keeper.objection(str(peer[0])) is not None:
+        if peer is None or self._keeper.limits.objection(str(peer[0]), len(self._keeper.gates)) is not None:
             self._keeper.refused += 1
             cast("asyncio.Transport", transport).abort()
             return

@@ -34,8 +34,8 @@ from sattrack.runtime.alpaca_task import READY, decode_task
 if TYPE_CHECKING:
     from sattrack.alpaca.messages import Order
     from sattrack.clock import Clock
-    from sattrack.runtime.alpaca_gate import GateLimits
     from sattrack.runtime.alpaca_task import AlpacaTask
+    from sattrack.runtime.callers import CallerLimits
 
 MOST_BODY_BYTES = 16384
 MOST_LINE_BYTES = 8190
@@ -191,7 +191,7 @@ class Front:
 class DiscoveryProtocol(asyncio.DatagramProtocol):
     """Answers discovery's questions from those who may connect."""
 
-    def __init__(self, discovery: Discovery, limits: GateLimits) -> None:
+    def __init__(self, discovery: Discovery, limits: CallerLimits) -> None:
         self._discovery, self._limits = discovery, limits
         self._transport: asyncio.DatagramTransport | None = None
 

@@ -7,8 +7,8 @@ import ipaddress
 import msgspec
 
 from sattrack.mount import MountProfile
-from sattrack.runtime.alpaca_gate import GateLimits
 from sattrack.runtime.alpaca_satellites import Satellites
+from sattrack.runtime.callers import CallerLimits
 from sattrack.runtime.utc_json import decode_utc, encode_utc
 from sattrack.settings import SiteSettings
 
@@ -35,17 +35,17 @@ class AlpacaTask(msgspec.Struct, frozen=True):
     mount: str
     version: str
     host: str
-    connections: int
+    callers: int
     idle_s: float
     requests_per_s: float
     allowed: tuple[str, ...] | None
     satellites: Satellites
     clock: ClockNumbers | None = None
 
-    def limits(self) -> GateLimits:
+    def limits(self) -> CallerLimits:
         """Return what clients may take."""
         allowed = None if self.allowed is None else tuple(ipaddress.ip_network(one) for one in self.allowed)
-        return GateLimits(self.connections, self.idle_s, allowed)
+        return CallerLimits(self.callers, self.idle_s, self.requests_per_s, allowed)
 
 
 def encode_task(task: AlpacaTask) -> bytes:

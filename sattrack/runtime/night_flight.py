@@ -17,15 +17,13 @@ from sattrack.planning.table import TabledPropagator
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.facts import SIMULATED, RunFacts, build_engine
 from sattrack.runtime.outcome import summarise
-from sattrack.runtime.prepare import with_detours
+from sattrack.runtime.planned import planned_facts
 from sattrack.runtime.virtual import VirtualRun
 from sattrack.schedule.actions import SearchAction
 from sattrack.schedule.night import Go
-from sattrack.settings import SiteSettings
 from sattrack.tracker import TrackPlan
 from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.xerxes.simulator.settings import simulator_profile
-from tle.refraction import Refraction
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -160,26 +158,10 @@ class Airspace:
             self.dec_deg = round(mount.last.dec_axis_deg, 6)
 
     def _facts(self, one: NightPass, now_utc_s: float) -> RunFacts:
-        site, terms = self.site, one.terms
-        air = Refraction.standard(site.height_m)
         plan = TrackPlan(start_utc_s=max(one.start_utc_s, now_utc_s), end_utc_s=one.end_utc_s)
-        facts = RunFacts(
-            elements=one.elements,
-            site=SiteSettings(site.latitude_deg, site.longitude_deg, site.height_m),
-            refraction="auto",
-            pressure_hpa=air.pressure_hpa,
-            temperature_c=air.temperature_c,
-            plan=plan,
-            culminate_utc_s=one.culminate_utc_s,
-            max_alt_deg=one.max_alt_deg,
-            profile=self.profile.mount,
-            limits=self.limits,
-            bias_along_s=terms.bias_along_s,
-            bias_cross_deg=terms.bias_cross_deg,
-            mount_name=SIMULATED,
-            started_utc_s=max(now_utc_s, plan.start_utc_s - plan.approach_s - LEAD_S),
-        )
-        return with_detours(facts)
+        started_utc_s = max(now_utc_s, plan.start_utc_s - plan.approach_s - LEAD_S)
+        mount = self.profile.mount
+        return planned_facts(one, one.terms, plan, started_utc_s, self.site, mount, self.limits)
 
 
 def _searches(one: NightPass, plan: TrackPlan) -> tuple[tuple[float, Message], ...]:

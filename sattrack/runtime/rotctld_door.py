@@ -7,7 +7,6 @@ until it may ask again: its own system then keeps it from sending.
 
 from __future__ import annotations
 
-import ipaddress
 import socket
 import time
 from collections import deque
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.rotctld.answers import Client
+    from sattrack.runtime.callers import CallerLimits
 
 SLICE_S = 0.001
 """So long is what callers have said answered before the mount is looked after again."""
@@ -30,23 +30,6 @@ MOST_ACCEPTED = 32
 BURST_S = 0.2
 """A caller that was silent may send the requests of so much time at once."""
 REMEMBERED_WORDS = 20
-Network = ipaddress.IPv4Network | ipaddress.IPv6Network
-
-
-@dataclass(frozen=True, slots=True)
-class DoorLimits:
-    """What callers may take; with `allowed` None, every address may call."""
-
-    callers: int = 256
-    idle_s: float = 3600.0
-    requests_per_s: float = 1000.0
-    allowed: tuple[Network, ...] | None = None
-
-    def allow(self, address: str) -> bool:
-        """Tell whether an address may call."""
-        if self.allowed is None:
-            return True
-        return any(ipaddress.ip_address(address) in network for network in self.allowed)
 
 
 @dataclass(slots=True, eq=False)
@@ -72,7 +55,7 @@ class RotctldDoor:
     """A listening socket with its callers; `make_client` makes the end that speaks to one."""
 
     listener: socket.socket
-    limits: DoorLimits
+    limits: CallerLimits
     make_client: Callable[[int], Client]
     callers: dict[int, Caller] = field(default_factory=dict)
     """By their number."""
@@ -219,7 +202,7 @@ class RotctldDoor:
                 connection, address = self.listener.accept()
             except OSError:
                 return
-            objection = self._objection(address[0])
+            objection = self.limits.objection(address[0], len(self.callers))
             if objection is not None:
                 self.refused += 1
                 self.words.append(f"{address[0]} was hung up on: {objection}")
@@ -231,14 +214,6 @@ class RotctldDoor:
             client = self.make_client(number)
             self.callers[number] = Caller(TcpChannel(connection), client, now_s, budget, now_s)
             self.words.append(f"client {number} is there, from {address[0]}:{address[1]}")
-
-    def _objection(self, address: str) -> str | None:
-        """Return why an address may not call now."""
-        if not self.limits.allow(address):
-            return "it is not among those that --allow names"
-        if len(self.callers) >= self.limits.callers:
-            return f"there are {len(self.callers)} clients already, as many as --clients allows"
-        return None
 
     def _hang_up(self, number: int) -> None:
         caller = self.callers.pop(number)

@@ -13,15 +13,16 @@ from aiohttp import web
 
 from sattrack.alpaca.discovery import A_SECOND, A_SECOND_EACH, Discovery
 from sattrack.clock import SystemClock
-from sattrack.runtime.alpaca_gate import REQUEST_WITHIN_S, Doorkeeper, Gate, GateLimits
+from sattrack.runtime.alpaca_gate import REQUEST_WITHIN_S, Doorkeeper, Gate
 from sattrack.runtime.alpaca_process import Front
+from sattrack.runtime.callers import CallerLimits
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
 PATIENCE_S = 20.0
 IDLE_S = 300.0
-LIMITS = GateLimits(idle_s=IDLE_S)
+LIMITS = CallerLimits(idle_s=IDLE_S)
 WHOLE = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
 
 
@@ -45,7 +46,7 @@ class Callers:
 
 
 def with_door(
-    limits: GateLimits, play: Callable[[Callers, Doorkeeper, asyncio.Event], Awaitable[None]]
+    limits: CallerLimits, play: Callable[[Callers, Doorkeeper, asyncio.Event], Awaitable[None]]
 ) -> None:
     """Play a scene before a door; requests are answered when the event is set."""
 
@@ -169,7 +170,7 @@ def test_more_connections_than_allowed_and_strangers_are_not_let_in() -> None:
         lines[0][1].write(WHOLE)
         assert (await lines[0][0].readline()).startswith(b"HTTP/1.1 200")
 
-    with_door(GateLimits(connections=2), play)
+    with_door(CallerLimits(callers=2), play)
 
     async def strangers(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
         reader, writer = await callers.call()
@@ -177,7 +178,7 @@ def test_more_connections_than_allowed_and_strangers_are_not_let_in() -> None:
         assert await hung_up(reader)
         assert (keeper.refused, len(keeper.gates)) == (1, 0)
 
-    with_door(GateLimits(allowed=(ipaddress.ip_network("192.0.2.0/24"),)), strangers)
+    with_door(CallerLimits(allowed=(ipaddress.ip_network("192.0.2.0/24"),)), strangers)
 
 
 class Broken:

@@ -12,7 +12,8 @@ from rotctld_serving import call
 from rotctld_setup import NOON_NS, make_rotator
 
 from sattrack.runtime.antenna_door import listen
-from sattrack.runtime.rotctld_door import DoorLimits, RotctldDoor
+from sattrack.runtime.callers import CallerLimits
+from sattrack.runtime.rotctld_door import RotctldDoor
 from sattrack.runtime.rotctld_serve import client_maker
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
 class Here:
     """A door without a mount behind it, served by hand."""
 
-    def __init__(self, limits: DoorLimits) -> None:
+    def __init__(self, limits: CallerLimits) -> None:
         self.rotator = make_rotator()
         self.door = RotctldDoor(listen("127.0.0.1", 0), limits, client_maker(self.rotator, "here"))
         self.now_ns = NOON_NS
@@ -33,7 +34,7 @@ class Here:
 
 
 def test_a_client_with_too_many_requests_waits_and_the_others_do_not() -> None:
-    here = Here(DoorLimits(requests_per_s=5.0))
+    here = Here(CallerLimits(requests_per_s=5.0))
     with call(here.door.port) as greedy, call(here.door.port) as modest:
         while len(here.door.callers) < 2:
             here.serve()
@@ -53,7 +54,7 @@ def test_a_client_with_too_many_requests_waits_and_the_others_do_not() -> None:
 
 
 def test_a_client_that_does_not_read_is_not_read_from_and_holds_nobody_up() -> None:
-    here = Here(DoorLimits(requests_per_s=1e9))
+    here = Here(CallerLimits(requests_per_s=1e9))
     with call(here.door.port) as deaf, call(here.door.port) as other:
         while len(here.door.callers) < 2:
             here.serve()
@@ -74,7 +75,7 @@ def test_a_client_that_does_not_read_is_not_read_from_and_holds_nobody_up() -> N
 
 
 def test_a_silent_client_is_hung_up_on() -> None:
-    here = Here(DoorLimits(idle_s=1e-6))
+    here = Here(CallerLimits(idle_s=1e-6))
     with call(here.door.port) as line:
         while not here.door.callers:
             here.serve()
@@ -85,7 +86,7 @@ def test_a_silent_client_is_hung_up_on() -> None:
 
 
 def test_a_pause_ends_without_another_word() -> None:
-    here = Here(DoorLimits())
+    here = Here(CallerLimits())
     with call(here.door.port) as line:
         line.sendall(b"\\pause 1\n_\n")
         for _ in range(5):
@@ -99,7 +100,7 @@ def test_a_pause_ends_without_another_word() -> None:
 
 
 def test_a_thousand_callers_that_come_and_go_leave_nothing_behind() -> None:
-    here = Here(DoorLimits())
+    here = Here(CallerLimits())
     for _ in range(1000):
         with call(here.door.port) as line:
             line.sendall(b"p\nP 10 20\nq\n")
@@ -111,7 +112,7 @@ def test_a_thousand_callers_that_come_and_go_leave_nothing_behind() -> None:
 
 
 def test_callers_beyond_what_is_allowed_are_hung_up_on() -> None:
-    here = Here(DoorLimits(callers=2))
+    here = Here(CallerLimits(callers=2))
     lines = [call(here.door.port) for _ in range(3)]
     while here.door.refused < 1:
         here.serve()
@@ -129,7 +130,7 @@ def test_callers_beyond_what_is_allowed_are_hung_up_on() -> None:
 
 @pytest.mark.parametrize(("network", "wanted"), [("192.0.2.0/24", False), ("127.0.0.1/32", True)])
 def test_addresses_that_are_not_named_are_hung_up_on(network: str, wanted: bool) -> None:
-    here = Here(DoorLimits(allowed=(ipaddress.ip_network(network),)))
+    here = Here(CallerLimits(allowed=(ipaddress.ip_network(network),)))
     with call(here.door.port) as line:
         while not (here.door.refused or here.door.callers):
             here.serve()

@@ -12,7 +12,6 @@ import threading
 from contextlib import contextmanager
 from dataclasses import replace
 from http.server import BaseHTTPRequestHandler, HTTPServer
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -45,6 +44,7 @@ from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 BEGIN = 1_790_942_520.0
 ONE = NightPass(
@@ -87,7 +87,7 @@ def test_a_program_that_hangs_is_ended_with_all_that_it_started(tmp_path: Path) 
 
 
 def _ends_within(process_id: int, seconds: float) -> bool:
-    """Tell whether a process is no more, or no more before so long; one that nobody asked for has ended too."""
+    """Tell whether a process is no more, or no more before so long; nobody need have asked for its end."""
     try:
         handle = os.pidfd_open(process_id)
     except ProcessLookupError:
