@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import select
-import signal
 import socket
 import struct
 import sys
@@ -20,6 +19,7 @@ from dataclasses import dataclass, field
 import msgspec
 
 from sattrack.runtime.gallery_words import FACTS, SESSION, SUMMARY, VIEW, GalleryTask, Heard
+from sattrack.runtime.signals import outlive
 from sattrack.session_view import Farewell, Welcome
 
 PACKET_BYTES = 262144
@@ -37,7 +37,6 @@ MOST_UNHEARD = 200
 """Words that wait for the feeder, beyond which nobody new is let in, and nothing but stops taken."""
 LAST_WORDS_WITHIN_S = 2.0
 LONGEST_NAME = 40
-IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGPIPE)
 _CREDENTIALS = struct.Struct("3i")
 
 
@@ -253,8 +252,7 @@ class Gallery:
 
 def main() -> int:
     """Run the process; returns its exit code."""
-    for number in IGNORED:
-        signal.signal(number, signal.SIG_IGN)
+    outlive()
     feeder = socket.socket(fileno=int(sys.argv[1]))
     feeder.settimeout(10.0)
     task = msgspec.json.decode(feeder.recv(PACKET_BYTES), type=GalleryTask)

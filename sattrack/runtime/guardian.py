@@ -23,6 +23,7 @@ from sattrack.mount import MountProfile
 from sattrack.runtime import guard_memory
 from sattrack.runtime.guard_memory import Release, Word
 from sattrack.runtime.owner import LONGEST_LINE, Ask, Overheard, Owner, Stopped
+from sattrack.runtime.signals import outlive
 from sattrack.xerxes.client import Address, UdpLink, nobody_listens
 from sattrack.xerxes.datagrams import Command, encode_command
 
@@ -35,7 +36,6 @@ GONE_AFTER_S = 1.0
 """After each so long in silence, a mount on this machine is asked whether it is there at all."""
 ASK_WITHIN_S = 0.02
 MOST_VISITORS = 32
-IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGPIPE)
 
 
 class GuardianTask(msgspec.Struct, frozen=True):
@@ -331,8 +331,7 @@ def log_path() -> Path:
 
 def main() -> int:
     """Run the process; returns its exit code."""
-    for number in IGNORED:
-        signal.signal(number, signal.SIG_IGN)
+    outlive()
     life = socket.socket(fileno=int(sys.argv[1]))
     with life.makefile("rb") as lines:
         task = msgspec.json.decode(lines.readline(), type=GuardianTask)

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 STOPPING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 IGNORED_SIGNALS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
 """A run that is suspended would leave the mount moving with nobody to stop it."""
+OUTLIVED_SIGNALS = (*STOPPING_SIGNALS, signal.SIGTSTP, signal.SIGPIPE)
+"""What a process that is to outlive its run must not be ended or suspended by."""
 
 
 @dataclass(slots=True)
@@ -39,3 +41,9 @@ def stopping(stop: StopRequest) -> Iterator[None]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def outlive() -> None:
+    """Ignore what is meant for the run, as this process ends by itself after it."""
+    for number in OUTLIVED_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
