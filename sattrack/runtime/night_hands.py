@@ -7,13 +7,11 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sattrack.errors import SattrackError
-from sattrack.mount import mean_sidereal_deg
 from sattrack.runtime.night_commands import facts_of, post, run_program
 from sattrack.runtime.night_journal import Beat, go_name
 from sattrack.runtime.night_session import Session, run_verb
 from sattrack.runtime.stopping import wait_until_free
 from sattrack.runtime.weather import WeatherWatch, ask_weather
-from sattrack.safety.route import direction_of
 from sattrack.schedule.actions import CommandAction, SlewAction, WebhookAction
 from sattrack.schedule.night import (
     AskWeather,
@@ -40,7 +38,7 @@ from sattrack.schedule.night import (
     WeatherTold,
 )
 from sattrack.schedule.summary import headline
-from sattrack.schedule.transitions import place_of
+from sattrack.schedule.transitions import slew_of
 from tle.errors import TleError
 from tle.instants import Utc
 
@@ -249,7 +247,7 @@ class LiveHands:
     def _do(self, doing: DoStep, run: Run) -> str | None:
         """Carry out an action; return what went wrong, None where nothing."""
         kit, one = self.kit, run.passes[doing.index]
-        action = (one.terms.before if doing.when == "before" else one.terms.after)[doing.step]
+        action = doing.action_of(one)
         result = run.results[doing.index] if doing.when == "after" else None
         facts = facts_of(one, self.files.schedule, doing.when, result)
         if isinstance(action, CommandAction):
@@ -265,10 +263,8 @@ class LiveHands:
         return None
 
     def _slew(self, action: SlewAction) -> str | None:
-        now, site = self.kit.now(), self.kit.site
-        hour_angle_deg, dec_deg = direction_of(place_of(action, now, site, self.kit.profile))
-        ra_deg = (mean_sidereal_deg(now, site.longitude_deg) - hour_angle_deg) % 360.0
-        wrong = self._verb("slew", f"{ra_deg:.6f}", f"{dec_deg:.6f}")
+        slew = slew_of(action, self.kit.now(), self.kit.site, self.kit.profile)
+        wrong = self._verb("slew", f"{slew.ra_deg:.6f}", f"{slew.dec_deg:.6f}")
         if wrong is None:
             self._pause(action.wait_s)
         return wrong

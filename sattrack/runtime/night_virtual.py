@@ -7,13 +7,11 @@ from typing import TYPE_CHECKING
 
 from sattrack.errors import SattrackError
 from sattrack.manual.procedures import ParkThere, SlewThere
-from sattrack.mount import mean_sidereal_deg
-from sattrack.requests import Slew, TicketState
+from sattrack.requests import TicketState
 from sattrack.runtime import night_troubles as troubles
 from sattrack.runtime.night_flight import Airspace, SessionDiedError
 from sattrack.runtime.night_journal import Beat, go_name
 from sattrack.runtime.signals import StopRequest
-from sattrack.safety.route import direction_of
 from sattrack.schedule.actions import CommandAction, SlewAction
 from sattrack.schedule.night import (
     AskWeather,
@@ -40,7 +38,7 @@ from sattrack.schedule.night import (
     WeatherTold,
 )
 from sattrack.schedule.summary import headline
-from sattrack.schedule.transitions import place_of
+from sattrack.schedule.transitions import slew_of
 from tle.errors import TleError
 
 if TYPE_CHECKING:
@@ -169,7 +167,7 @@ class VirtualHands:
         return "clouds, made up"
 
     def _do(self, doing: DoStep, one: NightPass) -> StepDone:
-        action = (one.terms.before if doing.when == "before" else one.terms.after)[doing.step]
+        action = doing.action_of(one)
         if isinstance(action, SlewAction):
             return self._slew(action)
         words = None
@@ -183,10 +181,8 @@ class VirtualHands:
         return StepDone(utc_s=self.now_utc_s, done=words is None, words=words)
 
     def _slew(self, action: SlewAction) -> StepDone:
-        site, profile, now = self.air.site, self.air.profile.mount, self.now_utc_s
-        hour_angle_deg, dec_deg = direction_of(place_of(action, now, site, profile))
-        ra_deg = (mean_sidereal_deg(now, site.longitude_deg) - hour_angle_deg) % 360.0
-        outcome, self.now_utc_s = self.air.go(SlewThere(Slew(ra_deg, dec_deg)), now)
+        slew = slew_of(action, self.now_utc_s, self.air.site, self.air.profile.mount)
+        outcome, self.now_utc_s = self.air.go(SlewThere(slew), self.now_utc_s)
         self.now_utc_s += action.wait_s
         done = outcome is not None and outcome.state is TicketState.COMPLETE
         words = None if done else "no outcome" if outcome is None else outcome.reason or outcome.state.value

@@ -6,11 +6,15 @@ Plain data that JSON keeps, as the journal does; instants are POSIX seconds of U
 from __future__ import annotations
 
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import msgspec
 
 from sattrack.schedule.schema import Terms
 from tle.elements import Elements
+
+if TYPE_CHECKING:
+    from sattrack.schedule.actions import Action
 
 
 class State(StrEnum):
@@ -250,6 +254,11 @@ class DoStep(Order, frozen=True, tag="do"):
     index: int
     when: str
     step: int
+
+    def action_of(self, one: NightPass) -> Action:
+        """Return the action that is meant of a pass'."""
+        terms = one.terms
+        return (terms.before if self.when == "before" else terms.after)[self.step]
 
 
 class Follow(Order, frozen=True, tag="follow"):

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from sattrack.safety.route import HANDSHAKE_S, RAMP, axes_of, slew_s
+from sattrack.mount import mean_sidereal_deg
+from sattrack.requests import Slew
+from sattrack.safety.route import HANDSHAKE_S, RAMP, axes_of, direction_of, slew_s
 from sattrack.schedule.actions import CommandAction, SlewAction
 from sattrack.schedule.stars import Star, find_star, hour_angle_and_dec_deg
 
@@ -59,6 +61,12 @@ def place_of(action: SlewAction, utc_s: float, site: Site, profile: MountProfile
             star = Star(float(action.ra_deg or 0.0), float(action.dec_deg or 0.0), 0.0, 0.0)
         hour_angle, dec = hour_angle_and_dec_deg(star, utc_s, site.longitude_deg)
     return axes_of(hour_angle, dec, profile, site.latitude_deg)
+
+
+def slew_of(action: SlewAction, utc_s: float, site: Site, profile: MountProfile) -> Slew:
+    """Return the slew to an action's direction at an instant; right ascension by mean sidereal time."""
+    hour_angle_deg, dec_deg = direction_of(place_of(action, utc_s, site, profile))
+    return Slew((mean_sidereal_deg(utc_s, site.longitude_deg) - hour_angle_deg) % 360.0, dec_deg)
 
 
 def _equatorial_deg(alt_deg: float, az_deg: float, latitude_deg: float) -> tuple[float, float]:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Literal
 
 import erfa
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from sattrack.mount import AxisLimits, MountProfile
 from sattrack.safety.geometry import Place
@@ -23,6 +25,7 @@ from sattrack.schedule.transitions import (
     errands_after,
     errands_before,
     place_of,
+    slew_of,
 )
 from tle.instants import Utc
 from tle.site import Site
@@ -84,6 +87,21 @@ def test_altitude_and_azimuth_are_where_the_sphere_has_them(
     place = place_of(SlewAction(alt_deg=alt_deg, az_deg=az_deg), NOW_UTC_S, LEIDEN, MOUNT)
     assert place.dec_deg == pytest.approx(dec_deg, abs=1e-3)
     assert math.remainder(place.ha_deg - hour_angle_deg, 360.0) == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("pier_rule", ["never", "hour_angle"])
+@pytest.mark.parametrize("az_deg", [30.0, 140.0, 220.0, 330.0])
+def test_a_slew_to_an_altitude_and_azimuth_goes_to_the_right_ascension_that_is_there_then(
+    pier_rule: Literal["never", "hour_angle"], az_deg: float
+) -> None:
+    mount = replace(MOUNT, pier_rule=pier_rule)
+    slew = slew_of(SlewAction(alt_deg=35.0, az_deg=az_deg), NOW_UTC_S, LEIDEN, mount)
+    jd, fraction = 2440587.5 + NOW_UTC_S // 86400.0, NOW_UTC_S % 86400.0 / 86400.0
+    hour_angle = erfa.gmst82(jd, fraction) + math.radians(LEIDEN.longitude_deg - slew.ra_deg)
+    azimuth, altitude = erfa.hd2ae(hour_angle, math.radians(slew.dec_deg), math.radians(LEIDEN.latitude_deg))
+    assert 0.0 <= slew.ra_deg < 360.0
+    assert math.degrees(azimuth) == pytest.approx(az_deg, abs=1e-3)
+    assert math.degrees(altitude) == pytest.approx(35.0, abs=1e-3)
 
 
 def test_a_slew_whose_box_goes_below_the_horizon_is_led_round_and_takes_longer() -> None:
