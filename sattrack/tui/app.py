@@ -15,6 +15,7 @@ from sattrack.session_messages import LeaveRunning, TakeControl, YieldControl
 from sattrack.session_view import STARTER
 from sattrack.tui import figures, look
 from sattrack.tui.appearance import Appearance
+from sattrack.tui.bars import Cautions, HeadlineBar, TapeBar, TitleBar
 from sattrack.tui.bias_panel import BiasPanel
 from sattrack.tui.error_plot import ErrorPanel
 from sattrack.tui.hand import Hand
@@ -26,7 +27,7 @@ from sattrack.tui.log_page import LogPage
 from sattrack.tui.mount_page import MountPage
 from sattrack.tui.page_keys import PageKeys
 from sattrack.tui.pages import LIVE, PAGES
-from sattrack.tui.panels import Cautions, HeadlineBar, Panel, TapeBar, TitleBar
+from sattrack.tui.panels import Panel
 from sattrack.tui.plain import PlainFilter
 from sattrack.tui.scene import Scene
 from sattrack.tui.schedule_page import SchedulePage

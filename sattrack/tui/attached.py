@@ -6,7 +6,6 @@ import contextlib
 import socket
 import threading
 import time
-from collections import deque
 from typing import TYPE_CHECKING, BinaryIO
 
 import msgspec
@@ -17,8 +16,8 @@ from sattrack.runtime.gallery_words import name_for
 from sattrack.runtime.owner import ask_stop, owners
 from sattrack.session_messages import encode_said
 from sattrack.session_view import Farewell, SessionView, Welcome
-from sattrack.tui.feed import News
-from sattrack.view import PassView, SummaryLine, TrackView
+from sattrack.tui.seen_run import SeenRun
+from sattrack.view import PassView, TrackView
 from tle.errors import TleError
 
 if TYPE_CHECKING:
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
     from sattrack.messages import Message
     from sattrack.runtime.facts import RunFacts
     from sattrack.session_messages import SessionMessage
-    from sattrack.view import Summary
 
 WELCOME_WITHIN_S = 5.0
 TRY_AGAIN_S = 0.02
@@ -37,42 +35,24 @@ LONGEST_UNREAD = 20_000
 
 _Told = TrackView | SessionView | Welcome | Farewell
 _TOLD: msgspec.json.Decoder[_Told] = msgspec.json.Decoder(_Told)
-_SUMMARY: msgspec.json.Decoder[SummaryLine] = msgspec.json.Decoder(SummaryLine)
 
 
-class AttachedRun:
+class AttachedRun(SeenRun):
     """One run seen through its gallery; its end, or that of the connection, does nothing to the mount."""
 
     def __init__(self, pid: int, name: str, scene: Callable[[RunFacts], PassView] | None = None) -> None:
         """Connect. Raises SattrackError where the run is not to be looked at; `scene` draws its sky."""
+        super().__init__(LONGEST_UNREAD)
         self._pid, self._scene = pid, scene
         self._door, self._lines, self.welcome = welcomed(pid, name)
-        self._views: deque[TrackView] = deque(maxlen=LONGEST_UNREAD)
-        self._sky: PassView | None = None
-        self._session: SessionView | None = None
-        self._ended = False
-        self._rewound = False
         self._stopping = False
-        self._changed = threading.Condition()
-        self.summary: Summary | None = None
-        self.viewed = False
-        """Whether a view has come at all."""
         self._reader = threading.Thread(target=self._read, name="run's views", daemon=True)
         self._reader.start()
 
-    def wait_first_view(self) -> bool:
-        """Wait until a view has come; False where the run ended without one."""
-        with self._changed:
-            self._changed.wait_for(lambda: self.viewed or self._ended)
-        return self.viewed
-
-    def news(self) -> News:
-        """Return what has come since the last call."""
-        with self._changed:
-            views, rewound = tuple(self._views), self._rewound
-            self._views.clear()
-            self._rewound = False
-            return News(views, self._ended, self.summary, self._sky, rewound, self._session, self.welcome.you)
+    @property
+    def you(self) -> int:
+        """See SeenRun."""
+        return self.welcome.you
 
     def send(self, message: Message | SessionMessage) -> bool:
         """Hand a message over. A stop that is not obeyed soon goes by the mount's guardian as well."""
@@ -118,44 +98,27 @@ class AttachedRun:
         with contextlib.suppress(OSError, ValueError):
             for line in self._lines:
                 self._take(line)
-        with self._changed:
-            self._ended = True
-            self._changed.notify_all()
+        self._see_end()
 
     def _take(self, line: bytes) -> None:
         try:
             told = _TOLD.decode(line)
         except msgspec.MsgspecError:
-            self._take_other(line)
+            if not self._see_summary(line):
+                self._take_facts(line)
             return
-        with self._changed:
-            match told:
-                case TrackView():
-                    self._views.append(told)
-                    self._stopping = told.ended_by is not None
-                    self.viewed = True
-                case SessionView():
-                    self._session = told
-                case _:
-                    pass
-            self._changed.notify_all()
+        if isinstance(told, TrackView):
+            self._stopping = told.ended_by is not None
+        if isinstance(told, TrackView | SessionView):
+            self._see(told)
 
-    def _take_other(self, line: bytes) -> None:
-        """Take what the run came to, or the facts from which its sky is drawn; anything else is later's."""
+    def _take_facts(self, line: bytes) -> None:
+        """Take the facts from which a run's sky is drawn; anything else is later's."""
         from sattrack.runtime.facts import decode_facts
 
-        with contextlib.suppress(msgspec.MsgspecError):
-            summary = _SUMMARY.decode(line).summary
-            with self._changed:
-                self.summary = summary
-            return
         with contextlib.suppress(msgspec.MsgspecError, SattrackError, TleError):
             facts = decode_facts(line)
-            with self._changed:
-                if self.summary is not None:
-                    # Another run begins: what was seen of the one before is over.
-                    self.summary, self._rewound = None, True
-                    self._views.clear()
+            self._begin_anew()
             sky = None if self._scene is None else self._scene(facts)
             with self._changed:
                 self._sky = sky

@@ -7,7 +7,6 @@ import signal
 import subprocess
 import tempfile
 import threading
-from collections import deque
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -15,31 +14,30 @@ import msgspec
 from sattrack.messages import StopNow
 from sattrack.session_messages import encode_said
 from sattrack.session_view import SessionView
-from sattrack.tui.feed import News
-from sattrack.view import PassView, SummaryLine, TrackView
+from sattrack.tui.seen_run import SeenRun
+from sattrack.view import PassView, TrackView
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sattrack.messages import Message
     from sattrack.session_messages import SessionMessage
-    from sattrack.view import Summary
 
 TOLD_CHARACTERS = 8000
 
 
 _Told = TrackView | PassView | SessionView
 _TOLD: msgspec.json.Decoder[_Told] = msgspec.json.Decoder(_Told)
-_SUMMARY: msgspec.json.Decoder[SummaryLine] = msgspec.json.Decoder(SummaryLine)
 
 
-class FeederProcess:
+class FeederProcess(SeenRun):
     """A feeder started by us, in a session of its own: a Ctrl-C on the terminal is ours to handle.
 
     The end of its standard input stops the mount, so whatever ends this process ends the motion too.
     """
 
     def __init__(self, command: Sequence[str]) -> None:
+        super().__init__()
         # A file, not a pipe: nobody reads it until the end, and the feeder must never wait for a reader.
         self._told = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the process
         self._process = subprocess.Popen(
@@ -52,15 +50,6 @@ class FeederProcess:
         assert self._process.stdin is not None
         self._input = self._process.stdin
         os.set_blocking(self._input.fileno(), False)
-        self._views: deque[TrackView] = deque()
-        self._sky: PassView | None = None
-        self._session: SessionView | None = None
-        self._rewound = False
-        self._ended = False
-        self._changed = threading.Condition()
-        self.summary: Summary | None = None
-        self.viewed = False
-        """Whether a view has come at all."""
         self._reader = threading.Thread(target=self._read, name="feeder's views", daemon=True)
         self._reader.start()
 
@@ -74,33 +63,24 @@ class FeederProcess:
         """Whether the feeder has said that it goes on without us."""
         return self._session is not None and self._session.left_running
 
-    def wait_first_view(self) -> bool:
-        """Wait until a view has come; False where the stream ended without one."""
-        with self._changed:
-            self._changed.wait_for(lambda: self.viewed or self._ended)
-        return self.viewed
-
     def may_still_view(self, within_s: float) -> bool:
         """Wait so long for a view; False where the stream ended without one."""
         with self._changed:
             self._changed.wait_for(lambda: self.viewed or self._ended, within_s)
             return self.viewed or not self._ended
 
-    def news(self) -> News:
-        """Return what has come since the last call."""
-        with self._changed:
-            views = tuple(self._views)
-            self._views.clear()
-            rewound, self._rewound = self._rewound, False
-            return News(views, self._ended, self.summary, self._sky, rewound, self._session)
-
     def send(self, message: Message | SessionMessage) -> bool:
         """Write a message; a stop that cannot be written is said by closing the channel instead."""
+        said = self._write(encode_said(message))
+        if not said and isinstance(message, StopNow):
+            self.close_input()
+        return said
+
+    def _write(self, words: bytes) -> bool:
+        """Write to its standard input without waiting; False where that cannot be."""
         try:
-            os.write(self._input.fileno(), encode_said(message))
+            os.write(self._input.fileno(), words)
         except (OSError, ValueError):
-            if isinstance(message, StopNow):
-                self.close_input()
             return False
         return True
 
@@ -142,37 +122,23 @@ class FeederProcess:
         self._told.close()
         return text[-TOLD_CHARACTERS:]
 
-    def _begin_anew(self) -> None:
-        """Where a run was shown already, have what was seen of it be over: another begins."""
-        if self.summary is not None:
-            self.summary, self._rewound = None, True
-            self._views.clear()
-
     def _read(self) -> None:
         assert self._process.stdout is not None
         for line in self._process.stdout:
             with self._changed:
                 self._take(line)
                 self._changed.notify_all()
-        with self._changed:
-            self._ended = True
-            self._changed.notify_all()
+        self._see_end()
 
     def _take(self, line: bytes) -> None:
+        """Take a line; what this screen does not know, a later feeder may say, and it is passed over."""
         try:
             told = _TOLD.decode(line)
-            if isinstance(told, PassView):
-                self._sky = told
-                self._begin_anew()
-                return
-            if isinstance(told, SessionView):
-                self._session = told
-                return
-            self._views.append(told)
-            self.viewed = True
         except msgspec.MsgspecError:
-            try:
-                self.summary = _SUMMARY.decode(line).summary
-            except msgspec.MsgspecError:
-                # Something that this screen does not know: a later feeder may say more.
-                return
+            self._see_summary(line)
+            return
+        if isinstance(told, PassView):
+            self._sky = told
+            self._begin_anew()
+        else:
+            self._see(told)

@@ -6,15 +6,14 @@ from typing import TYPE_CHECKING, ClassVar
 
 from rich.cells import cell_len
 from textual.content import Content
-from textual.widget import Widget
 
 from sattrack import console_words
 from sattrack.console_words import Group, Line, number
 from sattrack.tui import words
 from sattrack.tui.console_scene import ConsoleScene, cautions, headline, jog_rates_deg_s
 from sattrack.tui.look import DIM, PLATE, SPOKEN
-from sattrack.tui.panels import Part, Row, labelled, rows_content
-from sattrack.tui.scene import Tone
+from sattrack.tui.panels import CautionsPanel, HeadlinePanel, Part, Row, ScenePanel, labelled, rows_content
+from sattrack.tui.scene import Caution, Headline, Tone
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -26,43 +25,8 @@ ASKED_AT_MOST = 5
 LAMP_ON, LAMP_OFF = "●", "○"
 
 
-class ConsolePanel(Widget):
-    """Draws one aspect of a scene: in rows where it has room for them, else in few."""
-
-    grows: ClassVar[bool] = False
-    """Whether its height follows what it says."""
-    small: ClassVar[int] = 2
-    """The most rows in which it is drawn compactly."""
-
-    def __init__(self, id: str | None = None) -> None:  # noqa: A002 - Textual's own name
-        super().__init__(id=id)
-        self._scene: ConsoleScene | None = None
-        self._drawn = Content("")
-
-    def show(self, scene: ConsoleScene) -> None:
-        """Take a new scene; nothing is redrawn where nothing has changed."""
-        self._scene = scene
-        if not self._content().is_same(self._drawn):
-            self.refresh(layout=self.grows)
-
-    def render(self) -> Content:
-        """Draw."""
-        self._drawn = self._content()
-        return self._drawn
-
-    def _content(self) -> Content:
-        if self._scene is None:
-            return Content("")
-        rows = self.full(self._scene) if self.content_size.height > self.small else self.compact(self._scene)
-        return rows_content(rows)
-
-    def full(self, scene: ConsoleScene) -> list[Row]:
-        """Return the rows for a panel with room."""
-        raise NotImplementedError
-
-    def compact(self, scene: ConsoleScene) -> list[Row]:
-        """Return the one or two rows for a small terminal."""
-        return self.full(scene)
+class ConsolePanel(ScenePanel[ConsoleScene]):
+    """A panel of the console's screen."""
 
 
 class ConsoleTitle(ConsolePanel):
@@ -88,31 +52,20 @@ class ConsoleTitle(ConsolePanel):
         ]
 
 
-class ConsoleHeadline(ConsolePanel):
+class ConsoleHeadline(ConsolePanel, HeadlinePanel[ConsoleScene]):
     """What the mount does, or whatever matters more."""
 
-    def full(self, scene: ConsoleScene) -> list[Row]:
-        """Return the one row."""
-        word, rest, tone = headline(scene)
-        return [[(f" {word} ", PLATE[tone]), " ", (rest, SPOKEN[tone])]]
+    def headline_of(self, scene: ConsoleScene) -> Headline:
+        """Return what is to be read first."""
+        return headline(scene)
 
 
-class ConsoleCautions(ConsolePanel):
-    """What wants attention, each with what to do; takes no room where there is nothing."""
+class ConsoleCautions(ConsolePanel, CautionsPanel[ConsoleScene]):
+    """What wants attention about a mount."""
 
-    grows = True
-
-    def _content(self) -> Content:
-        return Content("") if self._scene is None else rows_content(self.full(self._scene))
-
-    def full(self, scene: ConsoleScene) -> list[Row]:
-        """Return one row for each."""
-        return [[(f"! {what}", SPOKEN[tone]), f": {do}" if do else ""] for what, do, tone in cautions(scene)]
-
-    def show(self, scene: ConsoleScene) -> None:
-        """Take a new scene, and no room where there is nothing to say."""
-        super().show(scene)
-        self.display = bool(cautions(scene))
+    def cautions_of(self, scene: ConsoleScene) -> tuple[Caution, ...]:
+        """Return what wants attention."""
+        return cautions(scene)
 
 
 class GroupPanel(ConsolePanel):

@@ -4,21 +4,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from textual.content import Content
-from textual.widget import Widget
-
 from sattrack.tui import words
 from sattrack.tui.log import FILTERS, LogBook, Said
 from sattrack.tui.look import DIM, SPOKEN
-from sattrack.tui.panels import Row, rows_content
+from sattrack.tui.panels import Redrawn, Row, rows_content
 
 if TYPE_CHECKING:
+    from textual.content import Content
     from textual.events import MouseScrollDown, MouseScrollUp
 
 WHEEL_ROWS = 3
 
 
-class LogPage(Widget):
+class LogPage(Redrawn):
     """Draws a part of the log. Scrolled back, it keeps its place whatever is said meanwhile."""
 
     def __init__(self) -> None:
@@ -27,20 +25,11 @@ class LogPage(Widget):
         self._filter = 0
         self._top: Said | None = None
         """The first line shown; None where it follows."""
-        self._drawn = Content("")
 
     def draw(self, book: LogBook) -> None:
         """Take the log; nothing is redrawn where nothing has changed."""
         self._book = book
-        content = self._content()
-        if not content.is_same(self._drawn):
-            self._drawn = content
-            self.refresh()
-
-    def render(self) -> Content:
-        """Draw."""
-        self._drawn = self._content()
-        return self._drawn
+        self.renew()
 
     def turn_filter(self) -> None:
         """Go on to the next filter."""

@@ -1,24 +1,25 @@
-"""What every panel of figures shares, and the bars across the screen."""
+"""What every panel of figures shares: rows of text that are drawn anew only where something has changed."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar
 
-from rich.cells import cell_len
 from textual.content import Content
 from textual.widget import Widget
 
-from sattrack.tui import words
 from sattrack.tui.look import DIM, PLATE, SPOKEN
-from sattrack.tui.scene import Scene, Tone, cautions, headline
+from sattrack.tui.scene import Scene
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
+
+    from sattrack.tui.scene import Caution, Headline
 
 Part = str | tuple[str, str]
 """Text, plain or with its style."""
 Row = list[Part]
 LABEL_CELLS = 9
+SceneT = TypeVar("SceneT")
 
 
 def rows_content(rows: Iterable[Row]) -> Content:
@@ -31,22 +32,19 @@ def labelled(label: str, *parts: Part, cells: int = LABEL_CELLS) -> Row:
     return [(label.ljust(cells), DIM), *parts]
 
 
-class Panel(Widget):
-    """Draws one aspect of a scene: in several rows where it has room for them, else in few."""
+class Redrawn(Widget):
+    """Shows what `_content` returns."""
 
     grows: ClassVar[bool] = False
     """Whether its height follows what it says."""
 
     def __init__(self, id: str | None = None) -> None:  # noqa: A002 - Textual's own name
         super().__init__(id=id)
-        self._scene: Scene | None = None
         self._drawn = Content("")
 
-    def show(self, scene: Scene) -> None:
-        """Take a new scene; nothing is redrawn where nothing has changed."""
-        self._scene = scene
-        content = self._content()
-        if not content.is_same(self._drawn):
+    def renew(self) -> None:
+        """Draw anew where that makes a difference."""
+        if not self._content().is_same(self._drawn):
             self.refresh(layout=self.grows)
 
     def render(self) -> Content:
@@ -55,60 +53,57 @@ class Panel(Widget):
         return self._drawn
 
     def _content(self) -> Content:
+        raise NotImplementedError
+
+
+class ScenePanel(Redrawn, Generic[SceneT]):
+    """Draws one aspect of a scene: in several rows where it has room for them, else in few."""
+
+    small: ClassVar[int] = 2
+    """The most rows in which it is drawn compactly."""
+
+    def __init__(self, id: str | None = None) -> None:  # noqa: A002 - Textual's own name
+        super().__init__(id)
+        self._scene: SceneT | None = None
+
+    def show(self, scene: SceneT) -> None:
+        """Take a new scene; nothing is redrawn where nothing has changed."""
+        self._scene = scene
+        self.renew()
+
+    def _content(self) -> Content:
         if self._scene is None:
             return Content("")
-        roomy = self.content_size.height > 2
+        roomy = self.content_size.height > self.small
         return rows_content(self.full(self._scene) if roomy else self.compact(self._scene))
 
-    def full(self, scene: Scene) -> list[Row]:
+    def full(self, scene: SceneT) -> list[Row]:
         """Return the rows for a panel of its own."""
         raise NotImplementedError
 
-    def compact(self, scene: Scene) -> list[Row]:
+    def compact(self, scene: SceneT) -> list[Row]:
         """Return the one or two rows for a small terminal."""
         return self.full(scene)
 
 
-class TitleBar(Panel):
-    """What is followed, with what, and what time it is."""
+class Panel(ScenePanel[Scene]):
+    """A panel of a run's screen."""
 
-    def full(self, scene: Scene) -> list[Row]:
+
+class HeadlinePanel(ScenePanel[SceneT]):
+    """The one thing to read first. A style sheet knows a widget by its first base: this is the second."""
+
+    def full(self, scene: SceneT) -> list[Row]:
         """Return the one row."""
-        view = scene.view
-        time = f"{words.date(view.utc_s)} {words.clock(view.utc_s)} UTC"
-        room = self.content_size.width - cell_len(f"{view.name}  {view.catalog_number}   mount  {time}")
-        # Addresses can be long; nothing else in this row may give way.
-        mount = view.mount if len(view.mount) <= room else view.mount[: max(0, room - 1)] + "…"
-        gap = room - len(mount) + 1
-        return [
-            [
-                (view.name, "bold"),
-                (f"  {view.catalog_number}", DIM),
-                ("   mount ", DIM),
-                mount,
-                " " * max(1, gap),
-                (time, "bold"),
-            ]
-        ]
-
-
-class HeadlineBar(Panel):
-    """The phase, or whatever matters more."""
-
-    def _content(self) -> Content:
-        if self._scene is None:
-            return rows_content(
-                [[(" STARTING ", PLATE[Tone.CALM]), " ", ("what feeds the mount", SPOKEN[Tone.CALM])]]
-            )
-        return super()._content()
-
-    def full(self, scene: Scene) -> list[Row]:
-        """Return the one row."""
-        word, rest, tone = headline(scene)
+        word, rest, tone = self.headline_of(scene)
         return [[(f" {word} ", PLATE[tone]), " ", (rest, SPOKEN[tone])]]
 
+    def headline_of(self, scene: SceneT) -> Headline:
+        """Return what is to be read first."""
+        raise NotImplementedError
 
-class Cautions(Panel):
+
+class CautionsPanel(ScenePanel[SceneT]):
     """What wants attention, each with what to do; takes no room where there is nothing."""
 
     grows = True
@@ -116,42 +111,16 @@ class Cautions(Panel):
     def _content(self) -> Content:
         return Content("") if self._scene is None else rows_content(self.full(self._scene))
 
-    def full(self, scene: Scene) -> list[Row]:
+    def full(self, scene: SceneT) -> list[Row]:
         """Return one row for each."""
-        return [[(f"! {what}", SPOKEN[tone]), f": {do}" if do else ""] for what, do, tone in cautions(scene)]
+        found = self.cautions_of(scene)
+        return [[(f"! {what}", SPOKEN[tone]), f": {do}" if do else ""] for what, do, tone in found]
 
-    def show(self, scene: Scene) -> None:
+    def show(self, scene: SceneT) -> None:
         """Take a new scene, and no room where there is nothing to say."""
         super().show(scene)
-        self.display = bool(cautions(scene))
+        self.display = bool(self.cautions_of(scene))
 
-
-class TapeBar(Panel):
-    """Where a recording stands, and at what speed it runs; takes no room where there is none."""
-
-    def full(self, scene: Scene) -> list[Row]:
-        """Return the one row."""
-        tape = scene.tape
-        if tape is None:
-            return []
-        state = "AT THE END" if tape.ended else "PLAYING" if tape.playing else "PAUSED"
-        tone = Tone.CALM if tape.playing or tape.ended else Tone.NOTICE
-        row: Row = [
-            (f" {state} ", PLATE[tone]),
-            (f" ×{tape.speed:g}".ljust(6), "bold"),
-            (words.span(tape.at_s), "bold"),
-            (" of ", DIM),
-            words.span(tape.length_s),
-            ("" if tape.whole else ", reading on", DIM),
-            "  ",
-        ]
-        room = self.content_size.width - sum(cell_len(p if isinstance(p, str) else p[0]) for p in row)
-        name = tape.name[-(room // 2) :] if room > 1 else ""
-        cells = max(0, room - cell_len(name) - 2)
-        done = min(cells, round(cells * tape.at_s / tape.length_s)) if tape.length_s > 0.0 else cells
-        return [[*row, ("█" * done, "$primary"), ("·" * (cells - done), DIM), "  ", (name, DIM)]]
-
-    def show(self, scene: Scene) -> None:
-        """Take a new scene."""
-        self.display = scene.tape is not None
-        super().show(scene)
+    def cautions_of(self, scene: SceneT) -> Sequence[Caution]:
+        """Return what wants attention."""
+        raise NotImplementedError

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from textual.content import Content
-from textual.widget import Widget
-
 from sattrack.tui import words
 from sattrack.tui.look import DIM, PLATE, SPOKEN
-from sattrack.tui.panels import Row, rows_content
+from sattrack.tui.panels import Redrawn, Row, rows_content
 from sattrack.tui.scene import Tone
 from tle.instants import Utc
 
 if TYPE_CHECKING:
+    from textual.content import Content
+
     from sattrack.schedule_view import PassView, ScheduleView
 
 NAME_CELLS = 24
@@ -22,7 +21,7 @@ TONES = {"done": Tone.GOOD, "in progress": Tone.CALM, "partly": Tone.NOTICE, "lo
 NO_SCHEDULE = "this run is of no schedule; `sattrack run FILE` runs one"
 
 
-class SchedulePage(Widget):
+class SchedulePage(Redrawn):
     """Draws what the runner of a schedule says of it, the passes about the present one."""
 
     def __init__(self) -> None:
@@ -31,20 +30,11 @@ class SchedulePage(Widget):
         self._trouble = ""
         self._below = 0
         """How far it was scrolled from where it stands by itself."""
-        self._drawn = Content("")
 
     def draw(self, view: ScheduleView | None, trouble: str) -> None:
         """Take what was said last; nothing is redrawn where nothing has changed."""
         self._view, self._trouble = view, trouble
-        content = self._content()
-        if not content.is_same(self._drawn):
-            self._drawn = content
-            self.refresh()
-
-    def render(self) -> Content:
-        """Draw."""
-        self._drawn = self._content()
-        return self._drawn
+        self.renew()
 
     def move(self, rows: int) -> None:
         """Scroll."""

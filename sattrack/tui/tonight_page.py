@@ -6,11 +6,10 @@ from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
 from textual.content import Content
-from textual.widget import Widget
 
 from sattrack.tui import words
 from sattrack.tui.look import DIM, PLATE, SPOKEN
-from sattrack.tui.panels import Row, rows_content
+from sattrack.tui.panels import Redrawn, Row, rows_content
 from sattrack.tui.scene import Tone
 from tle.instants import Utc
 
@@ -29,7 +28,7 @@ FOOT_ROWS = 2
 WHEEL_ROWS = 3
 
 
-class TonightPage(Widget):
+class TonightPage(Redrawn):
     """Draws the list about its cursor, and what is to be known of the pass under it."""
 
     def __init__(self) -> None:
@@ -38,20 +37,11 @@ class TonightPage(Widget):
         self._scene: Scene | None = None
         self._state = ""
         self._first = 0
-        self._drawn = Content("")
 
     def draw(self, night: Night, scene: Scene | None, state: str) -> None:
         """Take the list and the run that goes on; `state` says what is going on with the search."""
         self._night, self._scene, self._state = night, scene, state
-        content = self._content()
-        if not content.is_same(self._drawn):
-            self._drawn = content
-            self.refresh()
-
-    def render(self) -> Content:
-        """Draw."""
-        self._drawn = self._content()
-        return self._drawn
+        self.renew()
 
     def page(self, pages: int) -> None:
         """Move the cursor by so many screens."""

@@ -1,0 +1,87 @@
+"""What is kept of a run that another process tells of, between a screen's looks."""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from sattrack.session_view import STARTER, SessionView
+from sattrack.tui.feed import News
+from sattrack.view import SummaryLine, TrackView
+
+if TYPE_CHECKING:
+    from sattrack.view import PassView, Summary
+
+_SUMMARY: msgspec.json.Decoder[SummaryLine] = msgspec.json.Decoder(SummaryLine)
+
+
+class SeenRun:
+    """Views and what else was told of a run: taken in by a thread of a subclass, handed out by `news`.
+
+    At most `most_unread` views wait, the newest; None: all.
+    """
+
+    def __init__(self, most_unread: int | None = None) -> None:
+        self._views: deque[TrackView] = deque(maxlen=most_unread)
+        self._sky: PassView | None = None
+        self._session: SessionView | None = None
+        self._rewound = False
+        self._ended = False
+        self._changed = threading.Condition()
+        self.summary: Summary | None = None
+        self.viewed = False
+        """Whether a view has come at all."""
+
+    @property
+    def you(self) -> int:
+        """The number by which the run knows whoever looks here."""
+        return STARTER
+
+    def wait_first_view(self) -> bool:
+        """Wait until a view has come; False where the run ended without one."""
+        with self._changed:
+            self._changed.wait_for(lambda: self.viewed or self._ended)
+        return self.viewed
+
+    def news(self) -> News:
+        """Return what has come since the last call."""
+        with self._changed:
+            views = tuple(self._views)
+            self._views.clear()
+            rewound, self._rewound = self._rewound, False
+            return News(views, self._ended, self.summary, self._sky, rewound, self._session, self.you)
+
+    def _see(self, told: TrackView | SessionView) -> None:
+        with self._changed:
+            if isinstance(told, TrackView):
+                self._views.append(told)
+                self.viewed = True
+            else:
+                self._session = told
+            self._changed.notify_all()
+
+    def _see_summary(self, line: bytes) -> bool:
+        """Take what the run came to; False where a line tells of something else."""
+        try:
+            summary = _SUMMARY.decode(line).summary
+        except msgspec.MsgspecError:
+            return False
+        with self._changed:
+            self.summary = summary
+            self._changed.notify_all()
+        return True
+
+    def _see_end(self) -> None:
+        with self._changed:
+            self._ended = True
+            self._changed.notify_all()
+
+    def _begin_anew(self) -> None:
+        """Where a run was shown already, have what was seen of it be over: another begins."""
+        with self._changed:
+            if self.summary is not None:
+                self.summary, self._rewound = None, True
+                self._views.clear()
