@@ -11,6 +11,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sattrack.control.jogs import Jogs
 from sattrack.manual.procedures import Outcome, Procedure, Refusal, procedure_for, refused
 from sattrack.manual.wording import limit_words
 from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, MoveAxes, SlewTo, Stop, mean_sidereal_deg
@@ -38,12 +39,6 @@ if TYPE_CHECKING:
     from sattrack.xerxes.datagrams import Status
     from tle.site import Site
 
-FIRST_JOG_S = 0.5
-"""How long an axis moves at the first touch."""
-NEXT_JOG_S = 0.3
-"""How long it moves on after each touch that follows while it moves."""
-FRESH_TOUCH_S = 0.4
-"""After a stop, touches that follow one another more closely than this are still those of a held key."""
 LINGER_S = 0.5
 REMEMBERED = 5
 OFFSETS = 100
@@ -60,12 +55,6 @@ class Asked:
     number: int
     ticket: Ticket
     utc_s: float
-
-
-@dataclass(slots=True)
-class _Jog:
-    rate_deg_s: float
-    until_utc_s: float
 
 
 class Console:
@@ -93,13 +82,10 @@ class Console:
         self.limits, self.site = limits, site
         self.safety = self._new_safety()
         self.procedure: Procedure | None = None
-        self.jogs: dict[str, _Jog] = {}
+        self.jogs = Jogs()
         self.asked: deque[Asked] = deque(maxlen=REMEMBERED)
         self._count = 0
         self.refusal: str | None = None
-        self._touched_utc_s = -math.inf
-        self._blocked = False
-        """Whether touches are those of a key that was held while the stop came."""
         self._move_begun = False
         self._ending_ticks = 0
         """Datagrams that ask for the end of a MoveAxis, without its being seen."""
@@ -194,7 +180,7 @@ class Console:
         if isinstance(cleared, str):
             return Refusal(cleared, by_safety=status is not None)
         if isinstance(request, Abort):
-            self._blocked = True
+            self.jogs.blocked = True
         self._move_begun = False
         ticket = self.session.submit(cleared)
         self._count += 1
@@ -204,24 +190,16 @@ class Console:
     def jog(
         self, ra_rate_deg_s: float | None, dec_rate_deg_s: float | None, now_utc_s: float
     ) -> Refusal | None:
-        """Move for FIRST_JOG_S, or for NEXT_JOG_S more where an axis is being jogged at that rate already.
+        """Move for a short time, or for longer where an axis is being jogged at that rate already.
 
         Rates are those of the reported right ascension (positive east) and declination (positive north).
         """
-        fresh = now_utc_s - self._touched_utc_s > FRESH_TOUCH_S
-        self._touched_utc_s = now_utc_s
+        fresh = self.jogs.is_fresh(now_utc_s)
         refusal = self._jog_objection(MoveAxis(ra_rate_deg_s, dec_rate_deg_s), fresh, now_utc_s)
         if refusal is not None:
             return self._refuse(refusal)
-        self.refusal, self._blocked, self.trouble = None, False, None
-        for axis, rate in (("ra", ra_rate_deg_s), ("dec", dec_rate_deg_s)):
-            if rate is None:
-                continue
-            before = self.jogs.get(axis)
-            if before is not None and before.rate_deg_s == rate:
-                before.until_utc_s = max(before.until_utc_s, now_utc_s + NEXT_JOG_S)
-            else:
-                self.jogs[axis] = _Jog(rate, now_utc_s + FIRST_JOG_S)
+        self.refusal, self.trouble = None, None
+        self.jogs.move(ra_rate_deg_s, dec_rate_deg_s, now_utc_s)
         self._apply(self._jogged(), now_utc_s)
         return None
 
@@ -310,7 +288,7 @@ class Console:
     def _jog_objection(self, move: MoveAxis, fresh: bool, now_utc_s: float) -> Refusal | None:
         if self.failed is not None:
             return Refusal(self.failed)
-        if self._blocked and (self.stopping or not fresh):
+        if self.jogs.blocked and (self.stopping or not fresh):
             return Refusal("stopped: let the key go, and jog once the mount is at rest")
         if isinstance(self.session.wanted, SlewTo) or self.procedure is not None:
             return Refusal("something is under way: SPACE stops it, then jog")
@@ -324,16 +302,10 @@ class Console:
         return Refusal(cleared, by_safety=True) if isinstance(cleared, str) else None
 
     def _jogged(self) -> Motion:
-        ra, dec = self.jogs.get("ra"), self.jogs.get("dec")
-        if ra is None and dec is None:
-            return Hold()
-        return MoveAxes(0.0 if ra is None else ra.rate_deg_s, 0.0 if dec is None else dec.rate_deg_s)
+        return MoveAxes(*self.jogs.rates_deg_s) if self.jogs else Hold()
 
     def _end_jogs(self, now_utc_s: float) -> None:
-        over = [axis for axis, jog in self.jogs.items() if now_utc_s >= jog.until_utc_s]
-        for axis in over:
-            del self.jogs[axis]
-        if over:
+        if self.jogs.end_over(now_utc_s):
             self._apply(self._jogged(), now_utc_s)
 
     def _step(self, now_utc_s: float) -> None:
@@ -397,8 +369,7 @@ class Console:
         """Bring the mount to rest unasked."""
         self.trouble = why
         self.refusal = words
-        self.jogs.clear()
-        self._blocked = True
+        self.jogs.block()
         self.session.apply(self.safety.clear(Stop(), 0.0, 0.0, 0.0))
         if self.procedure is not None:
             self.procedure, self.outcome = None, refused(Refusal(words, by_safety=why.startswith("limit:")))

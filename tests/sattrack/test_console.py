@@ -24,7 +24,8 @@ from sattrack.console_messages import (
     encode_order,
 )
 from sattrack.console_view import ConsoleView, StatusView
-from sattrack.manual.console import FIRST_JOG_S, NEXT_JOG_S, Console
+from sattrack.control.jogs import FIRST_JOG_S, NEXT_JOG_S
+from sattrack.manual.console import Console
 from sattrack.manual.errand import Errand, Look
 from sattrack.manual.procedures import MoveFor, Refusal, procedure_for
 from sattrack.manual.report import view_of
