@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
-import pty
 import signal
-import struct
-import subprocess
 import sys
-import termios
 from typing import TYPE_CHECKING
 
 import msgspec
 import pytest
 from console_tui_builders import VIEW
-from test_terminal import COLUMNS, ROWS, Terminal
+from test_terminal import Terminal, on_terminal
 
 from sattrack.console_messages import AbortOrder, JogOrder
 from sattrack.errors import SattrackError
@@ -132,22 +127,8 @@ def test_an_abort_that_finds_no_room_is_said_by_the_channels_end(console_command
 
 @pytest.fixture
 def watched():
-    controller, terminal = pty.openpty()
-    fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", ROWS, COLUMNS, 0, 0))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "sattrack", "mount", "watch", "--mount", "sim"],
-        stdin=terminal,
-        stdout=terminal,
-        stderr=terminal,
-        env={**os.environ, "TERM": "xterm-256color"},
-        start_new_session=True,
-    )
-    os.close(terminal)
-    yield Terminal(process, controller)
-    if process.poll() is None:
-        process.kill()
-        process.wait()
-    os.close(controller)
+    with on_terminal("mount", "watch", "--mount", "sim") as terminal:
+        yield terminal
 
 
 def test_a_terminal_that_goes_away_during_a_jog_stops_the_mount(watched: Terminal) -> None:

@@ -4,7 +4,7 @@ import asyncio
 from typing import TYPE_CHECKING
 
 import pytest
-from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed
+from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed, press
 
 from sattrack.messages import ClearBias, DropRemembered, Nudge, StopNow
 from sattrack.tui.app import LEAVE_WITHIN_S, TrackApp
@@ -14,19 +14,6 @@ from sattrack.tui.steps import FIRST_STEP, STEPS
 
 if TYPE_CHECKING:
     from sattrack.messages import Message
-
-
-def press(feed: FakeFeed, *keys: str) -> TrackApp:
-    """Run the screen at 80 × 24, press keys, and return the app as it then stood."""
-
-    async def run() -> TrackApp:
-        app = TrackApp(feed, monotonic=HandClock())
-        async with app.run_test(size=(80, 24)) as pilot:
-            await pilot.press(*keys)
-            await pilot.pause()
-        return app
-
-    return asyncio.run(run())
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import asyncio
 from typing import TYPE_CHECKING
 
 import pytest
-from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed
+from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed, press
 
 from sattrack.messages import ClearBias, Nudge, OffsetBy, StopNow
 from sattrack.session_messages import LeaveRunning, TakeControl, YieldControl
@@ -24,19 +24,6 @@ ANNA = 3
 HERE = SessionView(STARTER, (), 0)
 ELSEWHERE = SessionView(ANNA, (Watcher(ANNA, "anna"),), 1, said="anna took control")
 OFFSETS = (OffsetView("along_s", 0.3, 0.3, 0.0), OffsetView("dec_deg", 0.02, 0.02, 0.0))
-
-
-def press(feed: FakeFeed, *keys: str) -> TrackApp:
-    """Run the screen at 80 × 24, press keys, and return the app as it then stood."""
-
-    async def run() -> TrackApp:
-        app = TrackApp(feed, monotonic=HandClock())
-        async with app.run_test(size=(80, 24)) as pilot:
-            await pilot.press(*keys)
-            await pilot.pause()
-        return app
-
-    return asyncio.run(run())
 
 
 def told(session: SessionView | None, you: int = STARTER, **changes: object) -> FakeFeed:

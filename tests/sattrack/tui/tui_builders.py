@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from sattrack.tui.app import TrackApp
 from sattrack.tui.feed import News
 from sattrack.view import (
     DatagramsView,
@@ -142,3 +144,16 @@ class HandClock:
 
     def __call__(self) -> float:
         return self.now_s
+
+
+def press(feed: FakeFeed, *keys: str) -> TrackApp:
+    """Run the screen at 80 × 24, press keys, and return the app as it then stood."""
+
+    async def run() -> TrackApp:
+        app = TrackApp(feed, monotonic=HandClock())
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.press(*keys)
+            await pilot.pause()
+        return app
+
+    return asyncio.run(run())
