@@ -14,24 +14,20 @@ import argparse
 import json
 import os
 import select
-import signal
 import socket
-import subprocess
 import sys
-import tempfile
 import time
 from contextlib import ExitStack
-from pathlib import Path
 
-from rotctld_load import SETTLE_S, WHERE, Relay
+from door_load import CROWD, MANY, SETTLE_S, begin_asking, end_asking, open_door
 
 from sattrack.figures import quantile
 
 LOADS = {
     "none": [],
-    "one connection, 1,000 a second": [(1, 1000.0)],
-    "200 connections, one a second each": [(200, 200.0)],
-    "both": [(1, 1000.0), (200, 200.0)],
+    "one connection, 1,000 a second": [MANY],
+    "200 connections, one a second each": [CROWD],
+    "both": [MANY, CROWD],
 }
 ORDER_EVERY = 50
 LATE_MS = 1.0
@@ -67,68 +63,24 @@ def ask(port: int, clients: int, rate: float, seconds: float) -> None:
     print(json.dumps([answers / passed_s, (answers - fine) / passed_s]))
 
 
-def begin(port: int, load: list[tuple[int, float]], seconds: float) -> list[subprocess.Popen[bytes]]:
-    return [
-        subprocess.Popen(
-            [sys.executable, __file__, "--ask", str(port), str(clients), str(rate), str(seconds)],
-            stdout=subprocess.PIPE,
-        )
-        for clients, rate in load
-    ]
-
-
-def serve(closing: ExitStack) -> tuple[Relay, int]:
-    """Return what hands datagrams on, and the port of the server behind it."""
-    with (
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free,
-        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other,
-    ):
-        free.bind(("127.0.0.1", 0))
-        other.bind(("127.0.0.1", 0))
-        mount_port, listen = free.getsockname()[1], other.getsockname()[1]
-    relay = Relay(mount_port)
-    folder = closing.enter_context(tempfile.TemporaryDirectory())
-    settings = Path(folder) / "radio.toml"
-    settings.write_text("[safety]\noptical = false\n")
-    program = [sys.executable, "-m", "sattrack"]
-    simulated = subprocess.Popen(
-        [*program, "sim", "--port", str(mount_port), "--site", WHERE], stderr=subprocess.DEVNULL
-    )
-    closing.callback(simulated.wait)
-    closing.callback(simulated.terminate)
-    url = f"xerxes://127.0.0.1:{relay.front.getsockname()[1]}?listen={listen}"
-    options = ["--mount", url, "--port", "0", "--json", "--site", WHERE, "--config", str(settings)]
-    server = subprocess.Popen(
-        [*program, "serve", "alpaca", *options, "--no-discovery"],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-    )
-    closing.callback(server.wait)
-    # It ends only while its datagrams are handed on, as it waits until the mount is seen at rest.
-    closing.callback(relay.run_for, SETTLE_S)
-    closing.callback(server.send_signal, signal.SIGINT)
-    assert server.stdout is not None
-    return relay, int(json.loads(server.stdout.readline())["listening"])
-
-
 def measure(seconds: float, rounds: int) -> None:
     off_ms: dict[str, list[float]] = {name: [] for name in LOADS}
     told: dict[str, list[str]] = {}
     with ExitStack() as closing:
-        relay, port = serve(closing)
+        relay, port = open_door(closing, "alpaca", "--no-discovery")
         relay.run_for(SETTLE_S)
         with socket.create_connection(("127.0.0.1", port)) as line:
             line.sendall(put("connect", "ClientID=1"))
             relay.run_for(SETTLE_S)
         for _ in range(rounds):
             for name, load in LOADS.items():
-                asking = begin(port, load, seconds + 3.0)
+                asking = begin_asking(__file__, port, load, seconds + 3.0)
                 relay.run_for(2.0)
                 off_ms[name] += relay.run_for(seconds)
                 relay.run_for(2.0)
-                came = [json.loads(process.communicate()[0]) for process in asking]
                 told[name] = [
-                    f"{rate:.0f} answers a second, {errors:.0f} of them errors" for rate, errors in came
+                    f"{rate:.0f} answers a second, {errors:.0f} of them errors"
+                    for rate, errors in end_asking(asking)
                 ]
     figures = {
         name: (

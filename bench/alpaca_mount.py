@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 from alpaca_harness import calibrate, follow
+from programs import satellite
 
 from sattrack.alpaca_simulator.settings import TelescopeSettings
 from sattrack.figures import RunningError
@@ -107,8 +108,6 @@ def telescope(settings: TelescopeSettings) -> Iterator[int]:
 
 def live(name: str, settings: TelescopeSettings, hz: float) -> None:
     """Calibrate and follow as a user would; the truth is what the telescope's process tells afterwards."""
-    from guardian import satellite
-
     with tempfile.TemporaryDirectory() as made:
         folder = Path(made)
         elements, where = satellite(folder, CULMINATES_AFTER_S)

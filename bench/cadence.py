@@ -14,10 +14,8 @@ what the feeder's process holds: modules and memory.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import fcntl
 import itertools
-import math
 import os
 import pty
 import select
@@ -36,15 +34,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 
-import erfa
-from sgp4.api import Satrec
+from programs import free_port, satellite
 
-from sattrack import practice
 from sattrack.figures import quantile
 from sattrack.runtime.realtime import PRIORITY, VARIABLE
-from tle.elements import Elements
-from tle.formats.registry import write_elements
-from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -56,6 +49,7 @@ START_WITHIN_S = 60.0
 END_WITHIN_S = 30.0
 LONGEST_MINUTES = 12.0
 REVOLUTIONS_A_DAY = 12.5
+"""Of a satellite 1500 km high, which is up for longer."""
 ROWS, COLUMNS = 40, 120
 SO_TIMESTAMPNS = 35
 TIMESPEC = struct.Struct("@ll")
@@ -143,29 +137,6 @@ class Screen:
             return
 
 
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def satellite_overhead(folder: Path, ahead_s: float) -> tuple[Path, str]:
-    """Write elements of a satellite 1500 km high; return the file, and a site that it passes over then."""
-    orbit = Elements.from_tle(practice.LINE_1, practice.LINE_2)
-    epoch = Utc(time.time() // 86400.0 * 86400.0)
-    higher = dataclasses.replace(orbit, epoch=epoch, mean_motion_rev_day=REVOLUTIONS_A_DAY)
-    lines = write_elements([higher], "2le").split("\n")[:2]
-    utc_s = time.time() + ahead_s
-    jd, fraction = 2440587.5 + utc_s // 86400.0, (utc_s % 86400.0) / 86400.0
-    error, r, _ = Satrec.twoline2rv(*lines).sgp4(jd, fraction)
-    assert error == 0
-    longitude = math.degrees(math.atan2(r[1], r[0]) - erfa.gmst82(jd, fraction))
-    latitude = math.degrees(math.atan2(r[2], math.hypot(r[0], r[1])))
-    path = folder / "satellite.tle"
-    path.write_text("".join(f"{line}\n" for line in lines))
-    return path, f"{latitude:.3f},{(longitude + 180.0) % 360.0 - 180.0:.3f},0"
-
-
 def build_peer(folder: Path) -> Path | None:
     """Compile the C loop; None, with words, where there is no compiler."""
     compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
@@ -229,7 +200,9 @@ class Run:
         return ear, self._start([str(self._peer), str(ear.port), lasts, str(PERIOD_NS), str(priority)])
 
     def _start_feeder(self, ear: Ear, realtime: bool, tui: bool) -> tuple[subprocess.Popen[bytes], Screen]:
-        elements, site = satellite_overhead(self._folder, SETTLE_S + 0.5 * self._seconds)
+        elements, site = satellite(
+            self._folder, SETTLE_S + 0.5 * self._seconds, mean_motion_rev_day=REVOLUTIONS_A_DAY
+        )
         sim_port, listen_port = free_port(), free_port()
         sim = ("sim", "--port", str(sim_port), "--peer", str(listen_port), "--site", site)
         self._start([sys.executable, "-m", "sattrack", *sim])

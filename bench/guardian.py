@@ -13,8 +13,6 @@ what a heartbeat takes of the feeder's turn.
 from __future__ import annotations
 
 import argparse
-import json
-import math
 import random
 import signal
 import socket
@@ -23,115 +21,22 @@ import sys
 import tempfile
 import threading
 import time
-from contextlib import ExitStack, contextmanager
-from dataclasses import replace
+from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
-import erfa
-from sgp4.api import Satrec
+from programs import SITE, Mount, satellite, simulated_mount, speed_deg_s
 
-from sattrack import practice
 from sattrack.figures import quantile
 from sattrack.mount import MountProfile
 from sattrack.runtime.guard import owned
 from sattrack.xerxes.client import Address
 from sattrack.xerxes.datagrams import Command, encode_command
-from tle.elements import Elements
-from tle.formats.registry import write_elements
-from tle.instants import Utc
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-SIDEREAL_DEG_S = 360.0 / 86164.0905
-MOVING_DEG_S = 1e-4
 AT_A_TIME = 4
 CULMINATES_AFTER_S = 21.0
 WATCHED_S = 1.0
-TURN_S = 0.05
 FAST_DEG_S = 0.3
-PASS_RATE_DEG_S = 0.8
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
-
-
-def speed_deg_s(truth: dict[str, float]) -> float:
-    """How fast the faster axis turns; standing still and turning with the sky both count as rest."""
-    ra = truth["ra_rate_deg_s"]
-    return max(min(abs(ra), abs(ra - SIDEREAL_DEG_S)), abs(truth["dec_rate_deg_s"]))
-
-
-class Mount:
-    """A simulated mount in a program of its own; where its axes are is read as it comes."""
-
-    def __init__(self, site: str, *options: str) -> None:
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "sattrack", "sim", "--port", "0", "--json", "--site", site, *options],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            text=True,
-        )
-        assert self._process.stdout is not None
-        self.port = int(json.loads(self._process.stdout.readline())["listening"])
-        self.truths: list[dict[str, float]] = []
-        self._changed = threading.Condition()
-        self._reader = threading.Thread(target=self._read)
-        self._reader.start()
-
-    def url(self, listen: int | None = None) -> str:
-        return f"xerxes://127.0.0.1:{self.port}?listen={listen or free_port()}"
-
-    def wait(self, fast: bool, within_s: float = 60.0, faster_than_deg_s: float = FAST_DEG_S) -> None:
-        """Wait until an axis is faster than so much, or until both rest."""
-
-        def there() -> bool:
-            speed = speed_deg_s(self.truths[-1]) if self.truths else math.nan
-            return speed > faster_than_deg_s if fast else speed < MOVING_DEG_S
-
-        with self._changed:
-            if not self._changed.wait_for(there, within_s):
-                raise AssertionError(
-                    f"the mount {'does not move' if fast else 'moves on'}: {self.truths[-1:]}"
-                )
-
-    def wait_until(self, utc_s: float) -> None:
-        """Wait until the mount has told of an instant."""
-        with self._changed:
-            assert self._changed.wait_for(
-                lambda: bool(self.truths) and self.truths[-1]["utc_s"] > utc_s, utc_s - time.time() + 60.0
-            )
-
-    def moved_on_s(self, since_utc_s: float) -> float:
-        """How long after an instant the axes were last seen to move, plus the turn in which they stopped."""
-        moving = [truth["utc_s"] for truth in self.truths if speed_deg_s(truth) > MOVING_DEG_S]
-        return max(0.0, moving[-1] + TURN_S - since_utc_s) if moving else 0.0
-
-    def end(self) -> None:
-        self._process.terminate()
-        self._reader.join()
-        self._process.wait()
-        assert self._process.stdout is not None
-        self._process.stdout.close()
-
-    def _read(self) -> None:
-        for line in self._process.stdout or ():
-            with self._changed:
-                self.truths.append(json.loads(line))
-                self._changed.notify_all()
-
-
-@contextmanager
-def mount(site: str, *options: str) -> Iterator[Mount]:
-    simulated = Mount(site, *options)
-    try:
-        yield simulated
-    finally:
-        simulated.end()
 
 
 class Feeder:
@@ -179,22 +84,6 @@ def gone(pid: int, within_s: float = 20.0) -> bool:
     return False
 
 
-def satellite(folder: Path, culminates_after_s: float) -> tuple[Path, str]:
-    """Write elements of the ISS with today's epoch; return the file, and a site that it passes over then."""
-    orbit = Elements.from_tle(practice.LINE_1, practice.LINE_2)
-    today = replace(orbit, epoch=Utc(time.time() // 86400.0 * 86400.0))
-    lines = write_elements([today], "2le").split("\n")[:2]
-    utc_s = time.time() + culminates_after_s
-    jd, fraction = 2440587.5 + utc_s // 86400.0, (utc_s % 86400.0) / 86400.0
-    error, r, _ = Satrec.twoline2rv(*lines).sgp4(jd, fraction)
-    assert error == 0
-    longitude = math.degrees(math.atan2(r[1], r[0]) - erfa.gmst82(jd, fraction))
-    latitude = math.degrees(math.atan2(r[2], math.hypot(r[0], r[1])))
-    path = folder / "iss.tle"
-    path.write_text("".join(f"{line}\n" for line in lines))
-    return path, f"{latitude:.3f},{(longitude + 180.0) % 360.0 - 180.0:.3f},0"
-
-
 class Outcome(NamedTuple):
     """What became of one mount."""
 
@@ -210,15 +99,15 @@ def of_a_pass(number: int, how: signal.Signals, chance: random.Random, *options:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         elements, site = satellite(folder, CULMINATES_AFTER_S)
-        simulated = stack.enter_context(mount(site, *options))
-        arguments = ["track", "25544", "--mount", simulated.url(), "--site", site, "--elements"]
+        simulated = stack.enter_context(simulated_mount(*options, site=site))
+        arguments = ["track", "25544", "--mount", simulated.new_url(), "--site", site, "--elements"]
         feeder = Feeder(*arguments, str(elements), "--headless", *profile_of(options))
         stack.callback(feeder.end)
         culmination_s = time.time() + CULMINATES_AFTER_S - 3.0
-        simulated.wait(fast=True)
+        simulated.wait_until_faster(FAST_DEG_S)
         strike_utc_s = culmination_s + chance.uniform(-4.0, 10.0)
         simulated.wait_until(strike_utc_s)
-        simulated.wait(fast=True)
+        simulated.wait_until_faster(FAST_DEG_S)
         return strike(simulated, feeder, how)
 
 
@@ -227,10 +116,10 @@ def of_a_move(simulated: Mount, how: signal.Signals, chance: random.Random, *opt
     rate = chance.choice((-1.0, 1.0))
     feeder = Feeder(
         *("mount", "move", "--ra-rate", f"{rate}", "--dec-rate", f"{chance.uniform(-0.3, 0.3):.3f}"),
-        *("--seconds", "20", "--mount", simulated.url(), "--site", "52,4.5,0", *profile_of(options)),
+        *("--seconds", "20", "--mount", simulated.new_url(), *SITE, *profile_of(options)),
     )
     try:
-        simulated.wait(fast=True)
+        simulated.wait_until_faster(FAST_DEG_S)
         simulated.wait_until(time.time() + chance.uniform(0.0, 0.5))
         return strike(simulated, feeder, how)
     finally:
@@ -248,7 +137,7 @@ def strike(simulated: Mount, feeder: Feeder, how: signal.Signals) -> Outcome:
     struck_utc_s = time.time()
     feeder.process.send_signal(how)
     simulated.wait_until(struck_utc_s + 0.1)
-    simulated.wait(fast=False)
+    simulated.wait_until_moving(False)
     moved_on_s = simulated.moved_on_s(struck_utc_s)
     simulated.wait_until(time.time() + WATCHED_S)
     stays = simulated.moved_on_s(struck_utc_s) == moved_on_s
@@ -301,7 +190,7 @@ def many(count: int, how: signal.Signals, seed: int, *options: str) -> list[Outc
 def some_moves(count: int, how: signal.Signals, seed: int, *options: str) -> list[Outcome]:
     """Strike down so many feeders that move one mount by hand, one after the other."""
     chance = random.Random(seed)
-    with mount("52,4.5,0", *options) as simulated:
+    with simulated_mount(*options) as simulated:
         return [of_a_move(simulated, how, chance, *options) for _ in range(count)]
 
 

@@ -9,64 +9,18 @@ and with both. Asking is done by a process of its own, with no more processors t
 from __future__ import annotations
 
 import argparse
-import itertools
-import json
 import os
 import select
-import signal
 import socket
-import struct
-import subprocess
 import sys
-import tempfile
 import time
 from contextlib import ExitStack
-from pathlib import Path
 
-from sattrack import practice
+from door_load import CROWD, MANY, SETTLE_S, begin_asking, end_asking, open_door
+
 from sattrack.figures import quantile
 
-PERIOD_NS = 50_000_000
-SO_TIMESTAMPNS = 35
-SETTLE_S = 4.0
-SITE = practice.SITE.place()
-WHERE = f"{SITE.latitude_deg},{SITE.longitude_deg},{SITE.height_m}"
-
-
-class Relay:
-    """Hands datagrams on between the door and the mount, and keeps the stamps of the door's."""
-
-    def __init__(self, mount_port: int) -> None:
-        self.front = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.front.bind(("127.0.0.1", 0))
-        self.front.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-        self.back = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.back.connect(("127.0.0.1", mount_port))
-        self.door: tuple[str, int] | None = None
-        self.stamps: list[int] = []
-        self.last_counter = -1
-
-    def run_for(self, seconds: float) -> list[float]:
-        """Hand on for a while; return by how much periods were off, ms."""
-        self.stamps.clear()
-        until_s = time.monotonic() + seconds
-        while (left_s := until_s - time.monotonic()) > 0.0:
-            for ready in select.select([self.front, self.back], [], [], left_s)[0]:
-                if ready is self.front:
-                    self._from_door()
-                elif self.door is not None:
-                    self.front.sendto(self.back.recv(4096), self.door)
-        stamps = self.stamps
-        return sorted(abs(b - a - PERIOD_NS) / 1e6 for a, b in itertools.pairwise(stamps))
-
-    def _from_door(self) -> None:
-        data, notes, _, self.door = self.front.recvmsg(4096, 256)
-        self.back.send(data)
-        (counter,) = struct.unpack_from("<q", data, 8)
-        if counter != self.last_counter:
-            self.last_counter = counter
-            (seconds, nanoseconds) = struct.unpack("qq", notes[0][2])
-            self.stamps.append(seconds * 10**9 + nanoseconds)
+LOADS = {"one, 1,000 a second:": [MANY], "200, one a second each:": [CROWD], "both:": [MANY, CROWD]}
 
 
 def ask(port: int, clients: int, rate: float, seconds: float) -> None:
@@ -92,64 +46,18 @@ def told(off_ms: list[float]) -> str:
 
 def measure(seconds: float) -> None:
     with ExitStack() as closing:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-            free.bind(("127.0.0.1", 0))
-            mount_port = free.getsockname()[1]
-        relay = Relay(mount_port)
-        folder = closing.enter_context(tempfile.TemporaryDirectory())
-        settings = Path(folder) / "radio.toml"
-        settings.write_text("[safety]\noptical = false\n")
-        program = [sys.executable, "-m", "sattrack"]
-        simulated = subprocess.Popen(
-            [*program, "sim", "--port", str(mount_port), "--site", WHERE], stderr=subprocess.DEVNULL
-        )
-        closing.callback(simulated.terminate)
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-            free.bind(("127.0.0.1", 0))
-            listen = free.getsockname()[1]
-        url = f"xerxes://127.0.0.1:{relay.front.getsockname()[1]}?listen={listen}"
-        options = ["--mount", url, "--port", "0", "--json", "--site", WHERE, "--config", str(settings)]
-        door = subprocess.Popen(
-            [*program, "serve", "rotctld", *options, "--requests", "2000"],
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-        )
-        closing.callback(door.wait)
-        closing.callback(door.send_signal, signal.SIGINT)
-        assert door.stdout is not None
-        port = json.loads(door.stdout.readline())["listening"]
+        relay, port = open_door(closing, "rotctld", "--requests", "2000")
         relay.run_for(SETTLE_S)
         with socket.create_connection(("127.0.0.1", port)) as line:
             line.sendall(b"P 200 45\n")
             relay.run_for(SETTLE_S)
         print(f"periods are off by, no client:       {told(relay.run_for(seconds))}")
-        for words, loads in (
-            ("one, 1,000 a second:", [(1, 1000.0)]),
-            ("200, one a second each:", [(200, 200.0)]),
-            ("both:", [(1, 1000.0), (200, 200.0)]),
-        ):
-            asking = [
-                subprocess.Popen(
-                    [
-                        sys.executable,
-                        __file__,
-                        "--ask",
-                        str(port),
-                        str(clients),
-                        str(rate),
-                        str(seconds + 3.0),
-                    ],
-                    stdout=subprocess.PIPE,
-                )
-                for clients, rate in loads
-            ]
+        for words, loads in LOADS.items():
+            asking = begin_asking(__file__, port, loads, seconds + 3.0)
             relay.run_for(2.0)
             figures = told(relay.run_for(seconds))
             relay.run_for(1.5)
-            rates = []
-            for process in asking:
-                out, _ = process.communicate()
-                rates.append(f"{float(out):.0f}")
+            rates = [f"{rate:.0f}" for rate in end_asking(asking)]
             print(f"{words:<24} {figures}; answers a second: {' and '.join(rates)}")
         print(f"with a load of {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors")
 

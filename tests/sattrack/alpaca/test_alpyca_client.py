@@ -19,7 +19,8 @@ from alpaca.exceptions import (
     ValueNotSetException,
 )
 from alpaca.telescope import DriveRates, GuideDirections, PierSide, Telescope, TelescopeAxes
-from alpaca_serving import PATIENCE_S, Served, serving
+from alpaca_serving import serving
+from door_serving import PATIENCE_S, Served
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

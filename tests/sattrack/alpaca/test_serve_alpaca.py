@@ -15,7 +15,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from alpaca_serving import PATIENCE_S, WHERE, Served, call, read_answer, request, say, serving
+from alpaca_serving import http_process, read_answer, request, say, serving
+from door_serving import PATIENCE_S, WHERE, Served, call
 from test_alpaca_fuzz import malformed
 
 from sattrack.cli import run
@@ -225,7 +226,7 @@ def resident_kb(process_id: int) -> int:
 def hammer_the_program(served: Served, requests: int, seed: int) -> int:
     """Send malformed requests to the program; return by how many kB it has grown since half of them."""
     chance, resident, sent = random.Random(seed), 0, 0
-    processes = (served.process.pid, served.http_process())
+    processes = (served.process.pid, http_process(served))
     with call(served.port) as line:
         before = number_of(line, "declination")
         while sent < requests:
@@ -296,7 +297,7 @@ def test_a_mount_is_stopped_when_the_process_that_clients_talk_to_is_gone() -> N
     with serving() as alone, call(alone.port) as line:
         say(line, "PUT", "connect")
         say(line, "PUT", "moveaxis", "Axis=1&Rate=0.5")
-        os.kill(alone.http_process(), signal.SIGKILL)
+        os.kill(http_process(alone), signal.SIGKILL)
         alone.process.wait(timeout=PATIENCE_S)
         alone.end()
     assert alone.process.returncode == 1

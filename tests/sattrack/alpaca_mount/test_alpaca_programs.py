@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 from alpaca_telescope import SIDEREAL_DEG_S, SITE, AlpacaTelescope, alpaca_telescope
-from guardian import satellite
+from programs import satellite
 
 from sattrack.cli import run as run_command
 from sattrack.profiles import load_profile

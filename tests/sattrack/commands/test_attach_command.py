@@ -6,10 +6,10 @@ import json
 import os
 import subprocess
 import sys
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 import pytest
+from programs import ended, sattrack
 
 from sattrack.messages import Nudge, StopNow
 from sattrack.recording.format import COMMAND, OPERATOR
@@ -20,7 +20,7 @@ from sattrack.tui.attach_launch import sky_of_run
 from sattrack.tui.attached import AttachedRun
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
     from pathlib import Path
 
     from sattrack.tui.feed import News
@@ -28,26 +28,6 @@ if TYPE_CHECKING:
 ABORT = 73
 """Where a command has its flag to stop, by the protocol's table."""
 pytestmark = pytest.mark.skipif(not SUPPORTED, reason="abstract names are Linux's")
-
-
-@contextmanager
-def sattrack(*arguments: str, **more: object) -> Iterator[subprocess.Popen[str]]:
-    process = subprocess.Popen(  # type: ignore[call-overload]
-        [sys.executable, "-m", "sattrack", *arguments],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        **more,
-    )
-    try:
-        yield process
-    finally:
-        process.kill()
-        process.wait()
-        for pipe in (process.stdin, process.stdout, process.stderr):
-            assert pipe is not None
-            pipe.close()
 
 
 @pytest.fixture(autouse=True)
@@ -71,7 +51,7 @@ def seen(run: AttachedRun, so: Callable[[News], bool]) -> News:
 
 def test_a_run_started_elsewhere_is_seen_moved_by_whoever_took_control_and_stopped(tmp_path: Path) -> None:
     record = tmp_path / "run.mcap"
-    with sattrack("demo", "--headless", "--json", "--record", str(record)) as demo:
+    with ended(sattrack("demo", "--headless", "--json", "--record", str(record))) as demo:
         assert demo.stderr is not None
         assert "link up" in next(line for line in demo.stderr if "link up" in line)
         run, other = (AttachedRun(demo.pid, name, sky_of_run) for name in ("anna", "ben"))
@@ -124,7 +104,7 @@ def datagrams_after(record: Path, words: str, from_utc_s: float) -> list[bytes]:
 
 
 def test_a_run_left_running_goes_on_without_whoever_started_it() -> None:
-    with sattrack("demo", "--stream", "--control", "--scene") as demo:
+    with ended(sattrack("demo", "--stream", "--control", "--scene")) as demo:
         assert demo.stdout is not None
         assert demo.stdin is not None
         next(line for line in demo.stdout if '"phase":"slewing"' in line)

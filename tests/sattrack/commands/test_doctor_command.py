@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import pytest
+from programs import free_port
 
 from sattrack.cli import run
 from sattrack.xerxes.datagrams import Status, encode_status
@@ -68,13 +69,6 @@ def mount_that_only_sends(listen_port: int) -> Iterator[socket.socket]:
         finally:
             done.set()
             thread.join()
-
-
-def free_port() -> int:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        probe.bind(("127.0.0.1", 0))
-        port: int = probe.getsockname()[1]
-        return port
 
 
 def test_a_station_that_is_set_up_is_fine(

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from mount_programs import SITE, closed, free_port, program, simulated_mount
+from programs import SITE, ended, free_port, sattrack, simulated_mount
 
 from sattrack.cli import run
 from sattrack.commands.mount_common import failure
@@ -339,7 +339,7 @@ def test_verbs_over_real_udp_one_after_the_other(
 def test_signals_bring_the_mount_to_rest_and_end_with_130() -> None:
     with simulated_mount() as mount:
         arguments = ("move", "--ra-rate", "2", "--seconds", "60", "--mount", mount.url, *SITE, "--json")
-        with closed(program("mount", *arguments)) as process:
+        with ended(sattrack("mount", *arguments)) as process:
             mount.wait_until_moving(True)
             for number in (signal.SIGINT, signal.SIGINT, signal.SIGTERM):
                 process.send_signal(number)
@@ -354,7 +354,7 @@ def test_signals_bring_the_mount_to_rest_and_end_with_130() -> None:
 def test_a_console_whose_operator_is_gone_stops_the_jog() -> None:
     with simulated_mount() as mount:
         arguments = ("watch", "--stream", "--control", "--mount", mount.url, *SITE)
-        with closed(program("mount", *arguments)) as process:
+        with ended(sattrack("mount", *arguments)) as process:
             assert process.stdin is not None
             assert process.stdout is not None
             for line in process.stdout:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from mount_programs import SITE, Mount, closed, free_port, program, simulated_mount
+from programs import SITE, Mount, ended, free_port, sattrack, simulated_mount
 
 from sattrack.cli import run
 from sattrack.commands import stop as stop_module
@@ -32,7 +32,7 @@ def alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def moving(mount: Mount) -> subprocess.Popen[str]:
-    return program(
+    return sattrack(
         *("mount", "move", "--ra-rate", "-1", "--seconds", "60", "--mount", mount.url, *SITE, "--json")
     )
 
@@ -51,7 +51,7 @@ def document(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
 def test_a_session_stops_its_mount_and_ends(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with simulated_mount() as mount, closed(moving(mount)) as session:
+    with simulated_mount() as mount, ended(moving(mount)) as session:
         mount.wait_until_moving(True)
         first = owner(mount)
         assert first.pid == session.pid
@@ -82,7 +82,7 @@ def test_a_session_stops_its_mount_and_ends(
 def test_where_the_session_hangs_its_guardian_stops_the_mount_and_ends_it(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    with simulated_mount() as mount, closed(moving(mount)) as session:
+    with simulated_mount() as mount, ended(moving(mount)) as session:
         mount.wait_until_moving(True)
         session.send_signal(signal.SIGSTOP)
         assert run(["stop", "--mount", mount.url]) == 0
@@ -96,7 +96,7 @@ def test_where_the_session_hangs_its_guardian_stops_the_mount_and_ends_it(
 def test_a_mount_whose_session_and_guardian_were_killed_is_stopped_directly(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    with simulated_mount() as mount, closed(moving(mount)) as session:
+    with simulated_mount() as mount, ended(moving(mount)) as session:
         mount.wait_until_moving(True)
         children = Path(f"/proc/{session.pid}/task/{session.pid}/children").read_text().split()
         session.send_signal(signal.SIGSTOP)
@@ -117,7 +117,7 @@ def test_a_mount_whose_session_and_guardian_were_killed_is_stopped_directly(
 
 
 def test_an_abort_goes_through_the_session_too(capsys: pytest.CaptureFixture[str]) -> None:
-    with simulated_mount() as mount, closed(moving(mount)) as session:
+    with simulated_mount() as mount, ended(moving(mount)) as session:
         mount.wait_until_moving(True)
         assert run(["mount", "abort", "--mount", mount.url]) == 0
         mount.wait_until_moving(False)
@@ -157,10 +157,10 @@ def test_only_a_mount_seen_at_rest_counts_as_stopped(by: str, at_rest: bool | No
 
 
 def test_a_console_beside_an_owner_looks_on_and_its_stop_goes_through_the_owner() -> None:
-    with simulated_mount() as mount, closed(moving(mount)) as session:
+    with simulated_mount() as mount, ended(moving(mount)) as session:
         mount.wait_until_moving(True)
         arguments = ("watch", "--stream", "--control", "--mount", mount.url, *SITE)
-        with closed(program("mount", *arguments)) as console:
+        with ended(sattrack("mount", *arguments)) as console:
             assert console.stdin is not None
             assert console.stdout is not None
             for line in console.stdout:

@@ -9,13 +9,14 @@ import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from door_serving import PATIENCE_S, SITE
+
 from sattrack.antenna.equipment import Feedback
 from sattrack.antenna.sky import Sky
 from sattrack.antenna.trajectory import NS, AxisState
 from sattrack.mount import AxesPosition
 from sattrack.rotctld.rotator import Rotator
 from tle.instants import Utc
-from tle.site import Site
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -23,8 +24,6 @@ if TYPE_CHECKING:
     from sattrack.rotctld.answers import Client
 
 NOON_NS = int(Utc.parse("2026-10-02T12:00:00Z").unix_s) * NS
-SITE = Site(52.1541, 4.4908, 0.0)
-PATIENCE_S = 20.0
 
 
 class StandsStill(Feedback):
@@ -67,6 +66,12 @@ def hamlib_says(port: int, sent: bytes, expected: bytes) -> bytes:
         if came == expected:
             break
     return came
+
+
+def say(line: socket.socket, words: bytes) -> bytes:
+    """Say a line and return what came back first."""
+    line.sendall(words + b"\n")
+    return line.recv(65536)
 
 
 @contextmanager

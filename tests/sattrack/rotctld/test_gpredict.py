@@ -12,8 +12,8 @@ from contextlib import ExitStack
 from typing import TYPE_CHECKING
 
 import pytest
-from rotctld_serving import call, say, serving
-from rotctld_setup import PATIENCE_S, SITE
+from door_serving import PATIENCE_S, SITE, call, serving_door
+from rotctld_setup import say
 
 from sattrack import practice
 from tle.formats.registry import write_elements
@@ -99,7 +99,7 @@ def test_gpredict_follows_a_satellite_with_the_mount(tmp_path: Path) -> None:
     elements = that_is_up(time.time())
     truth = Propagator(elements, SITE)
     with ExitStack() as closing:
-        served = closing.enter_context(serving())
+        served = closing.enter_context(serving_door("rotctld"))
         write_settings(tmp_path, elements, served.port)
         environment = {**os.environ, "HOME": str(tmp_path), "XDG_CONFIG_HOME": str(tmp_path / ".config")}
         environment["DISPLAY"] = DISPLAY

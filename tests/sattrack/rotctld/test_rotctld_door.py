@@ -8,7 +8,7 @@ import select
 from typing import TYPE_CHECKING
 
 import pytest
-from rotctld_serving import call
+from door_serving import call
 from rotctld_setup import NOON_NS, make_rotator
 
 from sattrack.runtime.antenna_door import listen

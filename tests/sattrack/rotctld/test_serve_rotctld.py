@@ -11,8 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from rotctld_serving import Served, call, say, serving
-from rotctld_setup import PATIENCE_S, SITE
+from door_serving import PATIENCE_S, WHERE, Served, call, serving_door
+from rotctld_setup import say
 from test_rotctld_fuzz import malformed
 
 from sattrack.cli import run
@@ -28,7 +28,9 @@ needs_rotctl = pytest.mark.skipif(shutil.which("rotctl") is None, reason="rotctl
 
 @pytest.fixture(scope="module")
 def served() -> Iterator[Served]:
-    with serving("--host", "0.0.0.0", "--allow", "127.0.0.0/8", "--requests", "100000") as running:
+    with serving_door(
+        "rotctld", "--host", "0.0.0.0", "--allow", "127.0.0.0/8", "--requests", "100000"
+    ) as running:
         yield running
 
 
@@ -138,7 +140,7 @@ def test_hamlibs_own_client_drives_the_mount(served: Served) -> None:
 
 
 def test_ctrl_c_in_mid_slew_stops_the_mount_and_the_log_tells_the_story() -> None:
-    with serving() as alone, call(alone.port) as line:
+    with serving_door("rotctld") as alone, call(alone.port) as line:
         az_deg, el_deg = place(line)
         assert say(line, b"P x y") == b"RPRT -1\n"
         assert say(line, f"P {az_deg - 90.0:.2f} {el_deg:.2f}".encode()) == b"RPRT 0\n"
@@ -159,10 +161,9 @@ def test_the_mount_of_another_program_is_not_served_and_its_owner_is_named(
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    where = f"{SITE.latitude_deg},{SITE.longitude_deg},0"
     with owned(Address("127.0.0.1", port, 0), MountProfile()) as (_, guard):
         url = f"xerxes://127.0.0.1:{port}?listen=15001"
-        assert run(["serve", "rotctld", "--mount", url, "--port", "0", "--site", where]) == 1
+        assert run(["serve", "rotctld", "--mount", url, "--port", "0", "--site", WHERE]) == 1
         guard.release(None)
     told = capsys.readouterr().err
     assert f"127.0.0.1:{port} has an owner: `" in told

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from guardian import Feeder, gone, is_guardian, many, mount, some_moves
+from guardian import FAST_DEG_S, Feeder, gone, is_guardian, many, some_moves
+from programs import SITE, simulated_mount
 
 from sattrack.mount import MountProfile
 from sattrack.runtime.guard import HANG_AFTER_S, LOOK_EVERY_BEATS, Guarded, owned
@@ -62,15 +63,15 @@ def test_feeders_killed_a_hundred_times(profile: tuple[str, ...]) -> None:
 
 
 def test_a_feeder_that_stands_still_loses_the_mount_and_knows_it_when_it_wakes() -> None:
-    with mount("52,4.5,0") as simulated:
-        feeder = move(simulated.url())
+    with simulated_mount() as simulated:
+        feeder = move(simulated.url)
         try:
-            simulated.wait(fast=True)
+            simulated.wait_until_faster(FAST_DEG_S)
             guardian = feeder.guardian()
             halted_utc_s = time.time()
             feeder.process.send_signal(signal.SIGSTOP)
             simulated.wait_until(halted_utc_s + HANG_AFTER_S)
-            simulated.wait(fast=False)
+            simulated.wait_until_moving(False)
             moved_on_s = simulated.moved_on_s(halted_utc_s)
             assert moved_on_s < HANG_AFTER_S + WITHIN_S
             simulated.wait_until(time.time() + 1.0)
@@ -89,15 +90,15 @@ def test_a_feeder_that_stands_still_loses_the_mount_and_knows_it_when_it_wakes()
 def test_what_ends_a_whole_process_group_does_not_end_its_guardian(
     number: signal.Signals, state: Path
 ) -> None:
-    with mount("52,4.5,0") as simulated:
-        feeder = move(simulated.url())
+    with simulated_mount() as simulated:
+        feeder = move(simulated.url)
         try:
-            simulated.wait(fast=True)
+            simulated.wait_until_faster(FAST_DEG_S)
             guardian = feeder.guardian()
             assert os.getsid(guardian) == guardian
             struck_utc_s = time.time()
             os.killpg(feeder.process.pid, number)
-            simulated.wait(fast=False)
+            simulated.wait_until_moving(False)
             assert simulated.moved_on_s(struck_utc_s) < WITHIN_S
             feeder.process.wait(30.0)
             assert gone(guardian)
@@ -113,7 +114,7 @@ def test_what_ends_a_whole_process_group_does_not_end_its_guardian(
 def move(url: str) -> Feeder:
     return Feeder(
         *("mount", "move", "--ra-rate", "-1", "--dec-rate", "0.2", "--seconds", "20"),
-        *("--mount", url, "--site", "52,4.5,0"),
+        *("--mount", url, *SITE),
     )
 
 

@@ -8,15 +8,8 @@ import socket
 from typing import TYPE_CHECKING
 
 import pytest
-from live import (
-    ended,
-    free_port,
-    sattrack,
-    simulated_mount,
-    site_on_the_path,
-    track_arguments,
-    until,
-)
+from live import site_on_the_path, track_arguments, until
+from programs import ended, free_port, sattrack, simulated_mount
 
 from sattrack.commands.demo import demo_request
 from sattrack.errors import SattrackError
@@ -61,7 +54,7 @@ def test_the_demonstration_follows_the_pass() -> None:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_run_stops_the_mount_before_it_ends(number: signal.Signals, tmp_path: Path) -> None:
     site = site_on_the_path()
-    with simulated_mount(site) as mount:
+    with simulated_mount(site=site) as mount:
         arguments = track_arguments(tmp_path, site, mount.port, "--headless", "--stream")
         with ended(sattrack(*arguments)) as run:
             view = until(run, "tracking")
@@ -78,7 +71,7 @@ def test_an_interrupted_run_stops_the_mount_before_it_ends(number: signal.Signal
 
 def test_a_mount_that_falls_silent_is_told_to_stop_all_the_same(tmp_path: Path) -> None:
     site = site_on_the_path()
-    with simulated_mount(site, "--faults", "silent:20") as mount:
+    with simulated_mount("--faults", "silent:20", site=site) as mount:
         arguments = track_arguments(tmp_path, site, mount.port, "--headless", "--stream")
         with ended(sattrack(*arguments)) as run:
             until(run, "tracking")
@@ -138,7 +131,7 @@ def test_datagrams_from_strangers_and_garbage_change_nothing(tmp_path: Path) -> 
     """A stranger at another address, and garbage from the mount's own: counted, dropped, the pass goes on."""
     site = site_on_the_path()
     with (
-        simulated_mount(site) as mount,
+        simulated_mount(site=site) as mount,
         ended(
             sattrack(*(arguments := track_arguments(tmp_path, site, mount.port, "--headless", "--stream")))
         ) as run,
@@ -196,7 +189,7 @@ def test_a_reader_that_goes_away_ends_the_run_with_the_mount_stopped() -> None:
 def test_a_front_end_that_is_killed_leaves_the_mount_stopped(tmp_path: Path) -> None:
     """Both of its pipes break at once; the run cannot say anything to anybody any more."""
     site = site_on_the_path()
-    with simulated_mount(site) as mount:
+    with simulated_mount(site=site) as mount:
         arguments = track_arguments(tmp_path, site, mount.port, "--headless", "--stream", "--control")
         with ended(sattrack(*arguments)) as run:
             until(run, "tracking")

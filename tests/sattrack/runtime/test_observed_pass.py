@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 
 import bias as bench
 import pytest
-from live import ended, free_port, sattrack, until
+from live import until
+from programs import ended, free_port, sattrack
 
 from sattrack import practice
 from sattrack.messages import encode_message

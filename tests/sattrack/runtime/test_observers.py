@@ -7,7 +7,7 @@ import socket
 from typing import TYPE_CHECKING
 
 import pytest
-from live import free_port
+from programs import free_port
 
 from sattrack.errors import BadInputError, SattrackError
 from sattrack.messages import Nudge, Observation, StopNow

@@ -1,4 +1,4 @@
-"""`sattrack serve rotctld` as a program."""
+"""A door of `sattrack serve` as a program: its port, and its log as it comes."""
 
 from __future__ import annotations
 
@@ -15,11 +15,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rotctld_setup import PATIENCE_S, SITE
+from sattrack import practice
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+PATIENCE_S = 60.0
+SITE = practice.SITE.place()
 WHERE = f"{SITE.latitude_deg},{SITE.longitude_deg},0"
 
 
@@ -35,7 +37,9 @@ class Served:
         self._reader.start()
         readable, _, _ = select.select([process.stdout], [], [], PATIENCE_S)
         assert readable, "it did not start"
-        self.port = int(json.loads(process.stdout.readline())["listening"])
+        line = process.stdout.readline()
+        assert line, self.log
+        self.port = int(json.loads(line)["listening"])
 
     def wait_for(self, words: bytes) -> None:
         """Wait until a line that was not looked at yet has these words."""
@@ -57,7 +61,7 @@ class Served:
 
 
 @contextmanager
-def serving(*options: str) -> Iterator[Served]:
+def serving_door(door: str, *options: str) -> Iterator[Served]:
     """Serve a simulated mount until the end, once it is heard.
 
     The antenna is that of a radio dish, so that tests pass wherever the Sun stands when they run.
@@ -65,7 +69,7 @@ def serving(*options: str) -> Iterator[Served]:
     with tempfile.TemporaryDirectory() as folder:
         settings = Path(folder) / "radio.toml"
         settings.write_text("[safety]\noptical = false\n")
-        command = [sys.executable, "-m", "sattrack", "serve", "rotctld", "--mount", "sim", "--site", WHERE]
+        command = [sys.executable, "-m", "sattrack", "serve", door, "--mount", "sim", "--site", WHERE]
         process = subprocess.Popen(
             [*command, "--json", "--port", "0", "--config", str(settings), *options],
             stdin=subprocess.DEVNULL,
@@ -81,14 +85,8 @@ def serving(*options: str) -> Iterator[Served]:
             process.communicate()
 
 
-def call(port: int) -> socket.socket:
+def call(port: int, host: str = "127.0.0.1") -> socket.socket:
     """Return a client's line."""
-    line = socket.create_connection(("127.0.0.1", port), timeout=PATIENCE_S)
+    line = socket.create_connection((host, port), timeout=PATIENCE_S)
     line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return line
-
-
-def say(line: socket.socket, words: bytes) -> bytes:
-    """Say a line and return what came back first."""
-    line.sendall(words + b"\n")
-    return line.recv(65536)

@@ -1,0 +1,164 @@
+"""Programs of sattrack as a user runs them, each in a process of its own: for measures, and for tests."""
+
+from __future__ import annotations
+
+import json
+import math
+import socket
+import subprocess
+import sys
+import threading
+import time
+from contextlib import contextmanager
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import erfa
+from sgp4.api import Satrec
+
+from sattrack import practice
+from tle.elements import Elements
+from tle.formats.registry import write_elements
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+WHERE = "52.0,4.5,0"
+SITE = ("--site", WHERE)
+SIDEREAL_DEG_S = 360.0 / 86164.0905
+MOVING_DEG_S = 1e-4
+TURN_S = 0.05
+PATIENCE_S = 60.0
+"""For what takes a moment; nothing is measured by it."""
+
+
+def free_port() -> int:
+    """Return a UDP port of this machine's that nobody has."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def elements_of_today(**changes: float) -> tuple[str, str]:
+    """The ISS' orbit with today as its epoch, so that it is no older in years to come."""
+    orbit = Elements.from_tle(practice.LINE_1, practice.LINE_2)
+    today = Utc(time.time() // 86400.0 * 86400.0)
+    line_1, line_2 = write_elements([replace(orbit, epoch=today, **changes)], "2le").split("\n")[:2]
+    return line_1, line_2
+
+
+def site_below(lines: tuple[str, str], ahead_s: float) -> str:
+    """A site over which a satellite passes so many seconds from now."""
+    utc_s = time.time() + ahead_s
+    jd, fraction = 2440587.5 + utc_s // 86400.0, (utc_s % 86400.0) / 86400.0
+    error, r, _ = Satrec.twoline2rv(*lines).sgp4(jd, fraction)
+    assert error == 0
+    longitude = math.degrees(math.atan2(r[1], r[0]) - erfa.gmst82(jd, fraction))
+    latitude = math.degrees(math.atan2(r[2], math.hypot(r[0], r[1])))
+    return f"{latitude:.3f},{(longitude + 180.0) % 360.0 - 180.0:.3f},0"
+
+
+def satellite(folder: Path, culminates_after_s: float, **changes: float) -> tuple[Path, str]:
+    """Write elements of the ISS, some changed; return the file, and a site that it passes over then."""
+    lines = elements_of_today(**changes)
+    path = folder / "iss.tle"
+    path.write_text("".join(f"{line}\n" for line in lines))
+    return path, site_below(lines, culminates_after_s)
+
+
+def sattrack(*arguments: str, **more: Any) -> subprocess.Popen[str]:
+    """Run `sattrack ...`, its pipes ours."""
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    return subprocess.Popen([sys.executable, "-m", "sattrack", *arguments], text=True, **(pipes | more))
+
+
+@contextmanager
+def ended(process: subprocess.Popen[str]) -> Iterator[subprocess.Popen[str]]:
+    """Make sure that a process is gone and its pipes are closed."""
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+        for pipe in (process.stdin, process.stdout, process.stderr):
+            if pipe is not None:
+                pipe.close()
+
+
+def speed_deg_s(truth: dict[str, float]) -> float:
+    """How fast the faster axis turns; standing still and turning with the sky both count as rest."""
+    ra = truth["ra_rate_deg_s"]
+    return max(min(abs(ra), abs(ra - SIDEREAL_DEG_S)), abs(truth["dec_rate_deg_s"]))
+
+
+class Mount:
+    """A simulated mount in a program of its own; where its axes are is read as it comes."""
+
+    def __init__(self, process: subprocess.Popen[str]) -> None:
+        assert process.stdout is not None
+        self._process = process
+        self.port = int(json.loads(process.stdout.readline())["listening"])
+        self.url = self.new_url()
+        self.truths: list[dict[str, float]] = []
+        self._changed = threading.Condition()
+        self._reader = threading.Thread(target=self._read)
+        self._reader.start()
+
+    def new_url(self) -> str:
+        """Return how to reach it from a port that nobody has."""
+        return f"xerxes://127.0.0.1:{self.port}?listen={free_port()}"
+
+    def wait_until_faster(self, than_deg_s: float) -> None:
+        """Wait until an axis is faster than so much."""
+        self._wait(lambda: speed_deg_s(self.truths[-1]) > than_deg_s, "is not so fast")
+
+    def wait_until_moving(self, moving: bool) -> None:
+        """Wait until an axis moves otherwise than with the sky, or until none does."""
+        if moving:
+            self.wait_until_faster(MOVING_DEG_S)
+        else:
+            self._wait(lambda: speed_deg_s(self.truths[-1]) < MOVING_DEG_S, "moves on")
+
+    def wait_until(self, utc_s: float) -> None:
+        """Wait until it has told of an instant."""
+        self._wait(lambda: self.truths[-1]["utc_s"] > utc_s, "says no more", utc_s - time.time())
+
+    def moved_on_s(self, since_utc_s: float) -> float:
+        """How long after an instant the axes were last seen to move, plus the turn in which they stopped."""
+        moving = [truth["utc_s"] for truth in self.truths if speed_deg_s(truth) > MOVING_DEG_S]
+        return max(0.0, moving[-1] + TURN_S - since_utc_s) if moving else 0.0
+
+    def last_truth(self) -> dict[str, float]:
+        """End it; return where its axes were last."""
+        self.end()
+        return self.truths[-1]
+
+    def end(self) -> None:
+        """End it, and have read what it told."""
+        self._process.terminate()
+        self._reader.join()
+
+    def _wait(self, there: Callable[[], bool], otherwise: str, more_s: float = 0.0) -> None:
+        with self._changed:
+            if not self._changed.wait_for(lambda: bool(self.truths) and there(), PATIENCE_S + more_s):
+                raise AssertionError(f"the mount {otherwise}: {self.truths[-1:]}")
+
+    def _read(self) -> None:
+        for line in self._process.stdout or ():
+            with self._changed:
+                self.truths.append(json.loads(line))
+                self._changed.notify_all()
+
+
+@contextmanager
+def simulated_mount(*options: str, site: str = WHERE) -> Iterator[Mount]:
+    """Run `sattrack sim` until the end."""
+    quiet = {"stdin": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with ended(sattrack("sim", "--port", "0", "--json", "--site", site, *options, **quiet)) as process:
+        mount = Mount(process)
+        try:
+            yield mount
+        finally:
+            mount.end()
