@@ -7,7 +7,6 @@ clock), rates are derivatives of those: a right ascension rate of 0 leaves the m
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Literal
 
 import msgspec
@@ -235,8 +234,7 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 )
 
 
-@dataclass(frozen=True, slots=True)
-class StatusSample:
+class StatusSample(msgspec.Struct, frozen=True, gc=False):
     """One accepted status of the mount.
 
     `arrival_utc_s` is ours, `sidereal_h` the mount's own date of the sample (local sidereal hours); the drive
@@ -255,29 +253,25 @@ class StatusSample:
     beyond_pole: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Hold:
+class Hold(msgspec.Struct, frozen=True, gc=False):
     """Ask for nothing: the mount goes on with what it does by itself, at rest after a stop."""
 
 
-@dataclass(frozen=True, slots=True)
-class SlewTo:
+class SlewTo(msgspec.Struct, frozen=True, gc=False):
     """Go to a direction and track the sky there."""
 
     ra_deg: float
     dec_deg: float
 
 
-@dataclass(frozen=True, slots=True)
-class MoveAxes:
+class MoveAxes(msgspec.Struct, frozen=True, gc=False):
     """Move at these rates of the reported right ascension (not times cos Dec) and declination."""
 
     ra_rate_deg_s: float
     dec_rate_deg_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class Stop:
+class Stop(msgspec.Struct, frozen=True, gc=False):
     """Bring both axes to rest, whatever they do."""
 
 

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING
+
+import msgspec
 
 from sattrack.control.acquisition import HANDSHAKE_S, RATES_WITHIN_DEG, Intercept, plan_intercept, slew_time_s
 from sattrack.control.kalman import wrap180
@@ -42,8 +43,7 @@ class Step(Enum):
     GIVE_UP = "give up"
 
 
-@dataclass(frozen=True, slots=True)
-class Stand:
+class Stand(msgspec.Struct, frozen=True, gc=False):
     """How the mount stands: its sidereal time, right ascension and declination as reported, degrees."""
 
     sidereal_deg: float

@@ -32,27 +32,18 @@ class Motion(NamedTuple):
     rates_deg_s: tuple[float, float]
 
 
-@dataclass(slots=True)
-class _Ramp:
-    """One axis that changes its rate no faster than its acceleration allows."""
-
-    rate_deg_s: float | None
-    acceleration_deg_s2: float
-    moved_deg: float = 0.0
-
-    def run(self, wanted_deg_s: float, seconds: float) -> None:
-        """Let time pass with a rate asked for."""
-        change = 0.0 if self.rate_deg_s is None else wanted_deg_s - self.rate_deg_s
-        takes_s = abs(change) / self.acceleration_deg_s2
-        self.rate_deg_s = wanted_deg_s
-        self.moved_deg += wanted_deg_s * seconds
-        if takes_s <= seconds:
-            self.moved_deg -= 0.5 * change * takes_s
-            return
-        # It does not come to the rate in the time there is.
-        short = change * (1.0 - seconds / takes_s)
-        self.rate_deg_s = wanted_deg_s - short
-        self.moved_deg -= 0.5 * (change + short) * seconds
+def _ramp(
+    rate_deg_s: float | None, wanted_deg_s: float, seconds: float, acceleration_deg_s2: float
+) -> tuple[float, float]:
+    """Return how far an axis moves, and its rate then, that is asked for a rate; None: it has it already."""
+    moved_deg = wanted_deg_s * seconds
+    change = 0.0 if rate_deg_s is None else wanted_deg_s - rate_deg_s
+    takes_s = abs(change) / acceleration_deg_s2
+    if takes_s <= seconds:
+        return moved_deg - 0.5 * change * takes_s, wanted_deg_s
+    # It does not come to the rate in the time there is.
+    short = change * (1.0 - seconds / takes_s)
+    return moved_deg - 0.5 * (change + short) * seconds, wanted_deg_s - short
 
 
 AT_REST = SentRates(float("-inf"), 0.0, 0.0)
@@ -118,7 +109,8 @@ class CommandHistory:
     ) -> Motion:
         """Return the same with axes that have rates at first, and take their time to change them."""
         ra_rate, dec_rate = rates_deg_s or (None, None)
-        ra, dec = _Ramp(ra_rate, accelerations_deg_s2[0]), _Ramp(dec_rate, accelerations_deg_s2[1])
+        ra_most, dec_most = accelerations_deg_s2
+        ra_moved = dec_moved = 0.0
         half_s = 0.5 * self.loop.mean_period_s
         at = from_utc_s
         while at < to_utc_s - 1e-6:
@@ -126,8 +118,10 @@ class CommandHistory:
             # A rest shorter than half a period is the loop's jitter, not another turn of it.
             if to_utc_s - until < half_s:
                 until = to_utc_s
-            acting = self.acting(at)
-            ra.run(acting.ra_rate_deg_s, until - at)
-            dec.run(acting.dec_rate_deg_s, until - at)
+            _, ra_wanted, dec_wanted = self.acting(at)
+            moved, ra_rate = _ramp(ra_rate, ra_wanted, until - at, ra_most)
+            ra_moved += moved
+            moved, dec_rate = _ramp(dec_rate, dec_wanted, until - at, dec_most)
+            dec_moved += moved
             at = until
-        return Motion((ra.moved_deg, dec.moved_deg), (ra.rate_deg_s or 0.0, dec.rate_deg_s or 0.0))
+        return Motion((ra_moved, dec_moved), (ra_rate or 0.0, dec_rate or 0.0))

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S
 from sattrack.safety.geometry import Box, altitude_deg
-from sattrack.safety.regions import Cone, Region, fixed_regions, is_clear
-from sattrack.safety.room import ClearRoom
+from sattrack.safety.regions import Cone, Region, fixed_regions
+from sattrack.safety.room import Memory
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from sattrack.mount import MountProfile
     from sattrack.safety.bodies import Body, Wanderer
@@ -50,7 +50,7 @@ class Bounds:
         )
         self._wanderers: list[tuple[str, Wanderer, float]] | None = None
         self._cones: list[Cone] = []
-        self._room, self._room_of_cones = ClearRoom(), ClearRoom()
+        self._memory, self._memory_of_cones = Memory(self._fixed), Memory(())
         self.sun_is_up = False
         """Whether the Sun's light may reach optics; True where nobody knows."""
         self.utc_s: float | None = None
@@ -63,8 +63,7 @@ class Bounds:
         """
         if utc_s is not None and self.utc_s is not None and 0.0 <= utc_s - self.utc_s < LOOK_S:
             return True
-        self._cones = []
-        self._room_of_cones.forget()
+        self._put([])
         self.utc_s = None
         wanted = self._limits.sun_deg > 0.0 or self._limits.moon_cone_deg > 0.0
         self.sun_is_up = self._limits.optical
@@ -73,14 +72,19 @@ class Bounds:
         if utc_s is None or self._longitude_deg is None:
             return False
         self.utc_s = utc_s
+        cones = []
         for name, wanderer, cone_deg in self._bodies(self._longitude_deg):
             body = wanderer.at(utc_s)
             up = self._is_up(body)
             if name == "sun":
                 self.sun_is_up = up and self._limits.optical
             if up and cone_deg > 0.0:
-                self._cones.append(Cone(name, body, cone_deg + clock_gap_deg + SIDEREAL_RATE_DEG_S * LOOK_S))
+                cones.append(Cone(name, body, cone_deg + clock_gap_deg + SIDEREAL_RATE_DEG_S * LOOK_S))
+        self._put(cones)
         return True
+
+    def _put(self, cones: list[Cone]) -> None:
+        self._cones, self._memory_of_cones = cones, Memory(cones)
 
     def violated(
         self, box: Box, margins: Mapping[str, float], seconds: float, margin_deg: float = HOLD_MARGIN_DEG
@@ -89,10 +93,11 @@ class Bounds:
 
         `margins` are those of single regions, which they only lower; `margin_deg` is that of the others.
         """
+        name = self._memory.violated(box, margins, margin_deg)
+        if name is not None or not self._cones:
+            return name
         moves_deg = SIDEREAL_RATE_DEG_S * seconds
-        return _violated(self._fixed, self._room, box, margins, margin_deg) or _violated(
-            self._cones, self._room_of_cones, box, margins, margin_deg + moves_deg
-        )
+        return self._memory_of_cones.violated(box, margins, margin_deg + moves_deg)
 
     def near(self, place: tuple[float, float], seconds: float = 0.0) -> dict[str, float]:
         """Return how far a place is clear of those regions whose margin it does not keep for so many seconds.
@@ -192,20 +197,6 @@ class Bounds:
 
     def _is_up(self, body: Body) -> bool:
         return altitude_deg(body.hour_angle_deg, body.dec_deg, self._latitude_deg) > UP_DEG
-
-
-def _violated(
-    regions: Sequence[Region], room: ClearRoom, box: Box, margins: Mapping[str, float], margin_deg: float
-) -> str | None:
-    """Return the name of the first of some regions of which a box is not clear, or None."""
-    if not regions or room.holds(box, margin_deg):
-        return None
-    for region in regions:
-        if not is_clear(region, box, margins.get(region.name, margin_deg)):
-            return region.name
-    if not margins:
-        room.widen(regions, box, margin_deg)
-    return None
 
 
 def _gain_deg(cone: Cone, place: tuple[float, float], axis: int) -> float:

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
+
+import msgspec
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, Motion, MountProfile, MoveAxes, SlewTo, Stop
 from sattrack.requests import Abort, FineRate, Request, Slew, objection
@@ -37,15 +38,13 @@ OUTSIDE_PROOF = 3
 """Axes count as outside when so many clearances in a row find them there: one status may be wrong."""
 
 
-@dataclass(frozen=True, slots=True)
-class Cleared:
+class Cleared(msgspec.Struct, frozen=True, gc=False):
     """A motion that safety has let through."""
 
     motion: Motion
 
 
-@dataclass(frozen=True, slots=True)
-class ClearedRequest:
+class ClearedRequest(msgspec.Struct, frozen=True, gc=False):
     """A request that safety has let through."""
 
     request: Request
@@ -280,7 +279,7 @@ class Safety:
         self.clamping = clipped != wish
         room = self._room(utc_s)
         wanted = within(clipped[0], room[0]), within(clipped[1], room[1])
-        now = self._in_force(max(spot.age_s for spot in spots), utc_s)
+        now = self._in_force(max([spot.age_s for spot in spots]), utc_s)
         name = self.holding = self._ahead.outlook(spots, now).limit(wanted)
         if name is None:
             self._outside = 0

@@ -11,6 +11,7 @@ import math
 from typing import NamedTuple
 
 TURN_DEG = 360.0
+TWO_PI = 2.0 * math.pi
 
 
 class Place(NamedTuple):
@@ -120,34 +121,52 @@ def separation_deg(ha_1: float, dec_1: float, ha_2: float, dec_2: float) -> floa
 
 
 def nearest_deg(box: Box, hour_angle_deg: float, dec_deg: float) -> float:
-    """Return the least great-circle angle between a direction and anything in a box, degrees; exact.
+    """Return the least great-circle angle between a direction and anything in a box, degrees; exact."""
+    return Toward(hour_angle_deg, dec_deg).nearest_deg(box)
 
-    Its cosine is linear in that of the hour angle between them, at any declination, and a sine of the
-    declination with a phase, at any hour angle: it is largest at an end of either, or on the sine's crest.
-    """
-    ha_low, ha_high, dec_low, dec_high = box
-    low, high = ha_low - hour_angle_deg, ha_high - hour_angle_deg
-    ends = math.cos(math.radians(low)), math.cos(math.radians(high))
-    most = 1.0 if TURN_DEG * math.ceil(low / TURN_DEG) <= high else max(ends)
-    dec = math.radians(dec_deg)
-    sine, cosine = math.sin(dec), math.cos(dec)
-    largest = _largest_cosine(sine, cosine * most, dec_low, dec_high)
-    if dec_low < -90.0 or dec_high > 90.0:
-        # Past a pole, it is the least cosine of the hour angle that leads there.
-        half = 0.5 * TURN_DEG
-        least = -1.0 if half + TURN_DEG * math.ceil((low - half) / TURN_DEG) <= high else min(ends)
-        largest = max(largest, _largest_cosine(sine, cosine * least, dec_low, dec_high))
-    return math.degrees(math.acos(max(-1.0, min(1.0, largest))))
+
+class Toward:
+    """A direction from which one box after another is looked at."""
+
+    def __init__(self, hour_angle_deg: float, dec_deg: float) -> None:
+        self._hour_angle_deg = hour_angle_deg
+        dec = math.radians(dec_deg)
+        self._sine, self._cosine = math.sin(dec), math.cos(dec)
+
+    def nearest_deg(self, box: Box) -> float:
+        """Return the least great-circle angle between the direction and anything in a box, degrees; exact.
+
+        Its cosine is linear in that of the hour angle between them, at any declination, and a sine of the
+        declination with a phase, at any hour angle: largest at an end of either, or on the sine's crest.
+        """
+        ha_low, ha_high, dec_low, dec_high = box
+        low, high = ha_low - self._hour_angle_deg, ha_high - self._hour_angle_deg
+        sine, cosine = self._sine, self._cosine
+        first, last = math.cos(math.radians(low)), math.cos(math.radians(high))
+        over = TURN_DEG * math.ceil(low / TURN_DEG) <= high
+        most = 1.0 if over else max(first, last)
+        largest = _largest_cosine(sine, cosine * most, dec_low, dec_high)
+        if dec_low < -90.0 or dec_high > 90.0:
+            # Past a pole, it is the least cosine of the hour angle that leads there.
+            half = 0.5 * TURN_DEG
+            turned = half + TURN_DEG * math.ceil((low - half) / TURN_DEG) <= high
+            least = -1.0 if turned else min(first, last)
+            largest = max(largest, _largest_cosine(sine, cosine * least, dec_low, dec_high))
+        if largest >= 1.0:
+            return 0.0
+        return math.degrees(math.acos(largest)) if largest > -1.0 else 180.0
 
 
 def _largest_cosine(sine: float, across: float, low_deg: float, high_deg: float) -> float:
     """Return the largest of sine * sin(d) + across * cos(d) for d from a least to a most angle, degrees."""
     low, high = math.radians(low_deg), math.radians(high_deg)
     crest = math.atan2(sine, across)
-    crest += 2.0 * math.pi * math.ceil((low - crest) / (2.0 * math.pi))
+    crest += TWO_PI * math.ceil((low - crest) / TWO_PI)
     if crest <= high:
         return math.hypot(sine, across)
-    return max(sine * math.sin(low) + across * math.cos(low), sine * math.sin(high) + across * math.cos(high))
+    first = sine * math.sin(low) + across * math.cos(low)
+    last = sine * math.sin(high) + across * math.cos(high)
+    return first if first > last else last
 
 
 def lowest_altitude_deg(box: Box, latitude_deg: float) -> float:

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 from sattrack.safety.geometry import (
     TURN_DEG,
     Box,
+    Toward,
     azimuth_deg,
     lowest_altitude_deg,
     meets_polygon,
-    nearest_deg,
 )
 
 if TYPE_CHECKING:
@@ -78,11 +78,11 @@ class Floor:
     name = "altitude"
 
     def __init__(self, floor_deg: float, latitude_deg: float) -> None:
-        self._floor_deg, self._latitude_deg = floor_deg, latitude_deg
+        self._nadir, self._from_nadir_deg = Toward(180.0, -latitude_deg), 90.0 + floor_deg
 
     def clearance(self, box: Box) -> Clearance:
         """See Region."""
-        clear = lowest_altitude_deg(box, self._latitude_deg) - self._floor_deg
+        clear = self._nadir.nearest_deg(box) - self._from_nadir_deg
         return Clearance(clear, clear)
 
 
@@ -184,10 +184,11 @@ class Cone:
     def __init__(self, name: str, body: Body, cone_deg: float) -> None:
         self.name = name
         self.body, self.cone_deg = body, cone_deg
+        self._middle = Toward(body.hour_angle_deg, body.dec_deg)
 
     def clearance(self, box: Box) -> Clearance:
         """See Region."""
-        clear = nearest_deg(box, self.body.hour_angle_deg, self.body.dec_deg) - self.cone_deg
+        clear = self._middle.nearest_deg(box) - self.cone_deg
         return Clearance(clear, clear)
 
 
@@ -213,7 +214,12 @@ def fixed_regions(
 
 def is_clear(region: Region, box: Box, margin_deg: float) -> bool:
     """Tell whether everything in a box is clear of a region by a margin; what cannot be told is not."""
-    waiting = [box]
+    whole = region.clearance(box)
+    if whole.least_deg >= margin_deg:
+        return True
+    if whole.some_deg < margin_deg or box.widest_deg < SMALLEST_DEG:
+        return False
+    waiting = [*box.halves()]
     for _ in range(MOST_BOXES):
         part = waiting.pop()
         clearance = region.clearance(part)

@@ -7,14 +7,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from sattrack.safety.regions import Travel, is_clear
+
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping, Sequence
 
     from sattrack.safety.geometry import Box
     from sattrack.safety.regions import Region
 
 ROOM_DEG = 4.0
 """How far on each side a box is tried to be grown."""
+NEAR_ROOM_DEG = 1.0
+"""The same for each region by itself, where one of them is too near for room from all."""
 TRY_EVERY = 16
 """Judgements from one try that found no room to the next."""
 
@@ -22,7 +26,8 @@ TRY_EVERY = 16
 class ClearRoom:
     """The last box found clear of regions that stay as they are, and by what margin."""
 
-    def __init__(self) -> None:
+    def __init__(self, room_deg: float = ROOM_DEG) -> None:
+        self._room_deg = room_deg
         self._box: Box | None = None
         self._margin_deg = 0.0
         self._wait = 0
@@ -49,8 +54,38 @@ class ClearRoom:
         if self._wait:
             self._wait -= 1
             return
-        grown = box.grown(ROOM_DEG, ROOM_DEG, ROOM_DEG, ROOM_DEG)
+        wide = self._room_deg
+        grown = box.grown(wide, wide, wide, wide)
         if all(region.clearance(grown).least_deg >= margin_deg for region in regions):
             self._box, self._margin_deg = grown, margin_deg
         else:
             self._wait = TRY_EVERY
+
+
+class Memory:
+    """Regions that stay as they are, and what is known to be clear of them."""
+
+    def __init__(self, regions: Sequence[Region]) -> None:
+        self._regions = regions
+        self._of_all = ClearRoom()
+        # The ends of a travel are judged faster than looked up.
+        self._each = [
+            (region, None if isinstance(region, Travel) else ClearRoom(NEAR_ROOM_DEG)) for region in regions
+        ]
+
+    def violated(self, box: Box, margins: Mapping[str, float], margin_deg: float) -> str | None:
+        """Return the name of the first region of which a box is not clear, or None.
+
+        `margins` are those of single regions, which they only lower; `margin_deg` is that of the others.
+        """
+        if self._of_all.holds(box, margin_deg):
+            return None
+        for region, room in self._each:
+            if room is not None and room.holds(box, margin_deg):
+                continue
+            if not is_clear(region, box, margins.get(region.name, margin_deg)):
+                return region.name
+            if room is not None:
+                room.widen((region,), box, margin_deg)
+        self._of_all.widen(self._regions, box, margin_deg)
+        return None

@@ -122,8 +122,7 @@ class Watch:
 
     def _strays(self, moved: MoveAxes, commanded: MoveAxes, seconds: float) -> bool:
         """Tell whether the means over the window are outside of everything that was commanded."""
-        steps = (abs(moved.ra_rate_deg_s) > STEP_DEG_S, abs(moved.dec_rate_deg_s) > STEP_DEG_S)
-        if any(steps):
+        if abs(moved.ra_rate_deg_s) > STEP_DEG_S or abs(moved.dec_rate_deg_s) > STEP_DEG_S:
             # A sync or the pole says nothing of the drives.
             self._forget()
             return False
@@ -138,10 +137,10 @@ class Watch:
         while self._window_s - self._window[0][0] >= WINDOW_S:
             self._window_s -= self._window.popleft()[0]
         self._turn = (self._turn + 1) % LOOK_EVERY
-        return self._turn == 0 and any(self._off(axis) for axis in (1, 2))
+        return self._turn == 0 and (self._off(1) or self._off(2))
 
     def _off(self, axis: int) -> bool:
-        mean = sum(step[axis] for step in self._window) / self._window_s
+        mean = sum([step[axis] for step in self._window]) / self._window_s
         rates = [step[axis] for step in self._commanded]
         low, high = min(rates), max(rates)
         loose = LOOSE_DEG_S + LOOSE_SHARE * max(abs(low), abs(high))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import msgspec
 
 
@@ -22,8 +20,7 @@ class StartPosition(msgspec.Struct, frozen=True):
     dec_deg: float = 20.0
 
 
-@dataclass(frozen=True, slots=True)
-class Truth:
+class Truth(msgspec.Struct, frozen=True, gc=False):
     """Where the axes really were when a status was packed, in the frame that the mount reports.
 
     The axes' own angles have their cables' turns counted; `at_limit` tells that a hard limit holds an axis.

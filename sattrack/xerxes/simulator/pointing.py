@@ -38,10 +38,12 @@ def axes_beyond_pole(hour_angle_deg: float, dec_deg: float, latitude_deg: float)
 
 def horizontal(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> tuple[float, float]:
     """Return altitude and azimuth (from north through east)."""
-    h, d, p = (math.radians(x) for x in (hour_angle_deg, dec_deg, latitude_deg))
-    east = -math.cos(d) * math.sin(h)
-    north = math.cos(p) * math.sin(d) - math.sin(p) * math.cos(d) * math.cos(h)
-    up = math.sin(p) * math.sin(d) + math.cos(p) * math.cos(d) * math.cos(h)
+    h, d, p = math.radians(hour_angle_deg), math.radians(dec_deg), math.radians(latitude_deg)
+    sin_d, cos_d, sin_p, cos_p = math.sin(d), math.cos(d), math.sin(p), math.cos(p)
+    south = cos_d * math.cos(h)
+    east = -cos_d * math.sin(h)
+    north = cos_p * sin_d - sin_p * south
+    up = sin_p * sin_d + cos_p * south
     return (
         math.degrees(math.atan2(up, math.hypot(east, north))),
         math.degrees(math.atan2(east, north)) % 360.0,

@@ -8,10 +8,10 @@ obeyed stays within the axes' limits.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import random
 
+import msgspec
 import pytest
 from paper_link import T0
 from paper_mount import LOOP_S
@@ -46,7 +46,7 @@ class TestTheMount:
             status, truth = noisy.tick(now)
             quiet_status, quiet_truth = quiet.tick(now)
             assert status == quiet_status
-            assert dataclasses.astuple(truth) == dataclasses.astuple(quiet_truth)
+            assert msgspec.structs.astuple(truth) == msgspec.structs.astuple(quiet_truth)
 
         grown = grown_bytes(period, count // 10)
         assert noisy.refused == rejected == count // 10 * 10
@@ -65,7 +65,7 @@ class TestTheMount:
                 taken += noisy.receive(mutated(rng, COMMAND, untouched))
             now = T0 + number * LOOP_S
             truth, quiet_truth = noisy.tick(now)[1], quiet.tick(now)[1]
-            assert dataclasses.astuple(truth) == dataclasses.astuple(quiet_truth)
+            assert msgspec.structs.astuple(truth) == msgspec.structs.astuple(quiet_truth)
 
         grown = grown_bytes(period, count // 10)
         assert taken + noisy.refused == count // 10 * 10
@@ -84,7 +84,7 @@ class TestTheMount:
                 mount.receive(mutated(rng, COMMAND))
             now = T0 + number * LOOP_S
             status, truth = mount.tick(now)
-            assert all(math.isfinite(value) for value in dataclasses.astuple(truth))
+            assert all(math.isfinite(value) for value in msgspec.structs.astuple(truth))
             # The axis turns by the sky's rate less that of the right ascension; limits are the slew's.
             assert abs(truth.ra_rate_deg_s) <= 6.0 + 0.01
             assert abs(truth.dec_rate_deg_s) <= 5.0 + 0.001

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import random
 import tracemalloc
-from dataclasses import astuple
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import astuple
 from simulator_bench import PERIOD_S, SITE, START, T0
 
 from sattrack.mount import AxisLimits, MountProfile
