@@ -17,18 +17,28 @@ from sattrack.bias_view import (
 )
 from sattrack.control.kalman import wrap180
 from sattrack.figures import RunningError, WindowedError
-from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, Motion, MoveAxes, StatusSample, mean_sidereal_deg
+from sattrack.mount import (
+    SIDEREAL_RATE_DEG_S,
+    Hold,
+    Motion,
+    MoveAxes,
+    StatusSample,
+    Stop,
+    mean_sidereal_deg,
+)
 from sattrack.safety import ROWS, Safety, SafetyLimits
 from sattrack.tracker import FOLLOWING, Phase, SkyError, Tracker, TrackPlan, sky_error
-from sattrack.view import ErrorView, LinkView, TrackView
+from sattrack.view import ErrorView, LinkView, PauseView, TrackView
 from sattrack.xerxes.launches import seen_of
 from sattrack.xerxes.link import STALE_AFTER_S, LinkState
 from sattrack.xerxes.session import Session
 from sattrack.xerxes.slewing import SlewState
 
 if TYPE_CHECKING:
+    from sattrack.control.rest import Rest
     from sattrack.messages import Message
     from sattrack.mount import MountProfile
+    from sattrack.safety import Cleared
     from sattrack.view import RememberedView
     from tle.bias import Bias
     from tle.propagator import Propagator
@@ -90,6 +100,10 @@ class Engine:
         self.on_target_s = 0.0
         self.held_s: dict[str, float] = {}
         """Seconds for which each limit held the mount off the target."""
+        self.paused_s = 0.0
+        """Seconds for which the operator had the run paused."""
+        self.rejoining_s = 0.0
+        """Seconds that it took to be on the target again after pauses."""
         self.message: str | None = None
         self.finished = False
         self.failed = False
@@ -145,12 +159,19 @@ class Engine:
                 return
 
     def _count(self, error: SkyError, counter: int, seconds: float) -> None:
-        """Take an error into the figures: everything from the first acquisition on, lost or not."""
+        """Take an error into the figures: everything from the first acquisition on, lost or not.
+
+        A pause, and the way back after it, are the operator's, and counted apart.
+        """
         following = self.tracker.phase in FOLLOWING
         if following and self.safety.holding is not None:
             self.held_s[self.safety.holding] = self.held_s.get(self.safety.holding, 0.0) + seconds
             following = False
-        if not following or self.tracker.acquired_utc_s is None:
+        elif self.tracker.rest is not None:
+            self.paused_s += seconds
+        elif self.tracker.rejoining:
+            self.rejoining_s += seconds
+        if not following or self.tracker.rejoining or self.tracker.acquired_utc_s is None:
             self._recent.clear()
             return
         if self.spec.simulated:
@@ -169,12 +190,15 @@ class Engine:
         if not self.failed:
             self._watch_link(now_utc_s)
         arrived = self.session.slew_state is SlewState.DONE and self.safety.on_last_leg
-        motion = self.tracker.step(now_utc_s, arrived)
+        rest = self.tracker.rest
+        motion = self.tracker.step(now_utc_s, arrived, rest is not None and self.session.stopped)
         sample = self.session.sample
         if sample is not None:
             age_s = max(0.0, now_utc_s - sample.arrival_utc_s)
             lst_deg = sample.sidereal_h * 15.0
             cleared = self.safety.clear(motion, lst_deg, sample.ra_deg, sample.dec_deg, age_s, now_utc_s)
+            if rest is not None and rest.jogging and cleared.motion != motion:
+                cleared = self._end_jogs(cleared, now_utc_s)
             self._commanded = cleared.motion
             self.session.apply(cleared)
             if self.safety.tripped is not None and self.tracker.ended_by is None:
@@ -194,6 +218,15 @@ class Engine:
             self._in_force = self.session.begun_move
             self.tracker.note_sent(self.session.begun_move, now_utc_s)
         return datagram
+
+    def _end_jogs(self, cleared: Cleared, now_utc_s: float) -> Cleared:
+        """Stop what is jogged at a limit: unlike a stream, what is moved by hand is not led along it."""
+        name = self.safety.holding
+        if name is None:
+            return cleared
+        words = f"the jog was ended at the {name} limit ({ROWS[name].bound}): let the key go, and jog away"
+        self.tracker.end_jogs(words, now_utc_s)
+        return self.safety.clear(Stop(), 0.0, 0.0, 0.0)
 
     def repeat(self) -> bytes | None:
         """Return what to send once more, REPEAT_AFTER_PERIODS after the last datagram; None for nothing."""
@@ -332,6 +365,7 @@ class Engine:
             warnings=self._warnings(),
             ra_rate_reached_deg_s=None if sample is None else SIDEREAL_RATE_DEG_S - sample.ra_drive_deg_s,
             dec_rate_reached_deg_s=None if sample is None else _reported_dec_rate_deg_s(sample),
+            pause=_pause_view(tracker.rest),
         )
 
     def _clock_offset_s(self, sample: StatusSample, error: SkyError) -> float:
@@ -367,7 +401,7 @@ class Engine:
         warnings = []
         if self._link_state is LinkState.STALE:
             warnings.append("no fresh status from the mount: following by prediction")
-        if self.phase == HOLDING:
+        if self.phase == HOLDING or (self.tracker.rest is not None and self.safety.holding is not None):
             row = ROWS[self.safety.holding or ""]
             warnings.append(
                 f"held at the {row.name} limit ({row.bound}): it goes on when the target comes back"
@@ -407,6 +441,10 @@ def safety_of(spec: RunSpec) -> Safety:
     """Return what clears a run's motions: held at limits, slews led round, out of the Sun by itself."""
     site = spec.propagator.site
     return Safety(spec.profile, spec.limits, site.latitude_deg, site.longitude_deg, holds=True, escapes=True)
+
+
+def _pause_view(rest: Rest | None) -> PauseView | None:
+    return None if rest is None else PauseView(rest.begun_utc_s, rest.at_rest, rest.jogging)
 
 
 def _reported_dec_rate_deg_s(sample: StatusSample) -> float:

@@ -54,6 +54,25 @@ class StopNow(msgspec.Struct, frozen=True, tag="stop", forbid_unknown_fields=Tru
     """Stop the mount and end the run."""
 
 
+class Pause(msgspec.Struct, frozen=True, tag="pause", forbid_unknown_fields=True):
+    """Bring the mount to rest and go on with the run; a search that runs ends where it is."""
+
+
+class Go(msgspec.Struct, frozen=True, tag="go", forbid_unknown_fields=True):
+    """Go on with a run that is paused: onto the satellite again, where it is then."""
+
+
+class Jog(msgspec.Struct, frozen=True, tag="jog", forbid_unknown_fields=True):
+    """While the run is paused, move an axis, or both, for a short time; said again, for longer.
+
+    Rates are those that an axis has beyond its rest, of right ascension (positive east) and declination
+    (positive north), degrees a second; None leaves an axis alone.
+    """
+
+    ra_rate_deg_s: float | None = None
+    dec_rate_deg_s: float | None = None
+
+
 class OffsetBy(msgspec.Struct, frozen=True, tag="offset", forbid_unknown_fields=True):
     """Change one offset.
 
@@ -132,9 +151,9 @@ class Observation(msgspec.Struct, frozen=True, tag="observation", forbid_unknown
             raise ValueError(f"sigma_arcsec {self.sigma_arcsec:g} is outside {span}")
 
 
-Message = Nudge | ClearBias | DropRemembered | StopNow | OffsetBy | Search | Observation
+Message = Nudge | ClearBias | DropRemembered | StopNow | OffsetBy | Search | Observation | Pause | Go | Jog
 
-_Any = Nudge | ClearBias | DropRemembered | StopNow | OffsetBy | Search | Observation
+_Any = Nudge | ClearBias | DropRemembered | StopNow | OffsetBy | Search | Observation | Pause | Go | Jog
 _DECODER: msgspec.json.Decoder[_Any] = msgspec.json.Decoder(_Any)
 _OBSERVATIONS: msgspec.json.Decoder[Observation] = msgspec.json.Decoder(Observation)
 

@@ -11,10 +11,13 @@ import msgspec
 from sattrack.messages import (
     ClearBias,
     DropRemembered,
+    Go,
+    Jog,
     Message,
     Nudge,
     Observation,
     OffsetBy,
+    Pause,
     Search,
     StopNow,
 )
@@ -61,6 +64,9 @@ _Any = (
     | OffsetBy
     | Search
     | Observation
+    | Pause
+    | Go
+    | Jog
     | TakeControl
     | YieldControl
     | LeaveRunning

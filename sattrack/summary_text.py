@@ -48,6 +48,9 @@ def summary_lines(summary: Summary) -> list[str]:
             lines.append(f"  {word} error {rms:.3f}″ RMS, {peak:.3f}″ peak")
     for name, seconds in summary.held_s.items():
         lines.append(f"  held {seconds:.1f} s at the {name} limit")
+    if summary.paused_s:
+        again = f", {summary.rejoining_s:.1f} s to be on target again" if summary.rejoining_s else ""
+        lines.append(f"  paused for {summary.paused_s:.1f} s{again}")
     counts = summary.datagrams
     lines.append(
         f"  datagrams: {counts.sent} sent, {counts.received} received, {counts.lost} lost, "

@@ -23,8 +23,9 @@ from sattrack.control.latency import KnownClock, MountClock
 from sattrack.control.law import ControlLaw
 from sattrack.control.mount_loop import MountLoop
 from sattrack.control.passage import Passage, Place
+from sattrack.control.rest import Rest
 from sattrack.control.steering import Steering
-from sattrack.messages import Message, Observation, StopNow
+from sattrack.messages import Go, Jog, Message, Observation, Pause, Search, StopNow
 from sattrack.mount import Hold, Motion, MountProfile, MoveAxes, SlewTo, StatusSample, Stop
 
 if TYPE_CHECKING:
@@ -54,6 +55,7 @@ class Phase(StrEnum):
     SLEWING = "slewing"
     ACQUIRING = "acquiring"
     TRACKING = "tracking"
+    PAUSED = "paused"
     STOPPING = "stopping"
 
 
@@ -135,6 +137,8 @@ class Tracker:
         self._undated = 0
         self._foretold: deque[tuple[float, Direction]] = deque(maxlen=FORETOLD_KEPT)
         """The target at the ends of the intervals that the last commands are for."""
+        self._moved_by_rates = False
+        """Whether the mount is in MoveAxis as a pause ends."""
         self._last_edge_utc_s: float | None = None
         edge = profile.move_axis == "edge"
         self._acting_s = profile.period_s * (EDGE_PERIODS if edge else 1.0)
@@ -146,6 +150,10 @@ class Tracker:
         """First instant at which the mount, being there, could have followed."""
         self.lost_utc_s: float | None = None
         """When the mount was last seen where nothing that is known leads."""
+        self.rest: Rest | None = None
+        """How the mount rests while the run is paused; None while it is not."""
+        self.rejoining = False
+        """Whether the mount is on its way back onto the target, after a pause."""
         self.error: SkyError | None = None
         self.rates = MoveAxes(0.0, 0.0)
 
@@ -196,6 +204,8 @@ class Tracker:
             if axes.lost:
                 self.lost_utc_s = utc_s
                 self._axes = Axes.begin(self._profile, self._history, seen, utc_s, self.plan.law.filter)
+        if self.rest is not None:
+            self.rest.see(sample)
         self._stand = Stand(sample.sidereal_h * 15.0, sample.ra_deg, sample.dec_deg, sample.beyond_pole)
         self.error = sky_error(utc_s, sample.ra_deg, sample.dec_deg, self._foreseen(utc_s))
         if believed:
@@ -204,29 +214,43 @@ class Tracker:
 
     def operate(self, message: Message, now_utc_s: float) -> None:
         """Obey the operator, and listen to whoever observes."""
-        if isinstance(message, StopNow):
-            self.end("operator")
-        else:
-            self.steering.obey(message, now_utc_s)
+        match message:
+            case StopNow():
+                self.end("operator")
+            case Pause():
+                self._pause(now_utc_s)
+            case Go():
+                self._go_on(now_utc_s)
+            case Jog():
+                self._jog(message, now_utc_s)
+            case Search() if self.rest is not None:
+                self.steering.tell("the run is paused: go on before a search", now_utc_s)
+            case _:
+                self.steering.obey(message, now_utc_s)
         if not isinstance(message, Observation):
             self._foretold.clear()
 
-    def step(self, now_utc_s: float, slew_done: bool) -> Motion:
+    def step(self, now_utc_s: float, slew_done: bool, stopped: bool = False) -> Motion:
         """Return the motion wanted from now on; call once a period, after the samples that came.
 
-        `slew_done` tells whether the slew last asked for has arrived.
+        `slew_done` tells whether the slew last asked for has arrived, `stopped` whether the stop of a pause
+        was seen through.
         """
-        if self.phase is Phase.STOPPING:
-            return Stop()
         if now_utc_s >= self.plan.end_utc_s:
             self.end("set")
+        if self.phase is Phase.STOPPING:
             return Stop()
         if self.steering.watch(now_utc_s):
             self._foretold.clear()
+        if self.rest is not None:
+            motion = self.rest.step(now_utc_s, stopped)
+            self.rates = motion if isinstance(motion, MoveAxes) else MoveAxes(0.0, 0.0)
+            return motion
         if self._axes is None:
             return Hold()
         if self.phase is Phase.WAITING and now_utc_s >= self.plan.start_utc_s - self.plan.approach_s:
-            self._approach(now_utc_s)
+            moving, self._moved_by_rates = self._moved_by_rates, False
+            self._approach(now_utc_s, moving)
         if self.phase is Phase.SLEWING:
             return self._slew(now_utc_s, slew_done, self._axes)
         left_behind = self.phase is Phase.ACQUIRING and self._is_left_behind(now_utc_s)
@@ -241,7 +265,42 @@ class Tracker:
         if self.ended_by is None:
             self.ended_by = why
         self.phase = Phase.STOPPING
+        self.rest = None
         self.rates = MoveAxes(0.0, 0.0)
+
+    def _pause(self, now_utc_s: float) -> None:
+        """Bring the mount to rest, whatever it does for the pass; a search ends where it is."""
+        if self.phase is Phase.STOPPING or self.rest is not None:
+            return
+        self.steering.keep_search(now_utc_s)
+        self.rest, self.phase = Rest(now_utc_s), Phase.PAUSED
+        self.rates = MoveAxes(0.0, 0.0)
+        if self.acquired_utc_s is None:
+            self.followable_utc_s = None
+
+    def _go_on(self, now_utc_s: float) -> None:
+        """Take the pass up again, by the way that leads onto the target from where the mount stands."""
+        if self.rest is None:
+            self.steering.tell("the run is not paused", now_utc_s)
+            return
+        self.steering.tell(None, now_utc_s)
+        self._moved_by_rates, self.rest = self.rest.moves, None
+        self.rejoining = self.acquired_utc_s is not None
+        self.phase = Phase.WAITING
+        if self._passage is not None:
+            # It may have been left on the other side of the pole, of which a new way knows nothing.
+            self._axes = None
+
+    def _jog(self, order: Jog, now_utc_s: float) -> None:
+        why = "the run is not paused: pause it first"
+        told = why if self.rest is None else self.rest.jog(order, self._profile, now_utc_s)
+        self.steering.tell(told, now_utc_s)
+
+    def end_jogs(self, words: str, now_utc_s: float) -> None:
+        """End what is jogged, and tell why."""
+        if self.rest is not None:
+            self.rest.end_jogs(words)
+            self.steering.tell(words, now_utc_s)
 
     def _approach(self, now_utc_s: float, moving: bool = False) -> None:
         """Choose the way to the target: a slew, or rates alone."""
@@ -374,6 +433,7 @@ class Tracker:
             self._near = self._near + 1 if error.total_arcsec <= self.plan.on_target_arcsec else 0
             if self._near >= ACQUIRED_AFTER_SAMPLES:
                 self.phase = Phase.TRACKING
+                self.rejoining = False
                 if self.acquired_utc_s is None:
                     self.acquired_utc_s = error.utc_s
         elif self.phase is Phase.TRACKING and error.total_arcsec > LOST_ARCSEC:

@@ -104,6 +104,15 @@ class RememberedView(msgspec.Struct, frozen=True):
     state: str = "in force"
 
 
+class PauseView(msgspec.Struct, frozen=True):
+    """A run that is paused: since when (UTC, POSIX seconds), and what its mount does."""
+
+    since_utc_s: float
+    at_rest: bool
+    """Whether the mount was seen at rest; false while it comes to rest, and while it is jogged."""
+    jogging: bool
+
+
 class TrackView(msgspec.Struct, frozen=True, tag="view"):
     """Everything about a run at one instant. Directions in degrees, true of date; UTC as POSIX seconds."""
 
@@ -148,6 +157,8 @@ class TrackView(msgspec.Struct, frozen=True, tag="view"):
     ra_rate_reached_deg_s: float | None = None
     """Rates that the drives report, as rates of the reported right ascension and declination."""
     dec_rate_reached_deg_s: float | None = None
+    pause: PauseView | None = None
+    """None where the run is not paused."""
 
 
 class SkyPoint(msgspec.Struct, frozen=True, array_like=True):
@@ -195,6 +206,8 @@ class PassView(msgspec.Struct, frozen=True, tag="pass"):
     across_arcsec: float | None
     fov_deg: float | None
     """Diameter of the camera's field of view."""
+    can_park: bool = False
+    """Whether the mount's profile has a park position."""
 
 
 class PeriodView(msgspec.Struct, frozen=True):
@@ -253,6 +266,10 @@ class Summary(msgspec.Struct, frozen=True):
     """What was kept for the next pass with the same elements, or why nothing was; null where nothing is."""
     held_s: dict[str, float] = {}
     """Seconds for which each limit held the mount off its target while it followed."""
+    paused_s: float = 0.0
+    """Seconds for which the operator had the run paused; they are in no other figure."""
+    rejoining_s: float = 0.0
+    """Seconds that it took to be on the target again after pauses; nor are they."""
     realtime_priority: bool | None = None
     """Whether the loop ran with real-time priority; null in virtual time."""
 

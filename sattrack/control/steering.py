@@ -76,7 +76,13 @@ class Steering:
                 self.estimator.forget()
                 self._estimated = self._following_estimate = False
                 orders.clear(self.biases, begins_s)
-        self._tell(told, now_utc_s)
+        self.tell(told, now_utc_s)
+
+    def keep_search(self, now_utc_s: float) -> None:
+        """End a search that runs, keeping where it is."""
+        begins_s = self._begins_s(now_utc_s)
+        if self.biases.pattern_at(begins_s) is not None:
+            orders.end_search(self.biases, True, begins_s)
 
     def watch(self, now_utc_s: float) -> bool:
         """Follow the estimate where there is a new one, end what has gone as far as it may; tell of either.
@@ -93,7 +99,7 @@ class Steering:
         if self.biases.moving:
             ended = orders.watch(self.biases, self._begins_s(now_utc_s))
         if ended is not None:
-            self._tell(ended, now_utc_s)
+            self.tell(ended, now_utc_s)
         return news or ended is not None
 
     def _drop_remembered(self, begins_s: float) -> str | None:
@@ -122,7 +128,7 @@ class Steering:
         if self.estimator.take(seen, now_utc_s, self.biases.course, Bias(along_s, cross_deg)):
             self._estimated = True
 
-    def _tell(self, words: str | None, now_utc_s: float) -> None:
+    def tell(self, words: str | None, now_utc_s: float) -> None:
         """Keep why something was not done, until something else has been done some seconds later."""
         if words is not None or now_utc_s - self._told_utc_s > TOLD_FOR_S:
             self.refusal, self._told_utc_s = words, now_utc_s

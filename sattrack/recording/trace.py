@@ -74,8 +74,9 @@ class _Columns:
             return
         if self.samples and self.samples[-1][0] == error.utc_s:
             return
-        following = engine.tracker.phase in FOLLOWING
-        counted = following and engine.tracker.acquired_utc_s is not None
+        tracker = engine.tracker
+        following = tracker.phase in FOLLOWING and not tracker.rejoining
+        counted = following and tracker.acquired_utc_s is not None
         self.samples.append(
             (
                 error.utc_s,

@@ -85,6 +85,8 @@ def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
         mount_stopped=engine.mount_stopped,
         message=engine.message or _never_followed(engine),
         held_s={name: round(seconds, 3) for name, seconds in engine.held_s.items()},
+        paused_s=round(engine.paused_s, 3),
+        rejoining_s=round(engine.rejoining_s, 3),
     )
 
 
@@ -94,7 +96,8 @@ def _seconds_between(first_s: float | None, second_s: float | None) -> float | N
 
 def _never_followed(engine: Engine) -> str | None:
     if engine.tracker.ended_by == "set" and engine.tracker.acquired_utc_s is None:
-        return "the pass ended before the mount was on the satellite"
+        paused = f" (it was paused for {engine.paused_s:.0f} s)" if engine.paused_s else ""
+        return f"the pass ended before the mount was on the satellite{paused}"
     return None
 
 

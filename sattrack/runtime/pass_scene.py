@@ -69,6 +69,7 @@ def pass_scene(facts: RunFacts, clock_error_s: float | None = None) -> PassView:
         along_arcsec=along,
         across_arcsec=across,
         fov_deg=facts.fov_deg,
+        can_park=facts.profile.park is not None,
     )
 
 

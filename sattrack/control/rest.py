@@ -1,0 +1,98 @@
+"""What the mount is to do while a pass is paused: come to rest, stand, and be jogged by hand. Pure."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sattrack.control.jogs import Jogs
+from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, Motion, MoveAxes, Stop
+from sattrack.requests import MoveAxis, objection
+
+if TYPE_CHECKING:
+    from sattrack.messages import Jog
+    from sattrack.mount import MountProfile, StatusSample
+
+LINGER_S = 0.25
+"""Flag-free datagrams after the rest was seen, before the mount is left to itself."""
+STANDING = MoveAxes(SIDEREAL_RATE_DEG_S, 0.0)
+"""The rates of the reported direction while the axes stand."""
+WITH_THE_SKY = MoveAxes(0.0, 0.0)
+
+
+class Rest:
+    """One pause, from the word to bring the mount to rest.
+
+    A jog adds to what the axes do at rest. Those of most mounts stand; one that takes to the sky by itself
+    is told to do just that, period by period, so that safety judges where it leads.
+    """
+
+    def __init__(self, begun_utc_s: float) -> None:
+        self.begun_utc_s = begun_utc_s
+        self.at_rest = False
+        """Whether the mount was seen at rest since it was last told to stop."""
+        self._came_to_rest = False
+        self._rest_since_utc_s: float | None = None
+        self._jogs = Jogs()
+        self._ended_for = ""
+        self._drives = WITH_THE_SKY
+        self._at_rest_rates = STANDING
+
+    @property
+    def jogging(self) -> bool:
+        """Whether an axis is being moved by hand."""
+        return bool(self._jogs)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the mount is moved by rates."""
+        return self.jogging or (self.at_rest and self._at_rest_rates is WITH_THE_SKY)
+
+    def see(self, sample: StatusSample) -> None:
+        """Take one status: how the drives turn."""
+        self._drives = MoveAxes(sample.ra_drive_deg_s, sample.dec_drive_deg_s)
+
+    def step(self, now_utc_s: float, stopped: bool) -> Motion:
+        """Return the motion wanted from now on; `stopped` where the stop asked for was seen through."""
+        if self._jogs.end_over(now_utc_s) and not self._jogs:
+            self._begin_anew()
+        if self._jogs:
+            ra, dec = self._jogs.rates_deg_s
+            rest = self._at_rest_rates
+            return MoveAxes(rest.ra_rate_deg_s + ra, rest.dec_rate_deg_s + dec)
+        if not self.at_rest:
+            self._watch_stop(now_utc_s, stopped)
+        if not self.at_rest:
+            return Stop()
+        return WITH_THE_SKY if self._at_rest_rates is WITH_THE_SKY else Hold()
+
+    def jog(self, order: Jog, profile: MountProfile, now_utc_s: float) -> str | None:
+        """Move an axis by one touch; return why not, in words."""
+        fresh = self._jogs.is_fresh(now_utc_s)
+        if not self._came_to_rest:
+            return "the mount is coming to rest: jog once it stands"
+        if self._jogs.blocked and not (fresh and self.at_rest):
+            return self._ended_for
+        why = objection(MoveAxis(order.ra_rate_deg_s, order.dec_rate_deg_s), profile)
+        if why is None:
+            self._jogs.move(order.ra_rate_deg_s, order.dec_rate_deg_s, now_utc_s)
+            self.at_rest = False
+        return why
+
+    def end_jogs(self, why: str) -> None:
+        """End what is jogged, and why, in words: the mount comes to rest, and a held key does nothing."""
+        self._ended_for = why
+        self._jogs.block()
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
+        self.at_rest, self._rest_since_utc_s = False, None
+
+    def _watch_stop(self, now_utc_s: float, stopped: bool) -> None:
+        if not stopped:
+            self._rest_since_utc_s = None
+        elif self._rest_since_utc_s is None:
+            self._rest_since_utc_s = now_utc_s
+        elif now_utc_s - self._rest_since_utc_s >= LINGER_S:
+            turns = abs(self._drives.ra_rate_deg_s) > 0.5 * SIDEREAL_RATE_DEG_S
+            self._at_rest_rates = WITH_THE_SKY if turns else STANDING
+            self.at_rest = self._came_to_rest = True

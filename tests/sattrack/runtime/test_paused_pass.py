@@ -1,0 +1,292 @@
+"""A pass that is paused: the simulated axes stand, are jogged, and join the satellite again."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import random
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import pytest
+from test_trouble import CULMINATION_S, Flown, fly
+
+from sattrack.messages import (
+    ClearBias,
+    Go,
+    Jog,
+    Message,
+    Nudge,
+    OffsetBy,
+    Pause,
+    Search,
+    StopNow,
+)
+from sattrack.mount import MountProfile
+from sattrack.recording.comparison import choose
+from sattrack.recording.environment import fingerprint, here
+from sattrack.recording.reading import Recording
+from sattrack.recording.replay import replay
+from sattrack.recording.trace import trace
+from sattrack.runtime.again import engine_of
+from sattrack.runtime.fly import fly_virtual
+from sattrack.runtime.prepare import RunRequest, prepare
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sattrack.xerxes.simulator.mount import Truth
+
+RESTS_WITHIN_S = 1.0
+"""From the word to axes that stand: two datagrams, the handshake, and braking from 1.3 °/s."""
+JOINS_WITHIN_S = 12.0
+"""From the word to the satellite: at 1.3 °/s it is some tens of degrees away, which takes a slew."""
+
+
+def between(flown: Flown, after_s: float, until_s: float) -> list[Truth]:
+    """Where the axes really were, between two instants after culmination."""
+    return [t for t in flown.run.truths if after_s <= t.utc_s - CULMINATION_S <= until_s]
+
+
+def phases(flown: Flown) -> list[str]:
+    told: list[str] = []
+    for view in flown.run.views:
+        if not told or told[-1] != view.phase:
+            told.append(view.phase)
+    return told
+
+
+def spread(flown: Flown, after_s: float, until_s: float) -> tuple[float, float]:
+    """By how much the axes' own angles changed between two instants, degrees."""
+    seen = between(flown, after_s, until_s)
+    has, decs = [t.hour_angle_axis_deg for t in seen], [t.dec_axis_deg for t in seen]
+    return max(has) - min(has), max(decs) - min(decs)
+
+
+@pytest.fixture(scope="module")
+def whole() -> Flown:
+    return fly()
+
+
+@pytest.fixture(scope="module")
+def paused() -> Flown:
+    return fly(messages=((-20.0, Pause()), (-5.0, Go())))
+
+
+def test_the_axes_stand_while_a_pass_is_paused(paused: Flown) -> None:
+    assert spread(paused, -20.0 + RESTS_WITHIN_S, -5.0) == pytest.approx((0.0, 0.0), abs=1e-5)
+    assert spread(paused, -22.0, -20.0)[0] > 1.0
+
+
+def test_they_come_to_rest_within_what_the_drives_can_do(paused: Flown) -> None:
+    braking = between(paused, -20.0, -20.0 + RESTS_WITHIN_S)
+    for before, after in itertools.pairwise(braking):
+        seconds = after.utc_s - before.utc_s
+        for now, was in (
+            (after.ra_rate_deg_s, before.ra_rate_deg_s),
+            (after.dec_rate_deg_s, before.dec_rate_deg_s),
+        ):
+            assert abs(now - was) <= 1.05 * MountProfile().ra.max_acceleration_deg_s2 * seconds
+
+
+def test_the_satellite_is_joined_again_where_it_is_then(paused: Flown) -> None:
+    assert paused.summary.ended_by == "set"
+    assert paused.error_arcsec(-5.0 + JOINS_WITHIN_S, 60.0) < 1.0
+    assert phases(paused) == [
+        *("waiting", "slewing", "acquiring", "tracking", "paused"),
+        *("slewing", "acquiring", "tracking", "stopping"),
+    ]
+
+
+def test_a_pause_is_named_and_spoils_no_figure(paused: Flown, whole: Flown) -> None:
+    assert paused.summary.paused_s == pytest.approx(15.0, abs=0.2)
+    assert 1.0 < paused.summary.rejoining_s < JOINS_WITHIN_S
+    assert paused.summary.held_s == {}
+    assert paused.summary.true_peak_arcsec is not None
+    assert paused.summary.true_peak_arcsec < 30.0
+    lost_s = whole.summary.on_target_s - paused.summary.on_target_s
+    assert lost_s == pytest.approx(paused.summary.paused_s + paused.summary.rejoining_s, abs=1.0)
+
+
+def test_views_tell_of_it(paused: Flown) -> None:
+    told = [view.pause for view in paused.run.views if view.phase == "paused"]
+    assert told[0] is not None
+    assert told[0].since_utc_s == pytest.approx(CULMINATION_S - 20.0, abs=0.1)
+    assert not told[0].at_rest
+    assert all(one is not None and one.at_rest for one in told[4:])
+    assert all(view.pause is None for view in paused.run.views if view.phase != "paused")
+
+
+def test_a_short_pause_costs_a_few_seconds() -> None:
+    lengths_s = {-60.0: 0.0, -45.0: 0.05, -30.0: 0.4, -15.0: 2.0}
+    messages = [(begin_s + after_s, order) for begin_s, length_s in lengths_s.items()
+                for after_s, order in ((0.0, Pause()), (length_s, Go()))]  # fmt: skip
+    flown = fly(messages=(*messages, (0.0, StopNow())))
+    for begin_s, length_s in lengths_s.items():
+        assert flown.error_arcsec(begin_s + length_s + 4.0, begin_s + 14.0) < 1.0
+
+
+def test_a_paused_pass_ends_as_ever() -> None:
+    flown = fly(messages=((0.0, Pause()),))
+    assert flown.summary.ended_by == "set"
+    assert flown.summary.mount_stopped is True
+    assert flown.exit_code == 0
+    assert flown.at_rest()
+
+
+def test_a_stop_ends_a_paused_run() -> None:
+    flown = fly(messages=((0.0, Pause()), (5.0, StopNow()), (5.1, Go()), (5.1, Jog(dec_rate_deg_s=1.0))))
+    assert flown.summary.ended_by == "operator"
+    assert flown.summary.mount_stopped is True
+    assert flown.run.truths[-1].utc_s - CULMINATION_S < 6.5
+    assert flown.at_rest()
+
+
+def test_before_the_pass_a_pause_holds_the_slew_back(whole: Flown) -> None:
+    begins_s = whole.run.views[0].start_utc_s - CULMINATION_S
+    flown = fly(messages=((begins_s - 64.0, Pause()), (begins_s + 5.0, Go()), (begins_s + 40.0, StopNow())))
+    assert spread(flown, begins_s - 62.0, begins_s + 5.0) == pytest.approx((0.0, 0.0), abs=1e-5)
+    assert flown.summary.acquired_after_s is not None
+    assert flown.summary.acquired_after_s < 3.0
+    assert flown.error_arcsec(begins_s + 25.0, begins_s + 40.0) < 1.0
+
+
+def test_a_slew_is_stopped_by_a_pause_and_made_afterwards(whole: Flown) -> None:
+    begins_s = whole.run.views[0].start_utc_s - CULMINATION_S
+    slewing = next(v.utc_s for v in whole.run.views if v.phase == "slewing") - CULMINATION_S
+    messages = ((slewing + 1.5, Pause()), (slewing + 12.0, Go()), (begins_s + 20.0, StopNow()))
+    flown = fly(messages=messages)
+    assert spread(flown, slewing + 0.5, slewing + 1.5)[0] > 1.0, "it was on its way"
+    assert spread(flown, slewing + 4.0, slewing + 12.0) == pytest.approx((0.0, 0.0), abs=1e-5)
+    assert flown.error_arcsec(begins_s + 5.0, begins_s + 20.0) < 1.0
+
+
+def test_a_search_ends_where_it_is() -> None:
+    searching: tuple[tuple[float, Message], ...] = (
+        (-40.0, Search("spiral", spacing_deg=0.1, speed_deg_s=0.05)),
+        (-20.0, Pause()),
+        (-15.0, Search("spiral", spacing_deg=0.1, speed_deg_s=0.05)),
+        (-5.0, Go()),
+        (25.0, StopNow()),
+    )
+    flown = fly(messages=searching)
+    at = {round(view.utc_s - CULMINATION_S): view for view in flown.run.views}
+    before, after = at[-21], at[-10]
+    assert before.search is not None
+    assert after.search is None
+    assert any("paused: go on before a search" in words for words in after.warnings)
+    assert after.bias_along_s == pytest.approx(before.bias_along_s, abs=0.3)
+    assert abs(after.bias_along_s) + abs(after.bias_cross_deg) > 0.03
+    assert at[20].bias_along_s == pytest.approx(after.bias_along_s, abs=1e-6)
+    assert flown.error_arcsec(10.0, 25.0) < 1.0
+
+
+def test_a_nudge_while_paused_moves_nothing_until_the_run_goes_on() -> None:
+    flown = fly(messages=((-20.0, Pause()), (-10.0, Nudge(along_s=1.0)), (-5.0, Go()), (20.0, StopNow())))
+    assert spread(flown, -19.0, -5.0) == pytest.approx((0.0, 0.0), abs=1e-5)
+    assert flown.summary.bias_along_s == 1.0
+    assert flown.error_arcsec(-5.0 + JOINS_WITHIN_S, 20.0) < 1.0
+
+
+def test_a_jog_moves_only_the_axis_asked_and_ends_by_itself() -> None:
+    """East is where the hour angle falls."""
+    jogs = {
+        -80.0: (Jog(dec_rate_deg_s=0.5), (0.0, 0.25)),
+        -75.0: (Jog(ra_rate_deg_s=0.5), (-0.25, 0.0)),
+        -70.0: (Jog(ra_rate_deg_s=-2.0), (1.0, 0.0)),
+    }
+    orders = ((at_s, order) for at_s, (order, _) in jogs.items())
+    flown = fly(messages=((-90.0, Pause()), *orders, (-64.0, StopNow())))
+    for at_s, (_, moved) in jogs.items():
+        before, after = between(flown, at_s - 1.0, at_s)[-1], between(flown, at_s + 3.0, at_s + 4.0)[-1]
+        went = (
+            after.hour_angle_axis_deg - before.hour_angle_axis_deg,
+            after.dec_axis_deg - before.dec_axis_deg,
+        )
+        assert went == pytest.approx(moved, rel=0.15, abs=1e-5)
+        assert spread(flown, at_s + 1.5, at_s + 5.0) == pytest.approx((0.0, 0.0), abs=1e-5)
+
+
+def test_a_held_key_jogs_on_and_the_motion_ends_soon_after_it() -> None:
+    touches = tuple((-10.0 + 0.04 * n, Jog(dec_rate_deg_s=0.5)) for n in range(50))
+    flown = fly(messages=((-20.0, Pause()), *touches, (0.0, StopNow())))
+    moving = [t.utc_s - CULMINATION_S for t in between(flown, -12.0, 0.0) if abs(t.dec_rate_deg_s) > 0.01]
+    assert moving[0] == pytest.approx(-10.0, abs=0.3)
+    assert moving[-1] == pytest.approx(-8.04 + 0.3, abs=0.4)
+    assert moving[-1] - moving[0] == pytest.approx(0.05 * (len(moving) - 1), abs=0.11), "without a gap"
+
+
+def test_a_jog_is_refused_where_the_run_is_not_paused_or_the_rate_is_none() -> None:
+    flown = fly(
+        messages=(
+            (-30.0, Jog(dec_rate_deg_s=0.5)),
+            (-20.0, Pause()),
+            (-19.95, Jog(dec_rate_deg_s=0.5)),
+            (-10.0, Jog(dec_rate_deg_s=50.0)),
+            (-9.0, Jog()),
+            (0.0, StopNow()),
+        )
+    )
+    told = {words for view in flown.run.views for words in view.warnings}
+    for words in ("pause it first", "jog once it stands", "rate in declination is 50", "no axis to move"):
+        assert any(words in one for one in told), words
+    assert spread(flown, -18.0, 0.0) == pytest.approx((0.0, 0.0), abs=1e-5)
+
+
+def test_a_jog_ends_at_a_limit_and_can_lead_away_from_it() -> None:
+    """The declination axis may go to 75°; a key held north from 36° on would lead past it."""
+    limited = msgspec.structs.replace(MountProfile(), dec_axis_limits_deg=(-60.0, 75.0))
+    north = tuple((-40.0 + 0.05 * n, Jog(dec_rate_deg_s=6.0)) for n in range(400))
+    south = tuple((-15.0 + 0.05 * n, Jog(dec_rate_deg_s=-2.0)) for n in range(40))
+    flown = fly(messages=((-60.0, Pause()), *north, *south, (0.0, StopNow())), profile=limited)
+    axes = [t.dec_axis_deg for t in flown.run.truths]
+    assert 60.0 < max(axes) <= 75.0
+    assert spread(flown, -58.0, 0.0)[0] < 1e-5
+    assert any("ended at the declination limit" in w for v in flown.run.views for w in v.warnings)
+    assert spread(flown, -30.0, -20.5)[1] < 0.05, "a key that is held on does not shake the axis"
+    assert between(flown, -12.0, -11.0)[-1].dec_axis_deg < max(axes) - 3.0
+    assert flown.summary.ended_by == "operator"
+
+
+ORDERS: tuple[Message, ...] = (
+    *(Pause(), Pause(), Go(), Go(), Jog(ra_rate_deg_s=2.0), Jog(dec_rate_deg_s=-6.0), Nudge(along_s=0.5)),
+    *(Nudge(cross_deg=-0.1), Search("spiral", spacing_deg=0.1, speed_deg_s=0.05), Search("stop")),
+    *(Search("cancel"), Search("sweep", reach_s=1.0, period_s=20.0), ClearBias()),
+    OffsetBy("dec_deg", "rate", 0.01),
+)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_orders_mashed_in_any_order_never_break_a_run_and_it_can_still_be_followed(seed: int) -> None:
+    draws = random.Random(seed)
+    mashed: list[tuple[float, Any]] = []
+    at_s = -120.0
+    while at_s < 0.0:
+        at_s += draws.choice((0.0, 0.02, 0.05, 0.3, 1.5, 4.0))
+        mashed.append((at_s, draws.choice(ORDERS)))
+    flown = fly(messages=(*mashed, (at_s + 0.1, Go()), (at_s + 0.1, ClearBias())))
+    assert flown.summary.ended_by == "set", flown.summary.message
+    assert flown.summary.mount_stopped is True
+    assert flown.at_rest()
+    assert flown.error_arcsec(at_s + 20.0, at_s + 40.0) < 5.0
+
+
+def test_a_recording_of_a_paused_pass_runs_again_to_the_same_bytes(tmp_path: Path) -> None:
+    request = RunRequest(
+        "25544", "sim", None, None, None, 70.0, virtual=True, record=tmp_path / "paused.mcap"
+    )
+    orders: tuple[tuple[float, Message], ...] = (
+        *((-10.0, Pause()), (-8.0, Jog(dec_rate_deg_s=0.5)), (-5.0, Go()), (10.0, Pause()), (11.0, Go())),
+        (25.0, StopNow()),
+    )
+    summary = fly_virtual(prepare(request), messages=tuple((CULMINATION_S + at, word) for at, word in orders))
+    assert summary.paused_s == pytest.approx(6.0, abs=0.2)
+    recording = Recording(tmp_path / "paused.mcap")
+    assert choose(recording.header, fingerprint(), here()).mode == "bytes"
+    result = replay(recording, engine_of)
+    assert result.divergence is None
+    assert result.differing == 0
+    run = trace(recording, engine_of)
+    assert math.sqrt(float((run.total[run.following] ** 2).mean())) == pytest.approx(
+        summary.reported_rms_arcsec or 0.0
+    ), "a report counts what the summary does"
