@@ -401,11 +401,12 @@ class Engine:
         warnings = []
         if self._link_state is LinkState.STALE:
             warnings.append("no fresh status from the mount: following by prediction")
-        if self.phase == HOLDING or (self.tracker.rest is not None and self.safety.holding is not None):
-            row = ROWS[self.safety.holding or ""]
-            warnings.append(
-                f"held at the {row.name} limit ({row.bound}): it goes on when the target comes back"
-            )
+        if self.safety.holding is not None and (self.phase == HOLDING or self.tracker.rest is not None):
+            row = ROWS[self.safety.holding]
+            then = "it goes on when the target comes back"
+            if self.tracker.rest is not None:
+                then = "the mount at rest follows the sky, and is kept from going on"
+            warnings.append(f"held at the {row.name} limit ({row.bound}): {then}")
         if self.safety.clamping and self.tracker.phase in FOLLOWING:
             warnings.append("the mount's rate limit is reached")
         if self.tracker.phase is Phase.STOPPING and not self.finished and not self.session.stopped:

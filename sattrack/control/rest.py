@@ -34,7 +34,7 @@ class Rest:
         self._rest_since_utc_s: float | None = None
         self._jogs = Jogs()
         self._ended_for = ""
-        self._drives = WITH_THE_SKY
+        self._turns = True
         self._at_rest_rates = STANDING
 
     @property
@@ -48,8 +48,13 @@ class Rest:
         return self.jogging or (self.at_rest and self._at_rest_rates is WITH_THE_SKY)
 
     def see(self, sample: StatusSample) -> None:
-        """Take one status: how the drives turn."""
-        self._drives = MoveAxes(sample.ra_drive_deg_s, sample.dec_drive_deg_s)
+        """Take one status: how the hour angle's drive turns.
+
+        Axes that stood and follow the sky, as after a slew out of the Sun's way, are brought to rest again.
+        """
+        self._turns = abs(sample.ra_drive_deg_s) > 0.5 * SIDEREAL_RATE_DEG_S
+        if self._turns and self.at_rest and self._at_rest_rates is STANDING and not sample.slewing:
+            self._begin_anew()
 
     def step(self, now_utc_s: float, stopped: bool) -> Motion:
         """Return the motion wanted from now on; `stopped` where the stop asked for was seen through."""
@@ -93,6 +98,5 @@ class Rest:
         elif self._rest_since_utc_s is None:
             self._rest_since_utc_s = now_utc_s
         elif now_utc_s - self._rest_since_utc_s >= LINGER_S:
-            turns = abs(self._drives.ra_rate_deg_s) > 0.5 * SIDEREAL_RATE_DEG_S
-            self._at_rest_rates = WITH_THE_SKY if turns else STANDING
+            self._at_rest_rates = WITH_THE_SKY if self._turns else STANDING
             self.at_rest = self._came_to_rest = True

@@ -7,9 +7,10 @@ import math
 import random
 from typing import TYPE_CHECKING, Any
 
+import erfa
 import msgspec
 import pytest
-from test_trouble import CULMINATION_S, Flown, fly
+from test_trouble import CULMINATION_S, Flown, TroubledRun, fly
 
 from sattrack.messages import (
     ClearBias,
@@ -22,19 +23,25 @@ from sattrack.messages import (
     Search,
     StopNow,
 )
-from sattrack.mount import MountProfile
+from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile
 from sattrack.recording.comparison import choose
 from sattrack.recording.environment import fingerprint, here
 from sattrack.recording.reading import Recording
+from sattrack.recording.recorder import NoRecording
 from sattrack.recording.replay import replay
 from sattrack.recording.trace import trace
 from sattrack.runtime.again import engine_of
+from sattrack.runtime.facts import build_engine
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.xerxes.simulator.drives import Mode
+from sattrack.xerxes.simulator.facts import StartPosition
+from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from sattrack.runtime.facts import RunFacts
     from sattrack.xerxes.simulator.mount import Truth
 
 RESTS_WITHIN_S = 1.0
@@ -246,6 +253,79 @@ def test_a_jog_ends_at_a_limit_and_can_lead_away_from_it() -> None:
     assert spread(flown, -30.0, -20.5)[1] < 0.05, "a key that is held on does not shake the axis"
     assert between(flown, -12.0, -11.0)[-1].dec_axis_deg < max(axes) - 3.0
     assert flown.summary.ended_by == "operator"
+
+
+class SkyBound(SimulatedMount):
+    """A mount that takes to the sky by itself whenever it was told to stop."""
+
+    def _rest(self) -> None:
+        SimulatedMount._rest(self)
+        self._ra.mode = Mode.TRACKING
+
+
+def fly_with(
+    mount_of: type[SimulatedMount], start: StartPosition, facts: RunFacts, *orders: Any
+) -> TroubledRun:
+    """Fly a pass that is paused from its beginning, with another mount or from elsewhere."""
+    site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg)
+    timed = ((facts.started_utc_s + 1.0, Pause()), *orders)
+    mount = mount_of(facts.profile, site, start)
+    run = TroubledRun(build_engine(facts), mount, facts.started_utc_s, NoRecording(), timed)
+    run.progress = run.views.append
+    run.run()
+    return run
+
+
+def facts_of_the_pass() -> RunFacts:
+    return prepare(RunRequest("25544", "sim", None, None, None, 30.0, virtual=True)).facts
+
+
+def test_a_mount_that_follows_the_sky_at_rest_is_held_at_a_limit_that_it_drifts_to() -> None:
+    """From hour angle 28.8° it drifts by 15° an hour; the axis ends at 29.5°."""
+    facts = facts_of_the_pass()
+    profile = msgspec.structs.replace(facts.profile, hour_angle_limit_deg=29.5)
+    run = fly_with(SkyBound, StartPosition(28.8, 20.0), msgspec.structs.replace(facts, profile=profile))
+    axis = [truth.hour_angle_axis_deg for truth in run.truths]
+    assert axis[0] + SIDEREAL_RATE_DEG_S * (run.truths[-1].utc_s - run.truths[0].utc_s) > 29.6, "it would"
+    assert 29.3 < max(axis) <= 29.41
+    assert any("held at the hour_angle limit" in words for view in run.views for words in view.warnings)
+    assert all(view.pause is not None and view.pause.at_rest for view in run.views[20:-6])
+    assert run.engine.tracker.ended_by == "set"
+
+
+def sun_place(utc_s: float, longitude_deg: float) -> tuple[float, float]:
+    """Hour angle and declination of the Sun, degrees, as from the Earth's centre: right to 0.003°."""
+    day = utc_s / 86400.0
+    x, y, z = -erfa.epv00(2440587.5, day)[0]["p"]
+    bias = erfa.pnm06a(2440587.5, day) @ (x, y, z)
+    ra = math.degrees(math.atan2(bias[1], bias[0]))
+    sidereal = math.degrees(erfa.gst06a(2440587.5, day, 2440587.5, day)) + longitude_deg
+    return math.remainder(sidereal - ra, 360.0), math.degrees(
+        math.atan2(bias[2], math.hypot(bias[0], bias[1]))
+    )
+
+
+def apart_deg(one: tuple[float, float], other: tuple[float, float]) -> float:
+    """The angle between two directions of hour angle and declination."""
+    return math.degrees(erfa.seps(*(math.radians(x) for x in (*one, *other))))
+
+
+def test_a_mount_that_stands_in_the_suns_way_is_led_out_of_it() -> None:
+    """The Sun goes 15° an hour westward; the axes stand 15.4° west of it, 15° is its cone."""
+    facts = facts_of_the_pass()
+    began_s = facts.started_utc_s
+    ha_deg, dec_deg = sun_place(began_s, facts.site.longitude_deg)
+    run = fly_with(SimulatedMount, StartPosition(ha_deg + 15.4, dec_deg), facts)
+    apart = []
+    for truth in run.truths:
+        sun = sun_place(truth.utc_s, facts.site.longitude_deg)
+        apart.append(apart_deg((truth.hour_angle_axis_deg, truth.dec_axis_deg), sun))
+    stayed_deg = SIDEREAL_RATE_DEG_S * (run.truths[-1].utc_s - began_s)
+    assert stayed_deg > 1.0
+    assert 14.9 < min(apart) < 15.05
+    assert apart[-1] > 15.05
+    stands = [t.hour_angle_axis_deg for t in run.truths if 100.0 < t.utc_s - began_s < 200.0]
+    assert max(stands) - min(stands) < 1e-5, "it rests again out there, and does not follow the sky"
 
 
 ORDERS: tuple[Message, ...] = (
