@@ -28,7 +28,8 @@ def command(context: CommandContext, pid: int | None, name: str | None, **option
     """Look at the run that goes on, or take part in it: the same screen as that of `track`.
 
     As many as like look on. SPACE stops the mount from any of them; c takes control, which one at a time
-    has, to move the target. Leaving does nothing to the run. With --json: what is seen, an object a line.
+    has, to move the target. Leaving does nothing to the run. After a schedule's pass, the screen goes on to
+    the next one. With --json: what is seen of one run, an object a line.
     """
     pid = chosen_run(pid)
     name = name or _terminal()
@@ -53,7 +54,10 @@ def chosen_run(pid: int | None) -> int:
         return pid
     found = feeders()
     if not found:
-        raise SattrackError("no run goes on to look at: `sattrack track` and `demo` begin one")
+        raise SattrackError(
+            "no run goes on to look at: `sattrack track` and `demo` begin one; "
+            "how a schedule stands between its passes: `sattrack run FILE --status`"
+        )
     if len(found) > 1:
         told = "; ".join(f"--run {one}: {_told(one)}" for one in found)
         raise BadInputError(f"{len(found)} runs go on, say which: {told}")

@@ -49,3 +49,13 @@ def feeders() -> list[int]:
     words = (line.rpartition(" ")[2] for line in table.splitlines())
     ends = {word.removeprefix(f"@{PREFIX}") for word in words if word.startswith(f"@{PREFIX}")}
     return sorted(int(end) for end in ends if end.isdecimal())
+
+
+def started_by(pid: int) -> int | None:
+    """Return the process that started another one, and is there yet; None where that is not to be known."""
+    try:
+        # The program's name, in brackets, may hold anything.
+        words = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2]
+    except OSError:
+        return None
+    return int(words.split()[1])

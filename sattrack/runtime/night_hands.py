@@ -336,7 +336,7 @@ class LiveHands:
         return [
             *kit.program,
             *("track", str(one.elements.catalog_number), "--headless", "--stream", "--control"),
-            *("--record", str(self.files.folder / recording)),
+            *("--record", str((self.files.folder / recording).absolute())),
             *("--elements", str(self.files.elements(one))),
             *("--from", iso[0], "--to", iso[1]),
             *("--min-alt", f"{terms.min_altitude_deg:g}"),

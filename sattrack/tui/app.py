@@ -130,6 +130,8 @@ class TrackApp(PageKeys, TargetKeys):
         self._ended = False
         self._beginning = False
         """Whether another run was told of, and no view of it has come."""
+        self._between = False
+        """Whether the next run of a schedule is waited for."""
         self._gone = False
         """Whether nothing more will come of whatever brings the views."""
         self._hand = Hand()
@@ -208,7 +210,8 @@ class TrackApp(PageKeys, TargetKeys):
         self._screens.take(news)
         self._summary = news.summary or self._summary
         self._gone = self._gone or news.ended
-        self._ended = self._ended or news.ended or news.summary is not None
+        self._between = news.between
+        self._ended = self._ended or news.ended or news.between or news.summary is not None
         self._draw()
         if self._gone and self._view is None:
             # It never began; why, is told on the plain terminal.
@@ -248,6 +251,7 @@ class TrackApp(PageKeys, TargetKeys):
             you=self._you,
             page=self._screens.page,
             beginning=self._beginning,
+            between=self._screens.between(now_s) if self._between else None,
             refused_s=None if self._refused_s is None else now_s - self._refused_s,
         )
 

@@ -16,6 +16,7 @@ from sattrack.runtime.gallery_words import name_for
 from sattrack.runtime.owner import ask_stop, owners
 from sattrack.session_messages import encode_said
 from sattrack.session_view import Farewell, SessionView, Welcome
+from sattrack.tui.schedule_runs import LOOK_EVERY_S, goes_on, next_run, stop_schedule
 from sattrack.tui.seen_run import SeenRun
 from sattrack.view import PassView, TrackView
 from tle.errors import TleError
@@ -38,14 +39,19 @@ _TOLD: msgspec.json.Decoder[_Told] = msgspec.json.Decoder(_Told)
 
 
 class AttachedRun(SeenRun):
-    """One run seen through its gallery; its end, or that of the connection, does nothing to the mount."""
+    """A run seen through its gallery; its end, or that of the connection, does nothing to the mount.
+
+    After a run of a schedule, the schedule's next one is waited for, and seen.
+    """
 
     def __init__(self, pid: int, name: str, scene: Callable[[RunFacts], PassView] | None = None) -> None:
         """Connect. Raises SattrackError where the run is not to be looked at; `scene` draws its sky."""
         super().__init__(LONGEST_UNREAD)
-        self._pid, self._scene = pid, scene
+        self._run, self._name, self._scene = pid, name, scene
+        self._recording: str | None = None
+        self._left = threading.Event()
         self._door, self._lines, self.welcome = welcomed(pid, name)
-        self._stopping = False
+        self._stopping = self._stop_said = False
         self._reader = threading.Thread(target=self._read, name="run's views", daemon=True)
         self._reader.start()
 
@@ -55,8 +61,15 @@ class AttachedRun(SeenRun):
         return self.welcome.you
 
     def send(self, message: Message | SessionMessage) -> bool:
-        """Hand a message over. A stop that is not obeyed soon goes by the mount's guardian as well."""
+        """Hand a message over. A stop that is not obeyed soon goes by the mount's guardian as well.
+
+        Between the runs of a schedule, a stop is for its runner.
+        """
         if isinstance(message, StopNow):
+            with self._changed:
+                self._stop_said = True
+                if self._between:
+                    return stop_schedule(self._recording)
             threading.Thread(target=self._see_stop_through, name="stop", daemon=True).start()
         try:
             self._door.send(encode_said(message), socket.MSG_DONTWAIT)
@@ -66,6 +79,7 @@ class AttachedRun(SeenRun):
 
     def close_input(self) -> None:
         """Look away."""
+        self._left.set()
         with contextlib.suppress(OSError):
             self._door.shutdown(socket.SHUT_RDWR)
 
@@ -91,14 +105,52 @@ class AttachedRun(SeenRun):
                 return
         with contextlib.suppress(SattrackError, OSError):
             for owner in owners():
-                if owner.pid == self._pid:
+                if owner.pid == self._run:
                     ask_stop(owner, lambda: None)
 
     def _read(self) -> None:
-        with contextlib.suppress(OSError, ValueError):
-            for line in self._lines:
-                self._take(line)
+        on = True
+        while on:
+            with contextlib.suppress(OSError, ValueError):
+                for line in self._lines:
+                    self._take(line)
+            on = self._go_on()
+        self._between = False
         self._see_end()
+
+    def _go_on(self) -> bool:
+        """Go on to the next run of the schedule that this one is of; False where none comes."""
+        if self._left.is_set() or not goes_on(self._recording):
+            return False
+        with self._changed:
+            self._between = True
+            if self._stop_said and (self.summary is None or self.summary.ended_by != "operator"):
+                # It came too late for the run that is over, and was not meant for that alone.
+                stop_schedule(self._recording)
+            self._changed.notify_all()
+        while (pid := next_run(self._recording, self._waits)) is not None:
+            try:
+                door, lines, welcome = welcomed(pid, self._name)
+            except SattrackError:
+                if not self._waits(LOOK_EVERY_S):
+                    return False
+                continue
+            self._join(pid, door, lines, welcome)
+            return not self._left.is_set()
+        return False
+
+    def _waits(self, seconds: float) -> bool:
+        return not self._left.wait(seconds)
+
+    def _join(self, pid: int, door: socket.socket, lines: BinaryIO, welcome: Welcome) -> None:
+        with self._changed:
+            self._lines.close()
+            self._door.close()
+            self._run, self._door, self._lines, self.welcome = pid, door, lines, welcome
+            self.summary, self._session, self._rewound = None, None, True
+            self._views.clear()
+            self._between = self._stopping = self._stop_said = False
+            self._changed.notify_all()
 
     def _take(self, line: bytes) -> None:
         try:
@@ -109,6 +161,7 @@ class AttachedRun(SeenRun):
             return
         if isinstance(told, TrackView):
             self._stopping = told.ended_by is not None
+            self._recording = told.recording
         if isinstance(told, TrackView | SessionView):
             self._see(told)
 

@@ -31,6 +31,10 @@ class News:
     """Who has control and who looks on, once that was told."""
     you: int = STARTER
     """The number by which that knows whoever looks here."""
+    run: int | None = None
+    """The process of the run, where it can become another one."""
+    between: bool = False
+    """Whether a run of a schedule is over, and the next one is waited for."""
 
 
 class Feed(Protocol):

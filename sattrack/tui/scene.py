@@ -78,6 +78,8 @@ class Scene:
     """The number of whoever looks here."""
     beginning: bool = False
     """Whether another run begins, of which there is no view yet."""
+    between: str | None = None
+    """What the schedule does to which the run belonged that is over; None where nothing comes after it."""
     page: str = LIVE
     """Which screen is shown."""
     refused_s: float | None = None
@@ -118,7 +120,7 @@ def headline(scene: Scene) -> Headline:
     """Return what is to be read first."""
     view = scene.view
     if scene.ended or scene.beginning:
-        return _ended(scene)
+        return _over(scene)
     if scene.news_age_s > NO_NEWS_AFTER_S:
         rest = f"from the feeder for {scene.news_age_s:.0f} s: figures below are old"
         return Headline("NO NEWS", rest, Tone.BAD)
@@ -141,9 +143,13 @@ def _tracking(view: TrackView) -> Headline:
     return Headline("TRACKING", "on the satellite: all is well", Tone.GOOD)
 
 
-def _ended(scene: Scene) -> Headline:
+def _over(scene: Scene) -> Headline:
     if scene.beginning:
         return Headline("STARTING", "what follows the next pass; figures below are of the last", Tone.CALM)
+    return _ended(scene) if scene.between is None else _between(scene, scene.between)
+
+
+def _ended(scene: Scene) -> Headline:
     summary, ended_by = scene.summary, scene.view.ended_by
     if scene.tape is not None:
         why = "it is cut off here" if ended_by is None else why_ended(ended_by)
@@ -158,6 +164,18 @@ def _ended(scene: Scene) -> Headline:
     rest = "the mount is at rest" if summary.mount_stopped else "the mount was never heard"
     tone = Tone.CALM if summary.ended_by in {"set", "operator"} and summary.mount_stopped else Tone.BAD
     return Headline("STOPPED" if summary.ended_by != "set" else "ENDED", f"{why}; {rest}; q leaves", tone)
+
+
+def _between(scene: Scene, doing: str) -> Headline:
+    if scene.stop_sent_s is not None:
+        return Headline(
+            "STOP SENT", "waiting for the schedule's runner to stop the mount and end", Tone.NOTICE
+        )
+    if scene.summary is None:
+        return Headline("RUN LOST", f"its guardian stops the mount; {doing}", Tone.NOTICE)
+    if scene.summary.mount_stopped is False:
+        return Headline("NOT STOPPED", f"no stop was confirmed; {doing}", Tone.BAD)
+    return Headline("ENDED", f"{why_ended(scene.summary.ended_by)}; {doing}", Tone.CALM)
 
 
 def why_ended(ended_by: str) -> str:

@@ -15,9 +15,12 @@ if TYPE_CHECKING:
 
     from sattrack.schedule_view import PassView, ScheduleView
 
-NAME_CELLS = 24
+NAME_CELLS, SHORT_NAME_CELLS = 24, 18
+ROOM_FOR_LONG_NAMES = 100
 HEAD_ROWS = 4
-TONES = {"done": Tone.GOOD, "in progress": Tone.CALM, "partly": Tone.NOTICE, "lost": Tone.BAD}
+FOLLOWING, WAITING, IN_PROGRESS = "following", "waiting", "in progress"
+TONES = {"done": Tone.GOOD, IN_PROGRESS: Tone.CALM, "partly": Tone.NOTICE, "lost": Tone.BAD}
+RESULTS = ("done", "partly", "lost")
 NO_SCHEDULE = "this run is of no schedule; `sattrack run FILE` runs one"
 
 
@@ -67,35 +70,80 @@ class SchedulePage(Redrawn):
 
     def _head(self, view: ScheduleView) -> list[Row]:
         state = (f" {view.state.upper()} ", PLATE[Tone.CALM if view.running else Tone.BAD])
-        doing = view.doing if view.running else "its runner has ended"
-        done = sum(one.state == "done" for one in view.passes)
-        second: Row = [
-            ("night ", DIM),
-            f"{view.night}",
-            ("   passes ", DIM),
-            f"{done} of {len(view.passes)} done",
-        ]
-        if view.next_in_s is not None:
-            second += [("   next in ", DIM), words.span(view.next_in_s)]
+        # What it does often begins with the very word.
+        doing = view.doing.removeprefix(view.state).strip() if view.running else "its runner has ended"
+        second: Row = [("night ", DIM), f"{view.night}", ("   passes ", DIM), *_count(view)]
+        left_s = next_in_s(view)
+        if left_s is not None:
+            second += [("   next in ", DIM), words.span(left_s)]
         second += [("   mount ", DIM), view.mount]
         if view.weather:
             second += [("   ", DIM), view.weather]
         note: Row = [(view.notes[-1], SPOKEN[Tone.NOTICE])] if view.notes else []
-        columns = f"  {'from':<9}{'highest':<9}{'to':<9}{'alt':>4}  {'satellite':<{NAME_CELLS}}  "
+        columns = f"  {'from':<9}{'highest':<9}{'to':<9}{'alt':>4}  {'satellite':<{self._name_cells}}  "
         return [[state, " ", (doing, "bold"), (f"   {view.schedule}", DIM)], second, note, [(columns, DIM)]]
 
+    @property
+    def _name_cells(self) -> int:
+        return NAME_CELLS if self.content_size.width >= ROOM_FOR_LONG_NAMES else SHORT_NAME_CELLS
+
     def _row(self, view: ScheduleView, one: PassView) -> Row:
-        name = one.name if len(one.name) <= NAME_CELLS else one.name[: NAME_CELLS - 1] + "…"
-        times = "".join(f"{_clock(utc):<9}" for utc in (one.start_utc, one.culminate_utc, one.end_utc))
+        name = words.fitted(one.name, self._name_cells)
+        times = "".join(
+            f"{words.iso_clock(utc):<9}" for utc in (one.start_utc, one.culminate_utc, one.end_utc)
+        )
         mark = "▶ " if one.number in {view.current, view.next_number} else "  "
-        row: Row = [(mark, "bold"), f"{times}{one.max_alt_deg:3.0f}°  {name:<{NAME_CELLS}}  "]
-        row.append((one.state, SPOKEN[TONES[one.state]] if one.state in TONES else DIM))
-        if one.rms_arcsec is not None:
-            row.append(f"  {words.arcsec(one.rms_arcsec)}")
-        if one.words:
-            row.append((f"  {one.words}", DIM))
-        return row
+        row: Row = [(mark, "bold"), f"{times}{one.max_alt_deg:3.0f}°  {name}  "]
+        return [*row, *_state(view, one)]
 
 
-def _clock(utc: str) -> str:
-    return words.clock(float(Utc.parse(utc).unix_s))
+def in_words(view: ScheduleView) -> str:
+    """Return what a runner does between two runs, and in how long the next pass begins."""
+    left_s = next_in_s(view)
+    if view.state == FOLLOWING:
+        # It was said while the run went on that is over.
+        coming = next((f"next {one.name}" for one in view.passes if one.state == WAITING), "")
+        doing = coming or "its schedule goes on"
+    else:
+        doing = view.doing
+    return doing if left_s is None else f"{doing}, in {words.span(left_s)}"
+
+
+def next_in_s(view: ScheduleView) -> float | None:
+    """Return in how many seconds the next pass begins; None where none is to come, or it has begun."""
+    coming = (one for one in view.passes if one.state == WAITING)
+    left_s = next((_utc_s(one.start_utc) - view.utc_s for one in coming), 0.0)
+    return left_s if view.running and left_s > 0.0 else None
+
+
+def _count(view: ScheduleView) -> Row:
+    """Return how many passes came to what."""
+    states = [one.state for one in view.passes]
+    row: Row = [f"{states.count('done')} of {len(states)} done"]
+    for state in ("partly", "lost"):
+        if state in states:
+            row.append((f", {states.count(state)} {state}", SPOKEN[TONES[state]]))
+    return row
+
+
+def _state(view: ScheduleView, one: PassView) -> Row:
+    """Return what became of a pass, or how long it is to it, or to its end."""
+    coming_s, left_s = _utc_s(one.start_utc) - view.utc_s, _utc_s(one.end_utc) - view.utc_s
+    if not view.running:
+        coming_s = left_s = 0.0
+    if one.number in {view.current, view.next_number} and coming_s > 0.0:
+        return [("in ", DIM), (words.span(coming_s), "bold")]
+    row: Row = [(one.state, SPOKEN[TONES[one.state]] if one.state in TONES else DIM)]
+    if one.state == IN_PROGRESS and left_s > 0.0:
+        row.append((f" {words.span(left_s)}", "bold"))
+    if one.state in RESULTS and one.on_target_s:
+        row.append(f" {one.on_target_s:.0f} s")
+    if one.rms_arcsec is not None:
+        row.append(f"  {words.arcsec(one.rms_arcsec)}")
+    if one.words or one.cause:
+        row.append((f"  {one.words or one.cause}", DIM))
+    return row
+
+
+def _utc_s(utc: str) -> float:
+    return float(Utc.parse(utc).unix_s)

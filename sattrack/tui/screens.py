@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -12,12 +11,14 @@ from sattrack.tui.log import LogBook
 from sattrack.tui.log_page import LogPage
 from sattrack.tui.mount_page import MountPage
 from sattrack.tui.pages import LIVE, LOG, MOUNT, PAGE_CLASSES, SCHEDULE, TONIGHT
-from sattrack.tui.schedule_page import SchedulePage
+from sattrack.tui.schedule_page import SchedulePage, in_words
+from sattrack.tui.schedule_runs import folder_of, schedule_in
 from sattrack.tui.tonight import Night
 from sattrack.tui.tonight_page import TonightPage
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from textual.dom import DOMNode
 
@@ -36,13 +37,6 @@ LOOK_AWAY_S = 30.0
 NO_ASIDE = "this screen was started without them"
 
 
-def schedule_in(folder: Path) -> ScheduleView | None:
-    """Return what the runner of a schedule says in its folder; raises SattrackError, as `read_status`."""
-    from sattrack.runtime.night_files import read_status
-
-    return read_status(folder)
-
-
 class Screens:
     """Tonight, mount, schedule and log. `aside` None: there is nothing but the log."""
 
@@ -59,11 +53,17 @@ class Screens:
         self._ended = False
         self._schedule: tuple[ScheduleView | None, str] = (None, "")
         self._read_s: float | None = None
+        self._told_s = 0.0
+        self._recording: str | None = None
 
     def take(self, news: News) -> None:
         """Take in what has come of a run."""
         for view in news.views:
             self.book.take(view)
+            self._recording = view.recording
+        if news.run is not None and self._aside is not None and news.run != self._aside.pid:
+            self._aside.pid = news.run
+            self._aside.look.close()
         if news.session is not None:
             self.book.hear(news.session)
         if news.rewound:
@@ -89,7 +89,8 @@ class Screens:
         elif self.page == MOUNT:
             main.query_one(MountPage).draw(self._console, now_s - self._heard_s, self._mount_note(scene))
         elif self.page == SCHEDULE:
-            main.query_one(SchedulePage).draw(*self._schedule_of(scene, now_s))
+            view, trouble = self._schedule_of(now_s)
+            main.query_one(SchedulePage).draw(self._as_of(view, scene, now_s), trouble)
         elif self.page == LOG:
             main.query_one(LogPage).draw(self.book)
 
@@ -153,19 +154,40 @@ class Screens:
             return "looking for passes …"
         return search.trouble
 
-    def _schedule_of(self, scene: Scene, now_s: float) -> tuple[ScheduleView | None, str]:
+    def between(self, now_s: float) -> str:
+        """Return what the schedule does of which a run is over, in words."""
+        view, _ = self._schedule_of(now_s)
+        if view is None:
+            return "its schedule goes on"
+        return in_words(self._gone_by(view, now_s))
+
+    def _schedule_of(self, now_s: float) -> tuple[ScheduleView | None, str]:
         """Return what stands in the folder of the schedule that a run belongs to, and what is wrong with it.
 
         A run's recording lies in its schedule's folder.
         """
         due = self._read_s is None or now_s - self._read_s >= READ_AGAIN_S
-        if due and scene.view.recording is not None:
+        if due and self._recording is not None:
             self._read_s = now_s
+            before = self._schedule[0]
             try:
-                self._schedule = self._read(Path(scene.view.recording).parent.parent), ""
+                self._schedule = self._read(folder_of(self._recording)), ""
             except SattrackError as error:
                 self._schedule = None, str(error)
+            if self._schedule[0] != before:
+                self._told_s = now_s
         return self._schedule
+
+    def _as_of(self, view: ScheduleView | None, scene: Scene, now_s: float) -> ScheduleView | None:
+        """Return a schedule's view as of now: by a run's clock while one goes on, else by what went by."""
+        if view is None or not view.running:
+            return view
+        if scene.ended or scene.beginning:
+            return self._gone_by(view, now_s)
+        return msgspec.structs.replace(view, utc_s=scene.view.utc_s)
+
+    def _gone_by(self, view: ScheduleView, now_s: float) -> ScheduleView:
+        return msgspec.structs.replace(view, utc_s=view.utc_s + now_s - self._told_s)
 
     def _look_at_mount(self, scene: Scene, now_s: float) -> None:
         if self._aside is None:

@@ -29,6 +29,8 @@ class SeenRun:
         self._sky: PassView | None = None
         self._session: SessionView | None = None
         self._rewound = False
+        self._run: int | None = None
+        self._between = False
         self._ended = False
         self._changed = threading.Condition()
         self.summary: Summary | None = None
@@ -52,7 +54,17 @@ class SeenRun:
             views = tuple(self._views)
             self._views.clear()
             rewound, self._rewound = self._rewound, False
-            return News(views, self._ended, self.summary, self._sky, rewound, self._session, self.you)
+            return News(
+                views,
+                self._ended,
+                self.summary,
+                self._sky,
+                rewound,
+                self._session,
+                self.you,
+                self._run,
+                self._between,
+            )
 
     def _see(self, told: TrackView | SessionView) -> None:
         with self._changed:

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from rich.cells import cell_len
 from textual.content import Content
 
 from sattrack.tui import words
 from sattrack.tui.look import DIM, PLATE, SPOKEN
 from sattrack.tui.panels import Redrawn, Row, rows_content
 from sattrack.tui.scene import Tone
-from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -99,10 +97,10 @@ class TonightPage(Redrawn):
 
     def _row(self, row: PassRow, pointed: bool) -> Row:
         style = "reverse" if pointed else ""
-        name = row.name if cell_len(row.name) <= NAME_CELLS else row.name[: NAME_CELLS - 1] + "…"
+        name = words.fitted(row.name, NAME_CELLS)
         times = (row.rise_utc, row.culminate_utc, row.set_utc)
-        text = "".join(f"{_clock(time):<9}" for time in times)
-        text += f"{row.max_alt_deg:3.0f}°  {name:<{NAME_CELLS}}"
+        text = "".join(f"{words.iso_clock(time):<9}" for time in times)
+        text += f"{row.max_alt_deg:3.0f}°  {name}"
         return [("▶ " if pointed else "  ", "bold"), (text, style), "  ", *self._verdict(row)]
 
     def _verdict(self, row: PassRow) -> Row:
@@ -129,13 +127,9 @@ def _about(row: PassRow | None) -> list[Row]:
         way += [("from ", DIM), words.azimuth(row.rise_az_deg), (" to ", DIM), words.azimuth(row.set_az_deg)]
     lit = "in shadow throughout"
     if row.sunlit_from_utc is not None:
-        lit = f"sunlit {_clock(row.sunlit_from_utc)} to {_clock(row.sunlit_to_utc)}"
+        lit = f"sunlit {words.iso_clock(row.sunlit_from_utc)} to {words.iso_clock(row.sunlit_to_utc)}"
     way.append((f"  {lit}", DIM))
     verdict: Row = [("the mount can follow it", DIM)] if row.feasible else []
     if row.why_not:
         verdict = [("no-go: ", SPOKEN[Tone.BAD]), row.why_not]
     return [way, verdict]
-
-
-def _clock(utc: str | None) -> str:
-    return words.NOTHING if utc is None else words.clock(float(Utc.parse(utc).unix_s))

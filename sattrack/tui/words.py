@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+from rich.cells import cell_len, set_cell_size
+
 from tle.instants import Utc
 
 MINUS = "\N{MINUS SIGN}"
@@ -109,3 +111,13 @@ def gauge(share: float, cells: int, mark: float | None = None) -> str:
         return bar
     at = min(cells - 1, max(0, round(abs(mark) * cells)))
     return f"{bar[:at]}┃{bar[at + 1 :]}"
+
+
+def iso_clock(utc: str | None) -> str:
+    """Return the time of day of an instant in ISO 8601; a dash for none."""
+    return NOTHING if utc is None else clock(float(Utc.parse(utc).unix_s))
+
+
+def fitted(text: str, cells: int) -> str:
+    """Return a text that takes just so many cells: filled up with spaces, or cut, which is shown."""
+    return set_cell_size(text, cells) if cell_len(text) <= cells else set_cell_size(text, cells - 1) + "…"

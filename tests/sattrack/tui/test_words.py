@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import pytest
+from rich.cells import cell_len
 
 from sattrack.tui import words
 
@@ -96,3 +97,12 @@ def test_gauge(share: float, bar: str) -> None:
 )
 def test_a_gauge_with_a_stroke_where_it_is_to_be(share: float, mark: float, bar: str) -> None:
     assert words.gauge(share, 4, mark) == bar
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [("ISS", "ISS   "), ("SAT 01", "SAT 01"), ("SAT 101", "SAT 1…"), ("天宫一号", "天宫 …")],
+)
+def test_a_text_takes_just_the_cells_that_it_is_given(text: str, shown: str) -> None:
+    assert words.fitted(text, 6) == shown
+    assert cell_len(shown) == 6
