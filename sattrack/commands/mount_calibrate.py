@@ -16,6 +16,7 @@ import msgspec
 
 from sattrack import __version__, practice
 from sattrack.commands.common import CommandContext, common_options
+from sattrack.commands.mount_option import mount_option
 from sattrack.errors import BadInputError, InterruptedRunError, SattrackError
 
 if TYPE_CHECKING:
@@ -29,12 +30,11 @@ if TYPE_CHECKING:
     from tle.site import Site
 
 LARGEST_UNCERTAINTY_S = 1.0
-MOUNT_HELP = "sim, xerxes://HOST:PORT?listen=PORT, or alpaca://HOST:PORT/DEVICE."
 FILE = click.Path(path_type=Path)
 
 
 @click.command("calibrate")
-@click.option("--mount", "mount_url", metavar="URL", help=MOUNT_HELP)
+@mount_option
 @click.option("--out", type=FILE, metavar="FILE", help="The mount profile to write.")
 @click.option(
     "--update", type=FILE, metavar="FILE", help="A profile to put the findings into; its other values stay."

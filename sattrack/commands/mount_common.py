@@ -14,6 +14,7 @@ import msgspec
 
 from sattrack import practice
 from sattrack.commands.common import CommandContext, common_options, profile_option
+from sattrack.commands.mount_option import mount_option
 from sattrack.console_view import ConsoleView, ReadingsView, StatusView
 from sattrack.console_words import where_words
 from sattrack.errors import (
@@ -28,7 +29,7 @@ from sattrack.manual.errand import DONE, Errand
 from sattrack.manual.report import view_of
 from sattrack.requests import objection
 from sattrack.runtime.console import Connection, attend, connected
-from sattrack.runtime.mounts import FORMS, mount_address
+from sattrack.runtime.mounts import mount_address
 from sattrack.view import LinkView
 
 if TYPE_CHECKING:
@@ -86,10 +87,10 @@ class MountCall:
 
 def mount_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of every verb; the function's first argument becomes a CommandContext."""
-    options = (
+    options: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
         common_options,
         profile_option,
-        click.option("--mount", "mount_url", metavar="URL", help=f"sim, {FORMS}."),
+        mount_option,
         click.option(
             "--timeout", type=float, metavar="S", help="Give up, and stop the mount, after so long."
         ),

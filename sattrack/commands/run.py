@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sattrack.commands.common import CommandContext, common_options, profile_option, tell
+from sattrack.commands.mount_option import mount_option
 from sattrack.errors import BadInputError
 from tle.errors import EarthOrientationWarning
 from tle.instants import Utc
@@ -26,9 +27,7 @@ DEFAULT_HOURS, MOST_DAYS = 24.0, 31.0
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--dry-run", is_flag=True, help="Make the plan and show it; nothing is moved.")
 @click.option("--status", is_flag=True, help="Show how the run of this schedule stands.")
-@click.option(
-    "--mount", "mount_url", metavar="URL", help="sim, or xerxes://HOST:PORT?listen=PORT; else as set."
-)
+@mount_option
 @click.option(
     "--folder",
     type=click.Path(path_type=Path, file_okay=False),

@@ -13,6 +13,7 @@ from sattrack.commands.common import tell
 from sattrack.commands.run_plan import loader, progress, said_utc_s, situation_of
 from sattrack.commands.run_told import Told
 from sattrack.errors import BadInputError, InterruptedRunError
+from sattrack.requests import Park
 from sattrack.runtime.mounts import is_antenna, mount_address
 from sattrack.runtime.night_commands import Errands, Notifier
 from sattrack.runtime.night_drive import drive
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
     from sattrack.commands.common import CommandContext
     from sattrack.profiles import ProfileFile
+    from sattrack.runtime.mounts import MountAddress
     from sattrack.runtime.night_drive import Hands
     from sattrack.schedule.candidates import Loaded
     from sattrack.schedule.file import Schedule
@@ -117,7 +119,7 @@ def run_schedule(context: CommandContext, file: Path, options: dict[str, Any]) -
     schedule = load_schedule(file)
     mount_url = _mount_url(context, options)
     profile = within_half_a_turn(context.profile(options["profile"], mount_url))
-    ways = _ways(context, schedule, profile, options)
+    ways = _ways(context, schedule, profile, mount_address(mount_url), options)
     # What is wrong with the schedule or its elements is told now, and not in the evening.
     situation_of(context, schedule, profile, (ways.from_utc_s, ways.from_utc_s + 1.0), ways.from_utc_s)
     load = loader(context, schedule)
@@ -188,7 +190,13 @@ def _virtual_hands(
     )
 
 
-def _ways(context: CommandContext, schedule: Schedule, profile: ProfileFile, options: dict[str, Any]) -> Ways:
+def _ways(
+    context: CommandContext,
+    schedule: Schedule,
+    profile: ProfileFile,
+    address: MountAddress | None,
+    options: dict[str, Any],
+) -> Ways:
     virtual = options["virtual"]
     begin = said_utc_s(options["start"], schedule.from_utc_s)
     if begin is None:
@@ -207,8 +215,9 @@ def _ways(context: CommandContext, schedule: Schedule, profile: ProfileFile, opt
             f"the run would end at {Utc(end).isoformat('seconds')}, which is over: give another --to"
         )
     park = schedule.park_at_end
-    if park and profile.mount.park is None:
-        tell("the profile has no park position: the mount will be left where the last pass ends")
+    why_not = _why_never_parked(profile, address)
+    if park and why_not is not None:
+        tell(f"{why_not}: the mount will be left where the last pass ends")
         park = False
     return Ways(
         from_utc_s=round(begin, 3),
@@ -217,6 +226,12 @@ def _ways(context: CommandContext, schedule: Schedule, profile: ProfileFile, opt
         park=park,
         weather_every_s=30.0 if schedule.weather is None else schedule.weather.every_s,
     )
+
+
+def _why_never_parked(profile: ProfileFile, address: MountAddress | None) -> str | None:
+    if profile.mount.park is None:
+        return "the profile has no park position"
+    return None if address is None else address.not_carried(Park())
 
 
 def _finish(run: Run, end: End, told: Told) -> int:

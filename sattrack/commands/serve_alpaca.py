@@ -14,6 +14,7 @@ from sattrack.antenna.log_lines import spoken
 from sattrack.clock import SimulatedClock
 from sattrack.commands.common import CommandContext, common_options, profile_option
 from sattrack.commands.json_lines import JsonLines
+from sattrack.commands.mount_option import mount_option
 from sattrack.commands.serve_log import Log
 from sattrack.commands.serving import (
     caller_limits,
@@ -44,7 +45,7 @@ BACKLOG = 256
 
 
 @click.command("alpaca")
-@click.option("--mount", "mount_url", metavar="URL", help="sim, or xerxes://HOST:PORT?listen=PORT.")
+@mount_option
 @profile_option
 @caller_options(11111, idle_s=300.0, requests_per_s=2000.0)
 @click.option(

@@ -20,6 +20,7 @@ from sattrack.antenna.station import DEC_LIMIT_DEG, Station, axis_range
 from sattrack.antenna.trajectory import to_ns
 from sattrack.commands.common import CommandContext, common_options, profile_option
 from sattrack.commands.json_lines import JsonLines
+from sattrack.commands.mount_option import mount_option
 from sattrack.commands.screened import tui_possible
 from sattrack.commands.serve_log import Log
 from sattrack.commands.serving import check_port, end_of_service, what_is_served
@@ -45,7 +46,7 @@ MOST_FOCUS_AXES = 3
 
 
 @click.command("antenna")
-@click.option("--mount", "mount_url", metavar="URL", help="sim, or xerxes://HOST:PORT?listen=PORT.")
+@mount_option
 @profile_option
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
 @click.option("--port", default=DEFAULT_PORT, show_default=True, help="TCP port; 0 takes a free one.")

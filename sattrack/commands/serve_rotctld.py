@@ -12,6 +12,7 @@ from sattrack.antenna.log_lines import spoken
 from sattrack.antenna.sky import Sky
 from sattrack.commands.common import CommandContext, common_options, profile_option
 from sattrack.commands.json_lines import JsonLines
+from sattrack.commands.mount_option import mount_option
 from sattrack.commands.serve_log import Log
 from sattrack.commands.serving import (
     caller_limits,
@@ -32,7 +33,7 @@ BACKLOG = 128
 
 
 @click.command("rotctld")
-@click.option("--mount", "mount_url", metavar="URL", help="sim, or xerxes://HOST:PORT?listen=PORT.")
+@mount_option
 @profile_option
 @caller_options(4533, idle_s=3600.0, requests_per_s=1000.0)
 @click.option(
