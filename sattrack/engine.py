@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import msgspec
+
 from sattrack.bias_view import (
     bias_fields,
     estimate_view,
@@ -330,7 +332,7 @@ class Engine:
             range_km=float(target.range_km),
             mount_ra_deg=None if sample is None else sample.ra_deg,
             mount_dec_deg=None if sample is None else sample.dec_deg,
-            error=None if error is None else ErrorView(*error),
+            error=None if error is None else ErrorView(*msgspec.structs.astuple(error)),
             rms_10s_arcsec=self._recent.rms_arcsec,
             rms_pass_arcsec=self.reported.rms_arcsec,
             ra_rate_deg_s=tracker.rates.ra_rate_deg_s,

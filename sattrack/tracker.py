@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from enum import StrEnum
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import msgspec
 
@@ -78,7 +78,7 @@ class TrackPlan(msgspec.Struct, frozen=True):
     """With which constants the error is taken out."""
 
 
-class SkyError(NamedTuple):
+class SkyError(msgspec.Struct, frozen=True, gc=False):
     """Mount minus target on the sky, arcseconds: total, per axis, and along and across the motion.
 
     Along is positive where the mount leads; across is positive to the left of the motion, seen from below.
@@ -92,7 +92,7 @@ class SkyError(NamedTuple):
     across_arcsec: float
 
 
-class Target(NamedTuple):
+class Target(msgspec.Struct, frozen=True, gc=False):
     """Where the satellite is fed, degrees, and how fast that changes, degrees a second."""
 
     ra_deg: float
@@ -353,13 +353,14 @@ class Tracker:
         moved_ra, moved_dec = axes.moved_by(acts)
         ahead_s = acts - axes.sample_utc_s
         ra_gain, dec_gain = 1.0 + axes.ra.gain_error, 1.0 + axes.dec.gain_error
-        ra = axes.ra.position_deg + moved_ra * ra_gain + axes.ra.disturbance_deg_s * ahead_s
-        dec = axes.dec.position_deg + moved_dec * dec_gain + axes.dec.disturbance_deg_s * ahead_s
+        ra_own, dec_own = axes.ra.disturbance_deg_s, axes.dec.disturbance_deg_s
+        ra = axes.ra.position_deg + moved_ra * ra_gain + ra_own * ahead_s
+        dec = axes.dec.position_deg + moved_dec * dec_gain + dec_own * ahead_s
         self.rates = MoveAxes(
             rate_deg_s(
                 wrap180(float(end.ra_deg - begin.ra_deg)),
                 interval,
-                axes.ra.disturbance_deg_s,
+                ra_own,
                 wrap180(ra - float(begin.ra_deg)),
                 self._profile.ra.max_acceleration_deg_s2,
                 share * self._profile.ra.max_rate_deg_s,
@@ -369,7 +370,7 @@ class Tracker:
             rate_deg_s(
                 float(end.dec_deg - begin.dec_deg),
                 interval,
-                axes.dec.disturbance_deg_s,
+                dec_own,
                 dec - float(begin.dec_deg),
                 self._profile.dec.max_acceleration_deg_s2,
                 share * self._profile.dec.max_rate_deg_s,

@@ -147,13 +147,11 @@ class Axes:
     def _surprise(self, sample: StatusSample, utc_s: float, moved: tuple[float, float]) -> float:
         """Return the square of what a displacement leaves unexplained, in sigmas, over both axes."""
         seconds = utc_s - self.sample_utc_s
-        reported = (sample.ra_deg, sample.dec_deg)
-        jolts = self._jolts(moved, seconds)
-        total = 0.0
-        for axis, seen, distance, jolt in zip((self.ra, self.dec), reported, moved, jolts, strict=True):
-            left = wrap180(seen - axis.foretold_deg(seconds, distance))
-            total += (left / axis.expected_sigma_deg(jolt)) ** 2
-        return total
+        ra_jolt, dec_jolt = self._jolts(moved, seconds)
+        ra_left = wrap180(sample.ra_deg - self.ra.foretold_deg(seconds, moved[0]))
+        dec_left = wrap180(sample.dec_deg - self.dec.foretold_deg(seconds, moved[1]))
+        ra_sigma, dec_sigma = self.ra.expected_sigma_deg(ra_jolt), self.dec.expected_sigma_deg(dec_jolt)
+        return (ra_left / ra_sigma) ** 2 + (dec_left / dec_sigma) ** 2
 
     def _jolts(self, moved: tuple[float, float], seconds: float) -> tuple[float, float]:
         """Return by how much the commanded rates have changed since the interval before."""

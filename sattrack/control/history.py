@@ -9,7 +9,9 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
+
+import msgspec
 
 if TYPE_CHECKING:
     from sattrack.control.mount_loop import MountLoop
@@ -17,7 +19,7 @@ if TYPE_CHECKING:
 KEPT = 400
 
 
-class SentRates(NamedTuple):
+class SentRates(msgspec.Struct, frozen=True, gc=False):
     """Rates of the reported right ascension and declination, sent at an instant."""
 
     sent_utc_s: float
@@ -25,7 +27,7 @@ class SentRates(NamedTuple):
     dec_rate_deg_s: float
 
 
-class Motion(NamedTuple):
+class Motion(msgspec.Struct, frozen=True, gc=False):
     """How far both axes were moved, degrees, and their rates at the end, degrees per second."""
 
     moved: tuple[float, float]
@@ -118,10 +120,10 @@ class CommandHistory:
             # A rest shorter than half a period is the loop's jitter, not another turn of it.
             if to_utc_s - until < half_s:
                 until = to_utc_s
-            _, ra_wanted, dec_wanted = self.acting(at)
-            moved, ra_rate = _ramp(ra_rate, ra_wanted, until - at, ra_most)
+            acting = self.acting(at)
+            moved, ra_rate = _ramp(ra_rate, acting.ra_rate_deg_s, until - at, ra_most)
             ra_moved += moved
-            moved, dec_rate = _ramp(dec_rate, dec_wanted, until - at, dec_most)
+            moved, dec_rate = _ramp(dec_rate, acting.dec_rate_deg_s, until - at, dec_most)
             dec_moved += moved
             at = until
         return Motion((ra_moved, dec_moved), (ra_rate or 0.0, dec_rate or 0.0))

@@ -37,6 +37,7 @@ class Noise:
 
 
 SURPRISE_SIGMAS = 4.0
+SURPRISING = SURPRISE_SIGMAS**2
 MOST_RATE_DEG_S, MOST_GAIN = 0.1, 0.25
 """No disturbance is larger, and no gain further off: what seems so is a filter that is led astray."""
 SMALLEST_NOISE_SHARE, LARGEST_NOISE_SHARE = 0.02, 400.0
@@ -124,7 +125,11 @@ class AxisFilter:
     """One axis, in unwrapped degrees."""
 
     def __init__(self, position_deg: float, noise: Noise | None = None) -> None:
-        self._noise = noise or Noise()
+        self._noise = noise = noise or Noise()
+        self._rate_walk = noise.rate_walk_deg_s_sqrt_s**2
+        self._walk = noise.walk_deg_sqrt_s**2
+        self._gain_walk = noise.gain_walk_sqrt_s**2
+        self._reading = noise.position_deg**2
         variances = (1e-4, self._noise.first_rate_deg_s**2, self._noise.first_gain**2)
         self._kalman = LeanKalmanFilter(position_deg, variances)
         self.innovation_sigmas = 0.0
@@ -174,14 +179,13 @@ class AxisFilter:
         Where that is not what commands made but what was seen, it says nothing of the gain. `jolt_deg_s` is
         by how much the commanded rate has changed: the servo takes its time to follow.
         """
-        noise = self._noise
         self._seconds = seconds
         # White noise in rate and in its derivative, integrated over the interval.
-        rate_variance = noise.rate_walk_deg_s_sqrt_s**2 * seconds
+        rate_variance = self._rate_walk * seconds
         cross = 0.5 * rate_variance * seconds
-        own = noise.walk_deg_sqrt_s**2 * seconds + rate_variance * seconds * seconds / 3.0
-        own += (noise.response_s * jolt_deg_s) ** 2
-        gain_variance = noise.gain_walk_sqrt_s**2 * seconds
+        own = self._walk * seconds + rate_variance * seconds * seconds / 3.0
+        own += (self._noise.response_s * jolt_deg_s) ** 2
+        gain_variance = self._gain_walk * seconds
         gained_deg = displacement_deg if commanded else 0.0
         process = (own, cross, rate_variance, gain_variance)
         self._kalman.foretell(seconds, displacement_deg, gained_deg, process)
@@ -191,17 +195,18 @@ class AxisFilter:
         known = self._kalman
         predicted = known.position_deg
         surprise = wrap180(position_deg - predicted)
-        noise = self._noise
-        variance = self._noise_share * (noise.position_deg**2 + (rate_deg_s * noise.timing_s) ** 2)
+        variance = self._noise_share * (self._reading + (rate_deg_s * self._noise.timing_s) ** 2)
         expected = known.pp + variance
-        if surprise * surprise > SURPRISE_SIGMAS**2 * expected:
+        if surprise * surprise > SURPRISING * expected:
             variance += self._weigh_surprise(surprise, expected, rate_deg_s)
         else:
             self._surprised_deg = 0.0
             self._learn_noise(surprise * surprise / expected)
         known.correct(predicted + surprise, variance)
-        known.rate_deg_s = max(-MOST_RATE_DEG_S, min(MOST_RATE_DEG_S, known.rate_deg_s))
-        known.gain_error = max(-MOST_GAIN, min(MOST_GAIN, known.gain_error))
+        if abs(known.rate_deg_s) > MOST_RATE_DEG_S:
+            known.rate_deg_s = math.copysign(MOST_RATE_DEG_S, known.rate_deg_s)
+        if abs(known.gain_error) > MOST_GAIN:
+            known.gain_error = math.copysign(MOST_GAIN, known.gain_error)
         self.innovation_sigma_deg = math.sqrt(known.innovation_variance)
         self.innovation_sigmas = known.innovation_deg / self.innovation_sigma_deg
 

@@ -27,13 +27,14 @@ class MountLoop:
     _origin_s: float = 0.0
     _numbers: float = 0.0
     _instants_s: float = 0.0
-    _mean_period_s: float = field(init=False)
+    mean_period_s: float = field(init=False)
+    """Mean period of the turns remembered."""
     _base_s: float = 0.0
     """When the turn of count 0 would have been."""
 
     def __post_init__(self) -> None:
         """Begin with the nominal period."""
-        self._mean_period_s = self.period_s
+        self.mean_period_s = self.period_s
 
     def note(self, counter: int, utc_s: float) -> None:
         """Take the instant of one turn, UTC as POSIX seconds; counters rise."""
@@ -43,7 +44,7 @@ class MountLoop:
                 self._turns.clear()
         if not self._turns:
             self._origin_s, self._numbers, self._instants_s = utc_s, 0.0, 0.0
-            self._mean_period_s = self.period_s
+            self.mean_period_s = self.period_s
         elif len(self._turns) == REMEMBERED:
             gone_counter, gone_utc_s = self._turns[0]
             self._numbers -= gone_counter
@@ -55,19 +56,14 @@ class MountLoop:
         if counter - first_counter >= SHORTEST_BASE:
             mean_s = (utc_s - first_utc_s) / (counter - first_counter)
             if abs(mean_s / self.period_s - 1.0) < LARGEST_PERIOD_ERROR:
-                self._mean_period_s = mean_s
+                self.mean_period_s = mean_s
         self._base_s = self.turn_utc_s(0)
-
-    @property
-    def mean_period_s(self) -> float:
-        """Mean period of the turns remembered."""
-        return self._mean_period_s
 
     def turn_utc_s(self, counter: int) -> float:
         """Return when the turn of a count is expected. Needs one turn noted."""
         count = len(self._turns)
         mean_s = self._origin_s + self._instants_s / count
-        return mean_s + (counter - self._numbers / count) * self._mean_period_s
+        return mean_s + (counter - self._numbers / count) * self.mean_period_s
 
     def shift_s(self, arrival_utc_s: float) -> float:
         """Return by how much later than at this instant datagrams had better arrive, seconds.
@@ -77,9 +73,9 @@ class MountLoop:
         if not self._turns:
             return 0.0
         ahead_s = self.first_from(arrival_utc_s) - arrival_utc_s
-        return ahead_s - 0.5 * self._mean_period_s
+        return ahead_s - 0.5 * self.mean_period_s
 
     def first_from(self, utc_s: float) -> float:
         """Return the first turn expected at or after an instant. Needs one turn noted."""
-        turns = math.ceil((utc_s - self._base_s) / self._mean_period_s - 1e-9)
-        return self._base_s + turns * self._mean_period_s
+        turns = math.ceil((utc_s - self._base_s) / self.mean_period_s - 1e-9)
+        return self._base_s + turns * self.mean_period_s

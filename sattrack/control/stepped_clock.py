@@ -107,11 +107,12 @@ class SteppedClock:
             return dated_utc_s
         self._counter = counter
         line.advance(counter)
-        if abs(dated_utc_s - line.utc_s) > ASTRAY_S:
+        off_s = dated_utc_s - line.utc_s
+        if abs(off_s) > ASTRAY_S:
             # The loop stood still, or one of the clocks was set.
             self._begin(counter, dated_utc_s)
             return dated_utc_s
-        self._weigh(dated_utc_s - line.utc_s, arrival_utc_s - dated_utc_s)
+        self._weigh(off_s, arrival_utc_s - dated_utc_s)
         line.note(dated_utc_s)
         if not self.coarse:
             return dated_utc_s

@@ -461,7 +461,8 @@ def perform(
     PropagationError.
     """
     real = facts.profile
-    profile = msgspec.structs.replace(real, period_s=period_s)
+    # Nothing is lost on the way, so nothing would be sent twice.
+    profile = msgspec.structs.replace(real, period_s=period_s, repeat_rates="never")
     facts = msgspec.structs.replace(facts, profile=profile, recording=None)
     spec = build_engine(facts).spec
     plan = facts.plan

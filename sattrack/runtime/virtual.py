@@ -74,7 +74,8 @@ class VirtualRun:
         self.ledger.note_sent(now_utc_s)
         self.sink.command(now_utc_s, datagram)
         self._send(now_utc_s, datagram)
-        self._at(now_utc_s + REPEAT_AFTER_PERIODS * profile.period_s, self._repeat, None)
+        if profile.repeat_rates != "never":
+            self._at(now_utc_s + REPEAT_AFTER_PERIODS * profile.period_s, self._repeat, None)
         next_utc_s = now_utc_s + profile.period_s + self.engine.send_shift_s(now_utc_s)
         self._at(next_utc_s, self._client_turn, turn + 1)
         if turn % RECORD_VIEW_EVERY_TICKS == 0 and (self.sink.wanted or self.progress is not None):

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from sattrack.safety.geometry import Box
-from sattrack.safety.reach import AxisMotion, AxisReach, Delays, latency_s
+from sattrack.safety.reach import AxisReach, Delays, latency_s
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -47,10 +47,10 @@ class Ahead:
         limits whose margin the axes have used up, and what is left: rates must not lead nearer to them, nor
         past them by what is under way.
         """
-        views = [
-            _View(spot.place, *self._reaches(spot, now), near)
-            for spot, near in zip(spots, nears or [NOTHING_NEAR] * len(spots), strict=True)
-        ]
+        views = []
+        for k, spot in enumerate(spots):
+            ha, dec = self._reaches(spot, now)
+            views.append(_View(spot.place, ha, dec, nears[k] if nears else NOTHING_NEAR))
         return Outlook(self._bounds, self.horizon_s, views)
 
     def reach(self, spot: Spot, now: RateRanges, rates: tuple[float, float]) -> Box:
@@ -61,38 +61,36 @@ class Ahead:
     def _reaches(self, spot: Spot, now: RateRanges) -> tuple[AxisReach, AxisReach]:
         delays = Delays(spot.age_s, self.latency_s, self._limits.longest_fault_s)
         (ha_low, dec_low), (ha_high, dec_high) = now
-        ha = AxisMotion(spot.place[0], ha_low, ha_high)
-        dec = AxisMotion(spot.place[1], dec_low, dec_high)
+        ha_deg, dec_deg = spot.place
         return (
-            AxisReach(ha, delays, self._profile.ra.max_acceleration_deg_s2),
-            AxisReach(dec, delays, self._profile.dec.max_acceleration_deg_s2),
+            AxisReach(ha_deg, (ha_low, ha_high), delays, self._profile.ra.max_acceleration_deg_s2),
+            AxisReach(dec_deg, (dec_low, dec_high), delays, self._profile.dec.max_acceleration_deg_s2),
         )
 
 
-class _View(NamedTuple):
+class _View:
     """A place, how far each axis may come from it, and what is near there."""
 
-    place: Place
-    ha: AxisReach
-    dec: AxisReach
-    near: Mapping[str, float]
+    __slots__ = ("dec", "ha", "margins", "near", "place")
+
+    def __init__(self, place: Place, ha: AxisReach, dec: AxisReach, near: Mapping[str, float]) -> None:
+        self.place, self.ha, self.dec, self.near = place, ha, dec, near
+        self.margins = NOTHING_NEAR
+        if near:
+            self.margins = {name: 0.0 if clear >= 0.0 else -math.inf for name, clear in near.items()}
 
 
 class Outlook:
     """What lies ahead of axes that go on as they do until a command acts: judges one wish after another."""
 
     def __init__(self, bounds: Bounds, horizon_s: float, views: Sequence[_View]) -> None:
-        self._bounds, self._horizon_s = bounds, horizon_s
-        self._views = [
-            (view, {name: 0.0 if clear >= 0.0 else -math.inf for name, clear in view.near.items()})
-            for view in views
-        ]
+        self._bounds, self._horizon_s, self._views = bounds, horizon_s, views
 
     def limit(self, rates: tuple[float, float]) -> str | None:
         """Return the limit that these rates may pass before a stop can hold the axes, or None."""
-        for view, margins in self._views:
+        for view in self._views:
             box = Box(*view.ha.deg(rates[0]), *view.dec.deg(rates[1]))
-            name = self._bounds.violated(box, margins, self._horizon_s)
+            name = self._bounds.violated(box, view.margins, self._horizon_s)
             if name is None and view.near:
                 name = self._bounds.comes_nearer(view.near, view.place, rates, self._horizon_s)
             if name is not None:

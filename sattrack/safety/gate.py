@@ -34,6 +34,8 @@ if TYPE_CHECKING:
 
 STEP_SHARE = 2.0
 """A mean rate over a ramp is reached by a command twice as large, so steps may be so much of a ramp."""
+PLAUSIBLE = 1.5
+"""By what factor axes may seem to be faster than their slews."""
 OUTSIDE_PROOF = 3
 """Axes count as outside when so many clearances in a row find them there: one status may be wrong."""
 
@@ -94,6 +96,8 @@ class Safety:
         self._sent: deque[tuple[float, float, float]] = deque()
         """What was cleared of late: when (UTC), and the rates of both axes."""
         self._newest_utc_s = -math.inf
+        most_ha, most_dec = PLAUSIBLE * profile.ra.slew_rate_deg_s, PLAUSIBLE * profile.dec.slew_rate_deg_s
+        self._plausible = ((-most_ha, most_ha), (-most_dec, most_dec))
         self._standing = Standing(latitude_deg)
         self._doubt = Doubt(profile)
         self._ahead = Ahead(profile, limits, self._bounds)
@@ -193,19 +197,20 @@ class Safety:
         self, motion: MoveAxes | SlewTo, mount: tuple[float, float, float], age_s: float, utc_s: float | None
     ) -> str | None:
         """Return the row by which nothing may be moved, whatever it is; `mount` is what its status tells."""
-        numbers = (
-            (motion.ra_rate_deg_s, motion.dec_rate_deg_s)
-            if isinstance(motion, MoveAxes)
-            else (motion.ra_deg, motion.dec_deg)
-        )
-        if not all(map(math.isfinite, (*numbers, *mount, age_s))):
+        if isinstance(motion, MoveAxes):
+            one, other = motion.ra_rate_deg_s, motion.dec_rate_deg_s
+        else:
+            one, other = motion.ra_deg, motion.dec_deg
+        isfinite = math.isfinite
+        if not (isfinite(one) and isfinite(other) and isfinite(age_s) and all(map(isfinite, mount))):
             return "command"
         back = utc_s is not None and utc_s < self._newest_utc_s - BACKWARD_S
         if back or self._watch.clock_is_off:
             return "clock"
         if age_s > OLDEST_STATUS_S:
             return "status_age"
-        self._newest_utc_s = max(self._newest_utc_s, -math.inf if utc_s is None else utc_s)
+        if utc_s is not None and utc_s > self._newest_utc_s:
+            self._newest_utc_s = utc_s
         return None if self._bounds.look(utc_s, self._watch.clock_gap_deg) else "sun"
 
     def _clear_slew(
@@ -279,7 +284,8 @@ class Safety:
         self.clamping = clipped != wish
         room = self._room(utc_s)
         wanted = within(clipped[0], room[0]), within(clipped[1], room[1])
-        now = self._in_force(max([spot.age_s for spot in spots]), utc_s)
+        oldest_s = spots[0].age_s if len(spots) == 1 else max([spot.age_s for spot in spots])
+        now = self._in_force(oldest_s, utc_s)
         name = self.holding = self._ahead.outlook(spots, now).limit(wanted)
         if name is None:
             self._outside = 0
@@ -358,20 +364,20 @@ class Safety:
 
     def _in_force(self, age_s: float, utc_s: float | None) -> tuple[tuple[float, float], tuple[float, float]]:
         """Return the least and the greatest rates of both axes that may have been in force of late."""
-        seen = axis_rates(self._doubt.moved, self._standing.beyond_pole)
-        limits = (self._profile.ra, self._profile.dec)
-        seen = (
-            max(-limits[0].slew_rate_deg_s * 1.5, min(limits[0].slew_rate_deg_s * 1.5, seen[0])),
-            max(-limits[1].slew_rate_deg_s * 1.5, min(limits[1].slew_rate_deg_s * 1.5, seen[1])),
-        )
-        if utc_s is not None:
-            since_s = utc_s - age_s - self._ahead.latency_s
-            while self._sent and self._sent[0][0] < since_s and len(self._sent) > 1:
-                self._sent.popleft()
-            has = [seen[0], *[sent[1] for sent in self._sent]]
-            decs = [seen[1], *[sent[2] for sent in self._sent]]
-            return (min(has), min(decs)), (max(has), max(decs))
-        return seen, seen
+        ha, dec = axis_rates(self._doubt.moved, self._standing.beyond_pole)
+        ha = within(ha, self._plausible[0])
+        dec = within(dec, self._plausible[1])
+        if utc_s is None:
+            return (ha, dec), (ha, dec)
+        sent = self._sent
+        since_s = utc_s - age_s - self._ahead.latency_s
+        while len(sent) > 1 and sent[0][0] < since_s:
+            sent.popleft()
+        has, decs = [ha], [dec]
+        for _, ha, dec in sent:
+            has.append(ha)
+            decs.append(dec)
+        return (min(has), min(decs)), (max(has), max(decs))
 
     def _let_go(self) -> None:
         self.holding = None

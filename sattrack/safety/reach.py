@@ -23,14 +23,6 @@ BRAKING_SHARE = 0.8
 """Of the acceleration that the profile has, so much is counted on to brake."""
 
 
-class AxisMotion(NamedTuple):
-    """Where an axis was seen, and the least and the greatest rate at which it may be going since."""
-
-    position_deg: float
-    low_deg_s: float
-    high_deg_s: float
-
-
 class Delays(NamedTuple):
     """How old what was seen is, how long until a command acts, and how long no other may arrive; seconds."""
 
@@ -40,18 +32,26 @@ class Delays(NamedTuple):
 
 
 class AxisReach:
-    """How far one axis may come from where it was seen, for one rate asked for after another."""
+    """How far one axis may come from where it was seen, for one rate asked for after another.
 
-    def __init__(self, axis: AxisMotion, delays: Delays, acceleration_deg_s2: float) -> None:
-        self._position_deg = axis.position_deg
+    `now_deg_s` are the least and the greatest rate at which it may be going since.
+    """
+
+    def __init__(
+        self,
+        position_deg: float,
+        now_deg_s: tuple[float, float],
+        delays: Delays,
+        acceleration_deg_s2: float,
+    ) -> None:
+        self._position_deg = position_deg
         self._age_s, self._latency_s, self._fault_s = delays
         self._twice_braking = 2.0 * BRAKING_SHARE * acceleration_deg_s2
-        self._upward = max(0.0, axis.high_deg_s)
-        self._downward = max(0.0, -axis.low_deg_s)
-        self._least_up, self._least_down = (
-            self._ahead_deg(self._upward, 0.0),
-            self._ahead_deg(self._downward, 0.0),
-        )
+        low, high = now_deg_s
+        self._upward = high if high > 0.0 else 0.0
+        self._downward = -low if low < 0.0 else 0.0
+        self._least_up = self._ahead_deg(self._upward, 0.0)
+        self._least_down = self._ahead_deg(self._downward, 0.0)
 
     def deg(self, rate_deg_s: float) -> tuple[float, float]:
         """Return the least and the greatest angle at which the axis may be until it has stopped."""

@@ -71,6 +71,13 @@ class Travel:
         clear = min(low - self._low_deg, self._high_deg - high)
         return Clearance(clear, clear)
 
+    def is_clear(self, box: Box, margin_deg: float) -> bool:
+        """See `is_clear`."""
+        ha_low, ha_high, dec_low, dec_high = box
+        if self.name == "hour_angle":
+            return ha_low - self._low_deg >= margin_deg and self._high_deg - ha_high >= margin_deg
+        return dec_low - self._low_deg >= margin_deg and self._high_deg - dec_high >= margin_deg
+
 
 class Floor:
     """Directions below an altitude."""
@@ -84,6 +91,10 @@ class Floor:
         """See Region."""
         clear = self._nadir.nearest_deg(box) - self._from_nadir_deg
         return Clearance(clear, clear)
+
+    def is_clear(self, box: Box, margin_deg: float) -> bool:
+        """See `is_clear`."""
+        return self._nadir.nearest_deg(box) - self._from_nadir_deg >= margin_deg
 
 
 STRUCK, APART = Clearance(-1.0, -1.0), Clearance(2.0, 2.0)
@@ -191,6 +202,10 @@ class Cone:
         clear = self._middle.nearest_deg(box) - self.cone_deg
         return Clearance(clear, clear)
 
+    def is_clear(self, box: Box, margin_deg: float) -> bool:
+        """See `is_clear`."""
+        return self._middle.nearest_deg(box) - self.cone_deg >= margin_deg
+
 
 def fixed_regions(
     profile: MountProfile,
@@ -214,6 +229,8 @@ def fixed_regions(
 
 def is_clear(region: Region, box: Box, margin_deg: float) -> bool:
     """Tell whether everything in a box is clear of a region by a margin; what cannot be told is not."""
+    if isinstance(region, Travel | Floor | Cone):
+        return region.is_clear(box, margin_deg)
     whole = region.clearance(box)
     if whole.least_deg >= margin_deg:
         return True

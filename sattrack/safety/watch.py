@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
+
+import msgspec
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S, Motion, MoveAxes, mean_sidereal_deg
 
@@ -35,7 +37,7 @@ OLDEST_STATUS_S = 2.5
 """Age of the last status from which on the mount is not moved any more."""
 
 
-class Seen(NamedTuple):
+class Seen(msgspec.Struct, frozen=True, gc=False):
     """What one status tells: when it came by our clock, and how the mount stands by its own.
 
     `utc_s` POSIX seconds, None where nobody knows; degrees, amperes.

@@ -58,7 +58,7 @@ class AckWatch:
         """Take what the next datagram says."""
         self._number += 1
         flags = _flags(command)
-        if not any(flags) and not any(self._last_flags):
+        if True not in flags and True not in self._last_flags:
             return
         self._last_flags = flags
         for flag, watched in zip(flags, self._watched.values(), strict=True):

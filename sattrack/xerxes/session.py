@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 from sattrack.mount import (
@@ -74,6 +75,7 @@ ABORT_AGAIN_TICKS = 8
 QUIET_TICKS = 4
 STILL_MOVING_STATUSES = 20
 READINGS_EVERY = 20
+_others = attrgetter("abort", "sync", "pulse_guide", "park", "find_home", "move_ra", "move_dec")
 NEVER_ZERO_DEG_S = 1e-9
 """What an edge mount with absolute rates is sent to stand still: 0 would end MoveAxis."""
 
@@ -177,14 +179,13 @@ class Session:
         A moving axis and a clock that runs never give the same three numbers twice.
         """
         last = self.status
-        if not self.refuses_frozen or not isinstance(self._wanted, MoveAxes):
+        if last is None or not self.refuses_frozen or not isinstance(self._wanted, MoveAxes):
             return False
-        if last is None or status.counter == last.counter:
-            return False
-        return (status.sidereal_h, status.ra_h, status.dec_deg) == (
-            last.sidereal_h,
-            last.ra_h,
-            last.dec_deg,
+        return (
+            status.sidereal_h == last.sidereal_h
+            and status.ra_h == last.ra_h
+            and status.dec_deg == last.dec_deg
+            and status.counter != last.counter
         )
 
     def apply(self, cleared: Cleared) -> None:
@@ -220,11 +221,7 @@ class Session:
         self._make_way()
         command = self._next_command()
         self._acks.sent(command)
-        others = (
-            *(command.abort, command.sync, command.pulse_guide, command.park, command.find_home),
-            *(command.move_ra, command.move_dec),
-        )
-        self._since_other_ticks = 0 if any(others) else self._since_other_ticks + 1
+        self._since_other_ticks = 0 if True in _others(command) else self._since_other_ticks + 1
         self._since_slew_ticks = 0 if command.slew else self._since_slew_ticks + 1
         if self._motion_ticket is not None and self._motion_ticket.tick(self._seen()):
             # Given up: nothing of it may go on being asked for behind the caller's back.
@@ -346,8 +343,9 @@ class Session:
 
     def _make_way(self) -> None:
         """Let go of a motion that is done where another request waits for the mount."""
-        done = self.stopped or self.slew_state is SlewState.DONE
-        if done and self._launches.busy and not self._abort.up:
+        if not self._launches.busy or self._abort.up:
+            return
+        if self.stopped or self.slew_state is SlewState.DONE:
             self._want(Hold())
 
     def _next_command(self) -> Command:
@@ -445,10 +443,12 @@ class Session:
 
     def _watch_motion(self, status: Status) -> None:
         """Take notice of a mount that moves on after the end of MoveAxis."""
-        slowing = self._standstill.slowing
         self._moved = self._moved and not (self._move.over and not status.slewing)
-        waiting = self.slew_state is SlewState.WAITING or isinstance(self._wanted, Hold)
-        self._still_moving = self._still_moving + 1 if status.slewing and waiting and not slowing else 0
+        goes_on = status.slewing and not self._standstill.slowing
+        if goes_on and (self.slew_state is SlewState.WAITING or isinstance(self._wanted, Hold)):
+            self._still_moving += 1
+        else:
+            self._still_moving = 0
         if self._still_moving >= STILL_MOVING_STATUSES and self._moved:
             self._still_moving = 0
             self._move.insist()

@@ -32,6 +32,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from operator import attrgetter
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile, mean_sidereal_deg
 from sattrack.xerxes.datagrams import (
@@ -56,6 +57,7 @@ __all__ = ["SimulatedMount", "SimulatedSite", "StartPosition", "Truth", "mean_si
 
 AT_PLACE_DEG = 0.001
 BUSY = (Mode.GOING, Mode.MOVING)
+_numbers = attrgetter("move_ra_rate_deg_s", "move_dec_rate_deg_s", "target_ra_h", "target_dec_deg")
 
 
 @dataclass(slots=True)
@@ -131,10 +133,9 @@ class SimulatedMount:
         except DatagramError:
             self.refused += 1
             return False
-        rates = (command.move_ra_rate_deg_s, command.move_dec_rate_deg_s)
-        targets = (command.target_ra_h, command.target_dec_deg)
-        aimed = not (command.slew or command.sync) or _is_direction(*targets)
-        if not aimed or not all(math.isfinite(x) for x in (*rates, *targets)):
+        aimed = not (command.slew or command.sync)
+        aimed = aimed or _is_direction(command.target_ra_h, command.target_dec_deg)
+        if not aimed or not all(map(math.isfinite, _numbers(command))):
             if not command.abort:
                 self.refused += 1
                 return False
@@ -309,26 +310,25 @@ class SimulatedMount:
             driven.mode = Mode.TRACKING
 
     def _arrive(self) -> None:
-        axes = (self._ra, self._dec)
-        if any(driven.mode is Mode.GOING and driven.axis.going for driven in axes):
-            return
-        for driven in axes:
-            if driven.mode is Mode.GOING:
+        going = [driven for driven in (self._ra, self._dec) if driven.mode is Mode.GOING]
+        if going and not any(driven.axis.going for driven in going):
+            for driven in going:
                 driven.mode = Mode.RESTING if self._going_home else Mode.TRACKING
 
     def _truth(self, now_utc_s: float) -> Truth:
         ra, dec = self._ra.axis, self._dec.axis
-        beyond = is_beyond_pole(dec.position_deg)
-        ra_deg, dec_deg = self._sky.reported(ra.position_deg + ra.swing_deg, dec.position_deg + dec.swing_deg)
+        ra_axis_deg, dec_axis_deg, dec_rate_deg_s = ra.position_deg, dec.position_deg, dec.velocity_deg_s
+        beyond = is_beyond_pole(dec_axis_deg)
+        ra_deg, dec_deg = self._sky.reported(ra_axis_deg + ra.swing_deg, dec_axis_deg + dec.swing_deg)
         return Truth(
             counter=self.counter,
             utc_s=now_utc_s,
             ra_deg=ra_deg,
             dec_deg=dec_deg,
             ra_rate_deg_s=SIDEREAL_RATE_DEG_S - ra.velocity_deg_s,
-            dec_rate_deg_s=-dec.velocity_deg_s if beyond else dec.velocity_deg_s,
-            hour_angle_axis_deg=ra.position_deg + self._ra.turns_deg,
-            dec_axis_deg=dec.position_deg + self._dec.turns_deg,
+            dec_rate_deg_s=-dec_rate_deg_s if beyond else dec_rate_deg_s,
+            hour_angle_axis_deg=ra_axis_deg + self._ra.turns_deg,
+            dec_axis_deg=dec_axis_deg + self._dec.turns_deg,
             beyond_pole=beyond,
             at_limit=ra.reference.limited or dec.reference.limited,
         )
