@@ -25,8 +25,9 @@ from sattrack.console_messages import (
 )
 from sattrack.tui import console_panels as panels
 from sattrack.tui import look, words
-from sattrack.tui.console_dialogs import ConsoleHelp, Direction, DirectionDialog, Question
+from sattrack.tui.console_dialogs import HELP, Direction, DirectionDialog, Question
 from sattrack.tui.console_scene import FIRST_RATE, ConsoleScene, jog_rates_deg_s
+from sattrack.tui.help import HelpScreen
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -230,7 +231,7 @@ class ConsoleApp(App[None]):
 
     def action_help(self) -> None:
         """Show what the keys do."""
-        self.push_screen(ConsoleHelp())
+        self.push_screen(HelpScreen(HELP))
 
     def ask_to_leave(self) -> None:
         """Leave soon, as `q` does; may be called from a signal handler."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from textual.binding import Binding, BindingType
-from textual.containers import Vertical, VerticalScroll
-from textual.screen import ModalScreen
+from textual.containers import Vertical
 from textual.widgets import Input, Label, Static
 
 from sattrack.coordinates import DEC_FORMS, RA_FORMS, parse_dec, parse_ra
 from sattrack.errors import BadInputError
+from sattrack.tui.touch import Dialog
 
 if TYPE_CHECKING:
     from textual.app import ComposeResult
@@ -55,7 +55,7 @@ class AngleInput(Input):
         return key != "space" and super().check_consume_key(key, character)
 
 
-class DirectionDialog(ModalScreen[Direction | None]):
+class DirectionDialog(Dialog[Direction | None]):
     """Asks for right ascension and declination; nothing is handed on until both can be read."""
 
     BINDINGS: ClassVar[list[BindingType]] = [Binding("escape", "dismiss(None)", "close", show=False)]
@@ -98,7 +98,7 @@ class DirectionDialog(ModalScreen[Direction | None]):
         return value
 
 
-class Question(ModalScreen[bool]):
+class Question(Dialog[bool]):
     """Asks for a yes; every other key is a no."""
 
     def __init__(self, title: str, text: str) -> None:
@@ -110,22 +110,14 @@ class Question(ModalScreen[bool]):
         with Vertical(classes="dialog"):
             yield Label(self._title, classes="dialog-title", markup=False)
             yield Static(self._text, markup=False)
-            yield Label("y does it; any other key does not", markup=False)
+            yield Label("y does it; any other key does not", name="y", markup=False)
 
     def on_key(self, event: Key) -> None:
         """Take y for a yes, any other key for a no, and none for what it does elsewhere."""
         event.stop()
         self.dismiss(event.key == "y")
 
-
-class ConsoleHelp(ModalScreen[None]):
-    """What the keys do."""
-
-    BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("escape,q,question_mark", "dismiss", "close", show=False),
-    ]
-
-    def compose(self) -> ComposeResult:
-        """Make the parts."""
-        with VerticalScroll():
-            yield Static(HELP, markup=False)
+    def touched(self, name: str) -> None:
+        """Take a touch of the line that asks for the yes."""
+        if name == "y":
+            self.dismiss(True)

@@ -14,6 +14,7 @@ from sattrack.tui.console_scene import ConsoleScene, cautions, headline, jog_rat
 from sattrack.tui.look import DIM, PLATE, SPOKEN
 from sattrack.tui.panels import CautionsPanel, HeadlinePanel, Part, Row, ScenePanel, labelled, rows_content
 from sattrack.tui.scene import Caution, Headline, Tone
+from sattrack.tui.touch import Touch, TouchBar
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -217,20 +218,24 @@ class JogPanel(ConsolePanel):
         return [[*row, ("°/s", DIM)]]
 
 
-class ConsoleKeys(ConsolePanel):
+class ConsoleKeys(ConsolePanel, TouchBar[ConsoleScene]):
     """The keys."""
 
-    def full(self, scene: ConsoleScene) -> list[Row]:
-        """Return the one row."""
-        row: Row = []
-        for key, what in (("g", "slew"), ("s", "sync"), ("p", "park"), ("h", "home")):
-            row += [(key, "bold"), (f" {what}   ", DIM)]
-        if scene.view.tripped is not None:
-            row += [("r", "bold"), (" reset   ", DIM)]
-        row += [(" SPACE STOP ", PLATE[Tone.BAD]), "   "]
-        for key, what in (("q", "quit"), ("?", "help")):
-            row += [(key, "bold"), (f" {what}   ", DIM)]
-        return [row]
+    def touches(self, scene: ConsoleScene | None) -> list[Touch]:
+        """Return what stands in the row, from left to right."""
+        keys = [("g", "slew"), ("s", "sync"), ("p", "park"), ("h", "home")]
+        if scene is not None and scene.view.tripped is not None:
+            keys.append(("r", "reset"))
+        stop: list[Touch] = [(" SPACE STOP ", PLATE[Tone.BAD], "space"), ("   ", "", None)]
+        return [*_touches(keys), *stop, *_touches([("q", "quit"), ("?", "help")])]
+
+
+def _touches(keys: list[tuple[str, str]]) -> list[Touch]:
+    found: list[Touch] = []
+    for key, what in keys:
+        name = {"?": "question_mark"}.get(key, key)
+        found += [(key, "bold", name), (f" {what}", DIM, name), ("   ", DIM, None)]
+    return found
 
 
 _SHORT = {"latitude": "lat", "longitude": "lon", "height": "h", "UTC bytes": "UTC"}

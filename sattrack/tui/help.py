@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, ClassVar
 
 from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
-from textual.screen import ModalScreen
 from textual.widgets import Static
 
 from sattrack.tui.pages import LIVE, LOG, MOUNT, SCHEDULE, TONIGHT
+from sattrack.tui.touch import Dialog
 
 if TYPE_CHECKING:
     from textual.app import ComposeResult
@@ -109,7 +109,7 @@ nowhere, and no mount moves.
 """
 
 
-class HelpScreen(ModalScreen[None]):
+class HelpScreen(Dialog[None]):
     """What the keys do."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -124,3 +124,8 @@ class HelpScreen(ModalScreen[None]):
         """Make the parts."""
         with VerticalScroll():
             yield Static(self._text, markup=False)
+
+    def touched(self, name: str) -> None:
+        """Close it."""
+        del name
+        self.dismiss()

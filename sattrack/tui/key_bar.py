@@ -4,20 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from rich.cells import cell_len
-
 from sattrack.tui.look import DIM, PLATE
 from sattrack.tui.pages import LIVE, LOG, PAGES, SCHEDULE, TONIGHT
-from sattrack.tui.panels import Panel, rows_content
-from sattrack.tui.scene import Tone
+from sattrack.tui.panels import Panel
+from sattrack.tui.scene import Scene, Tone
+from sattrack.tui.touch import Touch, TouchBar
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from textual.content import Content
-    from textual.events import Click
-
-    from sattrack.tui.scene import Scene
 
 ROOM_FOR_ALL_KEYS = 108
 
@@ -68,30 +63,11 @@ WIDE_TAPE_KEYS = (
 )
 
 
-Touch = tuple[str, str, str | None]
-"""A text, its style, and the key that it stands for, if any."""
-
-
-class KeyBar(Panel):
+class KeyBar(Panel, TouchBar[Scene]):
     """The keys."""
 
-    def _content(self) -> Content:
-        return rows_content([[(text, style) for text, style, _ in self._touches(self._scene)]])
-
-    def on_click(self, event: Click) -> None:
-        """Do what the key does that was touched."""
-        at = event.get_content_offset(self)
-        if at is None:
-            return
-        cells = at.x
-        for text, _, key in self._touches(self._scene):
-            cells -= cell_len(text)
-            if cells < 0:
-                if key is not None:
-                    self.app.simulate_key(key)
-                return
-
-    def _touches(self, scene: Scene | None) -> list[Touch]:
+    def touches(self, scene: Scene | None) -> list[Touch]:
+        """Return what stands in the row, from left to right."""
         if scene is None:
             return [STOP, *_spread(ENDS, "   ", first=True)]
         wide = self.content_size.width >= ROOM_FOR_ALL_KEYS

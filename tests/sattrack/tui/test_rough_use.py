@@ -138,9 +138,45 @@ def test_a_mouse_alone_nudges_turns_to_every_screen_and_stops() -> None:
             assert app._screens.page == page
         await touch(app, pilot, "? help", 3)
         assert len(app.screen_stack) == 2
-        app._close_dialogs()
+        await pilot.click(offset=(40, 12))
+        await pilot.pause()
+        assert len(app.screen_stack) == 1
         await touch(app, pilot, "SPACE STOP")
         assert feed.sent == [StopNow()]
+
+    played(act)
+
+
+def test_a_touch_stops_beneath_a_dialog_answers_it_and_beside_it_closes_it() -> None:
+    at: dict[str, tuple[int, int]] = {}
+
+    async def touch(pilot: Pilot[None], words: str) -> None:
+        await pilot.click(offset=at[words])
+        # One for the touch, one for the key that it stands for.
+        await pilot.pause()
+        await pilot.pause()
+
+    async def act(app: TrackApp, pilot: Pilot[None], feed: FakeFeed) -> None:
+        await pilot.resize_terminal(120, 40)
+        await pilot.pause()
+        last = len(text_of(app).splitlines()) - 1
+        for words in ("SPACE STOP", "s spiral"):
+            at[words] = (text_of(app).splitlines()[last].index(words), last)
+        for key in ("question_mark", "q"):
+            await pilot.press(key)
+            assert len(app.screen_stack) == 2
+            await touch(pilot, "s spiral")
+            assert (len(app.screen_stack), feed.sent) == (1, []), "nothing but the stop goes through a dialog"
+            await pilot.press(key)
+            await touch(pilot, "SPACE STOP")
+            assert (len(app.screen_stack), feed.sent) == (1, [StopNow()])
+            feed.sent.clear()
+        await pilot.press("q")
+        rows = text_of(app).splitlines()
+        row = next(n for n, text in enumerate(rows) if "leave it running" in text)
+        await pilot.click(offset=(rows[row].index("leave it running"), row))
+        await pilot.pause()
+        assert feed.sent == [LeaveRunning()]
 
     played(act)
 
