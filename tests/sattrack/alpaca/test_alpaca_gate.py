@@ -20,7 +20,7 @@ from sattrack.runtime.callers import CallerLimits
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
-PATIENCE_S = 20.0
+PATIENCE_S = 60.0
 IDLE_S = 300.0
 LIMITS = CallerLimits(idle_s=IDLE_S)
 WHOLE = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"

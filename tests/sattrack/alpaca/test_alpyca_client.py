@@ -73,7 +73,7 @@ def test_who_is_not_connected_is_told_so(served: Served) -> None:
 
 def test_it_is_found_and_told_of(served: Served) -> None:
     where = f"127.0.0.1:{served.port}"
-    assert where in discovery.search_ipv4(numquery=1, timeout=1)
+    until(lambda: where in discovery.search_ipv4(numquery=1, timeout=1))
     assert management.apiversions(where) == [1]
     assert management.description(where)["Manufacturer"] == "sattrack"
     (device,) = management.configureddevices(where)

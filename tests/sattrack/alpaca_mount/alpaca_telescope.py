@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 SITE = ("--site", "52.0,4.5,0")
 SIDEREAL_DEG_S = 360.0 / 86164.0905
 LOOK_AGAIN_S = 0.05
+PATIENCE_S = 60.0
+LATELY_S = 5.0
 
 
 class AlpacaTelescope:
@@ -29,7 +31,7 @@ class AlpacaTelescope:
         self.url = f"alpaca://127.0.0.1:{self.port}/0"
 
     def ask(self, path: str) -> Any:
-        with urllib.request.urlopen(f"http://127.0.0.1:{self.port}{path}", timeout=10.0) as answer:
+        with urllib.request.urlopen(f"http://127.0.0.1:{self.port}{path}", timeout=PATIENCE_S) as answer:
             return json.loads(answer.read())
 
     def state(self) -> dict[str, Any]:
@@ -45,19 +47,19 @@ class AlpacaTelescope:
         request = urllib.request.Request(
             f"http://127.0.0.1:{self.port}/simulator/settings", data, method="PUT"
         )
-        with urllib.request.urlopen(request, timeout=10.0):
+        with urllib.request.urlopen(request, timeout=PATIENCE_S):
             pass
 
     def speed_deg_s(self) -> float:
-        """How fast it moves over the sky by its last fifth of a second."""
-        rows = self.truth(time.time() - 0.5)[-10:]
+        """How fast it moves over the sky by the last fifth of a second of which it tells."""
+        rows = self.truth(time.time() - LATELY_S)[-10:]
         if len(rows) < 2:
             return 0.0
         (t1, ra1, dec1), (t2, ra2, dec2) = rows[0], rows[-1]
         ra = (ra2 - ra1 + 180.0) % 360.0 - 180.0
         return max(abs(ra), abs(dec2 - dec1)) / (t2 - t1)
 
-    def wait(self, holds: Callable[[], bool], within_s: float = 30.0) -> None:
+    def wait(self, holds: Callable[[], bool], within_s: float = PATIENCE_S) -> None:
         until_s = time.monotonic() + within_s
         while not holds():
             assert time.monotonic() < until_s, self.state()

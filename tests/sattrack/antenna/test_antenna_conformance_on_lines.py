@@ -21,7 +21,7 @@ from sattrack.runtime.antenna_door import BAUDS, Door, SerialChannel, listen
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-PATIENCE_S = 5.0
+PATIENCE_S = 60.0
 ON_LINES = [row for row in ROWS if row.on_a_line]
 
 

@@ -129,12 +129,12 @@ def test_the_program_beneath_sends_views_takes_words_and_ends_with_its_input() -
         view = antenna.latest().view
         while view is None or view.remote:
             with antenna._changed:
-                assert antenna._changed.wait(10.0)
+                assert antenna._changed.wait(60.0)
             view = antenna.latest().view or view
         assert view.mount == "sim"
         assert view.servo == "IDLE"
         antenna.close_input()
-        assert antenna.wait(20.0) == 0
+        assert antenna.wait(60.0) == 0
     finally:
         antenna.end_by_force(1.0)
         told = antenna.close()

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from sattrack.antenna.antcn_run import AntcnRun
 
 pytestmark = pytest.mark.filterwarnings("ignore::tle.errors.EarthOrientationWarning")
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 QUIET_S = 0.3
 STAMP = rb"20[0-9]{2}\.[0-3][0-9]{2}\.[0-2][0-9]:[0-5][0-9]:[0-6][0-9]\.[0-9]{2}"
 ISS = str(Path(__file__).resolve().parents[3] / "examples" / "iss_leiden.tle")

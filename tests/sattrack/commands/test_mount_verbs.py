@@ -212,7 +212,7 @@ def test_what_comes_in_place_of_a_status_is_counted(capsys: pytest.CaptureFixtur
     talker.start()
     try:
         url = f"xerxes://127.0.0.1:{port}?listen={listen}"
-        assert run(["mount", "status", "--mount", url, "--timeout", "0.4"]) == 4
+        assert run(["mount", "status", "--mount", url, "--timeout", "2"]) == 4
     finally:
         ended.set()
         talker.join()
@@ -278,7 +278,7 @@ def test_strangers_are_dropped_and_counted_by_address() -> None:
                 stranger.bind((f"127.0.0.{number}", 0))
                 stranger.sendto(b"x" * 160, ("127.0.0.1", link.listen_port))
                 stranger.sendto(b"x" * 160, ("127.0.0.1", link.listen_port))
-        assert select.select([link], [], [], 5.0)[0]
+        assert select.select([link], [], [], 60.0)[0]
         assert link.receive() == []
         assert link.strangers == 12
         assert link.stranger_hosts == ["127.0.0.6", "127.0.0.7", "127.0.0.8", "127.0.0.9"]

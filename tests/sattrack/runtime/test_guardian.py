@@ -122,7 +122,7 @@ def move(url: str) -> Feeder:
 def mount_socket() -> Iterator[socket.socket]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as listener:
         listener.bind(("127.0.0.1", 0))
-        listener.settimeout(10.0)
+        listener.settimeout(60.0)
         yield listener
 
 

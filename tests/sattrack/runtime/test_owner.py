@@ -148,7 +148,7 @@ def test_who_looks_on_is_told_what_the_owner_hears_as_it_arrived(address: Addres
             while not heard:
                 # Until the guardian has heard that somebody looks on.
                 mount.sendto(b"x" * 160, ("127.0.0.1", link.listen_port))
-                assert select.select([link], [], [], 10.0)[0]
+                assert select.select([link], [], [], 60.0)[0]
                 sent += link.receive()
                 select.select([onlooker], [], [], 0.1)
                 heard += onlooker.receive()
@@ -156,16 +156,16 @@ def test_who_looks_on_is_told_what_the_owner_hears_as_it_arrived(address: Addres
                 sent.pop(0)
             for number in range(40):
                 mount.sendto(bytes([number]) * 160, ("127.0.0.1", link.listen_port))
-                assert select.select([link], [], [], 10.0)[0]
+                assert select.select([link], [], [], 60.0)[0]
                 sent += link.receive()
                 while number % 4 == 3 and len(heard) < len(sent):
-                    assert select.select([onlooker], [], [], 10.0)[0]
+                    assert select.select([onlooker], [], [], 60.0)[0]
                     heard += onlooker.receive()
         assert heard == sent
         onlooker.send(b"stop")
         assert onlooker.unsent == 1
         guard.release(None)
-    assert select.select([onlooker], [], [], 10.0)[0]
+    assert select.select([onlooker], [], [], 60.0)[0]
     assert onlooker.receive() == []
     assert onlooker.ended
     # A door that is closed must not keep whoever looks on busy.

@@ -81,9 +81,9 @@ def test_a_program_has_the_pass_in_its_environment_with_units_in_the_names(tmp_p
 
 def test_a_program_that_hangs_is_ended_with_all_that_it_started(tmp_path: Path) -> None:
     hangs = "trap '' TERM; sleep 600 & echo $! > pid; wait; sleep 600"
-    assert run_program((*SHELL, hangs), 0.4, tmp_path, {}) == "not done within 0.4 s, ended"
+    assert run_program((*SHELL, hangs), 3.0, tmp_path, {}) == "not done within 3 s, ended"
     child = int((tmp_path / "pid").read_text())
-    assert _ends_within(child, 10.0)
+    assert _ends_within(child, 60.0)
 
 
 def _ends_within(process_id: int, seconds: float) -> bool:
@@ -158,12 +158,12 @@ def answering(code: int = 200, body: bytes = b"{}") -> Iterator[Answers]:
 def test_a_webhook_is_posted_the_facts_as_json_and_its_failures_are_said() -> None:
     with answering() as server:
         url = f"http://127.0.0.1:{server.server_port}/passes"
-        assert post(url, facts_of(ONE, "night.toml", "after"), 5.0) is None
+        assert post(url, facts_of(ONE, "night.toml", "after"), 60.0) is None
         assert server.posted[0]["catalog_number"] == 25544
         assert server.posted[0]["max_alt_deg"] == 81.3
         server.code = 500
-        assert post(url, {}, 5.0) == "answered 500"
-    assert str(post(url, {}, 5.0)).startswith("cannot be posted to: ")
+        assert post(url, {}, 60.0) == "answered 500"
+    assert str(post(url, {}, 60.0)).startswith("cannot be posted to: ")
 
 
 def test_those_to_be_notified_hear_of_what_they_want_to_hear_and_nothing_else(tmp_path: Path) -> None:

@@ -116,7 +116,7 @@ class Served:
         self.truths: list[Truth] = []
         for client in self.clients:
             client.bind(("127.0.0.1", 0))
-            client.settimeout(5.0)
+            client.settimeout(60.0)
 
     def run(self, turns: int, *datagrams: bytes) -> None:
         end = len(self.truths) + turns
