@@ -162,6 +162,18 @@ def bias_options(function: Callable[..., Any]) -> Callable[..., Any]:
     )(function)
 
 
+def stream_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of a run that another program watches and leads."""
+    function = click.option(
+        "--control",
+        is_flag=True,
+        help="Take messages as JSON lines on standard input; its end stops the mount.",
+    )(function)
+    return click.option(
+        "--stream", is_flag=True, help="Views as JSON lines on standard output, ten a second."
+    )(function)
+
+
 def screen_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of the terminal's screen, of which `appearance` makes what the screen takes."""
     function = click.option("--scene", is_flag=True, hidden=True)(function)

@@ -18,6 +18,7 @@ from sattrack.commands.common import (
     fov_option,
     profile_option,
     screen_options,
+    stream_options,
     tell,
 )
 from sattrack.commands.flying import fly_and_tell
@@ -43,10 +44,7 @@ SHORTEST_S = 5.0
 @click.option("--headless", is_flag=True, help="No terminal UI.")
 @click.option("--seconds", type=float, metavar="N", help="End after so many real seconds in all.")
 @click.option("--record", type=click.Path(), help="Write every input and output to a new MCAP file.")
-@click.option("--stream", is_flag=True, help="Views as JSON lines on standard output, ten a second.")
-@click.option(
-    "--control", is_flag=True, help="Take messages as JSON lines on standard input; its end stops the mount."
-)
+@stream_options
 @bias_options
 @fov_option
 @screen_options

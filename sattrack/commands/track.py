@@ -15,6 +15,7 @@ from sattrack.commands.common import (
     fov_option,
     profile_option,
     screen_options,
+    stream_options,
 )
 from sattrack.commands.screened import tui_possible, with_tui
 
@@ -41,10 +42,7 @@ from sattrack.commands.screened import tui_possible, with_tui
 @click.option("--from", "begin", metavar="UTC", help="Follow from then on: the pass that is up, or the next.")
 @click.option("--to", "end", metavar="UTC", help="Follow until then at the latest.")
 @click.option("--virtual", is_flag=True, help="With --mount sim: in virtual time, as fast as it goes.")
-@click.option("--stream", is_flag=True, help="Views as JSON lines on standard output, ten a second.")
-@click.option(
-    "--control", is_flag=True, help="Take messages as JSON lines on standard input; its end stops the mount."
-)
+@stream_options
 @bias_options
 @fov_option
 @screen_options

@@ -15,7 +15,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from programs import free_port
+
 from sattrack import practice
+from sattrack.cli import run
+from sattrack.mount import MountProfile
+from sattrack.runtime.guard import owned
+from sattrack.xerxes.client import Address
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -90,3 +96,19 @@ def call(port: int, host: str = "127.0.0.1") -> socket.socket:
     line = socket.create_connection((host, port), timeout=PATIENCE_S)
     line.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
     return line
+
+
+def serve_owned_mount(door: str) -> int:
+    """Try to serve a mount that somebody owns, which is an error; return the mount's port."""
+    port = free_port()
+    with owned(Address("127.0.0.1", port, 0), MountProfile()) as (_, guard):
+        url = f"xerxes://127.0.0.1:{port}?listen=15001"
+        assert run(["serve", door, "--mount", url, "--port", "0", "--site", WHERE]) == 1
+        guard.release(None)
+    return port
+
+
+def resident_kb(process_id: int) -> int:
+    """Return how much memory a process has."""
+    words = Path(f"/proc/{process_id}/status").read_text().split()
+    return int(words[words.index("VmRSS:") + 1])

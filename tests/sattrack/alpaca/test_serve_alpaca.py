@@ -17,13 +17,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 from alpaca_serving import http_process, read_answer, request, say, serving
-from door_serving import PATIENCE_S, WHERE, Served, call
+from door_serving import PATIENCE_S, Served, call, resident_kb, serve_owned_mount
 from test_alpaca_fuzz import malformed
 
 from sattrack.cli import run
-from sattrack.mount import MountProfile
-from sattrack.runtime.guard import owned
-from sattrack.xerxes.client import Address
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -241,11 +238,6 @@ def test_while_one_waits_for_its_slew_others_are_answered(served: Served) -> Non
         assert say(other, "GET", "slewing")["Value"] is False
 
 
-def resident_kb(process_id: int) -> int:
-    words = Path(f"/proc/{process_id}/status").read_text().split()
-    return int(words[words.index("VmRSS:") + 1])
-
-
 def hammer_the_program(served: Served, requests: int, seed: int) -> int:
     """Send malformed requests to the program; return by how many kB it has grown since half of them."""
     chance, resident, sent = random.Random(seed), 0, 0
@@ -330,13 +322,7 @@ def test_a_mount_is_stopped_when_the_process_that_clients_talk_to_is_gone() -> N
 def test_the_mount_of_another_program_is_not_served_and_its_owner_is_named(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    with owned(Address("127.0.0.1", port, 0), MountProfile()) as (_, guard):
-        url = f"xerxes://127.0.0.1:{port}?listen=15001"
-        assert run(["serve", "alpaca", "--mount", url, "--port", "0", "--site", WHERE]) == 1
-        guard.release(None)
+    serve_owned_mount("alpaca")
     assert f"process {os.getpid()}" in capsys.readouterr().err
 
 

@@ -7,18 +7,14 @@ import shutil
 import socket
 import subprocess
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from door_serving import PATIENCE_S, WHERE, Served, call, serving_door
+from door_serving import PATIENCE_S, Served, call, resident_kb, serve_owned_mount, serving_door
 from rotctld_setup import say
 from test_rotctld_fuzz import malformed
 
 from sattrack.cli import run
-from sattrack.mount import MountProfile
-from sattrack.runtime.guard import owned
-from sattrack.xerxes.client import Address
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -74,11 +70,6 @@ def test_two_hundred_clients_are_answered_at_once(served: Served) -> None:
             line.close()
     with call(served.port) as last:
         place(last)
-
-
-def resident_kb(process_id: int) -> int:
-    words = Path(f"/proc/{process_id}/status").read_text().split()
-    return int(words[words.index("VmRSS:") + 1])
 
 
 def hammer_the_program(served: Served, lines: int, seed: int) -> int:
@@ -158,13 +149,7 @@ def test_ctrl_c_in_mid_slew_stops_the_mount_and_the_log_tells_the_story() -> Non
 def test_the_mount_of_another_program_is_not_served_and_its_owner_is_named(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
-        port = free.getsockname()[1]
-    with owned(Address("127.0.0.1", port, 0), MountProfile()) as (_, guard):
-        url = f"xerxes://127.0.0.1:{port}?listen=15001"
-        assert run(["serve", "rotctld", "--mount", url, "--port", "0", "--site", WHERE]) == 1
-        guard.release(None)
+    port = serve_owned_mount("rotctld")
     told = capsys.readouterr().err
     assert f"127.0.0.1:{port} has an owner: `" in told
     assert told.endswith("`sattrack stop` ends it\n")
