@@ -13,8 +13,9 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 from enum import Enum
-from operator import attrgetter
-from typing import Any, Literal, NamedTuple, TypeVar
+from typing import Literal, NamedTuple
+
+import msgspec
 
 COMMAND_HEADER = 0x5555AAAA
 STATUS_HEADER = b"XERXESxx"
@@ -145,8 +146,7 @@ class DatagramError(ValueError):
     """The bytes are no such datagram: wrong length or wrong header."""
 
 
-@dataclass(frozen=True)
-class Command:
+class Command(msgspec.Struct, frozen=True, gc=False):
     """What one command datagram says; names, units and meanings are those of `COMMAND_FIELDS`."""
 
     counter: int = 0
@@ -170,8 +170,7 @@ class Command:
     spare: bool = False
 
 
-@dataclass(frozen=True)
-class Status:
+class Status(msgspec.Struct, frozen=True, gc=False):
     """What one status datagram says; names, units and meanings are those of `STATUS_FIELDS`."""
 
     altitude_deg: float = 0.0
@@ -259,44 +258,13 @@ def _indices(fields: tuple[Field, ...], kind: Kind) -> tuple[int, ...]:
 _COMMAND_FLAGS = _indices(COMMAND_FIELDS, Kind.FLAG)
 _STATUS_FLAGS = _indices(STATUS_FIELDS, Kind.FLAG)
 _STATUS_EITHERS = _indices(STATUS_FIELDS, Kind.EITHER)
-_command_values = attrgetter(*(f.name for f in COMMAND_FIELDS[1:]))
-_status_values = attrgetter(*(f.name for f in STATUS_FIELDS[1:]))
 _EITHER_NAMES = tuple(STATUS_FIELDS[i].name for i in _STATUS_EITHERS)
-
-
-_COMMAND_NAMES = tuple(f.name for f in COMMAND_FIELDS[1:])
-_STATUS_NAMES = tuple(f.name for f in STATUS_FIELDS[1:])
-_COMMAND_DEFAULTS, _STATUS_DEFAULTS = vars(Command()), vars(Status())
-_Datagram = TypeVar("_Datagram", Command, Status)
-
-
-def _made(kind: type[_Datagram], values: dict[str, Any]) -> _Datagram:
-    """Return a datagram of all its fields, at a fifth of what it costs to set them one by one."""
-    made = object.__new__(kind)
-    object.__setattr__(made, "__dict__", values)
-    return made
-
-
-def command_of(**fields: float | bool) -> Command:
-    """Return `Command(**fields)` in less time. Raises TypeError for a field that there is none of."""
-    return _made(Command, _filled(_COMMAND_DEFAULTS, fields))
-
-
-def status_of(**fields: float | bool) -> Status:
-    """Return `Status(**fields)` in less time. Raises TypeError for a field that there is none of."""
-    return _made(Status, _filled(_STATUS_DEFAULTS, fields))
-
-
-def _filled(defaults: dict[str, Any], fields: dict[str, float | bool]) -> dict[str, Any]:
-    values = {**defaults, **fields}
-    if len(values) != len(defaults):
-        raise TypeError(f"a datagram has no {', '.join(fields.keys() - defaults.keys())}")
-    return values
+_COUNTER = next(i for i, f in enumerate(STATUS_FIELDS) if f.name == "counter")
 
 
 def encode_command(command: Command) -> bytes:
     """Pack a command into its 82 bytes. Raises struct.error where a value does not fit its field."""
-    values = [COMMAND_HEADER, *_command_values(command)]
+    values = [COMMAND_HEADER, *msgspec.structs.astuple(command)]
     for i in _COMMAND_FLAGS:
         values[i] = TRUE_BYTE if values[i] else 0
     return _COMMAND.pack(*values)
@@ -308,13 +276,13 @@ def decode_command(data: bytes) -> Command:
     header, *values = _COMMAND_READ.unpack(data)
     if header != COMMAND_HEADER:
         raise DatagramError(f"a command datagram begins with 0x{COMMAND_HEADER:X}, not 0x{header:X}")
-    return _made(Command, dict(zip(_COMMAND_NAMES, values, strict=True)))
+    return Command(*values)
 
 
 def encode_status(status: Status, readings: Readings | None = None) -> bytes:
     """Pack a status into its 160 bytes, the doubtful fields by `readings` (default: Appendix A's types)."""
     readings = readings or Readings()
-    values = [STATUS_HEADER, *_status_values(status)]
+    values = [STATUS_HEADER, *msgspec.structs.astuple(status)]
     for i in _STATUS_FLAGS:
         values[i] = TRUE_BYTE if values[i] else 0
     for i, name in zip(_STATUS_EITHERS, _EITHER_NAMES, strict=True):
@@ -328,17 +296,16 @@ def encode_status(status: Status, readings: Readings | None = None) -> bytes:
 def decode_status(data: bytes) -> Status:
     """Unpack 160 bytes; doubtful fields by what their bits say. Raises DatagramError."""
     _check(data, STATUS_LENGTH, "status")
-    header, *values = _STATUS_READ.unpack(data)
-    _check_status_header(header)
-    fields = dict(zip(_STATUS_NAMES, values, strict=True))
-    for name in _EITHER_NAMES:
-        if not -_LARGEST_INTEGER < fields[name] < _LARGEST_INTEGER:
-            fields[name] = _double_of(fields[name])
+    values = list(_STATUS_READ.unpack(data))
+    _check_status_header(values[0])
+    for i in _STATUS_EITHERS:
+        if not -_LARGEST_INTEGER < values[i] < _LARGEST_INTEGER:
+            values[i] = _double_of(values[i])
     try:
-        fields["counter"] = int(fields["counter"])
+        values[_COUNTER] = int(values[_COUNTER])
     except (ValueError, OverflowError) as error:
         raise DatagramError(f"the rolling counter is no number: {error}") from error
-    return _made(Status, fields)
+    return Status(*values[1:])
 
 
 def status_readings(data: bytes) -> Readings:

@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from operator import attrgetter
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sattrack.mount import (
     SIDEREAL_RATE_DEG_S,
@@ -53,7 +53,6 @@ from sattrack.xerxes.datagrams import (
     DatagramError,
     Readings,
     Status,
-    command_of,
     decode_status,
     encode_command,
     status_readings,
@@ -365,9 +364,9 @@ class Session:
         self._motion_sent = True
         return self._compose_launch()
 
-    def _command(self, **fields: float | bool) -> Command:
+    def _command(self, **fields: Any) -> Command:
         fine = self._launches.fine_rate
-        return command_of(
+        return Command(
             counter=self.health.sent,
             ra_fine_rate_dtics_s=round(fine.ra_deg_s * DTICS_S_PER_DEG_S),
             dec_fine_rate_dtics_s=round(fine.dec_deg_s * DTICS_S_PER_DEG_S),

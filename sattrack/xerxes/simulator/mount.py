@@ -40,9 +40,9 @@ from sattrack.xerxes.datagrams import (
     Command,
     DatagramError,
     Readings,
+    Status,
     decode_command,
     encode_status,
-    status_of,
 )
 from sattrack.xerxes.simulator.axis import Axis
 from sattrack.xerxes.simulator.drives import GUIDE_RATE_DTICS_S, DrivenAxis, Encoder, Mode
@@ -348,7 +348,7 @@ class SimulatedMount:
         acks, slewing = self._flags.acknowledged, self.slewing
         tells_places = self.hardware.reports_home_and_park
         return encode_status(
-            status_of(
+            Status(
                 altitude_deg=altitude_deg,
                 azimuth_deg=azimuth_deg,
                 dec_deg=dec_deg,

@@ -6,9 +6,8 @@ of which the mount's loop processes the latest; and, Details, commands are launc
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
+from msgspec.structs import replace
 from xerxes_builders import PERIOD_S, SIDEREAL_DTICS_S, T0, want
 
 from sattrack.mount import Hold, Motion, MountProfile, MoveAxes, SlewTo, Stop

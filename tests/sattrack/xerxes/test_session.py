@@ -13,6 +13,7 @@ import random
 import struct
 from typing import TYPE_CHECKING, Any, Literal
 
+import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -61,7 +62,7 @@ class Client:
 
     def status(self, counter: int | None = None, readings: Readings | None = None, **fields: Any) -> bytes:
         self.counter = self.counter + 1 if counter is None else counter
-        return encode_status(dataclasses.replace(TRACKING, counter=self.counter, **fields), readings)
+        return encode_status(msgspec.structs.replace(TRACKING, counter=self.counter, **fields), readings)
 
     def hear(self, **fields: Any) -> StatusSample | None:
         """Give the session the mount's next status."""
@@ -825,7 +826,7 @@ class TestAnySequence:
             assert sent[0] == sent[1]
 
 
-VALID = encode_status(dataclasses.replace(TRACKING, counter=500))
+VALID = encode_status(msgspec.structs.replace(TRACKING, counter=500))
 
 
 class TestNoise:
