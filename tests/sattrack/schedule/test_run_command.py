@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
+from planning_nights import random_sky
 
 from sattrack import practice
 from sattrack.cli import run
@@ -40,25 +41,9 @@ CLOCK = ("--clock", "2026-10-02T12:00:00Z")
 
 
 def made_up_sky(count: int) -> list[Elements]:
-    """Return satellites in low orbits, drawn at random, and the ISS."""
-    rng = np.random.default_rng(4)
-    found = [practice.elements()]
-    for k in range(count):
-        found.append(
-            replace(
-                practice.elements(),
-                name=f"SAT {k + 1:02d}",
-                catalog_number=70001 + k,
-                designator="",
-                raan_deg=float(rng.uniform(0.0, 360.0)),
-                mean_anomaly_deg=float(rng.uniform(0.0, 360.0)),
-                inclination_deg=float(rng.uniform(50.0, 98.0)),
-                mean_motion_rev_day=float(rng.uniform(13.5, 15.4)),
-                mean_motion_dot_rev_day2=0.0,
-                bstar_per_earth_radius=0.0,
-            )
-        )
-    return found
+    """Return the ISS, and satellites in low orbits, drawn at random."""
+    drawn = enumerate(random_sky(count), start=1)
+    return [practice.elements(), *(replace(one, name=f"SAT {number:02d}") for number, one in drawn)]
 
 
 @pytest.fixture(scope="module")
