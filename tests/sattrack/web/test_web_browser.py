@@ -15,8 +15,10 @@ import sys
 import time
 import urllib.error
 import urllib.request
+from collections import deque
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
+from urllib.parse import parse_qs, urlsplit
 
 import aiohttp
 import pytest
@@ -31,6 +33,8 @@ pytest.importorskip("textual_serve")
 pytestmark = pytest.mark.skipif(not SUPPORTED, reason="abstract names are Linux's")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 PATIENCE_S = 30.0
+ARROWS = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}
+WHERE = "document.querySelector('.xterm-screen').getBoundingClientRect().toJSON()"
 ESCAPES = re.compile(rb"\x1b\[[0-9;?]*[A-Za-z]")
 
 
@@ -121,6 +125,7 @@ class Browser:
         self._count = 0
         self.drawn = b""
         self.fetched: list[str] = []
+        self.columns = 0
 
     async def call(self, method: str, **parameters: Any) -> dict[str, Any]:
         self._count += 1
@@ -148,6 +153,26 @@ class Browser:
         await self.call("Input.dispatchKeyEvent", type="keyDown", text=key, **both)
         await self.call("Input.dispatchKeyEvent", type="keyUp", **both)
 
+    async def press_arrow(self, name: str, shift: bool = False) -> None:
+        """Press a key that has no text, as a browser tells of it."""
+        both = {"key": name, "code": name, "windowsVirtualKeyCode": ARROWS[name], "modifiers": 8 * shift}
+        await self.call("Input.dispatchKeyEvent", type="rawKeyDown", **both)
+        await self.call("Input.dispatchKeyEvent", type="keyUp", **both)
+
+    async def touch_lowest_row(self, column: int) -> None:
+        """Click a cell of the terminal with the mouse."""
+        told = await self.call("Runtime.evaluate", expression=WHERE, returnByValue=True)
+        box = told["result"]["value"]
+        at = {"x": (column + 0.5) * box["width"] / self.columns, "y": box["bottom"] - 5.0}
+        for what in ("mousePressed", "mouseReleased"):
+            await self.call("Input.dispatchMouseEvent", type=what, button="left", clickCount=1, **at)
+
+    async def resize(self, width: int, height: int) -> None:
+        """Make the window another size, in pixels."""
+        window = await self.call("Browser.getWindowForTarget")
+        bounds = {"width": width, "height": height}
+        await self.call("Browser.setWindowBounds", windowId=window["windowId"], bounds=bounds)
+
     async def _next(self) -> dict[str, Any]:
         told: dict[str, Any] = await asyncio.wait_for(self._socket.receive_json(), PATIENCE_S)
         if told.get("method") == "Network.webSocketFrameReceived":
@@ -156,7 +181,22 @@ class Browser:
                 self.drawn += base64.b64decode(frame["payloadData"])
         if told.get("method") == "Network.requestWillBeSent":
             self.fetched.append(told["params"]["request"]["url"])
+        if told.get("method") == "Network.webSocketCreated":
+            size = parse_qs(urlsplit(told["params"]["url"]).query)
+            self.columns = int(size["width"][0])
         return told
+
+
+async def biased(views: asyncio.StreamReader, **asked: float) -> None:
+    """Wait until a run itself says that it was asked for these offsets."""
+    last: deque[Any] = deque(maxlen=1)
+    until_s = time.monotonic() + PATIENCE_S
+    while time.monotonic() < until_s:
+        view = json.loads(await asyncio.wait_for(views.readline(), PATIENCE_S))
+        last.append({one["what"]: one["total"] for one in view.get("offsets", ())})
+        if all(last[-1].get(what) == pytest.approx(total) for what, total in asked.items()):
+            return
+    pytest.fail(f"{asked} were asked for, and not {last}")
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
@@ -172,7 +212,7 @@ def test_a_run_is_seen_taken_and_stopped_in_a_browser(tmp_path: Path) -> None:
     ):  # fmt: skip
         assert chromium.stderr is not None
         found = next(filter(None, (re.search(rb"ws://[^/]+", line) for line in chromium.stderr)))
-        asyncio.run(seen_and_stopped(found[0].decode().removeprefix("ws://"), url))
+        asyncio.run(seen_and_stopped(found[0].decode().removeprefix("ws://"), url, demo.pid))
         assert demo.stdout is not None
         summary = json.loads(demo.stdout.read())["summary"]
         assert demo.wait(PATIENCE_S) == 0
@@ -180,7 +220,7 @@ def test_a_run_is_seen_taken_and_stopped_in_a_browser(tmp_path: Path) -> None:
     assert summary["mount_stopped"] is True
 
 
-async def seen_and_stopped(debugger: str, url: str) -> None:
+async def seen_and_stopped(debugger: str, url: str, run: int) -> None:
     async with aiohttp.ClientSession() as session:
         async with session.get(f"http://{debugger}/json") as answer:
             pages = await answer.json()
@@ -198,6 +238,35 @@ async def seen_and_stopped(debugger: str, url: str) -> None:
                 await browser.until(b"range")
             await browser.press("c", "KeyC", 67)
             await browser.until(b"IN CONTROL")
+            await nudged(browser, run)
             await browser.press(" ", "Space", 32)
             await browser.until(b"the mount is at rest")
     assert all(each.startswith(url) for each in browser.fetched if each.startswith("http")), browser.fetched
+
+
+async def nudged(browser: Browser, run: int) -> None:
+    """Move the target by arrows and by a touch, and make the window larger."""
+    command = (sys.executable, "-m", "sattrack", "attach", "--json", "--run", str(run))
+    attached = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
+    views = attached.stdout
+    assert views is not None
+    try:
+        await browser.press_arrow("ArrowRight", shift=True)
+        await browser.press_arrow("ArrowDown", shift=True)
+        await biased(views, along_s=1.0, cross_deg=-0.1)
+        for name, asked in (
+            ("ArrowRight", {"along_s": 1.1}),
+            ("ArrowLeft", {"along_s": 1.0}),
+            ("ArrowUp", {"cross_deg": -0.09}),
+            ("ArrowDown", {"cross_deg": -0.1}),
+        ):
+            await browser.press_arrow(name)
+            await biased(views, **asked)
+        # The arrow to the right is the second character of the lowest row, behind the edge.
+        await browser.touch_lowest_row(2)
+        await biased(views, along_s=1.1, cross_deg=-0.1)
+    finally:
+        attached.kill()
+        await attached.wait()
+    await browser.resize(1400, 800)
+    await browser.until(b"spiral", b"SPACE STOP")
