@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 import struct
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import msgspec
 import pytest
 from console_builders import PERIOD_S, PROFILE, SITE, T0, Bench
+from msgspec.structs import replace
 
 from sattrack.console_messages import (
     AbortOrder,

@@ -52,7 +52,7 @@ class TroubledRun(VirtualRun):
         if within(now_utc_s, self.spoilt):
             decoded = decode_status(status)
             moved = {name: getattr(decoded, name) + by for name, by in self.spoil.items()}
-            status = encode_status(replace(decoded, **moved))
+            status = encode_status(msgspec.structs.replace(decoded, **moved))
         super(TroubledRun, self)._status_arrives(now_utc_s, (status, truth))
 
 
