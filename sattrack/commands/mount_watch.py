@@ -13,6 +13,7 @@ import click
 from sattrack.commands.json_lines import JsonLines
 from sattrack.commands.mount_common import MountCall, mount_options, resolve
 from sattrack.commands.screened import tui_possible
+from sattrack.console_messages import ParkOrder
 from sattrack.errors import BadInputError, SattrackError
 from sattrack.manual.sitting import Sitting
 from sattrack.runtime.console import OrderInbox, attend_sitting
@@ -29,8 +30,9 @@ if TYPE_CHECKING:
 @click.option(
     "--control", is_flag=True, help="With --stream: orders as JSON lines on standard input; its end leaves."
 )
+@click.option("--park", is_flag=True, help="Park at once, as the key p does; SPACE stops it.")
 @mount_options
-def watch(context: CommandContext, stream: bool, control: bool, **options: Any) -> int:
+def watch(context: CommandContext, stream: bool, control: bool, park: bool, **options: Any) -> int:
     """Operate a mount by hand, full screen: every field of its status live; jog, slew, sync, park, stop.
 
     SPACE stops the mount, everywhere. A jog ends by itself when its key is let go. Beside a session that owns
@@ -43,6 +45,8 @@ def watch(context: CommandContext, stream: bool, control: bool, **options: Any) 
         raise BadInputError("--control goes with --stream")
     if call.timeout_s is not None:
         raise BadInputError("--timeout: a console lasts until it is left")
+    if park and stream:
+        raise BadInputError("--park goes with the screen; `sattrack mount park` parks without one")
     if stream and sys.stdout.isatty():
         # A terminal that is held, by Ctrl-S or a full line, would hold up the loop that ends jogs.
         raise BadInputError("--stream is for programs, not for a terminal; leave it out, or pipe it on")
@@ -56,7 +60,9 @@ def watch(context: CommandContext, stream: bool, control: bool, **options: Any) 
         )
     from sattrack.tui.console_launch import watch_with_tui
 
-    return watch_with_tui([sys.executable, "-m", "sattrack", *sys.argv[1:], "--stream", "--control"])
+    called = [word for word in sys.argv[1:] if word != "--park"]
+    command = [sys.executable, "-m", "sattrack", *called, "--stream", "--control"]
+    return watch_with_tui(command, first=ParkOrder() if park else None)
 
 
 def _stop(owner: Owner) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sattrack.messages import Message, StopNow
+from sattrack.messages import Go, Message, Pause, StopNow
 from sattrack.session_messages import (
     Arm,
     Disarm,
@@ -82,7 +82,7 @@ class Desk:
                 self.version += 1
                 return message
             case _:
-                return message if number == self.controller else None
+                return self._obeyed(number, message)
         self.version += 1
         return None
 
@@ -113,6 +113,16 @@ class Desk:
         """Have everybody told something."""
         self._said = words
         self.version += 1
+
+    def _obeyed(self, number: int, message: Message) -> Message | None:
+        """Hand on what whoever has control says to the run; everybody hears who pauses it."""
+        if number != self.controller:
+            return None
+        if isinstance(message, Pause | Go):
+            did = "paused" if isinstance(message, Pause) else "set going"
+            self._said = f"{did} from {self._name(number)}"
+            self.version += 1
+        return message
 
     def _arm(self, order: Arm) -> Message | None:
         armed = Armed(order.catalog_number, order.culminate_utc_s, order.name[:LONGEST_NAME])

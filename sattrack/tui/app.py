@@ -29,7 +29,8 @@ from sattrack.tui.page_keys import PageKeys
 from sattrack.tui.pages import LIVE, PAGES
 from sattrack.tui.panels import Panel
 from sattrack.tui.plain import PlainFilter
-from sattrack.tui.scene import Scene
+from sattrack.tui.rest_keys import RestHand, RestKeys
+from sattrack.tui.scene import REFUSAL_SHOWN_S, Scene
 from sattrack.tui.schedule_page import SchedulePage
 from sattrack.tui.screens import Screens
 from sattrack.tui.session_bar import SessionBar
@@ -58,7 +59,7 @@ LEAVE_WITHIN_S = 4.0
 """How long the screen stays for the mount to come to rest once it is to be left."""
 
 
-class TrackApp(PageKeys, TargetKeys):
+class TrackApp(RestKeys, PageKeys, TargetKeys):
     """Shows a run and takes the operator's keys.
 
     With `stay`, the screen of an ended run remains until it is left. `monotonic` is this process's own
@@ -93,6 +94,8 @@ class TrackApp(PageKeys, TargetKeys):
         Binding("b", "follow('before')", "satellite before"),
         Binding("g", "look_again", "search again"),
         Binding("j", "by_hand", "by hand"),
+        Binding("p", "pause_or_go", "pause, or go on"),
+        Binding("P", "park", "park"),
         *(Binding(key, f"page('{page}')", page) for key, page in PAGES.items()),
         Binding("u", "undo", "undo"),
         Binding("c", "control", "control"),
@@ -135,6 +138,7 @@ class TrackApp(PageKeys, TargetKeys):
         self._gone = False
         """Whether nothing more will come of whatever brings the views."""
         self._hand = Hand()
+        self._rest = RestHand()
         self._screens = Screens(aside)
         self._session: SessionView | None = None
         self._you = STARTER
@@ -195,6 +199,7 @@ class TrackApp(PageKeys, TargetKeys):
 
     def look(self) -> None:
         """Take in what has come, and draw the newest."""
+        self._rest.looked_s = self._monotonic()
         news = self._feed.news()
         if news.rewound:
             self._begin_anew()
@@ -217,6 +222,7 @@ class TrackApp(PageKeys, TargetKeys):
             # It never began; why, is told on the plain terminal.
             self.exit()
         self._leave_when_due()
+        self._park_when_due()
 
     def _begin_anew(self) -> None:
         self._history = ErrorHistory()
@@ -253,6 +259,8 @@ class TrackApp(PageKeys, TargetKeys):
             beginning=self._beginning,
             between=self._screens.between(now_s) if self._between else None,
             refused_s=None if self._refused_s is None else now_s - self._refused_s,
+            hint=self._rest.hint if now_s - self._rest.hinted_s < REFUSAL_SHOWN_S else "",
+            jog_rate=self._rest.jog_rate if self._paused else None,
         )
 
     def get_theme_variable_defaults(self) -> dict[str, str]:
@@ -267,7 +275,7 @@ class TrackApp(PageKeys, TargetKeys):
     def action_stop(self) -> None:
         """Stop everything; every press says it again. Nothing may then hide what the mount does."""
         self._close_dialogs()
-        self._leave_running = False
+        self._leave_running = self._rest.park_due = False
         if self._stop_sent_s is None:
             self._stop_sent_s = self._monotonic()
         self._tell(StopNow())

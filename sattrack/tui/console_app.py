@@ -58,7 +58,10 @@ TITLES = {
 
 
 class ConsoleApp(App[None]):
-    """Shows a mount and takes the operator's keys. `monotonic` is this process's own clock, seconds."""
+    """Shows a mount and takes the operator's keys. `monotonic` is this process's own clock, seconds.
+
+    `first` was asked for before there was a screen: it is said as soon as the mount is heard.
+    """
 
     TITLE = "sattrack mount watch"
     CSS_PATH = Path(__file__).with_name("console.tcss")
@@ -83,10 +86,16 @@ class ConsoleApp(App[None]):
         Binding("question_mark", "help", "help"),
     ]
 
-    def __init__(self, feed: ConsoleFeed, monotonic: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        feed: ConsoleFeed,
+        monotonic: Callable[[], float] = time.monotonic,
+        first: ConsoleMessage | None = None,
+    ) -> None:
         super().__init__()
         self._feed = feed
         self._monotonic = monotonic
+        self._first = first
         self._view: ConsoleView | None = None
         self._ended = False
         self._rate = FIRST_RATE
@@ -133,6 +142,9 @@ class ConsoleApp(App[None]):
             if self._stop_sent_s is not None and latest.view.doing in OBEYED_WORDS:
                 self._stop_sent_s = None
         self._ended = self._ended or latest.ended
+        if self._first is not None and self._view is not None and self._view.status is not None:
+            first, self._first = self._first, None
+            self._tell(first)
         self._draw()
         self._leave_when_due()
 
@@ -154,7 +166,7 @@ class ConsoleApp(App[None]):
     def action_stop(self) -> None:
         """Stop everything; every press says it again. Nothing may then hide what the mount does."""
         self._close_dialogs()
-        self._stop_sent_s = self._monotonic()
+        self._first, self._stop_sent_s = None, self._monotonic()
         self._tell(AbortOrder())
 
     def action_interrupt(self) -> None:
@@ -168,7 +180,7 @@ class ConsoleApp(App[None]):
         if self._ended or self._leaving_since_s is not None:
             self.exit()
             return
-        self._leaving_since_s = self._monotonic()
+        self._first, self._leaving_since_s = None, self._monotonic()
         self._tell(LeaveOrder())
 
     async def action_quit(self) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 import termios
+from functools import partial
 from typing import TYPE_CHECKING
 
 import click
@@ -17,6 +18,7 @@ from sattrack.tui.showing import INTERRUPTED, run_until_left
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from sattrack.console_messages import ConsoleMessage
     from sattrack.tui.console_feed import ConsoleFeed
 
 PATIENCE_S = 75.0
@@ -29,11 +31,13 @@ def watch_with_tui(
     command: Sequence[str],
     show: Callable[[ConsoleFeed], bool] | None = None,
     patience_s: float = PATIENCE_S,
+    first: ConsoleMessage | None = None,
 ) -> int:
     """Run `command` (a console with `--stream --control`) under the screen; return its exit code.
 
     However the screen ends, the console is told to leave, and has `patience_s` to bring to rest what it has
-    set going. `show` stands in for the screen; it tells whether it was interrupted.
+    set going. `show` stands in for the screen; it tells whether it was interrupted. `first` is said as soon
+    as the mount is heard.
     """
     console = ConsoleProcess(command)
     end_with_the_terminal(console, patience_s, GRACE_S)
@@ -44,7 +48,7 @@ def watch_with_tui(
     code: int | None = None
     try:
         if console.wait_first_view():
-            interrupted = (show or show_console)(console)
+            interrupted = (show or partial(show_console, first=first))(console)
     except KeyboardInterrupt:
         interrupted = True
     finally:
@@ -55,14 +59,14 @@ def watch_with_tui(
     return INTERRUPTED if interrupted and code == 0 else code
 
 
-def show_console(feed: ConsoleFeed) -> bool:
+def show_console(feed: ConsoleFeed, first: ConsoleMessage | None = None) -> bool:
     """Run the screen until it is left; raises SattrackError where it broke."""
     from sattrack.tui.console_app import ConsoleApp
 
     if sys.stdin.isatty():
         # Keys from before there was a screen were not meant for it.
         termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
-    return run_until_left(ConsoleApp(feed), "the screen broke; the mount was told to stop")
+    return run_until_left(ConsoleApp(feed, first=first), "the screen broke; the mount was told to stop")
 
 
 def _end(console: ConsoleProcess, patience_s: float) -> int:

@@ -205,7 +205,7 @@ class JogPanel(ConsolePanel):
         for keys in ((1, 2, 3), (4, 5, 6)):
             row: Row = []
             for key in keys:
-                row += [_rate_key(key, rates[key - 1], key == scene.rate, wide=True), "  "]
+                row += [_rate_key(f"{key} ", rates[key - 1], key == scene.rate, " °/s"), "  "]
             rows.append(row)
         return rows
 
@@ -214,7 +214,7 @@ class JogPanel(ConsolePanel):
         row: Row = [("jog ", DIM), ("↑", "bold"), "N ", ("↓", "bold"), "S ", ("←", "bold"), "E "]
         row += [("→", "bold"), "W  "]
         for key, rate in enumerate(jog_rates_deg_s(scene.view), start=1):
-            row += [_rate_key(key, rate, key == scene.rate, wide=False), " "]
+            row += [_rate_key("" if scene.by_brackets else f"{key}:", rate, key == scene.rate), " "]
         return [[*row, ("°/s", DIM)]]
 
 
@@ -266,7 +266,7 @@ def _asked(asked: AskedView) -> tuple[Row, Row]:
     return what, [(asked.state, SPOKEN[tone]), (reason, DIM)]
 
 
-def _rate_key(key: int, rate_deg_s: float, chosen: bool, wide: bool) -> Part:
+def _rate_key(before: str, rate_deg_s: float, chosen: bool, unit: str = "") -> Part:
     digits = number(rate_deg_s, 4).rstrip("0").rstrip(".")
-    text = f"{key} {digits:<6} °/s" if wide else f"{key}:{digits}"
+    text = f"{before}{digits:<6}{unit}" if unit else before + digits
     return (f"[{text}]", PLATE[Tone.CALM]) if chosen else (f" {text} ", DIM)

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 JOG_RATES_DEG_S = (0.02, 0.1, 0.5, 2.0)
 """Between the guide rate and the profile's limit."""
 FIRST_RATE = 2
+RATES = len(JOG_RATES_DEG_S) + 2
 HALF_SIDEREAL_DEG_S = SIDEREAL_DTICS_S / DTICS_S_PER_DEG_S / 2.0
 
 
@@ -31,6 +32,8 @@ class ConsoleScene:
     leaving: bool = False
     ended: bool = False
     """Whether the console's process has ended its stream."""
+    by_brackets: bool = False
+    """Whether the brackets choose the jog rate, and not its own key."""
 
 
 def jog_rates_deg_s(view: ConsoleView) -> tuple[float, ...]:

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from textual.app import ComposeResult
 
 TEXT = """\
-SPACE     STOP everything, at once: ends the run, the mount comes to
-          rest. Works everywhere, here too.
-q         leave: with the mount stopped, or the run left running
-Ctrl-C    stop the mount, wait for it, leave; once more: at once
+SPACE     STOP, here and everywhere: the run ends, the mount rests
+p         pause: the mount rests, the run goes on; again, Enter: go on
+P         park: the run ends, the mount goes to its park position
+q         leave: asks whether the mount is to stop; Ctrl-C: it does
 1 to 5    live, tonight's passes, mount, schedule, log
 ← →       point behind / ahead of it on its track (it is late / early)
 ↑ ↓       point left / right of its motion (as it goes, from below)
@@ -57,6 +57,12 @@ them; why not stands below the list. A stop takes back what is armed.
 
 MOUNT_TEXT = """\
 SPACE     STOP everything, at once
+p         pause the pass: the mount comes to rest; again, Enter: go on
+↑ ↓ ← →   while paused: jog north, south, east, west, half a second at
+          a touch; a held key's ends 0.3 s after its last repeat
+[ ]       jog slower / faster
+P         park: the run ends, the mount goes to its park position and
+          stops there, and the drives' power is cut
 j         once the run is over: operate the mount by hand, on the
           console's screen: jog, slew, sync, park, home
 1 to 5    live, tonight's passes, mount, schedule, log

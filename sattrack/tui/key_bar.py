@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.tui.look import DIM, PLATE
-from sattrack.tui.pages import LIVE, LOG, PAGES, SCHEDULE, TONIGHT
+from sattrack.tui.pages import LIVE, LOG, MOUNT, PAGES, SCHEDULE, TONIGHT
 from sattrack.tui.panels import Panel
 from sattrack.tui.scene import Scene, Tone
 from sattrack.tui.touch import Touch, TouchBar
@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-ROOM_FOR_ALL_KEYS = 108
+ROOM_FOR_ALL_KEYS = 114
 
 
 class Key(NamedTuple):
@@ -32,11 +32,13 @@ ALONG = Key((("←", "left"), ("→", "right")), "along")
 ACROSS = Key((("↑", "up"), ("↓", "down")), "across")
 STEP = Key((("[ ", "left_square_bracket"), ("]", "right_square_bracket")), "step")
 MORE = _key("1-5", "2", "more")
-LIVE_KEYS = (ALONG, ACROSS, STEP, MORE)
+PAUSE, GO, PARK = _key("p", "p", "pause"), _key("p", "p", "go on"), _key("P", "P", "park")
+LIVE_KEYS = (ALONG, ACROSS, STEP)
 WIDE_LIVE_KEYS = (
     *(ALONG, ACROSS, STEP, _key("f", "f", "frame"), _key("s", "s", "spiral")),
-    *(_key("w", "w", "sweep"), _key("0", "0", "clear"), MORE),
+    *(_key("w", "w", "sweep"), _key("0", "0", "clear")),
 )
+JOG = Key((("↑", "up"), ("↓", "down"), ("←", "left"), ("→", "right")), "jog")
 UP_AND_DOWN = Key((("↑", "up"), ("↓", "down")), "")
 FILTER = _key("f", "f", "filter")
 LIST_KEYS = {
@@ -46,6 +48,7 @@ LIST_KEYS = {
     ),
     SCHEDULE: (UP_AND_DOWN,),
     LOG: (UP_AND_DOWN, FILTER),
+    MOUNT: (PAUSE, _key("j", "j", "by hand"), PARK),
 }
 ENDS = (_key("q", "q", "quit"), _key("?", "question_mark", "help"))
 TAPE_KEYS = (
@@ -74,9 +77,11 @@ class KeyBar(Panel, TouchBar[Scene]):
         if scene.tape is not None:
             return _spread((*(WIDE_TAPE_KEYS if wide else TAPE_KEYS), *ENDS), "   ")
         if scene.page == LIVE:
-            keys = WIDE_LIVE_KEYS if wide else LIVE_KEYS
-            return [*_spread(keys, "   "), _gap("   "), STOP, *_spread(ENDS, "   ", first=True)]
+            keys = (*(WIDE_LIVE_KEYS if wide else LIVE_KEYS), PAUSE if scene.jog_rate is None else GO, MORE)
+            return [*_spread(keys, "  "), _gap("  "), STOP, *_spread(ENDS, "  ", first=True)]
         more = LIST_KEYS.get(scene.page, ()) if wide else ()
+        if wide and scene.page == MOUNT and scene.jog_rate is not None:
+            more = (JOG, STEP, GO, PARK)
         pages = [*_pages(scene.page), *_spread(more, "  ", first=True)]
         return [*pages, _gap("   "), STOP, *_spread(ENDS, "  ", first=True)]
 

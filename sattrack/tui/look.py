@@ -198,6 +198,7 @@ ConsolePanel { height: 1; text-wrap: nowrap; text-overflow: ellipsis; padding: 0
 #m-fields > ConsolePanel { height: 10; width: 1fr; }
 #m-fields > #m-pointing { width: 30; }
 #m-fields > #m-drives { width: 24; }
+#m-jog { display: none; }
 #m-below { height: 6; }
 #m-readings { height: 2; }
 #m-link { height: 3; }

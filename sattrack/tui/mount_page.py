@@ -9,7 +9,7 @@ from textual.widgets import Static
 
 from sattrack import console_words
 from sattrack.tui import console_panels as panels
-from sattrack.tui.console_scene import ConsoleScene
+from sattrack.tui.console_scene import FIRST_RATE, ConsoleScene
 
 if TYPE_CHECKING:
     from textual.app import ComposeResult
@@ -40,6 +40,7 @@ class MountPage(Vertical):
             yield panels.GroupPanel(console_words.pointing, "m-pointing")
             yield panels.GroupPanel(console_words.drives, "m-drives")
             yield panels.GroupPanel(console_words.state, "m-state")
+        yield panels.JogPanel("m-jog")
         yield panels.AcksPanel("m-acks")
         with Container(id="m-below"):
             yield panels.GroupPanel(console_words.place, "m-place")
@@ -51,11 +52,16 @@ class MountPage(Vertical):
         for name, title in TITLES.items():
             self.query_one(name).border_title = title
 
-    def draw(self, view: ConsoleView | None, news_age_s: float, note: str) -> None:
-        """Take the newest look at the mount, and what is to be said of it."""
+    def draw(self, view: ConsoleView | None, news_age_s: float, note: str, jog_rate: int | None) -> None:
+        """Take the newest look at the mount, and what is to be said of it.
+
+        `jog_rate` is which rate is chosen, where the arrows jog; None where they do not.
+        """
         self.query_one("#m-note", Static).update(note)
+        self.query_one("#m-jog").display = jog_rate is not None
         if view is None:
             return
-        scene = ConsoleScene(view=view, news_age_s=news_age_s)
+        rate = FIRST_RATE if jog_rate is None else jog_rate
+        scene = ConsoleScene(view=view, rate=rate, news_age_s=news_age_s, by_brackets=True)
         for panel in self.query(panels.ConsolePanel):
             panel.show(scene)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
-from contextlib import suppress
 from typing import TYPE_CHECKING
 
-from textual.app import App, SuspendNotSupported
+from textual.app import App
 
 from sattrack.session_messages import Arm
 from sattrack.tui.console_dialogs import Question
-from sattrack.tui.pages import MOUNT, TONIGHT
+from sattrack.tui.pages import TONIGHT
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -44,6 +42,9 @@ class PageKeys(App[None]):
         """Tell whether what is said about what to follow is obeyed from here; where not, have that shown."""
         raise NotImplementedError
 
+    def _go_on(self) -> None:
+        raise NotImplementedError
+
     def _draw(self) -> None:
         raise NotImplementedError
 
@@ -65,18 +66,14 @@ class PageKeys(App[None]):
             self._screens.look_again()
             self._draw()
 
-    def action_by_hand(self) -> None:
-        """Operate the mount by hand, by the console's own screen, once no run has it."""
-        command = self._screens.console_command()
-        if self._screens.page != MOUNT or not self._ended or command is None:
-            return
-        with suppress(SuspendNotSupported), self.suspend():
-            subprocess.run(command, check=False)
-        self.refresh()
-
     def action_arm(self) -> None:
-        """Arm the pass under the cursor, or take it back; once a run is over, follow it."""
+        """Arm the pass under the cursor, or take it back; once a run is over, follow it.
+
+        Where there is no list of passes: go on with a pass that is paused.
+        """
         scene = self.scene
+        if self._screens.page != TONIGHT:
+            self._go_on()
         if self._screens.page == TONIGHT and scene is not None and self._may_say():
             self._order(self._screens.arm(scene, now=False))
 

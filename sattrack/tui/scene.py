@@ -23,6 +23,8 @@ NO_NEWS_AFTER_S = 1.5
 OLD_ELEMENTS_S = 3.0 * words.DAY_S
 STOP_UNHEARD_AFTER_S = 1.5
 REFUSAL_SHOWN_S = 4.0
+PAUSED = "paused"
+"""The phase of a run that is paused."""
 
 
 class Tone(StrEnum):
@@ -84,6 +86,10 @@ class Scene:
     """Which screen is shown."""
     refused_s: float | None = None
     """Seconds since a key was of no use for want of control; None where none was."""
+    hint: str = ""
+    """What was just answered to a key that did nothing, in words."""
+    jog_rate: int | None = None
+    """Which jog rate is chosen, 1 to 6, while the run is paused; None while it is not."""
 
     @property
     def in_control(self) -> bool:
@@ -128,8 +134,8 @@ def headline(scene: Scene) -> Headline:
         return Headline("STOP SENT", "waiting for the feeder to obey", Tone.NOTICE)
     if view.ended_by is not None:
         return Headline("STOPPING", f"{why_ended(view.ended_by)}; bringing the mount to rest", Tone.NOTICE)
-    if view.phase == "tracking":
-        return _tracking(view)
+    if view.phase in {"tracking", PAUSED}:
+        return _tracking(view) if view.phase == "tracking" else _paused(scene)
     word, rest, tone = _PHASES.get(view.phase, (view.phase.upper(), "", Tone.NOTICE))
     return Headline(word, rest, tone)
 
@@ -141,6 +147,21 @@ def _tracking(view: TrackView) -> Headline:
     if off > ON_TARGET_ARCSEC:
         return Headline("TRACKING", f"off the satellite by {words.arcsec(off)}", Tone.NOTICE)
     return Headline("TRACKING", "on the satellite: all is well", Tone.GOOD)
+
+
+def _paused(scene: Scene) -> Headline:
+    view = scene.view
+    doing = "bringing the mount to rest"
+    if view.pause is not None and view.pause.jogging:
+        doing = "the mount is jogged"
+    elif view.pause is not None and view.pause.at_rest:
+        doing = "the mount is at rest"
+    if view.utc_s < view.start_utc_s:
+        until = f"the pass begins in {words.span(view.start_utc_s - view.utc_s)}"
+    else:
+        until = f"the pass lasts {words.span(view.end_utc_s - view.utc_s)} more"
+    goes = "; p goes on" if scene.in_control and scene.tape is None else ""
+    return Headline("PAUSED", f"{doing}; {until}{goes}", Tone.NOTICE)
 
 
 def _over(scene: Scene) -> Headline:
@@ -204,6 +225,8 @@ def _cautions(scene: Scene) -> tuple[Caution, ...]:
         found.append(Caution("leaving as soon as the mount is at rest", "q again leaves at once", Tone.CALM))
     if scene.refused_s is not None and scene.refused_s < REFUSAL_SHOWN_S and not scene.in_control:
         found.append(Caution("looking on: this key does nothing", "c takes control", Tone.NOTICE))
+    if scene.hint:
+        found.append(Caution(scene.hint, "", Tone.NOTICE))
     if scene.ended:
         if scene.summary is not None and scene.summary.message:
             found.append(Caution(scene.summary.message, "", Tone.BAD))

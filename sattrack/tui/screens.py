@@ -87,7 +87,9 @@ class Screens:
         if self.page == TONIGHT:
             main.query_one(TonightPage).draw(self.night, scene, self._search(scene.view.utc_s))
         elif self.page == MOUNT:
-            main.query_one(MountPage).draw(self._console, now_s - self._heard_s, self._mount_note(scene))
+            main.query_one(MountPage).draw(
+                self._console, now_s - self._heard_s, self._mount_note(scene), scene.jog_rate
+            )
         elif self.page == SCHEDULE:
             view, trouble = self._schedule_of(now_s)
             main.query_one(SchedulePage).draw(self._as_of(view, scene, now_s), trouble)
@@ -107,6 +109,11 @@ class Screens:
     def beside(self, by: int, scene: Scene) -> PassRow | None:
         """Point to the pass after the one that goes on, or before it; None where none is known."""
         return self.night.point_beside(by, scene.view.catalog_number, scene.view.culminate_utc_s)
+
+    @property
+    def mount(self) -> ConsoleView | None:
+        """The last look at the mount; None where there was none."""
+        return self._console
 
     def console_command(self) -> list[str] | None:
         """Return what operates the mount by hand; None for a simulated one, which ends with its run."""
@@ -216,4 +223,5 @@ class Screens:
             return self._aside.look.trouble
         if self._console is None:
             return "looking at the mount …"
-        return "as the run hears it; by hand only after its end"
+        paused = "paused: the arrows jog, [ ] choose how fast; p goes on"
+        return "as the run hears it; p pauses, then the arrows jog" if scene.jog_rate is None else paused

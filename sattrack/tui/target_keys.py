@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from textual.app import App
 
 from sattrack.messages import DropRemembered
-from sattrack.tui.pages import LIVE
+from sattrack.tui.pages import LIVE, MOUNT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -35,6 +35,12 @@ class TargetKeys(App[None]):
     def _tell(self, message: Message | SessionMessage) -> None:
         raise NotImplementedError
 
+    def _jog(self, east: int, north: int) -> None:
+        raise NotImplementedError
+
+    def _resize_jog(self, by: int) -> None:
+        raise NotImplementedError
+
     def _draw(self) -> None:
         raise NotImplementedError
 
@@ -42,8 +48,13 @@ class TargetKeys(App[None]):
         raise NotImplementedError
 
     def action_nudge(self, along: int, across: int) -> None:
-        """Move the target by one step, along its track, across it, or as the frame has it; or down a list."""
-        if self._screens.page != LIVE:
+        """Move the target by one step, along its track, across it, or as the frame has it.
+
+        On other screens: down a list, or the mount by hand while the pass is paused.
+        """
+        if self._screens.page == MOUNT:
+            self._jog(east=-along, north=across)
+        elif self._screens.page != LIVE:
             self._turn(lambda main: self._screens.move(main, -across))
         elif self._may():
             self._send_all(self._hand.nudge(along, across))
@@ -59,7 +70,10 @@ class TargetKeys(App[None]):
             self._send_all(self._hand.undo())
 
     def action_step(self, by: int) -> None:
-        """Choose a smaller or a larger step."""
+        """Choose a smaller or a larger step, of a nudge or of a jog."""
+        if self._screens.page == MOUNT:
+            self._resize_jog(by)
+            return
         self._hand.resize(by)
         self._draw()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sattrack.messages import ClearBias, Nudge, Observation, OffsetBy, Search, StopNow
+from sattrack.messages import ClearBias, Go, Jog, Nudge, Observation, OffsetBy, Pause, Search, StopNow
 from sattrack.runtime.desk import NAMED, Desk
 from sattrack.session_messages import LeaveRunning, TakeControl, YieldControl
 from sattrack.session_view import STARTER
@@ -14,6 +14,9 @@ MOVING = [
     ClearBias(),
     OffsetBy("along_s", "add", 0.1),
     Search("stop"),
+    Pause(),
+    Go(),
+    Jog(dec_rate_deg_s=0.1),
     Observation("2026-10-02T13:05:24Z", 1.0, 2.0, "icrs", 5.0),
 ]
 
@@ -37,12 +40,23 @@ def test_the_starter_has_control_first_and_nobody_else_moves_the_target(message)
 def test_whoever_took_control_moves_the_target_and_who_had_it_no_more(message) -> None:
     before = desk(True, "anna", "ben")
     assert before.hear(1, TakeControl()) is None
+    assert before.view().said == "anna took control from where it was started"
 
     assert before.hear(1, message) is message
     assert before.hear(STARTER, message) is None
     assert before.hear(2, message) is None
     assert before.view().controller == 1
-    assert before.view().said == "anna took control from where it was started"
+
+
+def test_everybody_is_told_who_paused_the_run_and_had_it_go_on() -> None:
+    before = desk(True, "anna")
+    told = []
+    for number, message in ((STARTER, Pause()), (1, Go()), (STARTER, Jog()), (STARTER, Go())):
+        version = before.version
+        before.hear(number, message)
+        told.append(before.view().said if before.version != version else None)
+
+    assert told == ["paused from where it was started", None, None, "set going from where it was started"]
 
 
 def test_a_stop_is_obeyed_from_anybody_also_from_one_who_was_never_let_in() -> None:

@@ -25,6 +25,7 @@ from sattrack.tui.app import TrackApp  # noqa: E402
 from sattrack.tui.appearance import Appearance  # noqa: E402
 from sattrack.tui.feed import News  # noqa: E402
 from sattrack.tui.pages import PAGES  # noqa: E402
+from sattrack.view import PauseView  # noqa: E402
 
 if TYPE_CHECKING:
     from textual.strip import Strip
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 SIZES = ((80, 24), (120, 40))
 THEMES = ("night", "red")
 DIALOGS = {"help": ("question_mark",), "leave": ("q",)}
+PAUSED = {"paused": ("1",), "jog": ("3",)}
+NAMES = (*PAGES.values(), *DIALOGS, *PAUSED)
 SESSION = SessionView(
     STARTER,
     (Watcher(4, "pts/7"),),
@@ -45,14 +48,18 @@ SESSION = SessionView(
 async def screens(size: tuple[int, int], theme: str) -> dict[str, list[Strip]]:
     """Return every screen, and what can lie over the live one, as Textual has them."""
     views = tuple(changed(view, recording="/night.run/recordings/a.mcap") for view in following(170.0))
+    resting = PauseView(views[-1].utc_s - 5.0, at_rest=True, jogging=False)
+    paused = changed(views[-1], phase="paused", pause=resting, ra_rate_deg_s=0.0, dec_rate_deg_s=0.0)
     feed = FakeFeed([News(views, session=SESSION, sky=SKY)])
     app = TrackApp(feed, monotonic=HandClock(), appearance=Appearance(theme), aside=FakeAside())  # type: ignore[arg-type]
     app._screens._read = lambda _: schedule_view()
     found: dict[str, list[Strip]] = {}
     async with app.run_test(size=size) as pilot:
-        for name, keys in {**{page: (key,) for key, page in PAGES.items()}, **DIALOGS}.items():
+        for name, keys in {**{page: (key,) for key, page in PAGES.items()}, **DIALOGS, **PAUSED}.items():
+            if name in PAUSED:
+                feed.coming.append(News((paused,)))
             await pilot.press("1", *keys)
-            for _ in range(3 if name == "live" else 1):
+            for _ in range(3 if name in {"live", "paused"} else 1):
                 # The chart's width follows from the layout, and the layout from that.
                 app.look()
                 app.plot()
@@ -94,7 +101,7 @@ def all_snapshots() -> dict[str, str]:
     made = {}
     for size in SIZES:
         drawn = {theme: asyncio.run(screens(size, theme)) for theme in THEMES}
-        for name in (*PAGES.values(), *DIALOGS):
+        for name in NAMES:
             made[f"{name}-{size[0]}x{size[1]}.txt"] = snapshot(name, drawn)
     return made
 

@@ -9,9 +9,11 @@ import subprocess
 import sys
 import time
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from programs import satellite, simulated_mount
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -79,3 +81,42 @@ def test_a_pass_is_armed_another_tracked_nudged_and_stopped() -> None:
         pane.wait_for("STOPPED", "by the operator; the mount is at rest")
         pane.press("q")
         pane.wait_for("ended by operator", "left with 0")
+
+
+def test_a_pass_is_paused_jogged_gone_on_with_and_the_mount_parked(tmp_path: Path) -> None:
+    """A mount of its own, whose axes tell where they are; the Sun counts for nothing, by day or night."""
+    profile = Path(__file__).parents[3] / "examples" / "profiles" / "realistic.toml"
+    settings = tmp_path / "sattrack.toml"
+    settings.write_text("[safety]\noptical = false\n")
+    elements, site = satellite(tmp_path, 120.0)
+    with simulated_mount("--profile", str(profile), site=site) as mount:
+        where = ("--site", site, "--config", str(settings), "--profile", str(profile))
+        run = ("track", "25544", "--elements", str(elements), "--mount", f"'{mount.url}'", *where)
+        with in_tmux(*run) as pane:
+            pane.wait_for("TRACKING", "all is well")
+            pane.press("p")
+            pane.wait_for("PAUSED", "the mount is at rest; the pass lasts")
+            stood = mount.truths[-1]
+            pane.press("3", "]")
+            pane.wait_for("jog ↑N", "[0.1]")
+            stands = mount.truths[-1]["hour_angle_axis_deg"]
+            assert stands == pytest.approx(stood["hour_angle_axis_deg"], abs=0.001)
+            pane.press("Down")
+            mount.wait_until_faster(0.05)
+            pane.wait_for("the mount is jogged")
+            pane.wait_for("the mount is at rest")
+            jogged = mount.truths[-1]
+            assert abs(jogged["dec_axis_deg"] - stood["dec_axis_deg"]) == pytest.approx(0.05, abs=0.02)
+            pane.press("1", "Enter")
+            pane.wait_for("TRACKING", "all is well")
+            pane.press("P")
+            pane.wait_for("park?", "The run ends", "y does it")
+            pane.press("y")
+            pane.wait_for("PARKED", "the drives have no power")
+            pane.press("q")
+            pane.wait_for("STOPPED", "by the operator; the mount is at rest")
+            pane.press("q")
+            pane.wait_for("ended by operator", "paused for", "left with 0")
+        parked = mount.last_truth()
+    assert parked["dec_axis_deg"] == pytest.approx(30.0, abs=0.3)
+    assert parked["hour_angle_axis_deg"] == pytest.approx(0.0, abs=0.3)

@@ -76,7 +76,7 @@ def test_the_whole_small_screen() -> None:
         " along    +0.050 s  asked +0.100 s   ← behind  → ahead on track by 0.1 s",
         " across   −0.0100°  asked −0.0200°   ↑ left  ↓ right of motion by 0.01°",
         " elements 12.8 h old   recording pass.mcap",
-        " ←→ along   ↑↓ across   [ ] step   1-5 more    SPACE STOP    q quit   ? help",
+        " ←→ along  ↑↓ across  [ ] step  p pause  1-5 more   SPACE STOP   q quit  ? help",
     ]
 
 
@@ -267,7 +267,18 @@ def test_a_stop_that_is_not_obeyed_is_told() -> None:
 def test_the_help_shows_every_key_whole(size: tuple[int, int]) -> None:
     text = "\n".join(drawn(size=size, keys=("question_mark",)))
 
-    for key in ("SPACE", "Ctrl-C", "1 to 5", "← →", "↑ ↓", "[ ]", "r  0", "?  Esc  q close this help"):
+    for key in (
+        "SPACE",
+        "p  ",
+        "P  ",
+        "Ctrl-C",
+        "1 to 5",
+        "← →",
+        "↑ ↓",
+        "[ ]",
+        "r  0",
+        "?  Esc  q close this help",
+    ):
         assert key in text
 
 

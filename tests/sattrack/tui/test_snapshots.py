@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from snapshots import DIALOGS, FOLDER, SIZES, THEMES, all_snapshots
-
-from sattrack.tui.pages import PAGES
+from snapshots import FOLDER, NAMES, SIZES, THEMES, all_snapshots
 
 
 @pytest.fixture(scope="module")
@@ -14,7 +12,7 @@ def made() -> dict[str, str]:
 
 
 @pytest.mark.parametrize(("columns", "rows"), SIZES)
-@pytest.mark.parametrize("name", [*PAGES.values(), *DIALOGS])
+@pytest.mark.parametrize("name", NAMES)
 def test_each_screen_is_as_it_was_kept(made: dict[str, str], name: str, columns: int, rows: int) -> None:
     file = FOLDER / f"{name}-{columns}x{rows}.txt"
 
