@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import math
 import random
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any, Protocol
+
+import msgspec
 
 from sattrack.tracker import sky_error
 from sattrack.xerxes.datagrams import Command, decode_command, encode_command
@@ -204,7 +206,9 @@ class World:
         command = decode_command(data)
         if not command.move_ra:
             return data
-        return encode_command(replace(command, move_ra_rate_deg_s=command.move_ra_rate_deg_s + extra))
+        return encode_command(
+            msgspec.structs.replace(command, move_ra_rate_deg_s=command.move_ra_rate_deg_s + extra)
+        )
 
     def _judge(self, truth: Any) -> None:
         target = self.target(truth.utc_s)

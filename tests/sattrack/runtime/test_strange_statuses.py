@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -80,7 +80,7 @@ class StrangeRun(VirtualRun):
         if command.slew and len(self.slews) <= self.slews_left_out:
             # Acknowledged like any other, it leads to where the mount is.
             status = decode_status(self._installation.turn(now_utc_s)[0] or b"")
-            here = replace(command, target_ra_h=status.ra_h, target_dec_deg=status.dec_deg)
+            here = msgspec.structs.replace(command, target_ra_h=status.ra_h, target_dec_deg=status.dec_deg)
             datagram = encode_command(here)
         super(StrangeRun, self)._command_arrives(now_utc_s, datagram)
 
@@ -114,19 +114,21 @@ def at_rest(run: StrangeRun) -> bool:
 
 
 def all_frozen(status: Status, first: Status) -> Status:
-    return replace(status, sidereal_h=first.sidereal_h, ra_h=first.ra_h, dec_deg=first.dec_deg)
+    return msgspec.structs.replace(
+        status, sidereal_h=first.sidereal_h, ra_h=first.ra_h, dec_deg=first.dec_deg
+    )
 
 
 def place_frozen(status: Status, first: Status) -> Status:
-    return replace(status, ra_h=first.ra_h, dec_deg=first.dec_deg)
+    return msgspec.structs.replace(status, ra_h=first.ra_h, dec_deg=first.dec_deg)
 
 
 def clock_backwards(status: Status, first: Status) -> Status:
-    return replace(status, sidereal_h=(2.0 * first.sidereal_h - status.sidereal_h) % 24.0)
+    return msgspec.structs.replace(status, sidereal_h=(2.0 * first.sidereal_h - status.sidereal_h) % 24.0)
 
 
 def clock_frozen(status: Status, first: Status) -> Status:
-    return replace(status, sidereal_h=first.sidereal_h)
+    return msgspec.structs.replace(status, sidereal_h=first.sidereal_h)
 
 
 def test_statuses_that_freeze_for_good_stop_the_mount_like_silence_does() -> None:
@@ -153,7 +155,7 @@ def test_a_clock_that_runs_backwards_is_left_aside_and_said_to_be() -> None:
 
 def test_coordinates_that_jump_and_stay_are_the_mounts_new_ones_and_that_is_told() -> None:
     """As after a sync by other hands: 8° are more than the axes can do in a loop."""
-    summary, run = fly(spoil=lambda status, _: replace(status, dec_deg=status.dec_deg - 8.0))
+    summary, run = fly(spoil=lambda status, _: msgspec.structs.replace(status, dec_deg=status.dec_deg - 8.0))
     assert summary.ended_by == "set"
     assert run.warned("was not where its commands lead")
     shown = run.views[-40].error
