@@ -18,13 +18,12 @@ import sys
 import tempfile
 import time
 import urllib.request
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 from alpaca_harness import calibrate, follow
-from programs import satellite
+from programs import satellite, simulated_telescope
 
 from sattrack.alpaca_simulator.settings import TelescopeSettings
 from sattrack.figures import RunningError
@@ -34,9 +33,6 @@ from tle.propagator import Propagator
 from tle.refraction import Refraction
 from tle.site import Site
 from tle.sources import load_elements
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 CULMINATES_AFTER_S = 370.0
 """From the beginning of a live variant: time for the calibration."""
@@ -88,24 +84,6 @@ def virtual() -> None:
         print(words(name, result.true, result.reported, result.ended_by), flush=True)
 
 
-@contextmanager
-def telescope(settings: TelescopeSettings) -> Iterator[int]:
-    """Run a simulated telescope in a process of its own; give its port."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "sattrack.alpaca_simulator", msgspec.json.encode(settings).decode()],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdin is not None
-    assert process.stdout is not None
-    try:
-        yield int(json.loads(process.stdout.readline())["port"])
-    finally:
-        process.stdin.close()
-        process.wait()
-
-
 def live(name: str, settings: TelescopeSettings, hz: float) -> None:
     """Calibrate and follow as a user would; the truth is what the telescope's process tells afterwards."""
     with tempfile.TemporaryDirectory() as made:
@@ -118,7 +96,7 @@ def live(name: str, settings: TelescopeSettings, hz: float) -> None:
         config = folder / "sattrack.toml"
         # Whatever the time of day, the Sun is in nobody's way.
         config.write_text("[safety]\noptical = false\n")
-        with telescope(settings) as port:
+        with simulated_telescope(msgspec.json.encode(settings)) as (_, port):
             url, profile = f"alpaca://127.0.0.1:{port}/0?hz={hz:g}", folder / "telescope.toml"
             common = ("--mount", url, "--site", where, "--config", str(config))
             sattrack("mount", "calibrate", *common, "--out", str(profile), "--yes")
@@ -157,7 +135,8 @@ def requests() -> None:
     from sattrack.alpaca_mount.address import AlpacaAddress
     from sattrack.alpaca_mount.client import AlpacaClient
 
-    with telescope(TelescopeSettings(latency_s=0.0, jitter_s=0.0)) as port:
+    quick = TelescopeSettings(latency_s=0.0, jitter_s=0.0)
+    with simulated_telescope(msgspec.json.encode(quick)) as (_, port):
         device = Telescope(f"127.0.0.1:{port}", 0)
         device.Connected = True
         tell("alpyca, one after the other", lambda: [device.RightAscension for _ in range(REQUESTS)])

@@ -25,7 +25,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from programs import SITE, Mount, satellite, simulated_mount, speed_deg_s
+from programs import PATIENCE_S, SITE, Mount, satellite, simulated_mount, speed_deg_s
 
 from sattrack.figures import quantile
 from sattrack.mount import MountProfile
@@ -74,7 +74,7 @@ def is_guardian(pid: int) -> bool:
         return False
 
 
-def gone(pid: int, within_s: float = 20.0) -> bool:
+def gone(pid: int, within_s: float = PATIENCE_S) -> bool:
     """Wait until a process is no more."""
     until_s = time.monotonic() + within_s
     while time.monotonic() < until_s:
@@ -143,7 +143,7 @@ def strike(simulated: Mount, feeder: Feeder, how: signal.Signals) -> Outcome:
     stays = simulated.moved_on_s(struck_utc_s) == moved_on_s
     if how == signal.SIGSTOP:
         feeder.process.send_signal(signal.SIGCONT)
-        feeder.process.wait(30.0)
+        feeder.process.wait(PATIENCE_S)
     return Outcome(moved_on_s, speed, stays, gone(guardian))
 
 

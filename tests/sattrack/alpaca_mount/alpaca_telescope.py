@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import time
 import urllib.parse
 import urllib.request
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
+from programs import simulated_telescope
+
 if TYPE_CHECKING:
+    import subprocess
     from collections.abc import Callable, Iterator
 
-SITE = ("--site", "52.0,4.5,0")
-SIDEREAL_DEG_S = 360.0 / 86164.0905
 LOOK_AGAIN_S = 0.05
 PATIENCE_S = 60.0
 LATELY_S = 5.0
@@ -24,10 +23,8 @@ LATELY_S = 5.0
 class AlpacaTelescope:
     """The process, and what it tells beside its doors."""
 
-    def __init__(self, process: subprocess.Popen[str]) -> None:
-        assert process.stdout is not None
-        self.process = process
-        self.port = int(json.loads(process.stdout.readline())["port"])
+    def __init__(self, process: subprocess.Popen[str], port: int) -> None:
+        self.process, self.port = process, port
         self.url = f"alpaca://127.0.0.1:{self.port}/0"
 
     def ask(self, path: str) -> Any:
@@ -72,21 +69,5 @@ class AlpacaTelescope:
 @contextmanager
 def alpaca_telescope(**settings: Any) -> Iterator[AlpacaTelescope]:
     told = {"latitude_deg": 52.0, "longitude_deg": 4.5, **settings}
-    process = subprocess.Popen(
-        [sys.executable, "-m", "sattrack.alpaca_simulator", json.dumps(told)],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stdin is not None
-    assert process.stdout is not None
-    try:
-        yield AlpacaTelescope(process)
-    finally:
-        process.stdin.close()
-        try:
-            process.wait(5.0)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
-        process.stdout.close()
+    with simulated_telescope(json.dumps(told).encode()) as (process, port):
+        yield AlpacaTelescope(process, port)

@@ -9,8 +9,9 @@ import time
 from typing import TYPE_CHECKING
 
 import pytest
-from alpaca_telescope import SITE, AlpacaTelescope, alpaca_telescope
+from alpaca_telescope import AlpacaTelescope, alpaca_telescope
 from door_serving import call, serving_door
+from programs import SITE
 
 from sattrack import practice
 from sattrack.cli import run

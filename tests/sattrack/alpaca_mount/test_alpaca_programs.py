@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from alpaca_telescope import SIDEREAL_DEG_S, SITE, AlpacaTelescope, alpaca_telescope
-from programs import satellite
+from alpaca_telescope import AlpacaTelescope, alpaca_telescope
+from programs import SIDEREAL_DEG_S, SITE, satellite
 
 from sattrack.cli import run as run_command
 from sattrack.profiles import load_profile
