@@ -19,6 +19,7 @@ from sattrack.bias_view import (
 )
 from sattrack.control.kalman import wrap180
 from sattrack.figures import RunningError, WindowedError
+from sattrack.messages import Jog
 from sattrack.mount import (
     SIDEREAL_RATE_DEG_S,
     Hold,
@@ -185,7 +186,11 @@ class Engine:
 
     def operate(self, message: Message, now_utc_s: float) -> None:
         """Obey the operator."""
-        self.tracker.operate(message, now_utc_s)
+        if isinstance(message, Jog) and self._link_state is not LinkState.UP:
+            words = "the mount is not heard: nothing is moved blindly"
+            self.tracker.steering.tell(words, now_utc_s)
+        else:
+            self.tracker.operate(message, now_utc_s)
 
     def tick(self, now_utc_s: float) -> bytes:
         """Return the datagram to send now; call once a period."""

@@ -1,6 +1,7 @@
 """What an operator, or a camera's program, can say to a run, and how it is written: one JSON object a line.
 
 `{"type":"nudge","along_s":0.1}`, `{"type":"clear_bias"}`, `{"type":"drop_remembered"}`, `{"type":"stop"}`,
+`{"type":"pause"}`, `{"type":"jog","dec_rate_deg_s":0.1}`, `{"type":"go"}`,
 `{"type":"offset","what":"along_s","how":"add","value":0.5}`,
 `{"type":"search","how":"spiral","spacing_deg":0.05,"speed_deg_s":0.05}`,
 `{"type":"observation","utc":"2026-10-02T13:05:24.5Z","ra_deg":1.2,"dec_deg":3.4,"frame":"icrs",

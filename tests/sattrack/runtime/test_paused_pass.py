@@ -240,6 +240,14 @@ def test_a_jog_is_refused_where_the_run_is_not_paused_or_the_rate_is_none() -> N
     assert spread(flown, -18.0, 0.0) == pytest.approx((0.0, 0.0), abs=1e-5)
 
 
+def test_nothing_is_jogged_blindly_and_a_silence_while_paused_ends_the_run_as_ever() -> None:
+    flown = fly(messages=((-20.0, Pause()), (-9.0, Jog(dec_rate_deg_s=0.5))), lost_statuses=(-10.0, 20.0))
+    assert any("nothing is moved blindly" in words for view in flown.run.views for words in view.warnings)
+    assert spread(flown, -18.0, 0.0) == pytest.approx((0.0, 0.0), abs=1e-5)
+    assert flown.exit_code == 4
+    assert flown.summary.ended_by == "link"
+
+
 def test_a_jog_ends_at_a_limit_and_can_lead_away_from_it() -> None:
     """The declination axis may go to 75°; a key held north from 36° on would lead past it."""
     limited = msgspec.structs.replace(MountProfile(), dec_axis_limits_deg=(-60.0, 75.0))
