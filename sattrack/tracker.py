@@ -272,6 +272,7 @@ class Tracker:
         """Bring the mount to rest, whatever it does for the pass; a search ends where it is."""
         if self.phase is Phase.STOPPING or self.rest is not None:
             return
+        self.steering.refusal = None
         self.steering.keep_search(now_utc_s)
         self.rest, self.phase = Rest(now_utc_s), Phase.PAUSED
         self.rates = MoveAxes(0.0, 0.0)
@@ -283,7 +284,7 @@ class Tracker:
         if self.rest is None:
             self.steering.tell("the run is not paused", now_utc_s)
             return
-        self.steering.tell(None, now_utc_s)
+        self.steering.refusal = None
         self._moved_by_rates, self.rest = self.rest.moves, None
         self.rejoining = self.acquired_utc_s is not None
         self.phase = Phase.WAITING

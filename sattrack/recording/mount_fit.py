@@ -51,19 +51,21 @@ def fit_axes(run: Trace, profile: MountProfile) -> tuple[AxisFit | None, AxisFit
 
     Of an axis that takes rates by edges nothing is fitted: which of them acted, the datagrams do not tell.
     """
-    if profile.move_axis == "edge" or run.following.sum() < LEAST_SAMPLES:
+    if profile.move_axis == "edge":
         return None, None
     return _fit_axis(run, 0, not profile.additive), _fit_axis(run, 1, False)
 
 
 def _fit_axis(run: Trace, axis: int, drifts: bool) -> AxisFit | None:
     """Fit one axis; `drifts` where rates count from the sky at rest and not from the sky that turns."""
-    at = run.utc_s[run.following]
-    angle = (run.ra_deg if axis == 0 else run.dec_deg)[run.following]
+    # Commands tell nothing of the way between two stretches: it was a slew, or somebody's by hand.
+    whole = _longest_stretch(run.following)
+    at = run.utc_s[whole]
+    angle = (run.ra_deg if axis == 0 else run.dec_deg)[whole]
     unwrapped = np.unwrap(angle, period=360.0)
     good = ~np.isnan(run.sent[:, axis])
     sent_at, rates = run.sent_utc_s[good], run.sent[good, axis]
-    if len(rates) < LEAST_SAMPLES:
+    if min(len(at), len(rates)) < LEAST_SAMPLES:
         return None
     # What a held rate has moved by any instant: the integral of the commands, linear between their instants.
     moved = np.concatenate([[0.0], np.cumsum(rates[:-1] * np.diff(sent_at))])
@@ -97,6 +99,15 @@ def _fit_axis(run: Trace, axis: int, drifts: bool) -> AxisFit | None:
         math.sqrt(float(covariance[2, 2])) / gain if changes else None,
         float(np.std(residual)) * 3600.0,
     )
+
+
+def _longest_stretch(following: NDArray[np.bool_]) -> slice:
+    """Return the longest run of samples that follow without a break."""
+    edges = np.flatnonzero(np.diff(following.astype(np.int8), prepend=0, append=0))
+    if not len(edges):
+        return slice(0, 0)
+    longest = int(np.argmax(edges[1::2] - edges[::2]))
+    return slice(int(edges[2 * longest]), int(edges[2 * longest + 1]))
 
 
 def _correlated(residual: Array) -> float:

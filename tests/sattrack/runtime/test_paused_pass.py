@@ -26,6 +26,7 @@ from sattrack.messages import (
 from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile
 from sattrack.recording.comparison import choose
 from sattrack.recording.environment import fingerprint, here
+from sattrack.recording.mount_fit import fit_axes
 from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import NoRecording
 from sattrack.recording.replay import replay
@@ -378,3 +379,6 @@ def test_a_recording_of_a_paused_pass_runs_again_to_the_same_bytes(tmp_path: Pat
     assert math.sqrt(float((run.total[run.following] ** 2).mean())) == pytest.approx(
         summary.reported_rms_arcsec or 0.0
     ), "a report counts what the summary does"
+    for fit in fit_axes(run, run.engine.spec.profile):
+        assert fit is not None
+        assert fit.gain == pytest.approx(1.0, abs=0.001), "what was moved by hand says nothing of it"
