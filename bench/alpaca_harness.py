@@ -12,6 +12,7 @@ from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any
 
 import msgspec
+from sattrack.control.sky_error import sky_error
 
 from sattrack.alpaca_mount.address import AlpacaAddress
 from sattrack.alpaca_mount.bridge import Bridge
@@ -25,7 +26,6 @@ from sattrack.calibration.profile import bounded, calibrated
 from sattrack.figures import RunningError
 from sattrack.runtime.facts import build_engine, suited_to
 from sattrack.runtime.prepare import RunRequest, prepare
-from sattrack.tracker import sky_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable

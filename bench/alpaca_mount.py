@@ -24,10 +24,10 @@ from typing import Any
 import msgspec
 from alpaca_harness import calibrate, follow
 from programs import satellite, simulated_telescope
+from sattrack.control.sky_error import sky_error
 
 from sattrack.alpaca_simulator.settings import TelescopeSettings
 from sattrack.figures import RunningError
-from sattrack.tracker import sky_error
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.refraction import Refraction

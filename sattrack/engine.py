@@ -18,6 +18,7 @@ from sattrack.bias_view import (
     search_view,
 )
 from sattrack.control.kalman import wrap180
+from sattrack.control.sky_error import SkyError, sky_error
 from sattrack.figures import RunningError, WindowedError
 from sattrack.messages import Jog
 from sattrack.mount import (
@@ -30,7 +31,7 @@ from sattrack.mount import (
     mean_sidereal_deg,
 )
 from sattrack.safety import ROWS, Safety, SafetyLimits
-from sattrack.tracker import FOLLOWING, Phase, SkyError, Tracker, TrackPlan, sky_error
+from sattrack.tracker import FOLLOWING, Phase, Tracker, TrackPlan
 from sattrack.view import ErrorView, LinkView, PauseView, TrackView
 from sattrack.xerxes.launches import seen_of
 from sattrack.xerxes.link import STALE_AFTER_S, LinkState

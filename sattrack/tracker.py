@@ -6,7 +6,6 @@ socket or random number, so the same inputs give the same outputs to the last bi
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from enum import StrEnum
 from typing import TYPE_CHECKING
@@ -24,6 +23,7 @@ from sattrack.control.law import ControlLaw
 from sattrack.control.mount_loop import MountLoop
 from sattrack.control.passage import Passage, Place
 from sattrack.control.rest import Rest
+from sattrack.control.sky_error import SkyError, Target, sky_error
 from sattrack.control.steering import Steering
 from sattrack.messages import Go, Jog, Message, Observation, Pause, Search, StopNow
 from sattrack.mount import Hold, Motion, MountProfile, MoveAxes, SlewTo, StatusSample, Stop
@@ -76,36 +76,6 @@ class TrackPlan(msgspec.Struct, frozen=True):
     detours: tuple[Detour, ...] = ()
     law: ControlLaw = ControlLaw()
     """With which constants the error is taken out."""
-
-
-class SkyError(msgspec.Struct, frozen=True, gc=False):
-    """Mount minus target on the sky, arcseconds: total, per axis, and along and across the motion.
-
-    Along is positive where the mount leads; across is positive to the left of the motion, seen from below.
-    """
-
-    utc_s: float
-    total_arcsec: float
-    ra_arcsec: float
-    dec_arcsec: float
-    along_arcsec: float
-    across_arcsec: float
-
-
-class Target(msgspec.Struct, frozen=True, gc=False):
-    """Where the satellite is fed, degrees, and how fast that changes, degrees a second."""
-
-    ra_deg: float
-    dec_deg: float
-    ra_rate_deg_s: float
-    dec_rate_deg_s: float
-
-    @classmethod
-    def at(cls, known: Direction, late_s: float = 0.0) -> Target:
-        """Return a known direction's target, so much later that its rates make up for that."""
-        ra_rate, dec_rate = float(known.ra_rate_deg_s), float(known.dec_rate_deg_s)
-        ra, dec = float(known.ra_deg), float(known.dec_deg)
-        return cls(ra + ra_rate * late_s, dec + dec_rate * late_s, ra_rate, dec_rate)
 
 
 class Tracker:
@@ -441,23 +411,3 @@ class Tracker:
         elif self.phase is Phase.TRACKING and error.total_arcsec > LOST_ARCSEC:
             self.phase = Phase.ACQUIRING
             self._near = 0
-
-
-def sky_error(utc_s: float, ra_deg: float, dec_deg: float, target: Direction | Target) -> SkyError:
-    """Return the error on the sky of a pointing against a target's direction at the same instant."""
-    target_dec = float(target.dec_deg)
-    cos_dec, cos_target = math.cos(math.radians(dec_deg)), math.cos(math.radians(target_dec))
-    ra_gap = wrap180(ra_deg - float(target.ra_deg))
-    dec_gap = dec_deg - target_dec
-    half_ra, half_dec = math.radians(ra_gap) / 2.0, math.radians(dec_gap) / 2.0
-    # Haversine: exact for any separation and without loss for the smallest.
-    chord = math.sin(half_dec) ** 2 + cos_dec * cos_target * math.sin(half_ra) ** 2
-    total = 2.0 * math.degrees(math.asin(min(1.0, math.sqrt(chord)))) * 3600.0
-    east, north = ra_gap * cos_dec * 3600.0, dec_gap * 3600.0
-    rate_east = float(target.ra_rate_deg_s) * cos_target
-    rate_north = float(target.dec_rate_deg_s)
-    speed = math.hypot(rate_east, rate_north)
-    along = (east * rate_east + north * rate_north) / speed if speed else 0.0
-    # Along û × m̂, with û towards the satellite: for a northward motion overhead that is west.
-    across = (north * rate_east - east * rate_north) / speed if speed else 0.0
-    return SkyError(utc_s, total, east, north, along, across)

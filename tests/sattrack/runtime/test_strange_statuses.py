@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 import pytest
+from sattrack.control.sky_error import sky_error
 
 from sattrack import practice
 from sattrack.recording.recorder import NoRecording
@@ -16,7 +17,6 @@ from sattrack.runtime.outcome import summarise
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.runtime.virtual import VirtualRun
 from sattrack.safety.geometry import altitude_deg
-from sattrack.tracker import sky_error
 from sattrack.xerxes.datagrams import (
     Command,
     Status,
