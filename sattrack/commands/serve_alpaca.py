@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import platform
 from contextlib import ExitStack
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
+from msgspec import structs
 
 from sattrack import __version__, practice
 from sattrack.alpaca.station import TelescopeStation
 from sattrack.antenna.log_lines import spoken
 from sattrack.clock import SimulatedClock
-from sattrack.commands.common import CommandContext, common_options, profile_option
+from sattrack.commands.common import CommandContext, common_options, profile_option, tell
 from sattrack.commands.json_lines import JsonLines
 from sattrack.commands.mount_option import mount_option
 from sattrack.commands.serve_log import Log
@@ -24,6 +26,7 @@ from sattrack.commands.serving import (
     what_is_served,
 )
 from sattrack.errors import InterruptedRunError
+from sattrack.requests import Park
 from sattrack.runtime.alpaca_door import open_door
 from sattrack.runtime.alpaca_satellites import Satellites
 from sattrack.runtime.alpaca_serve import PROGRAM, AlpacaLoop, discovery_sockets, engine_maker
@@ -66,6 +69,7 @@ def command(context: CommandContext, **options: Any) -> int:
     """
     callers = caller_limits(options, MOST_CLIENTS)
     served = what_is_served(context, options["mount_url"], options["profile"], "Alpaca's clients live")
+    served = _without_places_it_is_not_sent_to(served)
     check_site(served.described.mount, served.site)
     limits = context.settings.safety.limits()
     mount = "the simulated mount" if served.address is None else str(served.address)
@@ -96,6 +100,16 @@ def command(context: CommandContext, **options: Any) -> int:
     if stop.asked and station.was_asked and station.mount_stopped is None:
         raise InterruptedRunError("interrupted; the mount was not moving, and goes on as it was")
     return end_of_service(station.mount_stopped, stop)
+
+
+def _without_places_it_is_not_sent_to(served: Served) -> Served:
+    """Return the mount without places to park and to be home where it is not sent there by us, and say so."""
+    described = served.described
+    why_not = None if served.address is None else served.address.not_carried(Park())
+    if why_not is None or (described.park, described.home) == (None, None):
+        return served
+    tell(f"{why_not}: clients are refused that")
+    return replace(served, described=structs.replace(described, park=None, home=None))
 
 
 def _task(

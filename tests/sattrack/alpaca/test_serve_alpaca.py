@@ -36,7 +36,19 @@ def served() -> Iterator[Served]:
     with serving(*options, "--clients", str(MOST_CONNECTIONS), discovery=True) as running:
         with call(running.port) as line:
             say(line, "PUT", "connect")
+            follow_once(line)
         yield running
+
+
+def follow_once(line: socket.socket) -> None:
+    """Follow a satellite for the first time, which on a busy machine takes longer than clients wait."""
+    until(lambda: follows(say(line, "PUT", "action", "Action=TrackSatellite&Parameters=25544")))
+    say(line, "PUT", "abortslew")
+    until(lambda: say(line, "GET", "slewing")["Value"] is False)
+
+
+def follows(told: dict[str, object]) -> bool:
+    return "Value" in told or "is following" in str(told["ErrorMessage"])
 
 
 def until(what: Callable[[], bool]) -> None:

@@ -73,10 +73,14 @@ def by_rotctld(line: socket.socket) -> None:
 
 
 def by_alpaca(line: socket.socket) -> None:
-    for member, body in (("connect", b"ClientID=1"), ("moveaxis", b"Axis=1&Rate=0.5&ClientID=1")):
-        head = f"PUT /api/v1/telescope/0/{member} HTTP/1.1\r\nHost: x\r\nContent-Length: {len(body)}\r\n"
-        line.sendall(f"{head}Content-Type: application/x-www-form-urlencoded\r\n\r\n".encode() + body)
-        assert b'"ErrorNumber":0' in line.recv(4096)
+    put(line, "connect", b"ClientID=1")
+    put(line, "moveaxis", b"Axis=1&Rate=0.5&ClientID=1")
+
+
+def put(line: socket.socket, member: str, body: bytes) -> None:
+    head = f"PUT /api/v1/telescope/0/{member} HTTP/1.1\r\nHost: x\r\nContent-Length: {len(body)}\r\n"
+    line.sendall(f"{head}Content-Type: application/x-www-form-urlencoded\r\n\r\n".encode() + body)
+    assert b'"ErrorNumber":0' in line.recv(4096)
 
 
 def by_antenna(line: socket.socket) -> None:
@@ -105,6 +109,21 @@ def test_a_door_leads_an_alpaca_telescope_and_leaves_it_at_rest(
     assert served.process.returncode == 130
     assert b"the mount is stopped" in served.log[-1]
     telescope.wait_moving(False)
+
+
+def test_clients_are_told_that_an_alpaca_telescope_is_not_parked_or_sent_home_here(
+    telescope: AlpacaTelescope, tmp_path: Path
+) -> None:
+    place = "{ hour_angle_deg = 50.0, dec_deg = 17.0 }"
+    (tmp_path / "mount.toml").write_text(f"period_s = 0.1\npark = {place}\nhome = {place}\n")
+    options = ("--mount", telescope.url, "--profile", "mount.toml", "--no-discovery", *SITE)
+    with serving_door("alpaca", *options) as served, call(served.port) as line:
+        put(line, "connect", b"ClientID=1")
+        for member in (b"canpark", b"canfindhome"):
+            line.sendall(b"GET /api/v1/telescope/0/%s?ClientID=1 HTTP/1.1\r\nHost: x\r\n\r\n" % member)
+            assert b'"Value":false' in line.recv(4096)
+    said = [one for one in served.log if b"by their own programs: clients are refused that" in one]
+    assert len(said) == 1
 
 
 def test_a_schedule_leaves_an_alpaca_telescope_where_it_is_and_says_so(
