@@ -65,7 +65,7 @@ def test_a_schedule_is_watched_from_pass_to_pass_and_stopped_between_them(tmp_pa
             pane.press("q")
             pane.wait_for("ended by set", "left with 0")
         said += [json.loads(line) for line in runner.stdout]
-        assert runner.wait(20) == 130
+        assert runner.wait(60) == 130
     finally:
         runner.kill()
         runner.communicate()

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 pytest.importorskip("textual_serve")
 pytestmark = pytest.mark.skipif(not SUPPORTED, reason="abstract names are Linux's")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-PATIENCE_S = 30.0
+PATIENCE_S = 60.0
 ARROWS = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}
 WHERE = "document.querySelector('.xterm-screen').getBoundingClientRect().toJSON()"
 ESCAPES = re.compile(rb"\x1b\[[0-9;?]*[A-Za-z]")
