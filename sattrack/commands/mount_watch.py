@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sattrack.commands.common import appearance, screen_options
 from sattrack.commands.json_lines import JsonLines
 from sattrack.commands.mount_common import MountCall, mount_options, resolve
 from sattrack.commands.screened import tui_possible
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     "--control", is_flag=True, help="With --stream: orders as JSON lines on standard input; its end leaves."
 )
 @click.option("--park", is_flag=True, help="Park at once, as the key p does; SPACE stops it.")
+@screen_options
 @mount_options
 def watch(context: CommandContext, stream: bool, control: bool, park: bool, **options: Any) -> int:
     """Operate a mount by hand, full screen: every field of its status live; jog, slew, sync, park, stop.
@@ -62,7 +64,8 @@ def watch(context: CommandContext, stream: bool, control: bool, park: bool, **op
 
     called = [word for word in sys.argv[1:] if word != "--park"]
     command = [sys.executable, "-m", "sattrack", *called, "--stream", "--control"]
-    return watch_with_tui(command, first=ParkOrder() if park else None)
+    look = appearance(context, options["theme"], options["plain"])
+    return watch_with_tui(command, first=ParkOrder() if park else None, appearance=look)
 
 
 def _stop(owner: Owner) -> None:

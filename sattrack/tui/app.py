@@ -14,7 +14,6 @@ from sattrack.messages import StopNow
 from sattrack.session_messages import LeaveRunning, TakeControl, YieldControl
 from sattrack.session_view import STARTER
 from sattrack.tui import figures, look
-from sattrack.tui.appearance import Appearance
 from sattrack.tui.bars import Cautions, HeadlineBar, TapeBar, TitleBar
 from sattrack.tui.bias_panel import BiasPanel
 from sattrack.tui.error_plot import ErrorPanel
@@ -28,7 +27,6 @@ from sattrack.tui.mount_page import MountPage
 from sattrack.tui.page_keys import PageKeys
 from sattrack.tui.pages import LIVE, PAGES
 from sattrack.tui.panels import Panel
-from sattrack.tui.plain import PlainFilter
 from sattrack.tui.rest_keys import RestHand, RestKeys
 from sattrack.tui.scene import REFUSAL_SHOWN_S, Scene
 from sattrack.tui.schedule_page import SchedulePage
@@ -36,30 +34,30 @@ from sattrack.tui.screens import Screens
 from sattrack.tui.session_bar import SessionBar
 from sattrack.tui.sky_panel import NotesPanel, SkyPanel, chart_columns
 from sattrack.tui.target_keys import TargetKeys
+from sattrack.tui.themed import NIGHT_LOOK, ThemedApp
 from sattrack.tui.tonight_page import TonightPage
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from textual.app import ComposeResult
     from textual.dom import DOMNode
-    from textual.filter import LineFilter
 
     from sattrack.messages import Message
     from sattrack.session_messages import SessionMessage
     from sattrack.session_view import SessionView
+    from sattrack.tui.appearance import Appearance
     from sattrack.tui.beside import Aside
     from sattrack.tui.feed import Feed
     from sattrack.view import PassView, Summary, TrackView
 
-NIGHT_LOOK = Appearance()
 LOOK_EVERY_S = 0.1
 PLOT_EVERY_S = 0.25
 LEAVE_WITHIN_S = 4.0
 """How long the screen stays for the mount to come to rest once it is to be left."""
 
 
-class TrackApp(RestKeys, PageKeys, TargetKeys):
+class TrackApp(RestKeys, PageKeys, TargetKeys, ThemedApp):
     """Shows a run and takes the operator's keys.
 
     With `stay`, the screen of an ended run remains until it is left. `monotonic` is this process's own
@@ -121,8 +119,7 @@ class TrackApp(RestKeys, PageKeys, TargetKeys):
         appearance: Appearance = NIGHT_LOOK,
         aside: Aside | None = None,
     ) -> None:
-        self._appearance = appearance
-        super().__init__()
+        super().__init__(appearance)
         self._feed = feed
         self._stay = stay
         self._monotonic = monotonic
@@ -187,9 +184,7 @@ class TrackApp(RestKeys, PageKeys, TargetKeys):
 
     def on_mount(self) -> None:
         """Set the look, and look at the feed from now on."""
-        for theme in look.THEMES:
-            self.register_theme(theme)
-        self.theme = self._appearance.theme
+        self.set_look()
         for name, title in look.TITLES.items():
             self.query_one(name).border_title = title
         self.set_interval(LOOK_EVERY_S, self.look)
@@ -263,15 +258,6 @@ class TrackApp(RestKeys, PageKeys, TargetKeys):
             jog_rate=self._rest.jog_rate if self._paused else None,
         )
 
-    def get_theme_variable_defaults(self) -> dict[str, str]:
-        """Return the colours beyond Textual's own, which the layout names before a theme is set."""
-        return look.NIGHT.variables
-
-    def get_line_filters(self) -> Sequence[LineFilter]:
-        """Return what everything that is drawn goes through at last."""
-        filters = super().get_line_filters()
-        return [*filters, PlainFilter()] if self._appearance.plain else filters
-
     def action_stop(self) -> None:
         """Stop everything; every press says it again. Nothing may then hide what the mount does."""
         self._close_dialogs()
@@ -330,8 +316,7 @@ class TrackApp(RestKeys, PageKeys, TargetKeys):
 
     def action_next_theme(self) -> None:
         """Go on to the next theme."""
-        at = look.THEME_NAMES.index(self.theme)
-        self.theme = look.THEME_NAMES[(at + 1) % len(look.THEME_NAMES)]
+        super().action_next_theme()
         self.call_after_refresh(self.plot)
 
     def action_help(self) -> None:

@@ -7,7 +7,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
-from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container
 from textual.css.query import NoMatches
@@ -28,14 +27,17 @@ from sattrack.tui import look, words
 from sattrack.tui.console_dialogs import HELP, Direction, DirectionDialog, Question
 from sattrack.tui.console_scene import FIRST_RATE, ConsoleScene, jog_rates_deg_s
 from sattrack.tui.help import HelpScreen
+from sattrack.tui.themed import NIGHT_LOOK, ThemedApp
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from textual.app import ComposeResult
     from textual.dom import DOMNode
 
     from sattrack.console_messages import ConsoleMessage
     from sattrack.console_view import ConsoleView
+    from sattrack.tui.appearance import Appearance
     from sattrack.tui.console_feed import ConsoleFeed
 
 LOOK_EVERY_S = 0.1
@@ -57,7 +59,7 @@ TITLES = {
 }
 
 
-class ConsoleApp(App[None]):
+class ConsoleApp(ThemedApp):
     """Shows a mount and takes the operator's keys. `monotonic` is this process's own clock, seconds.
 
     `first` was asked for before there was a screen: it is said as soon as the mount is heard.
@@ -83,6 +85,7 @@ class ConsoleApp(App[None]):
         Binding("p", "park", "park"),
         Binding("h", "home", "home"),
         Binding("r", "reset", "reset"),
+        Binding("t", "next_theme", "theme"),
         Binding("question_mark", "help", "help"),
     ]
 
@@ -91,8 +94,9 @@ class ConsoleApp(App[None]):
         feed: ConsoleFeed,
         monotonic: Callable[[], float] = time.monotonic,
         first: ConsoleMessage | None = None,
+        appearance: Appearance = NIGHT_LOOK,
     ) -> None:
-        super().__init__()
+        super().__init__(appearance)
         self._feed = feed
         self._monotonic = monotonic
         self._first = first
@@ -126,8 +130,7 @@ class ConsoleApp(App[None]):
 
     def on_mount(self) -> None:
         """Set the look, and look at the feed from now on."""
-        self.register_theme(look.NIGHT)
-        self.theme = look.NIGHT.name
+        self.set_look()
         for name, title in TITLES.items():
             self.query_one(name).border_title = title
         self.set_interval(LOOK_EVERY_S, self.look)

@@ -30,6 +30,7 @@ s         sync: have the mount report coordinates where it points
 p         park: slew there, stop, cut the drives' power
 h         find home
 r         after a safety limit has stopped it: let it move again
+t         the next theme: night, red, contrast
 
 Coordinates are of date, as the mount reports them. What the
 protocol cannot confirm, park and home, ends as "sent,

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from sattrack.console_messages import LeaveOrder
+from sattrack.tui.appearance import Appearance
 from sattrack.tui.console_child import ConsoleProcess
 from sattrack.tui.hangup import end_with_the_terminal
 from sattrack.tui.showing import INTERRUPTED, run_until_left
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from sattrack.console_messages import ConsoleMessage
     from sattrack.tui.console_feed import ConsoleFeed
 
+NIGHT = Appearance()
 PATIENCE_S = 75.0
 """Longer than the console goes on sending stops to a mount that does not come to rest."""
 TELL_AFTER_S = 0.6
@@ -32,6 +34,7 @@ def watch_with_tui(
     show: Callable[[ConsoleFeed], bool] | None = None,
     patience_s: float = PATIENCE_S,
     first: ConsoleMessage | None = None,
+    appearance: Appearance = NIGHT,
 ) -> int:
     """Run `command` (a console with `--stream --control`) under the screen; return its exit code.
 
@@ -48,7 +51,7 @@ def watch_with_tui(
     code: int | None = None
     try:
         if console.wait_first_view():
-            interrupted = (show or partial(show_console, first=first))(console)
+            interrupted = (show or partial(show_console, first=first, appearance=appearance))(console)
     except KeyboardInterrupt:
         interrupted = True
     finally:
@@ -59,14 +62,17 @@ def watch_with_tui(
     return INTERRUPTED if interrupted and code == 0 else code
 
 
-def show_console(feed: ConsoleFeed, first: ConsoleMessage | None = None) -> bool:
+def show_console(
+    feed: ConsoleFeed, first: ConsoleMessage | None = None, appearance: Appearance = NIGHT
+) -> bool:
     """Run the screen until it is left; raises SattrackError where it broke."""
     from sattrack.tui.console_app import ConsoleApp
 
     if sys.stdin.isatty():
         # Keys from before there was a screen were not meant for it.
         termios.tcflush(sys.stdin.fileno(), termios.TCIFLUSH)
-    return run_until_left(ConsoleApp(feed, first=first), "the screen broke; the mount was told to stop")
+    app = ConsoleApp(feed, first=first, appearance=appearance)
+    return run_until_left(app, "the screen broke; the mount was told to stop")
 
 
 def _end(console: ConsoleProcess, patience_s: float) -> int:

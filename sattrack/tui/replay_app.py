@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, ClassVar
 
 from textual.binding import Binding, BindingType
 
-from sattrack.tui.app import NIGHT_LOOK, TrackApp
+from sattrack.tui.app import TrackApp
 from sattrack.tui.feed import News
 from sattrack.tui.help import REPLAY_TEXT, HelpScreen
+from sattrack.tui.themed import NIGHT_LOOK
 
 if TYPE_CHECKING:
     from collections.abc import Callable

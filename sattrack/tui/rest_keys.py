@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from sattrack.messages import Message
     from sattrack.session_messages import SessionMessage
+    from sattrack.tui.appearance import Appearance
     from sattrack.tui.scene import Scene
     from sattrack.tui.screens import Screens
     from sattrack.view import Summary, TrackView
@@ -56,6 +57,7 @@ class RestKeys(App[None]):
     _stop_sent_s: float | None
     _monotonic: Callable[[], float]
     _rest: RestHand
+    _appearance: Appearance
 
     @property
     def scene(self) -> Scene | None:
@@ -160,9 +162,10 @@ class RestKeys(App[None]):
             self._hint("not parked: the run did not end with the mount seen at rest")
 
     def _hand_over(self, command: list[str]) -> None:
-        """Give the terminal to another program until that ends."""
+        """Give the terminal to the console until that ends; it looks as this screen does."""
+        plain = ("--ascii",) if self._appearance.plain else ()
         with suppress(SuspendNotSupported), self.suspend():
-            subprocess.run(command, check=False)
+            subprocess.run([*command, "--theme", self.theme, *plain], check=False)
         self.refresh()
 
     def _hint(self, words: str) -> None:

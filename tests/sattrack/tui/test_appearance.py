@@ -7,10 +7,12 @@ import string
 from typing import TYPE_CHECKING
 
 import pytest
+from console_tui_builders import FakeConsole
 from tui_builders import SKY, UTC_S, FakeFeed, HandClock, changed
 
 from sattrack.tui.app import TrackApp
 from sattrack.tui.appearance import Appearance, can_show
+from sattrack.tui.console_app import ConsoleApp
 from sattrack.tui.feed import News
 from sattrack.tui.look import THEME_NAMES
 from sattrack.tui.plain import ascii_of
@@ -87,16 +89,17 @@ def light(colour: Color) -> float:
     return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
 
 
+def is_red(text: str, front: Color, back: Color) -> None:
+    for colour in (front, back):
+        assert colour.get_truecolor()[1:] == (0, 0), (text, colour)
+
+
 @pytest.mark.parametrize("size", [SMALL, LARGE])
 def test_themes_change_colours_and_nothing_else_and_by_red_there_is_only_red(size: tuple[int, int]) -> None:
     night, red, contrast = (screens(size, (), appearance=Appearance(name))[0] for name in THEME_NAMES)
     assert lines(red) == lines(night)
     assert lines(contrast) == lines(night)
     assert red != night
-
-    def is_red(text: str, front: Color, back: Color) -> None:
-        for colour in (front, back):
-            assert colour.get_truecolor()[1:] == (0, 0), (text, colour)
 
     def is_seen(text: str, front: Color, back: Color) -> None:
         between = {*text} <= {*" ", *map(chr, range(0x2500, 0x2580))}
@@ -105,6 +108,22 @@ def test_themes_change_colours_and_nothing_else_and_by_red_there_is_only_red(siz
 
     assert each_colour(red, is_red) > 50
     assert each_colour(contrast, is_seen) > 50
+
+
+def test_the_console_looks_as_it_is_told_and_t_changes_that() -> None:
+    async def run() -> tuple[list[list[Segment]], str]:
+        feed = FakeConsole()
+        app = ConsoleApp(feed, monotonic=HandClock(), appearance=Appearance("red", plain=True))
+        async with app.run_test(size=SMALL) as pilot:
+            await pilot.pause()
+            shown = [list(strip) for strip in app.screen._compositor.render_strips()]
+            await pilot.press("t")
+            return shown, app.theme
+
+    shown, after = asyncio.run(run())
+    assert each_colour(shown, is_red) > 50
+    assert "".join(lines(shown)).isascii()
+    assert after == "contrast"
 
 
 def test_t_goes_on_to_the_next_theme_and_round() -> None:

@@ -220,7 +220,7 @@ def parked(terminal: list[list[str]], end: News, *keys: str) -> tuple[list[list[
 
 
 def test_once_the_run_is_over_the_console_parks_the_mount(terminal: list[list[str]]) -> None:
-    assert parked(terminal, OVER)[0] == [[*COMMAND, "--park"]]
+    assert parked(terminal, OVER)[0] == [[*COMMAND, "--park", "--theme", "night"]]
 
 
 def test_a_stop_after_the_answer_takes_the_parking_back(terminal: list[list[str]]) -> None:
@@ -242,13 +242,13 @@ def test_a_mount_that_was_not_seen_at_rest_is_not_parked(
 
 def test_after_a_run_the_mount_is_parked_at_once(terminal: list[list[str]]) -> None:
     async def act(app: TrackApp, pilot: Pilot[None]) -> None:
-        await pilot.press("P")
+        await pilot.press("t", "P")
         assert "The mount slews" in text_of(app)
         await pilot.press("y")
         app.look()
 
     feed = on_screen(act, replace(OVER, session=HERE, sky=PARKS), aside=FakeAside(console=COMMAND))
-    assert terminal == [[*COMMAND, "--park"]]
+    assert terminal == [[*COMMAND, "--park", "--theme", "red"]], "in the colours that this screen has"
     assert feed.sent == []
 
 
