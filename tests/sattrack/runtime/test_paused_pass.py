@@ -353,6 +353,13 @@ def test_orders_mashed_in_any_order_never_break_a_run_and_it_can_still_be_follow
     assert flown.at_rest()
     assert flown.error_arcsec(at_s + 20.0, at_s + 40.0) < 5.0
 
+    stopped_s = draws.uniform(-110.0, -60.0)
+    flown = fly(messages=(*mashed, (stopped_s, StopNow())))
+    assert flown.summary.ended_by == "operator", "whatever goes on"
+    assert flown.summary.mount_stopped is True
+    assert flown.at_rest()
+    assert flown.run.truths[-1].utc_s - CULMINATION_S < stopped_s + 3.0
+
 
 def test_a_recording_of_a_paused_pass_runs_again_to_the_same_bytes(tmp_path: Path) -> None:
     request = RunRequest(

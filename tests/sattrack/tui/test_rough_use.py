@@ -11,7 +11,7 @@ from test_other_screens import HERE, FakeAside, text_of
 from textual.events import Paste
 from tui_builders import SKY, UTC_S, VIEW, FakeFeed, HandClock, changed
 
-from sattrack.messages import ClearBias, DropRemembered, Nudge, OffsetBy, Search, StopNow
+from sattrack.messages import ClearBias, DropRemembered, Go, Jog, Nudge, OffsetBy, Pause, Search, StopNow
 from sattrack.session_messages import Arm, Disarm, LeaveRunning, TakeControl, YieldControl
 from sattrack.session_view import SessionView
 from sattrack.tui.app import TrackApp
@@ -26,6 +26,7 @@ KEYS = (
     *("left", "right", "up", "down", "shift+left", "shift+up", "left_square_bracket", "right_square_bracket"),
     *("f", "s", "w", "escape", "r", "0", "m", "u", "v", "t", "question_mark", "c", "n", "b", "a", "g", "j"),
     *("1", "2", "3", "4", "5", "enter", "pageup", "pagedown", "home", "end", "tab", "x", "y", "l", "f5", "q"),
+    *("p", "P"),
 )
 MEANT: dict[type, set[str]] = {
     Nudge: {"left", "right", "up", "down", "u"},
@@ -39,6 +40,9 @@ MEANT: dict[type, set[str]] = {
     Disarm: {"enter"},
     LeaveRunning: {"l"},
     StopNow: {"q"},
+    Pause: {"p"},
+    Go: {"p", "enter"},
+    Jog: {"left", "right", "up", "down"},
 }
 
 
@@ -70,7 +74,7 @@ def test_a_minute_of_keys_at_random_says_nothing_that_no_key_meant(seed: int) ->
                 await pilot.press(key)
             assert all(key in MEANT[type(one)] for one in feed.sent), (key, feed.sent)
             app._leave_running = False
-            phase = draws.choice(("waiting", "slewing", "tracking", "stopping"))
+            phase = draws.choice(("waiting", "slewing", "tracking", "paused", "paused", "stopping"))
             session = SessionView(draws.choice((None, 0, 3)), (), draws.randrange(3))
             feed.coming.append(News((changed(utc_s=UTC_S + second, phase=phase),), session=session))
             app._monotonic.now_s += 1.0  # type: ignore[attr-defined]
