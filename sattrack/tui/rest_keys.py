@@ -133,7 +133,7 @@ class RestKeys(App[None]):
         if self._screens.console_command() is None:
             if scene.view.mount == "sim":
                 return "the simulated mount ends with its run: there is nothing to park"
-            return "this screen does not know where the mount is: `sattrack mount park` parks it"
+            return "not parked from here: press P where the run was started, or `sattrack mount park`"
         if scene.sky is None or not scene.sky.can_park:
             return "not parked: the mount's profile has no park position"
         if scene.beginning or scene.between is not None:
