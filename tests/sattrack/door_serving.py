@@ -11,6 +11,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -24,7 +25,7 @@ from sattrack.runtime.guard import owned
 from sattrack.xerxes.client import Address
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
 PATIENCE_S = 60.0
 SITE = practice.SITE.place()
@@ -112,3 +113,12 @@ def resident_kb(process_id: int) -> int:
     """Return how much memory a process has."""
     words = Path(f"/proc/{process_id}/status").read_text().split()
     return int(words[words.index("VmRSS:") + 1])
+
+
+def until(what: Callable[[], bool]) -> None:
+    """Ask until something is so."""
+    deadline_s = time.monotonic() + PATIENCE_S
+    while not what():
+        assert time.monotonic() < deadline_s
+        # Asking a thousand times a second finds nothing out that asking fifty times does not.
+        select.select([], [], [], 0.02)

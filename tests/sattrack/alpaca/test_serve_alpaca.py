@@ -11,19 +11,18 @@ import signal
 import socket
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 from alpaca_serving import http_process, read_answer, request, say, serving
-from door_serving import PATIENCE_S, Served, call, resident_kb, serve_owned_mount
+from door_serving import PATIENCE_S, Served, call, resident_kb, serve_owned_mount, until
 from test_alpaca_fuzz import malformed
 
 from sattrack.cli import run
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
 ROOT = Path(__file__).resolve().parents[3]
 IN_A_PASS = "2026-10-02T13:03:00Z"
@@ -49,13 +48,6 @@ def follow_once(line: socket.socket) -> None:
 
 def follows(told: dict[str, object]) -> bool:
     return "Value" in told or "is following" in str(told["ErrorMessage"])
-
-
-def until(what: Callable[[], bool]) -> None:
-    deadline_s = time.monotonic() + PATIENCE_S
-    while not what():
-        assert time.monotonic() < deadline_s
-        select.select([], [], [], 0.02)
 
 
 def number_of(line: socket.socket, member: str) -> float:
