@@ -23,6 +23,8 @@ GRADUAL_STEPS = 10.0
 GRADUAL_S = 20.0
 """A gradual nudge goes ten steps in so many seconds."""
 UNDO_AT_MOST = 100
+SHOWN_AFTER_S = 0.5
+"""After how long a view shows what was asked for at the latest."""
 
 
 class Hand:
@@ -32,6 +34,8 @@ class Hand:
         self._step = FIRST_STEP
         self._frame = 0
         self._undo: list[tuple[Message, ...]] = []
+        self._asked: dict[str, tuple[float, float]] = {}
+        """The total that each offset was last moved to from here, and the instant of the view seen then."""
 
     @property
     def step(self) -> Step:
@@ -54,27 +58,28 @@ class Hand:
     def forget(self) -> None:
         """Have nothing to take back any more: another run has begun."""
         self._undo.clear()
+        self._asked.clear()
 
-    def nudge(self, along: int, across: int) -> list[Message]:
+    def nudge(self, along: int, across: int, view: TrackView | None = None) -> list[Message]:
         """Move the target by one step: along its track or across it, or as the frame has it."""
         step, frame = self.step, self.frame
         if frame is not TRACK:
             move, sign = (frame.across, along) if along else (frame.upward, across)
             value = sign * step.cross_deg
             self._keep(OffsetBy(move.what, "add", -value))
-            return [OffsetBy(move.what, "add", value)]
+            return self._said([OffsetBy(move.what, "add", value)], view)
         there = Nudge(along * step.along_s if along else 0.0, across * step.cross_deg if across else 0.0)
         self._keep(Nudge(0.0 - there.along_s, 0.0 - there.cross_deg))
-        return [there]
+        return self._said([there], view)
 
     def creep(self, along: int, across: int, view: TrackView) -> list[Message]:
         """Move the target gently, by ten steps in GRADUAL_S."""
         move, sign = (self.frame.across, along) if along else (self.frame.upward, across)
         size = self.step.along_s if move.what == "along_s" else self.step.cross_deg
-        before = _total(view, move.what)
+        before = self._total(view, move.what)
         self._keep(OffsetBy(move.what, "set", before))
         value = before + sign * GRADUAL_STEPS * size
-        return [OffsetBy(move.what, "gradual", value, GRADUAL_S)]
+        return self._said([OffsetBy(move.what, "gradual", value, GRADUAL_S)], view)
 
     def search(self, how: str, view: TrackView | None) -> list[Message]:
         """Begin a search, its size by the step; or end the one that runs where it is."""
@@ -93,16 +98,40 @@ class Hand:
         """Take the offsets of the frame away."""
         moves = (self.frame.across.what, self.frame.upward.what)
         self._keep_totals(view, moves)
+        self._asked.clear()
         return [OffsetBy(what, "reset") for what in moves]
 
     def clear(self, view: TrackView | None) -> list[Message]:
         """Take everything back: nudges, offsets, search and estimate."""
         self._keep_totals(view, None)
+        self._asked.clear()
         return [ClearBias()]
 
-    def undo(self) -> list[Message]:
+    def undo(self, view: TrackView | None = None) -> list[Message]:
         """Take back what was done last to the offsets."""
-        return list(self._undo.pop()) if self._undo else []
+        return self._said(list(self._undo.pop()) if self._undo else [], view)
+
+    def _said(self, messages: list[Message], view: TrackView | None) -> list[Message]:
+        """Keep what these come to, until a view shows it; return them."""
+        if view is None:
+            return messages
+        for message in messages:
+            match message:
+                case Nudge(along_s=along_s, cross_deg=0.0):
+                    self._asked["along_s"] = (self._total(view, "along_s") + along_s, view.utc_s)
+                case Nudge(cross_deg=cross_deg):
+                    self._asked["cross_deg"] = (self._total(view, "cross_deg") + cross_deg, view.utc_s)
+                case OffsetBy(value=float(value)):
+                    before = self._total(view, message.what) if message.how == "add" else 0.0
+                    self._asked[message.what] = (before + value, view.utc_s)
+        return messages
+
+    def _total(self, view: TrackView, what: str) -> float:
+        """Return an offset's total: what was asked for from here last, until a view can show it."""
+        asked = self._asked.get(what)
+        if asked is not None and 0.0 <= view.utc_s - asked[1] < SHOWN_AFTER_S:
+            return asked[0]
+        return next((one.total for one in view.offsets if one.what == what), 0.0)
 
     def _keep_totals(self, view: TrackView | None, moves: tuple[str, ...] | None) -> None:
         offsets = () if view is None else view.offsets
@@ -113,10 +142,6 @@ class Hand:
     def _keep(self, *back: Message) -> None:
         self._undo.append(back)
         del self._undo[:-UNDO_AT_MOST]
-
-
-def _total(view: TrackView, what: str) -> float:
-    return next((one.total for one in view.offsets if one.what == what), 0.0)
 
 
 def _searching(view: TrackView | None) -> bool:

@@ -57,7 +57,7 @@ class TargetKeys(App[None]):
         elif self._screens.page != LIVE:
             self._turn(lambda main: self._screens.move(main, -across))
         elif self._may():
-            self._send_all(self._hand.nudge(along, across))
+            self._send_all(self._hand.nudge(along, across, self._view))
 
     def action_creep(self, along: int, across: int) -> None:
         """Move the target gently, by several steps."""
@@ -67,7 +67,7 @@ class TargetKeys(App[None]):
     def action_undo(self) -> None:
         """Take back what was last done to the offsets."""
         if self._may():
-            self._send_all(self._hand.undo())
+            self._send_all(self._hand.undo(self._view))
 
     def action_step(self, by: int) -> None:
         """Choose a smaller or a larger step, of a nudge or of a jog."""

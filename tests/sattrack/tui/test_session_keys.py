@@ -13,7 +13,7 @@ from sattrack.session_messages import LeaveRunning, TakeControl, YieldControl
 from sattrack.session_view import STARTER, SessionView, Watcher
 from sattrack.tui.app import TrackApp
 from sattrack.tui.feed import News
-from sattrack.tui.hand import Hand
+from sattrack.tui.hand import SHOWN_AFTER_S, Hand
 from sattrack.tui.leave_dialog import LeaveDialog
 from sattrack.view import OffsetView
 
@@ -60,6 +60,14 @@ CASES: list[tuple[SessionView | None, int, list[str], list[Message]]] = [
         OffsetBy("dec_deg", "add", 0.01), OffsetBy("dec_deg", "add", -0.01)]),
     (HERE, STARTER, ["shift+right", "u"], [
         OffsetBy("along_s", "gradual", 1.0, 20.0), OffsetBy("along_s", "set", 0.0)]),
+    # What was said a moment ago counts, though no view shows it yet.
+    (HERE, STARTER, ["right", "shift+right", "shift+right", "u", "shift+left"], [
+        Nudge(along_s=0.1),
+        OffsetBy("along_s", "gradual", 1.1, 20.0), OffsetBy("along_s", "gradual", 2.1, 20.0),
+        OffsetBy("along_s", "set", 1.1), OffsetBy("along_s", "gradual", 1.1 - 1.0, 20.0)]),
+    (HERE, STARTER, ["down", "shift+right", "shift+down"], [
+        Nudge(cross_deg=-0.01), OffsetBy("along_s", "gradual", 1.0, 20.0),
+        OffsetBy("cross_deg", "gradual", -0.11, 20.0)]),
 ]  # fmt: skip
 
 
@@ -86,6 +94,13 @@ def test_a_gradual_nudge_goes_on_from_what_was_asked_for_and_undo_goes_back_ther
     press(feed, "shift+right", "u")
 
     assert feed.sent == [OffsetBy("along_s", "gradual", 1.3, 20.0), OffsetBy("along_s", "set", 0.3)]
+
+
+def test_what_views_say_counts_once_they_can_show_what_was_asked_for() -> None:
+    hand, later = Hand(), changed(utc_s=VIEW.utc_s + SHOWN_AFTER_S, offsets=OFFSETS)
+    hand.nudge(1, 0, VIEW)
+    assert hand.creep(1, 0, changed(offsets=OFFSETS)) == [OffsetBy("along_s", "gradual", 1.1, 20.0)]
+    assert hand.creep(1, 0, later) == [OffsetBy("along_s", "gradual", 1.3, 20.0)]
 
 
 def test_clearing_is_taken_back_offset_by_offset() -> None:
