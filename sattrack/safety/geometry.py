@@ -79,6 +79,15 @@ class Box(NamedTuple):
             self.dec_high_deg + dec_high,
         )
 
+    def with_box(self, other: Box) -> Box:
+        """Return the least box that holds this one and another."""
+        return Box(
+            min(self.ha_low_deg, other.ha_low_deg),
+            max(self.ha_high_deg, other.ha_high_deg),
+            min(self.dec_low_deg, other.dec_low_deg),
+            max(self.dec_high_deg, other.dec_high_deg),
+        )
+
     def halves(self) -> tuple[Box, Box]:
         """Return both halves along the longer side."""
         if self.ha_high_deg - self.ha_low_deg >= self.dec_high_deg - self.dec_low_deg:

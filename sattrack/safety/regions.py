@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left, bisect_right
+from functools import partial
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from sattrack.safety.geometry import (
@@ -21,7 +22,7 @@ from sattrack.safety.geometry import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from sattrack.mount import MountProfile, PierZone
     from sattrack.safety.bodies import Body
@@ -227,9 +228,18 @@ def fixed_regions(
     return regions
 
 
+def judge_of(region: Region) -> Callable[[Box, float], bool]:
+    """Return what tells of boxes and margins what `is_clear` does of a region."""
+    return region.is_clear if isinstance(region, EXACT) else partial(is_clear, region)
+
+
+EXACT = (Travel, Floor, Cone)
+"""Regions that know exactly how far a box is clear of them."""
+
+
 def is_clear(region: Region, box: Box, margin_deg: float) -> bool:
     """Tell whether everything in a box is clear of a region by a margin; what cannot be told is not."""
-    if isinstance(region, Travel | Floor | Cone):
+    if isinstance(region, EXACT):
         return region.is_clear(box, margin_deg)
     whole = region.clearance(box)
     if whole.least_deg >= margin_deg:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sattrack.safety.regions import Travel, is_clear
+from sattrack.safety.regions import Travel, judge_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -50,16 +50,24 @@ class ClearRoom:
         )
 
     def widen(self, regions: Iterable[Region], box: Box, margin_deg: float) -> None:
-        """Look for room about a box that is clear; where there is none, there is no haste to look again."""
+        """Look for room about a box that is clear; where there is none, there is no haste to look again.
+
+        What is held at a limit is judged by boxes that have little in common, so the room that is known is
+        kept with the new one where all between is clear.
+        """
         if self._wait:
             self._wait -= 1
             return
         wide = self._room_deg
-        grown = box.grown(wide, wide, wide, wide)
-        if all(region.clearance(grown).least_deg >= margin_deg for region in regions):
-            self._box, self._margin_deg = grown, margin_deg
-        else:
-            self._wait = TRY_EVERY
+        room = box.grown(wide, wide, wide, wide)
+        rooms = [room]
+        if self._box is not None and margin_deg <= self._margin_deg:
+            rooms.insert(0, room.with_box(self._box))
+        for one in rooms:
+            if all(region.clearance(one).least_deg >= margin_deg for region in regions):
+                self._box, self._margin_deg = one, margin_deg
+                return
+        self._wait = TRY_EVERY
 
 
 class Memory:
@@ -70,7 +78,8 @@ class Memory:
         self._of_all = ClearRoom()
         # The ends of a travel are judged faster than looked up.
         self._each = [
-            (region, None if isinstance(region, Travel) else ClearRoom(NEAR_ROOM_DEG)) for region in regions
+            (region, judge_of(region), None if isinstance(region, Travel) else ClearRoom(NEAR_ROOM_DEG))
+            for region in regions
         ]
 
     def violated(self, box: Box, margins: Mapping[str, float], margin_deg: float) -> str | None:
@@ -80,10 +89,10 @@ class Memory:
         """
         if self._of_all.holds(box, margin_deg):
             return None
-        for region, room in self._each:
+        for region, is_clear, room in self._each:
             if room is not None and room.holds(box, margin_deg):
                 continue
-            if not is_clear(region, box, margins.get(region.name, margin_deg)):
+            if not is_clear(box, margins.get(region.name, margin_deg) if margins else margin_deg):
                 return region.name
             if room is not None:
                 room.widen((region,), box, margin_deg)
