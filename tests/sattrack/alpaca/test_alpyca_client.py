@@ -26,13 +26,16 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
+NOBODY = "Action=TrackSatellite&Parameters=nobody"
+
+
 @pytest.fixture(scope="module")
 def served() -> Iterator[Served]:
     with serving(discovery=True) as running:
-        # The first to ask for passes waits for what reckons them: on a busy machine longer than alpyca does.
+        # The first to ask for a pass waits for what reckons it: on a busy machine longer than alpyca does.
         with call(running.port) as line:
             say(line, "PUT", "connect")
-            until(lambda: "Value" in say(line, "PUT", "action", "Action=Passes&Parameters=ISS"))
+            until(lambda: say(line, "PUT", "action", NOBODY)["ErrorNumber"] == 0x401)
             say(line, "PUT", "disconnect")
         yield running
 
