@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.cells import cell_len
@@ -118,7 +119,7 @@ class TimesPanel(Panel):
             labelled("", f"at {view.max_alt_deg:.1f}°", cells=12),
             self._row("set", view.end_utc_s, view.utc_s),
             labelled("elements", _elements(scene), cells=12),
-            labelled("recording", _recording(scene), cells=12),
+            labelled("recording", _recording(scene, self.content_size.width - 12), cells=12),
         ]
 
     def compact(self, scene: Scene) -> list[Row]:
@@ -282,10 +283,12 @@ class RunPanel(Panel):
                 row += [(" in ", DIM), words.arcsec(2.0 * expected.radius_arcsec)]
         if scene.view.link.clock_offset_s is not None:
             row += [("  clock ", DIM), _clock(scene.view.link)]
-        tail: Row = [("   recording ", DIM), _recording(scene)]
-        if _cells([*row, *tail]) > self.content_size.width:
-            row[1], tail[0] = words.age(scene.view.elements_age_s), ("  rec ", DIM)
-        return [[*row, *tail]]
+        label = ("   recording ", DIM)
+        whole = _recording(scene, self.content_size.width)
+        if _cells([*row, label, whole]) > self.content_size.width:
+            row[1], label = words.age(scene.view.elements_age_s), ("  rec ", DIM)
+        row.append(label)
+        return [[*row, _recording(scene, self.content_size.width - _cells(row))]]
 
 
 class FieldPanel(Panel):
@@ -309,5 +312,11 @@ def _elements(scene: Scene) -> Part:
     return f"{words.age(scene.view.elements_age_s)} old"
 
 
-def _recording(scene: Scene) -> Part:
-    return "none" if scene.view.recording is None else (scene.view.recording, "bold")
+def _recording(scene: Scene, room: int) -> Part:
+    """Return where it is recorded: as much of the end of that as there is room for."""
+    path = scene.view.recording
+    if path is None:
+        return "none"
+    if cell_len(path) > room:
+        path = Path(path).name
+    return (path if cell_len(path) <= room else f"…{path[1 - max(room, 2) :]}", "bold")

@@ -72,7 +72,7 @@ class SchedulePage(Redrawn):
         state = (f" {view.state.upper()} ", PLATE[Tone.CALM if view.running else Tone.BAD])
         # What it does often begins with the very word.
         doing = view.doing.removeprefix(view.state).strip() if view.running else "its runner has ended"
-        second: Row = [("night ", DIM), f"{view.night}", ("   passes ", DIM), *_count(view)]
+        second: Row = [("night ", DIM), f"{view.night}", "   ", *_count(view)]
         left_s = next_in_s(view)
         if left_s is not None:
             second += [("   next in ", DIM), words.span(left_s)]
@@ -102,8 +102,8 @@ def in_words(view: ScheduleView) -> str:
     left_s = next_in_s(view)
     if view.state == FOLLOWING:
         # It was said while the run went on that is over.
-        coming = next((f"next {one.name}" for one in view.passes if one.state == WAITING), "")
-        doing = coming or "its schedule goes on"
+        coming = _coming(view)
+        doing = "its schedule goes on" if coming is None else f"next {coming.name}"
     else:
         doing = view.doing
     return doing if left_s is None else f"{doing}, in {words.span(left_s)}"
@@ -111,9 +111,13 @@ def in_words(view: ScheduleView) -> str:
 
 def next_in_s(view: ScheduleView) -> float | None:
     """Return in how many seconds the next pass begins; None where none is to come, or it has begun."""
-    coming = (one for one in view.passes if one.state == WAITING)
-    left_s = next((_utc_s(one.start_utc) - view.utc_s for one in coming), 0.0)
+    coming = _coming(view)
+    left_s = 0.0 if coming is None else _utc_s(coming.start_utc) - view.utc_s
     return left_s if view.running and left_s > 0.0 else None
+
+
+def _coming(view: ScheduleView) -> PassView | None:
+    return next((one for one in view.passes if one.state == WAITING), None)
 
 
 def _count(view: ScheduleView) -> Row:
@@ -122,7 +126,7 @@ def _count(view: ScheduleView) -> Row:
     row: Row = [f"{states.count('done')} of {len(states)} done"]
     for state in ("partly", "lost"):
         if state in states:
-            row.append((f", {states.count(state)} {state}", SPOKEN[TONES[state]]))
+            row += [", ", (f"{states.count(state)} {state}", SPOKEN[TONES[state]])]
     return row
 
 
@@ -131,7 +135,7 @@ def _state(view: ScheduleView, one: PassView) -> Row:
     coming_s, left_s = _utc_s(one.start_utc) - view.utc_s, _utc_s(one.end_utc) - view.utc_s
     if not view.running:
         coming_s = left_s = 0.0
-    if one.number in {view.current, view.next_number} and coming_s > 0.0:
+    if coming_s > 0.0 and (one.number == view.current or one is _coming(view)):
         return [("in ", DIM), (words.span(coming_s), "bold")]
     row: Row = [(one.state, SPOKEN[TONES[one.state]] if one.state in TONES else DIM)]
     if one.state == IN_PROGRESS and left_s > 0.0:
