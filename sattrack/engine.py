@@ -26,6 +26,7 @@ from sattrack.mount import (
     Hold,
     Motion,
     MoveAxes,
+    SlewTo,
     StatusSample,
     Stop,
     mean_sidereal_deg,
@@ -39,7 +40,6 @@ from sattrack.xerxes.session import Session
 from sattrack.xerxes.slewing import SlewState
 
 if TYPE_CHECKING:
-    from sattrack.control.rest import Rest
     from sattrack.messages import Message
     from sattrack.mount import MountProfile
     from sattrack.safety import Cleared
@@ -373,8 +373,19 @@ class Engine:
             warnings=self._warnings(),
             ra_rate_reached_deg_s=None if sample is None else SIDEREAL_RATE_DEG_S - sample.ra_drive_deg_s,
             dec_rate_reached_deg_s=None if sample is None else _reported_dec_rate_deg_s(sample),
-            pause=_pause_view(tracker.rest),
+            pause=self._pause_view(),
         )
+
+    def _pause_view(self) -> PauseView | None:
+        rest = self.tracker.rest
+        if rest is None:
+            return None
+        return PauseView(rest.begun_utc_s, rest.at_rest and not self._led_out, rest.jogging)
+
+    @property
+    def _led_out(self) -> bool:
+        """Whether safety slews a paused mount, of which nothing is asked, out of a cone."""
+        return self.tracker.rest is not None and isinstance(self._commanded, SlewTo)
 
     def _clock_offset_s(self, sample: StatusSample, error: SkyError) -> float:
         """Return how far the mount's sidereal clock is ahead of mean sidereal time by our UTC, seconds."""
@@ -405,16 +416,23 @@ class Engine:
         where = f"{status.site_latitude_deg:.2f}, {status.site_longitude_deg:.2f}"
         return [f"the mount believes it stands at {where}: check the site on both sides"]
 
+    def _held_warnings(self) -> list[str]:
+        """Say at which limit safety holds the mount, or that it moves one that rests."""
+        paused, name = self.tracker.rest is not None, self.safety.holding
+        if self._led_out:
+            return ["the telescope is led out of the Sun's or the Moon's way"]
+        if name is None or not (paused or self.phase == HOLDING):
+            return []
+        then = "it goes on when the target comes back"
+        if paused:
+            then = "the mount at rest follows the sky, and is kept from going on"
+        return [f"held at the {ROWS[name].name} limit ({ROWS[name].bound}): {then}"]
+
     def _warnings(self) -> tuple[str, ...]:
         warnings = []
         if self._link_state is LinkState.STALE:
             warnings.append("no fresh status from the mount: following by prediction")
-        if self.safety.holding is not None and (self.phase == HOLDING or self.tracker.rest is not None):
-            row = ROWS[self.safety.holding]
-            then = "it goes on when the target comes back"
-            if self.tracker.rest is not None:
-                then = "the mount at rest follows the sky, and is kept from going on"
-            warnings.append(f"held at the {row.name} limit ({row.bound}): {then}")
+        warnings.extend(self._held_warnings())
         if self.safety.clamping and self.tracker.phase in FOLLOWING:
             warnings.append("the mount's rate limit is reached")
         if self.tracker.phase is Phase.STOPPING and not self.finished and not self.session.stopped:
@@ -450,10 +468,6 @@ def safety_of(spec: RunSpec) -> Safety:
     """Return what clears a run's motions: held at limits, slews led round, out of the Sun by itself."""
     site = spec.propagator.site
     return Safety(spec.profile, spec.limits, site.latitude_deg, site.longitude_deg, holds=True, escapes=True)
-
-
-def _pause_view(rest: Rest | None) -> PauseView | None:
-    return None if rest is None else PauseView(rest.begun_utc_s, rest.at_rest, rest.jogging)
 
 
 def _reported_dec_rate_deg_s(sample: StatusSample) -> float:
