@@ -21,7 +21,7 @@ from sattrack.safety.doubt import Belief, Doubt
 from sattrack.safety.geometry import Box
 from sattrack.safety.held import nearest_rates, within
 from sattrack.safety.slews import SlewGate
-from sattrack.safety.standing import Standing, axis_rates
+from sattrack.safety.standing import Standing, axis_rates, standing_at
 from sattrack.safety.table import ROWS
 from sattrack.safety.watch import BACKWARD_S, OLDEST_STATUS_S, Seen, Watch
 
@@ -266,6 +266,10 @@ class Safety:
             )
         if refused is None and stance is not None:
             refused = self._asked.objection(request, stance, utc_s)
+            former = self._doubt.former
+            if refused is None and former is not None:
+                # The axes may be where they were, whatever one status says.
+                refused = self._asked.objection(request, standing_at(stance, former.place), utc_s)
         return ClearedRequest(request) if refused is None else refused
 
     def way_to(self, request: Slew, stance: Stance, utc_s: float | None) -> tuple[Slew, ...] | str:

@@ -60,8 +60,16 @@ class Standing:
 
     def of(self, stance: Stance) -> Place:
         """Return the axes' angles as a mount stands."""
-        self.beyond_pole = stance.beyond_pole
         return self.place(stance.sidereal_deg - stance.ra_deg, stance.dec_deg, stance.beyond_pole)
+
+
+def standing_at(stance: Stance, place: Place) -> Stance:
+    """Return how a mount would stand with its axes at another place."""
+    ha, dec = place.ha_deg, math.remainder(place.dec_deg, 360.0)
+    beyond_pole = abs(dec) > 90.0
+    if beyond_pole:
+        ha, dec = ha - 180.0, math.copysign(180.0, dec) - dec
+    return stance._replace(ra_deg=stance.sidereal_deg - ha, dec_deg=dec, beyond_pole=beyond_pole)
 
 
 def axis_rates(move: MoveAxes, beyond_pole: bool) -> tuple[float, float]:

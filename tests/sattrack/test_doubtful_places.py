@@ -17,7 +17,8 @@ from sattrack.mount import (
     Stop,
     mean_sidereal_deg,
 )
-from sattrack.safety import Safety, SafetyLimits, Seen
+from sattrack.requests import FineRate, MoveAxis, PulseGuide, Request
+from sattrack.safety import Safety, SafetyLimits, Seen, Stance
 from sattrack.safety.bodies import sun_over
 from sattrack.xerxes.simulator.facts import StartPosition
 
@@ -44,6 +45,13 @@ class Gate:
         self.safety.watch(Seen(None, sidereal, sidereal, dec_deg), MoveAxes(SIDEREAL_RATE_DEG_S, 0.0))
         motion = self.safety.clear(wish, sidereal, sidereal, dec_deg, 0.01, now_s).motion
         return motion.dec_rate_deg_s if isinstance(motion, MoveAxes) else None
+
+    def asks(self, request: Request, dec_deg: float) -> str | None:
+        """Return why a request is refused as the last status has the mount stand, None where it is not."""
+        sidereal = self.turn * PERIOD_S * SIDEREAL_RATE_DEG_S
+        stance = Stance(sidereal, sidereal, dec_deg, slewing=False, drives_at_rest=True)
+        answer = self.safety.clear_request(request, stance, 1_790_000_000.0 + self.turn * PERIOD_S)
+        return answer if isinstance(answer, str) else None
 
 
 def test_one_place_far_from_the_limit_does_not_let_go_what_is_held_at_it() -> None:
@@ -95,6 +103,24 @@ def test_by_hand_one_place_far_from_a_limit_does_not_let_a_jog_pass_it() -> None
         gate.clears(LOW_DEC + 2.0, 0.0)
     assert gate.clears(HIGH_DEC, -3.0) is None
     assert gate.safety.tripped == "altitude"
+
+
+ASKED_DOWN = (MoveAxis(dec_rate_deg_s=-3.0), PulseGuide(dec_ms=-30_000), FineRate(0.0, -0.02))
+
+
+@pytest.mark.parametrize("request_down", ASKED_DOWN, ids=lambda request: type(request).__name__)
+def test_by_hand_one_place_far_from_a_limit_does_not_let_a_request_go_that_leads_past_it(
+    request_down: Request,
+) -> None:
+    gate = Gate(holds=False)
+    for _ in range(10):
+        gate.clears(LOW_DEC + 0.13, 0.0)
+    assert gate.asks(request_down, LOW_DEC + 0.13) is not None
+    for _ in range(2):
+        gate.clears(HIGH_DEC, 0.0)
+        assert gate.asks(request_down, HIGH_DEC) is not None
+    gate.clears(HIGH_DEC, 0.0)
+    assert gate.asks(request_down, HIGH_DEC) is None
 
 
 def leg_to_the_east(hour_angles_deg: list[float]) -> SlewTo:
