@@ -8,34 +8,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import msgspec
-
-from sattrack.bias_view import (
-    bias_fields,
-    estimate_view,
-    observation_warnings,
-    offset_views,
-    search_view,
-)
-from sattrack.control.kalman import wrap180
 from sattrack.control.sky_error import SkyError, sky_error
+from sattrack.engine_view import HOLDING, view_of
 from sattrack.figures import RunningError, WindowedError
 from sattrack.messages import Jog
-from sattrack.mount import (
-    SIDEREAL_RATE_DEG_S,
-    Hold,
-    Motion,
-    MoveAxes,
-    SlewTo,
-    StatusSample,
-    Stop,
-    mean_sidereal_deg,
-)
+from sattrack.mount import Hold, Motion, MoveAxes, SlewTo, StatusSample, Stop
 from sattrack.safety import ROWS, Safety, SafetyLimits
 from sattrack.tracker import FOLLOWING, Phase, Tracker, TrackPlan
-from sattrack.view import ErrorView, LinkView, PauseView, TrackView
 from sattrack.xerxes.launches import seen_of
-from sattrack.xerxes.link import STALE_AFTER_S, LinkState
+from sattrack.xerxes.link import LinkState
 from sattrack.xerxes.session import Session
 from sattrack.xerxes.slewing import SlewState
 
@@ -43,7 +24,7 @@ if TYPE_CHECKING:
     from sattrack.messages import Message
     from sattrack.mount import MountProfile
     from sattrack.safety import Cleared
-    from sattrack.view import RememberedView
+    from sattrack.view import RememberedView, TrackView
     from tle.bias import Bias
     from tle.propagator import Propagator
 
@@ -55,11 +36,6 @@ STOP_UNCONFIRMED_S = 60.0
 LINGER_S = 0.25
 """Flag-free datagrams after the rest was seen, so that no late one is the last that the mount gets."""
 LONGEST_STEP_S = 0.5
-LOST_TOLD_S = 10.0
-"""For how long it is told that the mount was lost."""
-SITE_TOLERANCE_DEG = 0.1
-HOLDING = "holding"
-"""The phase in which a limit keeps the mount off its target."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,169 +283,27 @@ class Engine:
         following = self.tracker.phase in FOLLOWING
         return HOLDING if following and self.safety.holding is not None else self.tracker.phase.value
 
-    def view(self, now_utc_s: float) -> TrackView:
-        """Return what anyone who looks may see, as of an instant."""
-        spec, tracker, sample = self.spec, self.tracker, self.session.sample
-        error = tracker.error
-        fresh = error is not None and 0.0 <= now_utc_s - error.utc_s < STALE_AFTER_S
-        # Target and mount are shown for one instant: a tick apart they would seem to disagree.
-        target = tracker.direction_at(error.utc_s if error is not None and fresh else now_utc_s)
-        health = self.session.health
-        age_s = None if sample is None else max(0.0, now_utc_s - sample.arrival_utc_s)
-        delay_ms = clock_offset_s = None
-        if sample is not None and error is not None:
-            delay_ms = 1000.0 * (sample.arrival_utc_s - error.utc_s)
-            clock_offset_s = self._clock_offset_s(sample, error)
-        return TrackView(
-            utc_s=now_utc_s,
-            phase=self.phase,
-            name=spec.propagator.elements.label,
-            catalog_number=spec.propagator.elements.catalog_number,
-            mount=spec.mount_name,
-            start_utc_s=spec.plan.start_utc_s,
-            culminate_utc_s=spec.culminate_utc_s,
-            end_utc_s=spec.plan.end_utc_s,
-            max_alt_deg=spec.max_alt_deg,
-            elements_age_s=now_utc_s - float(spec.propagator.elements.epoch.unix_s),
-            target_ra_deg=float(target.ra_deg),
-            target_dec_deg=float(target.dec_deg),
-            target_alt_deg=float(target.alt_deg),
-            target_az_deg=float(target.az_deg),
-            range_km=float(target.range_km),
-            mount_ra_deg=None if sample is None else sample.ra_deg,
-            mount_dec_deg=None if sample is None else sample.dec_deg,
-            error=None if error is None else ErrorView(*msgspec.structs.astuple(error)),
-            rms_10s_arcsec=self._recent.rms_arcsec,
-            rms_pass_arcsec=self.reported.rms_arcsec,
-            ra_rate_deg_s=tracker.rates.ra_rate_deg_s,
-            dec_rate_deg_s=tracker.rates.dec_rate_deg_s,
-            max_ra_rate_deg_s=spec.profile.ra.max_rate_deg_s,
-            max_dec_rate_deg_s=spec.profile.dec.max_rate_deg_s,
-            **bias_fields(tracker, now_utc_s),
-            offsets=offset_views(tracker, now_utc_s),
-            search=search_view(tracker, now_utc_s),
-            estimate=estimate_view(tracker, now_utc_s, self.malformed + self.dropped),
-            remembered=tracker.steering.remembered,
-            link=LinkView(
-                state=self._link_state.value,
-                age_s=age_s,
-                sent=health.sent,
-                received=health.received,
-                lost=health.lost,
-                late=health.late,
-                duplicate=health.duplicate,
-                rejected=health.rejected,
-                rate_hz=health.rate_hz,
-                jitter_ms=None if health.jitter_s is None else health.jitter_s * 1000.0,
-                restarts=health.restarts,
-                strangers=health.strangers,
-                doubled_launches=health.doubled_launches,
-                foreign_acks=health.foreign_acks,
-                delay_ms=delay_ms,
-                clock_offset_s=clock_offset_s,
-            ),
-            recording=spec.recording,
-            ended_by=tracker.ended_by,
-            warnings=self._warnings(),
-            ra_rate_reached_deg_s=None if sample is None else SIDEREAL_RATE_DEG_S - sample.ra_drive_deg_s,
-            dec_rate_reached_deg_s=None if sample is None else _reported_dec_rate_deg_s(sample),
-            pause=self._pause_view(),
-        )
-
-    def _pause_view(self) -> PauseView | None:
-        rest = self.tracker.rest
-        if rest is None:
-            return None
-        return PauseView(rest.begun_utc_s, rest.at_rest and not self._led_out, rest.jogging)
+    @property
+    def link_state(self) -> LinkState:
+        """State of the link as of the last tick."""
+        return self._link_state
 
     @property
-    def _led_out(self) -> bool:
+    def rms_10s_arcsec(self) -> float | None:
+        """RMS of the last errors that figures count."""
+        return self._recent.rms_arcsec
+
+    @property
+    def led_out(self) -> bool:
         """Whether safety slews a paused mount, of which nothing is asked, out of a cone."""
         return self.tracker.rest is not None and isinstance(self._commanded, SlewTo)
 
-    def _clock_offset_s(self, sample: StatusSample, error: SkyError) -> float:
-        """Return how far the mount's sidereal clock is ahead of mean sidereal time by our UTC, seconds."""
-        mean_deg = mean_sidereal_deg(error.utc_s, self.spec.propagator.site.longitude_deg)
-        return wrap180(sample.sidereal_h * 15.0 - mean_deg) / SIDEREAL_RATE_DEG_S
-
-    def _side_warnings(self) -> list[str]:
-        """Say that the mount is on a side of the pier for which its signs were never measured."""
-        status, record = self.session.status, self.spec.profile.calibration
-        if status is None or record is None:
-            return []
-        beyond = status.side_of_pier
-        measured = record.both_sides or (record.side_of_pier == "beyond_pole") == beyond
-        words = "this side of the pier is not in the mount's profile: its rates may go the other way"
-        return [] if measured else [words]
-
-    def _site_warnings(self) -> list[str]:
-        """Say where the mount believes it stands, if that is somewhere else."""
-        status, site = self.session.status, self.spec.propagator.site
-        if status is None or (status.site_latitude_deg == 0.0 and status.site_longitude_deg == 0.0):
-            return []
-        apart = (
-            abs(status.site_latitude_deg - site.latitude_deg),
-            abs(wrap180(status.site_longitude_deg - site.longitude_deg)),
-        )
-        if max(apart) < SITE_TOLERANCE_DEG:
-            return []
-        where = f"{status.site_latitude_deg:.2f}, {status.site_longitude_deg:.2f}"
-        return [f"the mount believes it stands at {where}: check the site on both sides"]
-
-    def _held_warnings(self) -> list[str]:
-        """Say at which limit safety holds the mount, or that it moves one that rests."""
-        paused, name = self.tracker.rest is not None, self.safety.holding
-        if self._led_out:
-            return ["the telescope is led out of the Sun's or the Moon's way"]
-        if name is None or not (paused or self.phase == HOLDING):
-            return []
-        then = "it goes on when the target comes back"
-        if paused:
-            then = "the mount at rest follows the sky, and is kept from going on"
-        return [f"held at the {ROWS[name].name} limit ({ROWS[name].bound}): {then}"]
-
-    def _warnings(self) -> tuple[str, ...]:
-        warnings = []
-        if self._link_state is LinkState.STALE:
-            warnings.append("no fresh status from the mount: following by prediction")
-        warnings.extend(self._held_warnings())
-        if self.safety.clamping and self.tracker.phase in FOLLOWING:
-            warnings.append("the mount's rate limit is reached")
-        if self.tracker.phase is Phase.STOPPING and not self.finished and not self.session.stopped:
-            warnings.append("the stop is not confirmed yet: it is being sent again and again")
-        if self.tracker.steering.refusal is not None:
-            warnings.append(self.tracker.steering.refusal)
-        warnings.extend(observation_warnings(self.tracker, self.malformed, self.dropped))
-        if self.session.intruder is not None:
-            warnings.append(self.session.intruder)
-        if not self.tracker.clock_holds:
-            warnings.append("the mount's clock is not where the profile says: samples are dated by arrival")
-        elif not self.tracker.clock_runs:
-            warnings.append("the mount's clock does not run as ours: samples are dated by arrival")
-        step_s, lost_utc_s = self.tracker.clock_step_s, self.tracker.lost_utc_s
-        if step_s is not None:
-            warnings.append(
-                f"the mount's clock goes in steps of {1000.0 * step_s:.1f} ms: samples are dated by its mean"
-            )
-        if lost_utc_s is not None and self._heard_utc_s - lost_utc_s < LOST_TOLD_S:
-            warnings.append("the mount was not where its commands lead: lost, and taken up where it is")
-        warnings.extend(self._side_warnings())
-        warnings.extend(self._site_warnings())
-        if self.message:
-            warnings.append(self.message)
-        return tuple(warnings)
-
-    @property
-    def _heard_utc_s(self) -> float:
-        return 0.0 if self.session.sample is None else self.session.sample.arrival_utc_s
+    def view(self, now_utc_s: float) -> TrackView:
+        """Return what anyone who looks may see, as of an instant."""
+        return view_of(self, now_utc_s)
 
 
 def safety_of(spec: RunSpec) -> Safety:
     """Return what clears a run's motions: held at limits, slews led round, out of the Sun by itself."""
     site = spec.propagator.site
     return Safety(spec.profile, spec.limits, site.latitude_deg, site.longitude_deg, holds=True, escapes=True)
-
-
-def _reported_dec_rate_deg_s(sample: StatusSample) -> float:
-    """Return the declination drive's rate as one of the reported declination, which turns past the pole."""
-    return -sample.dec_drive_deg_s if sample.beyond_pole else sample.dec_drive_deg_s
