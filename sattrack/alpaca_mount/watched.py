@@ -6,9 +6,10 @@ import contextlib
 import os
 import socket
 import subprocess
-import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
+
+from sattrack.own_program import own_program
 
 if TYPE_CHECKING:
     from sattrack.alpaca_mount.address import AlpacaAddress
@@ -76,7 +77,7 @@ class Watched:
         with theirs:
             self._process = subprocess.Popen(
                 [
-                    *(sys.executable, "-m", "sattrack.alpaca_mount.warden", str(theirs.fileno())),
+                    *(*own_program("sattrack.alpaca_mount.warden"), str(theirs.fileno())),
                     *(str(os.getpid()), self.address.host, str(self.address.port), str(self.address.device)),
                 ],
                 stdin=subprocess.DEVNULL,

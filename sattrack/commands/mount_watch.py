@@ -17,6 +17,7 @@ from sattrack.commands.screened import tui_possible
 from sattrack.console_messages import ParkOrder
 from sattrack.errors import BadInputError, SattrackError
 from sattrack.manual.sitting import Sitting
+from sattrack.own_program import own_program
 from sattrack.runtime.console import OrderInbox, attend_sitting
 from sattrack.runtime.owner import owner_of
 from sattrack.runtime.stopping import stop_session
@@ -63,7 +64,7 @@ def watch(context: CommandContext, stream: bool, control: bool, park: bool, **op
     from sattrack.tui.console_launch import watch_with_tui
 
     called = [word for word in sys.argv[1:] if word != "--park"]
-    command = [sys.executable, "-m", "sattrack", *called, "--stream", "--control"]
+    command = [*own_program(), *called, "--stream", "--control"]
     look = appearance(context, options["theme"], options["plain"])
     return watch_with_tui(command, first=ParkOrder() if park else None, appearance=look)
 

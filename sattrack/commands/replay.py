@@ -24,6 +24,7 @@ from sattrack.commands.json_lines import JsonLines
 from sattrack.commands.replay_views import LeftError, ViewsAtOnce
 from sattrack.commands.screened import tui_possible
 from sattrack.errors import BadInputError
+from sattrack.own_program import own_program
 from sattrack.recording.comparison import Choice
 from sattrack.recording.format import VIEW
 from sattrack.recording.replay import replay
@@ -213,7 +214,7 @@ def _with_tui(file: Path, context: CommandContext, options: dict[str, Any]) -> i
         arguments += ["--fov", str(fov_deg)]
     look = appearance(context, options["theme"], options["plain"])
     tape = Tape(file.name, options["speed"] or 1.0)
-    return replay_with_tui([sys.executable, "-m", "sattrack", *arguments], tape, look)
+    return replay_with_tui([*own_program(), *arguments], tape, look)
 
 
 def _progress() -> Callable[[float], None] | None:

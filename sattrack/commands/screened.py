@@ -6,6 +6,8 @@ import importlib.util
 import sys
 from typing import TYPE_CHECKING
 
+from sattrack.own_program import own_program
+
 if TYPE_CHECKING:
     from sattrack.tui.appearance import Appearance
     from sattrack.tui.beside import Beside
@@ -25,4 +27,4 @@ def with_tui(appearance: Appearance, stay: bool = True, beside: Beside | None = 
     from sattrack.tui.launch import fly_with_tui
 
     arguments = [*sys.argv[1:], "--stream", "--control", "--scene"]
-    return fly_with_tui([sys.executable, "-m", "sattrack", *arguments], appearance, stay, beside=beside)
+    return fly_with_tui([*own_program(), *arguments], appearance, stay, beside=beside)

@@ -25,6 +25,7 @@ from sattrack.commands.screened import tui_possible
 from sattrack.commands.serve_log import Log
 from sattrack.commands.serving import check_port, end_of_service, what_is_served
 from sattrack.errors import BadInputError
+from sattrack.own_program import own_program
 from sattrack.runtime.antenna_door import BAUDS, DEFAULT_FRAMING, Door, SerialChannel, listen
 from sattrack.runtime.antenna_focus import FORM, parse_focuser, start_focusers
 from sattrack.runtime.antenna_serve import LEAVE, AntennaLoop
@@ -157,7 +158,7 @@ def _with_console(options: dict[str, Any]) -> int:
     from sattrack.tui.antenna_app import serve_with_console
 
     arguments = [one for one in sys.argv[1:] if one != "--console"]
-    return serve_with_console([sys.executable, "-m", "sattrack", *arguments, "--stream", "--control"])
+    return serve_with_console([*own_program(), *arguments, "--stream", "--control"])
 
 
 def _door(options: dict[str, Any]) -> tuple[Door, str]:

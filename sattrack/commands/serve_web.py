@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import sys
 from functools import partial
 from typing import Any
 
@@ -14,6 +13,7 @@ from sattrack.commands.aside import given
 from sattrack.commands.attach import chosen_run
 from sattrack.commands.common import CommandContext, common_options, screen_options, tell
 from sattrack.errors import BadInputError, SattrackError
+from sattrack.own_program import own_program
 from sattrack.runtime.gallery_words import feeders
 
 PORT = 8137
@@ -55,9 +55,7 @@ def command(
 
     if token is None and needs_token(host):
         token = new_token()
-    visit = Visit(
-        host, port, token, (sys.executable, "-m", "sattrack", "attach", *_handed_on(context, pid, options))
-    )
+    visit = Visit(host, port, token, (*own_program(), "attach", *_handed_on(context, pid, options)))
     serve(visit, partial(_no_run, pid), partial(_tell_address, context.json))
     return 0
 

@@ -11,7 +11,6 @@ import contextlib
 import select
 import socket
 import subprocess
-import sys
 from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -21,6 +20,7 @@ import msgspec
 from sattrack.alpaca.faults import Number
 from sattrack.alpaca.messages import AbortOrder, Answered, Asked, BiasOrder, Told, decode_asked, encode
 from sattrack.errors import SattrackError
+from sattrack.own_program import own_program
 from sattrack.runtime.alpaca_task import READY, encode_task
 
 if TYPE_CHECKING:
@@ -147,7 +147,7 @@ def open_door(task: AlpacaTask) -> AlpacaDoor:
     ours, theirs = socket.socketpair()
     with theirs:
         process = subprocess.Popen(
-            [sys.executable, "-m", "sattrack.runtime.alpaca_process", str(theirs.fileno())],
+            [*own_program("sattrack.runtime.alpaca_process"), str(theirs.fileno())],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             pass_fds=(theirs.fileno(), task.listener, *task.discovery),

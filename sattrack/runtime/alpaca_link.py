@@ -13,6 +13,7 @@ import msgspec
 
 from sattrack.alpaca_mount.channel import GatewayConfig, News, Ready, Refused
 from sattrack.errors import LinkLostError, SattrackError
+from sattrack.own_program import own_program
 from sattrack.xerxes.client import Address, UdpLink, bind
 
 if TYPE_CHECKING:
@@ -82,7 +83,7 @@ def open_gateway(address: AlpacaAddress) -> GatewayLink:
     config = GatewayConfig(address, int(bound.getsockname()[1]), theirs.fileno())
     with theirs:
         process = subprocess.Popen(
-            [sys.executable, "-m", "sattrack.runtime.alpaca_gateway", msgspec.json.encode(config).decode()],
+            [*own_program("sattrack.runtime.alpaca_gateway"), msgspec.json.encode(config).decode()],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             pass_fds=[theirs.fileno()],

@@ -7,7 +7,6 @@ import importlib.util
 import os
 import select
 import subprocess
-import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 from urllib.parse import parse_qs, urlsplit
@@ -16,6 +15,7 @@ import msgspec
 
 from sattrack.antenna.remote_focus import FocusNews, RemoteAxis, RemoteFocuser
 from sattrack.errors import BadInputError, SattrackError
+from sattrack.own_program import own_program
 from sattrack.runtime.alpaca_focuser import FocuserConfig
 from sattrack.runtime.embedded import LineReader
 
@@ -133,7 +133,7 @@ def start_focusers(configs: Sequence[FocuserConfig]) -> FocusProcesses:
 
 def _start(config: FocuserConfig) -> FocusAxisProcess:
     process = subprocess.Popen(
-        [sys.executable, "-m", "sattrack.runtime.alpaca_focuser", msgspec.json.encode(config).decode()],
+        [*own_program("sattrack.runtime.alpaca_focuser"), msgspec.json.encode(config).decode()],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         # A Ctrl-C for the antenna is not one for its focuser: that ends with its standard input.

@@ -5,13 +5,13 @@ from __future__ import annotations
 import os
 import select
 import subprocess
-import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import msgspec
 
 from sattrack.errors import SattrackError
+from sattrack.own_program import own_program
 from sattrack.xerxes.simulator.process import Ready, SimulatorConfig, TruthLine
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class EmbeddedMount:
 def start_embedded(config: SimulatorConfig) -> EmbeddedMount:
     """Start a simulated mount; raises SattrackError where it does not come up."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "sattrack.xerxes.simulator.process", msgspec.json.encode(config).decode()],
+        [*own_program("sattrack.xerxes.simulator.process"), msgspec.json.encode(config).decode()],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         # A Ctrl-C for the tracker is not one for the mount.

@@ -7,12 +7,12 @@ import errno
 import os
 import socket
 import subprocess
-import sys
 import time
 from typing import TYPE_CHECKING
 
 import msgspec
 
+from sattrack.own_program import own_program
 from sattrack.runtime.facts import encode_facts
 from sattrack.runtime.gallery_words import (
     FACTS,
@@ -51,7 +51,7 @@ class GalleryLink:
                 door.listen(BACKLOG)
                 door.setblocking(False)
                 self._process = subprocess.Popen(
-                    [sys.executable, "-m", "sattrack.runtime.gallery", str(theirs.fileno())],
+                    [*own_program("sattrack.runtime.gallery"), str(theirs.fileno())],
                     stdin=subprocess.DEVNULL,
                     stdout=subprocess.DEVNULL,
                     pass_fds=[theirs.fileno(), door.fileno()],

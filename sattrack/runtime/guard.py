@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Protocol
 import msgspec
 
 from sattrack.errors import SattrackError
+from sattrack.own_program import own_program
 from sattrack.runtime import guard_memory
 from sattrack.runtime.guard_memory import Release, Word
 from sattrack.runtime.guardian import GuardianTask
@@ -205,7 +206,7 @@ class Guarded:
         ours, theirs = socket.socketpair()
         with theirs:
             process = subprocess.Popen(
-                [sys.executable, "-m", "sattrack.runtime.guardian", str(theirs.fileno())],
+                [*own_program("sattrack.runtime.guardian"), str(theirs.fileno())],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 pass_fds=[

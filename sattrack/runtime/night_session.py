@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import select
 import subprocess
-import sys
 import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import msgspec
 
 from sattrack.messages import Search, StopNow, encode_message
+from sattrack.own_program import own_program
 from sattrack.runtime.embedded import LineReader
 from sattrack.runtime.night_flight import search_times
 from sattrack.schedule.night import Go
@@ -192,7 +192,7 @@ class Session:
 
 def this_program() -> list[str]:
     """Return how this very program is run."""
-    return [sys.executable, "-m", "sattrack"]
+    return own_program()
 
 
 def run_verb(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import subprocess
-import sys
 import tempfile
 import threading
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.console_messages import LeaveOrder
+from sattrack.own_program import own_program
 from sattrack.runtime.owner import owners
 from sattrack.tui.console_child import ConsoleProcess
 from sattrack.tui.console_feed import Latest
@@ -69,9 +69,7 @@ class PassSearch:
         self.begun_utc_s = utc_s
         start = ("--from", Utc(utc_s).isoformat("seconds"), "--hours", f"{HOURS:g}")
         command = [
-            sys.executable,
-            "-m",
-            "sattrack",
+            *own_program(),
             "passes",
             "--json",
             "--judged",
@@ -153,7 +151,7 @@ class MountLook:
         self.trouble = ""
         url = f"xerxes://{owned[0].mount}?listen={owned[0].listen_port}"
         called = ["mount", "watch", *self._beside.watch, "--mount", url, "--stream", "--control"]
-        self._console = self._start([sys.executable, "-m", "sattrack", *called])
+        self._console = self._start([*own_program(), *called])
 
 
 def _finish(console: ConsoleProcess) -> None:
@@ -178,7 +176,7 @@ class Aside:
         console = None
         if beside.mount_url is not None:
             called = ["mount", "watch", *beside.watch, "--mount", beside.mount_url]
-            console = [sys.executable, "-m", "sattrack", *called]
+            console = [*own_program(), *called]
         return cls(PassSearch(beside), MountLook(beside), pid, console)
 
     def close(self) -> None:

@@ -15,6 +15,7 @@ import click
 
 from sattrack import practice
 from sattrack.console_messages import LeaveOrder, SlewOrder
+from sattrack.own_program import own_program
 from sattrack.tui.console_app import ConsoleApp
 from sattrack.tui.console_child import ConsoleProcess
 from sattrack.tui.console_feed import Latest
@@ -49,7 +50,7 @@ class StillFeed:
 def slewing_view() -> ConsoleView:
     """Return the view of a mount half-way through a slew."""
     options = ["--mount", "sim", "--clock", practice.BEFORE_PASS, "--stream", "--control"]
-    console = ConsoleProcess([sys.executable, "-m", "sattrack", "mount", "watch", *options])
+    console = ConsoleProcess([*own_program(), "mount", "watch", *options])
     asked = False
     try:
         console.wait_first_view()

@@ -2,10 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import subprocess
 import sys
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 HEAVY = ("scipy", "matplotlib", "textual", "skyfield", "filterpy", "numpy", "mcap")
 
@@ -25,25 +30,68 @@ print("imported:", [name for name in {HEAVY!r} if name in sys.modules])
 OPTIONS = ("--config", "--site", "--elements", "--clock", "--json", "--debug")
 
 
+HELP_OF_ALL = """
+import contextlib, io, json, runpy, sys
+
+def help_of(line):
+    # No command finds anything of ours loaded that another one has asked for, as in a process of its own.
+    for name in [name for name in sys.modules if name.partition(".")[0] in ("sattrack", "tle")]:
+        del sys.modules[name]
+    sys.argv = ["sattrack", *line, "--help"]
+    with contextlib.redirect_stdout(io.StringIO()) as told:
+        try:
+            runpy.run_module("sattrack", run_name="__main__")
+        except SystemExit as end:
+            assert end.code == 0, (line, end.code)
+    return told.getvalue()
+
+for line in sys.stdin:
+    print(json.dumps(help_of(json.loads(line))), flush=True)
+"""
+
+
 def test_every_command_has_help_and_the_options_of_every_command() -> None:
     from sattrack.cli import COMMANDS
 
     lines: list[tuple[str, ...]] = []
-    for name in COMMANDS:
-        verbs = verbs_in(help_of(name))
-        lines += [(name, verb) for verb in verbs] or [(name,)]
+    helps = helps_of([(name,) for name in COMMANDS])
+    for (name,), text in helps.items():
+        lines += [(name, verb) for verb in verbs_in(text)] or [(name,)]
     assert len(lines) > len(COMMANDS)
+    helps |= helps_of([line for line in lines if line not in helps])
     for line in lines:
-        text = help_of(*line)
-        assert [option for option in OPTIONS if option not in text] == [], line
+        assert [option for option in OPTIONS if option not in helps[line]] == [], line
 
 
-def help_of(*line: str) -> str:
-    arguments = [sys.executable, "-m", "sattrack", *line, "--help"]
-    return subprocess.run(arguments, capture_output=True, text=True, check=True).stdout
+def helps_of(lines: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
+    """Return what each command line says with --help, all of them in one process."""
+    done = subprocess.run(
+        [sys.executable, "-c", HELP_OF_ALL],
+        input="".join(json.dumps(line) + "\n" for line in lines),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return dict(zip(lines, map(json.loads, done.stdout.splitlines()), strict=True))
 
 
 def verbs_in(text: str) -> list[str]:
     """Return the verbs that a command's help lists: indented by two, each before what it does."""
     _, _, listed = text.partition("\nCommands:\n")
     return [line.split()[0] for line in listed.splitlines() if line[:2] == "  " and line[2:3].strip()]
+
+
+def test_what_lies_in_the_current_folder_stands_in_for_no_part_of_a_run(tmp_path: Path) -> None:
+    for name in ("click", "msgspec", "random", "select"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('a file of the user, and none of ours')\n")
+    done = subprocess.run(
+        # As an installed `sattrack` is run: the current folder is not on its path.
+        [sys.executable, "-P", "-m", "sattrack", "demo", "--headless", "--json", "--seconds", "5"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["summary"]["mount_stopped"] is True
+    assert "a file of the user" not in done.stderr
