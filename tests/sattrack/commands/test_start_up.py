@@ -53,26 +53,24 @@ for line in sys.stdin:
 def test_every_command_has_help_and_the_options_of_every_command() -> None:
     from sattrack.cli import COMMANDS
 
+    asked = [sys.executable, "-c", HELP_OF_ALL]
     lines: list[tuple[str, ...]] = []
-    helps = helps_of([(name,) for name in COMMANDS])
-    for (name,), text in helps.items():
-        lines += [(name, verb) for verb in verbs_in(text)] or [(name,)]
-    assert len(lines) > len(COMMANDS)
-    helps |= helps_of([line for line in lines if line not in helps])
-    for line in lines:
-        assert [option for option in OPTIONS if option not in helps[line]] == [], line
+    with subprocess.Popen(asked, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        helps = {(name,): help_of(process, name) for name in COMMANDS}
+        for (name,), text in helps.items():
+            lines += [(name, verb) for verb in verbs_in(text)] or [(name,)]
+        assert len(lines) > len(COMMANDS)
+        for line in lines:
+            text = helps.get(line) or help_of(process, *line)
+            assert [option for option in OPTIONS if option not in text] == [], line
 
 
-def helps_of(lines: list[tuple[str, ...]]) -> dict[tuple[str, ...], str]:
-    """Return what each command line says with --help, all of them in one process."""
-    done = subprocess.run(
-        [sys.executable, "-c", HELP_OF_ALL],
-        input="".join(json.dumps(line) + "\n" for line in lines),
-        capture_output=True,
-        text=True,
-        check=True,
-    )
-    return dict(zip(lines, map(json.loads, done.stdout.splitlines()), strict=True))
+def help_of(process: subprocess.Popen[str], *line: str) -> str:
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write(json.dumps(line) + "\n")
+    process.stdin.flush()
+    return str(json.loads(process.stdout.readline()))
 
 
 def verbs_in(text: str) -> list[str]:
