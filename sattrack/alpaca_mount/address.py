@@ -94,8 +94,11 @@ class AlpacaAddress(NamedTuple):
         )
 
 
-def parse_alpaca(url: str) -> AlpacaAddress:
-    """Read `alpaca://HOST:PORT/DEVICE?hz=RATE`; raises BadInputError."""
+def parse_alpaca(url: str, resolve: bool = True) -> AlpacaAddress:
+    """Read `alpaca://HOST:PORT/DEVICE?hz=RATE`; raises BadInputError.
+
+    Without `resolve`, nobody is asked where the host is, and it stays as it was written.
+    """
     try:
         parts = urlsplit(url)
         port = parts.port if parts.port is not None else DEFAULT_PORT
@@ -115,7 +118,7 @@ def parse_alpaca(url: str) -> AlpacaAddress:
     if not SLOWEST_HZ <= hz <= FASTEST_HZ:
         raise BadInputError(f"--mount {url}: hz is {hz:g}; it goes from {SLOWEST_HZ:g} to {FASTEST_HZ:g}")
     try:
-        host = socket.gethostbyname(parts.hostname)
+        host = socket.gethostbyname(parts.hostname) if resolve else parts.hostname
     except (OSError, UnicodeError) as error:
         raise BadInputError(f"--mount {url}: no such host {parts.hostname!r}") from error
     return AlpacaAddress(host, port, int(device_text), hz)

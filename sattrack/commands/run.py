@@ -16,6 +16,7 @@ from tle.errors import EarthOrientationWarning
 from tle.instants import Utc
 
 if TYPE_CHECKING:
+    from sattrack.profiles import ProfileFile
     from sattrack.schedule.candidates import Situation
     from sattrack.schedule.file import Schedule
     from sattrack.schedule.plan import Plan
@@ -90,19 +91,30 @@ def command(context: CommandContext, file: Path, **options: Any) -> int:
 
 
 def _plan(context: CommandContext, schedule: Schedule, options: dict[str, Any]) -> Plan:
-    from sattrack.commands.run_plan import loader, progress
+    from msgspec import structs
+
+    from sattrack.alpaca_mount.address import parse_alpaca
+    from sattrack.commands.run_plan import loader, progress, why_left
     from sattrack.schedule.making import make_plan
 
-    situation = _situation(context, schedule, options)
+    url = options["mount_url"] or context.settings.mount.url
+    # A plan is made without a network too: a host that cannot be found does not matter.
+    address = parse_alpaca(url, resolve=False) if url is not None and url.startswith("alpaca:") else None
+    profile = context.profile(options["profile"], url)
+    situation = _situation(context, schedule, profile, options)
     rehearse = None
     if options["rehearse"]:
         from sattrack.commands.run_rehearse import rehearser
 
-        rehearse = rehearser(context, context.profile(options["profile"]), schedule)
-    return make_plan(schedule, situation, loader(context, schedule), rehearse, progress())
+        rehearse = rehearser(context, profile, schedule)
+    plan = make_plan(schedule, situation, loader(context, schedule), rehearse, progress())
+    left = why_left(schedule, profile, address)
+    return plan if left is None else structs.replace(plan, park_at_end=False, notes=(*plan.notes, left))
 
 
-def _situation(context: CommandContext, schedule: Schedule, options: dict[str, Any]) -> Situation:
+def _situation(
+    context: CommandContext, schedule: Schedule, profile: ProfileFile, options: dict[str, Any]
+) -> Situation:
     from sattrack.commands.run_plan import said_utc_s, situation_of
 
     now = float(context.now().unix_s)
@@ -115,7 +127,7 @@ def _situation(context: CommandContext, schedule: Schedule, options: dict[str, A
             f"the plan goes from {Utc(begin).isoformat('seconds')} to {Utc(end).isoformat('seconds')}: "
             f"give --from and --to in order, {MOST_DAYS:g} days apart at most"
         )
-    return situation_of(context, schedule, context.profile(options["profile"]), (begin, end), now)
+    return situation_of(context, schedule, profile, (begin, end), now)
 
 
 def _write(plan: Plan, context: CommandContext, options: dict[str, Any]) -> None:

@@ -10,10 +10,9 @@ from msgspec import structs
 
 from sattrack import practice
 from sattrack.commands.common import tell
-from sattrack.commands.run_plan import loader, progress, said_utc_s, situation_of
+from sattrack.commands.run_plan import loader, progress, said_utc_s, situation_of, why_left
 from sattrack.commands.run_told import Told
 from sattrack.errors import BadInputError, InterruptedRunError
-from sattrack.requests import Park
 from sattrack.runtime.mounts import is_antenna, mount_address
 from sattrack.runtime.night_commands import Errands, Notifier
 from sattrack.runtime.night_drive import drive
@@ -215,9 +214,9 @@ def _ways(
             f"the run would end at {Utc(end).isoformat('seconds')}, which is over: give another --to"
         )
     park = schedule.park_at_end
-    why_not = _why_never_parked(profile, address)
-    if park and why_not is not None:
-        tell(f"{why_not}: the mount will be left where the last pass ends")
+    left = why_left(schedule, profile, address)
+    if left is not None:
+        tell(left)
         park = False
     return Ways(
         from_utc_s=round(begin, 3),
@@ -226,12 +225,6 @@ def _ways(
         park=park,
         weather_every_s=30.0 if schedule.weather is None else schedule.weather.every_s,
     )
-
-
-def _why_never_parked(profile: ProfileFile, address: MountAddress | None) -> str | None:
-    if profile.mount.park is None:
-        return "the profile has no park position"
-    return None if address is None else address.not_carried(Park())
 
 
 def _finish(run: Run, end: End, told: Told) -> int:

@@ -10,6 +10,7 @@ import click
 
 from sattrack.commands.common import tell
 from sattrack.errors import BadInputError
+from sattrack.requests import Park
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 
     from sattrack.commands.common import CommandContext
     from sattrack.profiles import ProfileFile
+    from sattrack.runtime.mounts import MountAddress
     from sattrack.schedule.candidates import Loaded, Situation
     from sattrack.schedule.file import Schedule
 
@@ -54,6 +56,19 @@ def situation_of(
         magnitudes={} if schedule.magnitudes is None else read_magnitudes(schedule.magnitudes),
         workers=os.cpu_count() or 1,
     )
+
+
+def why_left(schedule: Schedule, profile: ProfileFile, address: MountAddress | None) -> str | None:
+    """Return why a mount is not parked though its schedule would have it, in words; None otherwise."""
+    if not schedule.park_at_end:
+        return None
+    why_not = "the profile has no park position"
+    if profile.mount.park is not None:
+        carried = None if address is None else address.not_carried(Park())
+        if carried is None:
+            return None
+        why_not = carried
+    return f"{why_not}: the mount will be left where the last pass ends"
 
 
 def loader(context: CommandContext, schedule: Schedule) -> Callable[[str | None], Loaded]:

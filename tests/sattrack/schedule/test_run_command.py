@@ -112,6 +112,37 @@ def test_a_run_without_a_mount_or_with_options_that_do_not_go_with_one_says_so_a
     assert [one.name for one in tmp_path.iterdir()] == ["night.toml"]
 
 
+@pytest.mark.parametrize(
+    ("mount", "park", "wanted", "ends", "why"),
+    [
+        ("xerxes://127.0.0.1:15001?listen=15002", True, "", "parked", None),
+        ("alpaca://no.such.host.invalid:11111/0", True, "", "left", "by their own programs"),
+        ("alpaca://no.such.host.invalid:11111/0", True, "park_at_end = false\n", "left", None),
+        ("sim", False, "", "left", "the profile has no park position"),
+    ],
+)
+def test_a_plan_says_whether_the_mount_is_parked_at_its_end_and_why_it_is_not(
+    mount: str,
+    park: bool,
+    wanted: str,
+    ends: str,
+    why: str | None,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    file = written(tmp_path, f"{wanted}{SPAN}[[passes]]\nsatellite = '25544'\n")
+    (tmp_path / "iss.tle").write_text(f"{practice.LINE_1}\n{practice.LINE_2}\n")
+    place = "park = { hour_angle_deg = 0.0, dec_deg = 30.0 }\n" if park else ""
+    (tmp_path / "mount.toml").write_text(f'name = "m"\n{place}')
+    options = ("--elements", str(tmp_path / "iss.tle"), "--profile", str(tmp_path / "mount.toml"))
+    assert run(["run", file, "--dry-run", *options, "--mount", mount, *LEIDEN, *CLOCK]) == 0
+    out, err = capsys.readouterr()
+    assert f"; the mount is {ends} at the end\n" in out
+    left = [line for line in err.splitlines() if "the mount will be left where the last pass ends" in line]
+    assert len(left) == (why is not None)
+    assert all(why is not None and why in line for line in left)
+
+
 def test_a_run_of_a_satellite_that_nobody_knows_ends_before_it_begins(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
 ) -> None:
@@ -508,7 +539,7 @@ def test_what_is_chosen_is_rehearsed_in_full_where_asked(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
 ) -> None:
     text = (
-        "from = 2026-10-02T12:00:00Z\nto = 2026-10-02T14:00:00Z\n[[fixed]]\nsatellite = 'ISS'\n"
+        "from = 2026-10-02T12:00:00Z\nto = 2026-10-02T14:00:00Z\n[[fixed]]\nsatellite = '25544'\n"
         "if_sun_up = 'run'\n"
         "start = 2026-10-02T13:03:00Z\nend = 2026-10-02T13:03:40Z\n"
     )
