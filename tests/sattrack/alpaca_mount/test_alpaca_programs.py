@@ -96,16 +96,33 @@ def moving(telescope: AlpacaTelescope, *options: str) -> Iterator[Program]:
         program.close()
 
 
-def gateways(telescope: AlpacaTelescope, word: str = "sattrack.") -> list[int]:
+GATEWAY, WARDEN = "sattrack.runtime.alpaca_gateway", "sattrack.alpaca_mount.warden"
+
+
+def gateways(telescope: AlpacaTelescope, kinds: tuple[str, ...] = (GATEWAY, WARDEN)) -> list[int]:
     """Process numbers of what stands between a session and this telescope."""
     found = []
     for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
-            line = (folder / "cmdline").read_bytes().decode(errors="replace")
-            ours = "alpaca_gateway" in line or "alpaca_mount.warden" in line
-            if ours and word in line and str(telescope.port) in line:
+            module, address = stands_between((folder / "cmdline").read_bytes())
+            if module in kinds and address == ("127.0.0.1", telescope.port, 0):
                 found.append(int(folder.name))
     return found
+
+
+def stands_between(command_line: bytes) -> tuple[str, tuple[str, int, int] | None]:
+    """The module of ours that a process runs, and the host, port and device of the telescope it was given."""
+    words = command_line.rstrip(b"\0").decode(errors="replace").split("\0")
+    if "-m" not in words[:-1]:
+        return "", None
+    module, *given = words[words.index("-m") + 1 :]
+    if module == GATEWAY:
+        told = json.loads(given[0])["address"]
+        return module, (told[0], told[1], told[2])
+    if module == WARDEN:
+        host, port, device = given[2:]
+        return module, (host, int(port), int(device))
+    return module, None
 
 
 def rests(telescope: AlpacaTelescope, struck_s: float) -> None:
@@ -178,7 +195,7 @@ def test_a_gateway_that_is_killed_or_halted_has_its_telescope_stopped_by_its_war
     telescope: AlpacaTelescope, how: signal.Signals
 ) -> None:
     with moving(telescope) as program:
-        (gateway,) = gateways(telescope, "runtime.alpaca_gateway")
+        (gateway,), (_,) = gateways(telescope, (GATEWAY,)), gateways(telescope, (WARDEN,))
         struck_s = time.monotonic()
         os.kill(gateway, how)
         rests(telescope, struck_s)
