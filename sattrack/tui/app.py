@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import time
-from contextlib import suppress
 from typing import TYPE_CHECKING, ClassVar
 
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal
-from textual.css.query import NoMatches
 
 from sattrack.messages import StopNow
 from sattrack.session_messages import LeaveRunning, TakeControl, YieldControl
@@ -30,11 +28,12 @@ from sattrack.tui.panels import Panel
 from sattrack.tui.rest_keys import RestHand, RestKeys
 from sattrack.tui.scene import REFUSAL_SHOWN_S, Scene
 from sattrack.tui.schedule_page import SchedulePage
+from sattrack.tui.screen_app import ScreenApp
 from sattrack.tui.screens import Screens
 from sattrack.tui.session_bar import SessionBar
 from sattrack.tui.sky_panel import NotesPanel, SkyPanel, chart_columns
 from sattrack.tui.target_keys import TargetKeys
-from sattrack.tui.themed import NIGHT_LOOK, ThemedApp
+from sattrack.tui.themed import NIGHT_LOOK
 from sattrack.tui.tonight_page import TonightPage
 
 if TYPE_CHECKING:
@@ -57,7 +56,7 @@ LEAVE_WITHIN_S = 4.0
 """How long the screen stays for the mount to come to rest once it is to be left."""
 
 
-class TrackApp(RestKeys, PageKeys, TargetKeys, ThemedApp):
+class TrackApp(ScreenApp, RestKeys, PageKeys, TargetKeys):
     """Shows a run and takes the operator's keys.
 
     With `stay`, the screen of an ended run remains until it is left. `monotonic` is this process's own
@@ -66,14 +65,7 @@ class TrackApp(RestKeys, PageKeys, TargetKeys, ThemedApp):
 
     TITLE = "sattrack"
     CSS = look.CSS
-    ENABLE_COMMAND_PALETTE = False
-    HORIZONTAL_BREAKPOINTS = look.WIDTHS
-    VERTICAL_BREAKPOINTS = look.HEIGHTS
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("space", "stop", "STOP", priority=True),
-        Binding("ctrl+c", "interrupt", "interrupt", priority=True),
-        Binding("ctrl+q", "leave", "quit", priority=True),
-        Binding("q", "leave", "quit"),
         Binding("left", "nudge(-1, 0)", "behind, or less"),
         Binding("right", "nudge(1, 0)", "ahead, or more"),
         Binding("up", "nudge(0, 1)", "left of motion, or more"),
@@ -107,8 +99,6 @@ class TrackApp(RestKeys, PageKeys, TargetKeys, ThemedApp):
         Binding("0", "clear_bias", "clear bias"),
         Binding("m", "drop_remembered", "drop remembered bias"),
         Binding("v", "sky", "sky alone"),
-        Binding("t", "next_theme", "theme"),
-        Binding("question_mark", "help", "help"),
     ]
 
     def __init__(
@@ -146,8 +136,6 @@ class TrackApp(RestKeys, PageKeys, TargetKeys, ThemedApp):
         self._heard_s = monotonic()
         self._stop_sent_s: float | None = None
         self._leaving_since_s: float | None = None
-        self.interrupted = False
-        self._leave_asked = False
 
     def compose(self) -> ComposeResult:
         """Make the parts, from top to bottom."""
@@ -295,10 +283,6 @@ class TrackApp(RestKeys, PageKeys, TargetKeys, ThemedApp):
             self._leave_running = True
             self._tell(LeaveRunning())
 
-    async def action_quit(self) -> None:
-        """Leave as `q` does, whoever asks."""
-        self.action_leave()
-
     def action_control(self) -> None:
         """Take control, or give it up."""
         if self._session is not None:
@@ -323,10 +307,6 @@ class TrackApp(RestKeys, PageKeys, TargetKeys, ThemedApp):
         """Show what the keys do."""
         self.push_screen(HelpScreen(TEXTS[self._screens.page]))
 
-    def ask_to_leave(self) -> None:
-        """Leave soon, the mount stopped; may be called from a signal handler."""
-        self._leave_asked = True
-
     @property
     def _attached(self) -> bool:
         return self._you != STARTER
@@ -344,10 +324,6 @@ class TrackApp(RestKeys, PageKeys, TargetKeys, ThemedApp):
         self._draw()
         return False
 
-    def _close_dialogs(self) -> None:
-        while len(self.screen_stack) > 1:
-            self.pop_screen()
-
     def _tell(self, message: Message | SessionMessage) -> None:
         # After a run, another may be about to begin: a stop is said as long as there is anybody to hear it.
         if not (self._gone if isinstance(message, StopNow) else self._ended):
@@ -362,15 +338,8 @@ class TrackApp(RestKeys, PageKeys, TargetKeys, ThemedApp):
             now_s = self._monotonic()
             self._draw_on_main(lambda main: self._screens.draw(main, scene, now_s))
 
-    def _draw_on_main(self, draw: Callable[[DOMNode], object]) -> None:
-        """Draw on what lies under any dialog; nothing while it is being put up or taken down."""
-        if self.screen_stack:
-            with suppress(NoMatches):
-                draw(self.screen_stack[0])
-
     def _leave_when_due(self) -> None:
-        if self._leave_asked:
-            self._leave_asked = False
+        if self._was_asked_to_leave():
             self._leave()
         if self._leave_running and self._session is not None and self._session.left_running:
             self.left_running = True

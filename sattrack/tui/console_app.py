@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import time
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
 
 from textual.binding import Binding, BindingType
 from textual.containers import Container
-from textual.css.query import NoMatches
 
 from sattrack import console_words
 from sattrack.console_messages import (
@@ -23,11 +21,12 @@ from sattrack.console_messages import (
     SyncOrder,
 )
 from sattrack.tui import console_panels as panels
-from sattrack.tui import look, words
+from sattrack.tui import words
 from sattrack.tui.console_dialogs import HELP, Direction, DirectionDialog, Question
 from sattrack.tui.console_scene import FIRST_RATE, ConsoleScene, jog_rates_deg_s
 from sattrack.tui.help import HelpScreen
-from sattrack.tui.themed import NIGHT_LOOK, ThemedApp
+from sattrack.tui.screen_app import ScreenApp
+from sattrack.tui.themed import NIGHT_LOOK
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -59,7 +58,7 @@ TITLES = {
 }
 
 
-class ConsoleApp(ThemedApp):
+class ConsoleApp(ScreenApp):
     """Shows a mount and takes the operator's keys. `monotonic` is this process's own clock, seconds.
 
     `first` was asked for before there was a screen: it is said as soon as the mount is heard.
@@ -67,14 +66,7 @@ class ConsoleApp(ThemedApp):
 
     TITLE = "sattrack mount watch"
     CSS_PATH = Path(__file__).with_name("console.tcss")
-    ENABLE_COMMAND_PALETTE = False
-    HORIZONTAL_BREAKPOINTS = look.WIDTHS
-    VERTICAL_BREAKPOINTS = look.HEIGHTS
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("space", "stop", "STOP", priority=True),
-        Binding("ctrl+c", "interrupt", "interrupt", priority=True),
-        Binding("ctrl+q", "leave", "quit", priority=True),
-        Binding("q", "leave", "quit"),
         Binding("up", "jog(0, 1)", "north"),
         Binding("down", "jog(0, -1)", "south"),
         Binding("left", "jog(1, 0)", "east"),
@@ -85,8 +77,6 @@ class ConsoleApp(ThemedApp):
         Binding("p", "park", "park"),
         Binding("h", "home", "home"),
         Binding("r", "reset", "reset"),
-        Binding("t", "next_theme", "theme"),
-        Binding("question_mark", "help", "help"),
     ]
 
     def __init__(
@@ -106,8 +96,6 @@ class ConsoleApp(ThemedApp):
         self._heard_s = self._looked_s = monotonic()
         self._stop_sent_s: float | None = None
         self._leaving_since_s: float | None = None
-        self._leave_asked = False
-        self.interrupted = False
 
     def compose(self) -> ComposeResult:
         """Make the parts, from top to bottom."""
@@ -186,10 +174,6 @@ class ConsoleApp(ThemedApp):
         self._first, self._leaving_since_s = None, self._monotonic()
         self._tell(LeaveOrder())
 
-    async def action_quit(self) -> None:
-        """Leave as `q` does, whoever asks."""
-        self.action_leave()
-
     def action_jog(self, east: int, north: int) -> None:
         """Move by one touch, unless the key is an old one."""
         if self._view is None or self._monotonic() - self._looked_s > LAGGING_S:
@@ -248,10 +232,6 @@ class ConsoleApp(ThemedApp):
         """Show what the keys do."""
         self.push_screen(HelpScreen(HELP))
 
-    def ask_to_leave(self) -> None:
-        """Leave soon, as `q` does; may be called from a signal handler."""
-        self._leave_asked = True
-
     def _reported(self) -> str:
         status = None if self._view is None else self._view.status
         if status is None:
@@ -263,20 +243,13 @@ class ConsoleApp(ThemedApp):
             self._feed.tell(order)
         self._draw()
 
-    def _close_dialogs(self) -> None:
-        while len(self.screen_stack) > 1:
-            self.pop_screen()
-
     def _draw(self) -> None:
-        """Draw on what lies under any dialog; nothing while it is being put up or taken down."""
         scene = self.scene
-        if scene is not None and self.screen_stack:
-            with suppress(NoMatches):
-                _show(self.screen_stack[0], scene)
+        if scene is not None:
+            self._draw_on_main(lambda main: _show(main, scene))
 
     def _leave_when_due(self) -> None:
-        if self._leave_asked:
-            self._leave_asked = False
+        if self._was_asked_to_leave():
             self.action_leave()
         since_s = self._leaving_since_s
         overdue = since_s is not None and self._monotonic() - since_s > LEAVE_WITHIN_S
