@@ -158,7 +158,7 @@ def _held_warnings(engine: Engine) -> list[str]:
         return []
     then = "it goes on when the target comes back"
     if paused:
-        then = "the mount at rest follows the sky, and is kept from going on"
+        then = "the paused mount goes no farther"
     return [f"held at the {ROWS[name].name} limit ({ROWS[name].bound}): {then}"]
 
 

@@ -213,9 +213,7 @@ class Tracker:
         if self.steering.watch(now_utc_s):
             self._foretold.clear()
         if self.rest is not None:
-            motion = self.rest.step(now_utc_s, stopped)
-            self.rates = motion if isinstance(motion, MoveAxes) else MoveAxes(0.0, 0.0)
-            return motion
+            return self._rests(self.rest, now_utc_s, stopped)
         if self._axes is None:
             return Hold()
         if self.phase is Phase.WAITING and now_utc_s >= self.plan.start_utc_s - self.plan.approach_s:
@@ -238,24 +236,40 @@ class Tracker:
         self.rest = None
         self.rates = MoveAxes(0.0, 0.0)
 
+    def _rests(self, rest: Rest, now_utc_s: float, stopped: bool) -> Motion:
+        motion = rest.step(now_utc_s, stopped)
+        self.rates = motion if isinstance(motion, MoveAxes) else MoveAxes(0.0, 0.0)
+        if rest.going_on and rest.at_rest:
+            self._leave(rest)
+        return motion
+
     def _pause(self, now_utc_s: float) -> None:
         """Bring the mount to rest, whatever it does for the pass; a search ends where it is."""
-        if self.phase is Phase.STOPPING or self.rest is not None:
+        if self.phase is Phase.STOPPING:
             return
         self.steering.refusal = None
+        if self.rest is not None:
+            self.rest.going_on = False
+            return
         self.steering.keep_search(now_utc_s)
-        self.rest, self.phase = Rest(now_utc_s), Phase.PAUSED
+        self.rest, self.phase = Rest(now_utc_s, self._profile), Phase.PAUSED
         self.rates = MoveAxes(0.0, 0.0)
         if self.acquired_utc_s is None:
             self.followable_utc_s = None
 
     def _go_on(self, now_utc_s: float) -> None:
-        """Take the pass up again, by the way that leads onto the target from where the mount stands."""
+        """Take the pass up again; where the mount is being stopped, as soon as it was."""
+        self.steering.refusal = None
         if self.rest is None:
             self.steering.tell("the run is not paused", now_utc_s)
-            return
-        self.steering.refusal = None
-        self._moved_by_rates, self.rest = self.rest.moves, None
+        elif self.rest.stands:
+            self._leave(self.rest)
+        else:
+            self.rest.going_on = True
+
+    def _leave(self, rest: Rest) -> None:
+        """End a pause: the way onto the target is planned next, from where the mount stands."""
+        self._moved_by_rates, self.rest = rest.streams, None
         self.rejoining = self.acquired_utc_s is not None
         self.phase = Phase.WAITING
         if self._passage is not None:
@@ -264,7 +278,7 @@ class Tracker:
 
     def _jog(self, order: Jog, now_utc_s: float) -> None:
         why = "the run is not paused: pause it first"
-        told = why if self.rest is None else self.rest.jog(order, self._profile, now_utc_s)
+        told = why if self.rest is None else self.rest.jog(order, now_utc_s)
         self.steering.tell(told, now_utc_s)
 
     def end_jogs(self, words: str, now_utc_s: float) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from sattrack.control.jogs import Jogs
@@ -14,6 +15,10 @@ if TYPE_CHECKING:
 
 LINGER_S = 0.25
 """Flag-free datagrams after the rest was seen, before the mount is left to itself."""
+SETTLING_S = 0.5
+"""After a jog the axes are told to rest for so long and for the time that they brake, before the stop: what
+comes next, another jog or going on, is then judged with the motion that is still there."""
+STOPPING = "the mount is coming to rest: jog once it stands"
 STANDING = MoveAxes(SIDEREAL_RATE_DEG_S, 0.0)
 """The rates of the reported direction while the axes stand."""
 WITH_THE_SKY = MoveAxes(0.0, 0.0)
@@ -26,13 +31,23 @@ class Rest:
     is told to do just that, period by period, so that safety judges where it leads.
     """
 
-    def __init__(self, begun_utc_s: float) -> None:
+    def __init__(self, begun_utc_s: float, profile: MountProfile) -> None:
         self.begun_utc_s = begun_utc_s
+        self.going_on = False
+        """Whether the run goes on as soon as the mount is at rest."""
+        self._profile = profile
+        self._brakes_s = max(
+            axis.max_rate_deg_s / axis.max_acceleration_deg_s2 for axis in (profile.ra, profile.dec)
+        )
+        self._settled_utc_s = -math.inf
+        """Until when the axes are told to rest after a jog."""
         self.at_rest = False
         """Whether the mount was seen at rest since it was last told to stop."""
-        self._came_to_rest = False
+        self.stands = False
+        """Whether the mount has come to rest from what it did before, so that something else may begin."""
         self._rest_since_utc_s: float | None = None
         self._jogs = Jogs()
+        self._settling = False
         self._ended_for = ""
         self._turns = True
         self._at_rest_rates = STANDING
@@ -43,9 +58,9 @@ class Rest:
         return bool(self._jogs)
 
     @property
-    def moves(self) -> bool:
-        """Whether the mount is moved by rates."""
-        return self.jogging or (self.at_rest and self._at_rest_rates is WITH_THE_SKY)
+    def streams(self) -> bool:
+        """Whether the mount is told rates, period by period."""
+        return self.jogging or self._settling or (self.at_rest and self._at_rest_rates is WITH_THE_SKY)
 
     def see(self, sample: StatusSample) -> None:
         """Take one status: how the hour angle's drive turns.
@@ -60,7 +75,9 @@ class Rest:
         """Return the motion wanted from now on; `stopped` where the stop asked for was seen through."""
         if self._jogs.end_over(now_utc_s) and not self._jogs:
             self._begin_anew()
-        if self._jogs:
+            self._settled_utc_s = now_utc_s + self._brakes_s + SETTLING_S
+        self._settling = now_utc_s < self._settled_utc_s
+        if self._jogs or self._settling:
             ra, dec = self._jogs.rates_deg_s
             rest = self._at_rest_rates
             return MoveAxes(rest.ra_rate_deg_s + ra, rest.dec_rate_deg_s + dec)
@@ -70,14 +87,14 @@ class Rest:
             return Stop()
         return WITH_THE_SKY if self._at_rest_rates is WITH_THE_SKY else Hold()
 
-    def jog(self, order: Jog, profile: MountProfile, now_utc_s: float) -> str | None:
+    def jog(self, order: Jog, now_utc_s: float) -> str | None:
         """Move an axis by one touch; return why not, in words."""
         fresh = self._jogs.is_fresh(now_utc_s)
-        if not self._came_to_rest:
-            return "the mount is coming to rest: jog once it stands"
-        if self._jogs.blocked and not (fresh and self.at_rest):
+        if self._jogs.blocked and not (fresh and self.stands):
             return self._ended_for
-        why = objection(MoveAxis(order.ra_rate_deg_s, order.dec_rate_deg_s), profile)
+        if not self.stands:
+            return STOPPING
+        why = objection(MoveAxis(order.ra_rate_deg_s, order.dec_rate_deg_s), self._profile)
         if why is None:
             self._jogs.move(order.ra_rate_deg_s, order.dec_rate_deg_s, now_utc_s)
             self.at_rest = False
@@ -87,6 +104,7 @@ class Rest:
         """End what is jogged, and why, in words: the mount comes to rest, and a held key does nothing."""
         self._ended_for = why
         self._jogs.block()
+        self._settled_utc_s, self._settling, self.stands = -math.inf, False, False
         self._begin_anew()
 
     def _begin_anew(self) -> None:
@@ -99,4 +117,4 @@ class Rest:
             self._rest_since_utc_s = now_utc_s
         elif now_utc_s - self._rest_since_utc_s >= LINGER_S:
             self._at_rest_rates = WITH_THE_SKY if self._turns else STANDING
-            self.at_rest = self._came_to_rest = True
+            self.at_rest = self.stands = True

@@ -155,11 +155,25 @@ def test_before_the_pass_a_pause_holds_the_slew_back(whole: Flown) -> None:
 def test_a_slew_is_stopped_by_a_pause_and_made_afterwards(whole: Flown) -> None:
     begins_s = whole.run.views[0].start_utc_s - CULMINATION_S
     slewing = next(v.utc_s for v in whole.run.views if v.phase == "slewing") - CULMINATION_S
+    at_once = (
+        (slewing + 1.0, Pause()),
+        (slewing + 1.0, Go()),
+        (slewing + 1.1, Pause()),
+        (slewing + 1.2, Go()),
+    )
     messages = ((slewing + 1.5, Pause()), (slewing + 12.0, Go()), (begins_s + 20.0, StopNow()))
-    flown = fly(messages=messages)
+    flown = fly(messages=(*at_once, *messages))
     assert spread(flown, slewing + 0.5, slewing + 1.5)[0] > 1.0, "it was on its way"
     assert spread(flown, slewing + 4.0, slewing + 12.0) == pytest.approx((0.0, 0.0), abs=1e-5)
     assert flown.error_arcsec(begins_s + 5.0, begins_s + 20.0) < 1.0
+
+
+def test_words_on_one_another_s_heels_come_to_what_the_last_one_says() -> None:
+    paused = ((-20.0, Pause()), (-19.95, Go()), (-19.9, Pause()))
+    flown = fly(messages=(*paused, (-10.0, Jog(dec_rate_deg_s=6.0)), (-9.8, Go()), (10.0, StopNow())))
+    assert spread(flown, -19.0, -10.0) == pytest.approx((0.0, 0.0), abs=1e-5)
+    assert flown.summary.ended_by == "operator", flown.summary.message
+    assert flown.error_arcsec(-9.8 + JOINS_WITHIN_S, 10.0) < 1.0
 
 
 def test_a_search_ends_where_it_is_and_a_nudge_moves_nothing_until_the_run_goes_on() -> None:
@@ -332,6 +346,52 @@ def test_a_mount_that_stands_in_the_suns_way_is_led_out_of_it() -> None:
     summary = summarise(run.engine, run.ledger, run.truths[-1].utc_s)
     assert (summary.ended_by, summary.mount_stopped) == ("set", True), "a paused pass ends as ever"
     assert "before the mount was on the satellite (it was paused for" in (summary.message or "")
+
+
+@pytest.mark.parametrize(
+    "seed", [13, *(pytest.param(n, marks=pytest.mark.soak) for n in range(40) if n != 13)]
+)
+def test_keys_held_at_random_never_lead_past_a_limit_nor_end_the_run(seed: int) -> None:
+    draws = random.Random(seed)
+    facts = facts_of_the_pass()
+    travel_deg, low_deg, high_deg = draws.uniform(40, 120), draws.uniform(-40, 0), draws.uniform(40, 100)
+    profile = msgspec.structs.replace(
+        facts.profile,
+        hour_angle_limit_deg=travel_deg,
+        dec_axis_limits_deg=(low_deg, high_deg),
+        move_axis=draws.choice(("held", "edge")),
+    )
+    floor_deg = draws.uniform(0, 25)
+    limits = msgspec.structs.replace(facts.limits, floor_altitude_deg=floor_deg)
+    mount = draws.choice((SimulatedMount, SkyBound))
+    facts = msgspec.structs.replace(facts, profile=profile, limits=limits)
+    run = fly_with(mount, StartPosition(-30.0, 20.0), facts, *held_keys(draws, facts))
+    assert run.engine.tracker.ended_by == "set", run.engine.message
+    assert run.engine.mount_stopped
+    for truth in run.truths:
+        assert abs(truth.hour_angle_axis_deg) <= travel_deg
+        assert low_deg <= truth.dec_axis_deg <= high_deg
+        zenith = apart_deg((truth.hour_angle_axis_deg, truth.dec_axis_deg), (0.0, facts.site.latitude_deg))
+        assert 90.0 - zenith >= floor_deg
+    for truth in run.truths[::10]:
+        sun = sun_place(truth.utc_s, facts.site.longitude_deg)
+        assert apart_deg((truth.hour_angle_axis_deg, truth.dec_axis_deg), sun) > 14.9
+
+
+def held_keys(draws: random.Random, facts: RunFacts) -> list[tuple[float, Message]]:
+    """Keys held for up to three seconds each, one after another, and now and then the pass for a while."""
+    orders: list[tuple[float, Message]] = []
+    utc_s = facts.started_utc_s + 4.0
+    while utc_s < facts.plan.end_utc_s - 5.0:
+        rate, axis = draws.choice((-6.0, -2.0, -0.5, 0.5, 2.0, 6.0)), draws.choice(("ra", "dec"))
+        for _ in range(draws.randrange(1, 60)):
+            orders.append((utc_s, Jog(**{f"{axis}_rate_deg_s": rate})))
+            utc_s += 0.05
+        utc_s += draws.choice((0.0, 0.1, 0.5, 2.0))
+        if draws.random() < 0.05:
+            orders += [(utc_s, Go()), (utc_s + draws.uniform(0.0, 6.0), Pause())]
+            utc_s = orders[-1][0] + 0.2
+    return orders
 
 
 ORDERS: tuple[Message, ...] = (
