@@ -120,7 +120,8 @@ def _pause_view(engine: Engine) -> PauseView | None:
     rest = engine.tracker.rest
     if rest is None:
         return None
-    return PauseView(rest.begun_utc_s, rest.at_rest and not engine.led_out, rest.jogging)
+    at_rest = rest.at_rest and not engine.led_out
+    return PauseView(rest.begun_utc_s, at_rest, rest.jogging, rest.going_on)
 
 
 def _warnings(engine: Engine) -> tuple[str, ...]:

@@ -258,14 +258,12 @@ class Tracker:
             self.followable_utc_s = None
 
     def _go_on(self, now_utc_s: float) -> None:
-        """Take the pass up again; where the mount is being stopped, as soon as it was."""
+        """Take the pass up again as soon as the mount is at rest: a slew is not judged by axes that brake."""
         self.steering.refusal = None
         if self.rest is None:
             self.steering.tell("the run is not paused", now_utc_s)
-        elif self.rest.stands:
-            self._leave(self.rest)
         else:
-            self.rest.going_on = True
+            self.rest.go_on()
 
     def _leave(self, rest: Rest) -> None:
         """End a pause: the way onto the target is planned next, from where the mount stands."""

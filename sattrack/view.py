@@ -111,6 +111,8 @@ class PauseView(msgspec.Struct, frozen=True):
     at_rest: bool
     """Whether the mount was seen at rest; false while it comes to rest, and while it is jogged."""
     jogging: bool
+    going_on: bool = False
+    """Whether the run goes on as soon as the mount is at rest."""
 
 
 class TrackView(msgspec.Struct, frozen=True, tag="view"):

@@ -19,6 +19,7 @@ SETTLING_S = 0.5
 """After a jog the axes are told to rest for so long and for the time that they brake, before the stop: what
 comes next, another jog or going on, is then judged with the motion that is still there."""
 STOPPING = "the mount is coming to rest: jog once it stands"
+GOING_ON = "the run is about to go on"
 STANDING = MoveAxes(SIDEREAL_RATE_DEG_S, 0.0)
 """The rates of the reported direction while the axes stand."""
 WITH_THE_SKY = MoveAxes(0.0, 0.0)
@@ -43,8 +44,8 @@ class Rest:
         """Until when the axes are told to rest after a jog."""
         self.at_rest = False
         """Whether the mount was seen at rest since it was last told to stop."""
-        self.stands = False
-        """Whether the mount has come to rest from what it did before, so that something else may begin."""
+        self._stands = False
+        """Whether the mount has come to rest from what it did before, so that an axis may be jogged."""
         self._rest_since_utc_s: float | None = None
         self._jogs = Jogs()
         self._settling = False
@@ -59,8 +60,8 @@ class Rest:
 
     @property
     def streams(self) -> bool:
-        """Whether the mount is told rates, period by period."""
-        return self.jogging or self._settling or (self.at_rest and self._at_rest_rates is WITH_THE_SKY)
+        """Whether a mount at rest is told rates, period by period."""
+        return self.at_rest and self._at_rest_rates is WITH_THE_SKY
 
     def see(self, sample: StatusSample) -> None:
         """Take one status: how the hour angle's drive turns.
@@ -90,10 +91,12 @@ class Rest:
     def jog(self, order: Jog, now_utc_s: float) -> str | None:
         """Move an axis by one touch; return why not, in words."""
         fresh = self._jogs.is_fresh(now_utc_s)
-        if self._jogs.blocked and not (fresh and self.stands):
+        if self._jogs.blocked and not (fresh and self._stands):
             return self._ended_for
-        if not self.stands:
+        if not self._stands:
             return STOPPING
+        if self.going_on:
+            return GOING_ON
         why = objection(MoveAxis(order.ra_rate_deg_s, order.dec_rate_deg_s), self._profile)
         if why is None:
             self._jogs.move(order.ra_rate_deg_s, order.dec_rate_deg_s, now_utc_s)
@@ -104,7 +107,17 @@ class Rest:
         """End what is jogged, and why, in words: the mount comes to rest, and a held key does nothing."""
         self._ended_for = why
         self._jogs.block()
-        self._settled_utc_s, self._settling, self.stands = -math.inf, False, False
+        self._stop()
+
+    def go_on(self) -> None:
+        """Have the run go on as soon as the mount is at rest: what is jogged ends."""
+        self.going_on = True
+        if not self.at_rest:
+            self._jogs.clear()
+            self._stop()
+
+    def _stop(self) -> None:
+        self._settled_utc_s, self._settling, self._stands = -math.inf, False, False
         self._begin_anew()
 
     def _begin_anew(self) -> None:
@@ -117,4 +130,4 @@ class Rest:
             self._rest_since_utc_s = now_utc_s
         elif now_utc_s - self._rest_since_utc_s >= LINGER_S:
             self._at_rest_rates = WITH_THE_SKY if self._turns else STANDING
-            self.at_rest = self.stands = True
+            self.at_rest = self._stands = True

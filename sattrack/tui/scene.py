@@ -150,17 +150,20 @@ def _tracking(view: TrackView) -> Headline:
 
 
 def _paused(scene: Scene) -> Headline:
-    view = scene.view
-    doing = "bringing the mount to rest"
-    if view.pause is not None and view.pause.jogging:
+    view, pause = scene.view, scene.view.pause
+    doing, goes = "bringing the mount to rest", "; p goes on"
+    if pause is not None and pause.going_on:
+        doing, goes = "going on as soon as the mount is at rest", ""
+    elif pause is not None and pause.jogging:
         doing = "the mount is jogged"
-    elif view.pause is not None and view.pause.at_rest:
+    elif pause is not None and pause.at_rest:
         doing = "the mount is at rest"
     if view.utc_s < view.start_utc_s:
         until = f"the pass begins in {words.span(view.start_utc_s - view.utc_s)}"
     else:
         until = f"the pass lasts {words.span(view.end_utc_s - view.utc_s)} more"
-    goes = "; p goes on" if scene.in_control and scene.tape is None else ""
+    if not scene.in_control or scene.tape is not None:
+        goes = ""
     return Headline("PAUSED", f"{doing}; {until}{goes}", Tone.NOTICE)
 
 

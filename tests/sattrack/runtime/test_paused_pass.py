@@ -173,6 +173,7 @@ def test_words_on_one_another_s_heels_come_to_what_the_last_one_says() -> None:
     flown = fly(messages=(*paused, (-10.0, Jog(dec_rate_deg_s=6.0)), (-9.8, Go()), (10.0, StopNow())))
     assert spread(flown, -19.0, -10.0) == pytest.approx((0.0, 0.0), abs=1e-5)
     assert flown.summary.ended_by == "operator", flown.summary.message
+    assert any(view.pause is not None and view.pause.going_on for view in flown.run.views)
     assert flown.error_arcsec(-9.8 + JOINS_WITHIN_S, 10.0) < 1.0
 
 

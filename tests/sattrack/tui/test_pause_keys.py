@@ -120,6 +120,10 @@ def test_each_key_says_what_it_means() -> None:
             "the mount is jogged; the pass lasts 4:17 more",
         ),
         (
+            changed(RESTING, pause=PauseView(UTC_S, at_rest=False, jogging=False, going_on=True)),
+            "going on as soon as the mount is at rest; the pass lasts 4:17 more",
+        ),
+        (
             changed(RESTING, start_utc_s=UTC_S + 75.0),
             "the mount is at rest; the pass begins in 1:15; p goes on",
         ),
