@@ -21,6 +21,11 @@ HEAD_ROWS = 4
 FOLLOWING, WAITING, IN_PROGRESS = "following", "waiting", "in progress"
 TONES = {"done": Tone.GOOD, IN_PROGRESS: Tone.CALM, "partly": Tone.NOTICE, "lost": Tone.BAD}
 RESULTS = ("done", "partly", "lost")
+OVER = {
+    "ended": ("the schedule is over", Tone.CALM),
+    "stopped": ("its runner has ended; run it again to go on", Tone.NOTICE),
+}
+"""What is said of a schedule that nobody runs, by its last state."""
 NO_SCHEDULE = "this run is of no schedule; `sattrack run FILE` runs one"
 
 
@@ -69,9 +74,11 @@ class SchedulePage(Redrawn):
         return max(0, min(last, here - 1 + self._below))
 
     def _head(self, view: ScheduleView) -> list[Row]:
-        state = (f" {view.state.upper()} ", PLATE[Tone.CALM if view.running else Tone.BAD])
         # What it does often begins with the very word.
-        doing = view.doing.removeprefix(view.state).strip() if view.running else "its runner has ended"
+        doing, tone = view.doing.removeprefix(view.state).strip(), Tone.CALM
+        if not view.running:
+            doing, tone = OVER.get(view.state, ("its runner has ended", Tone.BAD))
+        state = (f" {view.state.upper()} ", PLATE[tone])
         second: Row = [("night ", DIM), f"{view.night}", "   ", *_count(view)]
         left_s = next_in_s(view)
         if left_s is not None:

@@ -453,6 +453,26 @@ def test_the_schedule_of_a_run_shows_what_was_what_is_and_what_comes(size: tuple
     assert asked == [Path("/night.run")], "and read no more often than every two seconds"
 
 
+@pytest.mark.parametrize(
+    ("state", "words"),
+    [
+        ("ended", "ENDED  the schedule is over"),
+        ("stopped", "STOPPED  its runner has ended; run it again to go on"),
+        ("following", "FOLLOWING  its runner has ended"),
+    ],
+)
+def test_a_schedule_that_nobody_runs_says_so_and_counts_nothing_down(state: str, words: str) -> None:
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        app._screens._read = lambda _: schedule_view(state=state, running=False)
+        await pilot.press("4")
+        app.look()
+        await pilot.pause()
+        assert words in text_of(app)
+        assert "next in" not in text_of(app)
+
+    on_screen(act, News((changed(recording="/night.run/recordings/a.mcap"),), session=HERE))
+
+
 def test_a_run_of_no_schedule_says_so_and_a_status_that_cannot_be_read_why() -> None:
     def read(folder: Path) -> ScheduleView:
         raise SattrackError(f"{folder}/status.json: no status to be read: strange")
