@@ -35,8 +35,8 @@ class Transitions(Protocol):
     def seconds(self, before: Index, after: int) -> Array:
         """Return it for some passes before another, none below 0; shape as `before`."""
 
-    def longest_s(self, after: int) -> float:
-        """Return a bound on it for all passes before another; infinity where there is none."""
+    def longest_s(self, after: Index) -> Array:
+        """Return a bound on it for all passes before each of some; infinity where there is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,16 +64,50 @@ def best_plan(problem: Problem, limits: Mapping[int, int] | None = None) -> tupl
     `limits` are the most passes of each group. Of plans of equal value it is always the same one. Raises
     SattrackError where too many limited groups bind at once.
     """
+    if not len(problem):
+        return 0.0, []
     limits = limits or {}
     binding: dict[int, int] = {}
     while True:
-        total, chosen = _best(problem, binding)
+        total, chosen = _best(problem, binding) if binding else _best_of_all(problem)
         counts = {group: sum(1 for k in chosen if problem.group[k] == group) for group in limits}
         over = {group: limits[group] for group, count in counts.items() if count > limits[group]}
         # The best of all that breaks no limit is the best of those that may break none.
         if not over:
             return total, chosen
         binding |= over
+
+
+def _best_of_all(problem: Problem) -> tuple[float, list[int]]:
+    """Return the same as `_best` without limits, which have one state then: numbers instead of arrays."""
+    order = np.lexsort((problem.start_s, problem.end_s))
+    ends, starts = problem.end_s[order], problem.start_s[order]
+    reach = np.searchsorted(ends, starts, side="right").tolist()
+    longest_s = problem.transitions.longest_s(order)
+    far = np.searchsorted(ends, starts - longest_s, side="right").tolist()
+    values, first = problem.value[order].tolist(), problem.first[order].tolist()
+    best = np.full(len(order), -np.inf)
+    before = np.full(len(order), -1, dtype=np.intp)
+    top, top_at = -np.inf, -1
+    # Of the passes up to each, the best chain, and where it ends: those long enough before need no more.
+    tops: list[tuple[float, int]] = []
+    for at, k in enumerate(order.tolist()):
+        total, place = values[at] if first[at] else -np.inf, -1
+        begin, end = far[at], reach[at]
+        found, found_at = tops[begin - 1] if begin else (-np.inf, -1)
+        if begin < end:
+            enough = ends[begin:end] + problem.transitions.seconds(order[begin:end], k) <= starts[at]
+            chains = np.where(enough, best[begin:end], -np.inf)
+            row = int(chains.argmax())
+            if chains[row] > found:
+                found, found_at = float(chains[row]), begin + row
+        if values[at] + found > total:
+            total, place = values[at] + found, found_at
+        best[at], before[at] = total, place
+        if not at or total > top:
+            top, top_at = total, at
+        tops.append((top, top_at))
+    return _chain(best[:, None], before[:, None], order, _Counts(problem.group, {}, []))
 
 
 def _best(problem: Problem, limits: Mapping[int, int]) -> tuple[float, list[int]]:
@@ -96,6 +130,7 @@ def _best(problem: Problem, limits: Mapping[int, int]) -> tuple[float, list[int]
     # Of the passes up to each, the best chain, and where it ends: those long enough before need no more.
     top, top_at = np.full((n, states), -np.inf), np.full((n, states), -1, dtype=np.intp)
     reach = np.searchsorted(ends, starts, side="right")
+    reach_far = np.searchsorted(ends, starts - problem.transitions.longest_s(order), side="right")
     for at, k in enumerate(order.tolist()):
         position = position_of.get(int(problem.group[k]))
         state = every if position is None else less[position]
@@ -104,7 +139,7 @@ def _best(problem: Problem, limits: Mapping[int, int]) -> tuple[float, list[int]
         if problem.first[k]:
             best[at, allowed] = value
         if count := int(reach[at]):
-            far = int(np.searchsorted(ends, starts[at] - problem.transitions.longest_s(k), side="right"))
+            far = int(reach_far[at])
             near = order[far:count]
             enough = ends[far:count] + problem.transitions.seconds(near, k) <= starts[at]
             rows = far + np.flatnonzero(enough)

@@ -160,16 +160,19 @@ class SlewTransitions:
         total: Array = self.after_s[before] + self.slews_s(before, after) + self.before_s[after]
         return total
 
-    def longest_s(self, after: int) -> float:
-        """Return a bound on the seconds from the end of any pass to the start of another."""
-        slew: float = max(
-            max(high - want, want - low) / rate + ramp
-            for (low, high), want, rate, ramp in zip(
-                self.leave_deg, self.want[after].tolist(), self.rates_deg_s, self.ramps_s, strict=True
-            )
-        )
-        longer = float(np.max(self.extra_s[after][1], initial=0.0)) if after in self.extra_s else 0.0
-        return self.most_after_s + HANDSHAKE_S + slew + longer + float(self.before_s[after]) + ROUNDING_S
+    def longest_s(self, after: Index) -> Array:
+        """Return bounds on the seconds from the end of any pass to the start of each of some."""
+        slews = np.zeros(len(after))
+        for axis, ((low, high), rate, ramp) in enumerate(
+            zip(self.leave_deg, self.rates_deg_s, self.ramps_s, strict=True)
+        ):
+            want = self.want[after, axis]
+            slews = np.maximum(slews, np.maximum(high - want, want - low) / rate + ramp)
+        longer = np.zeros(len(self.before_s))
+        for k, (_, seconds) in self.extra_s.items():
+            longer[k] = np.max(seconds, initial=0.0)
+        bounds: Array = self.most_after_s + HANDSHAKE_S + slews + longer[after] + self.before_s[after]
+        return bounds + ROUNDING_S
 
     def slews_s(self, before: Index, after: int) -> Array:
         """Return of those what the slew between takes.

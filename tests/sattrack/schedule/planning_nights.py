@@ -26,8 +26,9 @@ class Tabled:
     def seconds(self, before: NDArray[np.intp], after: int) -> NDArray[np.float64]:
         return self.table[before, after]
 
-    def longest_s(self, after: int) -> float:
-        return float(self.table[:, after].max())
+    def longest_s(self, after: NDArray[np.intp]) -> NDArray[np.float64]:
+        longest: NDArray[np.float64] = self.table[:, after].max(axis=0)
+        return longest
 
 
 def random_night(
