@@ -97,6 +97,10 @@ def no_sockets(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         ),
         (("watch", "--control"), "--control goes with --stream"),
         (
+            ("watch", "--park", "--stream"),
+            "--park goes with the screen; `sattrack mount park` parks without one",
+        ),
+        (
             ("watch",),
             "watch needs a terminal; `sattrack mount status` is one look, --stream is for programs",
         ),
