@@ -46,17 +46,17 @@ def fixed_value(
     if name.startswith("Site"):
         return _site(state, device)[("SiteLatitude", "SiteLongitude", "SiteElevation").index(name)]
     if name in {"AxisRates", "CanMoveAxis"}:
-        most = device.max_rate_deg_s(int(values["Axis"]))
+        spans = device.axis_rates_deg_s(int(values["Axis"]))
         if name == "CanMoveAxis":
-            return most > 0.0
-        return [{"Maximum": most, "Minimum": 0.0}] if most > 0.0 else []
+            return bool(spans)
+        return [{"Maximum": high, "Minimum": low} for low, high in spans]
     return _FIXED[name](device)
 
 
 def told_value(state: TelescopeState, device: Device, name: str, values: Mapping[str, Value]) -> Any:
     """Return the value of a member by what the mount says of itself. Raises Fault where it does not."""
     if name == "DeviceState":
-        return _device_state(state)
+        return _device_state(state, device)
     if name == "DestinationSideOfPier":
         hour_angle_h = state.sidereal_h - float(values["RightAscension"])
         return device.destination_side(math.remainder(hour_angle_h * 15.0, 360.0))
@@ -68,12 +68,13 @@ def told_value(state: TelescopeState, device: Device, name: str, values: Mapping
     return value
 
 
-def _device_state(state: TelescopeState) -> list[dict[str, Any]]:
+def _device_state(state: TelescopeState, device: Device) -> list[dict[str, Any]]:
     told: list[dict[str, Any]] = []
     for name in CHANGING:
         value = _TOLD[name](state)
         # By the definition, what is not known is left out.
-        if value is not None and (name != "Slewing" or state.failure is None):
+        known = value is not None and device.abilities.lack(name) is None
+        if known and (name != "Slewing" or state.failure is None):
             told.append({"Name": name, "Value": value})
     now = _now(state.utc_s)
     return [*told, {"Name": "UTCDate", "Value": now}, {"Name": "TimeStamp", "Value": now}]
@@ -105,12 +106,12 @@ _FIXED: dict[str, Callable[[Device], Any]] = {
     "EquatorialSystem": lambda _: TOPOCENTRIC,
     "TrackingRate": lambda _: DRIVE_RATES[0],
     "TrackingRates": lambda _: [DRIVE_RATES[0]],
-    "CanPulseGuide": lambda _: True,
-    "CanSetDeclinationRate": lambda _: True,
-    "CanSetRightAscensionRate": lambda _: True,
-    "CanSlew": lambda _: True,
-    "CanSlewAsync": lambda _: True,
-    "CanSync": lambda _: True,
+    "CanPulseGuide": lambda device: device.abilities.guides,
+    "CanSetDeclinationRate": lambda device: device.abilities.fine_rates,
+    "CanSetRightAscensionRate": lambda device: device.abilities.fine_rates,
+    "CanSlew": lambda device: device.abilities.slews,
+    "CanSlewAsync": lambda device: device.abilities.slews,
+    "CanSync": lambda device: device.abilities.syncs,
     "CanSetGuideRates": lambda _: False,
     "CanSetPark": lambda _: False,
     "CanSetPierSide": lambda _: False,

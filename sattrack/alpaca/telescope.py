@@ -9,6 +9,7 @@ from collections import OrderedDict
 from typing import TYPE_CHECKING, Any
 
 from sattrack.alpaca.actions import read_action
+from sattrack.alpaca.device import FINE_RATES
 from sattrack.alpaca.faults import BadRequest, Fault, Number
 from sattrack.alpaca.members import BY_PATH
 from sattrack.alpaca.messages import (
@@ -61,6 +62,9 @@ class Telescope:
         values = form.values(takes)
         if member.read == "absent":
             raise Fault(Number.NOT_IMPLEMENTED, f"{member.name} is not implemented: {member.does}")
+        if member.name not in FINE_RATES:
+            # A rate that cannot be set can be read, and is 0.
+            self._demand_able(member)
         self._demand_connected(member)
         for parameter in takes:
             parameter.check(values[parameter.name])
@@ -78,6 +82,7 @@ class Telescope:
         values = form.values(member.takes)
         if member.write == "absent":
             raise Fault(Number.NOT_IMPLEMENTED, f"{member.name} cannot be done by this mount")
+        self._demand_able(member)
         self._demand_connected(member)
         for parameter in member.takes:
             parameter.check(values[parameter.name])
@@ -95,6 +100,14 @@ class Telescope:
         if (member.read if verb == "GET" else member.write) == "no":
             raise BadRequest(f"{member.name} has no {verb}")
         return member
+
+    def _demand_able(self, member: Member) -> None:
+        lack = self.device.abilities.lack(member.name)
+        if lack is not None:
+            raise Fault(
+                Number.NOT_IMPLEMENTED,
+                f"{member.name} is not implemented: for clients the mount at {self.device.mount} has {lack}",
+            )
 
     def _demand_connected(self, member: Member) -> None:
         if member.connected and not self._connected:
@@ -179,11 +192,12 @@ class Telescope:
         return None if self._heard(now_utc_s).at_park else ParkOrder()
 
     def _move(self, axis: int, rate_deg_s: float) -> MoveOrder:
-        most = self.device.max_rate_deg_s(axis)
-        if most == 0.0:
+        spans = self.device.axis_rates_deg_s(axis)
+        if not spans:
             raise Fault(Number.NOT_IMPLEMENTED, f"MoveAxis: the mount has no axis {axis}")
-        if not abs(rate_deg_s) <= most:
-            words = f"Rate is {rate_deg_s:g} °/s; axis {axis} turns at {most:g} °/s at most"
+        if rate_deg_s and not any(low <= abs(rate_deg_s) <= high for low, high in spans):
+            borne = " and ".join(f"{low:g} to {high:g}" for low, high in spans)
+            words = f"Rate is {rate_deg_s:g} °/s; axis {axis} turns at {borne} °/s"
             raise Fault(Number.INVALID_VALUE, words)
         return MoveOrder(axis, rate_deg_s)
 

@@ -50,6 +50,8 @@ LONGEST_SHIFT_S = 0.5
 OLD_PLACES_PROOF = 4
 OLD_AT_MOST_S = 0.5
 """For how long a place that stays the same is taken for an old one: no driver keeps one for longer."""
+GUIDED_LATELY_S = 1.0
+"""For how long after a guide pulse the rates that places show are still its own."""
 TRACKING_AGAIN_S = 1.0
 MOST_TRACKING_TRIES = 5
 ONE_SHOTS = ("abort", "slew", "sync", "pulse_guide")
@@ -87,6 +89,8 @@ class Bridge:
     _refused: set[str] = field(default_factory=set)
     """One-shots of the flags that stand that the telescope has refused."""
     _standing: Standing = field(default_factory=lambda: Standing(-math.inf))
+    _guided_s: float = -math.inf
+    """When it was last asked whether it guides, and did."""
     _trail: deque[_Seen] = field(default_factory=lambda: deque(maxlen=64))
     _rates_deg_s: tuple[float, float] = (SIDEREAL_RATE_DEG_S, 0.0)
     _last: Place | None = None
@@ -172,6 +176,8 @@ class Bridge:
     def stand(self, standing: Standing) -> None:
         """Take how the telescope stands."""
         self._standing = standing
+        if standing.pulse_guiding:
+            self._guided_s = standing.began_s
 
     @property
     def standing(self) -> Standing:
@@ -306,14 +312,19 @@ class Bridge:
         """Whether the telescope moves otherwise than with the sky, by what it says or by its places."""
         hour_angle, dec = self._rates_deg_s
         off = min(abs(hour_angle), abs(hour_angle - SIDEREAL_RATE_DEG_S))
-        slews = self._standing.slewing and not self._standing.at_park
-        return slews or max(off, abs(dec)) > MOVES_DEG_S
+        return self._slews or max(off, abs(dec)) > MOVES_DEG_S
+
+    @property
+    def _slews(self) -> bool:
+        return self._standing.slewing and not self._standing.at_park
 
     def _goes(self) -> bool:
         """Whether what was asked may still have the telescope moving."""
         told = any(axis.told_deg_s != 0.0 for axis in self._axes)
         # A parked telescope refuses whatever it is told, and stands.
-        return (told and not self._standing.at_park) or self._slew_awaited or self._moving()
+        guided = self._standing.began_s - self._guided_s < GUIDED_LATELY_S
+        moves = self._slews if guided else self._moving()
+        return (told and not self._standing.at_park) or self._slew_awaited or moves
 
     @property
     def _slew_awaited(self) -> bool:
@@ -358,11 +369,14 @@ class Bridge:
         hour_angle_rate, dec_rate = self._rates_deg_s
         altitude_deg, azimuth_deg = _horizontal(seen, facts.latitude_deg or 0.0)
         primary, secondary = self._axes
+        ra_guide_rate, dec_guide_rate = facts.guide_rates_deg_s or (0.0, 0.0)
         return Status(
             altitude_deg=altitude_deg,
             azimuth_deg=azimuth_deg,
             dec_deg=seen.dec_deg,
+            dec_guide_rate_dtics_s=dec_guide_rate * DTICS_S_PER_DEG_S,
             dec_rate_dtics_s=(-dec_rate if standing.beyond_pole else dec_rate) * DTICS_S_PER_DEG_S,
+            ra_guide_rate_dtics_s=ra_guide_rate * DTICS_S_PER_DEG_S,
             ra_h=seen.ra_deg / 15.0,
             ra_rate_dtics_s=hour_angle_rate * DTICS_S_PER_DEG_S,
             sidereal_h=mean_sidereal_deg(seen.utc_s, self.longitude_deg) / 15.0,

@@ -105,6 +105,7 @@ class AlpacaClient:
             can = await self._perhaps("canmoveaxis", False, Axis=axis)
             rates.append(spans_of(await self._perhaps("axisrates", [], Axis=axis)) if can else ())
         latitude, longitude = [await self._perhaps(m, None) for m in ("sitelatitude", "sitelongitude")]
+        can_pulse_guide = bool(await self._perhaps("canpulseguide", False))
         has_state = version >= 4 and isinstance(await self._perhaps("devicestate", None), list)
         return DeviceFacts(
             name=str(await self._perhaps("name", "telescope"))[:80],
@@ -117,11 +118,18 @@ class AlpacaClient:
             can_set_tracking=bool(await self._perhaps("cansettracking", False)),
             can_slew=bool(await self._perhaps("canslewasync", False)),
             can_sync=bool(await self._perhaps("cansync", False)),
-            can_pulse_guide=bool(await self._perhaps("canpulseguide", False)),
+            can_pulse_guide=can_pulse_guide,
+            guide_rates_deg_s=await self._guide_rates() if can_pulse_guide else None,
             has_device_state=has_state,
             primary_rates=rates[0],
             secondary_rates=rates[1],
         )
+
+    async def _guide_rates(self) -> tuple[float, float] | None:
+        """Return the guide rates in right ascension and declination, degrees a second; None for none."""
+        told = [await self._perhaps(f"guiderate{axis}", None) for axis in ("rightascension", "declination")]
+        numbers = [float(one) for one in told if isinstance(one, int | float)]
+        return (numbers[0], numbers[1]) if len(numbers) == len(told) else None
 
     async def _perhaps(self, member: str, otherwise: Any, **fields: str) -> Any:
         """Return a member's value, or something else where the driver has none to give."""

@@ -35,6 +35,8 @@ class DeviceFacts(msgspec.Struct, frozen=True):
     can_slew: bool = False
     can_sync: bool = False
     can_pulse_guide: bool = False
+    guide_rates_deg_s: tuple[float, float] | None = None
+    """Right ascension's and declination's, as they were told at first; None where it has, or tells, none."""
     has_device_state: bool = False
     primary_rates: tuple[Span, ...] = ()
     secondary_rates: tuple[Span, ...] = ()

@@ -122,11 +122,11 @@ class AlpacaServer:
             "sitelongitude": lambda: settings.longitude_deg,
             "siteelevation": lambda: settings.height_m,
             "cansettracking": lambda: True,
-            "canslewasync": lambda: True,
-            "cansync": lambda: True,
+            "canslewasync": lambda: settings.can_slew,
+            "cansync": lambda: settings.can_sync,
             "canpark": lambda: True,
             "canfindhome": lambda: False,
-            "canpulseguide": lambda: False,
+            "canpulseguide": lambda: settings.guide_rate_deg_s > 0.0,
             "rightascension": lambda: telescope.reported(now).ra_deg / 15.0,
             "declination": lambda: telescope.reported(now).dec_deg,
             "siderealtime": lambda: telescope.sidereal_h(now),
@@ -134,9 +134,12 @@ class AlpacaServer:
             "tracking": telescope.tracks,
             "atpark": lambda: telescope.parked,
             "athome": lambda: False,
-            "ispulseguiding": lambda: False,
             "sideofpier": lambda: 0,
         }
+        if settings.guide_rate_deg_s:
+            answers["ispulseguiding"] = lambda: telescope.guiding(now)
+            for axis in ("rightascension", "declination"):
+                answers[f"guiderate{axis}"] = lambda: settings.guide_rate_deg_s
         if member == "devicestate" and settings.device_state:
             return self._device_state(now)
         if member not in answers:
@@ -153,7 +156,7 @@ class AlpacaServer:
             "AtPark": telescope.parked,
             "AtHome": False,
             "SideOfPier": 0,
-            "IsPulseGuiding": False,
+            "IsPulseGuiding": telescope.guiding(now),
             "SiderealTime": telescope.sidereal_h(now),
         }
         return [{"Name": name, "Value": value} for name, value in state.items()]
@@ -168,18 +171,25 @@ class AlpacaServer:
             telescope.move_axis(int(fields["Axis"]), float(fields["Rate"]), now)
         elif member == "tracking":
             telescope.track(TRUE[fields["Tracking"].lower()], now)
-        elif member in {"slewtocoordinatesasync", "synctocoordinates"}:
+        elif member in self._directed():
             hours, degrees = float(fields["RightAscension"]), float(fields["Declination"])
             if not (0.0 <= hours < 24.0 and -90.0 <= degrees <= 90.0):
                 raise Refused(INVALID_VALUE, f"{hours}, {degrees} is no direction")
             act = telescope.slew if member == "slewtocoordinatesasync" else telescope.sync
             act(hours * 15.0, degrees, now)
+        elif member == "pulseguide" and self.settings.guide_rate_deg_s:
+            telescope.pulse(int(fields["Direction"]), int(fields["Duration"]), now)
         elif member == "abortslew":
             telescope.abort(now)
         elif member in {"park", "unpark"}:
             telescope.park(member == "park")
         else:
             raise Refused(NOT_IMPLEMENTED, f"{member} is not implemented")
+
+    def _directed(self) -> set[str]:
+        """Return which members that take a direction there are."""
+        can = {"slewtocoordinatesasync": self.settings.can_slew, "synctocoordinates": self.settings.can_sync}
+        return {member for member, there in can.items() if there}
 
     async def _devices(self, _: web.Request) -> web.Response:
         device = {

@@ -38,6 +38,10 @@ class TelescopeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     tracking: bool = True
     parked: bool = False
     refuses_connection: bool = False
+    can_slew: bool = True
+    can_sync: bool = True
+    guide_rate_deg_s: float = 0.0
+    """How much a guide pulse adds to an axis' rate; 0 where it has no guide pulses."""
     device_state: bool = True
     """Whether one request tells the whole state (Platform 7), or each property needs its own."""
     latency_s: float = 0.030
@@ -70,6 +74,7 @@ class TelescopeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
             "held_up_s": self.held_up_s,
             "cache_s": self.cache_s,
             "move_interval_s": self.move_interval_s,
+            "guide_rate_deg_s": self.guide_rate_deg_s,
         }
         for name, value in least.items():
             if not 0.0 <= value <= LONGEST_S:

@@ -25,6 +25,10 @@ MJD_OF_POSIX_ZERO = 40587.0
 TT_AHEAD_OF_UTC_S = 69.184
 TURN_DEG = 360.0
 
+GUIDED_LATELY_S = 0.5
+"""For how long after a guide pulse an axis is not asked whether it stands: that motion is no slew."""
+NORTH, SOUTH, EAST, WEST = range(4)
+
 INVALID_VALUE, NOT_CONNECTED = 0x401, 0x407
 INVALID_WHILE_PARKED, INVALID_OPERATION = 0x408, 0x40B
 
@@ -86,6 +90,8 @@ class Telescope:
         """Rates of MoveAxis as they were asked for; None on an axis that has none."""
         self._moved_s = [-math.inf, -math.inf]
         self._target: tuple[float, float] | None = None
+        self._pulses = [(-math.inf, 0.0), (-math.inf, 0.0)]
+        """Of the last guide pulse of each axis, its end and what it adds to the rate."""
         self._ra_offset_deg = self._dec_offset_deg = 0.0
         self._cached: Place | None = None
         self._begun_s = utc_s
@@ -127,7 +133,13 @@ class Telescope:
     def slewing(self, utc_s: float) -> bool:
         """Tell whether it goes somewhere, or moves by MoveAxis, or has not come to rest from that."""
         self.run_to(utc_s)
-        return self._target is not None or self._moves != [None, None] or not self._stands()
+        stands = self._stands() or self._guided(GUIDED_LATELY_S)
+        return self._target is not None or self._moves != [None, None] or not stands
+
+    def guiding(self, utc_s: float) -> bool:
+        """Tell whether a guide pulse is under way."""
+        self.run_to(utc_s)
+        return self._guided(0.0)
 
     def tracks(self) -> bool:
         """Tell whether tracking is on."""
@@ -175,6 +187,16 @@ class Telescope:
         self._ra_offset_deg += math.remainder(ra_deg - place.ra_deg, TURN_DEG)
         self._dec_offset_deg += dec_deg - place.dec_deg
 
+    def pulse(self, direction: int, milliseconds: int, utc_s: float) -> None:
+        """Begin a guide pulse. Raises Refused."""
+        self.run_to(utc_s)
+        self._check_moves()
+        if direction not in (NORTH, SOUTH, EAST, WEST) or milliseconds < 0:
+            raise Refused(INVALID_VALUE, f"Direction {direction}, Duration {milliseconds} is no pulse")
+        rate = self.settings.guide_rate_deg_s
+        added = rate if direction in (NORTH, WEST) else -rate
+        self._pulses[direction in (NORTH, SOUTH)] = utc_s + milliseconds / 1000.0, added
+
     def abort(self, utc_s: float) -> None:
         """End a slew. MoveAxis goes on, as with many drivers. Raises Refused."""
         self.run_to(utc_s)
@@ -200,16 +222,20 @@ class Telescope:
         before = math.floor((self._utc_s - seconds - self._begun_s) / self.settings.cache_s)
         return self._cached is None or turn != before
 
+    def _guided(self, lately_s: float) -> bool:
+        return any(until_s + lately_s > self._utc_s for until_s, _ in self._pulses)
+
     def _wanted(self) -> tuple[float, float]:
         """Return the rates of both axes that are asked for at this instant."""
         sky = SIDEREAL_DEG_S if self._tracking else 0.0
+        west, north = (added if until_s > self._utc_s else 0.0 for until_s, added in self._pulses)
         if self.parked:
             return 0.0, 0.0
         if self._target is not None:
             ra_gap, dec_gap = self._gaps()
             return sky + self._slew_rate(-ra_gap), self._slew_rate(dec_gap)
         settings, (primary, secondary) = self.settings, self._moves
-        hour_angle, dec = sky, 0.0
+        hour_angle, dec = sky + west, north
         if primary is not None:
             hour_angle = settings.ra_sign * settings.ra_gain * primary + (sky if settings.additive else 0.0)
         if secondary is not None:

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
-from msgspec import structs
 
 from sattrack import __version__, practice
 from sattrack.alpaca.station import TelescopeStation
@@ -26,7 +25,7 @@ from sattrack.commands.serving import (
     what_is_served,
 )
 from sattrack.errors import InterruptedRunError
-from sattrack.requests import Park
+from sattrack.runtime.alpaca_abilities import abilities_of, refusals, within_its_rates, without_places
 from sattrack.runtime.alpaca_door import open_door
 from sattrack.runtime.alpaca_satellites import Satellites
 from sattrack.runtime.alpaca_serve import PROGRAM, AlpacaLoop, discovery_sockets, engine_maker
@@ -40,6 +39,7 @@ from sattrack.settings import SiteSettings
 if TYPE_CHECKING:
     import socket
 
+    from sattrack.alpaca.device import Abilities
     from sattrack.commands.serving import Served
     from tle.elements import Elements
 
@@ -69,14 +69,12 @@ def command(context: CommandContext, **options: Any) -> int:
     """
     callers = caller_limits(options, MOST_CLIENTS)
     served = what_is_served(context, options["mount_url"], options["profile"], "Alpaca's clients live")
-    served = _without_places_it_is_not_sent_to(served)
     check_site(served.described.mount, served.site)
     limits = context.settings.safety.limits()
     mount = "the simulated mount" if served.address is None else str(served.address)
     stop, log = StopRequest(), Log(served.clock)
     with ExitStack() as closing:
         closing.callback(log.close)
-        station = TelescopeStation(served.described.mount, limits, served.site, mount, engine_maker(limits))
         listener = closing.enter_context(listen(options["host"], options["port"], BACKLOG))
         port = int(listener.getsockname()[1])
         sockets, trouble = discovery_sockets(options["host"]) if options["discovery"] else ((), None)
@@ -85,7 +83,11 @@ def command(context: CommandContext, **options: Any) -> int:
         connection = closing.enter_context(
             connected(served.address, served.described, served.site, served.clock)
         )
-        door = open_door(_task(context, served, options, (listener, *sockets), mount))
+        described = without_places(within_its_rates(served.described, connection), served.address)
+        served = replace(served, described=described)
+        abilities = abilities_of(connection, served.address, described.mount)
+        station = TelescopeStation(described.mount, limits, served.site, mount, engine_maker(limits))
+        door = open_door(_task(context, served, options, (listener, *sockets), mount, abilities))
         closing.callback(door.close)
         closing.enter_context(stopping(stop))
         if context.json:
@@ -93,6 +95,8 @@ def command(context: CommandContext, **options: Any) -> int:
         log.tell(
             spoken(f"Alpaca is on {options['host']}:{port}; Ctrl-C stops the mount and ends it", PROGRAM)
         )
+        if (refused := refusals(connection, served.address)) is not None:
+            tell(refused)
         for words in (trouble, reached_from_outside(PROGRAM, options["host"], port, callers.allowed)):
             if words is not None:
                 log.tell(spoken(words, PROGRAM))
@@ -102,22 +106,13 @@ def command(context: CommandContext, **options: Any) -> int:
     return end_of_service(station.mount_stopped, stop)
 
 
-def _without_places_it_is_not_sent_to(served: Served) -> Served:
-    """Return the mount without places to park and to be home where it is not sent there by us, and say so."""
-    described = served.described
-    why_not = None if served.address is None else served.address.not_carried(Park())
-    if why_not is None or (described.park, described.home) == (None, None):
-        return served
-    tell(f"{why_not}: clients are refused that")
-    return replace(served, described=structs.replace(described, park=None, home=None))
-
-
 def _task(
     context: CommandContext,
     served: Served,
     options: dict[str, Any],
     sockets: tuple[socket.socket, ...],
     mount: str,
+    abilities: Abilities,
 ) -> AlpacaTask:
     """Return what the process that clients talk to is told; the first socket is the one for HTTP."""
     site = SiteSettings(served.site.latitude_deg, served.site.longitude_deg, served.site.height_m)
@@ -145,6 +140,7 @@ def _task(
             refraction=options["refraction"],
             mount=mount,
         ),
+        abilities=abilities,
         clock=ClockNumbers(clock.start_utc_s, clock.anchor_s, clock.speed)
         if isinstance(clock, SimulatedClock)
         else None,

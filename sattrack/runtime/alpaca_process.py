@@ -239,7 +239,7 @@ def _response(reply: Reply) -> web.Response:
 
 async def serve(task: AlpacaTask, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
     """Serve until the feeding process is gone."""
-    device = Device(task.profile, task.site.place(), task.mount, task.version, task.host)
+    device = Device(task.profile, task.site.place(), task.mount, task.version, task.host, task.abilities)
     setting = task.clock
     clock: Clock = SystemClock()
     if setting is not None:

@@ -6,6 +6,7 @@ import ipaddress
 
 import msgspec
 
+from sattrack.alpaca.device import Abilities
 from sattrack.mount import MountProfile
 from sattrack.runtime.alpaca_satellites import Satellites
 from sattrack.runtime.callers import CallerLimits
@@ -40,6 +41,7 @@ class AlpacaTask(msgspec.Struct, frozen=True):
     requests_per_s: float
     allowed: tuple[str, ...] | None
     satellites: Satellites
+    abilities: Abilities
     clock: ClockNumbers | None = None
 
     def limits(self) -> CallerLimits:
