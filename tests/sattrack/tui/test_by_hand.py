@@ -33,7 +33,7 @@ def test_after_a_run_the_mount_is_moved_by_hand_and_left_at_rest(tmp_path: Path)
         mount.wait_until_moving(False)
         pane.wait_for("AT REST")
         moved_deg = mount.truths[-1]["dec_deg"] - before_deg
-        assert -1.0 < moved_deg < -0.01, "0.1 °/s, for half a second and longer where keys come slowly"
+        assert -1.0 < moved_deg < -0.001, "southward at 0.1 °/s, until the stop came"
         pane.press("q")
         pane.wait_for("STOPPED", "j operates the mount by hand")
         pane.press("q")
