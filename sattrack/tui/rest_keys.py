@@ -143,23 +143,30 @@ class RestKeys(App[None]):
         return None
 
     def _begin_parking(self) -> None:
+        if self._ended:
+            # Whatever ended the run, whoever asks now has read it.
+            self._park(self._summary is None or self._summary.mount_stopped is not False)
+            return
         self._rest.park_due = True
-        if not self._ended:
-            if self._stop_sent_s is None:
-                self._stop_sent_s = self._monotonic()
-            self._tell(StopNow())
+        if self._stop_sent_s is None:
+            self._stop_sent_s = self._monotonic()
+        self._tell(StopNow())
 
     def _park_when_due(self) -> None:
         """Hand a mount that is to be parked over to the console, once its run is over and it stands."""
         if not (self._rest.park_due and self._ended):
             return
         self._rest.park_due = False
-        command, summary = self._screens.console_command(), self._summary
-        well = summary is not None and summary.mount_stopped and summary.ended_by in {"operator", "set"}
+        summary = self._summary
+        planned = summary is not None and summary.ended_by in {"operator", "set"}
+        self._park(planned and summary is not None and summary.mount_stopped is True)
+
+    def _park(self, well: bool) -> None:
+        command = self._screens.console_command()
         if well and command is not None:
             self._hand_over([*command, "--park"])
         else:
-            self._hint("not parked: the run did not end with the mount seen at rest")
+            self._hint("not parked: the run did not end as asked, with the mount seen at rest")
 
     def _hand_over(self, command: list[str]) -> None:
         """Give the terminal to the console until that ends; it looks as this screen does."""

@@ -241,18 +241,27 @@ def test_a_mount_that_was_not_seen_at_rest_is_not_parked(
     end = replace(OVER, summary=msgspec.structs.replace(OVER.summary, **how))
     given, shown = parked(terminal, end)
     assert given == []
-    assert "not parked: the run did not end with the mount seen at rest" in shown
+    assert "not parked: the run did not end as asked, with the mount seen at rest" in shown
 
 
-def test_after_a_run_the_mount_is_parked_at_once(terminal: list[list[str]]) -> None:
+@pytest.mark.parametrize(
+    ("how", "parks"), [({}, True), ({"ended_by": "limit:altitude"}, True), ({"mount_stopped": False}, False)]
+)
+def test_after_a_run_the_mount_is_parked_at_once_unless_its_stop_was_not_confirmed(
+    terminal: list[list[str]], how: dict[str, Any], parks: bool
+) -> None:
+    assert OVER.summary is not None
+    over = replace(OVER, session=HERE, sky=PARKS, summary=msgspec.structs.replace(OVER.summary, **how))
+
     async def act(app: TrackApp, pilot: Pilot[None]) -> None:
         await pilot.press("t", "P")
         assert "The mount slews" in text_of(app)
         await pilot.press("y")
         app.look()
 
-    feed = on_screen(act, replace(OVER, session=HERE, sky=PARKS), aside=FakeAside(console=COMMAND))
-    assert terminal == [[*COMMAND, "--park", "--theme", "red"]], "in the colours that this screen has"
+    feed = on_screen(act, over, aside=FakeAside(console=COMMAND))
+    given = [[*COMMAND, "--park", "--theme", "red"]] if parks else []
+    assert terminal == given, "in the colours that this screen has"
     assert feed.sent == []
 
 
