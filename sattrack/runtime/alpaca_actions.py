@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import gc
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from sattrack.clock import Clock
     from sattrack.runtime.alpaca_satellites import Satellites
 
+PREPARE_AFTER_S = 0.5
 BUSY = "passes are being computed for somebody else: ask again in a moment"
 
 
@@ -31,6 +33,17 @@ class Actions:
     def __init__(self, satellites: Satellites, telescope: Telescope, clock: Clock) -> None:
         self._satellites, self._telescope, self._clock = satellites, telescope, clock
         self._computing = False
+        self._importing = asyncio.Lock()
+        """Two threads that import what imports each other may find a part of it."""
+
+    async def prepare(self) -> None:
+        """Have what computes passes ready before anybody waits for it; the first answers go before."""
+        await asyncio.sleep(PREPARE_AFTER_S)
+        async with self._importing:
+            await asyncio.to_thread(self._satellites.prepare)
+        # Of what was imported nothing is to be looked through whenever garbage is collected.
+        gc.collect()
+        gc.freeze()
 
     async def do(self, asked: CustomAction, order: Callable[[Order], Awaitable[None]]) -> str:
         """Return an action's answer, JSON text; `order` has orders carried out. Raises Fault."""
@@ -50,7 +63,8 @@ class Actions:
             raise Fault(Number.INVALID_OPERATION, BUSY)
         self._computing = True
         try:
-            return await asyncio.to_thread(compute, *arguments)
+            async with self._importing:
+                return await asyncio.to_thread(compute, *arguments)
         finally:
             self._computing = False
 

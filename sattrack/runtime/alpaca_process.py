@@ -267,14 +267,15 @@ async def serve(task: AlpacaTask, reader: asyncio.StreamReader, writer: asyncio.
             lambda answers=answers: DiscoveryProtocol(answers, limits),  # type: ignore[misc]
             sock=socket.socket(fileno=number),
         )
-    tending = loop.create_task(front.tend())
+    aside = [loop.create_task(front.tend()), loop.create_task(actions.prepare())]
     # What connections leave behind is then looked for among what they made, before it is megabytes.
     gc.freeze()
     channel.tell(READY)
     try:
         await channel.listen()
     finally:
-        tending.cancel()
+        for task_aside in aside:
+            task_aside.cancel()
         door.close()
 
 

@@ -5,6 +5,7 @@ What computes them is imported when the first is asked for.
 
 from __future__ import annotations
 
+import contextlib
 from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
@@ -36,6 +37,21 @@ class Satellites(msgspec.Struct, frozen=True):
     min_alt_deg: float
     refraction: Literal["auto", "on", "off"]
     mount: str
+
+    def prepare(self) -> None:
+        """Import what passes and facts are computed with, and read its tables: nobody waits for it then."""
+        if not self.elements:
+            return
+        from sattrack.runtime import facts, prepare
+        from tle.propagator import Propagator
+
+        del facts, prepare
+        if self.profile.through_pole:
+            from sattrack.planning import passing
+
+            del passing
+        with contextlib.suppress(TleError):
+            Propagator(self.elements[0], self.site.place())
 
     def passes(self, asked: Passes, now_utc_s: float) -> list[dict[str, Any]]:
         """Return a satellite's coming passes, fields named as by `sattrack passes --json`. Raises Fault."""

@@ -323,6 +323,17 @@ def test_a_mount_is_stopped_when_the_process_that_clients_talk_to_is_gone() -> N
     assert b"the HTTP server's process is gone; the mount is being stopped" in alone.log[-1]
 
 
+def test_what_passes_are_computed_with_is_loaded_before_anybody_asks_for_one() -> None:
+    with serving() as alone, call(alone.port) as line:
+        maps = Path(f"/proc/{http_process(alone)}/maps")
+        until(lambda: "/erfa/" in maps.read_text())
+        # Who asks meanwhile is answered: a pass as well, after the rest is loaded.
+        say(line, "PUT", "connect")
+        assert say(line, "GET", "slewing")["Value"] is False
+        assert follows(say(line, "PUT", "action", "Action=TrackSatellite&Parameters=25544"))
+        say(line, "PUT", "abortslew")
+
+
 def test_the_mount_of_another_program_is_not_served_and_its_owner_is_named(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
