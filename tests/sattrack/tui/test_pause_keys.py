@@ -266,11 +266,11 @@ def test_after_a_run_the_mount_is_parked_at_once_unless_its_stop_was_not_confirm
 
 
 class Orders:
-    """A console that remembers what it is told; heard from the second look on."""
+    """A console that remembers what it is told; its mount is not heard yet."""
 
     def __init__(self) -> None:
         self.told: list[ConsoleMessage] = []
-        self.coming = [Latest(msgspec.structs.replace(MOUNT_VIEW, status=None)), Latest(MOUNT_VIEW)]
+        self.coming = [Latest(msgspec.structs.replace(MOUNT_VIEW, status=None))]
 
     def latest(self) -> Latest:
         return self.coming.pop(0) if self.coming else Latest()
@@ -292,6 +292,7 @@ def test_the_console_parks_once_the_mount_is_heard_unless_it_was_stopped(
             assert feed.told == []
             if key is not None:
                 await pilot.press(key)
+            feed.coming.append(Latest(MOUNT_VIEW))
             for _ in range(3):
                 app.look()
 
