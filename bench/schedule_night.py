@@ -6,7 +6,7 @@
 
 `--again` runs the same once more and compares the two journals. `--kills N` ends the runner by SIGKILL at N
 random instants: by turns at one of the nights' clock, anywhere or within passes, as something is kept, and
-after up to half a second of ours. What comes of it is compared with the same nights undisturbed, both without
+after up to an eighth of a second of ours. What comes of it is compared with the same nights undisturbed, both without
 other troubles. Margins are measured here, of the simulated axes at each turn of the mount's loop, by formulas
 that share nothing with the safety gate; the Sun is the Astronomical Almanac's low-precision one. The ratio is
 that of the time that the nights take to what the process took.
@@ -46,7 +46,7 @@ LATITUDE_DEG, LONGITUDE_DEG = 52.1541, 4.4908
 SITE = f"{LATITUDE_DEG},{LONGITUDE_DEG},0"
 HOUR_ANGLE_LIMIT_DEG, SUN_CONE_DEG, FLOOR_DEG = 200.0, 15.0, 0.0
 PROFILE = 'name = "simulated"\npark = { hour_angle_deg = 0.0, dec_deg = 30.0 }\n'
-LONGEST_LIFE_S = 0.5
+LONGEST_LIFE_S = 0.125
 """A runner that is killed by our time lives no longer than this."""
 RULE = "all, above 20°, dark, max {most}"
 
