@@ -32,6 +32,8 @@ class AlpacaAddress(NamedTuple):
     hz: float = DEFAULT_HZ
     longitude_deg: float | None = None
     """That of the site whose sidereal time dates what is read; None: the telescope's own."""
+    latitude_deg: float | None = None
+    """That of the same site, for a telescope that does not tell its own."""
 
     def __str__(self) -> str:
         """Give it as a user would write it."""
@@ -75,8 +77,8 @@ class AlpacaAddress(NamedTuple):
         return f"{self}: Alpaca telescopes are parked, sent home and given other rates by their own programs"
 
     def seen_from(self, site: Site) -> AlpacaAddress:
-        """Return the address with the site's own longitude to reckon sidereal time by."""
-        return self._replace(longitude_deg=site.longitude_deg)
+        """Return the address with the site's own place to reckon sidereal time and altitudes by."""
+        return self._replace(longitude_deg=site.longitude_deg, latitude_deg=site.latitude_deg)
 
     def usual_profile(self) -> MountProfile:
         """Return what is presumed of a telescope that was not calibrated: as the ASCOM standard has it."""

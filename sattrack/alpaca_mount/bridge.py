@@ -75,10 +75,14 @@ class _Axis:
 
 @dataclass(slots=True)
 class Bridge:
-    """One telescope and one session; `longitude_deg` is that of the site whose sidereal time dates places."""
+    """One telescope and one session; `longitude_deg` is that of the site whose sidereal time dates places.
+
+    `latitude_deg` is that of the site, which altitudes are reckoned by where the telescope tells none.
+    """
 
     facts: DeviceFacts
     longitude_deg: float
+    latitude_deg: float | None = None
     words: str | None = None
     """What the telescope said when it last refused; None once it obeys."""
     counter: int = 0
@@ -367,7 +371,8 @@ class Bridge:
     def _status(self, seen: _Seen) -> Status:
         facts, standing, command = self.facts, self._standing, self._command
         hour_angle_rate, dec_rate = self._rates_deg_s
-        altitude_deg, azimuth_deg = _horizontal(seen, facts.latitude_deg or 0.0)
+        latitude_deg = self.latitude_deg if facts.latitude_deg is None else facts.latitude_deg
+        altitude_deg, azimuth_deg = _horizontal(seen, latitude_deg or 0.0)
         primary, secondary = self._axes
         ra_guide_rate, dec_guide_rate = facts.guide_rates_deg_s or (0.0, 0.0)
         return Status(

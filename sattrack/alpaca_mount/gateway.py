@@ -130,7 +130,7 @@ class Gateway:
         longitude_deg = self.config.address.longitude_deg
         if longitude_deg is None:
             longitude_deg = self.facts.longitude_deg or 0.0
-        self.bridge = Bridge(self.facts, longitude_deg)
+        self.bridge = Bridge(self.facts, longitude_deg, self.config.address.latitude_deg)
         lanes: tuple[Lane, ...] = ("ra", "dec", "rest")
         self._workers = {lane: Worker(lane, self.client, self.bridge) for lane in lanes}
 

@@ -323,3 +323,16 @@ def test_a_right_ascension_that_rounds_to_24_hours_is_0() -> None:
     made = bridge()
     made.hear(datagram(SLEW, at_24=24.0 - 1e-12), 1.0)
     assert told(made.turn(1.0))[0][1]["RightAscension"] == "0.0000000000"
+
+
+@pytest.mark.parametrize(("tells", "site", "holds"), [(52.0, -33.0, 52.0), (None, -33.0, -33.0)])
+def test_altitudes_are_those_of_the_telescopes_latitude_or_else_of_the_sites(
+    tells: float | None, site: float, holds: float
+) -> None:
+    facts = DeviceFacts(latitude_deg=tells, longitude_deg=4.5, primary_rates=RATES, secondary_rates=RATES)
+    status = Bridge(facts, 4.5, site).see(place(T0, dec_deg=10.0))
+    assert status is not None
+    altitude_deg, ra_h, sidereal_h = (struct.unpack_from("<d", status, at)[0] for at in (8, 40, 56))
+    latitude, dec, hour_angle = (math.radians(x) for x in (holds, 10.0, (sidereal_h - ra_h) * 15.0))
+    up = math.sin(latitude) * math.sin(dec) + math.cos(latitude) * math.cos(dec) * math.cos(hour_angle)
+    assert math.sin(math.radians(altitude_deg)) == pytest.approx(up, abs=1e-12)
