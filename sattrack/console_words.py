@@ -208,11 +208,11 @@ def link(view: ConsoleView) -> Group:
             Line("heard", str(heard.received)),
             Line("lost", str(heard.lost), heard.lost > 0),
             Line("late", str(heard.late), heard.late > 0),
-            Line("duplicate", str(heard.duplicate), heard.duplicate > 0),
+            Line("double", str(heard.duplicate), heard.duplicate > 0),
             Line("rejected", str(heard.rejected), heard.rejected > 0),
             Line("strangers", strangers, heard.strangers > 0),
             Line("restarts", str(heard.restarts), heard.restarts > 0),
-            Line("doubled", str(heard.doubled_launches), heard.doubled_launches > 0),
+            Line("run twice", str(heard.doubled_launches), heard.doubled_launches > 0),
             Line("foreign acks", str(heard.foreign_acks), heard.foreign_acks > 0),
         ),
     )

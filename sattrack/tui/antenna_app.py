@@ -34,7 +34,7 @@ NAMES = {"hadec": ("hour angle", "declination"), "azel": ("azimuth", "elevation"
 SPOKEN = {tone: look.concrete(style) for tone, style in look.SPOKEN.items()}
 PLATE = {tone: look.concrete(style) for tone, style in look.PLATE.items()}
 DIM = look.concrete(look.DIM)
-KEYS = "L local  R remote  SPACE stop  X ready after an interlock  Q stop and quit"
+KEYS = "l local  r remote  x ready after a safety stop  SPACE STOP  q stop and leave"
 
 
 class AntennaApp(App[None]):
@@ -134,7 +134,7 @@ def _state(view: AntennaView) -> Text:
     text.append("   antcn ").append("connected" if view.caller else "not connected")
     text.append(f"   {view.refused} refused")
     if view.tripped is not None:
-        text.append(f"\nsafety stopped the mount: {view.tripped}; X makes it ready again", SPOKEN[Tone.BAD])
+        text.append(f"\nsafety stopped the mount: {view.tripped}; x makes it ready again", SPOKEN[Tone.BAD])
     elif view.outside_limits:
         words_of_limit = "\nthe trajectory is beyond the limits: the axes are held as near as may be"
         text.append(words_of_limit, SPOKEN[Tone.NOTICE])

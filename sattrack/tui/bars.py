@@ -21,7 +21,9 @@ class TitleBar(Panel):
     def full(self, scene: Scene) -> list[Row]:
         """Return the one row."""
         view = scene.view
-        time = f"{words.date(view.utc_s)} {words.clock(view.utc_s)} UTC"
+        # What is over has a clock that stands.
+        over = "as of " if scene.ended and scene.tape is None else ""
+        time = f"{over}{words.date(view.utc_s)} {words.clock(view.utc_s)} UTC"
         room = self.content_size.width - cell_len(f"{view.name}  {view.catalog_number}   mount  {time}")
         # Addresses can be long; nothing else in this row may give way.
         mount = view.mount if len(view.mount) <= room else view.mount[: max(0, room - 1)] + "…"
@@ -44,7 +46,13 @@ class HeadlineBar(Panel, HeadlinePanel[Scene]):
     def _content(self) -> Content:
         if self._scene is None:
             return rows_content(
-                [[(" STARTING ", PLATE[Tone.CALM]), " ", ("what feeds the mount", SPOKEN[Tone.CALM])]]
+                [
+                    [
+                        (" STARTING ", PLATE[Tone.CALM]),
+                        " ",
+                        ("nothing was heard of the run yet", SPOKEN[Tone.CALM]),
+                    ]
+                ]
             )
         return super()._content()
 

@@ -113,7 +113,8 @@ def _news(scene: Scene) -> Row:
         counts = f"{estimate.accepted} of {estimate.accepted + estimate.rejected + estimate.refused} seen"
     if estimate.along_sigma_s is None or estimate.cross_sigma_deg is None:
         return [counts]
-    return [counts, (f" ±{estimate.along_sigma_s:.4f} s ±{estimate.cross_sigma_deg:.4f}°", DIM)]
+    sigmas = (f"{estimate.along_sigma_s:.4f} s", f"{estimate.cross_sigma_deg:.4f}°")
+    return [counts, (f" {' '.join(words.within(text, scene.plain) for text in sigmas)}", DIM)]
 
 
 def _remembered(scene: Scene) -> Row:
@@ -124,7 +125,10 @@ def _remembered(scene: Scene) -> Row:
     hours = (scene.view.utc_s - known.utc_s) / 3600.0
     if known.along_sigma_s is None:
         return [(f"{hours:.1f} h old nudge", "bold"), ("   m drop", DIM)]
-    return [(f"{hours:.1f} h old ±{known.along_sigma_s:.3f} s", "bold"), ("   m drop", DIM)]
+    return [
+        (f"{hours:.1f} h old {words.within(f'{known.along_sigma_s:.3f} s', scene.plain)}", "bold"),
+        ("   m drop", DIM),
+    ]
 
 
 def _others(scene: Scene) -> Row:

@@ -163,7 +163,7 @@ class LinkPanel(ConsolePanel):
         """Return them in three rows."""
         state, *others = console_words.link(scene.view).lines
         return [
-            [("link    ", DIM), (state.value, LOUD if state.loud else "bold"), "  ", *_joined(others[:5])],
+            [("link    ", DIM), (_said(state), LOUD if state.loud else "bold"), "  ", *_joined(others[:5])],
             ["        ", *_joined(others[5:10])],
             ["        ", *_joined(others[10:])],
         ]
@@ -227,7 +227,7 @@ class ConsoleKeys(ConsolePanel, TouchBar[ConsoleScene]):
         if scene is not None and scene.view.tripped is not None:
             keys.append(("r", "reset"))
         stop: list[Touch] = [(" SPACE STOP ", PLATE[Tone.BAD], "space"), ("   ", "", None)]
-        return [*_touches(keys), *stop, *_touches([("q", "quit"), ("?", "help")])]
+        return [*_touches(keys), *stop, *_touches([("q", "leave"), ("?", "help")])]
 
 
 def _touches(keys: list[tuple[str, str]]) -> list[Touch]:
@@ -247,7 +247,12 @@ def _rows(lines: tuple[Line, ...]) -> list[Row]:
 
 
 def _row(line: Line, cells: int) -> Row:
-    return labelled(line.name, (line.value, LOUD if line.loud else "bold"), cells=cells)
+    return labelled(line.name, (_said(line), LOUD if line.loud else "bold"), cells=cells)
+
+
+def _said(line: Line) -> str:
+    """Return a value as it is shown: what is wrong with the link in capitals, as on the screen of a run."""
+    return line.value.upper() if line.loud and line.name == "state" else line.value
 
 
 def _joined(lines: Iterable[Line]) -> Row:

@@ -58,7 +58,7 @@ def headline(scene: ConsoleScene) -> Headline:
     if view.link.state == "lost":
         return Headline("LINK LOST", "the mount is silent: everything below is old", Tone.BAD)
     if scene.stop_sent_s is not None:
-        return Headline("STOP SENT", "waiting for the console to obey", Tone.NOTICE)
+        return Headline("STOP SENT", "not confirmed yet", Tone.NOTICE)
     return _doing(view) if view.status is None else _doing_of(view, view.status)
 
 
@@ -104,7 +104,9 @@ def cautions(scene: ConsoleScene) -> tuple[Caution, ...]:
     if scene.ended:
         return (Caution("the console has ended", "make sure that the mount is at rest", Tone.BAD),)
     if scene.news_age_s > NO_NEWS_AFTER_S:
-        found.append(Caution("the console is silent", "SPACE, then the mount's own stop", Tone.BAD))
+        found.append(
+            Caution("the console says nothing", "press SPACE, then use the mount's own stop", Tone.BAD)
+        )
     elif scene.stop_sent_s is not None and scene.stop_sent_s > STOP_UNHEARD_AFTER_S:
         found.append(Caution("the stop was not obeyed", "use the mount's own stop", Tone.BAD))
     if view.refusal is not None and not any(view.refusal == words for words in view.warnings):

@@ -124,6 +124,8 @@ class PlotCaption(Panel):
         super().__init__()
         self.range_arcsec = SMALLEST_ARCSEC
         self.beyond = False
+        self.empty = True
+        """Whether there is nothing to be drawn."""
 
     def full(self, scene: Scene) -> list[Row]:
         """Return the one row."""
@@ -133,8 +135,10 @@ class PlotCaption(Panel):
             (f"{LEGEND[shapes]} RA on the sky", "$ra-line"),
             "   ",
             ("⠒⠒ Dec", "$dec-line"),
-            (f"   scale ±{self.range_arcsec:g}″", ""),
+            f"   scale {words.within(f'{self.range_arcsec:g}″', scene.plain)}",
         ]
+        if self.empty:
+            row[-1] = ("   nothing followed yet", DIM)
         if self.beyond:
             roomy = self.content_size.width >= ROOM_FOR_ALL_WORDS
             row.append(("   some beyond the scale" if roomy else "  beyond", SPOKEN[Tone.NOTICE]))
@@ -160,5 +164,5 @@ class ErrorPanel(Vertical):
         range_arcsec = self.scale.range_arcsec if need is None else self.scale.fit(need, now_utc_s)
         caption = self.query_one(PlotCaption)
         caption.beyond = self.query_one(ErrorPlot).draw(history, now_utc_s, range_arcsec, scene.plain)
-        caption.range_arcsec = range_arcsec
+        caption.range_arcsec, caption.empty = range_arcsec, need is None
         caption.show(scene)

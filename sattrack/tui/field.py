@@ -95,15 +95,15 @@ def picture(field: Field, columns: int, rows: int, plain: bool = False) -> list[
     return canvas.drawn()
 
 
-def figures(field: Field | None) -> list[Row]:
+def figures(field: Field | None, plain: bool = False) -> list[Row]:
     """Return its sizes, a name and a figure in turn: two sigmas of the error, and the field's diameter."""
     if field is None:
         return [[("no error", DIM)], [("known", DIM)]]
     rows: list[Row] = [
         [("along", DIM)],
-        [(f"±{words.arcsec(SIGMAS * field.along_arcsec)}", "bold")],
+        [(words.within(words.arcsec(SIGMAS * field.along_arcsec), plain), "bold")],
         [("across", DIM)],
-        [(f"±{words.arcsec(SIGMAS * field.across_arcsec)}", "bold")],
+        [(words.within(words.arcsec(SIGMAS * field.across_arcsec), plain), "bold")],
     ]
     if field.radius_arcsec is None:
         return [*rows, [("field", DIM)], [("--fov", DIM)]]

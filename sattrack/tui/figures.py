@@ -154,8 +154,8 @@ class LinkPanel(Panel):
         """Return the counts in rows."""
         link = scene.view.link
         return [
-            labelled("state", _link_state(link), "  ", _rate(link), cells=6),
-            labelled("age", _age(link), ("  delay ", DIM), _delay(link), cells=6),
+            labelled("state", *_heard(scene), cells=6),
+            labelled("age", _age(scene), ("  delay ", DIM), _delay(link), cells=6),
             labelled("clock", _clock(link), ("  from ours", DIM), cells=6),
             labelled("sent", f"{link.sent}", ("  heard ", DIM), f"{link.received}", cells=6),
             labelled("lost", _count(link.lost), ("  late ", DIM), _count(link.late), cells=6),
@@ -165,7 +165,7 @@ class LinkPanel(Panel):
     def compact(self, scene: Scene) -> list[Row]:
         """Return the one row."""
         link = scene.view.link
-        row = labelled("link", _link_state(link), "  ", _rate(link), ("  age ", DIM), _age(link))
+        row = labelled("link", *_heard(scene), ("  age ", DIM), _age(scene))
         counts: Row = []
         for name, count in (("lost", link.lost), ("late", link.late), ("rejected", link.rejected)):
             counts += [(f"   {name} ", DIM), _count(count)]
@@ -182,17 +182,23 @@ _LINK_WORDS = {
 }
 
 
-def _link_state(link: LinkView) -> Part:
+def _closed(scene: Scene) -> bool:
+    """Tell whether nobody listens to the mount for this run any more."""
+    return scene.ended and scene.tape is None
+
+
+def _heard(scene: Scene) -> Row:
+    link = scene.view.link
+    if _closed(scene):
+        return [("closed", DIM)]
     word, tone = _LINK_WORDS.get(link.state, (link.state, Tone.NOTICE))
-    return (word, SPOKEN[tone])
+    rate = words.NOTHING if link.rate_hz is None else f"{link.rate_hz:.1f}/s"
+    return [(word, SPOKEN[tone]), "  ", rate]
 
 
-def _rate(link: LinkView) -> Part:
-    return words.NOTHING if link.rate_hz is None else f"{link.rate_hz:.1f}/s"
-
-
-def _age(link: LinkView) -> Part:
-    return words.NOTHING if link.age_s is None else f"{link.age_s:.2f} s"
+def _age(scene: Scene) -> Part:
+    age_s = None if _closed(scene) else scene.view.link.age_s
+    return words.NOTHING if age_s is None else f"{age_s:.2f} s"
 
 
 def _delay(link: LinkView) -> Part:
@@ -236,9 +242,13 @@ class MountPanel(Panel):
 
     def compact(self, scene: Scene) -> list[Row]:
         """Return the one row of rates."""
-        row = labelled("rates")
+        row, slewing = labelled("rates"), scene.view.phase == "slewing"
         for name, rate, reached, limit in self._rates(scene):
             bar = _gauge(rate, reached, limit, GAUGE_CELLS)
+            if slewing and reached is not None:
+                # A slew is asked for by its end, and its rate is the mount's own: no limit of ours is on it.
+                row += [(f"{name} ", DIM), words.signed(reached, 3), (" °/s  ", DIM)]
+                continue
             row += [(f"{name} ", DIM), *_rate_of(rate, limit), " ", bar, "  "]
         return [row]
 
@@ -276,9 +286,10 @@ class RunPanel(Panel):
         expected = field_of(scene.sky, scene.view)
         if expected is not None:
             along, across = (
-                words.arcsec(SIGMAS * x) for x in (expected.along_arcsec, expected.across_arcsec)
+                words.within(words.arcsec(SIGMAS * x), scene.plain)
+                for x in (expected.along_arcsec, expected.across_arcsec)
             )
-            row += [("  expect ", DIM), f"±{along} ±{across}"]
+            row += [("  expect ", DIM), f"{along} {across}"]
             if expected.radius_arcsec is not None:
                 row += [(" in ", DIM), words.arcsec(2.0 * expected.radius_arcsec)]
         if scene.view.link.clock_offset_s is not None:
@@ -297,7 +308,7 @@ class FieldPanel(Panel):
     def full(self, scene: Scene) -> list[Row]:
         """Return the picture with the figures to its right."""
         expected = field_of(scene.sky, scene.view)
-        told = figures(expected)
+        told = figures(expected, scene.plain)
         if expected is None:
             return told
         height = self.content_size.height

@@ -50,7 +50,7 @@ LIST_KEYS = {
     LOG: (UP_AND_DOWN, FILTER),
     MOUNT: (PAUSE, _key("j", "j", "by hand"), PARK),
 }
-ENDS = (_key("q", "q", "quit"), _key("?", "question_mark", "help"))
+ENDS = (_key("q", "q", "leave"), _key("?", "question_mark", "help"))
 TAPE_KEYS = (
     _key("SPACE", "space", "pause"),
     Key((("←", "left"), ("→", "right")), "10 s"),
@@ -76,9 +76,9 @@ class KeyBar(Panel, TouchBar[Scene]):
         wide = self.content_size.width >= ROOM_FOR_ALL_KEYS
         if scene.tape is not None:
             return _spread((*(WIDE_TAPE_KEYS if wide else TAPE_KEYS), *ENDS), "   ")
-        if scene.page == LIVE:
+        if scene.page == LIVE and not scene.ended:
             keys = (*(WIDE_LIVE_KEYS if wide else LIVE_KEYS), PAUSE if scene.jog_rate is None else GO, MORE)
-            return [*_spread(keys, "  "), _gap("  "), STOP, *_spread(ENDS, "  ", first=True)]
+            return [*_spread(keys, "  "), _gap(" "), STOP, *_spread(ENDS, "  ", first=True)]
         more = LIST_KEYS.get(scene.page, ()) if wide else ()
         if wide and scene.page == MOUNT and scene.jog_rate is not None:
             more = (JOG, STEP, GO, PARK)

@@ -155,7 +155,8 @@ ErrorBox.bad Digits, ErrorBox.bad #unit { color: $error; }
 
 #middle { height: 1fr; min-height: 5; }
 ErrorPanel { height: 100%; width: 1fr; }
-#sky { height: 100%; text-wrap: nowrap; text-overflow: clip; }
+#sky { height: 100%; margin-left: 1; text-wrap: nowrap; text-overflow: clip; }
+.-sky-alone #sky { margin-left: 0; }
 .-sky-alone ErrorPanel, .-sky-alone #state, .-sky-alone #below { display: none; }
 ErrorPlot { height: 1fr; }
 ErrorPlot > .plot--axis { color: $axis-line; }
@@ -174,6 +175,7 @@ ErrorPlot > .plot--tick { color: $tick; text-style: none; }
     #wide-times { display: block; width: 1.25fr; height: 8; border: round $secondary; }
     #narrow-times { display: none; }
     ErrorPanel, #sky { border: round $secondary; }
+    #sky { margin-left: 0; }
     #below { height: 8; layout: horizontal; }
     #below > Panel { width: 1fr; height: 8; border: round $secondary; }
     #below > #bias { width: 39; }

@@ -108,8 +108,6 @@ class Scene:
 
 
 _PHASES = {
-    "waiting": ("WAITING", "for the satellite to come up", Tone.CALM),
-    "slewing": ("SLEWING", "to where the satellite will come by", Tone.CALM),
     "acquiring": ("ACQUIRING", "closing in on the satellite", Tone.NOTICE),
     "holding": ("HOLDING", "at a limit, until the satellite comes back", Tone.NOTICE),
     "stopping": ("STOPPING", "bringing the mount to rest", Tone.NOTICE),
@@ -128,16 +126,35 @@ def headline(scene: Scene) -> Headline:
     if scene.ended or scene.beginning:
         return _over(scene)
     if scene.news_age_s > NO_NEWS_AFTER_S:
-        rest = f"from the feeder for {scene.news_age_s:.0f} s: figures below are old"
+        rest = f"from the run for {scene.news_age_s:.0f} s: figures below are old"
         return Headline("NO NEWS", rest, Tone.BAD)
     if scene.stop_sent_s is not None and view.ended_by is None:
-        return Headline("STOP SENT", "waiting for the feeder to obey", Tone.NOTICE)
+        return Headline("STOP SENT", "not confirmed yet", Tone.NOTICE)
     if view.ended_by is not None:
         return Headline("STOPPING", f"{why_ended(view.ended_by)}; bringing the mount to rest", Tone.NOTICE)
-    if view.phase in {"tracking", PAUSED}:
-        return _tracking(view) if view.phase == "tracking" else _paused(scene)
+    return _under_way(scene)
+
+
+def _under_way(scene: Scene) -> Headline:
+    view = scene.view
+    if view.phase == PAUSED:
+        return _paused(scene)
+    if view.phase == "tracking":
+        return _tracking(view)
+    if view.phase in {"waiting", "slewing"}:
+        return _coming(view)
     word, rest, tone = _PHASES.get(view.phase, (view.phase.upper(), "", Tone.NOTICE))
     return Headline(word, rest, tone)
+
+
+def _coming(view: TrackView) -> Headline:
+    left_s = view.start_utc_s - view.utc_s
+    when = f" in {words.span(left_s)}" if left_s > 0.0 else ""
+    if view.phase == "slewing":
+        return Headline("SLEWING", f"to where the satellite will come by{when}", Tone.CALM)
+    return Headline(
+        "WAITING", f"for the pass to begin{when}" if when else "until it can be followed", Tone.CALM
+    )
 
 
 def _tracking(view: TrackView) -> Headline:
@@ -169,7 +186,7 @@ def _paused(scene: Scene) -> Headline:
 
 def _over(scene: Scene) -> Headline:
     if scene.beginning:
-        return Headline("STARTING", "what follows the next pass; figures below are of the last", Tone.CALM)
+        return Headline("STARTING", "the next pass; figures below are of the last one", Tone.CALM)
     return _ended(scene) if scene.between is None else _between(scene, scene.between)
 
 
@@ -179,9 +196,9 @@ def _ended(scene: Scene) -> Headline:
         why = "it is cut off here" if ended_by is None else why_ended(ended_by)
         return Headline("END", f"of the recording: {why}; q leaves", Tone.CALM)
     if summary is None and scene.attached:
-        return Headline("RUN LOST", "no more from it: its guardian stops the mount; look after it", Tone.BAD)
+        return Headline("RUN LOST", "its guardian stops the mount; make sure that it is at rest", Tone.BAD)
     if summary is None:
-        return Headline("FEEDER LOST", "it ended without a word: stop the mount by hand", Tone.BAD)
+        return Headline("RUN LOST", "it ended without a word: stop the mount by hand", Tone.BAD)
     why = why_ended(summary.ended_by)
     if summary.mount_stopped is False:
         return Headline("NOT STOPPED", "no stop was confirmed: stop the mount by hand", Tone.BAD)
@@ -192,9 +209,7 @@ def _ended(scene: Scene) -> Headline:
 
 def _between(scene: Scene, doing: str) -> Headline:
     if scene.stop_sent_s is not None:
-        return Headline(
-            "STOP SENT", "waiting for the schedule's runner to stop the mount and end", Tone.NOTICE
-        )
+        return Headline("STOP SENT", "until the mount is at rest and the schedule has ended", Tone.NOTICE)
     if scene.summary is None:
         return Headline("RUN LOST", f"its guardian stops the mount; {doing}", Tone.NOTICE)
     if scene.summary.mount_stopped is False:
@@ -207,7 +222,7 @@ def why_ended(ended_by: str) -> str:
     if ended_by.startswith("limit:"):
         return f"safety's {ended_by.removeprefix('limit:')} limit was reached"
     plain = {
-        "set": "the satellite has set",
+        "set": "the pass is over",
         "operator": "by the operator",
         "link": "the mount's link was lost",
         "error": "it could not go on",
@@ -227,7 +242,7 @@ def _cautions(scene: Scene) -> tuple[Caution, ...]:
     if scene.leaving and not scene.ended:
         found.append(Caution("leaving as soon as the mount is at rest", "q again leaves at once", Tone.CALM))
     if scene.refused_s is not None and scene.refused_s < REFUSAL_SHOWN_S and not scene.in_control:
-        found.append(Caution("looking on: this key does nothing", "c takes control", Tone.NOTICE))
+        found.append(Caution("you look on, and this key does nothing", "c takes control", Tone.NOTICE))
     if scene.hint:
         found.append(Caution(scene.hint, "", Tone.NOTICE))
     if scene.ended:
@@ -237,7 +252,7 @@ def _cautions(scene: Scene) -> tuple[Caution, ...]:
     if scene.beginning:
         return tuple(found)
     if scene.news_age_s > NO_NEWS_AFTER_S:
-        found.append(Caution("the feeder is silent", "SPACE, then the mount's own stop", Tone.BAD))
+        found.append(Caution("the run says nothing", "press SPACE, then use the mount's own stop", Tone.BAD))
     elif scene.stop_sent_s is not None and scene.stop_sent_s > STOP_UNHEARD_AFTER_S and view.ended_by is None:
         found.append(Caution("the stop was not obeyed", "use the mount's own stop", Tone.BAD))
     for text in view.warnings:
@@ -249,5 +264,7 @@ def _cautions(scene: Scene) -> tuple[Caution, ...]:
         )
     if view.elements_age_s > OLD_ELEMENTS_S:
         old = words.age(view.elements_age_s)
-        found.append(Caution(f"elements are {old} old", "expect it early or late: nudge ← →", Tone.NOTICE))
+        found.append(
+            Caution(f"elements are {old} old", "expect the satellite early or late: ← → nudge", Tone.NOTICE)
+        )
     return tuple(found)

@@ -28,7 +28,7 @@ class SessionBar(Panel):
             row += ["  ", ("c", "bold"), (" takes it", DIM)]
         others = session.watching - scene.attached
         if others > 0:
-            row.append(f"  {others} other{'s' if others > 1 else ''}")
+            row.append(f"  {others} others look on" if others > 1 else "  1 other looks on")
         if session.said:
             row.append((f"  {session.said}", DIM))
         return [row]

@@ -167,15 +167,17 @@ def notes(sky: Sky, plain: bool = False) -> list[Row]:
     return rows
 
 
-def legend(plain: bool = False) -> Row:
-    """Return what the marks mean, in one row."""
-    return [
+def legend(columns: int, plain: bool = False) -> Row:
+    """Return what the marks mean, in one row: as much of it as there is room for."""
+    row: Row = [
         (f" {mark(SATELLITE, plain)}", SATELLITE_STYLE),
         (" satellite  ", DIM),
         (MOUNT, MOUNT_STYLE),
-        (" mount  ", DIM),
-        ("east is left", DIM),
+        (" mount", DIM),
     ]
+    room = columns - sum(len(part if isinstance(part, str) else part[0]) for part in row)
+    side = next((text for text in ("  east is left", "  E is left") if len(text) <= room), "")
+    return [*row, (side, DIM)] if room >= 0 else []
 
 
 def _note(sign: str, style: str, name: str, text: str) -> Row:

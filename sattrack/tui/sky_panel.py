@@ -67,7 +67,7 @@ class SkyPanel(Widget):
                 for number, row in enumerate(drawn)
             ]
         if rows > NARROW_ROWS:
-            return [*self._chart(sky, columns, rows - 1, scene.plain), legend(scene.plain)]
+            return [*self._chart(sky, columns, rows - 1, scene.plain), legend(columns, scene.plain)]
         return self._chart(sky, columns, rows, scene.plain)
 
     def _chart(self, sky: Sky, columns: int, rows: int, plain: bool) -> list[Row]:

@@ -118,6 +118,11 @@ def iso_clock(utc: str | None) -> str:
     return NOTHING if utc is None else clock(float(Utc.parse(utc).unix_s))
 
 
+def within(text: str, plain: bool = False) -> str:
+    """Return a size as one either way: one character of ASCII would not tell that."""
+    return f"+-{text}" if plain else f"±{text}"
+
+
 def fitted(text: str, cells: int) -> str:
     """Return a text that takes just so many cells: filled up with spaces, or cut, which is shown."""
     return set_cell_size(text, cells) if cell_len(text) <= cells else set_cell_size(text, cells - 1) + "…"

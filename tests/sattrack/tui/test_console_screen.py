@@ -56,13 +56,13 @@ def test_the_whole_small_screen() -> None:
         " read as rates int64/int64   counter double   guide double/double",
         "         tracking the opposite of slewing   MoveAxis held, by the profile",
         " link    up  rate 20.00 /s  jitter 0.41 ms  age 0.03 s  sent 1234  heard 1233",
-        "         lost 0  late 0  duplicate 0  rejected 0  strangers 0",
-        "         restarts 0  doubled 0  foreign acks 0",
+        "         lost 0  late 0  double 0  rejected 0  strangers 0",
+        "         restarts 0  run twice 0  foreign acks 0",
         " 13:04:11 park: sent, unconfirmed (no acknowledgement)",
         " 13:03:31 slew to RA 05h 30m 00.0s Dec +12° 30′ 00″: complete",
         "",
         " jog ↑N ↓S ←E →W   1:0.0019  [2:0.02]  3:0.1   4:0.5   5:2   6:4  °/s",
-        " g slew   s sync   p park   h home    SPACE STOP    q quit   ? help",
+        " g slew   s sync   p park   h home    SPACE STOP    q leave   ? help",
     ]
 
 
@@ -79,8 +79,8 @@ def test_every_field_of_the_status_stands_on_the_screen(size: tuple[int, int]) -
         assert value in text, value
     for name in (
         "slewing", "tracking", "pulse guiding", "at home", "at park", "connected", "refraction",
-        "move ra", "move dec", "sync", "abort", "lost", "late", "duplicate", "rejected", "strangers",
-        "restarts", "doubled", "foreign acks",
+        "move ra", "move dec", "sync", "abort", "lost", "late", "double", "rejected", "strangers",
+        "restarts", "run twice", "foreign acks",
     ):  # fmt: skip
         assert name in text, name
 
@@ -112,13 +112,13 @@ def test_the_state_in_a_word(changes: dict[str, object], words: str) -> None:
 def test_a_console_that_is_silent_is_told_with_what_to_do() -> None:
     rows = drawn(later_s=3.0)
     assert rows[1] == "  NO NEWS  from the console for 3 s: everything below is old"
-    assert rows[2] == " ! the console is silent: SPACE, then the mount's own stop"
+    assert rows[2] == " ! the console says nothing: press SPACE, then use the mount's own stop"
 
 
 def test_what_was_not_done_and_what_is_wrong_stand_below_the_state() -> None:
     rows = drawn(console_view(refusal="the mount is slewing: stop that first", warnings=("one", "two")))
     assert rows[2:4] == [" ! not done: the mount is slewing: stop that first", " ! one"]
-    assert rows[-1].endswith("q quit   ? help"), "warnings never push the keys off the screen"
+    assert rows[-1].endswith("q leave   ? help"), "warnings never push the keys off the screen"
     assert rows[-2].startswith(" jog")
 
 

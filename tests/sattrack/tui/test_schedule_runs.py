@@ -111,10 +111,10 @@ def test_between_two_runs_it_is_said_what_comes_and_a_stop_is_said_and_shown() -
         app._feed.news = lambda: News(summary=SUMMARY, between=True)  # type: ignore[method-assign]
         app.look()
         await pilot.pause()
-        assert "ENDED  the satellite has set; waiting for 201, SAT 201, in 25:00" in text_of(app)
+        assert "ENDED  the pass is over; waiting for 201, SAT 201, in 25:00" in text_of(app)
         await pilot.press("right", "p", "space")
         await pilot.pause()
-        assert "STOP SENT  waiting for the schedule's runner to stop" in text_of(app)
+        assert "STOP SENT  until the mount is at rest and the schedule has ended" in text_of(app)
         app._feed.news = lambda: News((view,), rewound=True)  # type: ignore[method-assign]
         app.look()
         await pilot.pause()

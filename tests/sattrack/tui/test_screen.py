@@ -76,7 +76,7 @@ def test_the_whole_small_screen() -> None:
         " along    +0.050 s  asked +0.100 s   ← behind  → ahead on track by 0.1 s",
         " across   −0.0100°  asked −0.0200°   ↑ left  ↓ right of motion by 0.01°",
         " elements 12.8 h old   recording pass.mcap",
-        " ←→ along  ↑↓ across  [ ] step  p pause  1-5 more   SPACE STOP   q quit  ? help",
+        " ←→ along  ↑↓ across  [ ] step  p pause  1-5 more  SPACE STOP   q leave  ? help",
     ]
 
 
@@ -96,7 +96,7 @@ def test_every_figure_is_there_and_nothing_is_cut_off(size: tuple[int, int], pha
         *("2:32 ago", "in 0:53", "in 4:17", "at 81.3°"),
         *("up", "20.0/s", "0.03 s", "+1.235 of 6 °/s", "−0.081 of 6 °/s"),
         *("+0.050 s", "+0.100 s", "−0.0100°", "−0.0200°", "pass.mcap", "12.8 h old"),
-        *("SPACE STOP", "q quit", "? help", "−3 min", "now"),
+        *("SPACE STOP", "q leave", "? help", "−3 min", "now"),
         *("← behind", "→ ahead", "↑ left", "↓ right", "0.1 s", "0.01°"),
     ):
         assert figure in text, figure
@@ -154,7 +154,7 @@ def test_before_anything_is_heard_no_number_is_made_up() -> None:
     )
     text = "\n".join(rows)
 
-    assert rows[1].startswith("  WAITING  for the satellite to come up")
+    assert rows[1].startswith("  WAITING  for the pass to begin in 1:05  ")
     assert rows[2].rstrip() == " ! the mount has not answered yet: is it on, and set to send here?"
     assert "rise in 1:05" in text
     assert "RMS 10 s –  pass –" in text
@@ -183,7 +183,7 @@ def test_the_headline_says_how_things_are(view: TrackView, headline: str) -> Non
 @pytest.mark.parametrize(
     ("changes", "headline", "second"),
     [
-        ({}, "ENDED  the satellite has set; the mount is at rest; q leaves", ""),
+        ({}, "ENDED  the pass is over; the mount is at rest; q leaves", ""),
         ({"ended_by": "operator"}, "STOPPED  by the operator; the mount is at rest; q leaves", ""),
         (
             {"ended_by": "link", "mount_stopped": False, "message": "sim fell silent"},
@@ -209,7 +209,7 @@ def test_an_ended_run_says_why(changes: dict[str, object], headline: str, second
 def test_a_feeder_that_ends_without_a_word_is_told() -> None:
     rows = drawn(news=News((), True))
 
-    assert rows[1].strip() == "FEEDER LOST  it ended without a word: stop the mount by hand"
+    assert rows[1].strip() == "RUN LOST  it ended without a word: stop the mount by hand"
 
 
 def test_warnings_come_forward_with_what_to_do() -> None:
@@ -220,7 +220,7 @@ def test_warnings_come_forward_with_what_to_do() -> None:
         f"! {words[0]}: check the mount's",
         "power and cable; SPACE stops",
         "! something new",
-        "! elements are 5.0 days old: expect it early or late: nudge ← →",
+        "! elements are 5.0 days old: expect the satellite early or late: ← → nudge",
     ]
     assert rows[6].startswith(" error on the sky"), "the rest moves down and stays whole"
     assert rows[-1].startswith(" ←→ along")
@@ -241,9 +241,9 @@ def test_silence_of_the_feeder_and_an_unheard_stop_are_told() -> None:
             return [first[1], *rows_of(app)[1:3]]
 
     first, headline, caution = asyncio.run(run())
-    assert first.strip() == "STOP SENT  waiting for the feeder to obey"
-    assert headline.strip() == "NO NEWS  from the feeder for 3 s: figures below are old"
-    assert caution.strip() == "! the feeder is silent: SPACE, then the mount's own stop"
+    assert first.strip() == "STOP SENT  not confirmed yet"
+    assert headline.strip() == "NO NEWS  from the run for 3 s: figures below are old"
+    assert caution.strip() == "! the run says nothing: press SPACE, then use the mount's own stop"
 
 
 def test_a_stop_that_is_not_obeyed_is_told() -> None:
@@ -346,3 +346,28 @@ def test_markup_in_names_is_text() -> None:
 
     assert rows[0].startswith(" [b]X[/b]  25544")
     assert "recording [red]a.mcap" in "\n".join(rows)
+
+
+def test_before_a_pass_the_headline_says_how_long_it_is_to_it() -> None:
+    waiting = changed(phase="waiting", start_utc_s=UTC_S + 125.0)
+
+    assert drawn(waiting)[1].strip() == "WAITING  for the pass to begin in 2:05"
+    slewing = changed(waiting, phase="slewing", ra_rate_reached_deg_s=-10.0, dec_rate_reached_deg_s=2.5)
+    rows = drawn(slewing)
+    assert rows[1].strip() == "SLEWING  to where the satellite will come by in 2:05"
+    assert " rates    RA −10.000 °/s  Dec +2.500 °/s" in [row.rstrip() for row in rows]
+
+
+def test_what_is_over_is_not_shown_as_going_on() -> None:
+    rows = drawn(*following(60.0), news=News((changed(ended_by="operator"),), True, SUMMARY))
+    text = "\n".join(rows)
+
+    assert rows[0].rstrip().endswith("as of 2026-10-02 13:04:31 UTC")
+    assert " link     closed  age –   lost 0" in text
+    assert rows[-1].startswith(" 1 live  2 tonight"), "no nudge is offered"
+
+
+def test_a_plot_without_a_line_has_no_scale() -> None:
+    rows = drawn(changed(phase="waiting", error=None))
+
+    assert " error  ⠒⠒ RA on the sky   ⠒⠒ Dec   nothing followed yet" in [row.rstrip() for row in rows]

@@ -21,7 +21,7 @@ from sattrack.tui.dome import (
     vector,
 )
 from sattrack.tui.dots import DotCanvas, Layer
-from sattrack.tui.sky_chart import BOTH, LAYERS, MOUNT, SATELLITE, Kind, Sky, chart, ground, notes
+from sattrack.tui.sky_chart import BOTH, LAYERS, MOUNT, SATELLITE, Kind, Sky, chart, ground, legend, notes
 from sattrack.view import PassView, SkyPoint
 
 NOW = Sky(SKY, UTC_S, Spot(55.0, 235.0), Spot(20.0, 300.0))
@@ -317,3 +317,12 @@ def test_an_error_that_is_not_known_is_not_drawn() -> None:
 
 def test_the_pass_told_comes_back_from_the_pipe_as_it_was() -> None:
     assert msgspec.json.decode(msgspec.json.encode(SKY), type=PassView) == SKY
+
+
+@pytest.mark.parametrize("columns", range(4, 60))
+def test_the_legend_is_never_cut_within_a_word(columns: int) -> None:
+    (text,) = text_of([legend(columns)])
+
+    assert len(text) <= columns
+    assert text in {"", *(f" ● satellite  + mount{side}" for side in ("", "  E is left", "  east is left"))}
+    assert ("east is left" in text) == (columns >= 35)
