@@ -36,6 +36,8 @@ STEP_SHARE = 2.0
 """A mean rate over a ramp is reached by a command twice as large, so steps may be so much of a ramp."""
 PLAUSIBLE = 1.5
 """By what factor axes may seem to be faster than their slews."""
+HELD_ANEW_S = 0.07
+"""What is held keeps its rates for so long, while they keep inside, before better ones are looked for."""
 OUTSIDE_PROOF = 3
 """Axes count as outside when so many clearances in a row find them there: one status may be wrong."""
 
@@ -95,6 +97,8 @@ class Safety:
         """Whether a stream of rates has been cleared: a pass is under way."""
         self._sent: deque[tuple[float, float, float]] = deque()
         """What was cleared of late: when (UTC), and the rates of both axes."""
+        self._held_since: tuple[float, Rates] | None = None
+        """When the rates of what is held were found (UTC), and those."""
         self._newest_utc_s = -math.inf
         most_ha, most_dec = PLAUSIBLE * profile.ra.slew_rate_deg_s, PLAUSIBLE * profile.dec.slew_rate_deg_s
         self._plausible = ((-most_ha, most_ha), (-most_dec, most_dec))
@@ -292,7 +296,7 @@ class Safety:
         now = self._in_force(oldest_s, utc_s)
         name = self.holding = self._ahead.outlook(spots, now).limit(wanted)
         if name is None:
-            self._outside = 0
+            self._outside, self._held_since = 0, None
         else:
             nears = [self._bounds.near(spot.place, self._ahead.horizon_s) for spot in spots]
             outlook = self._ahead.outlook(spots, now, nears)
@@ -304,7 +308,11 @@ class Safety:
                 outside = self._proven_outside(spots)
                 if outside is not None and outside not in CONES:
                     return self._trip(outside)
-                wanted = self._held((clipped, room), spots[0].place, outlook.limit, outside is not None)
+                kept = self._kept(outlook.limit, utc_s) if outside is None else None
+                if kept is None:
+                    kept = self._held((clipped, room), spots[0].place, outlook.limit, outside is not None)
+                    self._held_since = None if utc_s is None else (utc_s, kept)
+                wanted = kept
         if utc_s is not None:
             self._sent.append((utc_s, *wanted))
         return Cleared(self._as_move(wanted, move, wish))
@@ -317,6 +325,14 @@ class Safety:
             self._outside = 0 if name is None or len(spots) > 1 else self._outside + 1
             self._news = False
         return name if self._outside >= OUTSIDE_PROOF else None
+
+    def _kept(self, ahead: Callable[[Rates], str | None], utc_s: float | None) -> Rates | None:
+        """Return the rates of what is held where they were found a moment ago and there is no limit ahead."""
+        if self._held_since is None or utc_s is None:
+            return None
+        since_s, rates = self._held_since
+        fresh = 0.0 <= utc_s - since_s < HELD_ANEW_S
+        return rates if fresh and ahead(rates) is None else None
 
     def _held(
         self,
@@ -384,7 +400,7 @@ class Safety:
         return (min(has), min(decs)), (max(has), max(decs))
 
     def _let_go(self) -> None:
-        self.holding = None
+        self.holding = self._held_since = None
         self._outside = 0
         self._sent.clear()
         self._slews.forget()
