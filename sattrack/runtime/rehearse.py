@@ -8,18 +8,15 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 import numpy as np
 
 from sattrack import practice
-from sattrack.collector import without_collector
 from sattrack.control.acquisition import slew_time_s
-from sattrack.engine import Engine, safety_of
 from sattrack.errors import BadInputError, SattrackError
-from sattrack.mount import SIDEREAL_RATE_DEG_S
 from sattrack.planning.budget import Circumstances, error_budget
 from sattrack.planning.keyhole import find_keyholes
 from sattrack.planning.kinematics import Ability, losses, outside
@@ -36,17 +33,13 @@ from sattrack.planning.rehearsal import (
     verdict,
 )
 from sattrack.planning.report import LostStretch, Report
-from sattrack.planning.sides import Lost, Rule, Sides, choose_sides, sides_of, with_flips
-from sattrack.planning.table import TabledPropagator
-from sattrack.planning.trace import Performance, Trace
-from sattrack.recording.recorder import NoRecording
+from sattrack.planning.sides import Lost, Sides, choose_sides, sides_of, with_flips
 from sattrack.runtime.facts import SEARCH_HOURS, build_engine, plan_for
 from sattrack.runtime.prepare import with_detours
-from sattrack.runtime.virtual import VirtualRun
+from sattrack.runtime.rehearsed_run import FULL_PERIOD_S, SLOW_PERIOD_S, perform, rule_of
 from sattrack.safety.bounds import CONES
-from sattrack.tracker import ACQUIRED_AFTER_SAMPLES, FOLLOWING
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.xerxes.simulator.settings import SimulatorProfile, simulator_profile
+from sattrack.xerxes.simulator.mount import StartPosition
+from sattrack.xerxes.simulator.settings import simulator_profile
 from tle.ground import Ground
 from tle.instants import Utc
 from tle.passes import find_passes
@@ -56,15 +49,13 @@ from tle.sky_bodies import sun_and_moon
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sattrack.mount import MountProfile
     from sattrack.planning.keyhole import Keyhole
     from sattrack.planning.path import AxisPath
+    from sattrack.planning.trace import Performance
     from sattrack.runtime.facts import RunFacts
     from sattrack.runtime.prepare import Prepared
     from sattrack.tracker import TrackPlan
 
-MARGIN_S = 10.0
-FULL_PERIOD_S, SLOW_PERIOD_S = 0.05, 0.1
 SLOW_ERROR_SHARE = 0.1
 """A slow object's loop may leave so much of what counts as on target by holding its rates twice as long."""
 SLOW_RATE_SHARE = 0.97
@@ -76,35 +67,6 @@ LATE_S = 1.5
 PATH_STEP_S, MOST_SAMPLES = 0.05, 20_000
 READY_S = 5.0
 """How long before its slew a rehearsal begins: the mount's loop and clock are learnt in that time."""
-
-
-@dataclass(slots=True)
-class RehearsedRun(VirtualRun):
-    """A virtual run that notes each status' row."""
-
-    trace: Trace = field(default_factory=Trace)
-
-    def _status_arrives(self, now_utc_s: float, what: Any) -> None:
-        status, truth = what
-        engine = self.engine
-        engine.receive(status, now_utc_s)
-        tracker = engine.tracker
-        error = tracker.error
-        if error is None:
-            return
-        trace = self.trace
-        trace.utc_s.append(error.utc_s)
-        trace.total_arcsec.append(error.total_arcsec)
-        trace.along_arcsec.append(error.along_arcsec)
-        trace.across_arcsec.append(error.across_arcsec)
-        trace.moving.append(tracker.phase in FOLLOWING)
-        trace.acquired.append(tracker.acquired_utc_s is not None)
-        trace.clamping.append(engine.safety.clamping)
-        trace.holding.append(engine.safety.holding)
-        trace.hour_angle_axis_deg.append(truth.hour_angle_axis_deg)
-        trace.dec_axis_deg.append(truth.dec_axis_deg)
-        trace.hour_angle_rate_deg_s.append(SIDEREAL_RATE_DEG_S - truth.ra_rate_deg_s)
-        trace.dec_rate_deg_s.append(-truth.dec_rate_deg_s if truth.beyond_pole else truth.dec_rate_deg_s)
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,7 +128,7 @@ def rehearse(
             f"{facts.elements.label}: its elements have it come down before the pass ends; get newer ones"
         )
     west = (float(straight.pointing.hour_angle_axis_deg[0]) + 180.0) % 360.0 > 180.0
-    beyond = west and _rule(facts.profile, hardware) == "hour_angle"
+    beyond = west and rule_of(facts.profile, hardware) == "hour_angle"
     period_s = loop_period_s(straight.seen_from(beyond, ability.latitude_deg), ability, plan)
     part = _beginning(facts)
     performance = _performance(part, straight, prepared.simulator, period_s)
@@ -247,7 +209,7 @@ def _sides(facts: RunFacts, path: AxisPath, ability: Ability, keyholes: list[Key
     worst = max(run.lost, key=lambda stretch: stretch.seconds, default=None)
     known = Lost(run.lost_s, None if worst is None else worst.limit)
     part = path.until(facts.plan.end_utc_s)
-    rule = _rule(facts.profile, simulator_profile(run.table))
+    rule = rule_of(facts.profile, simulator_profile(run.table))
     flips_utc = tuple(Utc(float(utc_s)).isoformat("seconds") for utc_s in run.performance.trace.crossings())
     found = with_flips(choose_sides(part, ability, rule, keyholes, known), flips_utc)
     other = found.recommended
@@ -428,74 +390,5 @@ def _notes(facts: RunFacts, part: RunFacts, performance: Performance) -> tuple[s
     return tuple(notes)
 
 
-def _rule(profile: MountProfile, hardware: SimulatorProfile) -> Rule:
-    """Return the rule of the pier's sides: the profile's, or that of its simulated mount."""
-    return "hour_angle" if "hour_angle" in {profile.pier_rule, hardware.flip} else "never"
-
-
 def _iso(utc_s: float) -> str:
     return Utc(utc_s).isoformat("milliseconds")
-
-
-def ideal_hardware(table: dict[str, Any]) -> SimulatorProfile:
-    """Return the simulated mount of a rehearsal: the profile's ways, without what is random or of the servo.
-
-    Kept are the rule of the pier's sides, the hard stops, refraction and the slews' jerk; friction, ripple,
-    noise, drift, jitter and faults are left out. Raises BadInputError.
-    """
-    said = simulator_profile(table)
-    return SimulatorProfile(
-        flip=said.flip,
-        hard_margin_deg=said.hard_margin_deg,
-        does_refraction=said.does_refraction,
-        slew_jerk_deg_s3=said.slew_jerk_deg_s3,
-    )
-
-
-def perform(
-    facts: RunFacts, table: dict[str, Any], period_s: float, start: StartPosition = practice.START
-) -> Performance:
-    """Run a pass with its plan, profile and limits; `table` is the profile's `[simulator]`.
-
-    The loop runs every `period_s` on both sides, from where the axes stand at `start`. Raises BadInputError,
-    PropagationError.
-    """
-    real = facts.profile
-    # Nothing is lost on the way, so nothing would be sent twice.
-    profile = msgspec.structs.replace(real, period_s=period_s, repeat_rates="never")
-    facts = msgspec.structs.replace(facts, profile=profile, recording=None)
-    spec = build_engine(facts).spec
-    plan = facts.plan
-    begin, end = facts.started_utc_s - MARGIN_S, plan.end_utc_s + MARGIN_S
-    tabled = TabledPropagator(spec.propagator, spec.bias, begin, end)
-    if_refracts = tabled
-    if spec.if_mount_refracts is not spec.propagator:
-        if_refracts = TabledPropagator(spec.if_mount_refracts, spec.bias, begin, end)
-    # Nobody asks for the true errors: the axes themselves are noted.
-    spec = replace(spec, propagator=tabled, if_mount_refracts=if_refracts, simulated=False)
-    site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
-    hardware = msgspec.structs.replace(ideal_hardware(table), flip=_rule(profile, ideal_hardware(table)))
-    mount = SimulatedMount(profile, site, start, hardware)
-    engine = Engine(spec)
-    # How soon rates are held before a limit depends on the steps of the real loop.
-    engine.safety = safety_of(replace(spec, profile=real))
-    run = RehearsedRun(engine, mount, facts.started_utc_s, NoRecording())
-    with without_collector():
-        ended_utc_s = run.run()
-    trace = run.trace.arrays()
-    tracker = run.engine.tracker
-    # Acquisition takes so many samples: with longer steps it was there, unseen, so much sooner.
-    sooner_s = ACQUIRED_AFTER_SAMPLES * max(0.0, period_s - FULL_PERIOD_S)
-    acquired_utc_s = tracker.acquired_utc_s
-    if acquired_utc_s is not None and sooner_s:
-        acquired_utc_s -= sooner_s
-        trace = replace(trace, acquired=trace.acquired | (trace.utc_s > acquired_utc_s))
-    return Performance(
-        trace=trace,
-        acquired_utc_s=acquired_utc_s,
-        followable_utc_s=tracker.followable_utc_s,
-        ended_utc_s=ended_utc_s,
-        ended_by=tracker.ended_by or "error",
-        period_s=period_s,
-        message=run.engine.message,
-    )
