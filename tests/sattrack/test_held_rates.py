@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
+from typing import Any
 
 import pytest
-from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, T0, Stand, axis_speed_deg_s, steadily
+from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, PERIOD_S, T0, Stand, axis_speed_deg_s, steadily
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes, SlewTo, mean_sidereal_deg
 from sattrack.safety import SafetyLimits
@@ -153,3 +155,28 @@ def test_a_slew_for_which_there_is_no_way_holds_a_stream_where_it_is_and_ends_no
     assert stand.truths[-1][1].hour_angle_axis_deg > rests[-1].hour_angle_axis_deg + 1.0
     begun = Stand(lambda _: far, DARK, StartPosition(10.0, 10.0), profile=profile).run(5.0)
     assert begun.safety.tripped == "hour_angle"
+
+
+def test_what_is_held_keeps_its_rates_for_one_period_and_only_while_they_lead_past_no_limit(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    looked: list[float] = []
+    stand = Stand(steadily(0.5, 0.15), SLANTING, StartPosition(55.0, 10.0))
+
+    def look(*given: Any) -> tuple[float, float]:
+        looked.append(stand.turns)
+        return nearest_rates(*given)
+
+    monkeypatch.setattr("sattrack.safety.gate.nearest_rates", look)
+    stand.run(40.0)
+    assert stand.safety.tripped is None
+    assert stand.met_s is not None
+    held_turns = stand.turns - round(stand.met_s / PERIOD_S)
+    # Every other period, and besides where what was found a period ago would lead past the skyline.
+    assert 0.5 <= len(looked) / held_turns < 0.9
+    kept = [(one, other) for one, other in pairwise(looked) if other - one == 2.0]
+    assert len(kept) > 0.2 * held_turns
+    assert max(other - one for one, other in pairwise(looked)) == 2.0
+    for one, _ in kept:
+        # The turn after a look sends what that look found.
+        assert stand.sent[int(one)] == stand.sent[int(one) - 1]

@@ -25,6 +25,7 @@ from sattrack.profiles import ProfileFile
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import Prepared, RunRequest, prepare
 from sattrack.runtime.rehearse import rehearse
+from sattrack.runtime.rehearsed_run import RehearsedRun
 from tle.bias import NO_BIAS
 from tle.elements import Elements
 from tle.instants import Utc
@@ -34,6 +35,8 @@ from tle.site import Site
 
 SHORT_PASSES = (17, 52, 69, 123, 175)
 """Seeds of short passes: some lose nothing, others to a slow mount or to the cables' end."""
+TOO_FAST = 189
+"""Seed of a short pass that is rehearsed at 20 Hz, as its mount is too slow for it."""
 ISS = str(Path(__file__).parents[3] / "examples" / "iss_leiden.tle")
 PASS = (1790946119.0, 1790946528.0)
 """The built-in pass, POSIX seconds of UTC."""
@@ -59,6 +62,22 @@ def test_a_rehearsal_tells_what_the_run_that_follows_loses_and_reaches(seed: int
         if reached is not None:
             assert peak.reached_rate_deg_s == pytest.approx(reached, rel=0.01)
     assert sum(stretch.seconds for stretch in report.lost) == pytest.approx(report.lost_s, abs=0.5)
+
+
+def test_the_statuses_that_a_rehearsal_leaves_out_change_nothing_that_it_tells(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    prepared = draw(TOO_FAST)
+    thinned = rehearse(prepared)
+    monkeypatch.setattr(RehearsedRun, "_is_clear", lambda _: False)
+    whole = rehearse(prepared)
+    assert len(thinned.performance.trace.utc_s) < 0.75 * len(whole.performance.trace.utc_s)
+    assert whole.report.lost_s > 20.0
+    assert thinned.report.lost_s == pytest.approx(whole.report.lost_s, abs=0.15)
+    assert thinned.report.acquired_after_s == pytest.approx(whole.report.acquired_after_s, abs=0.1)
+    assert [lost.limit for lost in thinned.report.lost] == [lost.limit for lost in whole.report.lost]
+    for some, every in zip(thinned.report.peaks, whole.report.peaks, strict=True):
+        assert some.reached_rate_deg_s == pytest.approx(every.reached_rate_deg_s, rel=0.005)
 
 
 @pytest.mark.soak
