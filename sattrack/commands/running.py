@@ -61,12 +61,7 @@ class Progress:
 def announcement(facts: RunFacts) -> list[str]:
     """Return what is to be known before a run begins: which pass, when, and what the elements' age means."""
     plan = facts.plan
-    begins_s = max(0.0, plan.start_utc_s - facts.started_utc_s)
-    start, end = (Utc(s).isoformat("seconds") for s in (plan.start_utc_s, plan.end_utc_s))
-    lines = [
-        f"{facts.elements.label} from {start} to {end[11:]}, {facts.max_alt_deg:.1f}° high, "
-        f"begins in {begins_s / 60.0:.0f} min"
-    ]
+    lines = [f"{facts.elements.label} {_when(facts)}"]
     age_days = (plan.start_utc_s - float(facts.elements.epoch.unix_s)) / 86400.0
     if abs(age_days) > OLD_AFTER_DAYS:
         lines.append(f"the elements are {abs(age_days):.1f} days off the pass: expect it early or late")
@@ -78,6 +73,25 @@ def announcement(facts: RunFacts) -> list[str]:
             f"{math.ceil(off_s * 3600.0)}″ along the track that the reported error does not show"
         )
     return lines
+
+
+def _when(facts: RunFacts) -> str:
+    """Return from when to when a pass lasts, and how high it comes."""
+    # With its facts; the screen's own process has none, and needs nothing of what made them.
+    from sattrack.runtime.facts import SEARCH_HOURS
+
+    plan, now_s, high = facts.plan, facts.started_utc_s, f"{facts.max_alt_deg:.1f}° high"
+    start, end = (Utc(s).isoformat("seconds") for s in (plan.start_utc_s, plan.end_utc_s))
+    # A date that both have is said once.
+    end = end[11:] if end[:10] == start[:10] else end
+    begins_s = plan.start_utc_s - now_s
+    if begins_s >= 60.0:
+        return f"from {start} to {end}, {high}, begins in {begins_s / 60.0:.0f} min"
+    if begins_s > 0.0:
+        return f"from {start} to {end}, {high}, begins in {begins_s:.0f} s"
+    if plan.end_utc_s >= now_s + SEARCH_HOURS * 3600.0 - 1.0:
+        return f"is up, and stays up for the next {SEARCH_HOURS:g} h and longer, {high}"
+    return f"is up now, to {end}, {high}"
 
 
 def progress_line(view: TrackView) -> str:

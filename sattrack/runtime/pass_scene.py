@@ -35,6 +35,9 @@ PROBE_S = 0.01
 SERVO_ARCSEC = 0.1
 """What following adds to the error to expect: nothing beside the elements, and nothing was rehearsed."""
 
+LOW_DEG = 30.0
+"""Higher up nothing rises or sets: what begins or ends there is a window in time."""
+
 
 def pass_scene(facts: RunFacts, clock_error_s: float | None = None) -> PassView:
     """Return what is told of a pass beforehand; `clock_error_s` is that of this machine's clock, one sigma.
@@ -54,8 +57,8 @@ def pass_scene(facts: RunFacts, clock_error_s: float | None = None) -> PassView:
         latitude_deg=site.latitude_deg,
         longitude_deg=site.longitude_deg,
         path=tuple(PathPoint(*row) for row in _rounded(rows[np.all(np.isfinite(rows), axis=1)])),
-        rises=plan.start_utc_s > facts.started_utc_s,
-        sets=plan.end_utc_s < facts.started_utc_s + SEARCH_HOURS * 3600.0 - 1.0,
+        rises=plan.start_utc_s > facts.started_utc_s and _low(seen.alt_deg[0]),
+        sets=plan.end_utc_s < facts.started_utc_s + SEARCH_HOURS * 3600.0 - 1.0 and _low(seen.alt_deg[-1]),
         culminate_utc_s=facts.culminate_utc_s,
         sun=_way(sun_over(site.latitude_deg, site.longitude_deg), plan.start_utc_s, plan.end_utc_s, site),
         moon=_way(moon_over(site.latitude_deg, site.longitude_deg), plan.start_utc_s, plan.end_utc_s, site),
@@ -71,6 +74,10 @@ def pass_scene(facts: RunFacts, clock_error_s: float | None = None) -> PassView:
         fov_deg=facts.fov_deg,
         can_park=facts.profile.park is not None,
     )
+
+
+def _low(alt_deg: float) -> bool:
+    return bool(alt_deg < LOW_DEG)
 
 
 def keyhole_deg(dec_deg: Array, unit_rate: Array, max_rate_deg_s: float) -> float | None:

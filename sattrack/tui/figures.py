@@ -111,13 +111,12 @@ class TimesPanel(Panel):
     def full(self, scene: Scene) -> list[Row]:
         """Return a row for each instant."""
         view = scene.view
-        # Once it has begun, whether by rising or by our coming late is not told.
-        first = "rise" if view.utc_s < view.start_utc_s else "begun"
+        first, last = _ends(scene)
         return [
             self._row(first, view.start_utc_s, view.utc_s),
             self._row("culmination", view.culminate_utc_s, view.utc_s),
             labelled("", f"at {view.max_alt_deg:.1f}°", cells=12),
-            self._row("set", view.end_utc_s, view.utc_s),
+            self._row(last, view.end_utc_s, view.utc_s),
             labelled("elements", _elements(scene), cells=12),
             labelled("recording", _recording(scene, self.content_size.width - 12), cells=12),
         ]
@@ -125,7 +124,7 @@ class TimesPanel(Panel):
     def compact(self, scene: Scene) -> list[Row]:
         """Return the one row."""
         view = scene.view
-        first = "rise" if view.utc_s < view.start_utc_s else "begun"
+        first, last = _ends(scene)
         return [
             [
                 (f"{first} ", DIM),
@@ -133,7 +132,7 @@ class TimesPanel(Panel):
                 ("    culmination ", DIM),
                 (_until(view.culminate_utc_s - view.utc_s), "bold"),
                 f" at {view.max_alt_deg:.1f}°",
-                ("    set ", DIM),
+                (f"    {last} ", DIM),
                 (_until(view.end_utc_s - view.utc_s), "bold"),
             ]
         ]
@@ -141,6 +140,16 @@ class TimesPanel(Panel):
     @staticmethod
     def _row(name: str, at_s: float, now_s: float) -> Row:
         return labelled(name, words.clock(at_s), "  ", (_until(at_s - now_s), "bold"), cells=12)
+
+
+def _ends(scene: Scene) -> tuple[str, str]:
+    """Return what a pass' two ends are called: a window in time neither rises nor sets."""
+    told = scene.sky
+    last = "set" if told is None or told.sets else "end"
+    if scene.view.utc_s >= scene.view.start_utc_s:
+        # Whether by rising or by our coming late is not told.
+        return "begun", last
+    return "rise" if told is None or told.rises else "begin", last
 
 
 def _until(seconds: float) -> str:

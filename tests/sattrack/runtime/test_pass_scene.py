@@ -12,6 +12,7 @@ import pytest
 from skyfield.api import EarthSatellite, load, wgs84
 
 from sattrack import practice
+from sattrack.commands.running import announcement
 from sattrack.runtime.pass_scene import keyhole_deg, pass_scene
 from sattrack.runtime.prepare import RunRequest, prepare
 
@@ -88,3 +89,32 @@ def test_an_error_to_expect_grows_with_the_age_of_the_elements() -> None:
 
 def test_it_is_small_enough_to_be_told_at_once() -> None:
     assert len(msgspec.json.encode(SCENE)) < 16_384
+
+
+def test_what_begins_or_ends_high_up_neither_rises_nor_sets() -> None:
+    plan = msgspec.structs.replace(
+        FACTS.plan, start_utc_s=FACTS.culminate_utc_s - 20.0, end_utc_s=FACTS.culminate_utc_s + 20.0
+    )
+    scene = pass_scene(msgspec.structs.replace(FACTS, plan=plan))
+
+    assert (scene.rises, scene.sets) == (False, False)
+
+
+def test_what_is_said_before_a_run_tells_a_pass_to_come_from_one_that_goes_on_and_one_without_an_end() -> (
+    None
+):
+    plan = FACTS.plan
+
+    def said(started_utc_s: float, **times: float) -> str:
+        changed = msgspec.structs.replace(plan, **times)
+        return announcement(msgspec.structs.replace(FACTS, plan=changed, started_utc_s=started_utc_s))[0]
+
+    assert said(plan.start_utc_s - 65.0) == (
+        "ISS (ZARYA) from 2026-10-02T13:01:59Z to 13:08:49Z, 81.3° high, begins in 1 min"
+    )
+    assert said(plan.start_utc_s - 5.0).endswith("begins in 5 s")
+    assert said(plan.start_utc_s) == "ISS (ZARYA) is up now, to 13:08:49Z, 81.3° high"
+    ever = said(plan.start_utc_s, end_utc_s=plan.start_utc_s + 48.0 * 3600.0)
+    assert ever == "ISS (ZARYA) is up, and stays up for the next 48 h and longer, 81.3° high"
+    longer = said(plan.start_utc_s - 3600.0, end_utc_s=plan.start_utc_s + 40.0 * 3600.0)
+    assert " from 2026-10-02T13:01:59Z to 2026-10-04T05:01:59Z, " in longer

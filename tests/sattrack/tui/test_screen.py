@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 import pytest
-from tui_builders import ERROR, SUMMARY, UTC_S, VIEW, FakeFeed, HandClock, changed
+from tui_builders import ERROR, SKY, SUMMARY, UTC_S, VIEW, FakeFeed, HandClock, changed
 
 from sattrack.tui.app import TrackApp
 from sattrack.tui.feed import News
@@ -371,3 +371,13 @@ def test_a_plot_without_a_line_has_no_scale() -> None:
     rows = drawn(changed(phase="waiting", error=None))
 
     assert " error  ⠒⠒ RA on the sky   ⠒⠒ Dec   nothing followed yet" in [row.rstrip() for row in rows]
+
+
+def test_a_window_in_time_neither_rises_nor_sets() -> None:
+    window = msgspec.structs.replace(SKY, rises=False, sets=False)
+    to_come = changed(phase="waiting", start_utc_s=UTC_S + 65.0)
+    for view, first in ((to_come, "begin in 1:05"), (VIEW, "begun 2:32 ago")):
+        text = "\n".join(drawn(news=News((view,), sky=window)))
+        assert first in text
+        assert "end in 4:17" in text
+        assert "set in" not in text
