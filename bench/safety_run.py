@@ -25,7 +25,7 @@ from sattrack.safety import ahead, bounds
 from sattrack.safety.reach import AxisReach
 
 if TYPE_CHECKING:
-    from sattrack.safety.reach import AxisMotion, Delays
+    from sattrack.safety.reach import Delays
 
 QUANTILES = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75)
 LIMITS = ("hour_angle", "declination", "altitude", "horizon", "pier", "sun")
@@ -43,16 +43,18 @@ def without(row: str) -> None:
 
     def blind(self: bounds.Bounds, utc_s: float | None, clock_gap_deg: float) -> bool:
         found = look(self, utc_s, clock_gap_deg)
-        self._cones = [cone for cone in self._cones if cone.name != row]
+        self._put([cone for cone in self._cones if cone.name != row])
         return found
 
     bounds.fixed_regions = some
     bounds.Bounds.look = blind  # type: ignore[method-assign]
 
 
-def careless_reach(axis: AxisMotion, delays: Delays, acceleration_deg_s2: float) -> AxisReach:
+def careless_reach(
+    position_deg: float, now_deg_s: tuple[float, float], delays: Delays, acceleration_deg_s2: float
+) -> AxisReach:
     """Look ahead as if every datagram arrived."""
-    return AxisReach(axis, delays._replace(fault_s=0.0), acceleration_deg_s2)
+    return AxisReach(position_deg, now_deg_s, delays._replace(fault_s=0.0), acceleration_deg_s2)
 
 
 def one(work: tuple[int, float, str]) -> tuple[int, str, Judged]:

@@ -6,10 +6,10 @@
 
 `--again` runs the same once more and compares the two journals. `--kills N` ends the runner by SIGKILL at N
 random instants: by turns at one of the nights' clock, anywhere or within passes, as something is kept, and
-after up to an eighth of a second of ours. What comes of it is compared with the same nights undisturbed, both without
-other troubles. Margins are measured here, of the simulated axes at each turn of the mount's loop, by formulas
-that share nothing with the safety gate; the Sun is the Astronomical Almanac's low-precision one. The ratio is
-that of the time that the nights take to what the process took.
+after up to an eighth of a second of ours. What comes of it is compared with the same nights undisturbed, both
+without other troubles. Margins are measured here, of the simulated axes at each turn of the mount's loop, by
+formulas that share nothing with the safety gate; the Sun is the Astronomical Almanac's low-precision one. The
+ratio is that of the time that the nights take to what the process took.
 """
 
 from __future__ import annotations
