@@ -18,7 +18,13 @@ from sattrack.antenna.log_lines import spoken
 from sattrack.antenna.sky import Sky
 from sattrack.antenna.station import DEC_LIMIT_DEG, Station, axis_range
 from sattrack.antenna.trajectory import to_ns
-from sattrack.commands.common import CommandContext, common_options, profile_option
+from sattrack.commands.common import (
+    CommandContext,
+    appearance,
+    common_options,
+    profile_option,
+    screen_options,
+)
 from sattrack.commands.json_lines import JsonLines
 from sattrack.commands.mount_option import mount_option
 from sattrack.commands.screened import tui_possible
@@ -84,6 +90,7 @@ MOST_FOCUS_AXES = 3
 @click.option(
     "--control", is_flag=True, help="The end of standard input stops the mount and ends the service."
 )
+@screen_options
 @common_options
 def command(context: CommandContext, **options: Any) -> int:
     """Serve the Field System's antenna interface, on TCP or on a serial line, until interrupted.
@@ -92,7 +99,7 @@ def command(context: CommandContext, **options: Any) -> int:
     tells the commands.
     """
     if options["console"]:
-        return _with_console(options)
+        return _with_console(context, options)
     if options["stream"] and sys.stdout.isatty():
         # A terminal that is held would hold up the loop that feeds the mount.
         raise BadInputError("--stream is for programs, not for a terminal; leave it out, or pipe it on")
@@ -149,7 +156,7 @@ def _focusers(given: Sequence[str]) -> tuple[SimulatedFocuser | None, list[Focus
     return None, [parse_focuser(one) for one in given]
 
 
-def _with_console(options: dict[str, Any]) -> int:
+def _with_console(context: CommandContext, options: dict[str, Any]) -> int:
     """Run this very command line in a process of its own, and its console here on top of it."""
     if options["stream"] or options["control"]:
         raise BadInputError("--console is for people, --stream and --control are for programs: give either")
@@ -158,7 +165,8 @@ def _with_console(options: dict[str, Any]) -> int:
     from sattrack.tui.antenna_app import serve_with_console
 
     arguments = [one for one in sys.argv[1:] if one != "--console"]
-    return serve_with_console([*own_program(), *arguments, "--stream", "--control"])
+    look = appearance(context, options["theme"], options["plain"])
+    return serve_with_console([*own_program(), *arguments, "--stream", "--control"], look)
 
 
 def _door(options: dict[str, Any]) -> tuple[Door, str]:

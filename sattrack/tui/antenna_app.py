@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import signal
-from typing import TYPE_CHECKING, ClassVar
+from functools import cache
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 import click
 from rich.text import Text
-from textual.app import App, ComposeResult
 from textual.binding import Binding, BindingType
 from textual.widgets import Static
 
@@ -15,12 +15,16 @@ from sattrack.tui import look, words
 from sattrack.tui.antenna_child import AntennaProcess
 from sattrack.tui.hangup import end_with_the_terminal
 from sattrack.tui.scene import Tone
+from sattrack.tui.themed import NIGHT_LOOK, ThemedApp
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from textual.app import ComposeResult
+
     from sattrack.antenna_view import AntennaView, AxesView
     from sattrack.tui.antenna_child import AntennaFeed
+    from sattrack.tui.appearance import Appearance
 
 LOOK_EVERY_S = 0.2
 PATIENCE_S = 75.0
@@ -31,13 +35,29 @@ SHORT_ANSWER = 24
 REFUSED_CHARACTERS = 26
 LARGE_ARCSEC = 3600.0
 NAMES = {"hadec": ("hour angle", "declination"), "azel": ("azimuth", "elevation")}
-SPOKEN = {tone: look.concrete(style) for tone, style in look.SPOKEN.items()}
-PLATE = {tone: look.concrete(style) for tone, style in look.PLATE.items()}
-DIM = look.concrete(look.DIM)
 KEYS = "l local  r remote  x ready after a safety stop  SPACE STOP  q stop and leave"
 
 
-class AntennaApp(App[None]):
+class Inks(NamedTuple):
+    """The styles of a theme."""
+
+    spoken: dict[Tone, str]
+    plate: dict[Tone, str]
+    dim: str
+
+
+@cache
+def inks(theme: str) -> Inks:
+    """Return the styles of a theme, by its name."""
+    colours = look.THEMES[look.THEME_NAMES.index(theme)]
+    spoken, plate = (
+        {tone: look.concrete(style, colours) for tone, style in styles.items()}
+        for styles in (look.SPOKEN, look.PLATE)
+    )
+    return Inks(spoken, plate, look.concrete(look.DIM, colours))
+
+
+class AntennaApp(ThemedApp):
     """Shows one antenna and takes its operator's keys."""
 
     TITLE = "sattrack serve antenna"
@@ -58,15 +78,17 @@ class AntennaApp(App[None]):
         Binding("l", "say('local')", "local"),
         Binding("r", "say('remote')", "remote"),
         Binding("x", "say('reset')", "reset"),
+        Binding("t", "next_theme", "theme"),
         Binding("q", "leave", "quit"),
         Binding("ctrl+q", "leave", "quit", priority=True),
         Binding("ctrl+c", "interrupt", "interrupt", priority=True),
     ]
 
-    def __init__(self, feed: AntennaFeed) -> None:
-        super().__init__()
+    def __init__(self, feed: AntennaFeed, appearance: Appearance = NIGHT_LOOK) -> None:
+        super().__init__(appearance)
         self._feed = feed
         self.interrupted = False
+        self._view: AntennaView | None = None
 
     def compose(self) -> ComposeResult:
         """Make the parts, from top to bottom."""
@@ -81,16 +103,16 @@ class AntennaApp(App[None]):
 
     def on_mount(self) -> None:
         """Set the look, and look at the feed from now on."""
-        self.register_theme(look.NIGHT)
-        self.theme = look.NIGHT.name
+        self.set_look()
         self.set_interval(LOOK_EVERY_S, self.look)
         self.look()
 
     def look(self) -> None:
         """Take in what has come, and draw it."""
         latest = self._feed.latest()
-        if latest.view is not None:
-            for name, text in drawn(latest.view).items():
+        self._view = latest.view or self._view
+        if self._view is not None:
+            for name, text in drawn(self._view, self.theme).items():
                 self.query_one(f"#{name}", Static).update(text)
         if latest.ended:
             self.exit()
@@ -113,41 +135,44 @@ class AntennaApp(App[None]):
         self.action_leave()
 
 
-def drawn(view: AntennaView) -> dict[str, Text]:
-    """Return what each part of the screen says of a state."""
+def drawn(view: AntennaView, theme: str = look.NIGHT.name) -> dict[str, Text]:
+    """Return what each part of the screen says of a state, in the colours of a theme."""
+    ink = inks(theme)
     return {
         "title": Text(f"{view.mount} as an antenna on {view.door}   {words.clock(view.utc_s)} UTC"),
-        "state": _state(view),
-        "axes": _axes(view),
-        "lines": _lines(view),
-        "refusals": _refusals(view),
+        "state": _state(view, ink),
+        "axes": _axes(view, ink),
+        "lines": _lines(view, ink),
+        "refusals": _refusals(view, ink),
     }
 
 
-def _state(view: AntennaView) -> Text:
+def _state(view: AntennaView, ink: Inks) -> Text:
     text = Text()
     mode = ("REMOTE", Tone.GOOD) if view.remote else ("LOCAL", Tone.NOTICE)
-    text.append(f" {mode[0]} ", PLATE[mode[1]])
+    text.append(f" {mode[0]} ", ink.plate[mode[1]])
     servo = Tone.GOOD if view.servo == "TRACKING" else Tone.CALM
-    text.append(f"  {view.doing.lower()}, ").append(view.servo.lower(), SPOKEN[servo])
-    text.append("   mount ").append(*_good_or_bad(view.link_up, "heard", "NOT HEARD"))
+    text.append(f"  {view.doing.lower()}, ").append(view.servo.lower(), ink.spoken[servo])
+    text.append("   mount ").append(*_good_or_bad(view.link_up, "heard", "NOT HEARD", ink))
     text.append("   antcn ").append("connected" if view.caller else "not connected")
     text.append(f"   {view.refused} refused")
     if view.tripped is not None:
-        text.append(f"\nsafety stopped the mount: {view.tripped}; x makes it ready again", SPOKEN[Tone.BAD])
+        text.append(
+            f"\nsafety stopped the mount: {view.tripped}; x makes it ready again", ink.spoken[Tone.BAD]
+        )
     elif view.outside_limits:
         words_of_limit = "\nthe trajectory is beyond the limits: the axes are held as near as may be"
-        text.append(words_of_limit, SPOKEN[Tone.NOTICE])
+        text.append(words_of_limit, ink.spoken[Tone.NOTICE])
     return text
 
 
-def _good_or_bad(good: bool, well: str, ill: str) -> tuple[str, str]:
-    return (well, SPOKEN[Tone.GOOD]) if good else (ill, SPOKEN[Tone.BAD])
+def _good_or_bad(good: bool, well: str, ill: str, ink: Inks) -> tuple[str, str]:
+    return (well, ink.spoken[Tone.GOOD]) if good else (ill, ink.spoken[Tone.BAD])
 
 
-def _axes(view: AntennaView) -> Text:
+def _axes(view: AntennaView, ink: Inks) -> Text:
     first, second = NAMES[view.axes]
-    text = Text().append(f"{'':12}{first:>16}{second:>16}\n", DIM)
+    text = Text().append(f"{'':12}{first:>16}{second:>16}\n", ink.dim)
     rows = (("commanded", view.commanded), ("actual", view.actual))
     text.append("\n".join(f"{name:12}{_pair(axes)}" for name, axes in rows))
     if view.commanded is not None and view.actual is not None:
@@ -163,47 +188,48 @@ def _axes(view: AntennaView) -> Text:
 
 
 def _apart(arcsec: float) -> str:
-    return f"{arcsec:15.2f}″" if abs(arcsec) < LARGE_ARCSEC else f"{arcsec / 3600.0:15.6f}°"
+    text = f"{arcsec:+15.2f}″" if abs(arcsec) < LARGE_ARCSEC else f"{arcsec / 3600.0:+15.6f}°"
+    return text.replace("-", words.MINUS)
 
 
 def _pair(axes: AxesView | None) -> str:
     if axes is None:
         return f"{'-':>16}{'-':>16}"
-    return f"{axes.first_deg:15.6f}°{axes.second_deg:15.6f}°"
+    return f"{axes.first_deg:15.6f}°{axes.second_deg:15.6f}°".replace("-", words.MINUS)
 
 
-def _lines(view: AntennaView) -> Text:
+def _lines(view: AntennaView, ink: Inks) -> Text:
     text = Text()
     for one in view.exchanges:
         word, _, answer = one.answered.partition(" ")
-        style = SPOKEN[Tone.NOTICE] if answer.startswith("NAK") else ""
-        text.append(f"{words.clock(one.utc_s)}  ", DIM).append(one.received, style)
+        style = ink.spoken[Tone.NOTICE] if answer.startswith("NAK") else ""
+        text.append(f"{words.clock(one.utc_s)}  ", ink.dim).append(one.received, style)
         if word == "PS" or len(answer) > SHORT_ANSWER:
-            text.append(f"\n            {answer}\n", DIM)
+            text.append(f"\n            {answer}\n", ink.dim)
         else:
-            text.append(f"  {answer}\n", style or DIM)
+            text.append(f"  {answer}\n", style or ink.dim)
     return text
 
 
-def _refusals(view: AntennaView) -> Text:
+def _refusals(view: AntennaView, ink: Inks) -> Text:
     if not view.refusals:
-        return Text("none", DIM)
+        return Text("none", ink.dim)
     text = Text()
     for one in view.refusals:
         received = one.received
         if len(received) > REFUSED_CHARACTERS:
             received = received[: REFUSED_CHARACTERS - 1] + "…"
-        text.append(f"{words.clock(one.utc_s)}  ", DIM)
-        text.append(f"{received:{REFUSED_CHARACTERS}}", SPOKEN[Tone.NOTICE]).append(f"  {one.why}\n")
+        text.append(f"{words.clock(one.utc_s)}  ", ink.dim)
+        text.append(f"{received:{REFUSED_CHARACTERS}}", ink.spoken[Tone.NOTICE]).append(f"  {one.why}\n")
     text.rstrip()
     return text
 
 
-def serve_with_console(command: Sequence[str]) -> int:
+def serve_with_console(command: Sequence[str], appearance: Appearance = NIGHT_LOOK) -> int:
     """Run `command` (`serve antenna` with --stream and --control) under the screen; return its exit code."""
     antenna = AntennaProcess(command)
     end_with_the_terminal(antenna, PATIENCE_S, GRACE_S)
-    app = AntennaApp(antenna)
+    app = AntennaApp(antenna, appearance)
     for number in (signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, lambda *_: antenna.close_input())
     code: int | None = None

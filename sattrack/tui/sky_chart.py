@@ -275,6 +275,9 @@ def _labels(canvas: DotCanvas, disc: Disc, sky: Sky, roomy: bool) -> None:
             (path[-1], "set" if told.sets else "end"),
             (top, f"{top.alt_deg:.0f}°"),
         ):
+            if point is not top and path[-1].utc_s - path[0].utc_s >= words.DAY_S:
+                # What never sets comes round to where it was, and a time of day would be of another day.
+                continue
             text = f"{name} {words.clock(point.utc_s)[:5]}" if roomy and point is not top else name
             _label(canvas, _cell(disc, Spot(point.alt_deg, point.az_deg)), text, NAME_STYLE)
     if told.keyhole_deg is not None:

@@ -15,6 +15,7 @@ from textual.widgets import Static
 from sattrack.antenna_view import AntennaView, AxesView, ExchangeView, FocusView, RefusalView
 from sattrack.tui.antenna_app import AntennaApp, drawn
 from sattrack.tui.antenna_child import AntennaProcess, LatestAntenna
+from sattrack.tui.appearance import Appearance
 
 VIEW = AntennaView(
     utc_s=NOON_NS / 1e9,
@@ -82,7 +83,7 @@ def test_the_screen_shows_the_antenna_and_the_last_lines() -> None:
         "hour angle",
         "20.000000°",
         "1.50″",
-        "-2.25″",
+        "−2.25″",
         "TD 30 x  NAK 5",
         "STOP  ACK",
         "a field is no number",
@@ -103,7 +104,7 @@ def test_the_screen_shows_the_antenna_and_the_last_lines() -> None:
         ({"outside_limits": True}, "is beyond the limits"),
         ({"axes": "azel"}, "azimuth"),
         ({"commanded": None}, "commanded                  -"),
-        ({"commanded": AxesView(20.0, 42.0)}, "-2.000625°"),
+        ({"commanded": AxesView(20.0, 42.0)}, "−2.000625°"),
         ({"refusals": ()}, "none"),
         ({"focus": FocusView((None,), moving=False)}, "stands"),
     ],
@@ -139,3 +140,24 @@ def test_the_program_beneath_sends_views_takes_words_and_ends_with_its_input() -
         antenna.end_by_force(1.0)
         told = antenna.close()
     assert "the controller is in local" in told
+
+
+def colours_of(app: AntennaApp) -> set[str]:
+    strips = app.screen._compositor.render_strips()
+    styles = [segment.style for strip in strips for segment in strip if segment.style is not None]
+    return {colour.name for style in styles for colour in (style.color, style.bgcolor) if colour is not None}
+
+
+def test_the_red_theme_is_red_and_t_goes_on_to_the_next() -> None:
+    async def run() -> None:
+        app = AntennaApp(FakeFeed(changed(link_up=False)), Appearance("red"))
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.pause()
+            assert {colour for colour in colours_of(app) if not colour.endswith("0000")} == set()
+            await pilot.press("t")
+            app.look()
+            await pilot.pause()
+            assert app.theme == "contrast"
+            assert "#ff9c94" in colours_of(app), "what is bad is said in this theme's own colour"
+
+    asyncio.run(run())
