@@ -157,7 +157,7 @@ def _held_warnings(engine: Engine) -> list[str]:
         return ["the telescope is led out of the Sun's or the Moon's way"]
     if name is None or not (paused or engine.phase == HOLDING):
         return []
-    then = "it goes on when the target comes back"
+    then = "it goes on when the satellite comes back"
     if paused:
         then = "the paused mount goes no farther"
     return [f"held at the {ROWS[name].name} limit ({ROWS[name].bound}): {then}"]

@@ -152,7 +152,9 @@ def _state(view: AntennaView, ink: Inks) -> Text:
     mode = ("REMOTE", Tone.GOOD) if view.remote else ("LOCAL", Tone.NOTICE)
     text.append(f" {mode[0]} ", ink.plate[mode[1]])
     servo = Tone.GOOD if view.servo == "TRACKING" else Tone.CALM
-    text.append(f"  {view.doing.lower()}, ").append(view.servo.lower(), ink.spoken[servo])
+    if view.doing != view.servo:
+        text.append(f"  {view.doing.lower()},")
+    text.append(f" {view.servo.lower()}", ink.spoken[servo])
     text.append("   mount ").append(*_good_or_bad(view.link_up, "heard", "NOT HEARD", ink))
     text.append("   antcn ").append("connected" if view.caller else "not connected")
     text.append(f"   {view.refused} refused")

@@ -91,7 +91,7 @@ def _end(feeder: FeederProcess, patience_s: float) -> int:
             _say("stopping the mount …")
         code = feeder.wait(patience_s)
     if code is None:
-        _say("THE FEEDER DOES NOT END: STOP THE MOUNT BY HAND; ending the feeder by force")
+        _say("THE RUN DOES NOT END: STOP THE MOUNT BY HAND; ending it by force")
         feeder.end_by_force(GRACE_S)
         return 1
     return code if code >= 0 else 128 - code
@@ -106,7 +106,7 @@ def _tell(feeder: FeederProcess) -> None:
     if feeder.summary is not None:
         click.echo("\n".join(summary_lines(feeder.summary)))
     elif feeder.viewed:
-        _say("the feeder ended without a summary: make sure that the mount is at rest")
+        _say("the run ended without a summary: make sure that the mount is at rest")
     if told:
         click.echo(told, err=True, nl=not told.endswith("\n"))
 

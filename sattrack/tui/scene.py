@@ -117,6 +117,11 @@ _ADVICE = (
     ("no fresh status", "check the mount's power and cable; SPACE stops"),
     ("held at the", "wait, or stop with SPACE"),
     ("the mount's rate limit", "the error grows until the satellite slows; SPACE stops"),
+    ("the stop is not confirmed", "if the mount still moves, use its own stop"),
+    ("another program", "SPACE stops the mount all the same"),
+    ("the mount's clock", "errors may be larger; calibrate after the pass"),
+    ("the mount was not where", "see that nothing holds it; SPACE stops"),
+    ("this side of the pier", "if the error grows, SPACE stops; calibrate on this side"),
 )
 
 

@@ -381,3 +381,21 @@ def test_a_window_in_time_neither_rises_nor_sets() -> None:
         assert first in text
         assert "end in 4:17" in text
         assert "set in" not in text
+
+
+@pytest.mark.parametrize(
+    ("said", "do"),
+    [
+        ("the stop is not confirmed yet: it is being sent again and again", "use its own stop"),
+        ("the mount's clock does not run as ours: samples are dated by arrival", "calibrate after the pass"),
+        (
+            "this side of the pier is not in the mount's profile: its rates may go the other way",
+            "SPACE stops",
+        ),
+        ("the mount was not where its commands lead: lost, and taken up where it is", "SPACE stops"),
+        ("another program is sending commands to this mount: end it, or motions will mix", "SPACE stops"),
+    ],
+)
+def test_what_the_engine_warns_of_comes_with_what_to_do(said: str, do: str) -> None:
+    assert f"! {said}: " in (text := " ".join(" ".join(drawn(changed(warnings=(said,)), size=LARGE)).split()))
+    assert do in text
