@@ -52,16 +52,15 @@ LIST_KEYS = {
 }
 ENDS = (_key("q", "q", "leave"), _key("?", "question_mark", "help"))
 TAPE_KEYS = (
-    _key("SPACE", "space", "pause"),
     Key((("←", "left"), ("→", "right")), "10 s"),
     Key(((", ", "comma"), (".", "full_stop")), "step"),
     Key((("[ ", "left_square_bracket"), ("]", "right_square_bracket")), "speed"),
     Key((("Home ", "home"), ("End", "end")), ""),
 )
 WIDE_TAPE_KEYS = (
-    *TAPE_KEYS[:2],
+    TAPE_KEYS[0],
     Key((("PgUp ", "pageup"), ("PgDn", "pagedown")), "60 s"),
-    *TAPE_KEYS[2:],
+    *TAPE_KEYS[1:],
     _key("v", "v", "sky"),
 )
 
@@ -75,7 +74,9 @@ class KeyBar(Panel, TouchBar[Scene]):
             return [STOP, *_spread(ENDS, "   ", first=True)]
         wide = self.content_size.width >= ROOM_FOR_ALL_KEYS
         if scene.tape is not None:
-            return _spread((*(WIDE_TAPE_KEYS if wide else TAPE_KEYS), *ENDS), "   ")
+            does = "again" if scene.tape.ended else "pause" if scene.tape.playing else "go on"
+            tape = (_key("SPACE", "space", does), *(WIDE_TAPE_KEYS if wide else TAPE_KEYS))
+            return _spread((*tape, *ENDS), "   ")
         if scene.page == LIVE and not scene.ended:
             keys = (*(WIDE_LIVE_KEYS if wide else LIVE_KEYS), PAUSE if scene.jog_rate is None else GO, MORE)
             return [*_spread(keys, "  "), _gap(" "), STOP, *_spread(ENDS, "  ", first=True)]

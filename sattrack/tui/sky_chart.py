@@ -187,7 +187,7 @@ def _note(sign: str, style: str, name: str, text: str) -> Row:
 def _where(spot: Spot) -> str:
     turned = round(spot.az_deg) % 360
     cardinal = words.CARDINALS[round(spot.az_deg / 45.0) % 8]
-    return f"{spot.alt_deg:5.1f}° up {turned:3d}° {cardinal:<2}".replace("-", words.MINUS)
+    return f"{spot.alt_deg:5.1f}° up {cardinal:<2} {turned:3d}°".replace("-", words.MINUS)
 
 
 def _rings(canvas: DotCanvas, disc: Disc) -> None:

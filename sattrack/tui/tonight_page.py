@@ -98,8 +98,9 @@ class TonightPage(Redrawn):
     def _row(self, row: PassRow, pointed: bool) -> Row:
         style = "reverse" if pointed else ""
         name = words.fitted(row.name, NAME_CELLS)
-        times = (row.rise_utc, row.culminate_utc, row.set_utc)
-        text = "".join(f"{words.iso_clock(time):<9}" for time in times)
+        rise = "is up" if row.rise_utc is None else words.iso_clock(row.rise_utc)
+        times = (rise, words.iso_clock(row.culminate_utc), words.iso_clock(row.set_utc))
+        text = "".join(f"{time:<9}" for time in times)
         text += f"{row.max_alt_deg:3.0f}°  {name}"
         return [("▶ " if pointed else "  ", "bold"), (text, style), "  ", *self._verdict(row)]
 

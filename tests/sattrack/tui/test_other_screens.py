@@ -154,6 +154,15 @@ def test_space_stops_in_every_screen_and_over_everything_that_lies_on_it() -> No
     on_screen(act)
 
 
+def test_a_pass_that_goes_on_is_up_and_has_no_time_of_rising() -> None:
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        await pilot.press("2")
+        rows = [row.rstrip() for row in text_of(app).splitlines() if "SAT 9" in row]
+        assert rows == [" ▶ is up    13:05:31 13:10:31  50°  SAT 9                     go"]
+
+    on_screen(act, aside=FakeAside(FakeSearch((pass_row(9, 1.0, rise_utc=None),))))
+
+
 def test_tonight_arms_takes_back_and_follows_what_is_pointed_at() -> None:
     one, two = ROWS[1], ROWS[2]
 

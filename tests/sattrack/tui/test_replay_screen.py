@@ -162,7 +162,7 @@ def test_the_screen_is_the_runs_own_with_the_tape_below(size: tuple[int, int], t
     assert re.fullmatch(r"  PAUSED  ×1   0:40 of 2:00  █+·+  pass\.mcap", rows[-2].rstrip())
     done, left = rows[-2].count("█"), rows[-2].count("·")
     assert done / (done + left) == pytest.approx(1.0 / 3.0, abs=0.02)
-    for figure in ("+0.050 s", "Sun", "SPACE pause", "q leave", "±400″"):
+    for figure in ("+0.050 s", "Sun", "SPACE go on", "q leave", "±400″"):
         assert figure in text, figure
     for hint in ("behind", "ahead", "STOP", "step   0.1"):
         assert hint not in text, hint
@@ -186,8 +186,10 @@ def test_at_the_end_it_says_how_the_run_ended_and_on_the_way_back_no_more() -> N
     ended, _, _ = played(keys("end"))
     assert ended[1].strip() == "END  of the recording: the pass is over; q leaves"
     assert ended[-2].startswith("  AT THE END ")
+    assert ended[-1].startswith(" SPACE again ")
     back, _, _ = played(keys("end", "left"))
     assert back[1].strip().startswith("TRACKING")
+    assert back[-1].startswith(" SPACE pause " if "PLAYING" in back[-2] else " SPACE go on ")
     cut = played(keys("end"), views=RECORDED[:700])[0]
     assert cut[1].strip() == "END  of the recording: it is cut off here; q leaves"
 

@@ -240,14 +240,14 @@ def test_a_larger_chart_gives_the_times_of_rise_and_set() -> None:
 
 def test_the_notes_tell_the_same_in_words() -> None:
     assert text_of(notes(NOW)) == [
-        "● satellite 55.0° up 235° SW",
-        "+ mount     20.0° up 300° NW",
-        "  rise      10.0° up 270° W  13:01:59",
-        "  highest   80.0° up 180° S  13:05:23",
-        "  set       10.0° up  90° E  13:08:48",
-        "  Sun       30.0° up 201° S   35° away",
+        "● satellite 55.0° up SW 235°",
+        "+ mount     20.0° up NW 300°",
+        "  rise      10.0° up W  270° 13:01:59",
+        "  highest   80.0° up S  180° 13:05:23",
+        "  set       10.0° up E   90° 13:08:48",
+        "  Sun       30.0° up S  201°  35° away",
         "            cone 15°: not pointed into",
-        "  Moon      40.0° up  45° NE  85° away",
+        "  Moon      40.0° up NE  45°  85° away",
         "  pole      65° away, keyhole 10.0°",
         "  skyline   2° to 10°",
         "  floor     5°",
