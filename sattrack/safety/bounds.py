@@ -30,6 +30,10 @@ RETREAT_DEG_S = 0.05
 ESCAPE_DEG_S, ESCAPE_S = 1.0, 1.0
 """Inside of a cone, axes make for its edge so fast, and slower than this near it."""
 RETREAT_STEP_DEG = 0.05
+BESIDE_DEG = (15.0, 30.0, 45.0, 60.0, 70.0, 80.0)
+"""Directions beside the best way out of a cone that are tried as well."""
+ESCAPE_NEAR_DEG = 0.3
+"""On the way out of a cone, axes may go along limits that are as near as this, but no nearer to them."""
 SAME_DEG = 1e-6
 CONES = frozenset({"sun", "moon"})
 """Rows that move by themselves."""
@@ -99,7 +103,9 @@ class Bounds:
         moves_deg = SIDEREAL_RATE_DEG_S * seconds
         return self._memory_of_cones.violated(box, margins, margin_deg + moves_deg)
 
-    def near(self, place: tuple[float, float], seconds: float = 0.0) -> dict[str, float]:
+    def near(
+        self, place: tuple[float, float], seconds: float = 0.0, margin_deg: float = HOLD_MARGIN_DEG
+    ) -> dict[str, float]:
         """Return how far a place is clear of those regions whose margin it does not keep for so many seconds.
 
         From there, axes may move along and away but not nearer. Zones of the pier have no such way out.
@@ -108,7 +114,7 @@ class Bounds:
         return {
             name: clear
             for name, clear in self._clearances(place).items()
-            if clear < HOLD_MARGIN_DEG + (moves_deg if name in CONES else 0.0)
+            if clear < margin_deg + (moves_deg if name in CONES else 0.0)
             and not (name == "pier" and clear < 0.0)
         }
 
@@ -165,7 +171,8 @@ class Bounds:
         """Return rates of the axes that lead away from the Sun or the Moon, the best first.
 
         None where neither comes too near within so many seconds. The deeper a place is inside of a cone, the
-        faster. Where a limit stands in the best way, one axis alone may still have one.
+        faster. Where a limit stands in the best way, one axis alone may still have one, or a direction beside
+        it, as along the horizon.
         """
         here = Box.between(place, place)
         crowding = [(cone.clearance(here).some_deg, cone) for cone in self._cones]
@@ -174,7 +181,7 @@ class Bounds:
             return []
         ha, dec = (_gain_deg(cone, place, axis) for axis in (0, 1))
         rate_deg_s = min(ESCAPE_DEG_S, RETREAT_DEG_S + max(0.0, -clear) / ESCAPE_S)
-        ways = [(ha, dec), (0.0, dec), (ha, 0.0)]
+        ways = [(ha, dec), (0.0, dec), (ha, 0.0), *_beside((ha, dec), place)]
         largest = [max(abs(ha), abs(dec)) for ha, dec in ways]
         return [
             (ha / most * rate_deg_s, dec / most * rate_deg_s)
@@ -197,6 +204,21 @@ class Bounds:
 
     def _is_up(self, body: Body) -> bool:
         return altitude_deg(body.hour_angle_deg, body.dec_deg, self._latitude_deg) > UP_DEG
+
+
+def _beside(way: tuple[float, float], place: tuple[float, float]) -> list[tuple[float, float]]:
+    """Return ways that lead in directions on the sky beside that of a gradient, the nearest to it first."""
+    cos_dec = max(0.02, abs(math.cos(math.radians(place[1]))))
+    # What an hour angle gains, it gains by less of the sky near the pole.
+    across, up = way[0] / cos_dec, way[1]
+    turns = [math.radians(sense * turn) for turn in BESIDE_DEG for sense in (1.0, -1.0)]
+    return [
+        (
+            (across * math.cos(turn) - up * math.sin(turn)) / cos_dec,
+            across * math.sin(turn) + up * math.cos(turn),
+        )
+        for turn in turns
+    ]
 
 
 def _gain_deg(cone: Cone, place: tuple[float, float], axis: int) -> float:

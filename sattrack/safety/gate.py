@@ -16,7 +16,7 @@ from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, Motion, MountProfile, Move
 from sattrack.requests import Abort, FineRate, Request, Slew, objection
 from sattrack.safety.ahead import Ahead, Spot
 from sattrack.safety.asked import Asked
-from sattrack.safety.bounds import CONES, INSIDE_MARGIN_DEG, Bounds
+from sattrack.safety.bounds import CONES, ESCAPE_NEAR_DEG, INSIDE_MARGIN_DEG, Bounds
 from sattrack.safety.doubt import Belief, Doubt
 from sattrack.safety.geometry import Box
 from sattrack.safety.held import nearest_rates, within
@@ -28,6 +28,7 @@ from sattrack.safety.watch import BACKWARD_S, OLDEST_STATUS_S, Seen, Watch
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from sattrack.safety.ahead import RateRanges
     from sattrack.safety.geometry import Place
     from sattrack.safety.limits import SafetyLimits
     from sattrack.safety.standing import Stance
@@ -310,7 +311,7 @@ class Safety:
                     return self._trip(outside)
                 kept = self._kept(outlook.limit, utc_s) if outside is None else None
                 if kept is None:
-                    kept = self._held((clipped, room), spots[0].place, outlook.limit, outside is not None)
+                    kept = self._held((clipped, room), (spots, now), outlook.limit, outside is not None)
                     self._held_since = None if utc_s is None else (utc_s, kept)
                 wanted = kept
         if utc_s is not None:
@@ -337,24 +338,29 @@ class Safety:
     def _held(
         self,
         wish: tuple[Rates, tuple[Rates, Rates]],
-        place: Place,
+        stand: tuple[Sequence[Spot], RateRanges],
         ahead: Callable[[Rates], str | None],
         inside: bool,
     ) -> Rates:
         """Return the rates nearest to a wish with no limit `ahead`, or what leads away from the Sun.
 
-        A wish comes with the room that there is for the next command's rates. What moves by itself towards
-        axes that stand, the Sun or the Moon, is given way to; and axes that are `inside` of its cone make for
-        its edge, whatever is wanted.
+        A wish comes with the room that there is for the next command's rates, a stand with the rates that are
+        in force. What moves by itself towards axes that stand, the Sun or the Moon, is given way to; and axes
+        that are `inside` of its cone make for its edge, whatever is wanted.
         """
-        held = REST
+        held, (spots, now) = REST, stand
+        place = spots[0].place
         if not inside:
             cos_dec = math.cos(math.radians(place.dec_deg))
             held = nearest_rates(*wish, cos_dec, lambda rates: ahead(rates) is None)
         if held != REST:
             return held
         ways = self._bounds.away(place, self._ahead.horizon_s)
-        return next((away for away in ways if ahead(away) is None), REST)
+        if not ways:
+            return REST
+        nears = [self._bounds.near(spot.place, self._ahead.horizon_s, ESCAPE_NEAR_DEG) for spot in spots]
+        limit = self._ahead.outlook(spots, now, nears).limit
+        return next((away for away in ways if limit(away) is None), REST)
 
     def _as_move(self, rates: tuple[float, float], move: MoveAxes, wish: tuple[float, float]) -> MoveAxes:
         if rates == wish:
