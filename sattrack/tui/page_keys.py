@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from textual.app import App
 
 from sattrack.session_messages import Arm
+from sattrack.tui import words
 from sattrack.tui.console_dialogs import Question
 from sattrack.tui.pages import TONIGHT
 
@@ -91,8 +92,12 @@ class PageKeys(App[None]):
         if scene.ended or scene.view.phase == "waiting":
             self._order(order)
             return
-        text = f"{scene.view.name} is left, and the mount goes on to {row.name}."
-        self.push_screen(Question("leave it?", text), lambda sure: self._order(order) if sure else None)
+        when = f"highest at {words.iso_clock(row.culminate_utc)} with {row.max_alt_deg:.0f}°"
+        text = f"{scene.view.name} is left, and the mount goes on to {row.name}, {when}."
+        if row.feasible is False:
+            text += f" That pass is no-go: {row.why_not or 'the mount cannot follow it'}."
+        question = Question(f"leave {scene.view.name} for {row.name}?", text)
+        self.push_screen(question, lambda sure: self._order(order) if sure else None)
 
     def _order(self, order: SessionMessage | None) -> None:
         """Say something about what is to be followed: it is heard also after the end of a run."""

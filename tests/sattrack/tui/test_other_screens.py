@@ -187,6 +187,20 @@ def test_tonight_arms_takes_back_and_follows_what_is_pointed_at() -> None:
     on_screen(act)
 
 
+def test_before_a_satellite_is_left_it_is_said_for_which_pass_and_whether_that_can_be_followed() -> None:
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        for keys, no_go in (("down", "a"), False), (("down", "a"), True):
+            await pilot.press("2", *keys)
+            text = " ".join(text_of(app).replace("│", " ").split())
+            assert f"leave ISS (ZARYA) for SAT {101 + no_go}?" in text
+            assert ("highest at 13:24:31 with 50°." in text) is not no_go
+            says = "That pass is no-go: too fast for the hour angle axis near the pole. y does it"
+            assert (says in text) is no_go
+            await pilot.press("x")
+
+    on_screen(act)
+
+
 @pytest.mark.parametrize(
     ("keys", "number"), [(["n", "y"], 101), (["n", "n"], None), (["b", "y"], None), (["n", "escape"], None)]
 )

@@ -399,3 +399,15 @@ def test_a_window_in_time_neither_rises_nor_sets() -> None:
 def test_what_the_engine_warns_of_comes_with_what_to_do(said: str, do: str) -> None:
     assert f"! {said}: " in (text := " ".join(" ".join(drawn(changed(warnings=(said,)), size=LARGE)).split()))
     assert do in text
+
+
+@pytest.mark.parametrize("size", [SMALL, LARGE, HUGE])
+def test_a_fast_slew_fits_and_a_longer_delay_moves_nothing(size: tuple[int, int]) -> None:
+    slewing = changed(phase="slewing", ra_rate_reached_deg_s=-10.0, dec_rate_reached_deg_s=-10.0)
+    text = "\n".join(drawn(slewing, size=size))
+    assert text.count("−10.000") == 2
+    assert "…" not in text
+
+    shown = [drawn(changed(link={"delay_ms": delay_ms}), size=size) for delay_ms in (0.1, 9.94, 12.3, 999.4)]
+    for rows, said in zip(shown, ("0.1 ms", "9.9 ms", "12 ms ", "999 ms"), strict=True):
+        assert [row.replace("0.1 ms", said) for row in shown[0]] == rows
