@@ -34,7 +34,7 @@ SEARCH_AGAIN_S = 600.0
 READ_AGAIN_S = 2.0
 LOOK_AWAY_S = 30.0
 """How long a look at the mount lasts after its screen was left."""
-NO_ASIDE = "this screen was started without them"
+NO_ASIDE = "nothing to show: this screen was started for the pass alone"
 
 
 class Screens:
