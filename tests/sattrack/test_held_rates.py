@@ -11,8 +11,8 @@ from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, PERIOD_S, T0, Stand, axis_
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes, SlewTo, mean_sidereal_deg
 from sattrack.safety import SafetyLimits
-from sattrack.safety.bodies import sun_over
-from sattrack.safety.geometry import separation_deg
+from sattrack.safety.bodies import Body, sun_over
+from sattrack.safety.geometry import altitude_deg, separation_deg
 from sattrack.safety.held import nearest_rates
 from sattrack.xerxes.simulator.facts import StartPosition
 
@@ -114,6 +114,51 @@ def test_axes_held_at_the_suns_cone_go_round_it_after_what_passed_behind_it() ->
         for truth, body in bodies
     ]
     assert min(apart) > 15.0
+
+
+@pytest.mark.parametrize("beside_deg", [20.0, 40.0])
+def test_axes_held_at_the_floor_go_along_it_out_of_the_way_of_a_sun_that_comes_down(
+    beside_deg: float,
+) -> None:
+    """The Sun stands 15.3° above axes that are wished into the ground, and sinks by more than that leaves."""
+    over = sun_over(LATITUDE_DEG, LONGITUDE_DEG)
+    sun = over.at(T0)
+    start = below(sun, 15.3, beside_deg)
+    floor_deg = altitude_deg(start.hour_angle_deg, start.dec_deg, LATITUDE_DEG) - 0.15
+    limits = SafetyLimits(floor_altitude_deg=floor_deg, sun_cone_deg=15.0)
+    stand = Stand(steadily(0.05, -0.05), limits, start).run(420.0)
+    assert stand.safety.tripped is None
+    later = over.at(T0 + 420.0)
+    here = start.hour_angle_deg, start.dec_deg
+    assert separation_deg(*here, later.hour_angle_deg, later.dec_deg) < 14.5
+    for t, truth in stand.truths[::20]:
+        body = over.at(T0 + t)
+        here = truth.hour_angle_axis_deg, truth.dec_axis_deg
+        assert separation_deg(*here, body.hour_angle_deg, body.dec_deg) > 15.0, t
+        assert altitude_deg(*here, LATITUDE_DEG) > floor_deg, t
+
+
+def below(sun: Body, by_deg: float, beside_deg: float) -> StartPosition:
+    """Return the axes that point so far from the Sun, so many degrees beside straight down from it."""
+    far, turn = math.radians(by_deg), math.radians(beside_deg)
+    p, h, d = (math.radians(x) for x in (LATITUDE_DEG, sun.hour_angle_deg, sun.dec_deg))
+    meridian, west, pole = math.cos(d) * math.cos(h), math.cos(d) * math.sin(h), math.sin(d)
+    zenith = (math.cos(p), 0.0, math.sin(p))
+    up = sum(a * b for a, b in zip((meridian, west, pole), zenith, strict=True))
+    # Unit vectors at the Sun: toward the nadir, and at right angles to it, to the right as one sees it.
+    down = [
+        (up * a - b) / math.sqrt(1.0 - up * up) for a, b in zip((meridian, west, pole), zenith, strict=True)
+    ]
+    right = (
+        down[2] * west - down[1] * pole,
+        down[0] * pole - down[2] * meridian,
+        down[1] * meridian - down[0] * west,
+    )
+    x, y, z = (
+        math.cos(far) * a + math.sin(far) * (math.cos(turn) * b + math.sin(turn) * c)
+        for a, b, c in zip((meridian, west, pole), down, right, strict=True)
+    )
+    return StartPosition(math.degrees(math.atan2(y, x)), math.degrees(math.asin(z)))
 
 
 SLANTING = SafetyLimits(

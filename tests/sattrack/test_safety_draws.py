@@ -34,14 +34,6 @@ def test_a_mount_gets_out_of_a_corner_between_a_skyline_and_the_suns_cone_that_c
     assert judged.ended_by == "set"
 
 
-def test_a_mount_held_at_its_floor_goes_along_it_out_of_the_way_of_a_sun_that_comes_down() -> None:
-    words, judged = flown(20_001_000_043, 600.0)
-    assert not judged.violated, (words, judged.nearest_deg)
-    # Its drives fail later on, while it follows.
-    assert judged.ended_by == "limit:obedience"
-    assert 100.0 < judged.held_s < 200.0
-
-
 @pytest.mark.soak
 def test_no_limit_is_passed_in_two_thousand_runs_of_up_to_ten_minutes() -> None:
     for seed in range(1_000_000, 1_002_000):
