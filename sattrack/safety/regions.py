@@ -163,7 +163,11 @@ class PierCollision:
 
     def __init__(self, zone: PierZone, margin_deg: float) -> None:
         self._margin_deg = margin_deg
-        self._polygons = list(_axis_polygons(zone))
+        # Box angles are taken to within a turn of the first corner's, so that of it three stand near.
+        self._polygons = [
+            (corners[0], [_Polygon(_moved(corners, k)) for k in (-1, 0, 1)])
+            for corners in _axis_polygons(zone)
+        ]
 
     def clearance(self, box: Box) -> Clearance:
         """See Region: told is whether the zone is met, what is left of its margin, or that all of it is."""
@@ -182,12 +186,35 @@ class PierCollision:
         left = BESIDE_DEG * clear / m
         return Clearance(left, left)
 
+    def is_clear(self, box: Box, margin_deg: float) -> bool:
+        """See `is_clear`; what `clearance` tells of a margin, without looking for how much is left of it."""
+        if margin_deg <= STRUCK.least_deg:
+            return True
+        share = 1.0 if margin_deg > BESIDE_DEG else max(0.0, margin_deg / BESIDE_DEG)
+        m = share * self._margin_deg
+        return margin_deg <= APART.least_deg and not self._meets(box.grown(m, m, m, m))
+
     def _meets(self, box: Box) -> bool:
-        return any(
-            meets_polygon(_turned(box, corners), _moved(corners, k))
-            for corners in self._polygons
-            for k in (-1, 0, 1)
-        )
+        for first, polygons in self._polygons:
+            near = _turned(box, first)
+            if any(polygon.meets(near) for polygon in polygons):
+                return True
+        return False
+
+
+class _Polygon:
+    """Corners of hour angle and declination, and the box about them: what does not meet that is apart."""
+
+    def __init__(self, corners: tuple[tuple[float, float], ...]) -> None:
+        self._corners = corners
+        self._left, self._right = min(x for x, _ in corners), max(x for x, _ in corners)
+        self._low, self._high = min(y for _, y in corners), max(y for _, y in corners)
+
+    def meets(self, box: Box) -> bool:
+        left, right, low, high = box
+        if left > self._right or right < self._left or low > self._high or high < self._low:
+            return False
+        return meets_polygon(box, self._corners)
 
 
 class Cone:
@@ -233,7 +260,7 @@ def judge_of(region: Region) -> Callable[[Box, float], bool]:
     return region.is_clear if isinstance(region, EXACT) else partial(is_clear, region)
 
 
-EXACT = (Travel, Floor, Cone)
+EXACT = (Travel, Floor, PierCollision, Cone)
 """Regions that know exactly how far a box is clear of them."""
 
 
@@ -266,10 +293,10 @@ def _axis_polygons(zone: PierZone) -> Iterator[tuple[tuple[float, float], ...]]:
         yield tuple((ha + 180.0, 180.0 - dec) for ha, dec in zone.corners)
 
 
-def _turned(box: Box, corners: tuple[tuple[float, float], ...]) -> Box:
-    """Return the same axis angles within a turn of a polygon's, both axes."""
-    ha = TURN_DEG * round((corners[0][0] - 0.5 * (box.ha_low_deg + box.ha_high_deg)) / TURN_DEG)
-    dec = TURN_DEG * round((corners[0][1] - 0.5 * (box.dec_low_deg + box.dec_high_deg)) / TURN_DEG)
+def _turned(box: Box, corner: tuple[float, float]) -> Box:
+    """Return the same axis angles within a turn of a corner's, both axes."""
+    ha = TURN_DEG * round((corner[0] - 0.5 * (box.ha_low_deg + box.ha_high_deg)) / TURN_DEG)
+    dec = TURN_DEG * round((corner[1] - 0.5 * (box.dec_low_deg + box.dec_high_deg)) / TURN_DEG)
     return box.grown(-ha, ha, -dec, dec)
 
 

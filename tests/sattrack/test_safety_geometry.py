@@ -9,6 +9,7 @@ import erfa
 import numpy as np
 import pytest
 
+from sattrack.mount import PierZone
 from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.safety.geometry import (
     Box,
@@ -18,7 +19,7 @@ from sattrack.safety.geometry import (
     nearest_deg,
     separation_deg,
 )
-from sattrack.safety.regions import Skyline, is_clear
+from sattrack.safety.regions import Cone, Floor, PierCollision, Skyline, Travel, is_clear
 
 
 def vector(ha_deg: float, dec_deg: float) -> np.ndarray:
@@ -191,3 +192,26 @@ def test_a_skyline_is_a_wall_where_it_is_high() -> None:
         # To the north, above the pole.
         dec = 52.0 + 90.0 - 60.0 - above_deg
         assert is_clear(skyline, Box(0.0, 0.0, dec, dec), 1.0) is clear
+
+
+@pytest.mark.parametrize("margin_deg", [-2.0, 0.0, 0.01, 0.05, 0.1, 1.5, 3.0])
+def test_regions_are_judged_by_a_margin_as_their_clearance_tells(margin_deg: float) -> None:
+    """Closed forms of what is asked most often, against the clearance that they stand for."""
+    zone = PierZone("l", ((-30.0, 10.0), (40.0, 20.0), (0.0, 50.0), (-10.0, 25.0)))
+    sun = sun_over(52.0, 4.5).at(1_790_000_000.0)
+    regions = (
+        PierCollision(zone, 0.5),
+        Travel("hour_angle", -60.0, 60.0),
+        Travel("declination", -40.0, 80.0),
+        Floor(10.0, 52.0),
+        Cone("sun", sun, 15.0),
+    )
+    rng, found = random.Random(4), set()
+    for _ in range(1500):
+        ha, dec = rng.uniform(-45.0, 65.0) + rng.choice((0.0, 0.0, 360.0)), rng.uniform(-45.0, 100.0)
+        box = Box(ha, ha + rng.choice((0.0, rng.uniform(0.0, 4.0))), dec, dec + rng.uniform(0.0, 4.0))
+        for region in regions:
+            clear = region.clearance(box).least_deg >= margin_deg
+            assert is_clear(region, box, margin_deg) is clear, (region.name, box)
+            found.add((region.name, clear))
+    assert len(found) >= 2 * len(regions) - 2
