@@ -94,13 +94,13 @@ def _plan(context: CommandContext, schedule: Schedule, options: dict[str, Any]) 
     from msgspec import structs
 
     from sattrack.alpaca_mount.address import parse_alpaca
-    from sattrack.commands.run_plan import loader, progress, why_left
+    from sattrack.commands.run_plan import loader, progress, why_left, within_half_a_turn
     from sattrack.schedule.making import make_plan
 
     url = options["mount_url"] or context.settings.mount.url
     # A plan is made without a network too: a host that cannot be found does not matter.
     address = parse_alpaca(url, resolve=False) if url is not None and url.startswith("alpaca:") else None
-    profile = context.profile(options["profile"], url)
+    profile = within_half_a_turn(context.profile(options["profile"], url))
     situation = _situation(context, schedule, profile, options)
     rehearse = None
     if options["rehearse"]:

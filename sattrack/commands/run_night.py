@@ -6,11 +6,16 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from msgspec import structs
-
 from sattrack import practice
 from sattrack.commands.common import tell
-from sattrack.commands.run_plan import loader, progress, said_utc_s, situation_of, why_left
+from sattrack.commands.run_plan import (
+    loader,
+    progress,
+    said_utc_s,
+    situation_of,
+    why_left,
+    within_half_a_turn,
+)
 from sattrack.commands.run_told import Told
 from sattrack.errors import BadInputError, InterruptedRunError
 from sattrack.runtime.mounts import is_antenna, mount_address
@@ -43,7 +48,6 @@ if TYPE_CHECKING:
 
 NOON_S, S_PER_DEG = 43200.0, 240.0
 VIRTUAL_DAYS = 1.0
-MOST_HOUR_ANGLE_DEG = 170.0
 ERRANDS_WITHIN_S = 30.0
 """How long those who are notified are waited for at the end."""
 
@@ -94,17 +98,6 @@ def _night_pass(
         asked_by=entry.label,
         source=entry.source,
         renewable=load(entry.source).renewable,
-    )
-
-
-def within_half_a_turn(profile: ProfileFile) -> ProfileFile:
-    """Return a profile whose hour angle axis keeps within half a turn, so that nobody needs to count turns.
-
-    Each pass is a session of its own, no status tells how the cables are wound, and a mount at rest may go on
-    with the sky.
-    """
-    return structs.replace(
-        profile, hour_angle_limit_deg=min(profile.hour_angle_limit_deg, MOST_HOUR_ANGLE_DEG)
     )
 
 

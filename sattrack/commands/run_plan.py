@@ -7,6 +7,7 @@ import sys
 from typing import TYPE_CHECKING
 
 import click
+import msgspec
 
 from sattrack.commands.common import tell
 from sattrack.errors import BadInputError
@@ -24,10 +25,23 @@ if TYPE_CHECKING:
 
     Span = tuple[float, float]
 
+MOST_HOUR_ANGLE_DEG = 170.0
+
 
 def said_utc_s(text: str | None, otherwise: float | None) -> float | None:
     """Return the instant of an option as POSIX seconds, or what holds without it. Raises TleError."""
     return otherwise if text is None else float(Utc.parse(text).unix_s)
+
+
+def within_half_a_turn(profile: ProfileFile) -> ProfileFile:
+    """Return a profile whose hour angle axis keeps within half a turn, so that nobody needs to count turns.
+
+    Each pass is a session of its own, no status tells how the cables are wound, and a mount at rest may go on
+    with the sky.
+    """
+    return msgspec.structs.replace(
+        profile, hour_angle_limit_deg=min(profile.hour_angle_limit_deg, MOST_HOUR_ANGLE_DEG)
+    )
 
 
 def situation_of(

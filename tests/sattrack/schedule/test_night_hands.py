@@ -21,7 +21,7 @@ from element_server import element_server
 from sattrack import practice
 from sattrack.commands.common import CommandContext
 from sattrack.commands.run_live import renewer
-from sattrack.commands.run_night import within_half_a_turn
+from sattrack.commands.run_plan import within_half_a_turn
 from sattrack.errors import SattrackError
 from sattrack.manual.procedures import ParkThere
 from sattrack.mount import AxesPosition
