@@ -110,9 +110,11 @@ class Mount:
         """Return how to reach it from a port that nobody has."""
         return f"xerxes://127.0.0.1:{self.port}?listen={free_port()}"
 
-    def wait_until_faster(self, than_deg_s: float) -> None:
-        """Wait until an axis is faster than so much."""
-        self._wait(lambda: speed_deg_s(self.truths[-1]) > than_deg_s, "is not so fast")
+    def wait_until_faster(self, than_deg_s: float, since: int = -1) -> None:
+        """Wait until an axis is faster than so much, or was since it had told of its axes so many times."""
+        self._wait(
+            lambda: any(speed_deg_s(truth) > than_deg_s for truth in self.truths[since:]), "is not so fast"
+        )
 
     def wait_until_moving(self, moving: bool) -> None:
         """Wait until an axis moves otherwise than with the sky, or until none does."""
