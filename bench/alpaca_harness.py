@@ -12,7 +12,6 @@ from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any
 
 import msgspec
-from sattrack.control.sky_error import sky_error
 
 from sattrack.alpaca_mount.address import AlpacaAddress
 from sattrack.alpaca_mount.bridge import Bridge
@@ -23,6 +22,7 @@ from sattrack.calibration.findings import Findings, conclude, dated_by_requests
 from sattrack.calibration.guard import Surroundings
 from sattrack.calibration.plan import Plan
 from sattrack.calibration.profile import bounded, calibrated
+from sattrack.control.sky_error import sky_error
 from sattrack.figures import RunningError
 from sattrack.runtime.facts import build_engine, suited_to
 from sattrack.runtime.prepare import RunRequest, prepare

@@ -24,9 +24,9 @@ from typing import Any
 import msgspec
 from alpaca_harness import calibrate, follow
 from programs import satellite, simulated_telescope
-from sattrack.control.sky_error import sky_error
 
 from sattrack.alpaca_simulator.settings import TelescopeSettings
+from sattrack.control.sky_error import sky_error
 from sattrack.figures import RunningError
 from tle.instants import Utc
 from tle.propagator import Propagator

@@ -14,8 +14,8 @@ from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
-from sattrack.control.sky_error import sky_error
 
+from sattrack.control.sky_error import sky_error
 from sattrack.xerxes.datagrams import Command, decode_command, encode_command
 from sattrack.xerxes.repeats import REPEAT_AFTER_PERIODS
 from tle.instants import Utc

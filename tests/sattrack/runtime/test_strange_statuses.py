@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 import pytest
-from sattrack.control.sky_error import sky_error
 
 from sattrack import practice
+from sattrack.control.sky_error import sky_error
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.outcome import summarise
