@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any
 from sattrack.console_view import AskedView, ConsoleView, ReadingsView, StatusView
 from sattrack.manual.wording import limit_words, request_words
 from sattrack.mount import Hold, MoveAxes, SlewTo, Stop
-from sattrack.view import LinkView
 from sattrack.xerxes.datagrams import DTICS_S_PER_DEG_S
 from sattrack.xerxes.link import LinkState
+from sattrack.xerxes.link_view import link_view
 
 if TYPE_CHECKING:
     from sattrack.manual.console import Asked, Console
+    from sattrack.view import LinkView
     from sattrack.xerxes.datagrams import Status
 
 SITE_TOLERANCE_DEG = 0.1
@@ -76,23 +77,7 @@ def _readings(console: Console) -> ReadingsView:
 
 def _link_view(console: Console, now_utc_s: float) -> LinkView:
     health = console.session.health
-    age_s = health.age_s(now_utc_s)
-    return LinkView(
-        state=console.session.link_state(now_utc_s).value,
-        age_s=None if age_s is None else max(0.0, age_s),
-        sent=health.sent,
-        received=health.received,
-        lost=health.lost,
-        late=health.late,
-        duplicate=health.duplicate,
-        rejected=health.rejected,
-        rate_hz=health.rate_hz,
-        jitter_ms=None if health.jitter_s is None else health.jitter_s * 1000.0,
-        restarts=health.restarts,
-        strangers=health.strangers,
-        doubled_launches=health.doubled_launches,
-        foreign_acks=health.foreign_acks,
-    )
+    return link_view(health, console.session.link_state(now_utc_s), health.age_s(now_utc_s))
 
 
 def _warnings(console: Console, now_utc_s: float) -> list[str]:
