@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sattrack.control.sky_error import SkyError, sky_error
+from sattrack.control.sky_error import sky_error
 from sattrack.engine_view import HOLDING, view_of
 from sattrack.figures import RunningError, WindowedError
 from sattrack.messages import Jog
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from sattrack.messages import Message
     from sattrack.mount import MountProfile
     from sattrack.safety import Cleared
-    from sattrack.view import RememberedView, TrackView
+    from sattrack.view import ErrorView, RememberedView, TrackView
     from tle.bias import Bias
     from tle.propagator import Propagator
 
@@ -138,7 +138,7 @@ class Engine:
                 )
                 return
 
-    def _count(self, error: SkyError, counter: int, seconds: float) -> None:
+    def _count(self, error: ErrorView, counter: int, seconds: float) -> None:
         """Take an error into the figures: everything from the first acquisition on, lost or not.
 
         A pause, and the way back after it, are the operator's, and counted apart.
@@ -270,7 +270,7 @@ class Engine:
         row = ROWS[self.safety.tripped or ""]
         return f"safety stopped the mount at its {row.name} limit ({row.watches}); to go on: {row.way_out}"
 
-    def true_error(self, counter: int, utc_s: float, ra_deg: float, dec_deg: float) -> SkyError | None:
+    def true_error(self, counter: int, utc_s: float, ra_deg: float, dec_deg: float) -> ErrorView | None:
         """Return the error of a simulated mount's true axes; None outside the time that figures count."""
         if self.failed or counter not in self._counted:
             return None

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import msgspec
-
 from sattrack.bias_view import (
     bias_fields,
     estimate_view,
@@ -17,13 +15,14 @@ from sattrack.control.kalman import wrap180
 from sattrack.mount import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 from sattrack.safety import ROWS
 from sattrack.tracker import FOLLOWING, Phase
-from sattrack.view import ErrorView, LinkView, PauseView, TrackView
+from sattrack.view import PauseView, TrackView
 from sattrack.xerxes.link import STALE_AFTER_S, LinkState
+from sattrack.xerxes.link_view import link_view
 
 if TYPE_CHECKING:
-    from sattrack.control.sky_error import SkyError
     from sattrack.engine import Engine
     from sattrack.mount import StatusSample
+    from sattrack.view import ErrorView, LinkView
 
 HOLDING = "holding"
 """The phase in which a limit keeps the mount off its target."""
@@ -57,7 +56,7 @@ def view_of(engine: Engine, now_utc_s: float) -> TrackView:
         range_km=float(target.range_km),
         mount_ra_deg=None if sample is None else sample.ra_deg,
         mount_dec_deg=None if sample is None else sample.dec_deg,
-        error=None if error is None else ErrorView(*msgspec.structs.astuple(error)),
+        error=error,
         rms_10s_arcsec=engine.rms_10s_arcsec,
         rms_pass_arcsec=engine.reported.rms_arcsec,
         ra_rate_deg_s=tracker.rates.ra_rate_deg_s,
@@ -85,27 +84,11 @@ def _link_view(engine: Engine, now_utc_s: float) -> LinkView:
     if sample is not None and error is not None:
         delay_ms = 1000.0 * (sample.arrival_utc_s - error.utc_s)
         clock_offset_s = _clock_offset_s(engine, sample, error)
-    return LinkView(
-        state=engine.link_state.value,
-        age_s=None if sample is None else max(0.0, now_utc_s - sample.arrival_utc_s),
-        sent=health.sent,
-        received=health.received,
-        lost=health.lost,
-        late=health.late,
-        duplicate=health.duplicate,
-        rejected=health.rejected,
-        rate_hz=health.rate_hz,
-        jitter_ms=None if health.jitter_s is None else health.jitter_s * 1000.0,
-        restarts=health.restarts,
-        strangers=health.strangers,
-        doubled_launches=health.doubled_launches,
-        foreign_acks=health.foreign_acks,
-        delay_ms=delay_ms,
-        clock_offset_s=clock_offset_s,
-    )
+    age_s = None if sample is None else now_utc_s - sample.arrival_utc_s
+    return link_view(health, engine.link_state, age_s, delay_ms, clock_offset_s)
 
 
-def _clock_offset_s(engine: Engine, sample: StatusSample, error: SkyError) -> float:
+def _clock_offset_s(engine: Engine, sample: StatusSample, error: ErrorView) -> float:
     """Return how far the mount's sidereal clock is ahead of mean sidereal time by our UTC, seconds."""
     mean_deg = mean_sidereal_deg(error.utc_s, engine.spec.propagator.site.longitude_deg)
     return wrap180(sample.sidereal_h * 15.0 - mean_deg) / SIDEREAL_RATE_DEG_S

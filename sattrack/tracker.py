@@ -23,13 +23,13 @@ from sattrack.control.law import ControlLaw
 from sattrack.control.mount_loop import MountLoop
 from sattrack.control.passage import Passage, Place
 from sattrack.control.rest import Rest
-from sattrack.control.sky_error import SkyError, Target, sky_error
+from sattrack.control.sky_error import Target, sky_error
 from sattrack.control.steering import Steering
 from sattrack.messages import Go, Jog, Message, Observation, Pause, Search, StopNow
 from sattrack.mount import Hold, Motion, MountProfile, MoveAxes, SlewTo, StatusSample, Stop
 
 if TYPE_CHECKING:
-    from sattrack.view import RememberedView
+    from sattrack.view import ErrorView, RememberedView
     from tle.bias import Bias
     from tle.direction import Direction
     from tle.propagator import Propagator
@@ -124,7 +124,7 @@ class Tracker:
         """How the mount rests while the run is paused; None while it is not."""
         self.rejoining = False
         """Whether the mount is on its way back onto the target, after a pause."""
-        self.error: SkyError | None = None
+        self.error: ErrorView | None = None
         self.rates = MoveAxes(0.0, 0.0)
 
     def use(self, propagator: Propagator) -> None:
@@ -156,7 +156,7 @@ class Tracker:
         """Return where the satellite is fed at an instant, all offsets of that instant applied."""
         return self.steering.biases.at(utc_s)
 
-    def take(self, sample: StatusSample) -> SkyError:
+    def take(self, sample: StatusSample) -> ErrorView:
         """Take in one sample; return its error on the sky, dated by the mount's own clock."""
         utc_s = self._clock.date(sample.sidereal_h, sample.arrival_utc_s, sample.counter)
         self._loop.note(sample.counter, utc_s)
@@ -412,7 +412,7 @@ class Tracker:
             periods = (now_utc_s - last_utc_s) / self._profile.period_s
             self._acting_s = max(2.0, min(MOST_EDGE_PERIODS, periods)) * self._profile.period_s
 
-    def _judge(self, error: SkyError) -> None:
+    def _judge(self, error: ErrorView) -> None:
         if self.phase is Phase.ACQUIRING:
             self._near = self._near + 1 if error.total_arcsec <= self.plan.on_target_arcsec else 0
             if self._near >= ACQUIRED_AFTER_SAMPLES:

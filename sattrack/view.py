@@ -33,8 +33,12 @@ class LinkView(msgspec.Struct, frozen=True):
     """The mount's sidereal clock minus local mean sidereal time by our UTC at the site, seconds."""
 
 
-class ErrorView(msgspec.Struct, frozen=True):
-    """Mount minus target on the sky, arcseconds, at the instant of one status (UTC, POSIX seconds)."""
+class ErrorView(msgspec.Struct, frozen=True, gc=False):
+    """Mount minus target on the sky, arcseconds, at the instant of one status (UTC, POSIX seconds).
+
+    Total, per axis, and along and across the motion: along is positive where the mount leads, across to the
+    left of the motion, seen from below.
+    """
 
     utc_s: float
     total_arcsec: float

@@ -8,23 +8,10 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.control.kalman import wrap180
+from sattrack.view import ErrorView
 
 if TYPE_CHECKING:
     from tle.direction import Direction
-
-
-class SkyError(msgspec.Struct, frozen=True, gc=False):
-    """Mount minus target on the sky, arcseconds: total, per axis, and along and across the motion.
-
-    Along is positive where the mount leads; across is positive to the left of the motion, seen from below.
-    """
-
-    utc_s: float
-    total_arcsec: float
-    ra_arcsec: float
-    dec_arcsec: float
-    along_arcsec: float
-    across_arcsec: float
 
 
 class Target(msgspec.Struct, frozen=True, gc=False):
@@ -43,7 +30,7 @@ class Target(msgspec.Struct, frozen=True, gc=False):
         return cls(ra + ra_rate * late_s, dec + dec_rate * late_s, ra_rate, dec_rate)
 
 
-def sky_error(utc_s: float, ra_deg: float, dec_deg: float, target: Direction | Target) -> SkyError:
+def sky_error(utc_s: float, ra_deg: float, dec_deg: float, target: Direction | Target) -> ErrorView:
     """Return the error on the sky of a pointing against a target's direction at the same instant."""
     target_dec = float(target.dec_deg)
     cos_dec, cos_target = math.cos(math.radians(dec_deg)), math.cos(math.radians(target_dec))
@@ -60,4 +47,4 @@ def sky_error(utc_s: float, ra_deg: float, dec_deg: float, target: Direction | T
     along = (east * rate_east + north * rate_north) / speed if speed else 0.0
     # Along û × m̂, with û towards the satellite: for a northward motion overhead that is west.
     across = (north * rate_east - east * rate_north) / speed if speed else 0.0
-    return SkyError(utc_s, total, east, north, along, across)
+    return ErrorView(utc_s, total, east, north, along, across)
