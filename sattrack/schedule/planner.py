@@ -78,13 +78,18 @@ def best_plan(problem: Problem, limits: Mapping[int, int] | None = None) -> tupl
         binding |= over
 
 
-def _best_of_all(problem: Problem) -> tuple[float, list[int]]:
-    """Return the same as `_best` without limits, which have one state then: numbers instead of arrays."""
+def _in_order(problem: Problem) -> tuple[Index, Array, Array, list[int], list[int]]:
+    """Return passes by their ends, ends and starts, and how many come before each: at all, and surely."""
     order = np.lexsort((problem.start_s, problem.end_s))
     ends, starts = problem.end_s[order], problem.start_s[order]
     reach = np.searchsorted(ends, starts, side="right").tolist()
     longest_s = problem.transitions.longest_s(order)
-    far = np.searchsorted(ends, starts - longest_s, side="right").tolist()
+    return order, ends, starts, reach, np.searchsorted(ends, starts - longest_s, side="right").tolist()
+
+
+def _best_of_all(problem: Problem) -> tuple[float, list[int]]:
+    """Return the same as `_best` without limits, which have one state then: numbers instead of arrays."""
+    order, ends, starts, reach, far = _in_order(problem)
     values, first = problem.value[order].tolist(), problem.first[order].tolist()
     best = np.full(len(order), -np.inf)
     before = np.full(len(order), -1, dtype=np.intp)
@@ -111,8 +116,7 @@ def _best_of_all(problem: Problem) -> tuple[float, list[int]]:
 
 
 def _best(problem: Problem, limits: Mapping[int, int]) -> tuple[float, list[int]]:
-    order = np.lexsort((problem.start_s, problem.end_s))
-    ends, starts = problem.end_s[order], problem.start_s[order]
+    order, ends, starts, reach, reach_far = _in_order(problem)
     # The states are counts "at most so many of each group"; the last one allows all.
     shape = tuple(limits[group] + 1 for group in limits)
     states = int(np.prod(shape, dtype=np.int64)) if shape else 1
@@ -129,8 +133,6 @@ def _best(problem: Problem, limits: Mapping[int, int]) -> tuple[float, list[int]
     every = np.arange(states)
     # Of the passes up to each, the best chain, and where it ends: those long enough before need no more.
     top, top_at = np.full((n, states), -np.inf), np.full((n, states), -1, dtype=np.intp)
-    reach = np.searchsorted(ends, starts, side="right")
-    reach_far = np.searchsorted(ends, starts - problem.transitions.longest_s(order), side="right")
     for at, k in enumerate(order.tolist()):
         position = position_of.get(int(problem.group[k]))
         state = every if position is None else less[position]
@@ -138,8 +140,8 @@ def _best(problem: Problem, limits: Mapping[int, int]) -> tuple[float, list[int]
         value = float(problem.value[k])
         if problem.first[k]:
             best[at, allowed] = value
-        if count := int(reach[at]):
-            far = int(reach_far[at])
+        if count := reach[at]:
+            far = reach_far[at]
             near = order[far:count]
             enough = ends[far:count] + problem.transitions.seconds(near, k) <= starts[at]
             rows = far + np.flatnonzero(enough)
