@@ -36,8 +36,7 @@ def folder_of(recording: str) -> Path:
 
 def goes_on(recording: str | None) -> bool:
     """Tell whether a run of this recording is one of a schedule's that is not over."""
-    view = None if recording is None else _schedule_of(recording)
-    return view is not None and (view.running or view.state not in OVER)
+    return _is_on(_schedule_of(recording))
 
 
 def next_run(recording: str | None, waits: Callable[[float], bool]) -> int | None:
@@ -47,8 +46,7 @@ def next_run(recording: str | None, waits: Callable[[float], bool]) -> int | Non
     many seconds, and tells whether to go on.
     """
     gone_s: float | None = None
-    while goes_on(recording):
-        view = None if recording is None else _schedule_of(recording)
+    while _is_on(view := _schedule_of(recording)):
         runner = None if view is None else view.pid
         now_s = time.monotonic()
         gone_s = None if runner is not None else now_s if gone_s is None else gone_s
@@ -64,7 +62,7 @@ def next_run(recording: str | None, waits: Callable[[float], bool]) -> int | Non
 
 def stop_schedule(recording: str | None) -> bool:
     """Have the runner of a run's schedule stop whatever moves the mount, and end; False where none runs."""
-    view = None if recording is None else _schedule_of(recording)
+    view = _schedule_of(recording)
     if view is None or view.pid is None:
         return False
     try:
@@ -74,7 +72,13 @@ def stop_schedule(recording: str | None) -> bool:
     return True
 
 
-def _schedule_of(recording: str) -> ScheduleView | None:
+def _is_on(view: ScheduleView | None) -> bool:
+    return view is not None and (view.running or view.state not in OVER)
+
+
+def _schedule_of(recording: str | None) -> ScheduleView | None:
+    if recording is None:
+        return None
     try:
         return schedule_in(folder_of(recording))
     except SattrackError:
