@@ -48,7 +48,6 @@ class Rest:
         """Whether the mount has come to rest from what it did before, so that an axis may be jogged."""
         self._rest_since_utc_s: float | None = None
         self._jogs = Jogs()
-        self._settling = False
         self._ended_for = ""
         self._turns = True
         self._at_rest_rates = STANDING
@@ -77,8 +76,7 @@ class Rest:
         if self._jogs.end_over(now_utc_s) and not self._jogs:
             self._begin_anew()
             self._settled_utc_s = now_utc_s + self._brakes_s + SETTLING_S
-        self._settling = now_utc_s < self._settled_utc_s
-        if self._jogs or self._settling:
+        if self._jogs or now_utc_s < self._settled_utc_s:
             ra, dec = self._jogs.rates_deg_s
             rest = self._at_rest_rates
             return MoveAxes(rest.ra_rate_deg_s + ra, rest.dec_rate_deg_s + dec)
@@ -117,7 +115,7 @@ class Rest:
             self._stop()
 
     def _stop(self) -> None:
-        self._settled_utc_s, self._settling, self._stands = -math.inf, False, False
+        self._settled_utc_s, self._stands = -math.inf, False
         self._begin_anew()
 
     def _begin_anew(self) -> None:

@@ -129,7 +129,8 @@ def perform(
     # Nobody asks for the true errors: the axes themselves are noted.
     spec = replace(spec, propagator=tabled, if_mount_refracts=if_refracts, simulated=False)
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
-    hardware = msgspec.structs.replace(ideal_hardware(table), flip=rule_of(profile, ideal_hardware(table)))
+    hardware = ideal_hardware(table)
+    hardware = msgspec.structs.replace(hardware, flip=rule_of(profile, hardware))
     mount = SimulatedMount(profile, site, start, hardware)
     engine = Engine(spec)
     # How soon rates are held before a limit depends on the steps of the real loop.
