@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 from console_tui_builders import GUIDE_DEG_S, VIEW, FakeConsole, console_view
-from tui_builders import HandClock
+from tui_builders import HandClock, pressed
 
 from sattrack.console_messages import (
     AbortOrder,
@@ -27,15 +27,7 @@ DEC = ("minus", "5")
 
 def press(feed: FakeConsole, *keys: str) -> ConsoleApp:
     """Run the screen at 80 × 24, press keys, and return the app as it then stood."""
-
-    async def run() -> ConsoleApp:
-        app = ConsoleApp(feed, monotonic=HandClock())
-        async with app.run_test(size=(80, 24)) as pilot:
-            await pilot.press(*keys)
-            await pilot.pause()
-        return app
-
-    return asyncio.run(run())
+    return pressed(lambda: ConsoleApp(feed, monotonic=HandClock()), *keys)
 
 
 def north(rate_deg_s: float) -> JogOrder:

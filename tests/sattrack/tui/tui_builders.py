@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
@@ -22,8 +22,13 @@ from sattrack.view import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from textual.app import App
+
     from sattrack.messages import Message
 
+AppT = TypeVar("AppT", bound="App[None]")
 UTC_S = 1790946271.4
 LINK = LinkView("up", 0.03, 1234, 1233, 0, 0, 0, 0, 20.0)
 ERROR = ErrorView(UTC_S, 0.42, 0.31, -0.28, 0.4, -0.12)
@@ -148,9 +153,14 @@ class HandClock:
 
 def press(feed: FakeFeed, *keys: str) -> TrackApp:
     """Run the screen at 80 × 24, press keys, and return the app as it then stood."""
+    return pressed(lambda: TrackApp(feed, monotonic=HandClock()), *keys)
 
-    async def run() -> TrackApp:
-        app = TrackApp(feed, monotonic=HandClock())
+
+def pressed(make: Callable[[], AppT], *keys: str) -> AppT:
+    """Run an app at 80 × 24, press keys, and return it as it then stood."""
+
+    async def run() -> AppT:
+        app = make()
         async with app.run_test(size=(80, 24)) as pilot:
             await pilot.press(*keys)
             await pilot.pause()
