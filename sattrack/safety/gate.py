@@ -17,7 +17,7 @@ from sattrack.requests import Abort, FineRate, Request, Slew, objection
 from sattrack.safety.ahead import Ahead, Spot
 from sattrack.safety.asked import Asked
 from sattrack.safety.bounds import CONES, ESCAPE_NEAR_DEG, INSIDE_MARGIN_DEG, Bounds
-from sattrack.safety.doubt import Belief, Doubt
+from sattrack.safety.doubt import FASTER, Belief, Doubt
 from sattrack.safety.geometry import Box
 from sattrack.safety.held import nearest_rates, within
 from sattrack.safety.slews import SlewGate
@@ -35,8 +35,6 @@ if TYPE_CHECKING:
 
 STEP_SHARE = 2.0
 """A mean rate over a ramp is reached by a command twice as large, so steps may be so much of a ramp."""
-PLAUSIBLE = 1.5
-"""By what factor axes may seem to be faster than their slews."""
 HELD_ANEW_S = 0.07
 """What is held keeps its rates for so long, while they keep inside, before better ones are looked for."""
 OUTSIDE_PROOF = 3
@@ -101,7 +99,7 @@ class Safety:
         self._held_since: tuple[float, Rates] | None = None
         """When the rates of what is held were found (UTC), and those."""
         self._newest_utc_s = -math.inf
-        most_ha, most_dec = PLAUSIBLE * profile.ra.slew_rate_deg_s, PLAUSIBLE * profile.dec.slew_rate_deg_s
+        most_ha, most_dec = FASTER * profile.ra.slew_rate_deg_s, FASTER * profile.dec.slew_rate_deg_s
         self._plausible = ((-most_ha, most_ha), (-most_dec, most_dec))
         self._standing = Standing(latitude_deg)
         self._doubt = Doubt(profile)
