@@ -1,0 +1,582 @@
+"""A family of mounts drawn at random, each followed for a minute in virtual time.
+
+python bench/family.py [--draws N] [--first N] [--jobs N] [--told default|truth] [--only KIND] [--all]
+
+The mounts are those of `bench/strangers`, written from the protocol's paper without sight of this program,
+and the package's own simulator. A draw is a satellite, a site, a mount that stands somewhere, its servo,
+timer and link, and what the profile says of them: acceleration wrong by up to a factor of two, gain by 3 %,
+each delay by up to 20 ms. The judge is the mount's own account of its axes. What the wrong date of the
+samples makes is known (rate times its error), and is taken off: no datagram tells it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import math
+import multiprocessing
+import random
+import statistics
+import sys
+from dataclasses import dataclass, field, replace
+from heapq import heappop, heappush
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from acquisition import NO_LIMITS, Moving, least_s
+from feeder_harness import Timer as WindowsTimer
+
+from sattrack import practice
+from sattrack.control.kalman import wrap180
+from sattrack.control.sky_error import Target, sky_error
+from sattrack.mount import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, mean_sidereal_deg
+from sattrack.runtime.facts import RunFacts, build_engine
+from sattrack.settings import SiteSettings
+from sattrack.tracker import TrackPlan
+from sattrack.xerxes.repeats import REPEAT_AFTER_PERIODS
+from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.xerxes.simulator.settings import ServoSettings, SimulatorProfile
+from tle.instants import Utc
+from tle.propagator import Propagator
+from tle.site import Site
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+
+KINDS = ("velocity_servo", "position_servo", "planner", "own")
+PERIOD_S = 0.05
+LASTS_S = 75.0
+RISES_AFTER_S = 25.0
+LOWEST_DEG = 12.0
+SETTLED_S = 10.0
+LOST_FOR_S, OFF_ARCSEC = 5.0, 10.0
+SOON_S = 5.0
+ON_TARGET_ARCSEC = 2.0
+BREAKS_LOOSE_DEG = 1.0 / 3600.0
+"""Error at which the stiffest stiction that is drawn lets go."""
+STAYS_S = 1.0
+
+
+class Axes(NamedTuple):
+    """Where a mount's axes really are, and what it would report without noise; degrees."""
+
+    utc_s: float
+    hour_angle_deg: float
+    dec_axis_deg: float
+    hour_angle_rate_deg_s: float
+    dec_rate_deg_s: float
+    ra_deg: float
+    dec_deg: float
+
+
+@dataclass(frozen=True)
+class Hardware:
+    """What is drawn of a mount and its link; delays one way, seconds."""
+
+    kind: str
+    bandwidth_hz: float
+    damping: float
+    feedforward: float
+    acceleration_deg_s2: float
+    gains: tuple[float, float]
+    move_axis: str
+    additive: bool
+    signs: tuple[int, int]
+    timer: str
+    stiction: float
+    ripple: float
+    command_delay_s: float
+    status_delay_s: float
+    jitter_s: float
+    loss: float
+    told_command_s: float
+    told_status_s: float
+    told_acceleration_deg_s2: float
+    max_rate_deg_s: float = 6.0
+
+
+@dataclass(frozen=True)
+class Draw:
+    """One run: what is followed from where with what."""
+
+    number: int
+    joined: bool
+    elements: Any
+    site: Site
+    begin_s: float
+    start_s: float
+    stands: tuple[float, float]
+    hardware: Hardware
+
+
+def draw(number: int, kinds: tuple[str, ...] = KINDS) -> Draw:
+    """Draw a run; the same number gives the same run."""
+    rng = random.Random(f"family {number}")
+    hardware = _hardware(rng, kinds[number % len(kinds)])
+    joined = rng.random() < 0.5
+    while True:
+        elements = replace(
+            practice.elements(),
+            inclination_deg=rng.uniform(30.0, 120.0),
+            raan_deg=rng.uniform(0.0, 360.0),
+            mean_anomaly_deg=rng.uniform(0.0, 360.0),
+            mean_motion_rev_day=rng.uniform(13.5, 15.9),
+        )
+        site = Site(rng.uniform(-60.0, 60.0), rng.uniform(-180.0, 180.0), 0.0)
+        begin_s = float(elements.epoch.unix_s) + rng.uniform(0.0, 86400.0)
+        start_s = begin_s if joined else begin_s + RISES_AFTER_S
+        propagator = Propagator(elements, site)
+        if _possible(propagator, start_s, start_s + LASTS_S):
+            break
+    seen = propagator.at(Utc(start_s))
+    hour_angle = _hour_angle(propagator, start_s) + rng.uniform(-20.0, 20.0)
+    dec = max(-80.0, min(80.0, float(seen.dec_deg) + rng.uniform(-20.0, 20.0)))
+    return Draw(number, joined, elements, site, begin_s, start_s, (hour_angle, dec), hardware)
+
+
+def _hardware(rng: random.Random, kind: str) -> Hardware:
+    acceleration = math.exp(rng.uniform(math.log(2.0), math.log(20.0)))
+    delays = rng.uniform(0.0, 0.08), rng.uniform(0.0, 0.08)
+    told = [max(0.0, delay + rng.uniform(-0.02, 0.02)) for delay in delays]
+    bandwidth_hz = math.exp(rng.uniform(0.0, math.log(40.0)))
+    # An axis that sticks until its servo is off by more than what counts as on target is never held there.
+    most_stiction = min(0.3, (2.0 * math.pi * bandwidth_hz) ** 2 * BREAKS_LOOSE_DEG)
+    return Hardware(
+        kind=kind,
+        bandwidth_hz=bandwidth_hz,
+        damping=rng.uniform(0.5, 1.2),
+        feedforward=rng.uniform(0.0, 1.0),
+        acceleration_deg_s2=acceleration,
+        gains=(rng.uniform(0.97, 1.03), rng.uniform(0.97, 1.03)),
+        move_axis=rng.choice(("held", "held", "edge")),
+        additive=rng.random() < 0.7,
+        signs=(rng.choice((1, -1)), rng.choice((1, -1))),
+        timer=rng.choice(("even", "windows")),
+        stiction=rng.choice((0.0, rng.uniform(0.0, most_stiction))),
+        ripple=rng.choice((0.0, rng.uniform(0.0, 0.1))),
+        command_delay_s=delays[0],
+        status_delay_s=delays[1],
+        jitter_s=rng.choice((0.0, rng.uniform(0.0, 0.01))),
+        loss=rng.choice((0.0, rng.uniform(0.0, 0.03))),
+        told_command_s=told[0],
+        told_status_s=told[1],
+        told_acceleration_deg_s2=acceleration * 2.0 ** rng.uniform(-1.0, 1.0),
+    )
+
+
+def _possible(propagator: Propagator, begin_s: float, end_s: float) -> bool:
+    seen = [propagator.at(Utc(begin_s + k * (end_s - begin_s) / 4.0)) for k in range(5)]
+    high = all(float(one.alt_deg) > LOWEST_DEG for one in seen)
+    rates = [abs(float(one.ra_rate_deg_s)) for one in seen]
+    # Not through the lower meridian either: there the cables end.
+    turns = [abs(_hour_angle(propagator, begin_s + k * (end_s - begin_s) / 4.0)) for k in range(5)]
+    return high and max(rates) < 3.0 and max(turns) < 150.0
+
+
+def _hour_angle(propagator: Propagator, utc_s: float) -> float:
+    ra_deg = float(propagator.at(Utc(utc_s)).ra_deg)
+    return wrap180(mean_sidereal_deg(utc_s, propagator.site.longitude_deg) - ra_deg)
+
+
+class Stranger:
+    """One of the mounts of `bench/strangers`."""
+
+    def __init__(self, drawn: Draw) -> None:
+        hard = drawn.hardware
+        module = importlib.import_module(f"strangers.{hard.kind}")
+        self._mount = module.Mount(
+            module.Parameters(
+                latitude_deg=drawn.site.latitude_deg,
+                longitude_deg=drawn.site.longitude_deg,
+                start_utc_s=drawn.begin_s - 1.0,
+                hour_angle_deg=drawn.stands[0],
+                dec_deg=drawn.stands[1],
+                bandwidth_hz=hard.bandwidth_hz,
+                damping=hard.damping,
+                feedforward=hard.feedforward,
+                acceleration_deg_s2=hard.acceleration_deg_s2,
+                max_rate_deg_s=hard.max_rate_deg_s,
+                ra_gain=hard.gains[0],
+                dec_gain=hard.gains[1],
+                ra_sign=hard.signs[0],
+                dec_sign=hard.signs[1],
+                move_axis=hard.move_axis,
+                additive=hard.additive,
+                timer=hard.timer,
+                timer_jitter_s=0.0005,
+                stiction=hard.stiction,
+                friction=0.5 * hard.stiction,
+                ripple=hard.ripple,
+                seed=drawn.number,
+            )
+        )
+
+    @property
+    def next_turn_s(self) -> float:
+        return float(self._mount.next_turn_s)
+
+    def receive(self, data: bytes) -> None:
+        self._mount.receive(data)
+
+    def turn(self) -> bytes:
+        return bytes(self._mount.turn())
+
+    def truth(self) -> Axes:
+        return Axes(*self._mount.truth())
+
+
+class Own:
+    """The package's simulated mount."""
+
+    def __init__(self, drawn: Draw) -> None:
+        hard = drawn.hardware
+        axis = AxisLimits(max_acceleration_deg_s2=hard.acceleration_deg_s2, slew_rate_deg_s=6.0)
+        profile = MountProfile(
+            ra=axis,
+            dec=axis,
+            ra_rate_gain=hard.gains[0],
+            dec_rate_gain=hard.gains[1],
+            ra_rate_sign=hard.signs[0],
+            dec_rate_sign=hard.signs[1],
+            move_axis=hard.move_axis,
+            additive=hard.additive,
+        )
+        servo = ServoSettings(
+            bandwidth_hz=hard.bandwidth_hz,
+            damping=hard.damping,
+            integral_hz=0.1 * hard.bandwidth_hz,
+            friction_a=0.15 * hard.stiction,
+            stiction_a=0.3 * hard.stiction,
+            friction_feedforward=hard.feedforward,
+            ripple_a=0.15 * hard.ripple,
+        )
+        settings = SimulatorProfile(
+            clock_offset_s=0.0, encoder_noise_tics=0.5, servo=servo, seed=drawn.number
+        )
+        site = SimulatedSite(drawn.site.latitude_deg, drawn.site.longitude_deg, 0.0)
+        self._mount = SimulatedMount(profile, site, StartPosition(*drawn.stands), settings)
+        self._timer = WindowsTimer(drawn.begin_s - 1.0, random.Random(drawn.number))
+        self._even = hard.timer == "even"
+        self.next_turn_s = drawn.begin_s - 1.0
+        self._truth: Any = None
+
+    def receive(self, data: bytes) -> None:
+        self._mount.receive(data)
+
+    def turn(self) -> bytes:
+        status, self._truth = self._mount.tick(self.next_turn_s)
+        self.next_turn_s = self.next_turn_s + PERIOD_S if self._even else self._timer.following()
+        return bytes(status)
+
+    def truth(self) -> Axes:
+        t = self._truth
+        return Axes(
+            t.utc_s,
+            t.hour_angle_axis_deg,
+            t.dec_axis_deg,
+            SIDEREAL_RATE_DEG_S - t.ra_rate_deg_s,
+            t.dec_rate_deg_s,
+            t.ra_deg,
+            t.dec_deg,
+        )
+
+
+def profile_of(hard: Hardware, told: str) -> MountProfile:
+    """Return what the program is told of a mount: the default with its delays, or what is true."""
+    known = told != "default"
+    axis = AxisLimits(
+        max_acceleration_deg_s2=hard.acceleration_deg_s2 if known else hard.told_acceleration_deg_s2,
+        slew_rate_deg_s=6.0,
+    )
+    return MountProfile(
+        name=told,
+        ra=axis,
+        dec=axis,
+        ra_rate_sign=hard.signs[0],
+        dec_rate_sign=hard.signs[1],
+        ra_rate_gain=hard.gains[0] if known else 1.0,
+        dec_rate_gain=hard.gains[1] if known else 1.0,
+        additive=hard.additive,
+        move_axis=hard.move_axis,
+        command_delay_s=hard.command_delay_s + 0.5 * hard.jitter_s if known else hard.told_command_s,
+        status_delay_s=hard.status_delay_s if known else hard.told_status_s,
+    )
+
+
+class Error(NamedTuple):
+    """The error on the sky at one of the mount's turns, arcseconds, the wrong date's share taken off."""
+
+    utc_s: float
+    total_arcsec: float
+    raw_arcsec: float
+
+
+@dataclass
+class Run:
+    """One draw, run to its end; `profile` in place of what is told, where there is one."""
+
+    drawn: Draw
+    told: str = "default"
+    profile: MountProfile | None = None
+    errors: list[Error] = field(default_factory=list)
+    ended_by: str | None = None
+    message: str | None = None
+
+    def __post_init__(self) -> None:
+        drawn = self.drawn
+        self.propagator = Propagator(drawn.elements, drawn.site)
+        self.profile = self.profile or profile_of(drawn.hardware, self.told)
+        facts = RunFacts(
+            elements=drawn.elements,
+            site=SiteSettings(drawn.site.latitude_deg, drawn.site.longitude_deg, 0.0),
+            refraction="off",
+            pressure_hpa=1010.0,
+            temperature_c=10.0,
+            plan=TrackPlan(drawn.start_s, drawn.start_s + 600.0),
+            culminate_utc_s=drawn.start_s,
+            max_alt_deg=90.0,
+            profile=self.profile,
+            limits=NO_LIMITS,
+            bias_along_s=0.0,
+            bias_cross_deg=0.0,
+            mount_name="drawn",
+            started_utc_s=drawn.begin_s,
+        )
+        self.engine = build_engine(facts)
+        self.mount = Own(drawn) if drawn.hardware.kind == "own" else Stranger(drawn)
+        self._rng = random.Random(f"link {drawn.number}")
+        self._queue: list[tuple[float, int, Callable[..., None], Any]] = []
+        self._order = 0
+        # Samples are dated by the fastest arrivals: earlier than they were by what is told too much.
+        self.dated_late_s = drawn.hardware.status_delay_s - self.profile.status_delay_s
+
+    def run(self, watch: Callable[[Run, float], None] | None = None) -> Run:
+        drawn, end_s = self.drawn, self.drawn.start_s + LASTS_S
+        self._at(self.mount.next_turn_s, self._mount_turn, None)
+        self._at(drawn.begin_s + self._rng.uniform(0.0, PERIOD_S), self._client_turn, None)
+        now_s = drawn.begin_s
+        while self._queue and now_s < end_s and self.ended_by is None:
+            now_s, _, happen, what = heappop(self._queue)
+            happen(now_s, what)
+            if watch is not None and happen == self._client_turn:
+                watch(self, now_s)
+        return self
+
+    def _at(self, utc_s: float, happen: Callable[..., None], what: Any) -> None:
+        self._order += 1
+        heappush(self._queue, (utc_s, self._order, happen, what))
+
+    def _carry(self, delay_s: float, now_s: float, happen: Callable[..., None], data: bytes) -> None:
+        hard = self.drawn.hardware
+        if self._rng.random() >= hard.loss:
+            self._at(now_s + delay_s + self._rng.uniform(0.0, hard.jitter_s), happen, data)
+
+    def _client_turn(self, now_s: float, _: Any) -> None:
+        engine = self.engine
+        data = engine.tick(now_s)
+        self.ended_by, self.message = engine.tracker.ended_by, engine.message
+        self._carry(self.drawn.hardware.command_delay_s, now_s, self._arrives, data)
+        self._at(now_s + REPEAT_AFTER_PERIODS * PERIOD_S, self._copy, None)
+        self._at(now_s + PERIOD_S + engine.send_shift_s(now_s), self._client_turn, None)
+
+    def _copy(self, now_s: float, _: Any) -> None:
+        data = self.engine.repeat()
+        if data is not None:
+            self._carry(self.drawn.hardware.command_delay_s, now_s, self._arrives, data)
+
+    def _arrives(self, _: float, data: bytes) -> None:
+        self.mount.receive(data)
+
+    def _mount_turn(self, now_s: float, _: Any) -> None:
+        status = self.mount.turn()
+        self._carry(self.drawn.hardware.status_delay_s, now_s, self._status, status)
+        self._judge(self.mount.truth())
+        self._at(self.mount.next_turn_s, self._mount_turn, None)
+
+    def _status(self, now_s: float, data: bytes) -> None:
+        self.engine.receive(data, now_s)
+
+    def _judge(self, truth: Axes) -> None:
+        fed_s = truth.utc_s + self.dated_late_s
+        raw = sky_error(truth.utc_s, truth.ra_deg, truth.dec_deg, self._target(truth.utc_s))
+        left = sky_error(truth.utc_s, truth.ra_deg, truth.dec_deg, self._target(fed_s))
+        self.errors.append(Error(truth.utc_s, left.total_arcsec, raw.total_arcsec))
+
+    def _target(self, utc_s: float) -> Target:
+        return Target.at(self.propagator.at(Utc(utc_s)))
+
+    def earliest_s(self) -> float:
+        """Return the earliest instant at which the mount's rates and acceleration allow it to be there."""
+        drawn = self.drawn
+        axis = AxisLimits(6.0, drawn.hardware.acceleration_deg_s2, 6.0)
+        at = drawn.start_s
+        if not drawn.joined:
+            return at
+        for _ in range(40):
+            seen = self.propagator.at(Utc(at))
+            ha_rate = SIDEREAL_RATE_DEG_S - float(seen.ra_rate_deg_s)
+            ways = (
+                least_s(
+                    Moving(drawn.stands[0] + SIDEREAL_RATE_DEG_S * (at - drawn.begin_s), SIDEREAL_RATE_DEG_S),
+                    Moving(_near(drawn.stands[0], _hour_angle(self.propagator, at)), ha_rate),
+                    axis,
+                ),
+                least_s(
+                    Moving(drawn.stands[1], 0.0),
+                    Moving(float(seen.dec_deg), float(seen.dec_rate_deg_s)),
+                    axis,
+                ),
+            )
+            at = drawn.begin_s + max(ways)
+        return at
+
+    def outcome(self) -> Outcome:
+        acquired = self.engine.tracker.acquired_utc_s
+        earliest_s = self.earliest_s()
+        if acquired is None:
+            return Outcome(self.drawn, None, math.nan, math.nan, math.nan, False, self._why())
+        late_s = self._on_target_s() - earliest_s
+        settled = [e for e in self.errors if e.utc_s >= acquired + SETTLED_S]
+        rms = math.sqrt(statistics.fmean(e.total_arcsec**2 for e in settled)) if settled else math.nan
+        raw = math.sqrt(statistics.fmean(e.raw_arcsec**2 for e in settled)) if settled else math.nan
+        peak = max((e.total_arcsec for e in settled), default=math.nan)
+        return Outcome(self.drawn, late_s, rms, peak, raw, _stays_off(settled), self._why())
+
+    def _on_target_s(self) -> float:
+        """Return the first instant from which the error stays within bounds for STAYS_S."""
+        since_s = math.inf
+        for error in self.errors:
+            if error.utc_s < self.drawn.start_s or error.total_arcsec > ON_TARGET_ARCSEC:
+                since_s = math.inf
+            else:
+                since_s = min(since_s, error.utc_s)
+                if error.utc_s - since_s >= STAYS_S:
+                    break
+        return since_s
+
+    def _why(self) -> str:
+        return "" if self.ended_by is None else f"{self.ended_by}: {self.message}"
+
+
+def _near(about_deg: float, angle_deg: float) -> float:
+    return about_deg + wrap180(angle_deg - about_deg)
+
+
+def _stays_off(errors: list[Error]) -> bool:
+    since_s = None
+    for error in errors:
+        if error.total_arcsec <= OFF_ARCSEC:
+            since_s = None
+        elif since_s is None:
+            since_s = error.utc_s
+        elif error.utc_s - since_s > LOST_FOR_S:
+            return True
+    return False
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What came of one draw; `late_s` None where it was never acquired."""
+
+    drawn: Draw
+    late_s: float | None
+    rms_arcsec: float
+    peak_arcsec: float
+    raw_rms_arcsec: float
+    lost: bool
+    """Whether it left the target for longer than LOST_FOR_S once it was on it."""
+    why: str
+
+    def line(self) -> str:
+        hard = self.drawn.hardware
+        late = "  never" if self.late_s is None else f"{self.late_s:7.2f}"
+        return (
+            f"{self.drawn.number:4d} {hard.kind:14s} {hard.move_axis:4s} {hard.timer:7s} "
+            f"{hard.bandwidth_hz:5.1f}Hz ζ{hard.damping:.2f} ff{hard.feedforward:.2f} "
+            f"a{hard.acceleration_deg_s2:5.1f}/{hard.told_acceleration_deg_s2:5.1f} "
+            f"{1e3 * hard.command_delay_s:3.0f}({1e3 * (hard.told_command_s - hard.command_delay_s):+3.0f})"
+            f"+{1e3 * hard.status_delay_s:3.0f}({1e3 * (hard.told_status_s - hard.status_delay_s):+3.0f})ms "
+            f"j{1e3 * hard.jitter_s:2.0f} l{100 * hard.loss:.0f}% {'join' if self.drawn.joined else 'rise'}"
+            f" late{late} rms{self.rms_arcsec:9.3f} peak{self.peak_arcsec:9.2f} raw{self.raw_rms_arcsec:7.1f}"
+            f" {self.why}"
+        )
+
+
+def follow(arguments: tuple[int, str, tuple[str, ...]]) -> Outcome:
+    number, told, kinds = arguments
+    return Run(draw(number, kinds), told).run().outcome()
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--draws", type=int, default=500)
+    parser.add_argument("--first", type=int, default=0, help="number of the first draw: its seed")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--told", choices=("default", "truth"), default="default")
+    parser.add_argument("--only", choices=KINDS)
+    parser.add_argument("--all", action="store_true", help="a line for each draw")
+    options = parser.parse_args()
+    kinds = KINDS if options.only is None else (options.only,)
+    numbers = range(options.first, options.first + options.draws)
+    outcomes = []
+    with multiprocessing.Pool(options.jobs) as pool:
+        for outcome in pool.imap(follow, [(number, options.told, kinds) for number in numbers]):
+            outcomes.append(outcome)
+            if options.all:
+                print(outcome.line(), flush=True)
+            elif sys.stderr.isatty():
+                print(f"\r{len(outcomes)} of {options.draws}", end="", file=sys.stderr, flush=True)
+    print(f"draws {numbers[0]} to {numbers[-1]}, told {TOLD[options.told]}")
+    print("\n".join(table(outcomes)))
+    return 0 if all(outcome.late_s is not None for outcome in outcomes) else 1
+
+
+TOLD = {
+    "default": "signs, meaning of MoveAxis and rough delays; acceleration up to twice or half of it, gain 1",
+    "truth": "everything but the servo",
+}
+
+
+def table(outcomes: list[Outcome]) -> list[str]:
+    """Return the figures, a line for each kind of mount and reading of MoveAxis."""
+    lines = [
+        f"{'mount':15} {'draws':>5} {'acquired':>8} {'in 5 s':>7} {'median':>7} {'worst':>7}"
+        f" {'lost':>4}   RMS: {'median':>7} {'95 %':>7} {'worst':>7}"
+    ]
+    rows = [(f"{kind} {move}", kind, move) for kind in KINDS for move in ("held", "edge")]
+    for name, kind, move in [*rows, ("all", None, None)]:
+        some = [
+            o
+            for o in outcomes
+            if kind is None or (o.drawn.hardware.kind == kind and o.drawn.hardware.move_axis == move)
+        ]
+        if some:
+            lines.append(_row(NAMES.get(name, name), some))
+    return lines
+
+
+NAMES = {
+    f"{kind} {move}": f"{name}, {move}"
+    for kind, name in zip(KINDS, ("velocity", "position", "planner", "simulator"), strict=True)
+    for move in ("held", "edge")
+}
+
+
+def _row(name: str, some: list[Outcome]) -> str:
+    late = sorted(math.inf if o.late_s is None else o.late_s for o in some)
+    rms = sorted(math.inf if math.isnan(o.rms_arcsec) else o.rms_arcsec for o in some)
+    acquired = sum(o.late_s is not None for o in some)
+    soon = 100.0 * sum(seconds <= SOON_S for seconds in late) / len(some)
+    lost = sum(o.lost for o in some)
+
+    def at(values: list[float], share: float) -> float:
+        return values[min(len(values) - 1, int(share * len(values)))]
+
+    return (
+        f"{name:15} {len(some):5} {acquired:8} {soon:6.0f}% {at(late, 0.5):6.2f}s {late[-1]:6.2f}s {lost:4}"
+        f"        {at(rms, 0.5):7.3f} {at(rms, 0.95):7.3f} {rms[-1]:7.3f}"
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())
