@@ -47,6 +47,8 @@ SCENARIOS = (
     Scenario("stiction, ripple, 10″/s disturbance", (0.5, 5.0), disturbance_arcsec_s=10.0, servo=ROUGH),
     Scenario("delays 5 and 35 ms, clock true", (0.3, 1.0), Link(0.005, 0.035)),
     Scenario("edge", (0.8, 4.0), move_axis="edge"),
+    Scenario("edge, 40 ms each way", (0.5, 4.0), Link(0.040, 0.040), move_axis="edge"),
+    Scenario("edge, 80 ms each way", (1.5, 8.0), Link(0.080, 0.080), move_axis="edge"),
 )
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from feeder_harness import PERIOD_S, World, wire
 
-from sattrack.control.feeder import correction_deg_s
+from sattrack.control.feeder import correction_deg_s, settling_s
 from sattrack.control.kalman import AxisFilter, Noise, wrap180
 from sattrack.mount import MountProfile
 from sattrack.xerxes.datagrams import Command, decode_status, encode_command
@@ -222,7 +222,9 @@ class Oracle(Unshifted):
         for i, one in enumerate(self._filters):
             reached = one.position_deg + moved[i] + one.disturbance_deg_s * ahead_s
             error = wrap180(reached - goals[i])
-            back = correction_deg_s(error, PROFILE.ra.max_acceleration_deg_s2, PROFILE.ra.max_rate_deg_s)
+            limits = PROFILE.ra
+            takes_s = settling_s(until_s - acts_s, 0.0, 0.0)
+            back = correction_deg_s(error, limits.max_acceleration_deg_s2, limits.max_rate_deg_s, takes_s)
             rates.append(spans[i] / (until_s - acts_s) - one.disturbance_deg_s + back)
         return rates[0], rates[1]
 

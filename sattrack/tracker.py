@@ -15,11 +15,12 @@ import msgspec
 from sattrack.control.approach import Approach, Stand, Step
 from sattrack.control.axes import Axes
 from sattrack.control.detour import Detour
-from sattrack.control.feeder import rate_deg_s
+from sattrack.control.feeder import Way, ramped_deg_s, rate_deg_s
 from sattrack.control.history import CommandHistory, SentRates
 from sattrack.control.kalman import wrap180
 from sattrack.control.latency import KnownClock, MountClock
 from sattrack.control.law import ControlLaw
+from sattrack.control.learning import Learning
 from sattrack.control.mount_loop import MountLoop
 from sattrack.control.passage import Passage, Place
 from sattrack.control.rest import Rest
@@ -38,13 +39,15 @@ ACQUIRED_AFTER_SAMPLES = 10
 LOST_ARCSEC = 120.0
 MOST_SHIFT_S = 0.0002
 SHIFT_SHARE = 0.02
+IDLE_SHIFT_S, IDLE_SHIFT_SHARE = 0.002, 0.2
 """How fast the sending falls into step with the mount's loop: too slow for the period to show it."""
 UNDATED_AT_MOST = 15
 """Samples in a row dated no later than the one before that are left out: a clock is learnt anew meanwhile."""
 SAME_INSTANT_S = 0.0005
-FORETOLD_KEPT = 4
+FORETOLD_KEPT = 12
+Rates = tuple[float, float]
 EDGE_PERIODS = 2.0
-MOST_EDGE_PERIODS = 6.0
+MOST_EDGE_PERIODS = 12.0
 """How long the rates of one edge act: until the next, which the handshake lets through after some periods."""
 
 
@@ -100,6 +103,8 @@ class Tracker:
         self._loop = MountLoop(profile.period_s)
         self._history = CommandHistory(profile.command_delay_s, self._loop)
         self._axes: Axes | None = None
+        self.learning = Learning()
+        """What the run learns of the mount while it follows."""
         self._passage = Passage(plan.detours) if plan.detours else None
         self._way = Approach(profile, self.direction_at, plan.law.feeder)
         self._stand = Stand(0.0, 0.0, 0.0)
@@ -168,12 +173,15 @@ class Tracker:
         if 0 < self._undated <= UNDATED_AT_MOST:
             believed = False
         elif axes is None or not axes.follows(utc_s):
-            self._axes = Axes.begin(self._profile, self._history, seen, utc_s, self.plan.law.filter)
+            self._begin_axes(seen, utc_s)
         else:
             believed = axes.take(seen, utc_s, self.phase in FOLLOWING)
+            self._learn(axes, seen, utc_s, believed)
+            if axes.early:
+                self._history.arrives_early()
             if axes.lost:
                 self.lost_utc_s = utc_s
-                self._axes = Axes.begin(self._profile, self._history, seen, utc_s, self.plan.law.filter)
+                self._begin_axes(seen, utc_s)
         if self.rest is not None:
             self.rest.see(sample)
         self._stand = Stand(sample.sidereal_h * 15.0, sample.ra_deg, sample.dec_deg, sample.beyond_pole)
@@ -181,6 +189,27 @@ class Tracker:
         if believed:
             self._judge(self.error)
         return self.error
+
+    def _begin_axes(self, seen: StatusSample, utc_s: float) -> None:
+        if self._axes is not None and self._axes is self.learning.axes and self.phase in FOLLOWING:
+            self.learning.anew()
+        self._axes = Axes.begin(self._profile, self._history, seen, utc_s, self.plan.law.filter)
+
+    def _learn(self, axes: Axes, seen: StatusSample, utc_s: float, believed: bool) -> None:
+        if believed and self.phase in FOLLOWING:
+            self.learning.take(axes, seen, utc_s)
+        else:
+            self.learning.pause()
+
+    @property
+    def command_delay_s(self) -> float:
+        """From sending to the mailbox, as it is reckoned with, seconds."""
+        return self._history.delay_s
+
+    @property
+    def acting_s(self) -> float:
+        """For how long a command acts, seconds."""
+        return max(self._loop.mean_period_s, self._acting_s)
 
     def operate(self, message: Message, now_utc_s: float) -> None:
         """Obey the operator, and listen to whoever observes."""
@@ -327,43 +356,43 @@ class Tracker:
 
     def _follow(self, now_utc_s: float, axes: Axes) -> MoveAxes:
         # The mount obeys at its first loop after this command has arrived, until the first after the next.
-        arrives = now_utc_s + self._profile.command_delay_s
+        arrives = now_utc_s + self._history.delay_s
         law = self.plan.law.feeder
         share = law.tracking_share if self.phase is Phase.TRACKING else 1.0
         acts = self._loop.first_from(max(arrives, axes.sample_utc_s + 0.5 * self._loop.mean_period_s))
         interval = max(self._loop.first_from(arrives + self._acting_s) - acts, self._loop.mean_period_s)
-        begin, end = self._ends(acts, interval)
-        moved_ra, moved_dec = axes.moved_by(acts)
-        ahead_s = acts - axes.sample_utc_s
-        ra_gain, dec_gain = 1.0 + axes.ra.gain_error, 1.0 + axes.dec.gain_error
-        ra_own, dec_own = axes.ra.disturbance_deg_s, axes.dec.disturbance_deg_s
-        ra = axes.ra.position_deg + moved_ra * ra_gain + ra_own * ahead_s
-        dec = axes.dec.position_deg + moved_dec * dec_gain + dec_own * ahead_s
+        ahead_s = self._ahead_s(axes)
+        begin, end = self._ends(acts + ahead_s, interval)
+        bound_for, before = axes.bound_for(acts)
+        bend = self._bend_deg_s2(begin, end, interval)
+        ra_way = Way(begin.ra_deg, wrap180(float(end.ra_deg) - begin.ra_deg), interval, bend[0], ahead_s)
+        dec_way = Way(begin.dec_deg, float(end.dec_deg) - begin.dec_deg, interval, bend[1], ahead_s)
+        profile = self._profile
+        ra_limit, dec_limit = share * profile.ra.max_rate_deg_s, share * profile.dec.max_rate_deg_s
+        near_ra = ra_way.begin_deg + wrap180(bound_for[0] - ra_way.begin_deg)
+        ra = rate_deg_s(ra_way, near_ra, axes.ra, profile.ra, ra_limit, law)
+        dec = rate_deg_s(dec_way, bound_for[1], axes.dec, profile.dec, dec_limit, law)
         self.rates = MoveAxes(
-            rate_deg_s(
-                wrap180(float(end.ra_deg - begin.ra_deg)),
-                interval,
-                ra_own,
-                wrap180(ra - float(begin.ra_deg)),
-                self._profile.ra.max_acceleration_deg_s2,
-                share * self._profile.ra.max_rate_deg_s,
-                law,
-            )
-            / ra_gain,
-            rate_deg_s(
-                float(end.dec_deg - begin.dec_deg),
-                interval,
-                dec_own,
-                dec - float(begin.dec_deg),
-                self._profile.dec.max_acceleration_deg_s2,
-                share * self._profile.dec.max_rate_deg_s,
-                law,
-            )
-            / dec_gain,
+            ramped_deg_s(ra, before[0], profile.ra, interval, law),
+            ramped_deg_s(dec, before[1], profile.dec, interval, law),
         )
         if self._passage is not None:
-            self.rates = self._passage.reported(self.rates, dec)
+            self.rates = self._passage.reported(self.rates, bound_for[1])
         return self.rates
+
+    def _ahead_s(self, axes: Axes) -> float:
+        """Return for how much later than they act commands are made: the axes' lag, in whole turns."""
+        period_s = self._loop.mean_period_s
+        return period_s * round(0.5 * (axes.ra.lag.mean_s + axes.dec.lag.mean_s) / period_s)
+
+    def _bend_deg_s2(self, begin: Target | Place, end: Direction | Place, interval_s: float) -> Rates:
+        """Return how fast the target's rates change."""
+        if isinstance(begin, Place) or isinstance(end, Place):
+            return 0.0, 0.0
+        return (
+            (float(end.ra_rate_deg_s) - begin.ra_rate_deg_s) / interval_s,
+            (float(end.dec_rate_deg_s) - begin.dec_rate_deg_s) / interval_s,
+        )
 
     def _ends(self, acts_utc_s: float, interval_s: float) -> tuple[Target | Place, Direction | Place]:
         """Return where the axes are to be at both ends of the interval in which a command acts."""
@@ -391,7 +420,9 @@ class Tracker:
 
     def send_shift_s(self, now_utc_s: float) -> float:
         """Return by how much later than a period from now the next datagram had better go, seconds."""
-        shift_s = self._loop.shift_s(now_utc_s + self._profile.command_delay_s)
+        shift_s = self._loop.shift_s(now_utc_s + self._history.delay_s)
+        if self.phase not in FOLLOWING:
+            return max(-IDLE_SHIFT_S, min(IDLE_SHIFT_S, IDLE_SHIFT_SHARE * shift_s))
         return max(-MOST_SHIFT_S, min(MOST_SHIFT_S, SHIFT_SHARE * shift_s))
 
     def note_sent(self, motion: Motion, now_utc_s: float) -> None:
@@ -420,6 +451,7 @@ class Tracker:
                 self.rejoining = False
                 if self.acquired_utc_s is None:
                     self.acquired_utc_s = error.utc_s
+                    self.learning.forget_rates()
         elif self.phase is Phase.TRACKING and error.total_arcsec > LOST_ARCSEC:
             self.phase = Phase.ACQUIRING
             self._near = 0

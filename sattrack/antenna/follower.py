@@ -11,7 +11,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.control.axes import Axes
-from sattrack.control.feeder import rate_deg_s
+from sattrack.control.feeder import Way, ramped_deg_s, rate_deg_s
 from sattrack.control.history import CommandHistory, SentRates
 from sattrack.control.latency import KnownClock, MountClock
 from sattrack.control.mount_loop import MountLoop
@@ -106,28 +106,23 @@ class Follower:
         arrives = now_utc_s + profile.command_delay_s
         acts = self._loop.first_from(max(arrives, axes.sample_utc_s + 0.5 * self._loop.mean_period_s))
         interval = max(self._loop.first_from(arrives + self._acting_s) - acts, self._loop.mean_period_s)
-        begin, end = way(acts), way(acts + interval)
-        ra, dec, _, _ = self._predicted(axes, acts)
-        ha_ahead = self._turned(self._sky.sidereal_deg(acts) - ra) - begin[0]
-        sky_turned = self._sky.sidereal_rate_deg_s(acts) * interval
-        ra_gain, dec_gain = 1.0 + axes.ra.gain_error, 1.0 + axes.dec.gain_error
-        ra_rate = rate_deg_s(
-            sky_turned - (end[0] - begin[0]),
-            interval,
-            axes.ra.disturbance_deg_s,
-            -ha_ahead,
-            profile.ra.max_acceleration_deg_s2,
-            profile.ra.max_rate_deg_s,
+        ahead_s = 0.5 * (axes.ra.lag.mean_s + axes.dec.lag.mean_s)
+        begins = acts + ahead_s
+        begin, middle, end = (way(begins + share * interval) for share in (0.0, 0.5, 1.0))
+        (ra, dec), before = axes.bound_for(acts)
+        late_s = axes.ra.lag.mean_s - ahead_s
+        sky = self._sky.sidereal_rate_deg_s(acts)
+        bound_ha = self._turned(self._sky.sidereal_deg(acts + axes.ra.lag.mean_s) - ra)
+        bend = [4.0 * (a - 2.0 * b + c) / interval**2 for a, b, c in zip(begin, middle, end, strict=True)]
+        # Right ascension runs against the hour angle, which knows the turn.
+        ra_way = Way(-begin[0], sky * interval - (end[0] - begin[0]), interval, -bend[0], ahead_s)
+        dec_way = Way(begin[1], end[1] - begin[1], interval, bend[1], ahead_s)
+        ra_rate = rate_deg_s(ra_way, sky * late_s - bound_ha, axes.ra, profile.ra, profile.ra.max_rate_deg_s)
+        dec_rate = rate_deg_s(dec_way, dec, axes.dec, profile.dec, profile.dec.max_rate_deg_s)
+        return MoveAxes(
+            ramped_deg_s(ra_rate, before[0], profile.ra, interval),
+            ramped_deg_s(dec_rate, before[1], profile.dec, interval),
         )
-        dec_rate = rate_deg_s(
-            end[1] - begin[1],
-            interval,
-            axes.dec.disturbance_deg_s,
-            dec - begin[1],
-            profile.dec.max_acceleration_deg_s2,
-            profile.dec.max_rate_deg_s,
-        )
-        return MoveAxes(ra_rate / ra_gain, dec_rate / dec_gain)
 
     def note_sent(self, motion: Motion, now_utc_s: float) -> None:
         """Note what was really sent, after safety had its say."""
@@ -146,13 +141,13 @@ class Follower:
         """Return right ascension, declination and their rates at an instant near the last sample."""
         ahead_s = utc_s - axes.sample_utc_s
         moved_ra, moved_dec = axes.moved_by(utc_s) if ahead_s > 0.0 and self._commanding else (0.0, 0.0)
-        rates = axes.rates_deg_s or (0.0, 0.0)
+        rates = axes.rates_deg_s
         if ahead_s <= 0.0 or not self._commanding:
             moved_ra, moved_dec = rates[0] * ahead_s, rates[1] * ahead_s
         ra_gain, dec_gain = 1.0 + axes.ra.gain_error, 1.0 + axes.dec.gain_error
         return (
-            axes.ra.position_deg + moved_ra * ra_gain + axes.ra.disturbance_deg_s * ahead_s,
-            axes.dec.position_deg + moved_dec * dec_gain + axes.dec.disturbance_deg_s * ahead_s,
+            axes.ra.position_deg + moved_ra + axes.ra.disturbance_deg_s * ahead_s,
+            axes.dec.position_deg + moved_dec + axes.dec.disturbance_deg_s * ahead_s,
             rates[0] * ra_gain + axes.ra.disturbance_deg_s,
             rates[1] * dec_gain + axes.dec.disturbance_deg_s,
         )

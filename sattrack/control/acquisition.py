@@ -19,7 +19,9 @@ HANDSHAKE_S = 0.6
 """Time kept for the handshake of a slew, and for what the estimate of its length leaves out."""
 LET_GO_S = 0.3
 """What it takes to end MoveAxis and see the mount stand, before it can slew."""
-RATES_WITHIN_DEG = 10.0
+SETTLES_S = 1.0
+"""What a slew by an unknown mount takes beyond its estimate, until it is said to be over."""
+RATES_WITHIN_DEG = 20.0
 """How far off rates are taken at all: they go straight on, where slews are led round what is in the way."""
 ROUNDS = 8
 
@@ -54,11 +56,10 @@ def chase_time_s(distance_deg: float, axis: AxisLimits, law: FeederLaw) -> float
     distance, top, acceleration = abs(distance_deg), axis.max_rate_deg_s, axis.max_acceleration_deg_s2
     if not distance:
         return 0.0
-    braking = law.braking_share * acceleration
-    # From rest up to a rate with all of the acceleration, and down again with its share.
-    peak = min(top, math.sqrt(2.0 * distance * acceleration * braking / (acceleration + braking)))
-    ramps_deg = 0.5 * peak * peak * (1.0 / acceleration + 1.0 / braking)
-    return peak / acceleration + peak / braking + max(0.0, distance - ramps_deg) / top + 5.0 * law.settling_s
+    starting, braking = law.ramp_share * acceleration, law.braking_share * acceleration
+    peak = min(top, math.sqrt(2.0 * distance * starting * braking / (starting + braking)))
+    ramps_deg = 0.5 * peak * peak * (1.0 / starting + 1.0 / braking)
+    return peak / starting + peak / braking + max(0.0, distance - ramps_deg) / top + 5.0 * law.settling_s
 
 
 def plan_intercept(
@@ -86,7 +87,7 @@ def plan_intercept(
     rates = _meet(now_utc_s, not_before_utc_s, mount, target_at, (profile, chase, 0.0))
     _, dec, hour_angle = target_at(now_utc_s)
     far = max(abs(hour_angle - mount[0]), abs(dec - mount[1])) > RATES_WITHIN_DEG
-    if far or rates.utc_s > slew.utc_s:
+    if far or rates.utc_s > slew.utc_s + SETTLES_S:
         return slew
     return Intercept(rates.utc_s, rates.ra_deg, rates.dec_deg, by_rates=True)
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 THERE_DEG = 0.1
 """A slew that ends farther from its goal was not carried out."""
 SLEWS_TRIED = 3
+STANDS_FOR_S, STANDS_WITHIN_DEG = 0.25, 0.02
 PATIENCE_S, PATIENCE_TIMES = 30.0, 3.0
 """A slew may take this, and so many times what its length asks for: it may go round what is in the way."""
 FAR_DEG = 5.0
@@ -68,6 +69,10 @@ class Approach:
         self._not_again_before_utc_s = -math.inf
         self.intercept = Intercept(0.0, 0.0, 0.0)
         self._sent: SlewTo | None = None
+        self._came = False
+        """Whether the mount was seen away from the goal since the slew was planned."""
+        self._stood: tuple[float, float, float] | None = None
+        """Since when and where the mount stands at the goal."""
         self._refused = False
         self.trouble: str | None = None
 
@@ -78,6 +83,7 @@ class Approach:
         self._not_before_utc_s = not_before_utc_s
         self._far_since_utc_s = None
         self._refused = False
+        self._came, self._stood = False, None
         takes_s = self._slew_s(stand, intercept)
         self._overdue_utc_s = now_utc_s + PATIENCE_TIMES * takes_s + PATIENCE_S
         return Step.FOLLOW if intercept.by_rates else Step.SLEW
@@ -85,6 +91,7 @@ class Approach:
     def go_on(self, now_utc_s: float, slew_done: bool, stand: Stand) -> Step:
         """Judge a slew that was asked for; `slew_done` where the mount says that it is over."""
         goal, sent = self.intercept, self._sent
+        slew_done = slew_done or (goal.utc_s > self._not_before_utc_s and self._stands(now_utc_s, stand))
         if self._refused:
             self._not_again_before_utc_s = now_utc_s + REFUSED_FOR_S
             return Step.FOLLOW
@@ -107,6 +114,23 @@ class Approach:
         seen = self._target_at(now_utc_s)
         gaps_deg = (abs(wrap180(float(seen.ra_deg) - stand.ra_deg)), abs(float(seen.dec_deg) - stand.dec_deg))
         return Step.FOLLOW if max(gaps_deg) <= RATES_WITHIN_DEG else Step.PLAN
+
+    def _stands(self, now_utc_s: float, stand: Stand) -> bool:
+        """Tell whether the mount has come to a slew's goal and stood there, whatever it says of the slew.
+
+        A soft servo rings there for seconds, and a target that has gone on is not waited for. A mount that
+        was at the goal before the slew may be about to leave it, for the other side of the pier.
+        """
+        sent, before = self._sent, self._stood
+        if sent is None or _apart_deg(stand.ra_deg, stand.dec_deg, sent.ra_deg, sent.dec_deg) > THERE_DEG:
+            self._came, self._stood = sent is not None, None
+            return False
+        if not self._came:
+            return False
+        if before is None or _apart_deg(stand.ra_deg, stand.dec_deg, *before[1:]) > STANDS_WITHIN_DEG:
+            self._stood = now_utc_s, stand.ra_deg, stand.dec_deg
+            return False
+        return now_utc_s - before[0] >= STANDS_FOR_S
 
     def sent(self, motion: Motion) -> None:
         """Note what was really sent: safety may cut a slew short, or hold the mount by rates instead."""

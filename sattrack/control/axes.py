@@ -8,14 +8,17 @@ is not to be believed.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sattrack.control.kalman import AxisFilter, wrap180
+from sattrack.control.response import SETTLED_S, TURN_S, Commanded, Step, Turn, rest_of
 
 if TYPE_CHECKING:
-    from sattrack.control.history import CommandHistory, Motion
+    from sattrack.control.history import CommandHistory
     from sattrack.control.kalman import Noise
+    from sattrack.control.response import Array
     from sattrack.mount import MountProfile, StatusSample
 
 GATE_DEG = 0.1
@@ -32,6 +35,15 @@ OTHERS = (-1, 1, -2)
 """Commands tried instead of the expected one, by their distance in the order of sending."""
 
 
+EARLY, EARLY_SIGMAS = 0.25, 3.0
+"""A share of commands that are read early, from which on they are taken to arrive earlier than told."""
+ANSWERED_S = 0.3
+"""Time in which a change of rate has mostly come out."""
+UNSTRAINED_SHARE = 0.5
+"""Share of the told acceleration up to which a change of rate comes out as the servo's answer. What is asked
+for beyond it the drive limits, and it says nothing of the servo."""
+
+
 @dataclass(slots=True)
 class Axes:
     """Filters of right ascension and declination, as of the last sample."""
@@ -42,14 +54,25 @@ class Axes:
     dec: AxisFilter
     sample_utc_s: float
     outliers: int = 0
-    rates_deg_s: tuple[float, float] | None = None
-    """How fast the axes move at the last sample, by the commands and what the axes can do."""
-    _rates_deg_s: tuple[float, float] | None = None
-    """Mean commanded rates over the last interval."""
+    rates_deg_s: tuple[float, float] = (0.0, 0.0)
+    """How fast the axes move at the last sample, by the commands, or as seen where there are none."""
+    _commanded: Commanded = field(init=False)
+    _strain_deg_s: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    """By how much the axes lag behind their commanded rates because the drives are at their limit."""
+    _jolts_deg_s: list[float] = field(default_factory=lambda: [0.0, 0.0])
+    """Changes of the commanded rates that are still being answered."""
     _seen_deg: tuple[float, float] | None = None
     """What the last sample reported."""
+    foretold_deg: tuple[float, float] = (0.0, 0.0)
+    """How far the commands were to move the axes between the last two samples."""
+    turned_over_s: float = 0.0
+    """The time between those two; 0 where no commands told the motion."""
     misread: int = 0
     """Samples that were explained by another command than the expected one."""
+
+    def __post_init__(self) -> None:
+        """Begin with axes that were not commanded."""
+        self._commanded = Commanded(self.sample_utc_s)
 
     @classmethod
     def begin(
@@ -61,7 +84,8 @@ class Axes:
         noise: Noise | None = None,
     ) -> Axes:
         """Return filters that know one sample."""
-        ra, dec = AxisFilter(sample.ra_deg, noise), AxisFilter(sample.dec_deg, noise)
+        ra = AxisFilter(sample.ra_deg, noise, profile.ra.lag_s or None)
+        dec = AxisFilter(sample.dec_deg, noise, profile.dec.lag_s or None)
         return cls(profile, history, ra, dec, utc_s)
 
     @property
@@ -80,20 +104,12 @@ class Axes:
         of commands tells.
         """
         seconds = utc_s - self.sample_utc_s
-        if commanded:
-            expected = self._motion(utc_s)
-            ra_moved, dec_moved = self._explain(sample, utc_s, expected.moved)
-            self.rates_deg_s = expected.rates_deg_s
-        else:
-            ra_moved = wrap180(sample.ra_deg - self.ra.position_deg)
-            dec_moved = sample.dec_deg - self.dec.position_deg
-            self.rates_deg_s = (ra_moved / seconds, dec_moved / seconds)
-        ra_jolt, dec_jolt = self._jolts((ra_moved, dec_moved), seconds)
-        self.ra.advance(seconds, ra_moved, commanded, ra_jolt)
-        self.dec.advance(seconds, dec_moved, commanded, dec_jolt)
-        self._rates_deg_s = (ra_moved / seconds, dec_moved / seconds) if commanded else None
-        self.sample_utc_s = utc_s
-        if self._is_stuck(sample, ra_moved, dec_moved):
+        if not commanded:
+            self._follow_plan(sample, utc_s)
+            return True
+        moved = self._advance(sample, utc_s, seconds)
+        self.sample_utc_s, self.turned_over_s, self.foretold_deg = utc_s, seconds, moved
+        if self._is_stuck(sample, *moved):
             return False
         # No axis gets further from the prediction than by running full speed the other way.
         ra_gate = GATE_DEG + 2.0 * self.profile.ra.max_rate_deg_s * seconds
@@ -103,9 +119,49 @@ class Axes:
             self.outliers += 1
             return False
         self.outliers = 0
-        self.ra.measure(sample.ra_deg, ra_moved / seconds)
-        self.dec.measure(sample.dec_deg, dec_moved / seconds)
+        self.ra.measure(sample.ra_deg, moved[0] / seconds)
+        self.dec.measure(sample.dec_deg, moved[1] / seconds)
         return True
+
+    def _advance(self, sample: StatusSample, utc_s: float, seconds: float) -> tuple[float, float]:
+        """Predict by the commands that acted; return how far they moved the axes."""
+        before = self._commanded.last
+        acted, effect = self._explained(sample, utc_s, self.history.steps(self.sample_utc_s, utc_s))
+        for step in acted:
+            self._commanded.add(step)
+        now = acted[-1]
+        self.rates_deg_s = now[1:]
+        jolts = (now.ra_rate_deg_s - before.ra_rate_deg_s, now.dec_rate_deg_s - before.dec_rate_deg_s)
+        limits = (self.profile.ra.max_acceleration_deg_s2, self.profile.dec.max_acceleration_deg_s2)
+        moved = []
+        fades = math.exp(-seconds / ANSWERED_S)
+        for number, (axis, jolt, limit) in enumerate(zip((self.ra, self.dec), jolts, limits, strict=True)):
+            strain = self._strain(number, jolt, UNSTRAINED_SHARE * limit * seconds)
+            recent = self._jolts_deg_s[number] * fades + abs(jolt)
+            self._jolts_deg_s[number] = recent
+            axis.advance(seconds, 0.0, effect[number], axis.rough_deg(recent) + strain * seconds)
+            moved.append(axis.moved_deg(effect[number]))
+        return moved[0], moved[1]
+
+    def _strain(self, number: int, jolt_deg_s: float, gives_deg_s: float) -> float:
+        """Return by how much an axis may lag behind its rate, after a change of that."""
+        strain = self._strain_deg_s[number] + jolt_deg_s
+        left = math.copysign(max(0.0, abs(strain) - gives_deg_s), strain)
+        self._strain_deg_s[number] = left
+        return abs(left)
+
+    def _follow_plan(self, sample: StatusSample, utc_s: float) -> None:
+        """Take the place as it is seen, of a mount that moves by a plan of its own."""
+        seconds = utc_s - self.sample_utc_s
+        self.rates_deg_s = (
+            wrap180(sample.ra_deg - self.ra.position_deg) / seconds,
+            (sample.dec_deg - self.dec.position_deg) / seconds,
+        )
+        self.ra.stand_at(sample.ra_deg)
+        self.dec.stand_at(sample.dec_deg)
+        self.sample_utc_s, self.outliers, self.turned_over_s = utc_s, 0, 0.0
+        self._commanded = Commanded(utc_s)
+        self._strain_deg_s, self._jolts_deg_s = [0.0, 0.0], [0.0, 0.0]
 
     def _is_stuck(self, sample: StatusSample, ra_moved_deg: float, dec_moved_deg: float) -> bool:
         """Tell whether an axis is said to stand where it stood to the last bit, though commands moved it."""
@@ -117,44 +173,70 @@ class Axes:
             seen[1] == sample.dec_deg and abs(dec_moved_deg) > least_deg
         )
 
+    def _coming(self, utc_s: float) -> list[Step]:
+        """Return what is expected to act from an instant on, and may act a turn before."""
+        return self.history.steps(utc_s, utc_s + TURN_S)
+
     def moved_by(self, utc_s: float) -> tuple[float, float]:
         """Return how far the commands will have moved the axes from the last sample to an instant."""
-        return self._motion(utc_s).moved
+        steps = self.history.steps(self.sample_utc_s, utc_s + TURN_S)
+        effect = self._commanded.effects(self.sample_utc_s, utc_s, steps)
+        return self.ra.moved_deg(effect[0]), self.dec.moved_deg(effect[1])
 
-    def _motion(self, utc_s: float) -> Motion:
-        limits = (self.profile.ra.max_acceleration_deg_s2, self.profile.dec.max_acceleration_deg_s2)
-        return self.history.motion(self.sample_utc_s, utc_s, self.rates_deg_s, limits)
+    def bound_for(self, utc_s: float) -> tuple[tuple[float, float], tuple[float, float]]:
+        """Return where the commands that act until an instant will have led the axes, and their last rates.
 
-    def _explain(
-        self, sample: StatusSample, utc_s: float, expected: tuple[float, float]
-    ) -> tuple[float, float]:
-        """Return how far the commands moved the axes since the last sample."""
-        surprise = self._surprise(sample, utc_s, expected)
+        That is where they would come to rest if the rates were nought from then on, plus what a disturbance
+        moves them until their mean lag is over: where they are that lag after the instant.
+        """
+        steps = self.history.steps(self.sample_utc_s, utc_s)
+        last = steps[-1] if steps else self._commanded.last
+        effect = self._commanded.effects(self.sample_utc_s, utc_s + SETTLED_S, steps)
+        effect -= rest_of(last, SETTLED_S)
+        ahead_s = utc_s - self.sample_utc_s
+        ra, dec = (
+            axis.foretold_deg(ahead_s + axis.lag.mean_s, effect[number])
+            for number, axis in enumerate((self.ra, self.dec))
+        )
+        return (ra, dec), (last.ra_rate_deg_s, last.dec_rate_deg_s)
+
+    @property
+    def early(self) -> bool:
+        """Whether commands are seen to be read a turn earlier than expected, or about to be."""
+        return any(
+            axis.early > EARLY and axis.early > EARLY_SIGMAS * axis.early_sigma
+            for axis in (self.ra, self.dec)
+        )
+
+    def _explained(
+        self, sample: StatusSample, utc_s: float, expected: list[Step]
+    ) -> tuple[list[Step], Array]:
+        """Return what acted since the last sample, and its effects: what explains the sample best."""
+        coming = self._coming(utc_s)
+        effect = self._commanded.effects(self.sample_utc_s, utc_s, [*expected, *coming])
         # Over a gap of lost samples, more than one command acted, and there is no telling.
-        if surprise < SURPRISE_SIGMAS**2 or not self.history.is_one_turn(self.sample_utc_s, utc_s):
-            return expected
-        best, least = expected, surprise * EXPLAINED_SHARE
+        if len(expected) > 1:
+            return expected, effect
+        seconds, before, now = utc_s - self.sample_utc_s, self._commanded.last, expected[0]
+        left = (
+            wrap180(sample.ra_deg - self.ra.foretold_deg(seconds, effect[0])),
+            sample.dec_deg - self.dec.foretold_deg(seconds, effect[1]),
+        )
+        sigmas = (
+            self.ra.expected_sigma_deg(now.ra_rate_deg_s - before.ra_rate_deg_s),
+            self.dec.expected_sigma_deg(now.dec_rate_deg_s - before.dec_rate_deg_s),
+        )
+        surprise = (left[0] / sigmas[0]) ** 2 + (left[1] / sigmas[1]) ** 2
+        if surprise < SURPRISE_SIGMAS**2:
+            return expected, effect
+        turn = Turn(left, (self.ra.answers_s(seconds), self.dec.answers_s(seconds)), sigmas, now)
+        best, least = now, surprise * EXPLAINED_SHARE
         for step in OTHERS:
-            moved = self.history.displacement_by(step, self.sample_utc_s, utc_s)
-            if moved is None:
-                continue
-            left = self._surprise(sample, utc_s, moved)
-            if left < least:
-                best, least = moved, left
-        self.misread += best is not expected
-        return best
-
-    def _surprise(self, sample: StatusSample, utc_s: float, moved: tuple[float, float]) -> float:
-        """Return the square of what a displacement leaves unexplained, in sigmas, over both axes."""
-        seconds = utc_s - self.sample_utc_s
-        ra_jolt, dec_jolt = self._jolts(moved, seconds)
-        ra_left = wrap180(sample.ra_deg - self.ra.foretold_deg(seconds, moved[0]))
-        dec_left = wrap180(sample.dec_deg - self.dec.foretold_deg(seconds, moved[1]))
-        ra_sigma, dec_sigma = self.ra.expected_sigma_deg(ra_jolt), self.dec.expected_sigma_deg(dec_jolt)
-        return (ra_left / ra_sigma) ** 2 + (dec_left / dec_sigma) ** 2
-
-    def _jolts(self, moved: tuple[float, float], seconds: float) -> tuple[float, float]:
-        """Return by how much the commanded rates have changed since the interval before."""
-        if self._rates_deg_s is None:
-            return moved[0] / seconds, moved[1] / seconds
-        return moved[0] / seconds - self._rates_deg_s[0], moved[1] / seconds - self._rates_deg_s[1]
+            other = self.history.other(step, self.sample_utc_s)
+            unexplained = math.inf if other is None else turn.surprise(other)
+            if other is not None and unexplained < least:
+                best, least = Step(self.sample_utc_s, other.ra_rate_deg_s, other.dec_rate_deg_s), unexplained
+        if best is now:
+            return expected, effect
+        self.misread += 1
+        return [best], self._commanded.effects(self.sample_utc_s, utc_s, [best, *coming])

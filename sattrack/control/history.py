@@ -6,17 +6,20 @@ such instant after it arrived, until the first one after its successor arrived.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import msgspec
 
+from sattrack.control.response import Step
+
 if TYPE_CHECKING:
     from sattrack.control.mount_loop import MountLoop
 
 KEPT = 400
+SOONER_S, SOONEST_S = 0.0005, 0.03
+"""By how much a delay is taken to be less, with each sample that says so, and in all."""
 
 
 class SentRates(msgspec.Struct, frozen=True, gc=False):
@@ -25,27 +28,6 @@ class SentRates(msgspec.Struct, frozen=True, gc=False):
     sent_utc_s: float
     ra_rate_deg_s: float
     dec_rate_deg_s: float
-
-
-class Motion(msgspec.Struct, frozen=True, gc=False):
-    """How far both axes were moved, degrees, and their rates at the end, degrees per second."""
-
-    moved: tuple[float, float]
-    rates_deg_s: tuple[float, float]
-
-
-def _ramp(
-    rate_deg_s: float | None, wanted_deg_s: float, seconds: float, acceleration_deg_s2: float
-) -> tuple[float, float]:
-    """Return how far an axis moves, and its rate then, that is asked for a rate; None: it has it already."""
-    moved_deg = wanted_deg_s * seconds
-    change = 0.0 if rate_deg_s is None else wanted_deg_s - rate_deg_s
-    takes_s = abs(change) / acceleration_deg_s2
-    if takes_s <= seconds:
-        return moved_deg - 0.5 * change * takes_s, wanted_deg_s
-    # It does not come to the rate in the time there is.
-    short = change * (1.0 - seconds / takes_s)
-    return moved_deg - 0.5 * (change + short) * seconds, wanted_deg_s - short
 
 
 AT_REST = SentRates(float("-inf"), 0.0, 0.0)
@@ -58,6 +40,11 @@ class CommandHistory:
     delay_s: float
     loop: MountLoop
     _sent: deque[SentRates] = field(default_factory=lambda: deque(maxlen=KEPT))
+    _told_s: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Begin with what is told."""
+        self._told_s = self.delay_s
 
     def add(self, sent: SentRates) -> None:
         """Note what was sent; instants rise."""
@@ -67,6 +54,10 @@ class CommandHistory:
         """Forget everything: the mount is on its own again."""
         self._sent.clear()
 
+    def arrives_early(self) -> None:
+        """Take notice that commands are read earlier than expected: they take less time than told."""
+        self.delay_s = max(0.0, self._told_s - SOONEST_S, self.delay_s - SOONER_S)
+
     def acting(self, tick_utc_s: float) -> SentRates:
         """Return what acts from a loop instant of the mount until the next one."""
         newest_that_counts = tick_utc_s - self.delay_s
@@ -75,55 +66,32 @@ class CommandHistory:
                 return sent
         return AT_REST
 
-    def is_one_turn(self, from_utc_s: float, to_utc_s: float) -> bool:
-        """Tell whether two loop instants follow one another, so that one command acted between them."""
-        return to_utc_s - from_utc_s < 1.5 * self.loop.mean_period_s
+    def other(self, step: int, tick_utc_s: float) -> SentRates | None:
+        """Return the command sent so many after the one that is expected to act from a loop instant.
 
-    def displacement_by(self, step: int, from_utc_s: float, to_utc_s: float) -> tuple[float, float] | None:
-        """Return `displacement` over one turn if another command had acted, None where there is none.
-
-        `step` counts from the one that is expected to have acted: -1 is the one sent before it.
+        -1 is the one before it; None where there is none.
         """
-        expected = self.acting(from_utc_s)
+        expected = self.acting(tick_utc_s)
         place = len(self._sent) - 1
         while place >= 0 and self._sent[place] is not expected:
             place -= 1
         if not 0 <= place + step < len(self._sent) or place < 0:
             return None
-        other = self._sent[place + step]
-        seconds = to_utc_s - from_utc_s
-        return other.ra_rate_deg_s * seconds, other.dec_rate_deg_s * seconds
+        return self._sent[place + step]
 
-    def displacement(self, from_utc_s: float, to_utc_s: float) -> tuple[float, float]:
-        """Return how far the commands move right ascension and declination between two instants, degrees.
+    def steps(self, from_utc_s: float, to_utc_s: float) -> list[Step]:
+        """Return what acts between two instants, a step for each of the mount's turns.
 
         `from_utc_s` must be a loop instant of the mount; further ones are as the loop is foretold, so that
-        a gap of lost statuses is predicted through. See `motion`.
+        a gap of lost statuses is predicted through.
         """
-        return self.motion(from_utc_s, to_utc_s, None, (math.inf, math.inf)).moved
-
-    def motion(
-        self,
-        from_utc_s: float,
-        to_utc_s: float,
-        rates_deg_s: tuple[float, float] | None,
-        accelerations_deg_s2: tuple[float, float],
-    ) -> Motion:
-        """Return the same with axes that have rates at first, and take their time to change them."""
-        ra_rate, dec_rate = rates_deg_s or (None, None)
-        ra_most, dec_most = accelerations_deg_s2
-        ra_moved = dec_moved = 0.0
+        found = []
         half_s = 0.5 * self.loop.mean_period_s
         at = from_utc_s
         while at < to_utc_s - 1e-6:
+            acting = self.acting(at)
+            found.append(Step(at, acting.ra_rate_deg_s, acting.dec_rate_deg_s))
             until = min(self.loop.first_from(at + half_s), to_utc_s)
             # A rest shorter than half a period is the loop's jitter, not another turn of it.
-            if to_utc_s - until < half_s:
-                until = to_utc_s
-            acting = self.acting(at)
-            moved, ra_rate = _ramp(ra_rate, acting.ra_rate_deg_s, until - at, ra_most)
-            ra_moved += moved
-            moved, dec_rate = _ramp(dec_rate, acting.dec_rate_deg_s, until - at, dec_most)
-            dec_moved += moved
-            at = until
-        return Motion((ra_moved, dec_moved), (ra_rate or 0.0, dec_rate or 0.0))
+            at = to_utc_s if to_utc_s - until < half_s else until
+        return found

@@ -1,17 +1,25 @@
-"""A Kalman filter per axis: where the axis is, which rate nobody asked for, and how much of a rate comes out.
+"""A Kalman filter per axis: where the axis is, which rate nobody asked for, and what comes of a command when.
 
-State: position in degrees, rate disturbance in degrees per second, and the gain's error: what comes of a
-commanded rate, divided by it, less one. Input: the displacement that the commands made. Measurement: the
-reported position at its own instant. filterpy does the algebra.
+State: position in degrees, rate disturbance in degrees per second, and the shares of the axis' response (see
+`response`): their sum is the gain, their mean lag the servo's. Input: the commands that acted. Measurement:
+the reported position at its own instant. Nothing is clamped: what is bounded is so by its prior, and a filter
+that contradicts what it measures begins anew.
 """
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
+
+from sattrack.control import response
+from sattrack.control.response import SHARES
+
+if TYPE_CHECKING:
+    from sattrack.control.response import Array, Lag
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,194 +34,295 @@ class Noise:
     """Position noise that grows with the root of time: what the servo does within a loop."""
     rate_walk_deg_s_sqrt_s: float = 0.5 / 3600.0
     """Growth of the rate disturbance with the root of time."""
-    response_s: float = 0.01
-    """Position noise for each change of the commanded rate, over that change: the servo is not instant."""
+    rate_fades_s: float = 60.0
+    """Time in which a rate disturbance that is not seen is forgotten."""
+    response_s: float = 0.003
+    """Position noise for each change of the commanded rate, over that change: turns come a little off."""
     first_rate_deg_s: float = 20.0 / 3600.0
     learning: float = 0.01
     """How fast the measurement noise is learnt, a share each sample."""
     first_gain: float = 0.02
     gain_walk_sqrt_s: float = 1e-5
     """Growth of the gain's error with the root of time: it is the mount's own, and stays."""
+    late_walk_sqrt_s: float = 0.003
+    """Growth of the uncertainty of `late` with the root of time: small changes come out sooner than large."""
+    turn: float = 0.3
+    """How uncertain it is at first whether a command is read a turn early or late, as a share."""
+    first_lag_s: float = 0.03
+    """The servo's mean lag where the profile tells none."""
+    late: float = 0.5
+    """How uncertain it is at first what has come out shortly after a command, as a share."""
 
 
 SURPRISE_SIGMAS = 4.0
 SURPRISING = SURPRISE_SIGMAS**2
-MOST_RATE_DEG_S, MOST_GAIN = 0.1, 0.25
-"""No disturbance is larger, and no gain further off: what seems so is a filter that is led astray."""
 SMALLEST_NOISE_SHARE, LARGEST_NOISE_SHARE = 0.02, 400.0
 """How far the measurement's variance may go from the expected one: a seventh of the sigma to twenty times."""
+LARGEST_ROUGH_SHARE = 16.0
+ROUGH_LEARNING = 5.0
+"""How much faster the motion's own noise is learnt than that of the measurements."""
 NEAR_REST_DEG_S = 0.05
 """Slower than this an axis may stick. How far it stays behind then its servo takes away by itself, so that is
 no rate: compensated as one, the axis breaks loose the further."""
 PLAUSIBLE_RATE_DEG_S = 40.0 / 3600.0
 """A rate disturbance beyond this was an axis that was stopped: near rest too, it may be over at once."""
+LARGEST_RATE_DEG_S = 0.1
+"""One sigma of a rate that has set in at once."""
+STEADY, LOST = 0.05, 9.0
+"""What a sample counts in the mean of the squared surprises, and the mean from which the filter is lost."""
+DISTURBED, CALM = 4.0, 2.0
+"""The mean from which motion is disturbed, and the mean below which that is over."""
+LIKELY_SIGMAS = 1.25
+"""How far gain and rate may be from those of an unknown axis to be kept after a disturbed motion."""
+ROUNDING = 1e-9
+"""By how much shares whose sum is known exactly may sum to something else."""
+MOST_RATIO = 40.0
+"""What one sample may count at most."""
+SHORTEST_TRIAL = 20
+"""Samples that a filter is given before it is judged."""
 Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 
 
 class LeanKalmanFilter(KalmanFilter):  # type: ignore[misc]
-    """filterpy's filter for one axis, its algebra written out: three numbers of state, one measured.
+    """filterpy's filter for one axis, its algebra written out: position, rate, shares; the position measured.
 
-    `foretell` and `correct` are `predict` and `update` for the transition [[1, dt, d], [0, 1, 0], [0, 0, 1]],
-    the input d on the position, and the measurement of the position alone. Floats round alike on every
-    processor, which matrix libraries do not, and take a quarter of the time. The covariance is corrected in
-    Joseph's form, as filterpy does it. `x` and `P` are filterpy's.
+    `foretell` and `correct` are `predict` and `update` for a transition that is the unit matrix but for the
+    first row. They change one row and column of the covariance, and take a tenth of the time. `x` and `P` are
+    filterpy's.
     """
 
-    def __init__(self, position_deg: float, variances: tuple[float, float, float]) -> None:
-        super().__init__(dim_x=3, dim_z=1, dim_u=1)
-        self.position_deg, self.rate_deg_s, self.gain_error = position_deg, 0.0, 0.0
-        self.pp, self.rr, self.gg = variances
-        self.pr = self.pg = self.rg = 0.0
-        """Covariances of position, rate and gain."""
+    def __init__(self, state: Array, covariance: Matrix) -> None:
+        super().__init__(dim_x=len(state), dim_z=1, dim_u=1)
+        self.state, self.covariance = state, covariance
         self.innovation_deg = 0.0
         self.innovation_variance = 1.0
 
     @property
     def x(self) -> Matrix:
-        """The state: position, rate disturbance, gain's error."""
-        return np.array([[self.position_deg], [self.rate_deg_s], [self.gain_error]])
+        """The state as a column."""
+        column: Matrix = self.state[:, None]
+        return column
 
     @x.setter
     def x(self, state: Matrix) -> None:
-        (self.position_deg,), (self.rate_deg_s,), (self.gain_error,) = state.tolist()
+        self.state = state[:, 0].copy()
 
     @property
     def P(self) -> Matrix:  # noqa: N802 - filterpy's name
         """The state's covariance."""
-        rows = (self.pp, self.pr, self.pg), (self.pr, self.rr, self.rg), (self.pg, self.rg, self.gg)
-        return np.array(rows)
+        return self.covariance
 
     @P.setter
     def P(self, covariance: Matrix) -> None:  # noqa: N802
-        (self.pp, self.pr, self.pg), (_, self.rr, self.rg), (_, _, self.gg) = covariance.tolist()
+        self.covariance = covariance
 
-    def foretell(
-        self, dt: float, moved: float, known: float, noise: tuple[float, float, float, float]
-    ) -> None:
-        """Predict over `dt` seconds in which commands moved the axis by `moved`, `known` of it by the gain.
+    def foretell(self, moves: Array, moved_deg: float) -> None:
+        """Predict: the position moves by `moves` times the rest of the state, and by `moved_deg`."""
+        state, covariance = self.state, self.covariance
+        state[0] += float(moves.dot(state[1:])) + moved_deg
+        gained = moves.dot(covariance[1:])
+        covariance[0] += gained
+        covariance[:, 0] += gained
+        covariance[0, 0] += gained[1:].dot(moves)
 
-        `noise` is the process noise: of the position, of both, of the rate, of the gain.
-        """
-        self.position_deg += self.rate_deg_s * dt + self.gain_error * known + moved
-        to_p = self.pp + dt * self.pr + known * self.pg
-        to_r = self.pr + dt * self.rr + known * self.rg
-        to_g = self.pg + dt * self.rg + known * self.gg
-        self.pp = to_p + dt * to_r + known * to_g + noise[0]
-        self.pr, self.pg = to_r + noise[1], to_g
-        self.rr += noise[2]
-        self.gg += noise[3]
+    def blur(self, own: float, cross: float, rate: float, shares: Array) -> None:
+        """Add the process noise: variances of position and rate, what they share, and that of the shares."""
+        covariance = self.covariance
+        covariance[0, 0] += own
+        covariance[0, 1] += cross
+        covariance[1, 0] += cross
+        covariance[1, 1] += rate
+        covariance[2:, 2:] += shares
 
     def correct(self, measured: float, variance: float) -> None:
         """Take one measurement of the position in."""
-        self.innovation_deg = left = measured - self.position_deg
-        self.innovation_variance = total = self.pp + variance
-        pp, pr, pg = self.pp, self.pr, self.pg
-        kp, kr, kg = pp / total, pr / total, pg / total
-        self.position_deg += kp * left
-        self.rate_deg_s += kr * left
-        self.gain_error += kg * left
-        kept = 1.0 - kp
-        self.pp = kept * pp * kept + kp * variance * kp
-        self.pr = kept * (pr - pp * kr) + kp * variance * kr
-        self.pg = kept * (pg - pp * kg) + kp * variance * kg
-        self.rr += kr * (total * kr - 2.0 * pr)
-        self.rg += kr * (total * kg - pg) - pr * kg
-        self.gg += kg * (total * kg - 2.0 * pg)
+        covariance = self.covariance
+        self.innovation_deg = left = measured - float(self.state[0])
+        self.innovation_variance = total = float(covariance[0, 0]) + variance
+        row = covariance[0].copy()
+        gain = row / total
+        self.state += gain * left
+        covariance -= gain[:, None] * row[None, :]
 
 
 class AxisFilter:
-    """One axis, in unwrapped degrees."""
+    """One axis, in unwrapped degrees; `lag_s` is the servo's mean lag where the profile tells it."""
 
-    def __init__(self, position_deg: float, noise: Noise | None = None) -> None:
+    def __init__(self, position_deg: float, noise: Noise | None = None, lag_s: float | None = None) -> None:
         self._noise = noise = noise or Noise()
         self._rate_walk = noise.rate_walk_deg_s_sqrt_s**2
         self._walk = noise.walk_deg_sqrt_s**2
-        self._gain_walk = noise.gain_walk_sqrt_s**2
+        self._walks = response.spread(noise.late_walk_sqrt_s, 0.0, noise.gain_walk_sqrt_s)
         self._reading = noise.position_deg**2
-        variances = (1e-4, self._noise.first_rate_deg_s**2, self._noise.first_gain**2)
-        self._kalman = LeanKalmanFilter(position_deg, variances)
+        self._moves = np.zeros(1 + SHARES)
+        self._first_lag_s = noise.first_lag_s if lag_s is None else lag_s
         self.innovation_sigmas = 0.0
         """The last measurement's surprise, in its own expected sigma."""
         self.innovation_sigma_deg = 1e-2
         """What the last measurement's surprise was expected to be, one sigma."""
+        self.begun_anew = 0
+        """How often the filter contradicted its measurements, and began anew."""
+        self._disturbed = False
+        """Whether surprises showed motion that was not foretold, of which something may have been learnt."""
+        self._noise_share = 1.0
+        """Variance of the measurements over the expected one, as innovations show it."""
+        self._begin(position_deg)
+
+    def _begin(self, position_deg: float, kept: Array | None = None) -> None:
+        """Begin with a position; `kept` are rate and shares, None for those of an unknown axis."""
+        noise = self._noise
+        covariance = np.zeros((2 + SHARES, 2 + SHARES))
+        covariance[0, 0], covariance[1, 1] = 1e-4, noise.first_rate_deg_s**2
+        covariance[2:, 2:] = response.spread(noise.late, noise.turn, noise.first_gain)
+        first = [0.0, *response.expected(self._first_lag_s)] if kept is None else kept
+        self._kalman = LeanKalmanFilter(np.array([position_deg, *first]), covariance)
         self._surprised_deg = 0.0
         """The last measurement's surprise where it was too large, else 0."""
         self._seconds = 1.0
-        self._noise_share = 1.0
-        """Variance of the measurements over the expected one, as innovations show it."""
+        self._rough_share = 1.0
+        """Variance of the motion's own noise over the expected one, as innovations in a row show it."""
+        self._last_ratio = 0.0
+        """The last surprise in its expected sigma."""
+        self._surprises = 1.0
+        """Mean of the squared surprises, over what was expected."""
+        self._taken = 0
+        self._look()
 
-    @property
-    def position_deg(self) -> float:
-        """Position at the last sample, degrees, unwrapped."""
-        return self._kalman.position_deg
-
-    @property
-    def disturbance_deg_s(self) -> float:
-        """Rate that is there beside the commanded one, degrees per second."""
-        return self._kalman.rate_deg_s
+    def _look(self) -> None:
+        known = self._kalman
+        self.position_deg = float(known.state[0])
+        self.disturbance_deg_s = float(known.state[1])
+        shares = known.state[2:]
+        self.lag: Lag = response.lag_of(shares)
+        self.gain_error = self.lag.whole - 1.0
+        self.lag_sigma_s = response.lag_sigma_s(known.covariance[2:, 2:])
+        self.early = float(shares[0])
+        """Share of the commands that is read a turn earlier than expected."""
+        self.early_sigma = math.sqrt(max(0.0, float(known.covariance[2, 2])))
 
     def expected_sigma_deg(self, jolt_deg_s: float) -> float:
         """Return how far off the next measurement may be, one sigma, after a change of the commanded rate."""
         return math.hypot(self.innovation_sigma_deg, self._noise.response_s * jolt_deg_s)
 
     @property
-    def gain_error(self) -> float:
-        """What comes of a commanded rate, divided by it, less one."""
-        return self._kalman.gain_error
-
-    @property
     def position_sigma_deg(self) -> float:
         """Uncertainty of the position, one sigma."""
-        return math.sqrt(self._kalman.pp)
+        return math.sqrt(float(self._kalman.covariance[0, 0]))
 
-    def foretold_deg(self, seconds: float, displacement_deg: float) -> float:
-        """Return where the axis will be after commands that move it by `displacement_deg`."""
-        known = self._kalman
-        return known.position_deg + known.rate_deg_s * seconds + displacement_deg * (1.0 + known.gain_error)
+    @property
+    def disturbance_sigma_deg_s(self) -> float:
+        """Uncertainty of the rate disturbance, one sigma."""
+        return math.sqrt(float(self._kalman.covariance[1, 1]))
+
+    def rough_deg(self, jolt_deg_s: float) -> float:
+        """Return how much rougher than usual a motion is after a change of the commanded rate, one sigma."""
+        return self._noise.response_s * abs(jolt_deg_s)
+
+    def answers_s(self, seconds: float) -> float:
+        """Return how far a step of rate has moved the axis so long after it, over the step."""
+        return response.answered_s(self._kalman.state[2:], seconds)
+
+    def moved_deg(self, effects: Array) -> float:
+        """Return how far commands move the axis, by their effects."""
+        return float(effects.dot(self._kalman.state[2:]))
+
+    def foretold_deg(self, seconds: float, effects: Array) -> float:
+        """Return where the axis will be after commands with these effects."""
+        drifted_deg: float = self.disturbance_deg_s * seconds
+        return self.position_deg + drifted_deg + self.moved_deg(effects)
 
     def advance(
-        self, seconds: float, displacement_deg: float, commanded: bool = True, jolt_deg_s: float = 0.0
+        self,
+        seconds: float,
+        displacement_deg: float,
+        effects: Array | None = None,
+        rough_deg: float = 0.0,
     ) -> None:
-        """Predict over an interval in which the axis moved by `displacement_deg`.
+        """Predict over an interval in which the axis moved by `displacement_deg` and by commands' effects.
 
-        Where that is not what commands made but what was seen, it says nothing of the gain. `jolt_deg_s` is
-        by how much the commanded rate has changed: the servo takes its time to follow.
+        Where there are none, what was moved is what was seen, and says nothing of the response. `rough_deg`
+        is by how much more than usual the motion may be off, one sigma.
         """
         self._seconds = seconds
         # White noise in rate and in its derivative, integrated over the interval.
-        rate_variance = self._rate_walk * seconds
-        cross = 0.5 * rate_variance * seconds
-        own = self._walk * seconds + rate_variance * seconds * seconds / 3.0
-        own += (self._noise.response_s * jolt_deg_s) ** 2
-        gain_variance = self._gain_walk * seconds
-        gained_deg = displacement_deg if commanded else 0.0
-        process = (own, cross, rate_variance, gain_variance)
-        self._kalman.foretell(seconds, displacement_deg, gained_deg, process)
+        rate_variance = self._rough_share * self._rate_walk * seconds
+        own = self._rough_share * (self._walk * seconds + rough_deg * rough_deg)
+        own += rate_variance * seconds * seconds / 3.0
+        moves = self._moves
+        moves[0], moves[1:] = seconds, 0.0 if effects is None else effects
+        self._kalman.foretell(moves, displacement_deg)
+        self._kalman.state[1] *= 1.0 - seconds / self._noise.rate_fades_s
+        # What is not measured after this is where the axis is taken to be.
+        self.position_deg = float(self._kalman.state[0])
+        self._kalman.blur(own, 0.5 * rate_variance * seconds, rate_variance, self._walks * seconds)
+
+    def stand_at(self, position_deg: float) -> None:
+        """Take a place as it is seen, of an axis whose motion nobody foretells; all else stays as it is."""
+        known = self._kalman
+        known.state[0] += wrap180(position_deg - float(known.state[0]))
+        known.covariance[0] = known.covariance[:, 0] = 0.0
+        known.covariance[0, 0] = self._reading
+        self._look()
 
     def measure(self, position_deg: float, rate_deg_s: float) -> None:
         """Take in a reported position (any turn) of an axis that moves at about `rate_deg_s`."""
         known = self._kalman
-        predicted = known.position_deg
+        predicted = float(known.state[0])
         surprise = wrap180(position_deg - predicted)
         variance = self._noise_share * (self._reading + (rate_deg_s * self._noise.timing_s) ** 2)
-        expected = known.pp + variance
-        if surprise * surprise > SURPRISING * expected:
+        expected = float(known.covariance[0, 0]) + variance
+        ratio = surprise * surprise / expected
+        sigmas = surprise / math.sqrt(expected)
+        # A glitch counts for no more than a large but ordinary surprise; many of them are noise all the same.
+        self._learn_noise(max(-SURPRISE_SIGMAS, min(SURPRISE_SIGMAS, sigmas)), variance / expected)
+        if ratio > SURPRISING:
             variance += self._weigh_surprise(surprise, expected, rate_deg_s)
         else:
             self._surprised_deg = 0.0
-            self._learn_noise(surprise * surprise / expected)
+        self._surprises += STEADY * (min(ratio, MOST_RATIO) - self._surprises)
+        self._taken += 1
         known.correct(predicted + surprise, variance)
-        if abs(known.rate_deg_s) > MOST_RATE_DEG_S:
-            known.rate_deg_s = math.copysign(MOST_RATE_DEG_S, known.rate_deg_s)
-        if abs(known.gain_error) > MOST_GAIN:
-            known.gain_error = math.copysign(MOST_GAIN, known.gain_error)
         self.innovation_sigma_deg = math.sqrt(known.innovation_variance)
         self.innovation_sigmas = known.innovation_deg / self.innovation_sigma_deg
+        if self._taken > SHORTEST_TRIAL:
+            self._judge(predicted + surprise)
+        self._look()
 
-    def _learn_noise(self, ratio: float) -> None:
-        """Let the measurement noise follow, slowly, what the innovations' squares are against expectation."""
-        share = self._noise_share * (1.0 + self._noise.learning * (ratio - 1.0))
+    def _judge(self, measured_deg: float) -> None:
+        """Begin anew where the filter contradicts its measurements, and after a disturbed motion.
+
+        Then the response and the rate are kept where they are likely ones, but no longer relied upon. Of gain
+        and rate, steady motion shows only what both come to together, so it would not correct them.
+        """
+        # What a new filter is surprised at soon after its beginning may be the axis itself.
+        self._disturbed = self._disturbed or self._surprises > DISTURBED
+        if self._surprises > LOST:
+            self.begun_anew += 1
+            # It may have been too sure of its measurements.
+            self._noise_share = min(LARGEST_NOISE_SHARE, 2.0 * self._noise_share)
+            self._begin(measured_deg)
+        elif self._disturbed and self._surprises < CALM and self._taken > 2 * SHORTEST_TRIAL:
+            self._disturbed = False
+            known, noise = self._kalman.state, self._noise
+            gain_error = float(sum(known[2:].tolist())) - 1.0
+            likely = abs(gain_error) <= LIKELY_SIGMAS * noise.first_gain + ROUNDING
+            likely &= abs(float(known[1])) <= LIKELY_SIGMAS * noise.first_rate_deg_s
+            self.begun_anew += not likely
+            self._begin(measured_deg, known[1:] if likely else None)
+
+    def _learn_noise(self, sigmas: float, measured: float) -> None:
+        """Let the noises follow, slowly, what a surprise and the one before are against expectation.
+
+        Surprises that go on to one side are motion that was not foretold; those that go to and fro are noise
+        of the measurements (Mehra 1970), of which they tell as much as it has a share in them, `measured`.
+        """
+        alike, self._last_ratio = sigmas * self._last_ratio, sigmas
+        learning = self._noise.learning
+        against = measured * (sigmas * sigmas - 1.0 - 2.0 * max(0.0, alike))
+        share = self._noise_share * (1.0 + learning * against)
         self._noise_share = max(SMALLEST_NOISE_SHARE, min(LARGEST_NOISE_SHARE, share))
+        rough = self._rough_share * (1.0 + ROUGH_LEARNING * learning * alike)
+        self._rough_share = max(1.0, min(LARGEST_ROUGH_SHARE, rough))
 
     def _weigh_surprise(self, surprise_deg: float, expected: float, rate_deg_s: float) -> float:
         """Return by how much to distrust a surprising measurement, as a variance.
@@ -226,11 +335,11 @@ class AxisFilter:
         self._surprised_deg = surprise_deg
         if not again:
             return surprise_deg * surprise_deg / SURPRISE_SIGMAS**2 - expected
-        disturbance_deg_s = self._kalman.rate_deg_s
+        covariance, disturbance_deg_s = self._kalman.covariance, float(self._kalman.state[1])
         gone = abs(disturbance_deg_s) > PLAUSIBLE_RATE_DEG_S and disturbance_deg_s * surprise_deg < 0.0
         if abs(rate_deg_s) >= NEAR_REST_DEG_S or gone:
-            self._kalman.rr += min(abs(surprise_deg) / self._seconds, MOST_RATE_DEG_S) ** 2
-        self._kalman.pp += surprise_deg * surprise_deg
+            covariance[1, 1] += min(abs(surprise_deg) / self._seconds, LARGEST_RATE_DEG_S) ** 2
+        covariance[0, 0] += surprise_deg * surprise_deg
         return 0.0
 
 

@@ -13,8 +13,16 @@ class FeederLaw(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How an error is taken out. Raises ValueError for what no loop can be run with."""
 
     settling_s: float = 0.1
-    """Time constant with which a small error is taken out."""
-    braking_share: float = 0.4
+    """Least time constant with which a small error is taken out."""
+    intervals: float = 1.25
+    """That time constant over the interval in which a command acts, at least."""
+    lags: float = 0.5
+    """That time constant over the servo's mean lag, at least."""
+    lag_sigmas: float = 4.0
+    """That time constant over the uncertainty of the lag, at least."""
+    ramp_share: float = 0.5
+    """Share of the axis' acceleration with which the commanded rate may change."""
+    braking_share: float = 0.35
     """Share of the axis' acceleration that a large error's approach may plan with."""
     tracking_share: float = 0.1
     """Share of the axis' rate that a correction may ask for beyond the target's, once on the target: no more

@@ -6,6 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from sattrack.control.jogs import Jogs
+from sattrack.link_loss import STOP_LINGER_S
 from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, Motion, MoveAxes, Stop
 from sattrack.requests import MoveAxis, objection
 
@@ -13,8 +14,6 @@ if TYPE_CHECKING:
     from sattrack.messages import Jog
     from sattrack.mount import MountProfile, StatusSample
 
-LINGER_S = 0.25
-"""Flag-free datagrams after the rest was seen, before the mount is left to itself."""
 SETTLING_S = 0.5
 """After a jog the axes are told to rest for so long and for the time that they brake, before the stop: what
 comes next, another jog or going on, is then judged with the motion that is still there."""
@@ -126,6 +125,6 @@ class Rest:
             self._rest_since_utc_s = None
         elif self._rest_since_utc_s is None:
             self._rest_since_utc_s = now_utc_s
-        elif now_utc_s - self._rest_since_utc_s >= LINGER_S:
+        elif now_utc_s - self._rest_since_utc_s >= STOP_LINGER_S:
             self._at_rest_rates = WITH_THE_SKY if self._turns else STANDING
             self.at_rest = self._stands = True

@@ -53,15 +53,18 @@ def test_the_benchs_least_time_is_the_least(way_deg: float, first_deg_s: float, 
 
 @pytest.mark.parametrize("distance_deg", [0.01, 0.5, 3.0, 9.0, -9.0])
 def test_the_time_of_a_chase_is_what_the_law_takes(distance_deg: float) -> None:
+    law = FeederLaw()
     left, rate, seconds, step_s = abs(distance_deg), 0.0, 0.0, 1e-3
     while left > 2.0 / 3600.0:
-        wanted = correction_deg_s(-left, AXIS.max_acceleration_deg_s2, AXIS.max_rate_deg_s)
-        most = AXIS.max_acceleration_deg_s2 * step_s
+        wanted = correction_deg_s(
+            -left, AXIS.max_acceleration_deg_s2, AXIS.max_rate_deg_s, law.settling_s, law
+        )
+        most = law.ramp_share * AXIS.max_acceleration_deg_s2 * step_s
         rate += max(-most, min(most, wanted - rate))
         left -= rate * step_s
         seconds += step_s
     # It counts until next to nothing is left, and is never too hopeful.
-    assert seconds - 0.05 <= chase_time_s(distance_deg, AXIS, FeederLaw()) <= seconds + 0.35
+    assert seconds - 0.05 <= chase_time_s(distance_deg, AXIS, law) <= seconds + 0.35
 
 
 def test_rates_are_taken_for_what_is_near_and_slews_for_what_is_far_or_on_the_other_side() -> None:

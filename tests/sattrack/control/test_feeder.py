@@ -3,31 +3,86 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
 
 import pytest
 
 from sattrack.control.acquisition import plan_intercept, slew_time_s
-from sattrack.control.feeder import correction_deg_s, rate_deg_s
+from sattrack.control.feeder import LAW, Way, correction_deg_s, ramped_deg_s, rate_deg_s, settling_s
+from sattrack.control.response import Lag
 from sattrack.mount import AxisLimits, MountProfile
+
+AXIS = AxisLimits(max_rate_deg_s=6.0, max_acceleration_deg_s2=10.0)
+
+
+def known(disturbance_deg_s: float = 0.0, gain_error: float = 0.0, lag: Lag | None = None) -> SimpleNamespace:
+    """Return an axis as its filter knows it."""
+    return SimpleNamespace(
+        disturbance_deg_s=disturbance_deg_s,
+        gain_error=gain_error,
+        lag=lag or Lag(0.0, 0.0),
+        lag_sigma_s=0.0,
+    )
 
 
 def test_the_rate_is_the_mean_over_the_interval() -> None:
-    assert rate_deg_s(0.05, 0.05, 0.0, 0.0, 10.0, 6.0) == pytest.approx(1.0)
-    assert rate_deg_s(0.05, 0.05, 0.3, 0.0, 10.0, 6.0) == pytest.approx(0.7)
+    way = Way(7.0, 0.05, 0.05, 0.0, 0.0)
+    assert rate_deg_s(way, 7.0, known(), AXIS, 6.0) == pytest.approx(1.0)
+    assert rate_deg_s(way, 7.0, known(disturbance_deg_s=0.3), AXIS, 6.0) == pytest.approx(0.7)
+    assert rate_deg_s(way, 7.0, known(gain_error=0.25), AXIS, 6.0) == pytest.approx(0.8)
+
+
+def test_an_error_is_taken_out_with_its_time_constant_and_no_faster_than_it_may() -> None:
+    way = Way(7.0, 0.05, 0.05, 0.0, 0.0)
+    assert rate_deg_s(way, 7.01, known(), AXIS, 6.0) == pytest.approx(1.0 - 0.01 / LAW.settling_s)
+    assert rate_deg_s(way, 9.0, known(), AXIS, 0.6) == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("ahead_s", [0.0, 0.05, 0.1])
+def test_a_lag_is_led_however_far_ahead_the_way_is_told(ahead_s: float) -> None:
+    """A parabola: the axis, once what was commanded has come out, is where the way is a mean lag later."""
+    lag, interval_s, bend = Lag(0.08, 0.0), 0.05, 0.6
+
+    def at(utc_s: float) -> float:
+        return 20.0 + 0.9 * utc_s + 0.5 * bend * utc_s * utc_s
+
+    way = Way(at(ahead_s), at(ahead_s + interval_s) - at(ahead_s), interval_s, bend, ahead_s)
+    mean = (at(lag.mean_s + interval_s) - at(lag.mean_s)) / interval_s
+    assert rate_deg_s(way, at(lag.mean_s), known(lag=lag), AXIS, 6.0) == pytest.approx(mean, abs=1e-9)
+
+
+def test_the_corners_that_a_spread_answer_cuts_are_led_round() -> None:
+    """Of a parabola an answer of variance σ² leaves the second derivative times σ²/2 on its inner side."""
+    way, lag = Way(20.0, 0.05, 0.05, 0.6, 0.0), Lag(0.0, 0.01)
+    assert rate_deg_s(way, 20.0 - 0.5 * 0.01 * 0.6, known(lag=lag), AXIS, 6.0) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("error", [1e-7, 1e-4, 0.01, 1.0, 40.0])
 def test_a_correction_opposes_its_error_and_can_be_braked(error: float) -> None:
-    rate = correction_deg_s(error, 10.0, 6.0)
+    rate = correction_deg_s(error, 10.0, 6.0, LAW.settling_s)
     assert rate < 0.0
-    assert correction_deg_s(-error, 10.0, 6.0) == -rate
+    assert correction_deg_s(-error, 10.0, 6.0, LAW.settling_s) == -rate
     assert abs(rate) <= 6.0
     # From that rate the axis, braking with its acceleration, stops before the error is used up.
     assert rate * rate / (2.0 * 10.0) <= error
 
 
 def test_no_error_no_correction() -> None:
-    assert correction_deg_s(0.0, 10.0, 6.0) == 0.0
+    assert correction_deg_s(0.0, 10.0, 6.0, LAW.settling_s) == 0.0
+
+
+def test_a_correction_is_as_slow_as_what_is_least_known_or_slowest() -> None:
+    assert settling_s(0.05, 0.0, 0.0) == LAW.settling_s
+    assert settling_s(0.2, 0.0, 0.0) == pytest.approx(0.25)
+    assert settling_s(0.2, 0.8, 0.0) == pytest.approx(0.4)
+    assert settling_s(0.2, 0.8, 0.2) == pytest.approx(0.25 + 0.8)
+
+
+def test_a_rate_changes_by_a_share_of_the_acceleration() -> None:
+    most = 0.5 * 10.0 * 0.05
+    assert ramped_deg_s(3.0, 1.0, AXIS, 0.05) == pytest.approx(1.0 + most)
+    assert ramped_deg_s(-3.0, 1.0, AXIS, 0.05) == pytest.approx(1.0 - most)
+    assert ramped_deg_s(1.1, 1.0, AXIS, 0.05) == 1.1
 
 
 def test_slew_time_is_that_of_a_ramp_up_a_run_and_a_ramp_down() -> None:

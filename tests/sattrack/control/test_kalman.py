@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
+from sattrack.control import response
 from sattrack.control.kalman import AxisFilter, LeanKalmanFilter, Noise, wrap180
+from sattrack.control.response import SHARES
 
 STEP_S = 0.05
 QUIET = Noise(
@@ -14,33 +18,61 @@ QUIET = Noise(
     timing_s=0.0,
     walk_deg_sqrt_s=0.0,
     rate_walk_deg_s_sqrt_s=0.0,
+    rate_fades_s=math.inf,
     first_rate_deg_s=0.1,
+    gain_walk_sqrt_s=0.0,
+    late_walk_sqrt_s=0.0,
     learning=0.0,
 )
 
 
-def test_without_process_noise_it_is_the_straight_line_of_least_squares() -> None:
+def moved(rate_deg_s: float) -> np.ndarray:
+    """Effects of a rate that has been commanded since long before."""
+    return np.full(SHARES, rate_deg_s * STEP_S)
+
+
+def test_without_process_noise_it_is_least_squares_over_the_whole_history() -> None:
+    """Position, rate and all shares; the prior counts as one measurement of each."""
     rng = np.random.default_rng(7)
-    times = np.arange(1, 41) * STEP_S
-    measured = 30.0 + 0.002 * times + rng.normal(0.0, 1e-5, times.size)
-    axis = AxisFilter(30.0, QUIET)
-    for value in measured:
-        axis.advance(STEP_S, 0.0)
-        axis.measure(float(value), 0.0)
-    # The prior counts as one measurement of the position at 0 (variance 1e-4) and one of the rate (0.01).
-    rows = np.column_stack([np.ones(42), np.concatenate([times, [0.0, 0.0]])])
-    rows[-1] = (0.0, 1.0)
-    values = np.concatenate([measured, [30.0, 0.0]])
-    weights = 1.0 / np.concatenate([np.full(40, 1e-5), [1e-2, 0.1]])
-    line = np.linalg.lstsq(rows * weights[:, None], values * weights, rcond=None)[0]
-    assert axis.disturbance_deg_s == pytest.approx(line[1], rel=1e-6)
-    assert axis.position_deg == pytest.approx(line[0] + line[1] * times[-1], abs=1e-10)
+    roots = prior_roots(QUIET)
+    true = np.concatenate([[30.0, 0.002], response.expected(QUIET.first_lag_s) + 0.3 * roots.sum(axis=1)])
+    axis, rows, values = AxisFilter(30.0, QUIET), [], []
+    gone = np.concatenate([[1.0, 0.0], np.zeros(SHARES)])
+    for _ in range(80):
+        effect = rng.normal(0.0, 0.02, SHARES)
+        gone[1] += STEP_S
+        gone[2:] += effect
+        measured = float(gone @ true) + rng.normal(0.0, 1e-5)
+        rows.append(gone.copy())
+        values.append(measured)
+        axis.advance(STEP_S, 0.0, effect)
+        # As noise is drawn, single samples may surprise: that is judged elsewhere.
+        axis.measure(measured, 0.0)
+    # Unknowns: position and rate in their sigmas, and the shares along the roots of their covariance.
+    first = np.concatenate([[30.0, 0.0], response.expected(QUIET.first_lag_s)])
+    turn = np.zeros((2 + SHARES, 2 + roots.shape[1]))
+    turn[0, 0], turn[1, 1] = 1e-2, 0.1
+    turn[2:, 2:] = roots
+    weighed = np.vstack([np.array(rows) @ turn / 1e-5, np.eye(turn.shape[1])])
+    left = np.concatenate([(np.array(values) - np.array(rows) @ first) / 1e-5, np.zeros(turn.shape[1])])
+    best = first + turn @ np.linalg.lstsq(weighed, left, rcond=None)[0]
+    assert axis.disturbance_deg_s == pytest.approx(best[1], abs=1e-9)
+    assert axis.position_deg == pytest.approx(float(gone @ best), abs=1e-9)
+    assert axis.gain_error == pytest.approx(best[2:].sum() - 1.0, abs=1e-6)
+    assert axis.early == pytest.approx(best[2], abs=1e-6)
+    assert abs(axis.gain_error) > 1e-3
+
+
+def prior_roots(noise: Noise) -> np.ndarray:
+    """Return columns whose squares sum to the covariance of the shares of an unknown axis."""
+    values, vectors = np.linalg.eigh(response.spread(noise.late, noise.turn, noise.first_gain))
+    return vectors[:, values > 1e-12] * np.sqrt(values[values > 1e-12])
 
 
 def test_a_commanded_move_is_no_surprise() -> None:
     axis = AxisFilter(10.0)
     for i in range(1, 100):
-        axis.advance(STEP_S, 0.04)
+        axis.advance(STEP_S, 0.0, moved(0.8))
         axis.measure(10.0 + 0.04 * i, 0.8)
     assert axis.disturbance_deg_s == pytest.approx(0.0, abs=1e-12)
     assert abs(axis.innovation_sigmas) < 1e-3
@@ -49,24 +81,29 @@ def test_a_commanded_move_is_no_surprise() -> None:
 def test_positions_unwrap() -> None:
     axis = AxisFilter(359.99)
     for i in range(1, 20):
-        axis.advance(STEP_S, 0.004)
+        axis.advance(STEP_S, 0.0, moved(0.08))
         axis.measure((359.99 + 0.004 * i) % 360.0, 0.08)
     assert axis.position_deg == pytest.approx(359.99 + 0.004 * 19, abs=1e-9)
 
 
 def test_its_sigma_is_what_errors_are() -> None:
+    """Axes drawn from what the filter expects of one: rate, servo and gain, noise of motion and readings."""
     rng = np.random.default_rng(1)
     noise = Noise()
+    roots = prior_roots(noise)
     sigmas = []
     for _ in range(150):
         position, rate = 50.0, rng.normal(0.0, noise.first_rate_deg_s)
+        shares = response.expected(noise.first_lag_s) + roots @ rng.normal(0.0, 1.0, roots.shape[1])
         axis = AxisFilter(position, noise)
         for _ in range(60):
-            step = rate * STEP_S + rng.normal(0.0, noise.walk_deg_sqrt_s * STEP_S**0.5)
-            position += step + 0.01
+            effect = rng.normal(0.0, 0.002, SHARES)
+            walked = rng.normal(0.0, noise.walk_deg_sqrt_s * STEP_S**0.5)
+            position += rate * STEP_S + walked + float(effect @ shares)
             rate += rng.normal(0.0, noise.rate_walk_deg_s_sqrt_s * STEP_S**0.5)
-            axis.advance(STEP_S, 0.01)
+            axis.advance(STEP_S, 0.0, effect)
             axis.measure(position + rng.normal(0.0, noise.position_deg), 0.0)
+        assert axis.begun_anew == 0
         sigmas.append((axis.position_deg - position) / axis.position_sigma_deg)
     assert 0.85 < float(np.std(sigmas)) < 1.15
 
@@ -78,42 +115,45 @@ def test_wrap180(angle: float, wrapped: float) -> None:
     assert wrap180(angle) == pytest.approx(wrapped)
 
 
-def test_the_lean_filter_gives_the_numbers_of_filterpy() -> None:
+@pytest.mark.parametrize("size", [3, 2 + SHARES])
+def test_the_lean_filter_gives_the_numbers_of_filterpy(size: int) -> None:
     dice = np.random.default_rng(8)
-    theirs, ours = KalmanFilter(dim_x=3, dim_z=1, dim_u=1), LeanKalmanFilter(10.0, (1e-4, 1e-5, 4e-4))
-    theirs.x = np.array([[10.0], [0.0], [0.0]])
-    theirs.P = np.diag([1e-4, 1e-5, 4e-4])
-    theirs.H = np.array([[1.0, 0.0, 0.0]])
-    given = np.array([[1.0], [0.0], [0.0]])
+    first, spreads = np.array([10.0, *[0.0] * (size - 1)]), np.array([1e-4, 1e-5, *[4e-4] * (size - 2)])
+    theirs, ours = KalmanFilter(dim_x=size, dim_z=1, dim_u=1), LeanKalmanFilter(first, np.diag(spreads))
+    theirs.x, theirs.P = first[:, None].copy(), np.diag(spreads)
+    theirs.H, given = np.eye(size)[:1], np.eye(size)[:, :1]
     for _ in range(2000):
-        moved, seconds = dice.normal(0.0, 0.05), dice.uniform(0.04, 0.06)
-        known = moved if dice.random() < 0.8 else 0.0
-        transition = np.array([[1.0, seconds, known], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+        by_plan, seconds = dice.normal(0.0, 0.05), dice.uniform(0.04, 0.06)
+        moves = np.array([seconds, *(dice.normal(0.0, 0.05, size - 2) * (dice.random() < 0.8))])
+        transition = np.eye(size)
+        transition[0, 1:] = moves
         own, rate, gain = dice.uniform(1e-12, 1e-9, 3)
-        cross = 0.5 * min(own, rate)
-        process = np.array([[own, cross, 0.0], [cross, rate, 0.0], [0.0, 0.0, gain]])
+        cross, shares = 0.5 * min(own, rate), np.eye(size - 2) * gain + 0.1 * gain
+        process = np.zeros((size, size))
+        process[:2, :2], process[2:, 2:] = [[own, cross], [cross, rate]], shares
         seen, variance = 10.0 + dice.normal(0.0, 0.01), dice.uniform(1e-10, 1e-8)
-        theirs.predict(u=np.array([[moved]]), B=given, F=transition, Q=process)
-        ours.foretell(seconds, moved, known, (own, cross, rate, gain))
+        theirs.predict(u=np.array([[by_plan]]), B=given, F=transition, Q=process)
+        ours.foretell(moves, by_plan)
+        ours.blur(own, cross, rate, shares)
         assert ours.x == pytest.approx(theirs.x, rel=1e-9, abs=1e-12)
         theirs.update(seen, R=np.array([[variance]]))
         ours.correct(seen, variance)
-        assert ours.x == pytest.approx(theirs.x, rel=1e-9, abs=1e-12)
+        assert ours.x == pytest.approx(theirs.x, rel=1e-8, abs=1e-11)
         spread = np.sqrt(np.diag(theirs.P))
-        assert np.abs((ours.P - theirs.P) / np.outer(spread, spread)).max() < 1e-9
-        assert ours.innovation_deg == pytest.approx(theirs.y[0, 0], rel=1e-6, abs=1e-12)
-        assert ours.innovation_variance == pytest.approx(theirs.S[0, 0], rel=1e-9)
+        assert np.abs((ours.P - theirs.P) / np.outer(spread, spread)).max() < 1e-8
+        assert ours.innovation_deg == pytest.approx(theirs.y[0, 0], rel=1e-6, abs=1e-11)
+        assert ours.innovation_variance == pytest.approx(theirs.S[0, 0], rel=1e-8)
 
 
 def test_a_large_rate_that_has_gone_is_unlearnt_at_once_though_the_axis_is_slow() -> None:
     """An abort by other hands stops a slow axis for half a second, and lets it go again."""
-    axis, true_deg, step_s = AxisFilter(0.0), 0.0, 0.05
+    axis, true_deg = AxisFilter(0.0), 0.0
     for number in range(260):
         stopped = 200 <= number < 210
         # What is commanded while it stands is more, to catch up.
         commanded_deg_s = 0.12 if stopped else 0.013
-        true_deg += 0.0 if stopped else commanded_deg_s * step_s
-        axis.advance(step_s, commanded_deg_s * step_s)
+        true_deg += 0.0 if stopped else commanded_deg_s * STEP_S
+        axis.advance(STEP_S, 0.0, moved(commanded_deg_s))
         axis.measure(true_deg, commanded_deg_s)
         if number == 209:
             assert axis.disturbance_deg_s < -0.02
@@ -121,10 +161,10 @@ def test_a_large_rate_that_has_gone_is_unlearnt_at_once_though_the_axis_is_slow(
 
 
 def test_an_axis_that_sticks_near_rest_is_no_rate() -> None:
-    axis, true_deg, step_s = AxisFilter(0.0), 0.0, 0.05
+    axis, true_deg = AxisFilter(0.0), 0.0
     for number in range(240):
         stuck = 200 <= number < 210
-        true_deg += 0.0 if stuck else 0.013 * step_s
-        axis.advance(step_s, 0.013 * step_s)
+        true_deg += 0.0 if stuck else 0.013 * STEP_S
+        axis.advance(STEP_S, 0.0, moved(0.013))
         axis.measure(true_deg, 0.013)
     assert abs(axis.disturbance_deg_s) < 0.002

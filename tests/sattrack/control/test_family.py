@@ -1,0 +1,32 @@
+"""Mounts drawn at random, of every kind, held and edge: each is acquired, and followed."""
+
+from __future__ import annotations
+
+import family
+import pytest
+
+
+@pytest.mark.parametrize(
+    ("number", "kind", "move_axis", "most_rms_arcsec"),
+    [
+        (0, "velocity_servo", "held", 0.017),
+        (4, "velocity_servo", "edge", 0.06),
+        (5, "position_servo", "held", 0.045),
+        (13, "position_servo", "edge", 0.08),
+        (18, "planner", "held", 0.009),
+        (22, "planner", "edge", 0.34),
+        (3, "own", "held", 0.07),
+        (31, "own", "edge", 0.107),
+    ],
+)
+def test_a_drawn_mount_is_acquired_and_followed(
+    number: int, kind: str, move_axis: str, most_rms_arcsec: float
+) -> None:
+    """The bounds are twice what `python bench/family.py` prints of these draws."""
+    drawn = family.draw(number)
+    assert (drawn.hardware.kind, drawn.hardware.move_axis) == (kind, move_axis)
+    outcome = family.Run(drawn).run().outcome()
+    assert outcome.late_s is not None, outcome.why
+    assert outcome.late_s <= 5.0
+    assert 0.001 < outcome.rms_arcsec <= most_rms_arcsec
+    assert not outcome.lost
