@@ -17,7 +17,16 @@ NEVER_S = math.inf
 STATUS_LOST_S = 2.0
 """Silence of the mount after which it is told to stop."""
 STOPS_SENT_S = 12.0
-"""How long stops go on being sent to a mount that is not heard."""
+"""How long a session stops a mount that is not heard: longer than a switch takes to come up again."""
+STOPS_MOVING_S = 60.0
+"""How long it stops one that answers but does not come to rest."""
+STOP_LINGER_S = 0.25
+"""Flag-free datagrams after the rest was seen, so that no late one is the last that the mount gets."""
+STOPS_SLOW_S = 1.0
+STOPS_SLOWEST_S = 5.0
+STOPS_SLOW_FOR_S = 60.0
+"""A guardian goes on once in STOPS_SLOW_S for so long, then once in STOPS_SLOWEST_S; at full rate while it
+hears the mount."""
 HANG_S = 1.0
 """How long our process may stand still before its guardian stops the mount."""
 OBEYED_S = 0.5
@@ -50,17 +59,20 @@ class Loss:
 
 
 _TOLD = (
-    "following by prediction after 0.3 s; after 2 s the stop is sent, for 12 s, and the run ends with exit "
-    "code 4"
+    f"following by prediction after 0.3 s; after {STATUS_LOST_S:g} s the stop is sent, for "
+    f"{STOPS_SENT_S:g} s, and the run ends with exit code 4"
 )
-_UNTOLD = f"{_TOLD}, telling that the mount did not confirm"
+_UNTOLD = (
+    f"{_TOLD}, telling that the mount did not confirm; the guardian goes on, once in {STOPS_SLOW_S:g} s for "
+    f"{STOPS_SLOW_FOR_S:g} s, then once in {STOPS_SLOWEST_S:g} s, at full rate when it hears the mount"
+)
 _SEES = "hears that the mount does not follow, and stops once an interlock tells; stops are lost as well"
 _OBEYS = "obeys: brakes to rest"
 _HOLDS = "**holds its last rate for ever**"
 _BRAKES = "brakes to rest once `watchdog_s` have passed without a command"
-_ABORTS = "the guardian sends the stop from the same port until the axes are seen at rest"
+_ABORTS = "the guardian sends the stop from the same port until positions show both axes at rest"
 _DEAD = "nobody is left to say anything"
-_BY_HAND = "the mount's own console or power; `sattrack stop` once the link is back"
+_BY_HAND = "the mount's own console or power; once the link is back the guardian stops it"
 _RESTARTS = (
     "silent for 2 s or more, it is told to stop as above; back sooner, `track` follows on, a verb or a "
     "console stops"
@@ -194,10 +206,10 @@ ROWS = {row.key: row for row in CONTRACT}
 
 def braking_s(profile: MountProfile, rate_deg_s: float | None = None) -> float:
     """Return how long the slower axis takes to brake from a rate, deg/s; None: from its largest."""
-    axes = (profile.ra, profile.dec)
+    axes = zip((profile.ra, profile.dec), profile.braking_deg_s2, strict=True)
     return max(
-        (axis.max_rate_deg_s if rate_deg_s is None else abs(rate_deg_s)) / axis.max_acceleration_deg_s2
-        for axis in axes
+        axis.lag_s + (axis.max_rate_deg_s if rate_deg_s is None else abs(rate_deg_s)) / braking_deg_s2
+        for axis, braking_deg_s2 in axes
     )
 
 

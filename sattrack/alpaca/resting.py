@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sattrack.manual.errand import LINGER_S, STOP_UNCONFIRMED_S, STOP_UNHEARD_S
-from sattrack.xerxes.link import LinkState
+from sattrack.halt import StopWatch
+from sattrack.link_loss import STOP_LINGER_S
 
 if TYPE_CHECKING:
     from sattrack.xerxes.session import Session
@@ -15,8 +15,7 @@ class Resting:
     """Waits from an instant on for a mount to rest, if something was moving it; call `look` each period."""
 
     def __init__(self, since_utc_s: float, moving: bool) -> None:
-        self._since_utc_s, self._moving = since_utc_s, moving
-        self._rest_utc_s: float | None = None
+        self._stop, self._moving = StopWatch(since_utc_s), moving
         self.mount_stopped: bool | None = None
         """Whether the stop was seen through; None where none was needed, or nobody was heard."""
 
@@ -26,17 +25,11 @@ class Resting:
 
     def look(self, session: Session, now_utc_s: float) -> bool:
         """Tell whether there is nothing left to wait for."""
-        waited_s = now_utc_s - self._since_utc_s
+        lingered = self._stop.waited_s(now_utc_s) >= STOP_LINGER_S
         if not self._moving:
-            return waited_s >= LINGER_S
-        if not session.stopped:
-            self._rest_utc_s = None
-        elif self._rest_utc_s is None:
-            self._rest_utc_s = now_utc_s
-        rested = self._rest_utc_s is not None and now_utc_s - self._rest_utc_s >= LINGER_S
-        never_heard = session.sample is None and waited_s >= LINGER_S
-        heard = session.link_state(now_utc_s) in {LinkState.UP, LinkState.STALE}
-        if rested or never_heard or waited_s > (STOP_UNCONFIRMED_S if heard else STOP_UNHEARD_S):
-            self.mount_stopped = None if session.sample is None else rested
+            return lingered
+        never_heard = session.sample is None and lingered
+        if self._stop.over(session, now_utc_s) or never_heard:
+            self.mount_stopped = None if session.sample is None else self._stop.rested
             return True
         return False

@@ -2,8 +2,8 @@
 
 Arguments: the channel's descriptor, the gateway's process, host, port and device. The gateway says with each
 turn whether the telescope may be moving. Where it is gone, or stands still for HANG_AFTER_S while that is so,
-it is ended for good, and the telescope told to stop until it is seen at rest. The standard library alone, so
-that it starts soon and takes little room.
+it is ended for good, and the telescope told to stop until it is seen at rest. Little but the standard
+library, so that it starts soon and takes little room.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import urlencode
 
+from sattrack.link_loss import STOPS_MOVING_S, STOPS_SENT_S
+
 HANG_AFTER_S = 1.5
 ANSWER_WITHIN_S = 1.0
 AGAIN_S = 0.3
-GIVE_UP_UNHEARD_S = 12.0
-GIVE_UP_MOVING_S = 60.0
 SIDEREAL_DEG_S = 360.0 / 86164.0905
 RESTS_DEG_S = 0.5 * SIDEREAL_DEG_S
 PARKED = 0x408
@@ -64,7 +64,7 @@ def stop(telescope: Telescope) -> bool | None:
     """Stop the telescope; return whether it was seen at rest, None where it was not heard."""
     begun_s = time.monotonic()
     heard = False
-    while time.monotonic() - begun_s < (GIVE_UP_MOVING_S if heard else GIVE_UP_UNHEARD_S):
+    while time.monotonic() - begun_s < (STOPS_MOVING_S if heard else STOPS_SENT_S):
         try:
             telescope.put("abortslew")
             numbers = [telescope.put("moveaxis", Axis=axis, Rate="0") for axis in ("0", "1")]

@@ -23,6 +23,7 @@ from sattrack.antenna.antcn import (
 from sattrack.antenna.trajectory import NS
 from sattrack.antenna.transactions import NAK_MEANINGS, Nak
 from sattrack.figures import RunningError
+from sattrack.link_loss import STOPS_MOVING_S, STOPS_SENT_S
 
 if TYPE_CHECKING:
     from sattrack.antenna.antcn import Way
@@ -33,8 +34,6 @@ LEAD_S = 0.05
 POSITION_SHARE = 0.45
 """When in an interval the position is asked for."""
 SILENT_FOR_S = 5.0
-STOP_UNHEARD_S = 12.0
-STOP_UNCONFIRMED_S = 60.0
 AT_REST_DEG_S = 0.006
 """A stopped mount may stand, or track the sky."""
 
@@ -131,7 +130,7 @@ class AntcnRun:
             waited_s = now_utc_s - self._stop_asked_utc_s
             nothing_asked = self.designated == 0 and (self._heard_utc_s is None or self._stop_heard)
             heard = silent_s < SILENT_FOR_S
-            if nothing_asked or waited_s > (STOP_UNCONFIRMED_S if heard else STOP_UNHEARD_S):
+            if nothing_asked or waited_s > (STOPS_MOVING_S if heard else STOPS_SENT_S):
                 self.mount_stopped = None if self.designated == 0 else bool(self.mount_stopped)
                 self.finished = True
 

@@ -13,6 +13,7 @@ from sattrack.antenna.equipment import Feedback, Sensors
 from sattrack.antenna.follower import Follower
 from sattrack.antenna.sky import AxisKind, AzEl, HaDec, Sky
 from sattrack.antenna.trajectory import AxisRange, AxisState, Path, to_ns
+from sattrack.halt import StopWatch
 from sattrack.mount import Hold, Motion, MoveAxes, Stop
 from sattrack.safety import Safety
 from sattrack.xerxes.launches import seen_of
@@ -26,9 +27,6 @@ if TYPE_CHECKING:
 
 ON_TRAJECTORY_DEG = 10.0 / 3600.0
 SAMPLES_ON_TRAJECTORY = 4
-LINGER_S = 0.25
-STOP_UNHEARD_S = 12.0
-STOP_UNCONFIRMED_S = 60.0
 DEC_LIMIT_DEG = 89.9
 """No command tells a Xerxes mount to go past the pole, and at the pole its right ascension jumps."""
 RATE_STEP_S = 0.05
@@ -86,7 +84,7 @@ class LedMount(Feedback):
         self._last_wanted: Wanted = (0.0, 0.0)
         self._path: Path | None = None
         self._ending_since_s: float | None = None
-        self._rest_seen_s: float | None = None
+        self._stop: StopWatch | None = None
         self.finished = False
         self.clock_ahead_s = 0.0
         """By how much the antenna's clock was set ahead of the computer's."""
@@ -271,14 +269,6 @@ class LedMount(Feedback):
     def _watch_end(self, now_utc_s: float) -> None:
         if self._ending_since_s is None or self.finished:
             return
-        waited_s = now_utc_s - self._ending_since_s
-        if not self._moved:
-            self.finished = True
-            return
-        if not self.session.stopped:
-            self._rest_seen_s = None
-        elif self._rest_seen_s is None:
-            self._rest_seen_s = now_utc_s
-        rested = self._rest_seen_s is not None and now_utc_s - self._rest_seen_s >= LINGER_S
-        given_up = waited_s > (STOP_UNCONFIRMED_S if self.link_up else STOP_UNHEARD_S)
-        self.finished = rested or given_up
+        if self._stop is None:
+            self._stop = StopWatch(self._ending_since_s)
+        self.finished = not self._moved or self._stop.over(self.session, now_utc_s)

@@ -30,6 +30,8 @@ def abort(context: CommandContext, **options: Any) -> int:
     if owner is not None and call.address is not None:
         stopped = stop_session(owner, lambda: None)
         tell(f"stopping it through its session, {owner}" if stopped is None else stopped.words)
+        if stopped is not None and (error := stopped.error()) is not None:
+            raise error
         wait_until_free(call.address, lambda: None)
     return _ask(context, "abort", Abort(), options, needs_site=False)
 

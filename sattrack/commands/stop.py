@@ -13,7 +13,7 @@ import msgspec
 from sattrack.commands.common import CommandContext, common_options, profile_option
 from sattrack.errors import BadInputError, SattrackError
 from sattrack.runtime.mounts import FORMS, mount_address
-from sattrack.runtime.owner import owner_of, owners, this_user
+from sattrack.runtime.owner import ask_give_up, owner_of, owners, this_user
 from sattrack.runtime.stopping import MountStop, stop_after, stop_directly, stop_session
 
 if TYPE_CHECKING:
@@ -61,13 +61,19 @@ class Waiting:
     help=f"Only this mount: {FORMS}. Default: whatever sessions of yours move, and the mount of the "
     "settings.",
 )
+@click.option(
+    "--give-up",
+    is_flag=True,
+    help="Stop nothing: end guardians that go on telling mounts to stop after their sessions.",
+)
 @profile_option
 @common_options
-def command(context: CommandContext, mount_url: str | None, profile: Path | None) -> int:
+def command(context: CommandContext, mount_url: str | None, give_up: bool, profile: Path | None) -> int:
     """Stop the mount, from any terminal, and see it at rest.
 
     The session that owns it stops it and ends: track, demo, a verb, a console; where it hangs, its guardian
-    does. A mount that no session owns is told directly.
+    does. A mount that no session owns is told directly. Where the mount is not seen at rest, a guardian goes
+    on telling it to stop until it is, or until --give-up.
     """
     url = mount_url or context.settings.mount.url
     address = _address(url)
@@ -81,6 +87,8 @@ def command(context: CommandContext, mount_url: str | None, profile: Path | None
             "nothing to stop: no session of yours moves a mount on this machine; "
             "--mount URL stops a mount directly"
         )
+    if give_up:
+        return _give_up(context, sessions)
     waiting = Waiting()
     done, failed = _stop_all(sessions, address, context.profile(profile, url).mount, waiting)
     waiting.wipe()
@@ -93,6 +101,20 @@ def command(context: CommandContext, mount_url: str | None, profile: Path | None
 def _address(url: str | None) -> MountAddress | None:
     """Return the mount that a URL names; None for simulated ones, which end with their sessions."""
     return None if url is None else mount_address(url)
+
+
+def _give_up(context: CommandContext, sessions: list[Owner]) -> int:
+    """End the guardians that go on, and tell of each."""
+    ended = [(owner, was) for owner in sessions if (was := ask_give_up(owner)) is not None]
+    if context.json:
+        given_up = [{"mount": owner.mount, "goes_on": was} for owner, was in ended]
+        click.echo(msgspec.json.encode({"given_up": given_up}).decode())
+    else:
+        for owner, was in ended:
+            click.echo(f"{owner.mount}: process {was.pid} gave up; {was.heard}; IT IS NOT KNOWN AT REST")
+    if not ended:
+        raise BadInputError("nothing to give up: no guardian goes on telling a mount to stop")
+    return 0
 
 
 def _stop_all(

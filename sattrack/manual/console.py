@@ -28,10 +28,9 @@ from sattrack.requests import (
     objection,
 )
 from sattrack.safety import Safety
-from sattrack.xerxes.launches import seen_of, stance_of
+from sattrack.xerxes.launches import seen_of
 from sattrack.xerxes.link import LinkState
 from sattrack.xerxes.session import Session
-from sattrack.xerxes.standstill import is_at_rest
 
 if TYPE_CHECKING:
     from sattrack.mount import Motion, MountProfile, StatusSample
@@ -107,6 +106,12 @@ class Console:
         return self.session.sample
 
     @property
+    def stands(self) -> bool:
+        """Whether the mount's positions say standstill, sidereal tracking not counted as such."""
+        stance = self.session.stance
+        return stance is not None and stance.drives_at_rest
+
+    @property
     def move_begun(self) -> bool:
         """Whether a datagram that begins MoveAxis has gone out since the last request."""
         return self._move_begun
@@ -126,8 +131,7 @@ class Console:
     @property
     def at_rest(self) -> bool:
         """Whether the mount stands, as far as it is known; sidereal tracking counts as standing."""
-        sample = self.session.sample
-        return sample is not None and not sample.slewing and is_at_rest(sample)
+        return self.session.at_rest
 
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
@@ -176,7 +180,7 @@ class Console:
         if refusal is not None:
             return refusal
         status = self.session.status
-        cleared = self.safety.clear_request(request, None if status is None else stance_of(status), now_utc_s)
+        cleared = self.safety.clear_request(request, self.session.stance, now_utc_s)
         if isinstance(cleared, str):
             return Refusal(cleared, by_safety=status is not None)
         if isinstance(request, Abort):
@@ -262,10 +266,10 @@ class Console:
         if refusal is not None:
             return refusal
         words = objection(request, self.profile)
-        status = self.session.status
-        if words is not None or status is None:
+        stance = self.session.stance
+        if words is not None or stance is None:
             return (request,)
-        ways = self.safety.way_to(request, stance_of(status), now_utc_s)
+        ways = self.safety.way_to(request, stance, now_utc_s)
         return Refusal(ways, by_safety=True) if isinstance(ways, str) else ways
 
     def _objection(self, request: Request) -> Refusal | None:
@@ -297,8 +301,7 @@ class Console:
         refusal = self._objection(move)
         if refusal is not None:
             return refusal
-        status = self.session.status
-        cleared = self.safety.clear_request(move, None if status is None else stance_of(status), now_utc_s)
+        cleared = self.safety.clear_request(move, self.session.stance, now_utc_s)
         return Refusal(cleared, by_safety=True) if isinstance(cleared, str) else None
 
     def _jogged(self) -> Motion:
@@ -339,14 +342,14 @@ class Console:
 
     def _watch_drift(self, now_utc_s: float) -> None:
         """End fine rates of ours that lead to a limit."""
-        fine, status = self.session.fine_rate, self.session.status
-        if status is None or fine == FineRate() or isinstance(self.session.wanted, Stop):
+        fine, stance = self.session.fine_rate, self.session.stance
+        if stance is None or fine == FineRate() or isinstance(self.session.wanted, Stop):
             return
-        name = self.safety.drift_objection(fine, stance_of(status), now_utc_s)
+        name = self.safety.drift_objection(fine, stance, now_utc_s)
         if name is None:
             return
         self._stop(f"limit:{name}", limit_words(name))
-        cleared = self.safety.clear_request(Abort(), stance_of(status), now_utc_s)
+        cleared = self.safety.clear_request(Abort(), stance, now_utc_s)
         if not isinstance(cleared, str):
             self.session.submit(cleared)
 

@@ -10,6 +10,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from sattrack.halt import StopWatch
+from sattrack.link_loss import STOP_LINGER_S
 from sattrack.manual.procedures import Once, Outcome, Procedure, Refusal, refused
 from sattrack.requests import Abort, TicketState
 from sattrack.xerxes.datagrams import DatagramError, Status, decode_status
@@ -23,9 +25,6 @@ LISTEN_STATUSES = 4
 LOOK_S = 1.0
 """How long a look lasts from the first status on: enough to tell how evenly they come."""
 NO_ANSWER_AFTER_S = 3.0
-LINGER_S = 0.25
-STOP_UNHEARD_S = 12.0
-STOP_UNCONFIRMED_S = 60.0
 ACKS = ("abort", "sync", "pulse_guide", "slew", "move_ra", "move_dec")
 NOT_ALONE = (
     "the mount acknowledges commands ({}) that were not sent from here: another program drives it, or did "
@@ -67,7 +66,7 @@ class Errand:
         self._since_utc_s = started_utc_s
         self._heard = 0
         self._others: set[str] = set()
-        self._rest_utc_s: float | None = None
+        self._stop = StopWatch(started_utc_s)
         self.mount_stopped: bool | None = None
         """Whether the stop that ended it was seen through; None where there was none, or nobody to see it."""
 
@@ -188,28 +187,23 @@ class Errand:
         self.ended_by, self.outcome, self._since_utc_s = why, outcome, now_utc_s
         if stop:
             self.phase = Phase.STOPPING
+            self._stop.renew(now_utc_s)
             if not self.console.stopping:
                 self.console.abort(now_utc_s)
         else:
             self.phase = Phase.ENDING if self.begun else Phase.OVER
 
     def _watch_end(self, now_utc_s: float) -> None:
-        if now_utc_s - self._since_utc_s >= LINGER_S and not self.console.session.busy:
+        if now_utc_s - self._since_utc_s >= STOP_LINGER_S and not self.console.session.busy:
             self.phase = Phase.OVER
             if self._stops:
                 self.mount_stopped = self.outcome is not None and self.outcome.state is TicketState.COMPLETE
 
     def _watch_stop(self, now_utc_s: float) -> None:
-        console, waited_s = self.console, now_utc_s - self._since_utc_s
-        if not console.session.stopped:
-            self._rest_utc_s = None
-        elif self._rest_utc_s is None:
-            self._rest_utc_s = now_utc_s
-        rested = self._rest_utc_s is not None and now_utc_s - self._rest_utc_s >= LINGER_S
-        heard = console.session.link_state(now_utc_s) in {LinkState.UP, LinkState.STALE}
-        never_heard = console.sample is None and waited_s >= LINGER_S
-        if rested or never_heard or waited_s > (STOP_UNCONFIRMED_S if heard else STOP_UNHEARD_S):
-            self.mount_stopped = None if console.sample is None else rested
+        console = self.console
+        never_heard = console.sample is None and now_utc_s - self._since_utc_s >= STOP_LINGER_S
+        if self._stop.over(console.session, now_utc_s) or never_heard:
+            self.mount_stopped = None if console.sample is None else self._stop.rested
             self.phase = Phase.OVER
 
 

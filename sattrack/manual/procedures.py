@@ -21,7 +21,6 @@ from sattrack.requests import (
     Ticket,
     TicketState,
 )
-from sattrack.xerxes.launches import stance_of
 
 if TYPE_CHECKING:
     from sattrack.mount import AxesPosition, MountProfile, StatusSample
@@ -65,6 +64,14 @@ class Desk(Protocol):
     @property
     def sample(self) -> StatusSample | None:
         """The same, as the tracker sees it."""
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether they say that it stands or follows the sky."""
+
+    @property
+    def stands(self) -> bool:
+        """Whether the mount's positions say standstill, sidereal tracking not counted as such."""
 
     @property
     def move_begun(self) -> bool:
@@ -236,9 +243,10 @@ class GoHome:
         """See Procedure."""
         assert self._ticket is not None
         status = desk.status
-        moving = status is not None and status.slewing
+        slewing = status is not None and status.slewing
+        moving = slewing or (status is not None and not desk.at_rest)
         waited_s = now_utc_s - self._begun_utc_s
-        self._seen_moving = self._seen_moving or moving
+        self._seen_moving = self._seen_moving or slewing
         if self._ticket.state in {TicketState.TIMED_OUT, TicketState.FAILED, TicketState.SUPERSEDED}:
             return outcome_of(self._ticket)
         if moving and waited_s > HOME_WITHIN_S:
@@ -310,9 +318,7 @@ class ParkThere:
         """Tell whether the drives stand still, or have had the time for it: safety judges then."""
         if self._stopped_utc_s is None:
             self._stopped_utc_s = now_utc_s
-        status = desk.status
-        standing = status is not None and stance_of(status).drives_at_rest
-        return standing or now_utc_s - self._stopped_utc_s > RESTS_WITHIN_S
+        return desk.stands or now_utc_s - self._stopped_utc_s > RESTS_WITHIN_S
 
     def _slew(self, park: AxesPosition, sample: StatusSample) -> Slew:
         """Return the slew whose end, sidereal tracking counted, is there when it is reached."""

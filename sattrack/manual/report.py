@@ -86,6 +86,7 @@ def _warnings(console: Console, now_utc_s: float) -> list[str]:
         warnings.append(f"{console.mount_name} is silent: check its power and the cable")
     if console.session.intruder is not None:
         warnings.append(console.session.intruder)
+    warnings.extend(console.session.ignored_fields)
     if console.safety.tripped is not None:
         warnings.append(limit_words(console.safety.tripped))
     since_utc_s = console.stopping_since_utc_s

@@ -21,16 +21,16 @@ from sattrack.console_messages import (
     SlewOrder,
     SyncOrder,
 )
-from sattrack.manual.errand import LISTEN_S, LISTEN_STATUSES, STOP_UNCONFIRMED_S, STOP_UNHEARD_S, acknowledged
+from sattrack.halt import StopWatch
+from sattrack.link_loss import STOP_LINGER_S
+from sattrack.manual.errand import LISTEN_S, LISTEN_STATUSES, acknowledged
 from sattrack.manual.report import view_of
 from sattrack.requests import FindHome, Park, Slew, Sync
-from sattrack.xerxes.link import LinkState
 
 if TYPE_CHECKING:
     from sattrack.console_view import ConsoleView
     from sattrack.manual.console import Console
 
-LINGER_S = 0.25
 OWNED = "looking on; SPACE has the mount's owner stop it and end: {}"
 NOT_ALONE = "another program drives this mount: nothing is sent from here, unless you stop the mount"
 
@@ -57,7 +57,7 @@ class Sitting:
         self._others: set[str] = set()
         self._leaving_utc_s: float | None = None
         self._stopping = False
-        self._rest_utc_s: float | None = None
+        self._stop = StopWatch(started_utc_s)
 
     @property
     def leaving(self) -> bool:
@@ -111,13 +111,16 @@ class Sitting:
         if self.leaving:
             return
         self._leaving_utc_s = now_utc_s
+        self._stop.renew(now_utc_s)
         self._stopping = self._owner is None and (self.console.moving or self.console.stopping)
         if self._stopping:
             self.console.abort(now_utc_s)
 
     def fail(self, words: str, now_utc_s: float) -> None:
         """Stop the mount and leave: something here is not to be relied on."""
-        self._leaving_utc_s = now_utc_s if self._leaving_utc_s is None else self._leaving_utc_s
+        if self._leaving_utc_s is None:
+            self._leaving_utc_s = now_utc_s
+            self._stop.renew(now_utc_s)
         self._stopping = self._asked
         self.console.fail(words)
 
@@ -148,15 +151,9 @@ class Sitting:
     def _watch_end(self, now_utc_s: float, waited_s: float) -> None:
         console = self.console
         if not self._stopping:
-            self.finished = waited_s >= LINGER_S
+            self.finished = waited_s >= STOP_LINGER_S
             return
-        if not console.session.stopped:
-            self._rest_utc_s = None
-        elif self._rest_utc_s is None:
-            self._rest_utc_s = now_utc_s
-        rested = self._rest_utc_s is not None and now_utc_s - self._rest_utc_s >= LINGER_S
-        never_heard = console.sample is None and waited_s >= LINGER_S
-        heard = console.session.link_state(now_utc_s) in {LinkState.UP, LinkState.STALE}
-        if rested or never_heard or waited_s > (STOP_UNCONFIRMED_S if heard else STOP_UNHEARD_S):
+        never_heard = console.sample is None and waited_s >= STOP_LINGER_S
+        if self._stop.over(console.session, now_utc_s) or never_heard:
             self.finished = True
-            self.mount_stopped = None if console.sample is None else rested
+            self.mount_stopped = None if console.sample is None else self._stop.rested

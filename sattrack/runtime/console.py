@@ -189,9 +189,14 @@ class ConsoleLoop:
                     due_s = time.monotonic()
         if guard.deposed:
             raise SattrackError(guard.trouble)
-        guard.release(self.part.mount_stopped)
+        guard.release(self._rest())
         if self._error is not None:
             raise self._error
+
+    def _rest(self) -> bool | None:
+        """Return what is known of the mount's rest: one that was told to stop and never heard may move on."""
+        console = self.part.console
+        return False if console.stopping and console.sample is None else self.part.mount_stopped
 
     def _guarded(self, part: Callable[..., None], *arguments: Any) -> None:
         try:

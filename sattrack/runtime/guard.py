@@ -14,7 +14,6 @@ import select
 import socket
 import subprocess
 import sys
-import time
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
@@ -27,7 +26,7 @@ from sattrack.runtime import guard_memory
 from sattrack.runtime.guard_memory import Release, Word
 from sattrack.runtime.guardian import GuardianTask
 from sattrack.runtime.links import open_link
-from sattrack.runtime.owner import Owner, claim, this_command, this_user
+from sattrack.runtime.owner import Owner, claim, this_command, this_user, utc_now
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -106,7 +105,7 @@ class Guarded:
                 pid=os.getpid(),
                 user=this_user(),
                 command=this_command(),
-                since_utc=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+                since_utc=utc_now(),
                 mount=owned_as,
                 listen_port=link.listen_port,
             ),
@@ -191,15 +190,18 @@ class Guarded:
         self._life.setblocking(False)
 
     def close(self) -> None:
-        """End the watch. Without a `release`, the guardian first stops a mount that was asked to move."""
+        """End the watch. The guardian goes on with a mount that is not known at rest, and ends by itself."""
         self._life.close()
-        ends_by_itself = self._words[Word.RELEASED] or not self._armed
+        ends_by_itself = self._words[Word.RELEASED] not in (0, Release.NOT_CONFIRMED) or not self._armed
         try:
             self._process.wait(END_WITHIN_S)
         except subprocess.TimeoutExpired:
             if ends_by_itself:
                 self._process.kill()
                 self._process.wait()
+            else:
+                # It outlives us on purpose, and nobody is to wait for it, nor to warn of it.
+                self._process.returncode = 0
         os.close(self._memory)
 
     def _start(self) -> tuple[subprocess.Popen[bytes], socket.socket]:

@@ -14,18 +14,31 @@ import socket
 import sys
 import time
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import msgspec
 
 from sattrack.halt import Halt
+from sattrack.link_loss import STOPS_SLOW_FOR_S, STOPS_SLOW_S, STOPS_SLOWEST_S
 from sattrack.mount import MountProfile
 from sattrack.runtime import guard_memory
 from sattrack.runtime.guard_memory import Release, Word
-from sattrack.runtime.owner import LONGEST_LINE, Ask, Overheard, Owner, Stopped
+from sattrack.runtime.owner import (
+    LONGEST_LINE,
+    STOP_OR_GIVE_UP,
+    Ask,
+    GivenUp,
+    GoesOn,
+    Overheard,
+    Owner,
+    Stopped,
+    utc_now,
+)
 from sattrack.runtime.signals import outlive
 from sattrack.xerxes.client import Address, UdpLink, nobody_listens
 from sattrack.xerxes.datagrams import Command, encode_command
+from sattrack.xerxes.link import LinkState
 
 POLL_S = 0.1
 WATCH_S = 0.02
@@ -115,6 +128,11 @@ class Guardian:
     """When the mount was last asked whether it is there."""
     _due_s: float = 0.0
     _told: bool = False
+    """Whether the end of the stop in hand, good or bad, has been told."""
+    _goes_on_utc: str | None = None
+    """Since when the stop goes on beyond its time; None where it does not."""
+    _goes_on_s: float = 0.0
+    """The same by the monotonic clock."""
     _gone: bool = False
 
     def __post_init__(self) -> None:
@@ -136,11 +154,12 @@ class Guardian:
 
     def _over(self) -> bool:
         if self._halt is not None:
-            return self._gone and self._told
+            return self._gone and self._told and self._goes_on_utc is None
         return self._gone and not self._left_moving()
 
     def _left_moving(self) -> bool:
-        return bool(self.words[Word.ARMED]) and not self.words[Word.RELEASED]
+        """Tell whether the feeder has let go, if at all, of a mount that is not known at rest."""
+        return bool(self.words[Word.ARMED]) and self.words[Word.RELEASED] in (0, Release.NOT_CONFIRMED)
 
     def _wait(self) -> None:
         watched: list[socket.socket | UdpLink] = [visitor.door for visitor in self.visitors]
@@ -165,6 +184,9 @@ class Guardian:
         if self._halt is not None and self.link in readable:
             for arrival in self.link.receive():
                 self._halt.receive(arrival.data, arrival.monotonic_s * self.task.speed)
+            if self._due_s - time.monotonic() > self._period_s:
+                # Heard at last: no more waiting.
+                self._due_s = time.monotonic()
 
     def _hear_feeder(self) -> None:
         try:
@@ -174,6 +196,10 @@ class Guardian:
 
     def _judge(self, elapsed_s: float) -> None:
         """Decide whether the mount is the guardian's from here on."""
+        if self.words[Word.RELEASED] == Release.NOT_CONFIRMED and self._left_moving():
+            self._take_over("ended without seeing the mount at rest")
+            self._go_on(time.monotonic())
+            return
         if self._gone:
             if self._left_moving():
                 self._take_over("ended without a word")
@@ -190,6 +216,7 @@ class Guardian:
         now_s = self._begun_s = self._due_s = time.monotonic()
         counter = self.words[Word.COUNTER]
         self._halt = Halt(self.task.profile, now_s * self.task.speed, counter)
+        self.link.onlooker = partial(guard_memory.note_status, self.words)
         # What has waited unread since the feeder read last is old, but for the newest.
         for arrival in self.link.receive()[-1:]:
             self._halt.receive(arrival.data, arrival.monotonic_s * self.task.speed)
@@ -201,19 +228,63 @@ class Guardian:
         if now_s < self._due_s:
             return
         self.link.send(self._halt.tick(now_s * self.task.speed))
-        self._due_s = max(self._due_s + self.task.profile.period_s / self.task.speed, now_s)
-        if not self._told and (self._halt.finished or self._nobody_there(now_s)):
-            self._told = True
-            self.words[Word.STOPPED] = Release.of(self._halt.at_rest)
+        self._due_s = max(self._due_s + self._pause_s(now_s), now_s)
+        if self._halt.at_rest or self._nobody_there(now_s):
+            if not (self._told and self._goes_on_utc is None):
+                self._conclude()
+        elif self._halt.finished and not self._told:
+            self._go_on(now_s)
+
+    @property
+    def _period_s(self) -> float:
+        return self.task.profile.period_s / self.task.speed
+
+    def _pause_s(self, now_s: float) -> float:
+        """Return how long to wait after a datagram: longer where a mount has been silent for long."""
+        assert self._halt is not None
+        heard = self._halt.session.link_state(now_s * self.task.speed) in {LinkState.UP, LinkState.STALE}
+        if self._goes_on_utc is None or not self._told or heard:
+            return self._period_s
+        return STOPS_SLOW_S if now_s - self._goes_on_s < STOPS_SLOW_FOR_S else STOPS_SLOWEST_S
+
+    def _conclude(self) -> None:
+        """Tell that there is nothing left to stop."""
+        assert self._halt is not None
+        self._told, self._goes_on_utc = True, None
+        self.words[Word.STOPPED] = Release.of(self._halt.at_rest)
+        self._tell()
+        self._answer_all()
+
+    def _go_on(self, now_s: float) -> None:
+        """Tell that the stop's time has passed, and go on beyond it."""
+        assert self._halt is not None
+        self._told = True
+        self.words[Word.STOPPED] = Release.of(self._halt.at_rest)
+        if self._goes_on_utc is None:
+            self._goes_on_utc, self._goes_on_s = utc_now(), now_s
             self._tell()
-            self._answer_all()
+        self._answer_all()
+
+    def _goes_on(self) -> GoesOn | None:
+        if self._goes_on_utc is None or self._halt is None:
+            return None
+        heard = self._halt.last_heard(time.monotonic() * self.task.speed)
+        return GoesOn(os.getpid(), self._goes_on_utc, heard)
+
+    def _give_up(self) -> None:
+        """Go on no more, as somebody has asked."""
+        self._goes_on_utc = None
+        self._told = True
+        self._note("was told to give up; the mount is NOT KNOWN AT REST")
 
     def _nobody_there(self, now_s: float) -> bool:
         """Tell whether a mount on this machine, simulated then, has ended itself."""
         address = self.task.address
-        silent = self._halt is not None and self._halt.session.sample is None
-        since_s = max(self._begun_s, self._asked_s)
-        if not (silent and address.host.startswith("127.") and now_s - since_s > GONE_AFTER_S):
+        assert self._halt is not None
+        age_s = self._halt.session.health.age_s(now_s * self.task.speed)
+        heard_s = self._begun_s if age_s is None else now_s - age_s / self.task.speed
+        since_s = max(self._begun_s, self._asked_s, heard_s)
+        if not (address.host.startswith("127.") and now_s - since_s > GONE_AFTER_S):
             return False
         self._asked_s = now_s
         return nobody_listens(address, encode_command(Command(abort=True)), ASK_WITHIN_S)
@@ -221,20 +292,31 @@ class Guardian:
     def _tell(self) -> None:
         """Say what was done, to whoever has the feeder's terminal, and to a file."""
         assert self._halt is not None
-        owner, now_s = self.task.owner, time.monotonic()
         rest = "found that the mount is not there any more"
         if self._halt.at_rest:
-            rest = f"stopped the mount: seen at rest after {now_s - self._begun_s:.1f} s"
-        elif self._halt.finished:
-            rest = "told the mount to stop, and DID NOT SEE IT AT REST: stop it by its own console"
-        words = f"process {owner.pid} (`{owner.command}`) {self._why}; its guardian {rest}"
+            rest = f"stopped the mount: seen at rest after {time.monotonic() - self._begun_s:.1f} s"
+        elif self._goes_on_utc is not None:
+            rest = (
+                f"goes on telling the mount to stop, which is NOT KNOWN AT REST, as process {os.getpid()}; "
+                f"{STOP_OR_GIVE_UP}; or stop it by its own console"
+            )
+        self._note(rest)
+
+    def _note(self, what: str) -> None:
+        """Say something to whoever has the feeder's terminal, and to a file."""
+        owner = self.task.owner
+        words = f"process {owner.pid} (`{owner.command}`) {self._why}; its guardian {what}"
         with contextlib.suppress(OSError):
             os.write(2, f"sattrack: {words}\n".encode())
         with contextlib.suppress(OSError):
             path = log_path()
             path.parent.mkdir(parents=True, exist_ok=True)
             with path.open("a", encoding="utf-8") as file:
-                file.write(f"{time.strftime('%Y-%m-%dT%H:%M:%SZ', time.gmtime())} {owner.mount} {words}\n")
+                file.write(f"{utc_now()} {owner.mount} {words}\n")
+        if self._goes_on_utc is not None:
+            # Whoever reads the feeder's standard error to its end is not to wait for this one's.
+            with open(os.devnull, "wb") as nowhere:  # noqa: PTH123 - no path of ours
+                os.dup2(nowhere.fileno(), 2)
 
     def _admit(self) -> None:
         assert self.door is not None
@@ -268,14 +350,24 @@ class Guardian:
             return
         visitor.said = b""
         if ask == "who":
-            self._say(visitor, msgspec.structs.replace(self.task.owner, state=self._state()))
+            owner = msgspec.structs.replace(self.task.owner, state=self._state(), goes_on=self._goes_on())
+            self._say(visitor, owner)
+            return
+        if ask == "give-up":
+            self._say(visitor, GivenUp(self._goes_on()))
+            self._dismiss(visitor)
+            if self._goes_on_utc is not None:
+                self._give_up()
             return
         if ask == "watch":
             visitor.heard = self.words[Word.HEARD]
             return
         visitor.waits = True
         self.words[Word.STOP_ASKED] = 1
-        if self._told or (self._halt is None and self.words[Word.RELEASED]):
+        if self._goes_on_utc is not None and self._halt is not None and self._told:
+            self._told, self._due_s = False, time.monotonic()
+            self._halt.renew(self._due_s * self.task.speed)
+        elif self._told or (self._halt is None and self.words[Word.RELEASED]):
             self._answer_all()
 
     def _show(self, visitor: Visitor) -> None:
@@ -298,8 +390,9 @@ class Guardian:
         if not waiting:
             return
         if self._halt is not None:
-            self._end_feeder()
-            stopped = Stopped("guardian", self._halt.at_rest)
+            if self.words[Word.DEPOSED]:
+                self._end_feeder()
+            stopped = Stopped("guardian", self._halt.at_rest, self._goes_on())
         else:
             released = self.words[Word.RELEASED]
             stopped = Stopped("session", Release(released).at_rest if released else None)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sattrack.bias_view import estimate_view, offset_views
+from sattrack.engine_view import learnt_view
 from sattrack.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
 from sattrack.figures import RunningError, quantile
 from sattrack.view import DatagramsView, PeriodView, Summary
@@ -52,6 +53,7 @@ def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
     acquired = tracker.acquired_utc_s
     followable = tracker.followable_utc_s
     along_s, cross_deg = tracker.steering.biases.totals(ended_utc_s)
+    why = engine.why_not_acquired()
     return Summary(
         name=spec.propagator.elements.label,
         catalog_number=spec.propagator.elements.catalog_number,
@@ -83,10 +85,13 @@ def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
         remembered=tracker.steering.remembered,
         recording=spec.recording,
         mount_stopped=engine.mount_stopped,
-        message=engine.message or _never_followed(engine),
+        message=engine.message or _never_followed(engine, why),
         held_s={name: round(seconds, 3) for name, seconds in engine.held_s.items()},
         paused_s=round(engine.paused_s, 3),
         rejoining_s=round(engine.rejoining_s, 3),
+        calibrated=spec.profile.calibration is not None,
+        learnt=learnt_view(engine),
+        why_not_acquired=why,
     )
 
 
@@ -94,10 +99,11 @@ def _seconds_between(first_s: float | None, second_s: float | None) -> float | N
     return None if first_s is None or second_s is None else round(max(0.0, second_s - first_s), 3)
 
 
-def _never_followed(engine: Engine) -> str | None:
+def _never_followed(engine: Engine, why: str | None) -> str | None:
     if engine.tracker.ended_by == "set" and engine.tracker.acquired_utc_s is None:
         paused = f" (it was paused for {engine.paused_s:.0f} s)" if engine.paused_s else ""
-        return f"the pass ended before the mount was on the satellite{paused}"
+        cause = "" if why is None else f": {why}"
+        return f"the pass ended before the mount was on the satellite{paused}{cause}"
     return None
 
 

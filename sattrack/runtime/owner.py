@@ -37,6 +37,7 @@ STOP_WITHIN_S = 75.0
 LONGEST_LINE = 4096
 BACKLOG = 16
 TRY_AGAIN_S = 0.02
+STOP_OR_GIVE_UP = "`sattrack stop` tries again, `sattrack stop --give-up` ends that"
 _CREDENTIALS = struct.Struct("3i")
 
 
@@ -51,9 +52,13 @@ class Owner(msgspec.Struct, frozen=True):
     listen_port: int
     state: str = "running"
     """"running", "stopping", "hangs" or "ended without a word"."""
+    goes_on: GoesOn | None = None
+    """Who goes on stopping the mount where the session has ended without seeing it at rest."""
 
     def __str__(self) -> str:
         """Say it in words."""
+        if self.goes_on is not None:
+            return f"`{self.command}` has ended, the mount NOT KNOWN AT REST; {self.goes_on}"
         doing = "" if self.state == "running" else f", {self.state}"
         return f"`{self.command}`, process {self.pid}{doing}, since {self.since_utc}"
 
@@ -61,7 +66,21 @@ class Owner(msgspec.Struct, frozen=True):
 class Ask(msgspec.Struct, frozen=True):
     """What whoever connects may say."""
 
-    ask: Literal["who", "stop", "watch"]
+    ask: Literal["who", "stop", "watch", "give-up"]
+
+
+class GoesOn(msgspec.Struct, frozen=True):
+    """A guardian that goes on telling a mount to stop after its session has ended."""
+
+    pid: int
+    since_utc: str
+    heard: str
+    """What it heard last, in words."""
+
+    def __str__(self) -> str:
+        """Say it in words."""
+        who = f"its guardian, process {self.pid}"
+        return f"{who}, goes on telling it to stop since {self.since_utc}; {self.heard}"
 
 
 class Stopped(msgspec.Struct, frozen=True):
@@ -70,6 +89,14 @@ class Stopped(msgspec.Struct, frozen=True):
     by: Literal["session", "guardian"]
     at_rest: bool | None
     """Whether the mount was seen at rest; None where it was not heard, or nothing had been asked of it."""
+    goes_on: GoesOn | None = None
+    """Who goes on where it was not seen at rest."""
+
+
+class GivenUp(msgspec.Struct, frozen=True):
+    """Whether a guardian was told to go on no more; None where it did not go on."""
+
+    was: GoesOn | None
 
 
 class Overheard(msgspec.Struct, frozen=True, array_like=True):
@@ -137,9 +164,20 @@ def ask_stop(owner: Owner, waiting: Callable[[], None], within_s: float = STOP_W
 
     None where the session is gone without an answer. Raises SattrackError where it does not answer in time.
     """
+    line = _asked(owner, Ask("stop"), waiting, within_s)
+    return msgspec.json.decode(line, type=Stopped) if line else None
+
+
+def ask_give_up(owner: Owner) -> GoesOn | None:
+    """Have a guardian go on no more; return who did, None where nobody went on. Raises SattrackError."""
+    line = _asked(owner, Ask("give-up"), lambda: None, ANSWER_WITHIN_S)
+    return msgspec.json.decode(line, type=GivenUp).was if line else None
+
+
+def _asked(owner: Owner, ask: Ask, waiting: Callable[[], None], within_s: float) -> bytes | None:
     try:
         with _connected(_name(owner.mount), ANSWER_WITHIN_S) as door:
-            door.sendall(msgspec.json.encode(Ask("stop")) + b"\n")
+            door.sendall(msgspec.json.encode(ask) + b"\n")
             line = _line(door, within_s, waiting)
     except ConnectionError:
         return None
@@ -150,7 +188,7 @@ def ask_stop(owner: Owner, waiting: Callable[[], None], within_s: float = STOP_W
             f"{owner} does not answer within {within_s:g} s: end it with `kill {owner.pid}`, "
             "and stop the mount by its own console"
         )
-    return msgspec.json.decode(line, type=Stopped) if line else None
+    return line
 
 
 def door_to_watch(name: str) -> socket.socket | None:
@@ -243,6 +281,8 @@ def _refusal(address: MountAddress) -> str:
     owner = owner_of(address.name)
     if owner is None:
         return f"{address} was owned by another session until just now: ask again"
+    if owner.goes_on is not None:
+        return f"{address} is not known at rest: {owner}; {STOP_OR_GIVE_UP}"
     way = "`sattrack stop` ends it"
     if owner.state == "does not answer":
         way = f"end it with `kill {owner.pid}`"
@@ -265,3 +305,8 @@ def this_command() -> str:
 def this_user() -> int:
     """Return the number of the user who runs this."""
     return os.getuid()
+
+
+def utc_now() -> str:
+    """Return this instant for people, to the second."""
+    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sattrack.planning.budget import Circumstances, error_budget
-from sattrack.runtime.facts import SEARCH_HOURS, build_engine, first_bias
+from sattrack.planning.report import uncalibrated_words
+from sattrack.runtime.facts import SEARCH_HOURS, SIMULATED, build_engine, first_bias
 from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.safety.geometry import altitude_deg, azimuth_deg
 from sattrack.view import PassView, PathPoint, SkyPoint
@@ -32,6 +33,7 @@ PATH_POINTS = 121
 BODY_STEP_S = 600.0
 MOST_BODY_POINTS = 97
 PROBE_S = 0.01
+AT_FASTEST = "at this pass's fastest"
 SERVO_ARCSEC = 0.1
 """What following adds to the error to expect: nothing beside the elements, and nothing was rehearsed."""
 
@@ -74,6 +76,23 @@ def pass_scene(facts: RunFacts, clock_error_s: float | None = None) -> PassView:
         fov_deg=facts.fov_deg,
         can_park=facts.profile.park is not None,
     )
+
+
+def fastest_deg_s(facts: RunFacts) -> float:
+    """Return the largest speed of the satellite on the sky over a pass, degrees a second."""
+    spec = build_engine(facts).spec
+    utc_s = np.linspace(facts.plan.start_utc_s, facts.plan.end_utc_s, PATH_POINTS)
+    return float(np.degrees(np.nanmax(np.linalg.norm(spec.propagator.at(Utc(utc_s)).unit_rate, axis=1))))
+
+
+def uncalibrated(facts: RunFacts) -> str | None:
+    """Return what a mount that was not calibrated costs at this pass.
+
+    None for one that was, and for the simulated mount: its axes are made from the very profile.
+    """
+    if facts.profile.calibration is not None or facts.mount_name == SIMULATED:
+        return None
+    return uncalibrated_words(facts.profile, fastest_deg_s(facts), AT_FASTEST)
 
 
 def _low(alt_deg: float) -> bool:

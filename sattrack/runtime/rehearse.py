@@ -32,9 +32,10 @@ from sattrack.planning.rehearsal import (
     peaks,
     verdict,
 )
-from sattrack.planning.report import LostStretch, Report
+from sattrack.planning.report import LostStretch, Report, uncalibrated_words
 from sattrack.planning.sides import Lost, Sides, choose_sides, sides_of, with_flips
 from sattrack.runtime.facts import SEARCH_HOURS, build_engine, plan_for
+from sattrack.runtime.pass_scene import AT_FASTEST, fastest_deg_s
 from sattrack.runtime.prepare import with_detours
 from sattrack.runtime.rehearsed_run import FULL_PERIOD_S, SLOW_PERIOD_S, perform, rule_of
 from sattrack.safety.bounds import CONES
@@ -146,6 +147,7 @@ def rehearse(
         catalog_number=facts.elements.catalog_number,
         elements_epoch=facts.elements.epoch.isoformat("seconds"),
         profile=facts.profile.name,
+        calibrated=facts.profile.calibration is not None,
         start_utc=_iso(plan.start_utc_s),
         culminate_utc=_iso(facts.culminate_utc_s),
         end_utc=_iso(plan.end_utc_s),
@@ -386,7 +388,7 @@ def _notes(facts: RunFacts, part: RunFacts, performance: Performance) -> tuple[s
     if performance.period_s != facts.profile.period_s:
         notes.append(f"slow enough to be run in steps of {performance.period_s:g} s")
     if facts.profile.calibration is None:
-        notes.append("the mount's profile was never measured: `sattrack mount calibrate` does that")
+        notes.append(uncalibrated_words(facts.profile, fastest_deg_s(facts), AT_FASTEST))
     return tuple(notes)
 
 

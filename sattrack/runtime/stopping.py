@@ -12,7 +12,7 @@ from sattrack.errors import LinkLostError, SattrackError
 from sattrack.halt import Halt
 from sattrack.runtime.guard import owned
 from sattrack.runtime.mounts import owned_address
-from sattrack.runtime.owner import Taken, ask_stop, owner_of
+from sattrack.runtime.owner import GoesOn, Taken, ask_stop, owner_of, utc_now
 from sattrack.xerxes.client import nobody_listens
 from sattrack.xerxes.datagrams import Command, encode_command
 
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from sattrack.runtime.owner import Owner
 
 NOBODY = "nothing listens there"
+GIVE_UP = "`sattrack stop --give-up` ends that"
 FREE_WITHIN_S = 10.0
 """How long a session that has stopped its mount may take to close its recording and end."""
 LOOK_AGAIN_S = 0.05
@@ -40,6 +41,8 @@ class MountStop(msgspec.Struct, frozen=True):
     pid: int | None
     command: str | None
     words: str
+    goes_on: GoesOn | None = None
+    """Who goes on telling it to stop where it is not known at rest."""
 
     def error(self) -> SattrackError | None:
         """Return the error whose exit code this is; None where the mount is at rest, or no more."""
@@ -49,11 +52,16 @@ class MountStop(msgspec.Struct, frozen=True):
 
 
 def stop_session(owner: Owner, waiting: Callable[[], None]) -> MountStop | None:
-    """Have a session stop its mount and end; None where the session does not know the mount at rest.
+    """Have a session stop its mount and end; None where nobody is left that stops it, or knows it at rest.
 
     Raises SattrackError where it does not answer.
     """
     stopped = ask_stop(owner, waiting)
+    if stopped is not None and stopped.goes_on is not None:
+        words = f"IT IS NOT KNOWN AT REST: {stopped.goes_on}; {GIVE_UP}"
+        return MountStop(
+            owner.mount, stopped.by, stopped.at_rest, owner.pid, owner.command, words, stopped.goes_on
+        )
     if stopped is None or not stopped.at_rest:
         return None
     who = "its guardian" if stopped.by == "guardian" else "it"
@@ -90,15 +98,15 @@ def stop_directly(address: MountAddress, profile: MountProfile, waiting: Callabl
             if nobody_listens(link.address, encode_command(Command(abort=True)), LOOK_AGAIN_S):
                 guard.release(None)
                 return MountStop(mount, "direct", None, None, None, NOBODY)
-        guard.release(halt.at_rest)
+        guard.release(bool(halt.at_rest))
+        goes_on = None if halt.at_rest else GoesOn(guard.pid, utc_now(), halt.last_heard(time.monotonic()))
     if halt.at_rest:
         return MountStop(mount, "direct", True, None, None, "stopped and seen at rest")
     words = "it was told to stop and IS NOT AT REST" if halt.at_rest is False else "it was told to stop"
     if halt.at_rest is None:
         words += ", but is NOT HEARD: nobody knows whether it obeyed"
-    return MountStop(
-        mount, "direct", halt.at_rest, None, None, f"{words}; look after it, and stop it by its own console"
-    )
+    words = f"{words}; {goes_on}; look after it, and stop it by its own console; {GIVE_UP}"
+    return MountStop(mount, "direct", halt.at_rest, None, None, words, goes_on)
 
 
 def stop_after(owner: Owner, profile: MountProfile, waiting: Callable[[], None]) -> MountStop:

@@ -14,7 +14,7 @@ from sattrack.errors import BadInputError
 from sattrack.messages import decode_message
 from sattrack.recording.comparison import Figures
 from sattrack.recording.format import OPERATOR
-from sattrack.recording.mount_fit import fit_axes
+from sattrack.recording.mount_fit import AxisFit, fit_axes
 from sattrack.recording.recorder import NoRecording
 from sattrack.recording.replay import Replay, replay
 from sattrack.recording.trace import trace
@@ -124,7 +124,7 @@ def fitted_mount(run: Trace, facts: RunFacts) -> tuple[MountProfile, SimulatorPr
     hardware: dict[str, Any] = {}
     words = []
     for name, fit in (("ra", ra), ("dec", dec)):
-        if fit is not None:
+        if isinstance(fit, AxisFit):
             changes[f"{name}_rate_gain"] = fit.gain
             words.append(f"{name} gain {fit.gain:.5f}")
     if len(run.utc_s) > 1:

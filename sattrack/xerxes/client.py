@@ -260,7 +260,8 @@ def bind(peer_host: str, port: int) -> socket.socket:
         bound.close()
         raise SattrackError(
             f"UDP port {port} cannot be had: {error.strerror}; "
-            "is another sattrack running? Choose another port, or end that one"
+            "is another sattrack running, or a guardian that goes on with a stop? `sattrack stop` shows it; "
+            "choose another port, or end that one (a guardian by `sattrack stop --give-up`)"
         ) from error
     return bound
 

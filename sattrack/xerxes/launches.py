@@ -42,21 +42,19 @@ SHOWN_WITHIN = 20
 """Statuses within which what was acknowledged must show."""
 SYNCED_WITHIN_DEG = 0.02
 FINE_RATE_SHARE = 0.2
-REST_RATE_DTICS_S = 0.5 * SIDEREAL_RATE_DEG_S * DTICS_S_PER_DEG_S
 
 Launchable = Sync | PulseGuide | FindHome | Park | FineRate | TrackingRate
 ACKNOWLEDGED_KINDS = (Sync, PulseGuide)
 
 
-def stance_of(status: Status) -> Stance:
-    """Return how a mount stands by one of its statuses, as safety wants to know it."""
-    resting = max(abs(status.ra_rate_dtics_s), abs(status.dec_rate_dtics_s)) < REST_RATE_DTICS_S
+def stance_of(status: Status, stands: bool) -> Stance:
+    """Return how a mount stands, as safety wants to know it; `stands` where its positions say standstill."""
     return Stance(
         sidereal_deg=status.sidereal_h * 15.0,
         ra_deg=status.ra_h * 15.0,
         dec_deg=status.dec_deg,
         slewing=status.slewing,
-        drives_at_rest=resting,
+        drives_at_rest=stands,
         beyond_pole=status.side_of_pier,
     )
 
@@ -142,21 +140,23 @@ class Launches:
             self._active.ticks += 1
             self._watch_time(self._active)
 
-    def compose(self, clear: bool, status: Status | None) -> Launchable | None:
-        """Return the request whose flag is up in the next datagram; `clear` where a flag may rise."""
+    def compose(self, clear: bool, status: Status | None, stands: bool) -> Launchable | None:
+        """Return the request whose flag is up in the next datagram.
+
+        `clear` where a flag may rise, `stands` where the mount's positions say standstill.
+        """
         released = all(flag.state is Handshake.IDLE for flag in (self._sync_flag, self._pulse_flag))
         may_rise = self._active is None and self._queue and clear and released
-        if may_rise and status is not None and not self._waits_for_rest(status):
-            self._launch(self._queue.popleft()[0], status)
+        if may_rise and status is not None and not self._waits_for_rest(stance_of(status, stands)):
+            self._launch(self._queue.popleft()[0], status, stands)
         active = self._active
         if active is None:
             return None
         request: Launchable = active.ticket.request  # type: ignore[assignment]
         return request if active.flag.up else None
 
-    def _waits_for_rest(self, status: Status) -> bool:
+    def _waits_for_rest(self, stance: Stance) -> bool:
         """Tell whether the next request is a park at the right place, where the mount still swings."""
-        stance = stance_of(status)
         if not isinstance(self._queue[0][0].request, Park) or stance.drives_at_rest:
             return False
         return park_objection(self.profile, stance._replace(drives_at_rest=True)) is None
@@ -180,11 +180,11 @@ class Launches:
             case _:
                 self._see_unacknowledged(active, status)
 
-    def _launch(self, ticket: Ticket, status: Status) -> None:
+    def _launch(self, ticket: Ticket, status: Status, stands: bool) -> None:
         flag = OneShot()
         if isinstance(ticket.request, Park):
             # It was judged when it was submitted; what counts is where the mount stands as the flag rises.
-            refused = park_objection(self.profile, stance_of(status))
+            refused = park_objection(self.profile, stance_of(status, stands))
             if refused is not None:
                 ticket.become(TicketState.FAILED, refused)
                 return

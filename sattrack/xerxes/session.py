@@ -22,6 +22,8 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
 
+import msgspec
+
 from sattrack.mount import (
     SIDEREAL_RATE_DEG_S,
     Hold,
@@ -58,19 +60,23 @@ from sattrack.xerxes.datagrams import (
     status_readings,
 )
 from sattrack.xerxes.handshake import QUIET_STATUSES, Handshake, OneShot
-from sattrack.xerxes.launches import Launchable, Launches
+from sattrack.xerxes.launches import Launchable, Launches, stance_of
 from sattrack.xerxes.link import LinkHealth, LinkState
 from sattrack.xerxes.motion_ticket import MotionTicket, Seen
 from sattrack.xerxes.move_axis import NO_RATES, AxisRates, EdgeMove, HeldMove, MoveAxisRule
 from sattrack.xerxes.repeats import Repeats
 from sattrack.xerxes.sequence import StatusSequence
 from sattrack.xerxes.slewing import Slewing, SlewState
-from sattrack.xerxes.standstill import Standstill, is_at_rest
+from sattrack.xerxes.standstill import Standstill
 
 if TYPE_CHECKING:
-    from sattrack.safety import Cleared, ClearedRequest
+    from sattrack.safety import Cleared, ClearedRequest, Stance
 
 ABORT_AGAIN_TICKS = 8
+MISSED_TICKS = 24
+DIP_TICKS = 3
+"""Of so many statuses without the abort's acknowledgement its flag is down for the last few: a mount that has
+missed the edge sees another."""
 QUIET_TICKS = 4
 STILL_MOVING_STATUSES = 20
 READINGS_EVERY = 20
@@ -88,7 +94,7 @@ class Session:
     refuses_frozen: bool = False
     """Whether a status counts as not heard that repeats the clock and the place of the last in mid-motion."""
     status: Status | None = None
-    """The last accepted status, whole."""
+    """The last accepted status; of fields that mean nothing (`ignored_fields`), what positions say."""
     sample: StatusSample | None = None
     readings: Readings = field(default_factory=lambda: Readings(None, None, None, None, None))
     """Types of the doubtful fields, as far as statuses have shown them."""
@@ -106,9 +112,15 @@ class Session:
     _slew_flag: OneShot = field(default_factory=OneShot)
     _slew: Slewing | None = None
     _asked_target: SlewTo | None = None
+    _launched_utc_s: float = 0.0
+    """When the slew was seen acknowledged."""
     _aborted: bool = False
+    _stop_heard: bool = False
+    """Whether any abort of the stop in force was: one that is sent again may go without an answer."""
     _stop_ticks: int = 0
     """Datagrams since the stop was asked for."""
+    _raised_ticks: int = 0
+    """Datagrams since the abort's flag rose, 0 while it is down."""
     _blind_left: int = 0
     """Datagrams left of an abort of which no acknowledgement can tell, because one stands already."""
     _standstill: Standstill = field(default_factory=Standstill)
@@ -156,8 +168,7 @@ class Session:
             self._read_types(data)
         self.health.received += 1
         self._repeats.see(arrival_utc_s, self.health.lost)
-        self.status = status
-        self.sample = StatusSample(
+        sample = StatusSample(
             counter=status.counter,
             arrival_utc_s=arrival_utc_s,
             sidereal_h=status.sidereal_h,
@@ -169,7 +180,10 @@ class Session:
             dec_drive_deg_s=status.dec_rate_dtics_s / DTICS_S_PER_DEG_S,
             beyond_pole=status.side_of_pier,
         )
-        self._follow_acknowledgements(status, self.sample)
+        may_move = not self._move.over or status.ack_move_ra or status.ack_move_dec
+        self.sample = self._standstill.see(sample, self._aborted, may_move)
+        self.status = _made_good(status, sample, self.sample)
+        self._follow_acknowledgements(self.status, arrival_utc_s)
         return self.sample
 
     def _is_frozen(self, status: Status) -> bool:
@@ -272,18 +286,31 @@ class Session:
 
     @property
     def stopped(self) -> bool:
-        """Whether the stop asked for was acknowledged and the drives are seen at rest (or sidereal)."""
-        sample = self.sample
-        acknowledged = self._aborted or self._ack_stands >= QUIET_STATUSES
-        if sample is None or not isinstance(self._wanted, Stop) or not acknowledged:
-            return False
-        return not sample.slewing and is_at_rest(sample) and not self._standstill.turned
+        """Whether the stop asked for was acknowledged, and positions have shown rest since."""
+        acknowledged = self._stop_heard or self._ack_stands >= QUIET_STATUSES
+        return acknowledged and isinstance(self._wanted, Stop) and self._standstill.stopped
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the mount stands or follows the sky, by its positions."""
+        return self._standstill.at_rest
+
+    @property
+    def stance(self) -> Stance | None:
+        """How the mount stands, as safety wants to know it; None before the first status."""
+        return None if self.status is None else stance_of(self.status, self._standstill.stands)
+
+    @property
+    def ignored_fields(self) -> tuple[str, ...]:
+        """Which fields of the status are not used because positions contradict them, and why, in words."""
+        ignored = self._standstill.fields.ignored
+        return tuple(f"the mount's {name} {why}: positions are used instead" for name, why in ignored.items())
 
     def _want(self, motion: Motion) -> None:
         if isinstance(motion, SlewTo) and (self._slew is None or self._slew.target != motion):
             self._slew = Slewing(motion)
         if isinstance(motion, Stop) and not isinstance(self._wanted, Stop):
-            self._aborted = False
+            self._aborted = self._stop_heard = False
             self._stop_ticks = 0
             self._standstill.asked()
         if not isinstance(motion, SlewTo):
@@ -299,7 +326,7 @@ class Session:
                 return SlewTo(request.ra_deg, request.dec_deg)
             case Abort():
                 # Asked for again, it is sent again; and nothing that moves an axis outlasts it.
-                self._aborted = False
+                self._aborted = self._stop_heard = False
                 self._stop_ticks = 0
                 self._launches.fine_rate = FineRate()
                 return Stop()
@@ -329,7 +356,7 @@ class Session:
     def _begin_anew(self) -> None:
         """Forget what a mount that has restarted cannot know of."""
         self._abort, self._slew_flag, self._move = OneShot(), OneShot(), self._make_move()
-        self._aborted = False
+        self._aborted = self._stop_heard = False
         self._launches.begin_anew()
         self._acks.forget()
         if self._slew is not None:
@@ -377,9 +404,10 @@ class Session:
     def _compose_stop(self) -> Command:
         self._slew_flag.happen("withdraw")
         status = self.status
-        if self._abort.state is Handshake.IDLE and self._standstill.goes_again:
+        stuck = self._abort.state is Handshake.RELEASING and self._abort.statuses > QUIET_STATUSES
+        if (self._abort.state is Handshake.IDLE or stuck) and self._standstill.goes_again:
             self._aborted = False
-            self._standstill.again()
+            self._standstill.again(0.0 if self.sample is None else self.sample.arrival_utc_s)
         if not self._aborted and (status is None or not status.ack_abort):
             self._abort.happen("request")
         # An acknowledgement that stands, ours or another's, must not keep a stop from going out, statuses or
@@ -391,7 +419,10 @@ class Session:
         self._blind_left = max(0, self._blind_left - 1) if standing else 0
         self._stop_ticks += 1
         self._motion_sent = self._motion_sent or self._abort.up or again
-        return self._command(abort=self._abort.up or again)
+        # Counted in datagrams: in a silence no status must be needed for the flag to rise again.
+        self._raised_ticks = self._raised_ticks + 1 if self._abort.up else 0
+        dips = self._raised_ticks % MISSED_TICKS >= MISSED_TICKS - DIP_TICKS
+        return self._command(abort=(self._abort.up and not dips) or again)
 
     def _compose_move(self, wish: AxisRates, meant: MoveAxes) -> Command:
         rates, begins = self._move.compose(wish)
@@ -438,7 +469,7 @@ class Session:
         standing = status is not None and not status.slewing and self._move.over
         quiet = min(self._since_slew_ticks, self._since_other_ticks) >= QUIET_TICKS
         clear = idle and standing and quiet
-        return self._command(**_launch_fields(self._launches.compose(clear, status)))
+        return self._command(**_launch_fields(self._launches.compose(clear, status, self._standstill.stands)))
 
     def _watch_motion(self, status: Status) -> None:
         """Take notice of a mount that moves on after the end of MoveAxis."""
@@ -462,6 +493,8 @@ class Session:
         status, wanted = self.status, self._wanted
         ra, dec = self._move_axes
         moving = isinstance(wanted, MoveAxes) and status is not None
+        # Fine rates that the mount was given keep it from rest, and the end of a move does not end them.
+        rests = self.at_rest or self.fine_rate != FineRate()
         off = None
         if isinstance(wanted, SlewTo) and status is not None:
             off = separation_deg(wanted.ra_deg, wanted.dec_deg, status.ra_h * 15.0, status.dec_deg)
@@ -471,7 +504,7 @@ class Session:
             aborted=self._aborted,
             stopped=self.stopped,
             moving=moving and status is not None and self._acknowledges(status, ra, dec),
-            move_over=self._move.over and status is not None and not status.slewing,
+            move_over=self._move.over and status is not None and not status.slewing and rests,
             off_target_deg=off,
         )
 
@@ -479,19 +512,25 @@ class Session:
     def _acknowledges(status: Status, ra: bool, dec: bool) -> bool:
         return (status.ack_move_ra or not ra) and (status.ack_move_dec or not dec)
 
-    def _follow_acknowledgements(self, status: Status, sample: StatusSample) -> None:
+    def _follow_acknowledgements(self, status: Status, arrival_utc_s: float) -> None:
         self._acks.see(status)
-        self._standstill.see(sample, self._aborted)
         self._watch_motion(status)
         self._move.see(status)
         if self._abort.see(status.ack_abort):
-            self._aborted = True
+            self._aborted = self._stop_heard = True
+            self._standstill.acknowledged(arrival_utc_s)
             self._move.stopped()
         wanted = isinstance(self._wanted, Stop) and not self._aborted
         self._ack_stands = self._ack_stands + 1 if wanted and status.ack_abort else 0
+        if self._ack_stands == 1:
+            self._standstill.acknowledged(arrival_utc_s)
         launched = self._slew_flag.see(status.ack_slew)
         if self._slew is not None:
             self._slew.see(status, self._slew_flag, launched)
+            if launched:
+                self._launched_utc_s = arrival_utc_s
+            if self._standstill.rests_since(self._launched_utc_s):
+                self._slew.rests()
         self._launches.see(status)
         if self._motion_ticket is not None:
             self._motion_ticket.see(self._seen())
@@ -521,10 +560,16 @@ def separation_deg(ra1_deg: float, dec1_deg: float, ra2_deg: float, dec2_deg: fl
 
 def _plausible(status: Status) -> bool:
     """Tell whether the numbers that decide anything are finite and within their ranges."""
-    return (
-        0.0 <= status.ra_h <= 24.0
-        and -90.0 <= status.dec_deg <= 90.0
-        and 0.0 <= status.sidereal_h <= 24.0
-        and math.isfinite(status.ra_rate_dtics_s)
-        and math.isfinite(status.dec_rate_dtics_s)
+    return 0.0 <= status.ra_h <= 24.0 and -90.0 <= status.dec_deg <= 90.0 and 0.0 <= status.sidereal_h <= 24.0
+
+
+def _made_good(status: Status, told: StatusSample, believed: StatusSample) -> Status:
+    """Return a status with what is believed in place of fields that mean nothing."""
+    if believed is told:
+        return status
+    return msgspec.structs.replace(
+        status,
+        ra_rate_dtics_s=believed.ra_drive_deg_s * DTICS_S_PER_DEG_S,
+        dec_rate_dtics_s=believed.dec_drive_deg_s * DTICS_S_PER_DEG_S,
+        slewing=believed.slewing,
     )

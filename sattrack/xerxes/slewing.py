@@ -1,7 +1,7 @@
 """How a slew goes, as far as statuses tell: asked, launched, seen to move, seen to stand.
 
 "Xerxes Mount Control Protocol", Details: a status that says "not slewing" may be older than the slew, so only
-those count that came after its acknowledgement.
+those count that came after its acknowledgement; and the mount has arrived when its positions rest.
 """
 
 from __future__ import annotations
@@ -59,6 +59,9 @@ class Slewing:
         if self.state is SlewState.UNDER_WAY:
             self._statuses_since_ack += 1
             self._seen_moving = self._seen_moving or status.slewing
-            seen_out = self._seen_moving or self._statuses_since_ack > NEVER_SEEN_AFTER
-            if not status.slewing and seen_out:
-                self.state = SlewState.DONE
+
+    def rests(self) -> None:
+        """Take it that the mount rests, by positions newer than the acknowledgement."""
+        seen_out = self._seen_moving or self._statuses_since_ack > NEVER_SEEN_AFTER
+        if self.state is SlewState.UNDER_WAY and seen_out:
+            self.state = SlewState.DONE

@@ -15,6 +15,7 @@ from sattrack.xerxes import (
     sequence,
     session,
     slewing,
+    standstill,
 )
 from sattrack.xerxes.datagrams import DTICS_S_PER_DEG_S, TICS_PER_TURN, reading_of
 
@@ -91,6 +92,10 @@ def patience_table() -> str:
         (handshake.QUIET_STATUSES, "without an acknowledgement: none is on its way any more"),
         (slewing.ACK_WITHIN_STATUSES, "without one while a slew's flag is up: it falls, and rises again"),
         (move_axis.EDGE_ACK_WITHIN_STATUSES, "the same for an edge of MoveAxis"),
+        (
+            session.MISSED_STATUSES,
+            "without one in a stop: the abort's flag falls for the last 3, and rises again",
+        ),
         (slewing.NEVER_SEEN_AFTER, "after its acknowledgement without Slewing: a slew too short to be seen"),
         (launches.SHOWN_WITHIN, "in which what was acknowledged must show"),
         (sequence.RESTART_PROOF, "in a row of another, rising count: the mount has restarted"),
@@ -99,6 +104,10 @@ def patience_table() -> str:
     lines = ["| how many | seconds | of what |", "|---:|---:|---|"]
     lines += [f"| {n} datagrams | {n * PERIOD_S:g} | {words} |" for n, words in datagrams]
     lines += [f"| {n} statuses | {n * PERIOD_S:g} | {words} |" for n, words in statuses]
+    lines.append(f"| | {standstill.WINDOWS_S[0]:g} | of positions that show rest: the mount is at rest |")
+    lines.append(
+        f"| | {standstill.CONTRADICTED_S:g} | in which positions contradict a field: it is not used |"
+    )
     lines.append(f"| | {link.STALE_AFTER_S:g} | without a status: the link is stale |")
     lines.append(f"| | {link.LOST_AFTER_S:g} | without a status: the link is lost |")
     return "\n".join(lines)

@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 
 PROFILE = MountProfile()
 SITE = SimulatedSite(48.0, 11.0, 520.0)
+SEEN_S = 0.6
+"""Rest is seen in half a second of positions."""
 SETTLING_S = 0.5
 """What a servo may need beyond the motion's closed form."""
 
@@ -308,6 +310,7 @@ class TestStop:
         assert aborting or any(command.abort for command in pair.sent[before:])
         pair.run(speed / PROFILE.ra.max_acceleration_deg_s2 + SETTLING_S)
         assert pair.at_rest()
+        pair.run(SEEN_S)
         assert pair.session.stopped
         assert not pair.status.slewing
         pair.run(2.0)
@@ -347,6 +350,7 @@ class TestStop:
         pair.out.cut = pair.back.cut = False
         pair.run(2 / 10 + SETTLING_S)
         assert pair.at_rest()
+        pair.run(SEEN_S)
         assert pair.session.stopped
 
     def test_deaf_it_still_stops_the_mount(self) -> None:
@@ -366,6 +370,7 @@ class TestStop:
         pair.mount.tick(pair.now + PERIOD_S / 2)
         pair.run(1.0 + SETTLING_S)
         assert pair.at_rest()
+        pair.run(SEEN_S)
         assert pair.session.stopped
 
     def test_a_mount_restarted_while_stopping_is_at_rest_or_on_the_sky(self) -> None:
@@ -483,6 +488,7 @@ class TestMove:
         pair.session = Session(PROFILE)
         pair.want(Stop(), 1.0 + 2 * PERIOD_S + SETTLING_S)
         assert pair.at_rest()
+        pair.run(SEEN_S)
         assert pair.session.stopped
 
     @pytest.mark.parametrize("turns", range(1, 4))
@@ -493,6 +499,7 @@ class TestMove:
         pair.want(Stop(), turns * PERIOD_S)
         pair.run(1.0 + SETTLING_S)
         assert pair.at_rest()
+        pair.run(SEEN_S)
         assert pair.session.stopped
 
 

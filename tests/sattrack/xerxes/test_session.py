@@ -22,6 +22,7 @@ from xerxes_builders import (
     SIDEREAL_DEG_S,
     SIDEREAL_DTICS_S,
     T0,
+    TIC_DEG,
     dtics,
     moving_flags,
     overwritten,
@@ -47,6 +48,8 @@ TRACKING = Status(
     site_latitude_deg=48.0,
     site_longitude_deg=11.0,
 )
+SEEN_AT_REST_STATUSES = 12
+"""Half a second of positions, and one more."""
 A = SlewTo(78.75, 12.25)
 B = SlewTo(150.0, -33.375)
 MOVE = MoveAxes(-1.25, -0.75)
@@ -59,15 +62,26 @@ class Client:
         self.session = Session(profile or MountProfile())
         self.now = T0
         self.counter = 0
+        self.turned_deg = 0.0
+        """How far the hour angle axis has turned."""
 
     def status(self, counter: int | None = None, readings: Readings | None = None, **fields: Any) -> bytes:
         self.counter = self.counter + 1 if counter is None else counter
+        gone_deg = (self.now - T0) * SIDEREAL_DEG_S
+        fields.setdefault("sidereal_h", TRACKING.sidereal_h + gone_deg / 15.0)
+        fields.setdefault("ra_h", TRACKING.ra_h + (gone_deg - self.turned_deg) / 15.0)
         return encode_status(msgspec.structs.replace(TRACKING, counter=self.counter, **fields), readings)
 
     def hear(self, **fields: Any) -> StatusSample | None:
         """Give the session the mount's next status."""
         self.now += PERIOD_S
+        self.turned_deg += fields.get("ra_rate_dtics_s", SIDEREAL_DTICS_S) / 10 * TIC_DEG * PERIOD_S
         return self.session.receive(self.status(**fields), self.now)
+
+    def rest(self, **fields: Any) -> None:
+        """Have the mount's positions show rest for as long as it takes to be seen."""
+        for _ in range(SEEN_AT_REST_STATUSES):
+            self.hear(**{"ra_rate_dtics_s": 0} | fields)
 
     def send(self) -> Command:
         """Take the session's next datagram."""
@@ -87,7 +101,8 @@ class Client:
         assert self.asks(Stop()).abort
         self.hear(ack_abort=True, ra_rate_dtics_s=0)
         assert not self.send().abort
-        self.hear(ra_rate_dtics_s=0)
+        assert not self.session.stopped
+        self.rest()
         assert self.session.stopped
 
 
@@ -152,6 +167,8 @@ class TestSlew:
         assert client.slew_state() is SlewState.UNDER_WAY
         assert not client.send().slew
         client.hear()
+        assert client.slew_state() is SlewState.UNDER_WAY
+        client.rest(ra_rate_dtics_s=SIDEREAL_DTICS_S)
         assert client.slew_state() is SlewState.DONE
         assert not client.send().slew
 
@@ -279,7 +296,7 @@ class TestSlew:
         client.asks(A)
         client.hear(ack_slew=True, slewing=True)
         client.send()
-        client.hear()
+        client.rest(ra_rate_dtics_s=SIDEREAL_DTICS_S)
         assert client.slew_state() is SlewState.DONE
         client.asks(other)
         assert client.slew_state() is SlewState.NONE
@@ -426,6 +443,8 @@ class TestAbort:
         assert not client.session.stopped
         assert client.send().abort
         client.hear(ack_abort=True, ra_rate_dtics_s=0)
+        client.send()
+        client.rest()
         assert client.session.stopped
 
     def test_a_mount_that_takes_to_the_sky_by_itself_counts_as_stopped_in_the_end(
@@ -469,7 +488,7 @@ class TestStopped:
         client.asks(Stop())
         client.hear(ack_abort=True, ra_rate_dtics_s=ra_dtics)
         client.send()
-        client.hear(ra_rate_dtics_s=ra_dtics)
+        client.rest(ra_rate_dtics_s=ra_dtics)
         assert client.session.stopped
 
     @pytest.mark.parametrize(
@@ -482,8 +501,6 @@ class TestStopped:
             {"dec_rate_dtics_s": dtics(0.1)},
             {"dec_rate_dtics_s": dtics(-0.1)},
             {"dec_rate_dtics_s": SIDEREAL_DTICS_S},
-            {"ra_rate_dtics_s": math.nan},
-            {"dec_rate_dtics_s": math.nan},
         ],
     )
     def test_not_while_it_moves(self, client: Client, fields: dict[str, Any]) -> None:
@@ -491,9 +508,30 @@ class TestStopped:
         client.asks(Stop())
         client.hear(ack_abort=True, readings=doubles, **fields)
         assert not client.session.stopped
-        client.send()
-        client.hear(readings=doubles, **fields)
-        assert not client.session.stopped
+        for _ in range(SEEN_AT_REST_STATUSES):
+            client.send()
+            client.hear(readings=doubles, **fields)
+            assert not client.session.stopped
+
+    @pytest.mark.parametrize("number", [math.nan, math.inf])
+    def test_rates_that_are_no_numbers_are_named_and_positions_used(
+        self, client: Client, number: float
+    ) -> None:
+        doubles = Readings(dec_rate_dtics_s="double", ra_rate_dtics_s="double")
+        client.asks(Stop())
+        for _ in range(SEEN_AT_REST_STATUSES + 1):
+            client.now += PERIOD_S
+            fields = {"ra_rate_dtics_s": number, "dec_rate_dtics_s": number}
+            assert client.session.receive(
+                client.status(ack_abort=True, readings=doubles, **fields), client.now
+            )
+        assert client.session.stopped
+        assert client.session.sample is not None
+        assert client.session.sample.ra_drive_deg_s == pytest.approx(0.0, abs=1e-6)
+        assert client.session.ignored_fields == (
+            "the mount's RightAscensionRate is no number: positions are used instead",
+            "the mount's DeclinationRate is no number: positions are used instead",
+        )
 
     def test_not_once_something_else_is_wanted(self, client: Client) -> None:
         client.stopped_by_abort()
