@@ -3,24 +3,30 @@
 python bench/calibration.py [DRAWS [SEED]]
 
 Each draw is a whole run of `sattrack.calibration` against the simulated mount in virtual time, with delays,
-a network that scatters and loses, the mount's irregular timer, and a clock that is off and drifts.
+a network that scatters and loses, the mount's irregular timer, and a clock that is off and drifts. A second
+table is of mounts that were written from the protocol's paper alone (bench/strangers). A mount's truth is
+measured on the mount itself, without noise and delays.
 """
 
 from __future__ import annotations
 
 import heapq
+import importlib
 import math
 import sys
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from itertools import pairwise, repeat
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
+import msgspec
 import numpy as np
 
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.findings import Findings, conclude
-from sattrack.calibration.guard import Kind, Surroundings
+from sattrack.calibration.guard import CalibrationEndedError, Kind, Surroundings
 from sattrack.mount import AxisLimits, MountProfile
-from sattrack.xerxes.datagrams import Readings
+from sattrack.xerxes.datagrams import Command, Readings, decode_status, encode_command
 from sattrack.xerxes.simulator import timer as simulator_timer
 from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.xerxes.simulator.settings import ServoSettings, SimulatorProfile
@@ -28,6 +34,8 @@ from sattrack.xerxes.simulator.wire import Wire, WireLaw
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from sattrack.calibration.transients import AxisMotion
 
 SITE = SimulatedSite(52.0, 4.5, 0.0)
 SLICE_S = 0.015625
@@ -254,6 +262,301 @@ def draw(number: int, seed: int) -> Drawn:
     return Drawn(profile, hardware, start, beyond, one_of(0.0, 0.01), 1.79e9 + uniform(0.0, 86400.0))
 
 
+STEADY_S, STOPS_S, PLATEAU_S = 3.0, 3.0, 8.0
+STOPS = 12
+REACHED, REACHED_FOR_S = 0.95, 0.015
+BEGUN_AGAIN_S = 0.3
+
+
+@dataclass(frozen=True)
+class AxisTruth:
+    """What a mount's declination axis does: the acceleration that stops from a rate take, and its lag."""
+
+    acceleration_deg_s2: float
+    reached: bool
+    """Whether it came to its limit; else the acceleration is rate^2 / (2 distance)."""
+    lag_s: float
+
+
+class Looked(NamedTuple):
+    """A look at a mount: when, where its declination axis is, how fast, and whether it tells of an abort."""
+
+    utc_s: float
+    deg: float
+    deg_s: float
+    aborts: bool
+
+
+@dataclass
+class Probe:
+    """A mount without noise or delays that is told rates, and looked at after each of its turns."""
+
+    receive: Callable[[bytes], object]
+    turn: Callable[[], Looked]
+    held: bool = True
+    counter: int = 0
+
+    def say(self, seconds: float, **said: Any) -> list[Looked]:
+        """Say one thing for so long; return what was seen."""
+        self.counter += 1
+        self.receive(encode_command(Command(self.counter, **said)))
+        seen = [self.turn()]
+        while seen[-1].utc_s < seen[0].utc_s + seconds:
+            seen.append(self.turn())
+        return seen
+
+    def move(self, rate_deg_s: float, seconds: float) -> list[Looked]:
+        """Move at a rate, by an edge of the flag where the mount wants that."""
+        if not self.held:
+            self.say(0.0)
+        return self.say(seconds, move_dec=True, move_dec_rate_deg_s=rate_deg_s)
+
+    def stop(self, rate_deg_s: float) -> list[Looked]:
+        """Return a stop from a rate, from the turn on that obeyed it, seconds and places from there."""
+        self.move(rate_deg_s, STEADY_S)
+        seen = self.say(STOPS_S, abort=True)
+        self.say(BEGUN_AGAIN_S)
+        seen = seen[next(i for i, one in enumerate(seen) if one.aborts) :]
+        way = math.copysign(1.0, seen[0].deg_s)
+        first = seen[0]
+        return [
+            one._replace(
+                utc_s=one.utc_s - first.utc_s, deg=way * (one.deg - first.deg), deg_s=way * one.deg_s
+            )
+            for one in seen
+        ]
+
+    def lag_s(self) -> float:
+        """Return by how much later than told small steps of the rate are taken."""
+        rates, lags = (0.10, 0.12, 0.10), []
+        before = self.move(rates[0], PLATEAU_S)[-1]
+        for _ in range(2):
+            for rate in rates[1:]:
+                seen = self.move(rate, PLATEAU_S)
+                # Edges take a turn to lower the flag, in which the old rate goes on.
+                began_s = seen[0].utc_s
+                there = before.deg + before.deg_s * (began_s - before.utc_s)
+                last = seen[-1]
+                missed = there + last.deg_s * (last.utc_s - began_s) - last.deg
+                lags.append(missed / (last.deg_s - before.deg_s))
+                before = last
+        self.say(STOPS_S, abort=True)
+        return float(np.mean(lags))
+
+
+def truth_of(probe: Probe, rate_deg_s: float, limit_deg_s2: float) -> AxisTruth:
+    """Measure what a mount's declination axis does when it stops from a rate, and in small steps."""
+    probe.say(STOPS_S, abort=True)
+    probe.say(BEGUN_AGAIN_S)
+    lag_s = probe.lag_s()
+    probe.say(BEGUN_AGAIN_S)
+    stops = [probe.stop(rate_deg_s * (-1.0) ** n) for n in range(STOPS)]
+    way = max(_farthest(stop) for stop in stops)
+    seen = np.array(sorted((one.utc_s, one.deg_s) for stop in stops for one in stop if one.utc_s < 1.5))
+    shown = 0.0
+    for i, (t, v) in enumerate(seen):
+        k = int(np.searchsorted(seen[:, 0], t + REACHED_FOR_S))
+        if i < k < len(seen):
+            shown = max(shown, (v - seen[k, 1]) / (seen[k, 0] - t))
+    reached = shown >= REACHED * limit_deg_s2
+    from_deg_s = stops[0][0].deg_s
+    return AxisTruth(limit_deg_s2 if reached else from_deg_s**2 / (2.0 * way), reached, lag_s)
+
+
+def _farthest(stop: list[Looked]) -> float:
+    """Return the farthest place of a stop, by cubics through places and rates."""
+    farthest = 0.0
+    for one, other in pairwise(stop):
+        h = other.utc_s - one.utc_s
+        for u in (0.0, 0.125, 0.25, 0.375, 0.5, 0.625, 0.75, 0.875, 1.0):
+            bend = (2 * u**3 - 3 * u**2) * (one.deg - other.deg)
+            slopes = h * ((u**3 - 2 * u**2 + u) * one.deg_s + (u**3 - u**2) * other.deg_s)
+            farthest = max(farthest, one.deg + bend + slopes)
+    return farthest
+
+
+@dataclass(frozen=True)
+class Judged:
+    """One axis: what was found, and what is."""
+
+    kind: str
+    value: float | None
+    sigma: float | None
+    limited: bool
+    true: AxisTruth
+    lag_s: float | None
+    lag_sigma_s: float | None
+
+
+def judge_motion(kind: str, motion: AxisMotion, true: AxisTruth) -> Judged:
+    """Put an axis' findings beside its truth."""
+    found, lag = motion.braking, motion.lag
+    return Judged(
+        kind,
+        found.acceleration_deg_s2 if found else None,
+        found.acceleration_sigma_deg_s2 if found else None,
+        bool(found and found.limited),
+        true,
+        lag.seconds if lag else None,
+        lag.sigma_s if lag else None,
+    )
+
+
+STRANGERS = {"velocity servo": "velocity_servo", "position servo": "position_servo", "planner": "planner"}
+
+
+@dataclass
+class StrangerLoop:
+    """A mount that keeps its own time."""
+
+    mount: Any
+
+    def receive(self, data: bytes) -> object:
+        return self.mount.receive(data)
+
+    def tick(self, _: float) -> bytes:
+        status: bytes = self.mount.turn()
+        return status
+
+
+@dataclass
+class StrangerTurns:
+    """Its turns."""
+
+    mount: Any
+
+    def after(self, _: float, __: np.random.Generator) -> float:
+        at: float = self.mount.next_turn_s
+        return at
+
+
+@dataclass(frozen=True)
+class Stranger:
+    """One drawn stranger: the kind, its parameters, and the way there and back."""
+
+    kind: str
+    parameters: dict[str, Any]
+    network: Network
+
+    def mount(self, **others: Any) -> Any:
+        """Return it, with some parameters set to others."""
+        module = importlib.import_module(f"strangers.{STRANGERS[self.kind]}")
+        return module.Mount(module.Parameters(**{**self.parameters, **others}))
+
+    def truth(self, rate_deg_s: float) -> AxisTruth:
+        """Measure what its declination axis does."""
+        # Servos do not know of turns: uneven ones show all of a stop. A planner's turns are its steps.
+        uneven = {} if self.kind == "planner" else {"timer": "even", "timer_jitter_s": 0.045}
+        mount = self.mount(encoder_noise_deg=0.0, **uneven)
+
+        def turn() -> Looked:
+            aborts = decode_status(mount.turn()).ack_abort
+            now = mount.truth()
+            return Looked(now.utc_s, now.dec_deg, now.dec_rate_deg_s, aborts)
+
+        probe = Probe(mount.receive, turn, self.parameters["move_axis"] == "held")
+        return truth_of(probe, rate_deg_s, self.parameters["acceleration_deg_s2"])
+
+
+def draw_stranger(number: int, seed: int) -> Stranger:
+    """Draw one of the mounts that were written from the paper alone."""
+    rng = np.random.default_rng([seed, number, 7])
+
+    def uniform(low: float, high: float) -> float:
+        return float(rng.uniform(low, high))
+
+    def one_of(*choices: Any) -> Any:
+        return choices[int(rng.integers(len(choices)))]
+
+    parameters = {
+        "dec_deg": uniform(10.0, 60.0),
+        "hour_angle_deg": uniform(-40.0, 40.0),
+        "bandwidth_hz": uniform(1.0, 40.0),
+        "damping": uniform(0.5, 1.2),
+        "feedforward": uniform(0.0, 1.0),
+        "acceleration_deg_s2": uniform(2.0, 20.0),
+        "timer": one_of("even", "windows"),
+        "timer_jitter_s": one_of(0.0, 0.001, 0.005),
+        "move_axis": one_of("held", "edge"),
+        "encoder_noise_deg": one_of(1e-6, 8e-6),
+        "rate_fields": one_of("true", "constant", "late", "lying", "nan"),
+        "slewing_field": one_of("true", "false", "quiet", "always"),
+        "clock_error_s": uniform(-10.0, 10.0),
+        "clock_drift_ppm": uniform(-50.0, 50.0),
+        "seed": number,
+    }
+    # Jitter of a network is exponential here: its largest of some hundred is about five times the mean.
+    network = Network(uniform(0.0, 0.08), uniform(0.0, 0.08), one_of(0.0, 0.0005, 0.002))
+    return Stranger(list(STRANGERS)[number % len(STRANGERS)], parameters, network)
+
+
+def run_stranger(one: Stranger) -> Findings:
+    """Calibrate a stranger; raises AssertionError where the run does not come to its end."""
+    mount = one.mount()
+    begin_utc_s = mount.next_turn_s - 0.01
+    around = Surroundings(52.0, 4.5, 170.0, -20.0, 200.0)
+    calibrator = Calibrator(around, begin_utc_s)
+    rng = np.random.default_rng(one.parameters["seed"])
+    VirtualRun(calibrator, StrangerLoop(mount), one.network, StrangerTurns(mount), rng, begin_utc_s).run()
+    assert calibrator.ending is not None
+    if calibrator.ending.kind is not Kind.DONE or not calibrator.ending.at_rest:
+        raise AssertionError(f"{calibrator.ending}, {one}")
+    return conclude(calibrator.seen, 4.5)
+
+
+def judge_stranger(number: int, seed: int) -> tuple[list[Judged], bool] | str:
+    """Return both axes' judgements and whether the status fields were told right, or why the run ended."""
+    one = draw_stranger(number, seed)
+    try:
+        found = run_stranger(one)
+    except (AssertionError, CalibrationEndedError) as error:
+        return str(error)
+    top = max(
+        (m.braking.stop.rate_deg_s for m in (found.ra_motion, found.dec_motion) if m.braking), default=0.8
+    )
+    true = one.truth(min((0.2, 0.4, 0.8, 1.6), key=lambda rate: abs(rate - top)))
+    told = (found.rate_fields == "true", found.slewing_field)
+    meant = {"true": "true", "quiet": "quiet"}.get(one.parameters["slewing_field"], "meaningless")
+    fields = told == (one.parameters["rate_fields"] == "true", meant)
+    return [judge_motion(one.kind, m, true) for m in (found.ra_motion, found.dec_motion)], fields
+
+
+def motion_table(done: list[Judged]) -> list[str]:
+    """Return how many accelerations and lags are within two sigma, for each kind of mount."""
+    lines = []
+    for kind in sorted({one.kind for one in done}):
+        some = [one for one in done if one.kind == kind]
+        rates = [o for o in some if o.value is not None and o.sigma is not None]
+        lags = [o for o in some if o.lag_s is not None and o.lag_sigma_s is not None]
+        near = sum(abs(o.value - o.true.acceleration_deg_s2) <= 2.0 * o.sigma for o in rates)  # type: ignore[operator]
+        above = sum(o.value - 2.0 * o.sigma > o.true.acceleration_deg_s2 for o in rates)  # type: ignore[operator]
+        late = sum(abs(o.lag_s - o.true.lag_s) <= 2.0 * o.lag_sigma_s for o in lags)  # type: ignore[operator]
+        widest = max((o.sigma / o.value for o in rates), default=math.nan)  # type: ignore[operator]
+        lines += [
+            f"{kind}: {len(some)} axes, {sum(o.true.reached for o in some)} reach their limit",
+            f"  acceleration told of {len(rates)} ({sum(o.limited for o in rates)} as the limit), within two "
+            f"sigma {near}, sigma at most {100.0 * widest:.0f} %, foretold stops too short {above}",
+            f"  lag told of {len(lags)}, within two sigma {late}, worst error "
+            f"{max((abs(o.lag_s - o.true.lag_s) * 1e3 for o in lags), default=math.nan):.1f} ms",  # type: ignore[operator]
+        ]
+    return lines
+
+
+def stranger_tables(draws: int, seed: int) -> list[str]:
+    """Calibrate strangers, on all processors, and return the figures, a line each."""
+    with ProcessPoolExecutor() as pool:
+        results = list(pool.map(judge_stranger, range(draws), repeat(seed)))
+    ended = [one for one in results if isinstance(one, str)]
+    done = [one for one in results if not isinstance(one, str)]
+    judged = [axis for axes, _ in done for axis in axes]
+    return [
+        f"strangers: {draws}, runs that found out what the mount is: {len(done)}",
+        f"rate fields and Slewing told right: {sum(right for _, right in done)}",
+        *motion_table(judged),
+        *(f"  ended: {words[:100]}" for words in ended),
+    ]
+
+
 @dataclass(frozen=True)
 class Outcome:
     """One draw's errors: found less true."""
@@ -267,8 +570,7 @@ class Outcome:
     widest_excess_s: float
     drift_ppm: float
     drift_sigma_ppm: float
-    accelerations: tuple[float, ...]
-    """Relative; none where the limit was too high to be seen."""
+    motions: tuple[Judged, ...]
     seconds: float
 
 
@@ -293,6 +595,26 @@ def run_drawn(drawn: Drawn) -> tuple[Findings, float]:
     return conclude(calibrator.seen, SITE.longitude_deg), seconds
 
 
+def _simulated_truth(drawn: Drawn, found: Findings) -> AxisTruth:
+    """Measure what the declination axis of a drawn mount does."""
+    hardware = msgspec.structs.replace(drawn.hardware, encoder_noise_tics=0.0)
+    mount = SimulatedMount(drawn.profile, SITE, drawn.start, hardware)
+    now_utc_s = drawn.begin_utc_s
+
+    def turn() -> Looked:
+        nonlocal now_utc_s
+        now_utc_s += 0.01
+        status, truth = mount.tick(now_utc_s)
+        rate = truth.dec_rate_deg_s * (-1.0 if truth.beyond_pole else 1.0)
+        return Looked(now_utc_s, truth.dec_axis_deg, rate, decode_status(status).ack_abort)
+
+    stop = found.dec_motion.braking
+    top = stop.stop.rate_deg_s / drawn.profile.dec_rate_gain if stop else 0.8
+    rate = min((0.2, 0.4, 0.8, 1.6), key=lambda rate: abs(rate - top))
+    probe = Probe(mount.receive, turn, drawn.profile.move_axis == "held")
+    return truth_of(probe, rate, drawn.profile.dec.max_acceleration_deg_s2)
+
+
 def judge(drawn: Drawn, found: Findings, seconds: float) -> Outcome:
     """Hold what was found to what is."""
     profile, hard, delays = drawn.profile, drawn.hardware, found.delays
@@ -301,7 +623,6 @@ def judge(drawn: Drawn, found: Findings, seconds: float) -> Outcome:
     passed_s = found.utc_s - drawn.begin_utc_s
     ahead_s = (hard.clock_offset_s or 0.0) + hard.clock_drift_ppm * 1e-6 * passed_s
     intervals = ((delays.command_s, command_s), (delays.status_s, status_s), (delays.clock_offset_s, ahead_s))
-    pairs = ((found.ra, profile.ra), (found.dec, profile.dec))
     return Outcome(
         semantics_right=(
             (found.ra.sign, found.dec.sign) == profile.signs(drawn.beyond_pole)
@@ -318,11 +639,7 @@ def judge(drawn: Drawn, found: Findings, seconds: float) -> Outcome:
         widest_excess_s=max(high - low for (low, high), _ in intervals) - trip_s,
         drift_ppm=found.clock.drift_ppm - hard.clock_drift_ppm,
         drift_sigma_ppm=found.clock.slope_sigma * 1e6,
-        accelerations=tuple(
-            f.acceleration_deg_s2 / t.max_acceleration_deg_s2 - 1.0
-            for f, t in pairs
-            if f.acceleration_deg_s2 is not None
-        ),
+        motions=(judge_motion("simulated", found.dec_motion, _simulated_truth(drawn, found)),),
         seconds=seconds,
     )
 
@@ -347,7 +664,6 @@ def table(done: list[Outcome]) -> list[str]:
     gains = [g for o in done for g in o.gains]
     pulls = [g / s for o in done for g, s in zip(o.gains, o.gain_sigmas, strict=True)]
     trips = [o.round_trip_s * 1e3 for o in done]
-    accelerations = [a for o in done for a in o.accelerations]
     seconds = sorted(o.seconds for o in done)
     excess_ms = max(o.widest_excess_s for o in done) * 1e3
     return [
@@ -362,8 +678,7 @@ def table(done: list[Outcome]) -> list[str]:
         f"clock drift error: {max(abs(o.drift_ppm) for o in done):.2f} ppm worst, "
         f"{_rms([o.drift_ppm for o in done]):.2f} ppm RMS, "
         f"{_rms([o.drift_ppm / o.drift_sigma_ppm for o in done]):.2f} of its sigma RMS",
-        f"acceleration limit seen on {len(accelerations)} of {2 * len(done)} axes, error "
-        f"{max(map(abs, accelerations)) * 100:.2f} % worst, {_rms(accelerations) * 100:.2f} % RMS",
+        *motion_table([m for o in done for m in o.motions]),
         f"a run takes {seconds[0]:.0f} to {seconds[-1]:.0f} s of the mount's time",
     ]
 
@@ -375,6 +690,7 @@ def main() -> None:
     if sys.stderr.isatty():
         print("\r\x1b[K", end="", file=sys.stderr)
     print("\n".join(table(done)))
+    print("\n".join(stranger_tables(draws, seed)))
 
 
 if __name__ == "__main__":

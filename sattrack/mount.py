@@ -17,6 +17,8 @@ SIDEREAL_RATE_DEG_S = 360.0 / 86164.0905
 
 UNIX_EPOCH_DAYS_FROM_J2000 = -10957.5
 TURN_DEG = 360.0
+LEAST_SURE_PART = 0.5
+"""Of a measured acceleration at least so much counts, however large its sigma is."""
 
 
 def mean_sidereal_deg(utc_s: float, longitude_deg: float) -> float:
@@ -39,6 +41,9 @@ class AxisLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     slew_rate_deg_s: float = 10.0
     max_current_a: float | None = None
     """Drive current above which something is in the way, amperes; None where nothing is known of it."""
+    lag_s: float = 0.0
+    """Mean delay of the axis' rate behind the commanded one, seconds, beyond command_delay_s and the wait for
+    the mount's loop."""
 
 
 class AxesPosition(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -79,13 +84,32 @@ class PierZone(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 )
 
 
+class MeasuredMotion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How an axis took up a rate from rest, or came to rest from it, since the mount read the command.
+
+    `seconds` passed until the rate stayed within 2 % of the step. `deg` is the farthest that the axis fell
+    behind a motion that began at once, or that it went on after the command to stop.
+    """
+
+    rate_deg_s: float
+    seconds: float
+    seconds_sigma: float
+    deg: float
+    deg_sigma: float
+
+
 class CalibrationRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a calibration run found beside the profile's own values, and how sure it was.
 
     Intervals are (lowest, highest) and hold the truth as far as the run could tell; `clock_offset_s` is the
     mount's sidereal clock, as a UTC instant by the profile's site, minus ours. `both_sides` where the signs
     of the other side of the pier were measured too, by an earlier run. An acceleration's sigma is None where
-    the limit was too high to be seen.
+    the axis stopped too quickly for it to be seen, a lag's where it could not be told. An acceleration is the
+    axis' limit where `limit_reached`, else what its stop from the fastest rate amounts to. `fastest_deg_s` is
+    the fastest rate seen: the axis can do at least that, or no more where `rate_limit_reached`.
+    `rate_fields` tells whether RightAscensionRate and DeclinationRate follow the axes; `slewing_field` is
+    "true" where Slewing is up while an axis moves, "quiet" where it falls before the axis rests. What was not
+    looked at is None.
     """
 
     utc: str
@@ -105,6 +129,20 @@ class CalibrationRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     both_sides: bool = False
     ra_acceleration_sigma_deg_s2: float | None = None
     dec_acceleration_sigma_deg_s2: float | None = None
+    ra_limit_reached: bool | None = None
+    dec_limit_reached: bool | None = None
+    ra_starting: MeasuredMotion | None = None
+    dec_starting: MeasuredMotion | None = None
+    ra_braking: MeasuredMotion | None = None
+    dec_braking: MeasuredMotion | None = None
+    ra_lag_sigma_s: float | None = None
+    dec_lag_sigma_s: float | None = None
+    ra_fastest_deg_s: float | None = None
+    dec_fastest_deg_s: float | None = None
+    ra_rate_limit_reached: bool | None = None
+    dec_rate_limit_reached: bool | None = None
+    rate_fields: Literal["true", "meaningless"] | None = None
+    slewing_field: Literal["true", "quiet", "meaningless"] | None = None
 
 
 class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -173,6 +211,18 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             (low, high), taken = record.status_delay_interval_s, self.status_delay_s
         return max(high - taken, taken - low)
 
+    @property
+    def braking_deg_s2(self) -> tuple[float, float]:
+        """Accelerations that stops are foretold with, right ascension first: measured ones less two sigma."""
+        record = self.calibration
+        ra, dec = self.ra.max_acceleration_deg_s2, self.dec.max_acceleration_deg_s2
+        if record is None:
+            return ra, dec
+        return (
+            _surely(ra, record.ra_acceleration_sigma_deg_s2),
+            _surely(dec, record.dec_acceleration_sigma_deg_s2),
+        )
+
     def signs(self, beyond_pole: bool) -> tuple[int, int]:
         """Return the signs of the two axes' rates, right ascension first, on one side of the pier."""
         if not beyond_pole:
@@ -202,7 +252,12 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         for name, value in positive.items():
             if not (math.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name} is {value:g}; it must be above 0")
-        delays = {"command_delay_s": self.command_delay_s, "status_delay_s": self.status_delay_s}
+        delays = {
+            "command_delay_s": self.command_delay_s,
+            "status_delay_s": self.status_delay_s,
+            "ra.lag_s": self.ra.lag_s,
+            "dec.lag_s": self.dec.lag_s,
+        }
         for name, value in delays.items():
             if not 0.0 <= value < 5.0:
                 raise ValueError(f"{name} is {value:g}; delays are 0 s or more, and below 5 s")
@@ -234,11 +289,16 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 )
 
 
+def _surely(value: float, sigma: float | None) -> float:
+    return value if sigma is None else max(value - 2.0 * sigma, LEAST_SURE_PART * value)
+
+
 class StatusSample(msgspec.Struct, frozen=True, gc=False):
     """One accepted status of the mount.
 
     `arrival_utc_s` is ours, `sidereal_h` the mount's own date of the sample (local sidereal hours); the drive
-    rates are those of the axes themselves, sidereal tracking included, as the mount tells them.
+    rates are those of the axes themselves, sidereal tracking included, as the mount tells them. Where its
+    rate fields or Slewing mean nothing, they say what its positions do.
     """
 
     counter: int

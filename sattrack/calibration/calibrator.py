@@ -9,18 +9,16 @@ from sattrack.calibration.guard import CalibrationEndedError, Guard, Kind, Surro
 from sattrack.calibration.plan import LARGEST_DURATION_S, Plan
 from sattrack.calibration.script import Observations, Script
 from sattrack.calibration.sender import Sender
+from sattrack.link_loss import STOP_LINGER_S, STOPS_MOVING_S, STOPS_SENT_S
 
 if TYPE_CHECKING:
     from collections.abc import Generator
 
-STOP_UNHEARD_S = 12.0
-"""How long stops are sent to a mount that is not heard."""
-STOP_UNCONFIRMED_S = 60.0
-"""How long stops are sent to a mount that answers but does not come to rest."""
 STOP_AGAIN_S = 2.0
+"""How long a stop may take before it is sent anew, then twice as long: a mount may count its time to obey
+from the last one."""
+STOP_SELDOM_S = 16.0
 LOWERED_S = 0.15
-LINGER_S = 0.25
-"""Flag-free datagrams after the rest was seen, so that no late one is the last that the mount gets."""
 HEARD_LATELY_S = 1.0
 
 
@@ -139,7 +137,7 @@ class Calibrator:
         if not self._allowed:
             self.ending = Ending(self._kind, self._words, None)
             return
-        began = self._now_utc_s
+        began, again_s = self._now_utc_s, STOP_AGAIN_S
         while not self._given_up(began):
             lowered = self._now_utc_s
             if self._sender.said.abort:
@@ -149,27 +147,28 @@ class Calibrator:
             self._sender.say_at_once({"abort": True}, self._now_utc_s)
             raised = self._now_utc_s
             yield
-            while self._now_utc_s < raised + STOP_AGAIN_S:
+            while self._now_utc_s < raised + again_s:
                 if self._at_rest(raised):
                     yield from self._linger()
                     self.ending = Ending(self._kind, self._words, True)
                     return
                 yield
+            again_s = min(2.0 * again_s, STOP_SELDOM_S)
         self.ending = Ending(self._kind, self._words, False)
 
     def _linger(self) -> Generator[None, None, None]:
         self._sender.say({})
         rested = self._now_utc_s
-        while self._now_utc_s < rested + LINGER_S:
+        while self._now_utc_s < rested + STOP_LINGER_S:
             yield
 
     def _at_rest(self, since_utc_s: float) -> bool:
         last = self.seen.log.last
         answered = last is not None and last.arrival_utc_s > since_utc_s and last.status.ack_abort
-        return answered and self.seen.log.still()
+        return answered and self.seen.log.positions.rest(since_utc_s) is not None
 
     def _given_up(self, began_utc_s: float) -> bool:
         waited = self._now_utc_s - began_utc_s
         last = self.seen.log.last
         heard = last is not None and self._now_utc_s - last.arrival_utc_s < HEARD_LATELY_S
-        return waited > (STOP_UNCONFIRMED_S if heard else STOP_UNHEARD_S)
+        return waited > (STOPS_MOVING_S if heard else STOPS_SENT_S)

@@ -8,17 +8,12 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from sattrack.calibration.clocks import ClockLine, StatusPeriod, clock_line, status_period
+from sattrack.calibration.fields import RateFields, SlewingField, rate_fields, slewing_field
 from sattrack.calibration.guard import CalibrationEndedError, Kind
-from sattrack.calibration.motion import (
-    BEFORE_S,
-    AxisName,
-    AxisResponse,
-    Stretch,
-    axis_response,
-    steady_part,
-)
+from sattrack.calibration.motion import AxisName, AxisResponse, Stretch, axis_response, steady_part
 from sattrack.calibration.round_trip import Bracket, RoundTrip, RoundTripEstimate, contradiction
 from sattrack.calibration.script import AXIS_WORDS, LegHeard, Observations
+from sattrack.calibration.transients import AxisMotion, axis_motion
 from sattrack.mount import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 
 if TYPE_CHECKING:
@@ -68,6 +63,10 @@ class Findings:
     beyond_pole: bool
     ra: AxisResponse
     dec: AxisResponse
+    ra_motion: AxisMotion
+    dec_motion: AxisMotion
+    rate_fields: RateFields | None
+    slewing_field: SlewingField | None
     additive: bool
     move_axis: Literal["held", "edge"]
     zero_ends: bool | None
@@ -106,6 +105,10 @@ def conclude(seen: Observations, longitude_deg: float, truth: ClockTruth | None 
         beyond_pole=heard[-1].status.side_of_pier,
         ra=ra,
         dec=dec,
+        ra_motion=axis_motion(seen, "ra", line, ra, trip.fastest_s),
+        dec_motion=axis_motion(seen, "dec", line, dec, trip.fastest_s),
+        rate_fields=rate_fields(seen),
+        slewing_field=slewing_field(seen),
         additive=additive,
         move_axis=move_axis,
         zero_ends=zero_ends,
@@ -191,26 +194,10 @@ def _response(seen: Observations, axis: AxisName, line: ClockLine) -> AxisRespon
 
 def _stretch(leg: LegHeard, heard: list[Heard], line: ClockLine) -> Stretch:
     during = heard[leg.first : leg.end]
-    began_mount_s = heard[leg.first].mount_s
-    before = [h for h in heard[max(0, leg.first - 60) : leg.first] if h.mount_s > began_mount_s - BEFORE_S]
     # Our instants, less the first, so that no digit is lost in the fit.
-    zero = float(line.arrival_at(began_mount_s))
-    unbroken = heard[leg.first].counter == heard[leg.first - 1].counter + 1
-
-    def times(some: list[Heard]) -> np.ndarray:
-        return line.arrival_at(np.array([h.mount_s for h in some])) - zero
-
-    def angles(some: list[Heard]) -> np.ndarray:
-        return np.array([h.dec_deg if leg.axis == "dec" else h.hour_angle_deg for h in some])
-
-    return Stretch(
-        leg.rate_deg_s,
-        times(before),
-        angles(before),
-        times(during),
-        angles(during),
-        0.0 if unbroken else None,
-    )
+    seconds = line.arrival_at(np.array([h.mount_s for h in during]))
+    angles = np.array([h.dec_deg if leg.axis == "dec" else h.hour_angle_deg for h in during])
+    return Stretch(leg.rate_deg_s, seconds - seconds[0], angles)
 
 
 def split_delays(

@@ -125,12 +125,14 @@ class Guard:
             state = "it is parked: bring it up by its own console"
         elif any(acks) or status.ack_abort or status.ack_pulse_guide:
             state = "it acknowledges commands that are not ours: another program commands it, end that one"
-        elif status.slewing or status.pulse_guiding:
-            state = "it is slewing or guiding: end that first, by sattrack mount abort or its own console"
         else:
             rate = _rates(log)
             along_ra = min(abs(rate[0]), abs(rate[0] - SIDEREAL_RATE_DEG_S))
-            if max(along_ra, abs(rate[1])) > STRANGE_RATE_DEG_S:
+            moves = max(along_ra, abs(rate[1])) > STRANGE_RATE_DEG_S
+            # There are mounts whose Slewing is always up.
+            if status.pulse_guiding or (status.slewing and moves):
+                state = "it is slewing or guiding: end that first, by sattrack mount abort or its own console"
+            elif moves:
                 state = f"it moves by itself, {rate[0]:.3f} and {rate[1]:.3f} °/s: stop it first"
         if state is not None:
             raise CalibrationEndedError(Kind.REFUSED, f"the mount is not ready: {state}")

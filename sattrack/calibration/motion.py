@@ -1,9 +1,9 @@
-"""Steady motion at known commanded rates: gain, sign, what is added, and the acceleration limit."""
+"""Steady motion at known commanded rates: gain, sign, what is added, the rate limit and the servo's lag."""
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -18,8 +18,15 @@ if TYPE_CHECKING:
 FEWEST_SAMPLES = 8
 LEAST_SIGMA_DEG_S = 1e-7
 RIPPLES = tuple(1e-7 * 1.25**n for n in range(60))
+FALLS_SHORT = 0.02
+LATE_PART = 0.6
+"""How much of the end of a plateau is taken for settled."""
 FEWEST_LAGS = 4
-BEFORE_S = 0.4
+LEAST_LAG_SIGMA_S = 0.0007
+LARGEST_LAG_SIGMA_S = 0.003
+LARGEST_LAG_PART = 0.1
+STRAY_S = 0.03
+"""A lag that is off by more is of a command that was lost and came with the next datagram."""
 SHARES = (0.6, 0.5, 0.4, 0.3)
 """How much of a motion's end is taken for steady, the most that is straight."""
 STRAIGHT = 3e-5
@@ -36,17 +43,12 @@ AxisName = Literal["ra", "dec"]
 class Stretch:
     """One motion from its first acknowledged status on: the axis' own angle against time.
 
-    `before_*` are statuses before it began, `seconds` and `angle_deg` those while it was commanded; time is
-    ours but for a constant, `began_s` the instant at which the mount read the command, None where a status
-    was lost just there.
+    Time is ours but for a constant.
     """
 
     rate_deg_s: float
-    before_s: NDArray[np.float64]
-    before_deg: NDArray[np.float64]
     seconds: NDArray[np.float64]
     angle_deg: NDArray[np.float64]
-    began_s: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,10 +58,6 @@ class Steady:
     commanded_deg_s: float
     rate_deg_s: float
     sigma_deg_s: float
-    change_deg_s: float
-    """Rate less the rate before the motion began."""
-    lag_s: float | None
-    """From the mount's reading of the command to where the lines before and after meet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,11 +69,10 @@ class AxisResponse:
     gain_sigma: float
     added_deg_s: float
     added_sigma_deg_s: float
-    acceleration_deg_s2: float | None
-    """None where ramps are too short to be seen."""
-    acceleration_sigma_deg_s2: float | None
-    dead_time_s: float | None
-    """Lag that does not grow with the rate."""
+    fastest_deg_s: float
+    """The fastest steady rate seen, either way."""
+    rate_limit_reached: bool
+    """Whether the axis went no faster than that when it was told to."""
     steady: tuple[Steady, ...]
 
     @property
@@ -85,6 +82,28 @@ class AxisResponse:
         if abs(part - 1.0) < ADDED_WITHIN:
             return True
         return False if abs(part) < ADDED_WITHIN else None
+
+    def rate_deg_s(self, commanded_deg_s: float) -> float:
+        """Return the steady rate that comes of a commanded one."""
+        return self.sign * self.gain * commanded_deg_s + self.added_deg_s
+
+
+@dataclass(frozen=True, slots=True)
+class Plateau:
+    """A stretch of one rate among small changes of it; `seconds` are since the mount read that rate."""
+
+    rate_deg_s: float
+    began_s: float
+    seconds: NDArray[np.float64]
+    angle_deg: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Lag:
+    """Mean delay of the axis' rate behind the commanded one, after the mount has read that."""
+
+    seconds: float
+    sigma_s: float
 
 
 def steady_part(stretch: Stretch) -> Steady | None:
@@ -98,14 +117,14 @@ def steady_part(stretch: Stretch) -> Steady | None:
         use = t >= t[-1] - share * length
         if use.sum() < FEWEST_SAMPLES:
             break
-        rate, level, sigma = _line(t[use], x[use])
+        rate, _, sigma = _line(t[use], x[use])
         late_half = t[use] >= t[use].mean()
         early, _, s1 = _line(t[use][~late_half], x[use][~late_half])
         late, _, s2 = _line(t[use][late_half], x[use][late_half])
         bend = abs(late - early)
         # What bends beyond its noise is still settling, and will go on by more than it bends.
         unsettled = max(0.0, bend - 2.0 * math.hypot(s1, s2))
-        best = _with_lag(stretch, rate, level, math.hypot(sigma, GOES_ON_BY * unsettled))
+        best = Steady(stretch.rate_deg_s, rate, math.hypot(sigma, GOES_ON_BY * unsettled))
         if bend < max(STRAIGHT * abs(stretch.rate_deg_s), 3.0 * math.hypot(s1, s2)):
             return best
     # What is still settling is worth what it has changed by.
@@ -125,18 +144,41 @@ def _line(t: NDArray[np.float64], x: NDArray[np.float64]) -> tuple[float, float,
     return slope, level, math.sqrt(variance / spread)
 
 
-def _with_lag(stretch: Stretch, rate: float, level: float, sigma: float) -> Steady:
-    lag = None
-    before_rate = 0.0
-    if len(stretch.before_s) >= FEWEST_SAMPLES // 2:
-        before_rate, before_level, _ = _line(stretch.before_s, stretch.before_deg)
-        if stretch.began_s is not None and rate != before_rate:
-            lag = (before_level - level) / (rate - before_rate) - stretch.began_s
-    return Steady(stretch.rate_deg_s, rate, sigma, rate - before_rate, lag)
-
-
 def axis_response(parts: Sequence[Steady]) -> AxisResponse | None:
-    """Fit one axis' steady motions; None where there are too few. Rates of both directions are needed."""
+    """Fit one axis' steady motions; None where there are too few. Rates of both directions are needed.
+
+    Motions that a rate limit has cut short are left out.
+    """
+    free = _free(parts)
+    response = _line_through(free)
+    if response is None:
+        return None
+    fastest = max(abs(p.rate_deg_s) for p in parts)
+    return replace(response, fastest_deg_s=fastest, rate_limit_reached=len(free) < len(parts))
+
+
+def _free(parts: Sequence[Steady]) -> list[Steady]:
+    """Return the motions without the fastest, where those fall short of what the others foretell."""
+    kept = list(parts)
+    while kept:
+        top = max(abs(p.commanded_deg_s) for p in kept) * 0.99
+        slower, fastest = (
+            [p for p in kept if (abs(p.commanded_deg_s) > top) == is_top] for is_top in (False, True)
+        )
+        told = _line_through(slower)
+        if told is None or not all(_falls_short(p, told) for p in fastest):
+            break
+        kept = slower
+    return kept
+
+
+def _falls_short(part: Steady, told: AxisResponse) -> bool:
+    foretold = told.rate_deg_s(part.commanded_deg_s)
+    missing = abs(foretold) - abs(part.rate_deg_s)
+    return missing > max(FALLS_SHORT * abs(foretold), 5.0 * part.sigma_deg_s)
+
+
+def _line_through(parts: Sequence[Steady]) -> AxisResponse | None:
     if len(parts) < 3 or len({p.commanded_deg_s > 0.0 for p in parts}) < 2:
         return None
     commanded = np.array([p.commanded_deg_s for p in parts])
@@ -153,38 +195,55 @@ def axis_response(parts: Sequence[Steady]) -> AxisResponse | None:
         if variance <= 1.0:
             break
     covariance = max(1.0, variance) * np.linalg.inv(design.T @ design)
-    acceleration, acceleration_sigma, dead = _acceleration(parts)
     return AxisResponse(
         sign=1 if slope > 0.0 else -1,
         gain=abs(float(slope)),
         gain_sigma=math.sqrt(covariance[0, 0]),
         added_deg_s=float(added),
         added_sigma_deg_s=math.sqrt(covariance[1, 1]),
-        acceleration_deg_s2=acceleration,
-        acceleration_sigma_deg_s2=acceleration_sigma,
-        dead_time_s=dead,
+        fastest_deg_s=max(abs(p.rate_deg_s) for p in parts),
+        rate_limit_reached=False,
         steady=tuple(parts),
     )
 
 
-def _acceleration(parts: Sequence[Steady]) -> tuple[float | None, float | None, float | None]:
-    """Return the acceleration limit, its sigma and the dead time.
+def lag(motions: Sequence[Sequence[Plateau]]) -> Lag | None:
+    """Return an axis' lag from motions whose rate changed by small steps; None where it cannot be told.
 
-    The angle by which a motion stays behind is friction / stiffness + dead time x rate + rate^2 / (2 a).
+    The lines through two plateaus meet later than the mount read the new rate: by the lag, whatever the servo
+    does in between.
     """
-    seen = [(abs(p.change_deg_s), p.lag_s) for p in parts if p.lag_s is not None]
-    change = np.array([s[0] for s in seen])
-    if len(seen) < FEWEST_LAGS or change.max() < 1.5 * change.min():
-        return None, None, None
-    behind = change * np.array([s[1] for s in seen])
-    terms = 3 if len(seen) > FEWEST_LAGS else 2
-    design = np.stack([change**2, change, np.ones_like(change)][:terms], axis=1)
-    fit, _, rank, _ = np.linalg.lstsq(design, behind, rcond=None)
-    if rank < terms:
-        return None, None, None
-    residuals = behind - design @ fit
-    variance = float((residuals**2).sum()) / max(1, len(seen) - terms)
-    slope, sigma = float(fit[0]), math.sqrt(variance * np.linalg.inv(design.T @ design)[0, 0])
-    if slope <= 0.0 or slope < 3.0 * sigma:
-        return None, None, float(fit[1])
-    return 0.5 / slope, 0.5 / slope * sigma / slope, float(fit[1])
+    shown = np.array([lag_s for motion in motions for lag_s in _lags_s(motion)])
+    if len(shown) < FEWEST_LAGS:
+        return None
+    kept = shown[np.abs(shown - np.median(shown)) < STRAY_S]
+    if len(kept) < FEWEST_LAGS:
+        return None
+    value = float(kept.mean())
+    sigma = math.hypot(float(kept.std(ddof=1)) / math.sqrt(len(kept)), LEAST_LAG_SIGMA_S)
+    if sigma > max(LARGEST_LAG_SIGMA_S, LARGEST_LAG_PART * abs(value)):
+        return None
+    return Lag(value, sigma)
+
+
+def _lags_s(motion: Sequence[Plateau]) -> list[float]:
+    """Return the lag of each step; plateaus of one rate share one slope."""
+    rates = sorted({p.rate_deg_s for p in motion})
+    late = [p.seconds >= (1.0 - LATE_PART) * p.seconds[-1] for p in motion]
+    if len(rates) < 2 or any(use.sum() < FEWEST_SAMPLES for use in late):
+        return []
+    rows, places = [], []
+    for k, (plateau, use) in enumerate(zip(motion, late, strict=True)):
+        design = np.zeros((int(use.sum()), len(motion) + len(rates)))
+        design[:, k] = 1.0
+        design[:, len(motion) + rates.index(plateau.rate_deg_s)] = plateau.began_s + plateau.seconds[use]
+        rows.append(design)
+        places.append(plateau.angle_deg[use])
+    fit = np.linalg.lstsq(np.concatenate(rows), np.concatenate(places), rcond=None)[0]
+    slopes = [fit[len(motion) + rates.index(p.rate_deg_s)] for p in motion]
+    lags = []
+    for k in range(1, len(motion)):
+        change = slopes[k] - slopes[k - 1]
+        if change:
+            lags.append(float((fit[k - 1] - fit[k]) / change) - motion[k].began_s)
+    return lags

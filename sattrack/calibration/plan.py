@@ -10,6 +10,9 @@ CENTRED_WITHIN_DEG = 0.25
 """How near to where it began an axis is brought back after that test."""
 SEMANTICS_PART_S = 1.2
 """How long each part of the test for held or edge lasts: first rate, second rate, flag down."""
+STEP_RATES_DEG_S = (0.10, 0.12, 0.10, 0.12, 0.10)
+"""Rates one after another without a stop, whose steps are too small to meet the axis' limits."""
+STEP_PART_S = 1.2
 USUAL_STATUS_PERIOD_S = 0.1
 """Where statuses come more rarely, motions take longer and are slower by as much."""
 SILENT_PERIODS = 10.0
@@ -19,7 +22,7 @@ REACTION_S = 0.45
 """What a round trip, a turn of the mount's loop and braking may add to each motion."""
 LARGEST_DISPLACEMENT_DEG = 3.0
 """The run is stopped where an axis stands farther than this from where it began."""
-BOX_DEG = 3.6
+BOX_DEG = 4.2
 """What is checked beforehand: the largest displacement and the way to stop from it."""
 LARGEST_DURATION_S = 600.0
 
@@ -37,7 +40,8 @@ class Plan:
     """A run: how often the harmless flag is raised before and after, and each axis' motions.
 
     Motions come in pairs of opposite ones, so that an axis ends near where it began, and to both sides of
-    that: torque ripple bends the rate over a stretch of one degree, and bends it back farther on.
+    that: torque ripple bends the rate over a stretch of one degree, and bends it back farther on. The fastest
+    ones lead back to the middle.
     """
 
     toggles: int = 36
@@ -46,11 +50,17 @@ class Plan:
     toggles_after: int = 12
     silent_after_s: float = 0.6
     """A mount that says nothing for so long has fallen silent."""
+    steps: bool = True
+    """Whether the rate of a motion is changed by small steps, too."""
     legs: tuple[Leg, ...] = (
         Leg(-0.8, 2.4),
+        Leg(1.6, 0.9),
         Leg(0.8, 2.4),
+        Leg(-1.6, 0.9),
         Leg(0.8, 2.4),
+        Leg(-1.6, 0.9),
         Leg(-0.8, 2.4),
+        Leg(1.6, 0.9),
         Leg(-0.4, 3.6),
         Leg(0.4, 3.6),
         Leg(0.4, 3.6),
@@ -93,6 +103,7 @@ class Plan:
     def expected_s(self) -> float:
         """Return about how long the run takes, for showing how far it has come."""
         motions = sum(leg.seconds + 1.6 for leg in self.legs) + 4.0 * SEMANTICS_PART_S + 6.0
+        motions += 2.0 * (len(STEP_RATES_DEG_S) * STEP_PART_S + 1.6)
         return 4.0 + 0.36 * (self.toggles + self.toggles_after) + 2.0 * motions
 
     def words(self) -> list[str]:

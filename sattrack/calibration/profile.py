@@ -6,14 +6,34 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
-from sattrack.mount import AxisLimits, CalibrationRecord, MountProfile
+from sattrack.mount import AxisLimits, CalibrationRecord, MeasuredMotion, MountProfile
+from sattrack.profiles import profile_text
 from tle.instants import Utc
 
 if TYPE_CHECKING:
+    from sattrack.calibration.fields import RateFields, SlewingField
     from sattrack.calibration.findings import Findings, Interval
     from sattrack.calibration.motion import AxisResponse
+    from sattrack.calibration.servo import Measured
+    from sattrack.calibration.transients import AxisMotion
+    from sattrack.view import LearntView
 
 
+RATE_FIELDS_WORDS: dict[RateFields | None, str] = {
+    None: "not looked at",
+    "true": "follow the axes",
+    "meaningless": "do not tell what the axes do",
+}
+SLEWING_WORDS: dict[SlewingField | None, str] = {
+    None: "not looked at",
+    "true": "up while an axis moves",
+    "quiet": "falls before the axes are at rest",
+    "meaningless": "does not tell whether an axis moves",
+}
+LEARNT_LAG_SIGMA_S, LEARNT_GAIN_SIGMA = 0.012, 0.003
+"""How well a pass must have taught a lag and a gain for them to be written, one sigma."""
+LEAST_LAG_S = 0.0005
+"""What a lag of nought, or below, is written as: 0 would say that nothing is known of it."""
 Profile = TypeVar("Profile", bound=MountProfile)
 
 
@@ -26,8 +46,8 @@ def calibrated(base: MountProfile, found: Findings, name: str | None, program: s
     delays = found.delays
     changes: dict[str, Any] = {
         "name": name or base.name,
-        "ra": _limits(base.ra, found.ra),
-        "dec": _limits(base.dec, found.dec),
+        "ra": _limits(base.ra, found.ra, found.ra_motion),
+        "dec": _limits(base.dec, found.dec, found.dec_motion),
         **_signs(base, found),
         "ra_rate_gain": found.ra.gain,
         "dec_rate_gain": found.dec.gain,
@@ -51,6 +71,41 @@ def bounded(profile: Profile, largest_deg_s: tuple[float, float] | None) -> Prof
         for limits, largest in zip((profile.ra, profile.dec), largest_deg_s, strict=True)
     )
     return msgspec.structs.replace(profile, ra=ra, dec=dec)
+
+
+def with_learnt(base: Profile, learnt: LearntView, name: str) -> tuple[Profile, list[str]]:
+    """Return a profile with what a pass has taught well enough, and what was changed, in words."""
+    changes: dict[str, Any] = {"name": name}
+    sigmas: dict[str, float] = {}
+    told = []
+    for axis, words in (("ra", "right ascension"), ("dec", "declination")):
+        found_s, lag_sigma_s = getattr(learnt, f"{axis}_lag_s"), getattr(learnt, f"{axis}_lag_sigma_s")
+        if lag_sigma_s <= LEARNT_LAG_SIGMA_S and learnt.restarts == 0:
+            lag_s = max(LEAST_LAG_S, round(found_s, 4))
+            changes[axis] = msgspec.structs.replace(getattr(base, axis), lag_s=lag_s)
+            sigmas[f"{axis}_lag_sigma_s"] = lag_sigma_s
+            told.append(f"lag in {words} {found_s * 1e3:.1f} ± {lag_sigma_s * 1e3:.1f} ms")
+        gain, gain_sigma = getattr(learnt, f"{axis}_gain"), getattr(learnt, f"{axis}_gain_sigma")
+        if gain is not None and gain_sigma <= LEARNT_GAIN_SIGMA:
+            changes[f"{axis}_rate_gain"] = round(gain, 6)
+            sigmas[f"{axis}_gain_sigma"] = gain_sigma
+            told.append(f"gain in {words} {gain:.5f} ± {gain_sigma:.5f}")
+    if learnt.command_delay_s < base.command_delay_s:
+        changes["command_delay_s"] = round(learnt.command_delay_s, 5)
+        told.append(f"command delay {learnt.command_delay_s * 1e3:.1f} ms")
+    if base.calibration is not None:
+        changes["calibration"] = msgspec.structs.replace(base.calibration, **sigmas)
+    return msgspec.structs.replace(base, **changes), told
+
+
+def learnt_text(profile: MountProfile, told: list[str], base_name: str, when: str) -> str:
+    """Return a learnt profile as TOML, with what it is at its top; `when` names the pass."""
+    lines = [
+        f"Learnt while following {when}, from one pass: not calibrated.",
+        f"What is not named here is of the profile {base_name!r}. Sigmas are the filters' own:",
+        *told,
+    ]
+    return "".join(f"# {line}\n" for line in lines) + "\n" + profile_text(profile)
 
 
 def _signs(base: MountProfile, found: Findings) -> dict[str, Any]:
@@ -87,15 +142,43 @@ def _record(base: MountProfile, found: Findings, program: str) -> CalibrationRec
         status_period_s=found.period.mean_s,
         status_period_jitter_s=found.period.jitter_s,
         both_sides=_measured(base, "normal" if found.beyond_pole else "beyond_pole"),
-        ra_acceleration_sigma_deg_s2=found.ra.acceleration_sigma_deg_s2,
-        dec_acceleration_sigma_deg_s2=found.dec.acceleration_sigma_deg_s2,
+        rate_fields=found.rate_fields,
+        slewing_field=found.slewing_field,
+        **_of_axis("ra", found.ra, found.ra_motion),
+        **_of_axis("dec", found.dec, found.dec_motion),
     )
 
 
-def _limits(base: AxisLimits, found: AxisResponse) -> AxisLimits:
-    if found.acceleration_deg_s2 is None:
-        return base
-    return msgspec.structs.replace(base, max_acceleration_deg_s2=found.acceleration_deg_s2)
+def _of_axis(name: str, response: AxisResponse, motion: AxisMotion) -> dict[str, Any]:
+    """Return an axis' fields of the record, by name."""
+    braking, lag = motion.braking, motion.lag
+    values = {
+        "acceleration_sigma_deg_s2": braking.acceleration_sigma_deg_s2 if braking else None,
+        "limit_reached": braking.limited if braking else None,
+        "starting": _motion(motion.starting),
+        "braking": _motion(braking.stop) if braking else None,
+        "lag_sigma_s": lag.sigma_s if lag else None,
+        "fastest_deg_s": response.fastest_deg_s,
+        "rate_limit_reached": response.rate_limit_reached,
+    }
+    return {f"{name}_{field}": value for field, value in values.items()}
+
+
+def _motion(found: Measured | None) -> MeasuredMotion | None:
+    if found is None:
+        return None
+    return MeasuredMotion(found.rate_deg_s, found.seconds, found.seconds_sigma, found.deg, found.deg_sigma)
+
+
+def _limits(base: AxisLimits, found: AxisResponse, motion: AxisMotion) -> AxisLimits:
+    changes: dict[str, float] = {}
+    if motion.braking is not None and motion.braking.acceleration_deg_s2 is not None:
+        changes["max_acceleration_deg_s2"] = motion.braking.acceleration_deg_s2
+    if found.rate_limit_reached:
+        changes["max_rate_deg_s"] = found.fastest_deg_s
+    if motion.lag is not None:
+        changes["lag_s"] = max(0.0, motion.lag.seconds)
+    return msgspec.structs.replace(base, **changes)
 
 
 def table(found: Findings) -> list[tuple[str, str]]:
@@ -106,10 +189,11 @@ def table(found: Findings) -> list[tuple[str, str]]:
         ("MoveAxis", f"{found.move_axis}{_zero_words(found)}"),
         ("MoveAxis in right ascension", "additive to sidereal" if found.additive else "absolute"),
     ]
-    for words, axis in (("right ascension", found.ra), ("declination", found.dec)):
+    axes = (("right ascension", found.ra, found.ra_motion), ("declination", found.dec, found.dec_motion))
+    for words, axis, motion in axes:
         rows.append((f"{words}, sign", "as commanded" if axis.sign > 0 else "turned"))
         rows.append((f"{words}, gain", f"{axis.gain:.7f} ± {axis.gain_sigma:.7f}"))
-        rows.append((f"{words}, acceleration limit", _acceleration_words(axis)))
+        rows += [(f"{words}, {name}", value) for name, value in _motion_rows(axis, motion)]
     rows += [
         ("round trip", f"{trip.seconds * 1e3:.2f} ± {trip.sigma_s * 1e3:.2f} ms"),
         ("command delay", f"{_ms(delays.command_s)}, {_split_words(found)}"),
@@ -126,6 +210,10 @@ def table(found: Findings) -> list[tuple[str, str]]:
         ("lateness of statuses", f"{found.clock.jitter_s * 1e3:.2f} ms in the mean after the fastest"),
         ("statuses", f"{found.statuses} heard, {found.lost} lost, in {found.seconds:.0f} s"),
     ]
+    rows += [
+        ("RightAscensionRate and DeclinationRate", RATE_FIELDS_WORDS[found.rate_fields]),
+        ("Slewing", SLEWING_WORDS[found.slewing_field]),
+    ]
     for name in sorted(found.readings):
         rows.append((f"field {name}", found.readings[name]))
     return rows
@@ -139,10 +227,38 @@ def _zero_words(found: Findings) -> str:
     )
 
 
-def _acceleration_words(axis: AxisResponse) -> str:
-    if axis.acceleration_deg_s2 is None or axis.acceleration_sigma_deg_s2 is None:
+def _motion_rows(axis: AxisResponse, motion: AxisMotion) -> list[tuple[str, str]]:
+    limit = f"{axis.fastest_deg_s:.3f} °/s"
+    return [
+        ("rate limit", limit if axis.rate_limit_reached else f"at least {limit}"),
+        ("acceleration", _acceleration_words(motion)),
+        ("start", _motion_words(motion.starting)),
+        ("stop", _motion_words(motion.braking.stop if motion.braking else None)),
+        ("lag", _lag_words(motion)),
+    ]
+
+
+def _acceleration_words(motion: AxisMotion) -> str:
+    found = motion.braking
+    if found is None or found.acceleration_deg_s2 is None or found.acceleration_sigma_deg_s2 is None:
         return "too high to be seen; left as it was"
-    return f"{axis.acceleration_deg_s2:.3f} ± {axis.acceleration_sigma_deg_s2:.3f} °/s²"
+    value = f"{found.acceleration_deg_s2:.3f} ± {found.acceleration_sigma_deg_s2:.3f} °/s²"
+    return value if found.limited else f"{value} by the whole stop; the axis' limit was not reached"
+
+
+def _motion_words(found: Measured | None) -> str:
+    if found is None:
+        return "not seen"
+    return (
+        f"{found.seconds:.3f} ± {found.seconds_sigma:.3f} s and {found.deg:.4f} ± {found.deg_sigma:.4f}° "
+        f"at {found.rate_deg_s:.3f} °/s"
+    )
+
+
+def _lag_words(motion: AxisMotion) -> str:
+    if motion.lag is None:
+        return "could not be told; left as it was"
+    return f"{motion.lag.seconds * 1e3:.1f} ± {motion.lag.sigma_s * 1e3:.1f} ms"
 
 
 def _split_words(found: Findings) -> str:

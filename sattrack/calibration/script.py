@@ -18,6 +18,8 @@ from sattrack.calibration.plan import (
     LARGEST_GAIN,
     SECOND_RATE_DEG_S,
     SEMANTICS_PART_S,
+    STEP_PART_S,
+    STEP_RATES_DEG_S,
     Plan,
 )
 from sattrack.calibration.round_trip import Bracket, RoundTripEstimate
@@ -38,7 +40,7 @@ LISTEN_ON_S = 6.0
 """How much longer it is listened to a mount that tells something, but rarely."""
 FEWEST_STATUSES = 15
 ANSWER_WITHIN_S = 2.0
-REST_WITHIN_S = 6.0
+REST_WITHIN_S = 12.0
 LATELY = 300
 """Statuses of the last 15 seconds or so."""
 FORECAST_FROM = 60
@@ -47,6 +49,8 @@ SPREAD_S = 0.001
 QUIET_BEFORE_LEG_S = 0.45
 RATE_OVER_S = 0.6
 ZERO_SEEN_S = 0.4
+SETTLES_OVER_S = 0.35
+SETTLES_WITHIN = 0.02
 MOVES_AT_LEAST = 0.25
 FOLLOWS_WITHIN = 0.15
 AXIS_WORDS: dict[AxisName, str] = {"ra": "right ascension", "dec": "declination"}
@@ -63,12 +67,34 @@ class Edge:
 
 @dataclass(frozen=True, slots=True)
 class LegHeard:
-    """One steady motion: places in the log of its first acknowledged status and of the one after its last."""
+    """One steady motion: places in the log of its first acknowledged status and of the one after its last.
+
+    `rested` is the place of the first status of what came after the axis had been seen at rest.
+    """
 
     axis: AxisName
     rate_deg_s: float
     first: int
     end: int
+    rested: int
+
+
+@dataclass(frozen=True, slots=True)
+class StepHeard:
+    """A small change of the rate of a moving axis.
+
+    `first` is the place in the log of the first status of the new rate where that was acknowledged. Where it
+    was not, it is None, and the round trip since `sent_utc_s`, when the rate left, tells which status it was.
+    """
+
+    axis: AxisName
+    rate_deg_s: float
+    sent_utc_s: float
+    after: int
+    """Place of the first status heard after it left."""
+    first: int | None
+    end: int
+    """Place of the status after the last of this rate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +129,8 @@ class Observations:
     log: StatusLog = field(default_factory=StatusLog)
     edges: list[Edge] = field(default_factory=list)
     legs: list[LegHeard] = field(default_factory=list)
+    steps: list[list[StepHeard]] = field(default_factory=list)
+    """Each a motion whose rate changed by small steps; its first element is how it began."""
     semantics: list[SemanticsHeard] = field(default_factory=list)
 
 
@@ -134,8 +162,12 @@ class Script:
             yield from self._semantics(axis)
             yield from self._centre(axis, began)
             for leg in self._plan.legs:
-                self.phase = f"moving in {AXIS_WORDS[axis]}, {leg.rate_deg_s:+g} °/s"
-                yield from self._leg(axis, leg.rate_deg_s, leg.seconds)
+                if self._settles(axis, leg.seconds):
+                    self.phase = f"moving in {AXIS_WORDS[axis]}, {leg.rate_deg_s:+g} °/s"
+                    yield from self._leg(axis, leg.rate_deg_s, leg.seconds)
+            for sense in (1.0, -1.0) if self._plan.steps else ():
+                self.phase = f"changing the rate in {AXIS_WORDS[axis]} by small steps"
+                yield from self._small_steps(axis, sense)
         self.phase = "measuring the round trip again"
         for _ in range(self._plan.toggles_after):
             yield from self._toggle()
@@ -208,13 +240,22 @@ class Script:
         A little before and after as well: only what is seen too soon or late tells how much delays scatter.
         """
         turns = TurnForecast(self._seen.log.heard[-FORECAST_FROM:])
-        offset = self._fastest_offset_s()
         result = self._estimate.result()
         aside = (0.0, 1.0, 0.0, -1.0)[len(self._seen.edges) // 2 % 4]
         spread = SPREAD_S + 2.0 * min(max(result.sigma_s, turns.scatter_s), SPREAD_S)
-        trip = max(0.0, result.seconds + aside * spread)
+        return self._instant_of_turn(turns, max(0.0, result.seconds + aside * spread))
+
+    def _surest_instant(self) -> float:
+        """Return an instant at which a command comes in the middle between two turns of the loop."""
+        turns = TurnForecast(self._seen.log.heard[-FORECAST_FROM:])
+        trip = max(0.0, self._estimate.result().seconds - 0.5 * turns.mean_s)
+        return self._instant_of_turn(turns, trip)
+
+    def _instant_of_turn(self, turns: TurnForecast, trip_s: float) -> float:
+        """Return the next instant of sending that is so long before a turn's status is here."""
+        offset = self._fastest_offset_s()
         earliest = self._sender.earliest(self.now_utc_s)
-        return turns.next_after(earliest + trip - offset) + offset - trip
+        return turns.next_after(earliest + trip_s - offset) + offset - trip_s
 
     def _flag(self, axis: AxisName, rate_deg_s: float) -> dict[str, Any]:
         return {f"move_{axis}": True, f"move_{axis}_rate_deg_s": rate_deg_s}
@@ -325,4 +366,47 @@ class Script:
         place = len(log.heard)
         yield from self._rest()
         end = next(i for i in range(place, len(log.heard)) if log.heard[i].status.ack_abort)
-        self._seen.legs.append(LegHeard(axis, rate_deg_s, first, end))
+        self._seen.legs.append(LegHeard(axis, rate_deg_s, first, end, len(log.heard)))
+
+    def _settles(self, axis: AxisName, seconds: float) -> bool:
+        """Tell whether the axis comes to a steady rate in so many seconds, as far as it has shown."""
+        shown = [leg for leg in self._seen.legs if leg.axis == axis]
+        if not shown:
+            return True
+        leg, heard = shown[0], self._seen.log.heard
+        began_s, ended_s = heard[leg.first].mount_s, heard[leg.end].mount_s
+        late = self._rate_between(axis, leg, ended_s - 2.0 * SETTLES_OVER_S, ended_s)
+        soon = self._rate_between(axis, leg, began_s + seconds - SETTLES_OVER_S, began_s + seconds)
+        return late is None or soon is None or abs(soon - late) < SETTLES_WITHIN * abs(late)
+
+    def _rate_between(self, axis: AxisName, leg: LegHeard, from_s: float, to_s: float) -> float | None:
+        some = [h for h in self._seen.log.heard[leg.first : leg.end] if from_s <= h.mount_s <= to_s]
+        if len(some) < 3:
+            return None
+        angles = [h.dec_deg if axis == "dec" else h.hour_angle_deg for h in some]
+        return float(np.polyfit([h.mount_s - from_s for h in some], angles, 1)[0])
+
+    def _small_steps(self, axis: AxisName, sense: float) -> Steps:
+        """Change the rate of a motion by steps that no limit of the axis is met in."""
+        yield from self._wait(QUIET_BEFORE_LEG_S)
+        edge = self._seen.semantics[-1].goes_on
+        steps: list[StepHeard] = []
+        log = self._seen.log
+        for rate in (sense * r for r in STEP_RATES_DEG_S):
+            if steps and edge:
+                yield from self._lower(axis)
+            after = len(log.heard)
+            first = None
+            if steps and not edge:
+                self._sender.say_at(self._surest_instant(), self._flag(axis, rate))
+                while self._sender.waiting:
+                    yield
+            else:
+                yield from self._raise(axis, rate)
+                flag = f"ack_move_{axis}"
+                first = next(i for i in range(after, len(log.heard)) if getattr(log.heard[i].status, flag))
+            sent_utc_s = self._sender.changed_utc_s
+            yield from self._wait(STEP_PART_S)
+            steps.append(StepHeard(axis, rate, sent_utc_s, after, first, len(log.heard)))
+        yield from self._rest()
+        self._seen.steps.append(steps)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from sattrack.mount import SIDEREAL_RATE_DEG_S
 from sattrack.xerxes.datagrams import DatagramError, Readings, Status, decode_status, status_readings
+from sattrack.xerxes.standstill import Positions
 
 SIDEREAL_SECONDS_PER_SECOND = 1.00273790935
 RESTART_COUNTS = 50
@@ -46,6 +47,8 @@ class StatusLog:
     contradictory: set[str] = field(default_factory=set)
     """Doubtful fields that were seen with both types."""
 
+    positions: Positions = field(default_factory=Positions)
+    """What tells whether a stop has come to rest."""
     _anew: list[int] = field(default_factory=list)
 
     @property
@@ -77,6 +80,9 @@ class StatusLog:
             status,
         )
         self.heard.append(heard)
+        self.positions.take(
+            arrival_utc_s, status.sidereal_h, status.ra_h * 15.0, status.dec_deg, status.side_of_pier
+        )
         return heard
 
     def still(self) -> bool:

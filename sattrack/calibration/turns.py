@@ -30,13 +30,13 @@ class TurnForecast:
         self._last = heard[-1].counter
         turns = self._last - heard[0].counter
         self._rhythm, self.scatter_s = 1, float("inf")
-        self._mean_s = (heard[-1].mount_s - heard[0].mount_s) / turns
+        self.mean_s = (heard[-1].mount_s - heard[0].mount_s) / turns
         for rhythm in range(1, LONGEST_RHYTHM + 1):
             steps = [self._at[c] - self._at[c - rhythm] for c in self._at if c - rhythm in self._at]
             if len(steps) >= FEWEST_PAIRS and np.std(steps) < CLEARLY * self.scatter_s:
                 self._rhythm, self.scatter_s = rhythm, float(np.std(steps))
-                self._mean_s = float(np.mean(steps)) / rhythm
-        self._mean_s = max(LEAST_TURN_S, self._mean_s)
+                self.mean_s = float(np.mean(steps)) / rhythm
+        self.mean_s = max(LEAST_TURN_S, self.mean_s)
 
     def next_after(self, mount_s: float) -> float:
         """Return the first turn foretold at or after a second of the mount's clock."""
@@ -53,4 +53,4 @@ class TurnForecast:
             before -= self._rhythm
         if before not in self._at:
             before = self._last
-        return self._at[before] + (counter - before) * self._mean_s
+        return self._at[before] + (counter - before) * self.mean_s

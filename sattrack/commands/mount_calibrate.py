@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import select
 import sys
-import tempfile
 import time
 from contextlib import ExitStack
 from pathlib import Path
@@ -208,20 +207,10 @@ def _clock_truth(calibrator: Calibrator, site: Site, stated_s: float | None) -> 
 def _write(target: Path, base: ProfileFile, found: Findings, name: str | None) -> MountProfile:
     """Write the profile, whole or not at all."""
     from sattrack.calibration.profile import calibrated
-    from sattrack.profiles import profile_text
+    from sattrack.profiles import profile_text, write_profile
 
     profile = calibrated(base, found, name, f"sattrack {__version__}")
-    try:
-        with tempfile.NamedTemporaryFile(
-            "w", encoding="utf-8", dir=target.parent, prefix=f".{target.name}.", delete=False
-        ) as file:
-            file.write(profile_text(profile))
-            file.flush()
-            os.fsync(file.fileno())
-        Path(file.name).chmod(0o644)
-        Path(file.name).replace(target)
-    except OSError as error:
-        raise SattrackError(f"{target}: cannot be written: {error.strerror}") from error
+    write_profile(target, profile_text(profile))
     return profile
 
 

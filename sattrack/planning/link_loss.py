@@ -99,10 +99,9 @@ def link_loss(way: HeldWay, profile: MountProfile, limits: SafetyLimits, latitud
                 break
     rests = inside = None
     if profile.watchdog_s is not None:
-        braking = np.maximum(
-            np.abs(ha_rate) / profile.ra.max_acceleration_deg_s2,
-            np.abs(dec_rate) / profile.dec.max_acceleration_deg_s2,
-        )
+        ha_braking, dec_braking = profile.braking_deg_s2
+        braking = np.maximum(np.abs(ha_rate) / ha_braking, np.abs(dec_rate) / dec_braking)
+        braking += max(profile.ra.lag_s, profile.dec.lag_s)
         rests = profile.watchdog_s + profile.period_s + braking
         inside = rests < seconds
     return LinkLoss(p.utc_s[chosen], seconds, names, rests, inside)

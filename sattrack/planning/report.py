@@ -4,8 +4,22 @@ from __future__ import annotations
 
 import msgspec
 
+from sattrack.mount import MountProfile
 from sattrack.planning.budget import Budget
 from sattrack.planning.sides import Sides
+
+PRESUMED_OFF_S = 0.02
+"""Delay that may well be missing in a profile that was not measured."""
+
+
+def uncalibrated_words(profile: MountProfile, fastest_deg_s: float, when: str) -> str:
+    """Return what a profile that was not measured costs where the satellite is fastest on the sky."""
+    default = profile.name == MountProfile().name
+    whose = "the default profile's" if default else f"those of the profile {profile.name!r}, not measured"
+    return (
+        f"uncalibrated: delays and gains are {whose}; {1000.0 * PRESUMED_OFF_S:g} ms of delay are up to "
+        f"{3600.0 * PRESUMED_OFF_S * fastest_deg_s:.0f}″ {when}; run `sattrack mount calibrate`"
+    )
 
 
 class LostStretch(msgspec.Struct, frozen=True):
@@ -88,6 +102,8 @@ class Report(msgspec.Struct, frozen=True):
     catalog_number: int
     elements_epoch: str
     profile: str
+    calibrated: bool
+    """Whether the profile was measured."""
     start_utc: str
     culminate_utc: str
     end_utc: str

@@ -32,7 +32,8 @@ class Ahead:
     """Looks ahead for one mount among its bounds."""
 
     def __init__(self, profile: MountProfile, limits: SafetyLimits, bounds: Bounds) -> None:
-        self._profile, self._limits, self._bounds = profile, limits, bounds
+        self._limits, self._bounds = limits, bounds
+        self._braking_deg_s2 = profile.braking_deg_s2
         self.latency_s = latency_s(profile)
         """How long it takes until the mount acts on what is decided now."""
         self.horizon_s = self.latency_s + limits.longest_fault_s
@@ -62,9 +63,10 @@ class Ahead:
         delays = Delays(spot.age_s, self.latency_s, self._limits.longest_fault_s)
         (ha_low, dec_low), (ha_high, dec_high) = now
         ha_deg, dec_deg = spot.place
+        ha_braking, dec_braking = self._braking_deg_s2
         return (
-            AxisReach(ha_deg, (ha_low, ha_high), delays, self._profile.ra.max_acceleration_deg_s2),
-            AxisReach(dec_deg, (dec_low, dec_high), delays, self._profile.dec.max_acceleration_deg_s2),
+            AxisReach(ha_deg, (ha_low, ha_high), delays, ha_braking),
+            AxisReach(dec_deg, (dec_low, dec_high), delays, dec_braking),
         )
 
 

@@ -108,6 +108,16 @@ class Safety:
         self._asked = Asked(profile, limits, latitude_deg, parts)
 
     @property
+    def cause(self) -> str | None:
+        """What makes the mount disobey, as far as its motion tells it."""
+        return self._watch.cause
+
+    @property
+    def keeps_first(self) -> bool:
+        """Whether a mount that is to take the latest rates goes on at the first, as it does by edges."""
+        return self._watch.keeps_first
+
+    @property
     def on_last_leg(self) -> bool:
         """Whether the slew that is cleared goes to where it was asked to, and not to a place on the way."""
         return self._slews.on_last_leg

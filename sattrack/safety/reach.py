@@ -73,7 +73,7 @@ class AxisReach:
 def latency_s(profile: MountProfile) -> float:
     """Return how long it takes until a mount acts on what is decided now, no datagram lost, seconds."""
     edge_s = EDGE_PERIODS * profile.period_s if profile.move_axis == "edge" else 0.0
-    delay_s = profile.command_delay_s + profile.status_delay_s
+    delay_s = profile.command_delay_s + profile.status_delay_s + max(profile.ra.lag_s, profile.dec.lag_s)
     return PERIODS_UNTIL_OBEYED * profile.period_s + JITTER_S + delay_s + edge_s
 
 

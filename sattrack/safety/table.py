@@ -60,14 +60,14 @@ def promise_s(row: Interlock, profile: MountProfile, longest_fault_s: float, rat
     """
     if row.noticed_s is None:
         return 0.0
-    slower = min(profile.ra.max_acceleration_deg_s2, profile.dec.max_acceleration_deg_s2)
+    slower = min(profile.braking_deg_s2)
     noticed_s = row.noticed_s + (longest_fault_s if row.faults_pass else 0.0)
     return noticed_s + profile.period_s + standstill_s(rate_deg_s, latency_s(profile), slower)
 
 
 def closing_promise_s(profile: MountProfile, longest_fault_s: float, rate_deg_s: float) -> float:
     """Return within what time a stream held at a limit comes nearer no faster than CREEP_DEG_S."""
-    slower = min(profile.ra.max_acceleration_deg_s2, profile.dec.max_acceleration_deg_s2)
+    slower = min(profile.braking_deg_s2)
     return closing_s(rate_deg_s, Delays(0.0, latency_s(profile), longest_fault_s), slower)
 
 

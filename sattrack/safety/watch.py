@@ -33,6 +33,20 @@ OVERLOADED_FOR_S = 0.5
 BACKWARD_S = 0.5
 CLOCK_PROOF = 3
 """A clock that was well counts as set when so many statuses in a row say so: a bit of one may turn over."""
+LEAST_TOLD_DEG_S = 0.02
+"""Slower commands, in the mean, say nothing of what an axis makes of them."""
+TURNED, STILL, LIKE_SHARE = -0.5, 0.1, 0.05
+"""Motion over commanded motion of an axis that turns the other way, or stands; how far off a gain may be."""
+STEADY_DEG_S, STEADY_SHARE, VARIED_DEG_S = 0.002, 0.02, 0.05
+"""How little a rate that is kept changes, and how far apart the commanded ones must be meanwhile."""
+KEPT_FOR_S = 2.5
+FIRST = 8
+"""Commands at the beginning of a stream of which a mount that takes edges takes one."""
+KEEPS_FIRST = (
+    "the axes go on at the rates that the mount took first, whatever is commanded: move_axis is edge, and "
+    "the profile says held"
+)
+RA_AND_DEC = 3
 OLDEST_STATUS_S = 2.5
 """Age of the last status from which on the mount is not moved any more."""
 
@@ -72,6 +86,10 @@ class Watch:
         self._commanded: deque[tuple[float, float, float]] = deque()
         """Seconds each, and rates, of what was in force, the newest last."""
         self._commanded_s = 0.0
+        self._first: list[tuple[float, float]] = []
+        """The first rates of the stream that is in force."""
+        self.cause: str | None = None
+        """What makes the mount disobey, as far as its motion tells it."""
         self.moved = MoveAxes(0.0, 0.0)
         """The rates of the reported place between the last two statuses."""
         self._clock_off = 0
@@ -112,15 +130,75 @@ class Watch:
             self._window.clear()
             self._commanded.clear()
             self._window_s = self._commanded_s = 0.0
+            self._first.clear()
             return None
+        if len(self._first) < FIRST:
+            self._first.append((commanded.ra_rate_deg_s, commanded.dec_rate_deg_s))
         disobeyed = _disobeys(commanded.ra_rate_deg_s, moved.ra_rate_deg_s) or _disobeys(
             commanded.dec_rate_deg_s, moved.dec_rate_deg_s
         )
         self._disobeyed_s = self._disobeyed_s + seconds if disobeyed else 0.0
+        # The window is kept in either case: it tells the cause.
+        strays = self._strays(moved, commanded, seconds)
         # A command that is lost is not disobeyed.
-        if self._disobeyed_s > DISOBEDIENT_FOR_S + self._fault_s:
-            return "obedience"
-        return "obedience" if self._strays(moved, commanded, seconds) else None
+        if not strays and self._disobeyed_s <= DISOBEDIENT_FOR_S + self._fault_s:
+            return None
+        self.cause = self._likely_cause()
+        return "obedience"
+
+    def _likely_cause(self) -> str | None:
+        """Return why the mount does not obey, as its last seconds' motion tells; None where it does not."""
+        beyond = "_beyond_pole" if self._before is not None and self._before.beyond_pole else ""
+        told = list(self._commanded)[-len(self._window) :]
+        if self.keeps_first:
+            return KEEPS_FIRST
+        still = 0
+        for axis, name, field in ((1, "right ascension", "ra"), (2, "declination", "dec")):
+            pairs = [(c[axis], m[axis] / m[0]) for c, m in zip(told, self._window, strict=True)]
+            square = sum([c * c for c, _ in pairs])
+            if square < len(pairs) * LEAST_TOLD_DEG_S**2:
+                continue
+            ratio = sum([c * m for c, m in pairs]) / square
+            if ratio < TURNED:
+                sign = f"{field}_rate_sign{beyond}"
+                return f"rates came out with the other sign in {name}: turn {sign} in the profile"
+            still += axis if abs(ratio) < STILL else 0
+        return self._still_words(still)
+
+    @property
+    def keeps_first(self) -> bool:
+        """Whether a mount that is to take the latest rates goes on at the first, as it does by edges."""
+        if self._profile.move_axis != "held" or self._window_s < KEPT_FOR_S:
+            return False
+        steps = list(self._window)[-(len(self._window) * 2 // 3) :]
+        told = list(self._commanded)[-len(steps) :]
+        varied = max(_spread([step[axis] for step in told]) for axis in (1, 2))
+        if varied < VARIED_DEG_S:
+            return False
+        rates = []
+        for axis in (1, 2):
+            seen = [step[axis] / step[0] for step in steps]
+            rates.append(sum(seen) / len(seen))
+            if _spread(seen) > STEADY_DEG_S + STEADY_SHARE * abs(rates[-1]):
+                return False
+        if abs(abs(SIDEREAL_RATE_DEG_S - rates[0]) - abs(rates[1])) < STEADY_SHARE * abs(rates[1]):
+            # Both at one rate may as well be at their limit.
+            return False
+        return any(
+            all(abs(a - b) <= STEADY_DEG_S + LIKE_SHARE * abs(b) for a, b in zip(rates, first, strict=True))
+            for first in self._first
+        )
+
+    def _still_words(self, still: int) -> str | None:
+        if still == RA_AND_DEC and self._profile.move_axis == "held":
+            return (
+                "neither axis changes its rate as commanded: move_axis is edge, and the profile says held, "
+                "or the drives are off"
+            )
+        names = {1: "right ascension does", 2: "declination does", RA_AND_DEC: "the axes do"}
+        if still not in names:
+            return None
+        return f"{names[still]} not move as commanded: see to drive, brake and clutch"
 
     def _strays(self, moved: MoveAxes, commanded: MoveAxes, seconds: float) -> bool:
         """Tell whether the means over the window are outside of everything that was commanded."""
@@ -177,6 +255,12 @@ class Watch:
         self._window.clear()
         self._commanded.clear()
         self._window_s = self._commanded_s = 0.0
+
+
+def _spread(values: list[float]) -> float:
+    """Return how far values vary, a tenth at either end left out."""
+    ordered, edge = sorted(values), len(values) // 10
+    return ordered[-1 - edge] - ordered[edge]
 
 
 def _disobeys(commanded_deg_s: float, moved_deg_s: float) -> bool:

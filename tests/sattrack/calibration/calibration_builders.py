@@ -25,7 +25,7 @@ CLEAR = Surroundings(
     sun_dec_deg=-20.0,
     hour_angle_limit_deg=180.0,
 )
-SHORT = Plan(toggles=6, most_toggles=6, toggles_after=1, legs=(Leg(-0.5, 1.5), Leg(0.5, 1.5)))
+SHORT = Plan(toggles=6, most_toggles=6, toggles_after=1, steps=False, legs=(Leg(-0.5, 1.5), Leg(0.5, 1.5)))
 
 
 @dataclass

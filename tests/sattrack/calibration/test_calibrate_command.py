@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 SITE = Site(52.0, 4.5)
-QUICK = Plan(toggles=1, most_toggles=1, toggles_after=1, legs=(Leg(-0.4, 1.0), Leg(0.4, 1.0)))
+QUICK = Plan(toggles=1, most_toggles=1, toggles_after=1, steps=False, legs=(Leg(-0.4, 1.0), Leg(0.4, 1.0)))
 
 
 def call(*arguments: str) -> int:

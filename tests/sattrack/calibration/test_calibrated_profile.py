@@ -44,7 +44,8 @@ def test_a_first_run_writes_the_signs_of_its_side_and_what_else_it_found(normal:
     assert (profile.ra_rate_sign_beyond_pole, profile.dec_rate_sign_beyond_pole) == (None, None)
     assert (profile.move_axis, profile.additive) == ("edge", False)
     assert profile.ra_rate_gain == pytest.approx(1.03, abs=1e-5)
-    assert profile.ra.max_acceleration_deg_s2 == pytest.approx(8.0, rel=1e-3)
+    assert profile.ra.max_acceleration_deg_s2 == pytest.approx(8.0, rel=0.02)
+    assert profile.braking_deg_s2[0] < profile.ra.max_acceleration_deg_s2
     assert (profile.ra.max_rate_deg_s, profile.hour_angle_limit_deg) == (3.0, 120.0)
     assert profile.readings["counter"] == "double"
     # The split is not known: the two delays add up to the round trip, and no clock error is claimed.
@@ -124,3 +125,17 @@ def test_true_clocks_differ_by_the_equation_of_the_equinoxes_and_by_ut1() -> Non
     assert abs(clocks["mean, by UT1"]) < 0.9
     between = clocks["apparent, by UT1"] - clocks["mean, by UT1"]
     assert between == pytest.approx(equinoxes_s, abs=0.01)
+
+
+def test_stops_are_foretold_with_two_sigma_less_than_was_measured(normal: Findings) -> None:
+    profile = calibrated(MountProfile(), normal, None, "test")
+    record = profile.calibration
+    assert record is not None
+    assert record.ra_acceleration_sigma_deg_s2 is not None
+    assert profile.braking_deg_s2 == pytest.approx(
+        (
+            profile.ra.max_acceleration_deg_s2 - 2.0 * record.ra_acceleration_sigma_deg_s2,
+            profile.dec.max_acceleration_deg_s2 - 2.0 * (record.dec_acceleration_sigma_deg_s2 or 0.0),
+        )
+    )
+    assert MountProfile().braking_deg_s2 == (10.0, 10.0)

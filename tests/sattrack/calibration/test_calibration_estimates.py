@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
 
 from sattrack.calibration.clocks import clock_line, status_period
-from sattrack.calibration.motion import Stretch, axis_response, steady_part
+from sattrack.calibration.motion import AxisResponse, Plateau, Stretch, axis_response, lag, steady_part
 from sattrack.calibration.round_trip import Bracket, RoundTripEstimate, contradiction
+from sattrack.calibration.servo import Transient, braking
 from sattrack.calibration.statuses import Heard, StatusLog
 from sattrack.calibration.turns import TurnForecast
 from sattrack.xerxes.datagrams import Status
@@ -121,8 +123,12 @@ def stretch(rate: float, answer: float, acceleration: float, dead_s: float, befo
     since = np.maximum(0.0, seconds - dead_s)
     sped = np.minimum(since, ramp)
     angle = before * seconds + (answer - before) * (0.5 * sped**2 / ramp + np.maximum(0.0, since - ramp))
-    earlier = np.arange(-0.4, 0.0, 0.05)
-    return Stretch(rate, earlier, before * earlier, seconds, angle, 0.0)
+    return Stretch(rate, seconds, angle)
+
+
+def responding(*rates: float, most: float = math.inf) -> AxisResponse | None:
+    parts = [steady_part(stretch(r, math.copysign(min(abs(r), most), r), 5.0, 0.0)) for r in rates]
+    return axis_response([p for p in parts if p is not None])
 
 
 class TestMotion:
@@ -136,20 +142,14 @@ class TestMotion:
         assert response is not None
         assert (response.sign, response.additive) == (sign, added > 0.0)
         assert response.gain == pytest.approx(1.07, abs=1e-9)
-        assert response.acceleration_deg_s2 == pytest.approx(4.0, rel=1e-6)
-        assert response.dead_time_s == pytest.approx(0.012, abs=1e-7)
+        assert not response.rate_limit_reached
 
-    def test_whose_ramps_cannot_be_seen_has_no_acceleration_limit(self) -> None:
-        rng = np.random.default_rng(2)
-        parts = []
-        for rate in (-0.8, 0.8, -0.4, 0.4, -0.2, 0.2):
-            one = steady_part(stretch(rate, rate, 1e4, 0.01))
-            assert one is not None
-            assert one.lag_s is not None
-            parts.append(one.__class__(*one_with_lag(one, one.lag_s + float(rng.normal(0.0, 0.002)))))
-        response = axis_response(parts)
+    def test_that_is_no_faster_when_told_to_be_is_at_its_limit(self) -> None:
+        response = responding(-0.8, 0.8, -0.4, 0.4, -0.2, 0.2, most=0.6)
         assert response is not None
-        assert response.acceleration_deg_s2 is None
+        assert response.rate_limit_reached
+        assert response.fastest_deg_s == pytest.approx(0.6, abs=1e-9)
+        assert response.gain == pytest.approx(1.0, abs=1e-9)
 
     def test_that_adds_half_of_the_sidereal_rate_is_neither_reading(self) -> None:
         parts = [steady_part(stretch(r, r + 0.5 * SIDEREAL_DEG_S, 5.0, 0.0)) for r in (-0.8, 0.8, 0.4)]
@@ -159,22 +159,69 @@ class TestMotion:
 
     def test_that_still_settles_tells_a_larger_sigma(self) -> None:
         plain = stretch(0.4, 0.4, 10.0, 0.0)
-        slow = Stretch(
-            0.4, plain.before_s, plain.before_deg, plain.seconds,
-            plain.angle_deg - 0.01 * (1.0 - np.exp(-plain.seconds)), 0.0,
-        )  # fmt: skip
+        slow = Stretch(0.4, plain.seconds, plain.angle_deg - 0.01 * (1.0 - np.exp(-plain.seconds)))
         one = steady_part(slow)
         assert one is not None
         assert abs(one.rate_deg_s - 0.4) < 3.0 * one.sigma_deg_s
 
     def test_one_way_only_is_not_enough(self) -> None:
-        parts = [steady_part(stretch(r, r, 5.0, 0.0)) for r in (0.8, 0.4, 0.2)]
-        assert axis_response([p for p in parts if p is not None]) is None
+        assert responding(0.8, 0.4, 0.2) is None
 
 
-def one_with_lag(one: object, lag_s: float) -> list[float]:
-    values = [getattr(one, name) for name in one.__slots__]  # type: ignore[attr-defined]
-    return [*values[:-1], lag_s]
+def servo_stop(rate: float, limit: float, bandwidth_hz: float) -> Transient:
+    """A stop of a velocity loop of first order with a limited acceleration, integrated in steps of 50 us."""
+    h, place, speed, places = 5e-5, 0.0, rate, [0.0]
+    for n in range(1, 40001):
+        force = max(-limit, min(limit, -2.0 * math.pi * bandwidth_hz * speed))
+        place, speed = place + h * (speed + 0.5 * h * force), speed + h * force
+        if n % 1000 == 0:
+            places.append(place)
+    return Transient(rate, 0.05 * np.arange(len(places)), np.array(places))
+
+
+class TestBraking:
+    @pytest.mark.parametrize(("limit", "bandwidth_hz"), [(3.0, 8.0), (6.0, 12.0), (12.0, 20.0)])
+    def test_of_a_servo_at_its_limit_is_that_limit(self, limit: float, bandwidth_hz: float) -> None:
+        found = braking([servo_stop(rate, limit, bandwidth_hz) for rate in (0.2, 0.4, 0.8, 1.6)])
+        assert found is not None
+        assert found.limited
+        assert found.acceleration_deg_s2 is not None
+        assert found.acceleration_sigma_deg_s2 is not None
+        assert abs(found.acceleration_deg_s2 - limit) < 2.0 * found.acceleration_sigma_deg_s2
+        assert found.acceleration_sigma_deg_s2 < 0.1 * limit
+
+    def test_of_a_servo_too_soft_for_its_limit_is_what_its_stop_takes(self) -> None:
+        found = braking([servo_stop(rate, 20.0, 1.0) for rate in (0.2, 0.4, 0.8, 1.6)])
+        assert found is not None
+        assert not found.limited
+        # It goes on by rate / (2 pi bandwidth).
+        assert found.stop.deg == pytest.approx(1.6 / (2.0 * math.pi), rel=0.01)
+        assert found.acceleration_deg_s2 == pytest.approx(1.6 * math.pi, rel=0.02)
+
+
+class TestLag:
+    @pytest.mark.parametrize("lag_s", [0.0, 0.02, 0.15])
+    def test_is_where_the_lines_meet(self, lag_s: float) -> None:
+        found = lag([[*plateaus(lag_s, sense)] for sense in (1.0, -1.0)])
+        assert found is not None
+        assert found.seconds == pytest.approx(lag_s, abs=1e-9)
+
+    def test_is_not_told_where_steps_disagree(self) -> None:
+        rng = np.random.default_rng(4)
+        shaken = [replace(p, angle_deg=p.angle_deg + rng.normal(0.0, 0.002)) for p in plateaus(0.01, 1.0)]
+        assert lag([shaken]) is None
+
+
+def plateaus(lag_s: float, sense: float) -> list[Plateau]:
+    rates = [sense * r for r in (0.10, 0.12, 0.10, 0.12, 0.10)]
+    began = [1.25 * k for k in range(len(rates))]
+    made, place = [], 0.0
+    for k, (rate, begin) in enumerate(zip(rates, began, strict=True)):
+        if k:
+            place += rates[k - 1] * 1.25 - lag_s * (rate - rates[k - 1])
+        seconds = np.arange(0.0, 1.25, 0.05)
+        made.append(Plateau(rate, begin, seconds, place + rate * seconds))
+    return made
 
 
 def test_the_log_counts_hours_across_midnight_and_turns_across_the_circle() -> None:

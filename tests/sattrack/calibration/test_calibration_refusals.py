@@ -13,6 +13,7 @@ from calibration import Network
 from calibration_builders import BEGIN, CLEAR, SHORT, run
 from ramp_mount import RampMount
 
+from sattrack.calibration.fields import slewing_field
 from sattrack.calibration.guard import CalibrationEndedError, Guard, Kind
 from sattrack.safety import separation_deg
 from sattrack.xerxes.datagrams import Command
@@ -34,6 +35,13 @@ def ended(mount: RampMount, **changes: Any) -> Calibrator:
     return calibrator
 
 
+@dataclass
+class Slewing(RampMount):
+    def begin(self, t: float) -> None:
+        super().begin(t)
+        self.dec.go(t, 0.5)
+
+
 class TestItDoesNotBegin:
     @pytest.mark.parametrize(
         ("mount", "around", "kind", "words"),
@@ -48,7 +56,7 @@ class TestItDoesNotBegin:
                 Kind.LIMIT,
                 "slew away from the Sun",
             ),
-            (RampMount(slewing=True), CLEAR, Kind.REFUSED, "it is slewing"),
+            (Slewing(slewing=True), CLEAR, Kind.REFUSED, "it is slewing"),
             (RampMount(parked=True), CLEAR, Kind.REFUSED, "it is parked"),
             (RampMount(clock_ahead=4000.0), CLEAR, Kind.REFUSED, "4000 s from that of the site"),
             (RampMount(longitude_told=5.5), CLEAR, Kind.REFUSED, "believes it stands at 52.00, 5.50"),
@@ -317,3 +325,10 @@ def test_a_mount_at_rest_from_the_start_is_calibrated_as_well() -> None:
     ending = ended(mount).ending
     assert ending is not None
     assert ending.kind is Kind.DONE
+
+
+def test_a_mount_at_rest_whose_slewing_is_always_up_is_calibrated_as_well() -> None:
+    done = run(RampMount(slewing=True), plan=SHORT)
+    assert done.calibrator.ending is not None
+    assert done.calibrator.ending.kind is Kind.DONE
+    assert slewing_field(done.calibrator.seen) == "meaningless"

@@ -62,8 +62,21 @@ def test_a_drawn_mount_is_found_out_as_it_is(seed: int) -> None:
     assert found.beyond_pole == mount.beyond_pole
     assert found.ra.gain == pytest.approx(mount.ra_gain, abs=2e-5)
     assert found.dec.gain == pytest.approx(mount.dec_gain, abs=2e-5)
-    assert found.ra.acceleration_deg_s2 == pytest.approx(mount.ra_acceleration, rel=0.01)
-    assert found.dec.acceleration_deg_s2 == pytest.approx(mount.dec_acceleration, rel=0.01)
+    for motion, true in (
+        (found.ra_motion, mount.ra_acceleration),
+        (found.dec_motion, mount.dec_acceleration),
+    ):
+        braking = motion.braking
+        assert braking is not None
+        assert braking.limited
+        assert braking.acceleration_deg_s2 == pytest.approx(true, rel=0.01)
+        assert braking.acceleration_sigma_deg_s2 is not None
+        assert braking.acceleration_sigma_deg_s2 <= 0.1 * true
+        assert braking.stop.deg == pytest.approx(braking.stop.rate_deg_s**2 / (2.0 * true), rel=0.02)
+        assert motion.lag is not None
+        # A step of 0.02 deg/s takes 0.02 / a seconds, and half of that is its mean delay.
+        assert motion.lag.seconds == pytest.approx(0.01 / true, abs=2.0 * motion.lag.sigma_s)
+    assert found.rate_fields == "true"
     assert found.clock.drift_ppm == pytest.approx(mount.clock_drift * 1e6, abs=3.0)
     assert found.readings["counter"] == ("double" if mount.doubles else "int64")
 
