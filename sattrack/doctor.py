@@ -211,7 +211,10 @@ def check_profile(path: str | None, profile: MountProfile | None, error: str | N
     record = profile.calibration
     name = profile.name if path is None else f"{profile.name} ({path})"
     if record is None:
-        what = f"{name}: signs, gains, delays and MoveAxis semantics ({profile.move_axis}) are not measured"
+        what = (
+            f"{name}, uncalibrated: signs, gains, delays and MoveAxis semantics ({profile.move_axis}) "
+            f"are not measured; 20 ms of delay are {20.0 * ARCSEC_PER_MS:g}″ on a target at 1°/s"
+        )
         return Check("profile", "warn" if real else "ok", what, ways if real else ())
     what = (
         f"{name}: calibrated {record.utc}, {record.side_of_pier.replace('_', ' ')} side"

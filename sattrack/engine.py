@@ -9,11 +9,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sattrack.control.sky_error import sky_error
-from sattrack.engine_view import HOLDING, view_of
+from sattrack.engine_view import HOLDING, learnt_view, view_of
 from sattrack.figures import RunningError, WindowedError
+from sattrack.halt import StopWatch
 from sattrack.messages import Jog
 from sattrack.mount import Hold, Motion, MoveAxes, SlewTo, StatusSample, Stop
+from sattrack.not_acquired import Attempt, AxisAttempt, why_not
 from sattrack.safety import ROWS, Safety, SafetyLimits
+from sattrack.safety.watch import KEEPS_FIRST
 from sattrack.tracker import FOLLOWING, Phase, Tracker, TrackPlan
 from sattrack.xerxes.launches import seen_of
 from sattrack.xerxes.link import LinkState
@@ -29,13 +32,12 @@ if TYPE_CHECKING:
     from tle.propagator import Propagator
 
 NO_ANSWER_AFTER_S = 3.0
-STOP_UNHEARD_S = 12.0
-"""How long stops are sent to a mount that is not heard: longer than a switch takes to come up again."""
-STOP_UNCONFIRMED_S = 60.0
-"""How long stops are sent to a mount that answers but does not come to rest."""
-LINGER_S = 0.25
-"""Flag-free datagrams after the rest was seen, so that no late one is the last that the mount gets."""
 LONGEST_STEP_S = 0.5
+EDGES_TOLD_S, FALLEN = 5.0, (0.2, 0.8)
+"""How long a mount that takes edges is watched before it was on target, and the share of the commanded motion
+that is left where its rates end with the flag."""
+AXES = (("right ascension", "ra"), ("declination", "dec"))
+"""Their names, and how the profile's fields of each begin."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +90,13 @@ class Engine:
         self.finished = False
         self.failed = False
         self._recent = WindowedError()
-        self._stop_asked_s: float | None = None
-        self._rest_seen_s: float | None = None
+        self._missed = WindowedError(), WindowedError()
+        """Errors of both axes while the mount followed and had not been on target."""
+        self._missed_s = self._clamped_s = 0.0
+        """Seconds for which it did, and for which its rate limit was reached meanwhile."""
+        self._doing = Phase.WAITING
+        """The phase before the run began to stop."""
+        self._stop: StopWatch | None = None
         self._commanded: Motion = Hold()
         self._in_force: Motion = Hold()
         """What the mount was last told: a mount that takes rates by edges is not told each of them."""
@@ -138,6 +145,23 @@ class Engine:
                 )
                 return
 
+    def _watch_edges(self) -> None:
+        """Give up where the mount takes rates by its flags in another way than the profile says."""
+        if self.tracker.ended_by is not None:
+            return
+        if self.safety.keeps_first:
+            self._give_up("error", f"{self.spec.mount_name} was told to stop: {KEEPS_FIRST}")
+        if self.spec.profile.move_axis != "edge" or self._missed_s < EDGES_TOLD_S:
+            return
+        low, high = FALLEN
+        known = [fit.ratio for fit in self.tracker.learning.fits if fit.ratio is not None]
+        if known and all(low < ratio < high for ratio in known):
+            self._give_up(
+                "error",
+                f"{self.spec.mount_name} moves only while the MoveAxis flag is up: move_axis is held, and "
+                "the profile says edge; it was told to stop",
+            )
+
     def _count(self, error: ErrorView, counter: int, seconds: float) -> None:
         """Take an error into the figures: everything from the first acquisition on, lost or not.
 
@@ -151,6 +175,8 @@ class Engine:
             self.paused_s += seconds
         elif self.tracker.rejoining:
             self.rejoining_s += seconds
+        if following and self.tracker.acquired_utc_s is None:
+            self._count_missed(error, seconds)
         if not following or self.tracker.rejoining or self.tracker.acquired_utc_s is None:
             self._recent.clear()
             return
@@ -160,6 +186,39 @@ class Engine:
         self._recent.add(error.utc_s, error.total_arcsec)
         if error.total_arcsec <= self.spec.plan.on_target_arcsec:
             self.on_target_s += seconds
+
+    def _count_missed(self, error: ErrorView, seconds: float) -> None:
+        self._missed_s += seconds
+        self._clamped_s += seconds if self.safety.clamping else 0.0
+        self._watch_edges()
+        for window, arcsec in zip(self._missed, (error.ra_arcsec, error.dec_arcsec), strict=True):
+            window.add(error.utc_s, arcsec)
+
+    def why_not_acquired(self) -> str | None:
+        """Return why the mount was never on target, and what to do; None where it was, or nothing tells."""
+        tracker, profile = self.tracker, self.spec.profile
+        if tracker.acquired_utc_s is not None:
+            return None
+        if self.message is not None and tracker.ended_by not in {"set", "operator"}:
+            return self.message
+        ra, dec = (
+            AxisAttempt(*names, fit.ratio, fit.fastest_deg_s, fit.fastest_told_deg_s, window.rms_arcsec)
+            for names, fit, window in zip(AXES, tracker.learning.fits, self._missed, strict=True)
+        )
+        return why_not(
+            Attempt(
+                profile,
+                ra,
+                dec,
+                heard=self.session.sample is not None,
+                slewing=self._doing is Phase.SLEWING,
+                followed_s=self._missed_s,
+                clamped_s=self._clamped_s,
+                held_s=self.held_s,
+                learnt=learnt_view(self),
+                calibrated=profile.calibration is not None or self.spec.simulated,
+            )
+        )
 
     def operate(self, message: Message, now_utc_s: float) -> None:
         """Obey the operator."""
@@ -176,6 +235,8 @@ class Engine:
         arrived = self.session.slew_state is SlewState.DONE and self.safety.on_last_leg
         rest = self.tracker.rest
         motion = self.tracker.step(now_utc_s, arrived, rest is not None and self.session.stopped)
+        if self.tracker.phase is not Phase.STOPPING:
+            self._doing = self.tracker.phase
         sample = self.session.sample
         if sample is not None:
             age_s = max(0.0, now_utc_s - sample.arrival_utc_s)
@@ -249,18 +310,11 @@ class Engine:
     def _watch_stop(self, now_utc_s: float) -> None:
         if self.tracker.phase is not Phase.STOPPING or self.finished:
             return
-        if self._stop_asked_s is None:
-            self._stop_asked_s = now_utc_s
-        waited_s = now_utc_s - self._stop_asked_s
-        if not self.session.stopped:
-            self._rest_seen_s = None
-        elif self._rest_seen_s is None:
-            self._rest_seen_s = now_utc_s
-        rested = self._rest_seen_s is not None and now_utc_s - self._rest_seen_s >= LINGER_S
+        if self._stop is None:
+            self._stop = StopWatch(now_utc_s)
+        waited_s = self._stop.waited_s(now_utc_s)
         never_heard = self.session.sample is None and waited_s > 4 * self.spec.profile.period_s
-        heard = self.session.link_state(now_utc_s) is not LinkState.LOST
-        given_up = waited_s > (STOP_UNCONFIRMED_S if heard else STOP_UNHEARD_S)
-        self.finished = rested or never_heard or given_up
+        self.finished = self._stop.over(self.session, now_utc_s) or never_heard
 
     def _give_up(self, why: str, words: str) -> None:
         self.message = words
@@ -268,6 +322,8 @@ class Engine:
 
     def _limit_words(self) -> str:
         row = ROWS[self.safety.tripped or ""]
+        if row.name == "obedience" and self.safety.cause is not None:
+            return f"safety stopped the mount at its {row.name} limit: {self.safety.cause}"
         return f"safety stopped the mount at its {row.name} limit ({row.watches}); to go on: {row.way_out}"
 
     def true_error(self, counter: int, utc_s: float, ra_deg: float, dec_deg: float) -> ErrorView | None:

@@ -12,14 +12,16 @@ from sattrack.bias_view import (
     search_view,
 )
 from sattrack.control.kalman import wrap180
+from sattrack.control.learning import FREE_REST_DEG_S
 from sattrack.mount import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 from sattrack.safety import ROWS
 from sattrack.tracker import FOLLOWING, Phase
-from sattrack.view import PauseView, TrackView
+from sattrack.view import LearntView, PauseView, TrackView
 from sattrack.xerxes.link import STALE_AFTER_S, LinkState
 from sattrack.xerxes.link_view import link_view
 
 if TYPE_CHECKING:
+    from sattrack.control.learning import Learnt
     from sattrack.engine import Engine
     from sattrack.mount import StatusSample
     from sattrack.view import ErrorView, LinkView
@@ -29,6 +31,10 @@ HOLDING = "holding"
 LOST_TOLD_S = 10.0
 """For how long it is told that the mount was lost."""
 SITE_TOLERANCE_DEG = 0.1
+DRIFT_TOLERANCE_DEG_S, DRIFT_SIGMA_DEG_S = 2.0 / 3600.0, 4.0 / 3600.0
+"""How near to the sidereal rate a drift in right ascension must be, and how surely, to be taken for it."""
+LOOSE_FACTOR = 2.0
+"""How many times slower than at its tightest the loop may be run until that is told."""
 
 
 def view_of(engine: Engine, now_utc_s: float) -> TrackView:
@@ -75,7 +81,39 @@ def view_of(engine: Engine, now_utc_s: float) -> TrackView:
         ra_rate_reached_deg_s=None if sample is None else SIDEREAL_RATE_DEG_S - sample.ra_drive_deg_s,
         dec_rate_reached_deg_s=None if sample is None else _reported_dec_rate_deg_s(sample),
         pause=_pause_view(engine),
+        calibrated=spec.profile.calibration is not None,
+        learnt=learnt_view(engine),
     )
+
+
+def learnt_view(engine: Engine) -> LearntView | None:
+    """Return what the run has learnt of its mount; None before it was followed with."""
+    tracker, profile = engine.tracker, engine.spec.profile
+    known = tracker.learning.learnt()
+    settling_s = tracker.learning.settling_s(tracker.acting_s, engine.spec.plan.law.feeder)
+    if known is None or settling_s is None:
+        return None
+    ra, dec = known
+    ra_gain, ra_gain_sigma = _gain(ra, profile.ra_rate_gain)
+    dec_gain, dec_gain_sigma = _gain(dec, profile.dec_rate_gain)
+    return LearntView(
+        ra_lag_s=ra.lag_s,
+        ra_lag_sigma_s=ra.lag_sigma_s,
+        ra_gain=ra_gain,
+        ra_gain_sigma=ra_gain_sigma,
+        dec_lag_s=dec.lag_s,
+        dec_lag_sigma_s=dec.lag_sigma_s,
+        dec_gain=dec_gain,
+        dec_gain_sigma=dec_gain_sigma,
+        command_delay_s=tracker.command_delay_s,
+        settling_s=settling_s,
+        restarts=tracker.learning.times_begun_anew,
+    )
+
+
+def _gain(learnt: Learnt, told: float) -> tuple[float, float] | tuple[None, None]:
+    line = learnt.line
+    return (None, None) if line is None else (told * line.gain, told * line.gain_sigma)
 
 
 def _link_view(engine: Engine, now_utc_s: float) -> LinkView:
@@ -122,7 +160,10 @@ def _warnings(engine: Engine) -> tuple[str, ...]:
     warnings.extend(observation_warnings(tracker, engine.malformed, engine.dropped))
     if session.intruder is not None:
         warnings.append(session.intruder)
+    warnings.extend(session.ignored_fields)
     warnings.extend(_clock_warnings(engine))
+    warnings.extend(_looseness_warnings(engine))
+    warnings.extend(_additive_warnings(engine))
     heard_utc_s = 0.0 if session.sample is None else session.sample.arrival_utc_s
     if tracker.lost_utc_s is not None and heard_utc_s - tracker.lost_utc_s < LOST_TOLD_S:
         warnings.append("the mount was not where its commands lead: lost, and taken up where it is")
@@ -157,6 +198,41 @@ def _clock_warnings(engine: Engine) -> list[str]:
         step_ms = 1000.0 * tracker.clock_step_s
         warnings.append(f"the mount's clock goes in steps of {step_ms:.1f} ms: samples are dated by its mean")
     return warnings
+
+
+def _additive_warnings(engine: Engine) -> list[str]:
+    """Say that right ascension drifts by the sky's rate beside its commands."""
+    line = engine.tracker.learning.fits[0].line(FREE_REST_DEG_S)
+    if line is None or line.rest_sigma_deg_s > DRIFT_SIGMA_DEG_S:
+        return []
+    told = engine.spec.profile.additive
+    drift_deg_s = SIDEREAL_RATE_DEG_S if told else -SIDEREAL_RATE_DEG_S
+    if abs(line.rest_deg_s - drift_deg_s) > DRIFT_TOLERANCE_DEG_S:
+        return []
+    does, so = ("replace", "false") if told else ("add to", "true")
+    return [
+        f"the mount's rates in right ascension {does} sidereal tracking: set additive = {so} in the profile"
+    ]
+
+
+def _looseness_warnings(engine: Engine) -> list[str]:
+    """Say that errors are taken out slowly, because the servo answers late or is not known well."""
+    tracker, law = engine.tracker, engine.spec.plan.law.feeder
+    settling_s = tracker.learning.settling_s(tracker.acting_s, law)
+    known = tracker.learning.learnt()
+    tightest_s = max(law.settling_s, law.intervals * tracker.acting_s)
+    if tracker.phase is not Phase.TRACKING or settling_s is None or known is None:
+        return []
+    if settling_s <= LOOSE_FACTOR * tightest_s:
+        return []
+    lag_s, sigma_s = max(one.lag_s for one in known), max(one.lag_sigma_s for one in known)
+    why = f"the servo answers {1000.0 * lag_s:.0f} ms late"
+    if law.lag_sigmas * sigma_s > law.lags * lag_s:
+        why = f"the servo's lag is known to {1000.0 * sigma_s:.0f} ms only"
+    return [
+        f"{why}: an error is taken out in {settling_s:.2f} s instead of {tightest_s:.2f} s, so gusts and "
+        "nudges take as much longer"
+    ]
 
 
 def _side_warnings(engine: Engine) -> list[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from sattrack.view import Summary
+    from sattrack.view import LearntView, Summary
 
 ALONG_AND_ACROSS = ("along_s", "cross_deg")
 NO_PRIORITY = ", without real-time priority (`sattrack doctor` says how to grant it)"
@@ -32,10 +32,29 @@ def _bias_lines(summary: Summary) -> list[str]:
     return lines
 
 
+def learnt_words(learnt: LearntView) -> str:
+    """Return what was learnt of a mount in a line."""
+    ra, dec = _lag(learnt.ra_lag_s, learnt.ra_lag_sigma_s), _lag(learnt.dec_lag_s, learnt.dec_lag_sigma_s)
+    gains = f"gain RA {_gain(learnt.ra_gain)}, Dec {_gain(learnt.dec_gain)}"
+    delay = f"command delay {1e3 * learnt.command_delay_s:.1f} ms"
+    anew = f", filters begun anew {learnt.restarts} times" if learnt.restarts else ""
+    return f"lag RA {ra}, Dec {dec}; {gains}; {delay}; settling {learnt.settling_s:.2f} s{anew}"
+
+
+def _lag(lag_s: float, sigma_s: float) -> str:
+    return f"{1e3 * lag_s:.0f}±{1e3 * sigma_s:.0f} ms"
+
+
+def _gain(gain: float | None) -> str:
+    return "not known" if gain is None else f"{gain:.4f}"
+
+
 def summary_lines(summary: Summary) -> list[str]:
     """Return the summary for people."""
+    uncalibrated = ", uncalibrated" if summary.calibrated is False and summary.mount != "sim" else ""
     lines = [
-        f"{summary.name} ({summary.catalog_number}) with {summary.mount}: ended by {summary.ended_by}",
+        f"{summary.name} ({summary.catalog_number}) with {summary.mount}{uncalibrated}: "
+        f"ended by {summary.ended_by}",
         f"  {summary.started_utc} to {summary.ended_utc}, on target {summary.on_target_s:.1f} s",
     ]
     if summary.acquired_after_s is not None:
@@ -64,6 +83,10 @@ def summary_lines(summary: Summary) -> list[str]:
     if summary.bias_along_s or summary.bias_cross_deg:
         lines.append(f"  bias {summary.bias_along_s:+.3f} s along, {summary.bias_cross_deg:+.4f}° across")
     lines.extend(_bias_lines(summary))
+    if summary.why_not_acquired is not None and summary.why_not_acquired not in (summary.message or ""):
+        lines.append(f"  never on target: {summary.why_not_acquired}")
+    if summary.learnt is not None:
+        lines.append(f"  learnt of the mount: {learnt_words(summary.learnt)}")
     if summary.recording is not None:
         trouble = "" if summary.recording_trouble is None else f": {summary.recording_trouble}"
         lines.append(f"  recorded in {summary.recording}{trouble}")

@@ -119,6 +119,29 @@ class PauseView(msgspec.Struct, frozen=True):
     """Whether the run goes on as soon as the mount is at rest."""
 
 
+class LearntView(msgspec.Struct, frozen=True):
+    """What the run has learnt of the mount while it followed, each with one sigma.
+
+    Gains are as in a profile: what comes of a commanded rate, divided by it; None before they are known. A
+    lag is beyond `command_delay_s` and the mount's turn.
+    """
+
+    ra_lag_s: float
+    ra_lag_sigma_s: float
+    ra_gain: float | None
+    ra_gain_sigma: float | None
+    dec_lag_s: float
+    dec_lag_sigma_s: float
+    dec_gain: float | None
+    dec_gain_sigma: float | None
+    command_delay_s: float
+    """As it is reckoned with: the profile's, or less where commands were seen to be read sooner."""
+    settling_s: float
+    """Time constant with which an error is taken out, of the slower axis."""
+    restarts: int
+    """How often the axes' filters contradicted what was seen, and began anew."""
+
+
 class TrackView(msgspec.Struct, frozen=True, tag="view"):
     """Everything about a run at one instant. Directions in degrees, true of date; UTC as POSIX seconds."""
 
@@ -165,6 +188,10 @@ class TrackView(msgspec.Struct, frozen=True, tag="view"):
     dec_rate_reached_deg_s: float | None = None
     pause: PauseView | None = None
     """None where the run is not paused."""
+    calibrated: bool | None = None
+    """Whether the mount's profile was measured; None where that was not recorded."""
+    learnt: LearntView | None = None
+    """None before the mount was followed with."""
 
 
 class SkyPoint(msgspec.Struct, frozen=True, array_like=True):
@@ -278,6 +305,12 @@ class Summary(msgspec.Struct, frozen=True):
     """Seconds that it took to be on the target again after pauses; nor are they."""
     realtime_priority: bool | None = None
     """Whether the loop ran with real-time priority; null in virtual time."""
+    calibrated: bool | None = None
+    """Whether the mount's profile was measured; null for an antenna, which has no profile."""
+    learnt: LearntView | None = None
+    """What was learnt of the mount; null where it was never followed with."""
+    why_not_acquired: str | None = None
+    """Why the mount was never on target, and what to do; null where it was, or where nobody can tell."""
 
 
 class SummaryLine(msgspec.Struct, frozen=True):

@@ -33,6 +33,12 @@ from sattrack.commands.screened import tui_possible, with_tui
 @click.option(
     "--record", type=click.Path(path_type=Path), help="Write every input and output to a new MCAP file."
 )
+@click.option(
+    "--learn-profile",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write what the pass teaches of the mount as a new profile.",
+)
 @click.option("--refraction", type=click.Choice(("auto", "on", "off")), default="auto", show_default=True)
 @click.option("--bias-along", default=0.0, metavar="S", help="Seconds; positive leads.")
 @click.option(

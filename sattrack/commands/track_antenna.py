@@ -20,14 +20,15 @@ if TYPE_CHECKING:
     from sattrack.commands.common import CommandContext
     from sattrack.runtime.prepare import RunRequest
 
-NOT_WITH_ANTENNA = ("stream", "control", "observations", "profile")
+NOT_WITH_ANTENNA = ("stream", "control", "observations", "profile", "learn_profile")
 
 
 def follow(context: CommandContext, request: RunRequest, options: dict[str, Any]) -> int:
     """Follow a pass with an antenna's controller; return the exit code."""
     for name in NOT_WITH_ANTENNA:
         if options.get(name):
-            raise BadInputError(f"--{name} does not go with an antenna's controller; leave it out")
+            option = name.replace("_", "-")
+            raise BadInputError(f"--{option} does not go with an antenna's controller; leave it out")
     assert request.mount_url is not None
     url = parse_antenna_url(request.mount_url)
     ready = prepare_pass(request, url, context.settings.safety.limits())

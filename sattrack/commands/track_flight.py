@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sattrack.calibration.profile import learnt_text, with_learnt
+from sattrack.commands.common import tell
 from sattrack.commands.flying import fly_and_tell
 from sattrack.commands.running import (
     Progress,
@@ -20,6 +22,7 @@ from sattrack.commands.running import (
     tell_malformed,
 )
 from sattrack.errors import BadInputError
+from sattrack.profiles import write_profile
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.mounts import is_antenna
 from sattrack.runtime.observers import read_all
@@ -28,8 +31,10 @@ from tle.instants import Utc
 
 if TYPE_CHECKING:
     from sattrack.commands.common import CommandContext
+    from sattrack.profiles import ProfileFile
     from sattrack.runtime.prepare import Prepared
     from sattrack.session_view import Armed
+    from sattrack.view import Summary
 
 
 def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> int:
@@ -59,6 +64,7 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
         if request.memory not in {"auto", "off"}:
             raise BadInputError("--bias-memory does not go with an antenna's controller; leave it out")
         return follow_by_antenna(context, request, options)
+    check_new_profile(options["learn_profile"])
     if request.virtual and (options["stream"] or options["control"]):
         raise BadInputError("--stream and --control go with real time; leave --virtual out")
     observations = options["observations"]
@@ -66,6 +72,7 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
     if request.virtual and observations not in {None, "stdin"}:
         raise BadInputError(f"--observations {observations}: in virtual time they come from stdin")
     prepared = prepare(request)
+    check_new_profile(options["learn_profile"], prepared.clock.speed)
     if prepared.practising:
         words = "no elements or site set: practising with the built-in ISS pass over Leiden"
         click.echo(f"sattrack: {words}", err=True)
@@ -88,7 +95,38 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
             observations=observations,
             again=lambda armed, before: prepare(_next_request(request, armed, before)),
         )
+    learn_profile(options["learn_profile"], request.profile, summary)
     return finish(summary, interrupted, context.json or options["stream"])
+
+
+def check_new_profile(target: Path | None, speed: float = 1.0) -> None:
+    """Raise BadInputError where a profile cannot be learnt, or not be written as a new file."""
+    if target is None:
+        return
+    if speed != 1.0:
+        raise BadInputError(
+            f"--learn-profile: a clock of {speed:g} times the speed makes other delays; leave one of them out"
+        )
+    if target.exists():
+        raise BadInputError(f"--learn-profile {target}: there is such a file; give a new name")
+    if not target.parent.is_dir():
+        raise BadInputError(f"--learn-profile {target}: there is no folder {target.parent}; make it first")
+
+
+def learn_profile(target: Path | None, base: ProfileFile, summary: Summary) -> None:
+    """Write what a run has learnt of its mount, where that is asked for, and tell what was done."""
+    if target is None:
+        return
+    if summary.acquired_after_s is None or summary.learnt is None:
+        tell(f"{target} was not written: the mount was never on target, and nothing was learnt")
+        return
+    profile, told = with_learnt(base, summary.learnt, target.stem)
+    if not told:
+        tell(f"{target} was not written: the pass was too short, or too rough, to learn from")
+        return
+    check_new_profile(target)
+    write_profile(target, learnt_text(profile, told, base.name, f"{summary.name} on {summary.ended_utc}"))
+    tell(f"learnt, and written to {target}: {', '.join(told)}")
 
 
 def _utc_s(text: str | None) -> float | None:

@@ -18,18 +18,40 @@ if TYPE_CHECKING:
 
 LONGEST_DELAY_S = 0.5
 LEAST_SAMPLES = 200
+LEAST_PIECE = 100
+"""Samples of a piece of the run that counts; shorter ones tell little more than their own beginning."""
 LEAST_CHANGE_DEG_S = 0.01
 """A rate that changes less than this over the run shows no delay."""
 ROUNDS = 6
-STRONG = 4.0
-"""How many times the median amplitude of its neighbourhood a line must have."""
+BLOCKS = 8
+"""In so many parts a fit is tried without each: by how much it changes then says how sure it is."""
+SURE_SIGMAS = 4.0
+UNSURE_DELAY_S = 0.005
+LEAST_TURN_DEG = 20.0
+"""An axis must go so far one way, a part of a turn, for a spectrum of its error."""
+LEAST_PERIODS = 6
+"""A line must repeat so often within the angle that was covered."""
+STRONG = 5.0
+"""How many times the median amplitude of its neighbourhood a line must have.
+
+Where the neighbourhood is noise, the line's power over the mean is distributed as F with 2 and twice as many
+degrees of freedom as there are neighbours. 5 is 17 times the mean: by chance in about one of a million lines.
+"""
+SHARES = 6
+LEFT_SHARE = 0.5
+"""A line must keep so much of its amplitude without any one of the SHARES of the angle: a jolt does not."""
+SKIRT = 8.0
+"""To so many steps of a spectrum beside a line reaches what a change of its amplitude makes of it."""
+GAP_STEPS = 20.0
+"""Samples so many times farther apart than they are on the mean leave a gap between them."""
 
 
 class AxisFit(NamedTuple):
-    """Gain and delay of one axis, with one sigma of each; the delay None where the rate hardly changed.
+    """Gain and delay of one axis, with one sigma of each.
 
     The gain is that of the axis over what the command asked for; the delay is from a command's tick to when
-    it acted, the wait for the mount's loop included, as the mount's clock dates it.
+    it acted, the wait for the mount's loop included, as statuses are dated: below zero where those dates are
+    wrong. The delay is None where the data do not tell it; `untold` then says why.
     """
 
     gain: float
@@ -37,6 +59,13 @@ class AxisFit(NamedTuple):
     delay_s: float | None
     delay_sigma_s: float | None
     residual_arcsec: float
+    untold: str | None = None
+
+
+class Untold(NamedTuple):
+    """What a fit lacked, in words."""
+
+    why: str
 
 
 class Line(msgspec.Struct, frozen=True):
@@ -46,68 +75,138 @@ class Line(msgspec.Struct, frozen=True):
     amplitude_arcsec: float
 
 
-def fit_axes(run: Trace, profile: MountProfile) -> tuple[AxisFit | None, AxisFit | None]:
-    """Return gain and delay of both axes, right ascension first; None where there is too little to fit.
+def fit_axes(run: Trace, profile: MountProfile) -> tuple[AxisFit | Untold, AxisFit | Untold]:
+    """Return gain and delay of both axes, right ascension first, or why there is none.
 
     Of an axis that takes rates by edges nothing is fitted: which of them acted, the datagrams do not tell.
     """
     if profile.move_axis == "edge":
-        return None, None
+        edges = Untold("the mount takes rates by edges, and which of them acted the datagrams do not tell")
+        return edges, edges
     return _fit_axis(run, 0, not profile.additive), _fit_axis(run, 1, False)
 
 
-def _fit_axis(run: Trace, axis: int, drifts: bool) -> AxisFit | None:
+class _Data(NamedTuple):
+    """What a fit is made from: samples in pieces, and the commands as a function of time."""
+
+    at: Array
+    angle: Array
+    pieces: NDArray[np.intp]
+    """The number of the piece that each sample is of."""
+    sent_at: Array
+    rates: Array
+    moved: Array
+    """How far the commands had moved the axis by each: their integral, linear between them."""
+
+
+def _fit_axis(run: Trace, axis: int, drifts: bool) -> AxisFit | Untold:
     """Fit one axis; `drifts` where rates count from the sky at rest and not from the sky that turns."""
-    # Commands tell nothing of the way between two stretches: it was a slew, or somebody's by hand.
-    whole = _longest_stretch(run.following)
-    at = run.utc_s[whole]
-    angle = (run.ra_deg if axis == 0 else run.dec_deg)[whole]
-    unwrapped = np.unwrap(angle, period=360.0)
-    good = ~np.isnan(run.sent[:, axis])
-    sent_at, rates = run.sent_utc_s[good], run.sent[good, axis]
-    if min(len(at), len(rates)) < LEAST_SAMPLES:
-        return None
-    # What a held rate has moved by any instant: the integral of the commands, linear between their instants.
-    moved = np.concatenate([[0.0], np.cumsum(rates[:-1] * np.diff(sent_at))])
-    inside = (at > sent_at[0] + LONGEST_DELAY_S) & (at < sent_at[-1])
-    at, unwrapped = at[inside], unwrapped[inside]
-    if len(at) < LEAST_SAMPLES:
-        return None
-    changes = float(np.ptp(rates)) > LEAST_CHANGE_DEG_S
+    data = _gathered(run, axis)
+    if len(data.at) < LEAST_SAMPLES:
+        return Untold(
+            f"the mount followed on target for {len(data.at)} samples in pieces that are long enough; "
+            f"a fit takes {LEAST_SAMPLES}"
+        )
+    changes = float(np.ptp(np.interp(data.at, data.sent_at, data.rates))) > LEAST_CHANGE_DEG_S
     delay_s = 0.0
     for _ in range(ROUNDS):
-        base = np.interp(at - delay_s, sent_at, moved)
-        terms = [base, np.ones_like(at)]
-        if changes:
-            terms.append(-np.interp(at - delay_s, sent_at, rates))
-        if drifts:
-            terms.append(at - at[0])
-        columns = np.stack(terms, axis=1)
-        solution, _, _, _ = np.linalg.lstsq(columns, unwrapped, rcond=None)
-        residual = unwrapped - columns @ solution
-        step_s = float(solution[2] / solution[0]) if changes else 0.0
+        columns = _columns(data, delay_s, changes, drifts)
+        solution = _solved(columns, data.angle)
+        step_s = float(solution[1] / solution[0]) if changes else 0.0
         delay_s = min(LONGEST_DELAY_S, max(-LONGEST_DELAY_S, delay_s + step_s))
         if abs(step_s) < 1e-7:
             break
-    noise = float(np.std(residual)) * math.sqrt(_correlated(residual))
-    covariance = np.linalg.pinv(columns.T @ columns) * noise**2
-    gain = abs(float(solution[0]))
+    residual = data.angle - columns @ solution
+    gain_sigma, delay_sigma_s = _sigmas(columns, data.angle, residual, changes)
+    untold = _delay_untold(delay_s, delay_sigma_s, changes)
+    told = untold is None
     return AxisFit(
-        gain,
-        math.sqrt(float(covariance[0, 0])),
-        delay_s if changes else None,
-        math.sqrt(float(covariance[2, 2])) / gain if changes else None,
+        abs(float(solution[0])),
+        gain_sigma,
+        delay_s if told else None,
+        delay_sigma_s if told else None,
         float(np.std(residual)) * 3600.0,
+        untold,
     )
 
 
-def _longest_stretch(following: NDArray[np.bool_]) -> slice:
-    """Return the longest run of samples that follow without a break."""
-    edges = np.flatnonzero(np.diff(following.astype(np.int8), prepend=0, append=0))
-    if not len(edges):
-        return slice(0, 0)
-    longest = int(np.argmax(edges[1::2] - edges[::2]))
-    return slice(int(edges[2 * longest]), int(edges[2 * longest + 1]))
+def _gathered(run: Trace, axis: int) -> _Data:
+    """Return the samples that tell of an axis, each piece's own level taken out of their angles.
+
+    Commands tell nothing of the way between two pieces: it may have been a slew, or somebody's by hand.
+    """
+    good = ~np.isnan(run.sent[:, axis])
+    sent_at, rates = run.sent_utc_s[good], run.sent[good, axis]
+    usable = run.fit_for.copy()
+    if len(sent_at):
+        usable &= (run.utc_s > sent_at[0] + LONGEST_DELAY_S) & (run.utc_s < sent_at[-1])
+    whole = [one for one in _stretches(usable) if one.stop - one.start >= LEAST_PIECE and len(sent_at)]
+    angle = run.ra_deg if axis == 0 else run.dec_deg
+    pieces = np.repeat(np.arange(len(whole)), [one.stop - one.start for one in whole])
+    joined = np.concatenate([np.unwrap(angle[one], period=360.0) for one in whole] or [np.empty(0)])
+    at = np.concatenate([run.utc_s[one] for one in whole] or [np.empty(0)])
+    moved = np.concatenate([[0.0], np.cumsum(rates[:-1] * np.diff(sent_at))])
+    return _Data(at, _levelled(joined, pieces), pieces, sent_at, rates, moved)
+
+
+def _levelled(values: Array, pieces: NDArray[np.intp]) -> Array:
+    """Return values with each piece's mean taken out."""
+    if not len(values):
+        return values
+    means = np.bincount(pieces, values) / np.bincount(pieces)
+    level: Array = values - means[pieces]
+    return level
+
+
+def _columns(data: _Data, delay_s: float, changes: bool, drifts: bool) -> Array:
+    """Return what the angles are fitted with: commands' integral, their rate for the delay, a drift."""
+    then = data.at - delay_s
+    terms = [np.interp(then, data.sent_at, data.moved)]
+    if changes:
+        terms.append(-np.interp(then, data.sent_at, data.rates))
+    if drifts:
+        terms.append(data.at - data.at[0])
+    return np.stack([_levelled(term, data.pieces) for term in terms], axis=1)
+
+
+def _solved(columns: Array, angle: Array) -> Array:
+    return np.asarray(np.linalg.lstsq(columns, angle, rcond=None)[0], dtype=np.float64)
+
+
+def _sigmas(columns: Array, angle: Array, residual: Array, changes: bool) -> tuple[float, float | None]:
+    """Return one sigma of gain and delay: the residuals' scatter's, or the blocks' where that is more.
+
+    What the model lacks is no noise: it shows in that the fit changes where a block is left out (jackknife).
+    """
+    noise = float(np.std(residual)) * math.sqrt(_correlated(residual))
+    covariance = np.linalg.pinv(columns.T @ columns) * noise**2
+    blocks = np.arange(len(angle)) * BLOCKS // len(angle)
+    without = np.stack([_solved(columns[blocks != k], angle[blocks != k]) for k in range(BLOCKS)])
+    gain = float(_solved(columns, angle)[0])
+    gain_sigma = max(math.sqrt(float(covariance[0, 0])), _jackknife(without[:, 0]))
+    if not changes:
+        return gain_sigma, None
+    by_scatter = math.sqrt(float(covariance[1, 1])) / abs(gain)
+    return gain_sigma, max(by_scatter, _jackknife(without[:, 1] / without[:, 0]))
+
+
+def _jackknife(without: Array) -> float:
+    return math.sqrt((len(without) - 1) * float(np.var(without)))
+
+
+def _delay_untold(delay_s: float, sigma_s: float | None, changes: bool) -> str | None:
+    """Return why a fitted delay says nothing; None where it does."""
+    if not changes or sigma_s is None:
+        return f"the delay: the rate changed by less than {LEAST_CHANGE_DEG_S:g} °/s"
+    if sigma_s > UNSURE_DELAY_S:
+        return f"the delay: a fit gives {delay_s * 1000.0:.0f} ± {sigma_s * 1000.0:.0f} ms"
+    return None
+
+
+def _stretches(marked: NDArray[np.bool_]) -> list[slice]:
+    """Return the runs of samples that are marked without a break."""
+    edges = np.flatnonzero(np.diff(marked.astype(np.int8), prepend=0, append=0))
+    return [slice(int(begin), int(end)) for begin, end in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _correlated(residual: Array) -> float:
@@ -120,21 +219,60 @@ def _correlated(residual: Array) -> float:
     return (1.0 + first) / (1.0 - first) if first < 0.999 else 2000.0
 
 
+def one_way(angle_deg: Array) -> slice:
+    """Return the part in which an axis goes from its lowest angle to its highest, or back."""
+    if not len(angle_deg):
+        return slice(0, 0)
+    ends = sorted((int(np.argmin(angle_deg)), int(np.argmax(angle_deg))))
+    return slice(ends[0], ends[1] + 1)
+
+
+def repeats(angle_deg: Array, error_arcsec: Array) -> list[Line] | Untold:
+    """Return what repeats with an axis' angle, or why the data do not tell; the angle must go one way.
+
+    A line counts where it stands out of its neighbourhood, and is there without any sixth of the angle too.
+    """
+    span = float(np.ptp(angle_deg)) if len(angle_deg) else 0.0
+    cycles, amplitude = spectrum(angle_deg, error_arcsec)
+    if not len(cycles):
+        return Untold(
+            f"what repeats with its angle: on target it turned {span:.1f}° one way in {len(angle_deg)} "
+            f"samples; that takes {LEAST_TURN_DEG:g}° and {LEAST_SAMPLES}"
+        )
+    return [one for one in lines(cycles, amplitude) if _everywhere(one, angle_deg, error_arcsec)]
+
+
+def _everywhere(line: Line, angle_deg: Array, error_arcsec: Array) -> bool:
+    phase = np.radians(angle_deg * line.cycles_a_turn)
+    ramp = angle_deg - angle_deg.mean()
+    columns = np.stack([np.sin(phase), np.cos(phase), np.ones_like(phase), ramp], axis=1)
+    share = np.minimum((angle_deg - angle_deg.min()) * SHARES / np.ptp(angle_deg), SHARES - 1).astype(int)
+
+    def amplitude(taken: NDArray[np.bool_]) -> float:
+        return float(np.hypot(*_solved(columns[taken], error_arcsec[taken])[:2]))
+
+    least = LEFT_SHARE * amplitude(np.ones(len(phase), dtype=bool))
+    return all(amplitude(share != k) >= least for k in range(SHARES) if (share == k).any())
+
+
 def spectrum(angle_deg: Array, error_arcsec: Array) -> tuple[Array, Array]:
     """Return cycles a turn and amplitudes (arcseconds) of an error as a function of the axis' angle.
 
-    The angle must go one way on the whole; empty where it goes less than twenty degrees. The error is put on
-    even steps of the angle, its mean and slope taken out, and tapered (Hann).
+    The angle must go one way on the whole; empty where it goes less than LEAST_TURN_DEG. The error is put on
+    even steps of the angle, its mean and slope taken out, and tapered (Hann); gaps count for nothing.
     """
     order = np.argsort(angle_deg)
     angle, error = angle_deg[order], error_arcsec[order]
     span = float(np.ptp(angle)) if len(angle) else 0.0
-    if span < 20.0 or len(angle) < LEAST_SAMPLES:
+    if span < LEAST_TURN_DEG or len(angle) < LEAST_SAMPLES:
         return np.empty(0), np.empty(0)
     even = np.linspace(angle[0], angle[-1], len(angle))
     level = np.interp(even, angle, error)
-    level = level - np.polyval(np.polyfit(even, level, 1), even)
-    window = np.hanning(len(even))
+    steps = np.diff(angle)
+    after = np.clip(np.searchsorted(angle, even, side="right") - 1, 0, len(steps) - 1)
+    known = steps[after] <= GAP_STEPS * span / len(angle)
+    level = level - np.polyval(np.polyfit(even[known], level[known], 1), even)
+    window = np.hanning(len(even)) * known
     amplitude: Array = np.abs(np.fft.rfft(level * window)) * 2.0 / float(window.sum())
     cycles: Array = np.arange(len(amplitude), dtype=np.float64) * 360.0 / span
     return cycles, amplitude
@@ -146,15 +284,18 @@ MOST_CYCLES = 2000.0
 
 
 def lines(cycles: Array, amplitude: Array, most: int = 3) -> list[Line]:
-    """Return the strongest lines of a spectrum that stand out of their neighbourhood."""
+    """Return the strongest lines of a spectrum that stand out of their neighbourhood.
+
+    The neighbourhood reaches as far down as up, so that errors which only wander make no line.
+    """
     found: list[Line] = []
     if len(amplitude) < 40:
         return found
     for i in np.argsort(amplitude)[::-1]:
-        low, high = max(2, i - 20), min(len(amplitude), i + 21)
-        background = float(np.median(amplitude[low:high]))
-        near = any(abs(cycles[i] - line.cycles_a_turn) < 4.0 * cycles[1] for line in found)
-        counts = i >= 3 and amplitude[i] > max(LEAST_LINE_ARCSEC, STRONG * background)
+        reach = min(20, int(i) // 2)
+        background = float(np.median(amplitude[i - reach : i + reach + 1]))
+        near = any(abs(cycles[i] - line.cycles_a_turn) < SKIRT * cycles[1] for line in found)
+        counts = i >= LEAST_PERIODS and amplitude[i] > max(LEAST_LINE_ARCSEC, STRONG * background)
         if counts and not near and cycles[i] < MOST_CYCLES:
             found.append(Line(float(cycles[i]), float(amplitude[i])))
         if len(found) >= most or amplitude[i] < float(np.median(amplitude)):

@@ -9,26 +9,34 @@ import msgspec
 import numpy as np
 
 from sattrack.messages import Nudge, OffsetBy, decode_message
+from sattrack.recording.advice import advice
 from sattrack.recording.format import OPERATOR
-from sattrack.recording.mount_fit import AxisFit, Line, fit_axes, lines, spectrum
+from sattrack.recording.mount_fit import (
+    AxisFit,
+    Line,
+    Untold,
+    fit_axes,
+    one_way,
+    repeats,
+)
 from sattrack.recording.observed import FRAMES, observations
 from sattrack.recording.smoothing import BiasFit, Said, fit_biases
+from sattrack.recording.trace import Doing
 from tle.errors import ObservationError
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.residuals import bias_from_observation
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from sattrack.messages import Observation
+    from sattrack.mount import AxisLimits
     from sattrack.recording.reading import Recording
     from sattrack.recording.trace import Trace
 
-GAIN_OFF = 0.002
-DELAY_OFF_S = 0.01
-LOST_SHARE = 0.01
-DRIFT_SIGMAS = 3.0
-BIAS_SIGMAS = 3.0
-LINE_ARCSEC = 0.2
+AT_LIMIT = 0.98
+"""Of an axis' greatest rate, or acceleration, what counts as asking for all of it."""
 
 
 class ErrorFigures(msgspec.Struct, frozen=True):
@@ -42,6 +50,42 @@ class ErrorFigures(msgspec.Struct, frozen=True):
     mean_across_arcsec: float
     rms_along_arcsec: float
     rms_across_arcsec: float
+
+
+class TimeFigures(msgspec.Struct, frozen=True):
+    """For how long the run did what, seconds; each second is counted once.
+
+    `acquiring_s` is before the mount was first on target, `held_s` by limits, `rejoining_s` on the way back
+    after a pause or a limit, `following_s` from the acquisition on. `off_target_s` is the part of it with a
+    larger error than counts as on target, `fitted_s` the part from which gains, delays and what repeats are
+    fitted: the error was not much larger, and no offset changed.
+    """
+
+    acquiring_s: float
+    held_s: dict[str, float]
+    paused_s: float
+    rejoining_s: float
+    following_s: float
+    off_target_s: float
+    fitted_s: float
+
+
+class AxisMissed(msgspec.Struct, frozen=True):
+    """How far one axis was off the target on the sky, arcseconds, and the share of commands at its limits."""
+
+    typical_arcsec: float
+    largest_arcsec: float
+    at_rate_limit: float
+    at_acceleration_limit: float
+
+
+class MissedFigures(msgspec.Struct, frozen=True):
+    """What was seen of a mount that followed and was never on target, arcseconds; typical is the median."""
+
+    typical_arcsec: float
+    largest_arcsec: float
+    ra: AxisMissed
+    dec: AxisMissed
 
 
 class LinkFigures(msgspec.Struct, frozen=True):
@@ -77,13 +121,17 @@ class BiasFigures(msgspec.Struct, frozen=True):
 
 
 class AxisFigures(msgspec.Struct, frozen=True):
-    """What one axis made of its commands, as `mount_fit.AxisFit` has it, and what repeats with its angle."""
+    """What one axis made of its commands, as `mount_fit.AxisFit` has it, and what repeats with its angle.
+
+    `untold` says why what is missing is missing.
+    """
 
     gain: float | None
     gain_sigma: float | None
     delay_s: float | None
     delay_sigma_s: float | None
     lines: tuple[Line, ...]
+    untold: tuple[str, ...] = ()
 
 
 class Report(msgspec.Struct, frozen=True):
@@ -104,6 +152,11 @@ class Report(msgspec.Struct, frozen=True):
     dec: AxisFigures
     advice: tuple[str, ...]
     problems: tuple[str, ...]
+    acquired: bool
+    """Whether the mount was ever on target."""
+    missed: MissedFigures | None
+    """Of a mount that followed and was never on target; null for others."""
+    times: TimeFigures
 
 
 def make_report(recording: Recording, run: Trace) -> tuple[Report, BiasFit | None]:
@@ -112,26 +165,28 @@ def make_report(recording: Recording, run: Trace) -> tuple[Report, BiasFit | Non
     fit, bias = find_biases(recording, run)
     ra_fit, dec_fit = fit_axes(run, spec.profile)
     ra, dec = _axis(run, ra_fit, 0), _axis(run, dec_fit, 1)
-    link = _link(run)
-    at = run.utc_s[run.following]
+    link, times, missed = _link(run), _times(run), _missed(run)
     report = Report(
         recording=str(recording.path),
         name=spec.propagator.elements.label,
         catalog_number=spec.propagator.elements.catalog_number,
         mount=spec.mount_name,
         began_utc=Utc(spec.started_utc_s).isoformat("seconds"),
-        followed_s=round(float(np.ptp(at)), 3) if len(at) else 0.0,
-        samples=len(at),
+        followed_s=times.following_s,
+        samples=int(run.following.sum()),
         ended_by=run.result.recorded.ended_by or run.engine.tracker.ended_by,
         error=_errors(run),
         link=link,
         bias=bias,
         ra=ra,
         dec=dec,
-        advice=tuple(_advice(run, ra, dec, link, bias)),
+        advice=(),
         problems=tuple(recording.problems),
+        acquired=run.engine.tracker.acquired_utc_s is not None,
+        missed=missed,
+        times=times,
     )
-    return report, fit
+    return msgspec.structs.replace(report, advice=tuple(advice(report, run))), fit
 
 
 def _errors(run: Trace) -> ErrorFigures | None:
@@ -169,24 +224,73 @@ def _link(run: Trace) -> LinkFigures | None:
     )
 
 
-def _axis(run: Trace, fit: AxisFit | None, axis: int) -> AxisFigures:
-    error = (run.ra_error if axis == 0 else run.dec_error)[run.following]
-    found: list[Line] = []
-    if len(error):
-        found = lines(*spectrum(axis_angle_deg(run, axis), error))
-    if fit is None:
-        return AxisFigures(None, None, None, None, tuple(found))
-    return AxisFigures(fit.gain, fit.gain_sigma, fit.delay_s, fit.delay_sigma_s, tuple(found))
-
-
-def axis_angle_deg(run: Trace, axis: int) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """Return the angle of an axis while following, unwrapped: the hour angle, or the declination."""
-    if axis == 1:
-        return run.dec_deg[run.following]
-    turned: np.ndarray[tuple[int], np.dtype[np.float64]] = np.unwrap(
-        (run.sidereal_h * 15.0 - run.ra_deg)[run.following], period=360.0
+def _times(run: Trace) -> TimeFigures:
+    acquiring, paused, rejoining, following = (
+        round(run.seconds(run.doing == doing), 3)
+        for doing in (Doing.ACQUIRING, Doing.PAUSED, Doing.REJOINING, Doing.FOLLOWING)
     )
-    return turned
+    held = {name: round(run.seconds(run.held == name), 3) for name in sorted({*run.held} - {""})}
+    off, fitted = (round(run.seconds(marked), 3) for marked in (run.off_target, run.fit_for))
+    return TimeFigures(acquiring, held, paused, rejoining, following, off, fitted)
+
+
+def _missed(run: Trace) -> MissedFigures | None:
+    """Return what was seen of a mount that was never on target; None where it was, or never followed."""
+    tried = run.doing == Doing.ACQUIRING
+    if run.engine.tracker.acquired_utc_s is not None or not tried.any():
+        return None
+    profile = run.engine.spec.profile
+    total = run.total[tried]
+    return MissedFigures(
+        float(np.median(total)),
+        float(total.max()),
+        _axis_missed(run, tried, 0, profile.ra),
+        _axis_missed(run, tried, 1, profile.dec),
+    )
+
+
+def _axis_missed(run: Trace, tried: NDArray[np.bool_], axis: int, limits: AxisLimits) -> AxisMissed:
+    off = np.abs((run.ra_error if axis == 0 else run.dec_error)[tried])
+    begin_s, end_s = run.utc_s[tried][[0, -1]]
+    during = (run.sent_utc_s >= begin_s) & (run.sent_utc_s <= end_s) & ~np.isnan(run.sent[:, axis])
+    rates, at_s = run.sent[during, axis], run.sent_utc_s[during]
+    asked = np.abs(np.diff(rates)) / np.maximum(np.diff(at_s), 1e-3)
+    return AxisMissed(
+        float(np.median(off)),
+        float(off.max()),
+        _share(np.abs(rates) >= AT_LIMIT * limits.max_rate_deg_s),
+        _share(asked >= AT_LIMIT * limits.max_acceleration_deg_s2),
+    )
+
+
+def _share(marked: NDArray[np.bool_]) -> float:
+    return round(float(marked.mean()), 4) if len(marked) else 0.0
+
+
+def _axis(run: Trace, fit: AxisFit | Untold, axis: int) -> AxisFigures:
+    if run.engine.tracker.acquired_utc_s is None:
+        words = "gain, delay or what repeats: the mount was never on target"
+        return AxisFigures(None, None, None, None, (), (words,))
+    found = repeats(*repeating(run, axis))
+    lines = () if isinstance(found, Untold) else tuple(found)
+    untold = (found.why,) if isinstance(found, Untold) else ()
+    if isinstance(fit, Untold):
+        return AxisFigures(None, None, None, None, lines, (f"gain or delay: {fit.why}", *untold))
+    if fit.untold is not None:
+        untold = (fit.untold, *untold)
+    return AxisFigures(fit.gain, fit.gain_sigma, fit.delay_s, fit.delay_sigma_s, lines, untold)
+
+
+def repeating(run: Trace, axis: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return angles of an axis, unwrapped, and its errors there, while it went one way on target.
+
+    The angle is the hour angle, or the declination.
+    """
+    good = run.fit_for
+    angle = run.sidereal_h * 15.0 - run.ra_deg if axis == 0 else run.dec_deg
+    unwrapped: NDArray[np.float64] = np.unwrap(angle[good], period=360.0)
+    part = one_way(unwrapped)
+    return unwrapped[part], (run.ra_error if axis == 0 else run.dec_error)[good][part]
 
 
 def find_biases(recording: Recording, run: Trace) -> tuple[BiasFit | None, BiasFigures | None]:
@@ -261,47 +365,3 @@ def _nudged(recording: Recording, run: Trace) -> BiasFigures | None:
     view = run.engine.view(float(run.utc_s[-1]) if len(run.utc_s) else last_utc_s)
     at = Utc(last_utc_s).isoformat("milliseconds")
     return BiasFigures("nudge", at, view.bias_along_goal_s, view.bias_cross_goal_deg)
-
-
-def _advice(
-    run: Trace, ra: AxisFigures, dec: AxisFigures, link: LinkFigures | None, bias: BiasFigures | None
-) -> list[str]:
-    """Return what to change, the most telling first; empty where nothing asks for it."""
-    profile = run.engine.spec.profile
-    told = []
-    if bias is not None and bias.along_sigma_s is not None and bias.cross_sigma_deg is not None:
-        significant = (
-            abs(bias.along_s) > BIAS_SIGMAS * bias.along_sigma_s
-            or abs(bias.cross_deg) > BIAS_SIGMAS * bias.cross_sigma_deg
-        )
-        if significant:
-            told.append(
-                "with these elements, begin with "
-                f"--bias-along {bias.along_s:.2f} --bias-cross {bias.cross_deg:.3f}, or fetch newer ones"
-            )
-        drift, sigma = bias.along_drift_s_s, bias.along_drift_sigma_s_s
-        if drift is not None and sigma is not None and abs(drift) > DRIFT_SIGMAS * sigma:
-            told.append(f"the satellite runs away by {drift * 60.0:+.2f} s a minute: the elements are old")
-    for name, fit, gain in (("ra", ra, profile.ra_rate_gain), ("dec", dec, profile.dec_rate_gain)):
-        if fit.gain is not None and abs(fit.gain / gain - 1.0) > GAIN_OFF:
-            told.append(f"set {name}_rate_gain = {fit.gain:.4f} in the mount's profile; it says {gain:g}")
-    expected_s = profile.command_delay_s + 0.5 * profile.period_s
-    for name, fit in (("right ascension", ra), ("declination", dec)):
-        if fit.delay_s is not None and abs(fit.delay_s - expected_s) > DELAY_OFF_S:
-            told.append(
-                f"commands in {name} act {fit.delay_s * 1000.0:.0f} ms after their tick, "
-                f"{expected_s * 1000.0:.0f} ms are expected: run sattrack mount calibrate"
-            )
-    for name, fit in (("hour angle", ra), ("declination", dec)):
-        for line in fit.lines:
-            if line.amplitude_arcsec > LINE_ARCSEC:
-                told.append(
-                    f"the {name} axis errs by {line.amplitude_arcsec:.2f}″ {line.cycles_a_turn:.0f} times "
-                    "a turn: its motor's ripple, or its encoder"
-                )
-    if link is not None and link.lost > LOST_SHARE * max(1, link.received + link.lost):
-        told.append(
-            f"{100.0 * link.lost / (link.received + link.lost):.1f} % of the statuses were lost: look at the "
-            "network"
-        )
-    return told

@@ -8,8 +8,9 @@ import numpy as np
 
 from sattrack.recording.mount_fit import spectrum
 from sattrack.recording.plots import BAD, DEC, GOOD, INK, PALE, RA, label_times, new_figure, times
-from sattrack.recording.report import axis_angle_deg
+from sattrack.recording.report import repeating
 from sattrack.recording.smoothing import Track, smooth_track
+from sattrack.recording.trace import Doing
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,11 +33,13 @@ SHOWN_SHARE = 0.999
 def figures(run: Trace, fit: BiasFit | None) -> dict[str, Any]:
     """Return the plots of one run by title; raises BadInputError where matplotlib is not there."""
     found: dict[str, Any] = {}
-    if run.following.any():
-        at = run.utc_s[run.following]
-        tracks = [smooth_track(at, column[run.following]) for column in (run.along, run.across)]
-        found["Error along and across the track"] = _errors(run, tracks)
+    shown = run.following if run.following.any() else run.doing == Doing.ACQUIRING
+    if shown.any():
+        at = run.utc_s[shown]
+        tracks = [smooth_track(at, column[shown]) for column in (run.along, run.across)]
+        found["Error along and across the track"] = _errors(run, shown, tracks)
         found["Rates commanded"] = _rates(run)
+    if run.following.any():
         found["Innovations of the smoothing filter"] = _innovations(at, tracks)
         found["Sky"] = _sky(run)
         if (repeats := _repeats(run)) is not None:
@@ -70,13 +73,13 @@ def _legend(axes: Any, markerscale: float = 1.0) -> None:
     )
 
 
-def _errors(run: Trace, tracks: Sequence[Track]) -> Any:
+def _errors(run: Trace, shown: NDArray[np.bool_], tracks: Sequence[Track]) -> Any:
     figure, panels = _panel(5.2, 2)
-    at = times(run.utc_s[run.following])
+    at = times(run.utc_s[shown])
     for axes, track, column, name in zip(
         panels, tracks, (run.along, run.across), ("along", "across"), strict=True
     ):
-        values = column[run.following]
+        values = column[shown]
         scale = 1.15 * float(np.quantile(np.abs(values), SHOWN_SHARE)) or 1.0
         axes.plot(at, values, ".", markersize=1.2, color=PALE, label="samples")
         low, high = track.values - 2.0 * track.sigmas, track.values + 2.0 * track.sigmas
@@ -172,8 +175,7 @@ def _sky(run: Trace) -> Any:
 def _repeats(run: Trace) -> Any:
     found = []
     for axis, (name, colour) in enumerate((("hour angle", RA), ("declination", DEC))):
-        error = (run.ra_error if axis == 0 else run.dec_error)[run.following]
-        cycles, amplitude = spectrum(axis_angle_deg(run, axis), error)
+        cycles, amplitude = spectrum(*repeating(run, axis))
         if len(cycles) > 3:
             found.append((cycles[2:], amplitude[2:], name, colour))
     if not found:

@@ -10,8 +10,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from sattrack.recording.report import AxisFigures, BiasFigures, Report
+    from sattrack.recording.report import AxisFigures, AxisMissed, BiasFigures, Report, TimeFigures
 
+TOLD_S = 1.0
+UNFITTED_S = 5.0
+"""Times that are shorter are not told: of the run's stages, and of what was left out of fits."""
+LEAST_SHARE = 0.005
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; color: #1b2a41; max-width: 62rem; margin: 2rem auto;
   padding: 0 1rem }
@@ -29,6 +33,10 @@ def report_rows(report: Report) -> list[tuple[str, str]]:
         ("mount", report.mount),
         ("followed", f"{report.followed_s:.0f} s, {report.samples} samples; ended by {report.ended_by}"),
     ]
+    if not report.acquired:
+        rows[:0] = [("NEVER ON TARGET", _missed(report))]
+    if apart := _apart(report.times):
+        rows.append(("counted apart", apart))
     if report.error is not None:
         e = report.error
         rows += [
@@ -49,8 +57,43 @@ def report_rows(report: Report) -> list[tuple[str, str]]:
             )
         )
     rows.append(("the satellite's biases", _bias(report.bias)))
-    rows += [("hour angle axis", _axis(report.ra)), ("declination axis", _axis(report.dec))]
+    for name, axis in (("hour angle axis", report.ra), ("declination axis", report.dec)):
+        rows += [(name, words) for words in (_axis(axis), *_untold(axis)) if words]
     return rows
+
+
+def _missed(report: Report) -> str:
+    """Return what was seen of a mount that was never on target, in words."""
+    if report.missed is None:
+        held_s = sum(report.times.held_s.values())
+        return f"limits held the mount for {held_s:.0f} s" if held_s else "the mount never came to follow"
+    seen = report.missed
+    return (
+        f"in {report.times.acquiring_s:.0f} s of trying {seen.typical_arcsec:.1f}″ off typically, "
+        f"{seen.largest_arcsec:.0f}″ at most; right ascension {_axis_missed(seen.ra)}; "
+        f"declination {_axis_missed(seen.dec)}"
+    )
+
+
+def _axis_missed(axis: AxisMissed) -> str:
+    limits = [
+        f"{100.0 * share:.0f} % of its commands at the {name} limit"
+        for name, share in (("rate", axis.at_rate_limit), ("acceleration", axis.at_acceleration_limit))
+        if share >= LEAST_SHARE
+    ]
+    seen = f"{axis.typical_arcsec:.2f}″ and {axis.largest_arcsec:.0f}″"
+    return ", ".join([seen, *(limits or ["no command at a limit"])])
+
+
+def _apart(times: TimeFigures) -> str:
+    """Return the time that no figure of the error counts, in words; empty where there is none to speak of."""
+    told = [("before it was on target", times.acquiring_s)]
+    told += [(f"held by the {name.replace('_', ' ')} limit", held) for name, held in times.held_s.items()]
+    told += [("paused", times.paused_s), ("rejoining", times.rejoining_s)]
+    words = [f"{name} {seconds:.1f} s" for name, seconds in told if seconds >= TOLD_S]
+    if times.following_s - times.fitted_s >= UNFITTED_S:
+        words.append(f"following, but not steadily enough to fit {times.following_s - times.fitted_s:.1f} s")
+    return "; ".join(words)
 
 
 def _bias(bias: BiasFigures | None) -> str:
@@ -79,22 +122,39 @@ def _bias(bias: BiasFigures | None) -> str:
 
 
 def _axis(axis: AxisFigures) -> str:
-    if axis.gain is None:
-        return "not fitted: rates by edges, or too short a run"
-    sigma = axis.gain_sigma or 0.0
-    told = f"gain {axis.gain:.6f} ± {sigma:.6f}" if sigma >= 1e-6 else f"gain {axis.gain:.6f} ± {sigma:.0e}"
+    """Return what was fitted of an axis; empty where nothing was."""
+    told = []
+    if axis.gain is not None:
+        sigma = axis.gain_sigma or 0.0
+        sigma_words = f"{sigma:.6f}" if sigma >= 1e-6 else f"{sigma:.0e}"
+        told.append(f"gain {axis.gain:.6f} ± {sigma_words}")
     if axis.delay_s is not None:
         sigma_ms = 1000.0 * (axis.delay_sigma_s or 0.0)
-        told += f", acts {axis.delay_s * 1000.0:.2f} ± {sigma_ms:.2f} ms after the tick"
-    for line in axis.lines:
-        told += f"; repeats {line.cycles_a_turn:.1f} times a turn with {line.amplitude_arcsec:.3f}″"
-    return told
+        dated = "" if axis.delay_s >= 0.0 else " by the statuses' dates, which are wrong then"
+        told.append(f"acts {axis.delay_s * 1000.0:.2f} ± {sigma_ms:.2f} ms after the tick{dated}")
+    words = ", ".join(told)
+    repeating = [
+        f"repeats {line.cycles_a_turn:.1f} times a turn with {line.amplitude_arcsec:.3f}″"
+        for line in axis.lines
+    ]
+    return "; ".join([words, *repeating] if words else repeating)
+
+
+def _untold(axis: AxisFigures) -> list[str]:
+    return [f"not enough to tell {words}" for words in axis.untold]
+
+
+def nothing_to_change(report: Report) -> str:
+    """Return what to say where there is no advice: "nothing" only where everything could be told."""
+    if report.acquired and not report.ra.untold and not report.dec.untold:
+        return "nothing"
+    return "nothing, as far as this recording tells"
 
 
 def report_lines(report: Report) -> list[str]:
     """Return a report for a terminal."""
     lines = [f"{name:<23} {value}" for name, value in report_rows(report)]
-    lines += [f"{'to change':<23} {words}" for words in report.advice or ("nothing",)]
+    lines += [f"{'to change':<23} {words}" for words in report.advice or (nothing_to_change(report),)]
     lines += [f"{'wrong with the file':<23} {words}" for words in report.problems]
     return lines
 
@@ -163,10 +223,11 @@ def report_html(reports: Sequence[tuple[Report, Mapping[str, Any]]], trend: Any 
 
 def _sections(report: Report, plots: Mapping[str, Any]) -> list[str]:
     parts = ["<table>"]
-    for name, value in report_rows(report):
-        parts.append(f'<tr><td class="what">{html.escape(name)}</td><td>{html.escape(value)}</td></tr>')
+    for number, (name, value) in enumerate(report_rows(report)):
+        tone = "what" if report.acquired or number else "bad"
+        parts.append(f'<tr><td class="{tone}">{html.escape(name)}</td><td>{html.escape(value)}</td></tr>')
     parts.append("</table><h2>What to change</h2><ul>")
-    parts += [f"<li>{html.escape(words)}</li>" for words in report.advice or ("nothing",)]
+    parts += [f"<li>{html.escape(words)}</li>" for words in report.advice or (nothing_to_change(report),)]
     parts.append("</ul>")
     if report.problems:
         words = "; ".join(report.problems)

@@ -14,6 +14,8 @@ from sattrack.tui.scene import Caution, Headline, Scene, Tone, cautions, headlin
 if TYPE_CHECKING:
     from textual.content import Content
 
+UNCALIBRATED = "uncalibrated"
+
 
 class TitleBar(Panel):
     """What is followed, with what, and what time it is."""
@@ -55,6 +57,18 @@ class HeadlineBar(Panel, HeadlinePanel[Scene]):
                 ]
             )
         return super()._content()
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return the one row; that the mount is not calibrated stands at its end, where there is room."""
+        rows = super().full(scene)
+        view = scene.view
+        if view.calibrated is not False or view.mount == "sim":
+            return rows
+        used = sum(cell_len(part if isinstance(part, str) else part[0]) for part in rows[0])
+        gap = self.content_size.width - used - len(UNCALIBRATED)
+        if gap > 1:
+            rows[0] += [" " * gap, (UNCALIBRATED, SPOKEN[Tone.NOTICE])]
+        return rows
 
     def headline_of(self, scene: Scene) -> Headline:
         """Return what is to be read first."""

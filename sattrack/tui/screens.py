@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.errors import SattrackError
+from sattrack.tui import words
 from sattrack.tui.log import LogBook
 from sattrack.tui.log_page import LogPage
 from sattrack.tui.mount_page import MountPage
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from sattrack.tui.feed import News
     from sattrack.tui.scene import Scene
     from sattrack.tui.tonight import PassRow
+    from sattrack.view import LearntView
 
 SEARCH_AGAIN_S = 600.0
 READ_AGAIN_S = 2.0
@@ -224,4 +226,16 @@ class Screens:
         if self._console is None:
             return "looking at the mount …"
         paused = "paused: the arrows jog, [ ] choose how fast; p goes on"
-        return "as the run hears it; p pauses, then the arrows jog" if scene.jog_rate is None else paused
+        heard = f"as the run hears it; p pauses, then the arrows jog{_learnt(scene.view.learnt)}"
+        return heard if scene.jog_rate is None else paused
+
+
+def _learnt(learnt: LearntView | None) -> str:
+    """Return what was learnt of the axes, right ascension first; empty where nothing was."""
+    if learnt is None:
+        return ""
+    lags = f"{1e3 * learnt.ra_lag_s:.0f}, {1e3 * learnt.dec_lag_s:.0f} ms"
+    gains = ", ".join("?" if g is None else f"{g:.4f}" for g in (learnt.ra_gain, learnt.dec_gain))
+    return f"   learnt: lag {lags}  gain {gains}  settling {learnt.settling_s:.2f} s".replace(
+        "-", words.MINUS
+    )

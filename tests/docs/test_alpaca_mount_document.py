@@ -49,7 +49,7 @@ def test_the_usual_profile_is_what_the_page_says() -> None:
         ("the session is killed, or hangs for {:g} s", guard.HANG_AFTER_S),
         ("after {:g} s without a word of theirs", bridge.DEADMAN_S),
         ("the gateway is killed, or hangs for {:g} s", warden.HANG_AFTER_S),
-        ("then the warden for {:g} s more", warden.GIVE_UP_UNHEARD_S),
+        ("then the warden for {:g} s more", warden.STOPS_SENT_S),
     ],
 )
 def test_the_times_of_the_page_are_in_force(words: str, seconds: float) -> None:

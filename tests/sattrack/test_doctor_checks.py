@@ -149,8 +149,9 @@ def test_an_uncalibrated_profile_matters_for_a_real_mount_only() -> None:
     assert doctor.check_profile(None, profile, None, real=False).state == "ok"
     real = doctor.check_profile("dome.toml", profile, None, real=True)
     assert real.state == "warn"
-    assert "dome (dome.toml): " in real.what
-    assert "(edge) are not measured" in real.what
+    assert "dome (dome.toml), uncalibrated: " in real.what
+    assert "uncalibrated: signs, gains, delays and MoveAxis semantics (edge) are not measured" in real.what
+    assert "20 ms of delay are 72″ on a target at 1°/s" in real.what
     measured = msgspec.structs.replace(profile, calibration=CALIBRATION)
     check = doctor.check_profile(None, measured, None, real=True)
     assert check.state == "ok"

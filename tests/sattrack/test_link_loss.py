@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sattrack import halt, link_loss, practice
+from sattrack import link_loss, practice
 from sattrack.halt import Halt
 from sattrack.link_loss import (
     ROWS,
@@ -299,7 +299,6 @@ def test_a_mount_whose_drives_go_on_without_its_program_rests_once_it_is_back(
 
 def test_the_figures_are_those_of_whoever_keeps_them() -> None:
     assert link_loss.STATUS_LOST_S == link.LOST_AFTER_S
-    assert link_loss.STOPS_SENT_S == halt.UNHEARD_S
     assert link_loss.HANG_S == HANG_AFTER_S
     assert link_loss.NOTICED_S > 2 * POLL_S
 

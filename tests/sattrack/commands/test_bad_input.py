@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING
 
 import pytest
 
 from sattrack.cli import run
+from sattrack.profiles import load_profile
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -182,3 +184,32 @@ def test_debug_shows_where_it_came_from(capsys: pytest.CaptureFixture[str]) -> N
 def test_faults_of_the_simulated_mount(capsys: pytest.CaptureFixture[str]) -> None:
     assert "silent:SECONDS" in refused(capsys, 2, "sim", "--faults", "explode")
     assert "99999" in refused(capsys, 2, "sim", "--port", "99999")
+
+
+def test_a_profile_to_be_learnt_is_a_new_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    there = tmp_path / "there.toml"
+    there.write_text("")
+    said = refused(capsys, 2, "track", "25544", *VIRTUAL, "--learn-profile", str(there))
+    assert "there is such a file; give a new name" in said
+    assert len(said.splitlines()) == 1
+    assert there.read_text() == ""
+    faster = ("--mount", "sim", "--clock", "2026-10-02T13:00:00Zx10", "--headless")
+    said = refused(capsys, 2, "track", "25544", *faster, "--learn-profile", str(tmp_path / "new.toml"))
+    assert "10 times the speed" in said
+
+
+def test_a_profile_is_not_learnt_from_an_antenna(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    antenna = ("--mount", "antenna://127.0.0.1:1", "--headless")
+    said = refused(capsys, 2, "track", "25544", *antenna, "--learn-profile", str(tmp_path / "new.toml"))
+    assert said == "sattrack: --learn-profile does not go with an antenna's controller; leave it out\n"
+
+
+def test_a_virtual_pass_writes_what_it_learnt(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    target = tmp_path / "learnt.toml"
+    assert run(["track", "25544", *VIRTUAL, "--json", "--learn-profile", str(target)]) == 0
+    out, err = capsys.readouterr()
+    learnt = json.loads(out)["summary"]["learnt"]
+    told = [line for line in err.splitlines() if f"learnt, and written to {target}" in line]
+    assert len(told) == 1
+    assert load_profile(target).ra_rate_gain == pytest.approx(learnt["ra_gain"], abs=1e-6)
+    assert load_profile(target).name == "learnt"

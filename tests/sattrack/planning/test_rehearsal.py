@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -57,6 +58,8 @@ def test_a_rehearsal_tells_what_the_run_that_follows_loses_and_reaches(seed: int
     flown = fly(noisy(prepared, seed, sticky=False))
     assert report.lost_s == pytest.approx(flown.lost_s, abs=0.5)
     assert report.ended_by == flown.summary.ended_by
+    assert report.calibrated is False
+    assert any(re.match("uncalibrated: .* ms of delay are up to [0-9]+″ at", note) for note in report.notes)
     for peak, reached in zip(report.peaks, (flown.peak_hour_angle_deg_s, flown.peak_dec_deg_s), strict=True):
         assert (peak.reached_rate_deg_s is None) == (reached is None)
         if reached is not None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
 from sattrack.cli import run
 
@@ -23,3 +25,14 @@ def short(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("short") / "short.mcap"
     assert run([*SHORT, "--record", str(path)]) == 0
     return path
+
+
+@pytest.fixture(scope="session")
+def held_in_short(short: Path) -> Counter[str]:
+    """How many messages of each topic that recording has, counted by the reader of MCAP's own library."""
+    with short.open("rb") as stream:
+        counted = Counter(channel.topic for _, channel, _ in make_reader(stream).iter_messages())
+    # 18 s at 20 a second, more or less a slew that ends sooner.
+    assert counted["command"] == counted["status"] == pytest.approx(370, abs=25)
+    assert counted["view"] == pytest.approx(counted["command"] / 10, abs=1)
+    return counted

@@ -9,6 +9,7 @@ import struct
 import subprocess
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -19,6 +20,9 @@ from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import Recorder
 from tle.observations import Stations, read_observations
 from tle.site import Site
+
+if TYPE_CHECKING:
+    from collections import Counter
 
 SCRIPT = Path(__file__).resolve().parents[3] / "extras" / "wireshark" / "xerxes.lua"
 SEEN = [
@@ -91,7 +95,9 @@ def test_wireshark_dissects_the_export(short: Path, tmp_path: Path) -> None:
     assert [line[1] for line in lines if len(line) > 1 and line[1]] == ['{"type":"nudge","along_s":0.5}']
 
 
-def test_csv_holds_the_numbers_of_the_datagrams(short: Path, tmp_path: Path) -> None:
+def test_csv_holds_the_numbers_of_the_datagrams(
+    short: Path, held_in_short: Counter[str], tmp_path: Path
+) -> None:
     out = tmp_path / "short.csv"
     assert run(["recording", "export", str(short), str(out)]) == 0
     with out.open(newline="") as stream:
@@ -105,7 +111,7 @@ def test_csv_holds_the_numbers_of_the_datagrams(short: Path, tmp_path: Path) -> 
         assert float(row["ra_h"]) == struct.unpack_from("<d", entry.data, 40)[0]
     commands = tmp_path / "commands.csv"
     assert run(["recording", "export", str(short), str(commands), "--table", "command"]) == 0
-    assert len(commands.read_text().splitlines()) == 368
+    assert len(commands.read_text().splitlines()) == held_in_short["command"] + 1
     views = tmp_path / "views.csv"
     assert run(["recording", "export", str(short), str(views), "--table", "view"]) == 0
     assert "error.total_arcsec" in views.read_text().splitlines()[0].split(",")
@@ -149,10 +155,13 @@ def test_without_observations_there_is_no_tdm_and_the_reason_is_told(
     assert not (tmp_path / "none.tdm").exists()
 
 
-def test_info_tells_what_a_recording_holds(short: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_tells_what_a_recording_holds(
+    short: Path, held_in_short: Counter[str], capsys: pytest.CaptureFixture[str]
+) -> None:
     assert run(["recording", "info", str(short), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["messages"] == {"status": 367, "command": 367, "view": 37, "summary": 1}
+    assert held_in_short["summary"] == 1
+    assert {"run": 1, **told["messages"]} == held_in_short
     assert told["whole"]
     assert told["ended_properly"]
     assert told["summary"]["ended_by"] == "set"

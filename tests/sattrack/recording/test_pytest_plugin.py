@@ -10,6 +10,7 @@ from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import Recorder
 
 if TYPE_CHECKING:
+    from collections import Counter
     from pathlib import Path
 
     import pytest
@@ -49,13 +50,15 @@ def test_a_recording_elsewhere_is_none(pytester: pytest.Pytester, short: Path) -
     pytester.runpytest(*PLUGIN).assert_outcomes()
 
 
-def test_a_failure_prints_the_divergence_and_saves_a_plot(pytester: pytest.Pytester, short: Path) -> None:
+def test_a_failure_prints_the_divergence_and_saves_a_plot(
+    pytester: pytest.Pytester, short: Path, held_in_short: Counter[str]
+) -> None:
     differing(passes(pytester, short), short)
     result = pytester.runpytest(*PLUGIN)
     result.assert_outcomes(failed=1)
     result.stdout.fnmatch_lines(
         [
-            "NOT THE SAME: 367 commands*",
+            f"NOT THE SAME: {held_in_short['command']} commands*",
             "first at 2026-10-02T13:05:2*, after status *move_dec_rate_deg_s expected *, got *",
         ]
     )
@@ -66,7 +69,7 @@ def test_a_failure_prints_the_divergence_and_saves_a_plot(pytester: pytest.Pytes
 
 
 def test_update_keeps_todays_outputs_and_leaves_the_recording_alone(
-    pytester: pytest.Pytester, short: Path
+    pytester: pytest.Pytester, short: Path, held_in_short: Counter[str]
 ) -> None:
     night = passes(pytester, short)
     differing(night, short)
@@ -74,7 +77,7 @@ def test_update_keeps_todays_outputs_and_leaves_the_recording_alone(
     pytester.runpytest(*PLUGIN, "--sattrack-update").assert_outcomes(passed=1)
     assert night.read_bytes() == before
     kept = night.with_name("night.expected.mcap")
-    assert len([e for e in Recording(kept).entries() if e.topic == COMMAND]) == 367
+    assert len([e for e in Recording(kept).entries() if e.topic == COMMAND]) == held_in_short["command"]
     pytester.runpytest(*PLUGIN).assert_outcomes(passed=1)
     differing(kept, kept)
     result = pytester.runpytest(*PLUGIN)

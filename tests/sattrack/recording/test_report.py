@@ -1,4 +1,4 @@
-"""What a report says is what was put into the recording: gains, delays, ripple, biases."""
+"""What a report says is what was put into the recording: gains, delays, ripple, biases; and no more."""
 
 from __future__ import annotations
 
@@ -10,13 +10,21 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 import pytest
 
 from sattrack import practice
 from sattrack.cli import run
-from sattrack.recording.mount_fit import lines, spectrum
+from sattrack.messages import Go, Message, Nudge, Pause
+from sattrack.profiles import load_profile_file
+from sattrack.recording.format import COMMAND, STATUS
+from sattrack.recording.mount_fit import Untold, lines, one_way, repeats, spectrum
+from sattrack.recording.reading import Recording
 from sattrack.recording.smoothing import Said, fit_biases, smooth_track
+from sattrack.runtime.fly import fly_virtual
+from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.safety import SafetyLimits
 from tle.bias import Bias
 from tle.instants import Utc
 from tle.observations import Stations, read_observations
@@ -25,8 +33,11 @@ from tle.residuals import bias_from_observation
 
 if TYPE_CHECKING:
     from sattrack.recording.smoothing import BiasFit
+    from sattrack.view import Summary
 
-EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+ROOT = Path(__file__).resolve().parents[3]
+EXAMPLES = ROOT / "examples"
+LATCHED = ROOT.parent / "shared" / "cases" / "latched"
 BIAS = Bias(1.4, 0.012)
 CULMINATION_S = 1790946324.0
 SIGMA_ARCSEC = 20.0
@@ -243,3 +254,241 @@ def test_outliers_are_left_out_and_more_scatter_than_claimed_grows_the_sigma() -
     assert fit.along.value == pytest.approx(1.0, abs=0.03)
     assert fit.along.sigma > 0.003
     assert fit_biases([]) is None
+
+
+def flown(
+    path: Path,
+    messages: tuple[tuple[float, Message], ...] = (),
+    limits: SafetyLimits | None = None,
+    min_alt_deg: float = 45.0,
+    says: dict[str, float] | None = None,
+    **hardware: object,
+) -> Summary:
+    """Record a pass in virtual time; messages are dated from culmination.
+
+    `hardware` changes what the mount is, `says` what its profile says.
+    """
+    profile = load_profile_file(EXAMPLES / "profiles" / "realistic.toml")
+    servo = {**profile.simulator["servo"], **hardware.pop("servo", {})}
+    profile = msgspec.structs.replace(profile, simulator={**profile.simulator, **hardware, "servo": servo})
+    profile = msgspec.structs.replace(profile, **(says or {}))
+    request = RunRequest(
+        *("25544", "sim", None, None, None, min_alt_deg),
+        virtual=True,
+        record=path,
+        profile=profile,
+        limits=limits or SafetyLimits(),
+    )
+    return fly_virtual(prepare(request), messages=tuple((CULMINATION_S + at, word) for at, word in messages))
+
+
+@pytest.mark.parametrize("name", ["M6", "L6", "L7", "L9"])
+def test_of_a_mount_that_was_never_on_target_no_fit_is_told(
+    name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if not LATCHED.is_dir():
+        pytest.skip(
+            "the recordings of mounts that were never on target (../shared/cases/latched) are not here"
+        )
+    path = LATCHED / f"{name}.mcap"
+    told = report_of(path, capsys)
+    assert told["acquired"] is False
+    assert told["error"] is None
+    missed = told["missed"]
+    # The mount was not sent what today's law would send: in M6 that ends as disobedience during the slew.
+    if name != "M6":
+        assert 30.0 < missed["ra"]["typical_arcsec"] < 90.0
+        assert missed["dec"]["typical_arcsec"] < 5.0
+        assert missed["largest_arcsec"] > 0.99 * missed["ra"]["largest_arcsec"] > 500.0
+        assert told["times"]["acquiring_s"] > 25.0
+    for axis in ("ra", "dec"):
+        assert (told[axis]["gain"], told[axis]["delay_s"], told[axis]["lines"]) == (None, None, [])
+        assert "never on target" in told[axis]["untold"][0]
+    if name != "M6":
+        assert told["advice"][0] == "only right ascension was far off: look for what is peculiar to that axis"
+        assert "mount calibrate" in told["advice"][1]
+    assert told["advice"]
+    assert run(["report", str(path)]) == 0
+    lines_told = capsys.readouterr().out.splitlines()
+    assert lines_told[0].startswith("NEVER ON TARGET")
+    assert name == "M6" or "typically" in lines_told[0]
+    assert not any(re.match("to change +nothing", words) for words in lines_told)
+
+
+@pytest.mark.xfail(
+    reason="rates are tried within 20° of the target, so no slew leads round what holds the mount",
+    strict=True,
+)
+def test_a_span_held_by_a_limit_is_counted_apart_and_fitted_from_nowhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    # 25 s after culmination the satellite passes behind the pillar, and comes out again.
+    around = ((180.0, 0.0), (270.0, 0.0), (350.0, 0.0))
+    pillar = ((20.0, 0.0), (103.0, 0.0), (104.0, 66.0), (106.0, 66.0), (107.0, 0.0), *around)
+    path = tmp_path / "held.mcap"
+    summary = flown(path, limits=SafetyLimits(horizon=pillar))
+    held_s = summary.held_s["horizon"]
+    assert held_s > 5.0
+    assert summary.reported_peak_arcsec is not None
+    assert summary.reported_peak_arcsec > 3600.0, "the way back to the satellite spoils the summary's figures"
+    told = report_of(path, capsys)
+    times = told["times"]
+    assert times["held_s"] == {"horizon": pytest.approx(held_s, abs=0.3)}
+    assert times["rejoining_s"] > 0.5
+    whole_s = 2186 * 0.05
+    assert times["following_s"] + times["rejoining_s"] + held_s == pytest.approx(whole_s, abs=4.0)
+    assert told["error"]["peak_arcsec"] < 2.0
+    assert told["ra"]["gain"] == pytest.approx(1.0005, abs=2e-5)
+    assert told["ra"]["delay_s"] == pytest.approx(0.027, abs=0.003)
+    assert told["dec"]["delay_s"] == pytest.approx(0.027, abs=0.003)
+    assert [words.split(" held the mount")[0] for words in told["advice"]] == ["the horizon limit"]
+    assert run(["report", str(path), "--html", str(tmp_path / "held.html")]) == 0
+    assert re.search(
+        r"counted apart +.*held by the horizon limit [0-9.]+ s; rejoining", capsys.readouterr().out
+    )
+    assert "held by the horizon limit" in (tmp_path / "held.html").read_text()
+
+
+def test_a_pass_that_was_held_throughout_is_not_told_to_need_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    wall = tuple((azimuth, 85.0) for azimuth in (0.0, 90.0, 180.0, 270.0))
+    path = tmp_path / "walled.mcap"
+    assert flown(path, limits=SafetyLimits(horizon=wall, optical=False), min_alt_deg=70.0).samples == 0
+    told = report_of(path, capsys)
+    assert told["acquired"] is False
+    assert told["times"]["held_s"]["horizon"] > 10.0
+    assert len(told["advice"]) == 1
+    assert "horizon limit" in told["advice"][0]
+    assert run(["report", str(path), "--html", str(tmp_path / "walled.html")]) == 0
+    assert 'class="bad">NEVER ON TARGET' in (tmp_path / "walled.html").read_text()
+
+
+def test_a_mount_that_follows_beside_the_satellite_is_not_told_to_need_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A ripple of more than a slow servo can take."""
+    rough = {"bandwidth_hz": 4.0, "integral_hz": 0.5, "ripple_a": 3.0}
+    summary = flown(tmp_path / "rough.mcap", servo=rough)
+    assert summary.reported_rms_arcsec is not None
+    assert summary.reported_rms_arcsec > 3.0
+    told = report_of(tmp_path / "rough.mcap", capsys)
+    times = told["times"]
+    assert times["off_target_s"] == pytest.approx(times["following_s"] - summary.on_target_s, abs=0.3)
+    assert told["advice"][0].startswith(
+        f"the mount was more than 2″ off for {times['off_target_s']:.0f} of the"
+    )
+    for axis in ("ra", "dec"):
+        assert told[axis]["delay_s"] is None or told[axis]["delay_sigma_s"] < 0.005
+        assert not any("act" in words.split() for words in told["advice"])
+
+
+def test_a_pause_and_the_way_back_are_counted_apart(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    summary = flown(tmp_path / "paused.mcap", messages=((-10.0, Pause()), (-4.0, Go())))
+    times = report_of(tmp_path / "paused.mcap", capsys)["times"]
+    assert times["paused_s"] == pytest.approx(summary.paused_s, abs=0.3)
+    assert times["rejoining_s"] == pytest.approx(summary.rejoining_s, abs=0.3)
+
+
+def test_a_jump_of_a_bias_is_no_ripple_of_a_motor(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A servo this slow errs by arcseconds during the jump."""
+    slow = {"bandwidth_hz": 3.0, "damping": 0.7, "integral_hz": 0.5}
+    jump = ((-60.0, Nudge(along_s=60.0)),)
+    summary = flown(tmp_path / "jump.mcap", messages=jump, min_alt_deg=30.0, servo=slow)
+    assert summary.reported_peak_arcsec is not None
+    assert summary.reported_peak_arcsec > 5.0
+    told = report_of(tmp_path / "jump.mcap", capsys)
+    assert told["times"]["following_s"] - told["times"]["fitted_s"] > 20.0
+    assert [*told["ra"]["lines"], *told["dec"]["lines"]] == []
+    assert told["ra"]["gain"] == pytest.approx(1.0005, abs=5e-5)
+    assert told["ra"]["delay_s"] == pytest.approx(0.027, abs=0.003)
+    assert told["advice"] == []
+
+
+def test_a_delay_that_the_profile_does_not_have_is_found(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Commands take 42 ms and not 2: they miss a turn of the mount's loop, which costs 50 ms."""
+    flown(tmp_path / "late.mcap", command_delay_s=0.042)
+    told = report_of(tmp_path / "late.mcap", capsys)
+    for axis in ("ra", "dec"):
+        assert told[axis]["delay_s"] == pytest.approx(0.077, abs=0.002)
+        assert told[axis]["delay_sigma_s"] < 0.002
+    assert told["advice"] == [
+        f"commands in {axis} act 77 ms after their tick, 27 ms are expected: run sattrack mount calibrate"
+        for axis in ("right ascension", "declination")
+    ]
+
+
+def test_a_command_that_acts_before_it_is_sent_tells_of_wrong_dates(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Statuses take 2 ms, and the profile says 70: by that they are dated 68 ms too early."""
+    flown(tmp_path / "dated.mcap", says={"status_delay_s": 0.07}, status_delay_s=0.002)
+    told = report_of(tmp_path / "dated.mcap", capsys)
+    # The mount looks for commands whenever it sends a status: when that is, the recording's instants tell.
+    entries = list(Recording(tmp_path / "dated.mcap").entries())
+    sent, heard = (np.array([e.utc_s for e in entries if e.topic == topic]) for topic in (COMMAND, STATUS))
+    sent, turns = sent[1400:3400] + 0.002, heard - 0.002
+    waited_s = float(np.mean(turns[np.searchsorted(turns, sent)] - sent))
+    assert told["ra"]["delay_s"] == pytest.approx(0.002 + waited_s - 0.068, abs=0.003)
+    ahead = f"{-1000.0 * told['ra']['delay_s']:.0f}"
+    assert -0.05 < told["ra"]["delay_s"] < -0.015
+    assert len(told["advice"]) == 2
+    for axis, words in zip(("right ascension", "declination"), told["advice"], strict=True):
+        assert re.match(f"commands in {axis} seem to act {ahead} ms before they are sent: the profile", words)
+
+
+def test_a_motors_ripple_is_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    # Of the profile's own servo the run's filter takes the ripple out; of a softer one enough of it is left.
+    flown(tmp_path / "ripple.mcap", min_alt_deg=30.0, servo={"ripple_a": 3.0, "bandwidth_hz": 6.0})
+    told = report_of(tmp_path / "ripple.mcap", capsys)
+    assert told["ra"]["lines"][0]["cycles_a_turn"] == pytest.approx(96.0, abs=2.0)
+    assert told["ra"]["lines"][0]["amplitude_arcsec"] == pytest.approx(1.8, abs=0.65)
+    assert re.match(r"the hour angle axis errs by [12]\.\d+″ 9[5-7] times a turn", told["advice"][0])
+
+
+def test_of_a_short_pass_it_is_told_what_was_not_enough(
+    short: Path, observed: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert any("one way" in why for why in report_of(short, capsys)["dec"]["untold"])
+    assert run(["report", str(observed)]) == 0
+    assert "declination axis        not enough to tell what repeats" in capsys.readouterr().out
+
+
+def test_an_error_that_jolts_or_wanders_is_no_line() -> None:
+    rng = np.random.default_rng(5)
+    angle = np.linspace(10.0, 130.0, 4000)
+    noise = rng.normal(0.0, 0.05, len(angle))
+    ripple = 0.5 * np.sin(np.radians(angle * 96.0))
+    found = repeats(angle, noise + ripple)
+    assert isinstance(found, list)
+    assert [round(line.cycles_a_turn) for line in found] == [96]
+    struck = noise + ripple * np.exp(-(((angle - 60.0) / 10.0) ** 2))
+    assert lines(*spectrum(angle, struck)), "the spectrum alone takes it for a line"
+    assert repeats(angle, struck) == []
+    wander = np.cumsum(rng.normal(0.0, 0.05, len(angle)))
+    assert repeats(angle, noise + wander) == []
+
+
+def test_a_gap_in_the_angle_neither_hides_a_ripple_nor_makes_one() -> None:
+    rng = np.random.default_rng(6)
+    angle = np.linspace(10.0, 130.0, 4000)
+    error = rng.normal(0.0, 0.05, len(angle)) + 0.4 * np.sin(np.radians(angle * 96.0))
+    kept = (angle < 50.0) | (angle > 85.0)
+    found = repeats(angle[kept], error[kept])
+    assert isinstance(found, list)
+    (line,) = found
+    assert line.cycles_a_turn == pytest.approx(96.0, abs=2.0)
+    assert line.amplitude_arcsec == pytest.approx(0.4, rel=0.2)
+
+
+def test_a_part_of_a_turn_that_is_too_small_is_said() -> None:
+    angle = np.linspace(10.0, 25.0, 400)
+    found = repeats(angle, np.sin(angle))
+    assert isinstance(found, Untold)
+    assert "15.0° one way in 400 samples; that takes 20°" in found.why
+    there_and_back = np.concatenate([np.linspace(50.0, 65.0, 200), np.linspace(65.0, 20.0, 300)])
+    assert one_way(there_and_back) == slice(199, 500)

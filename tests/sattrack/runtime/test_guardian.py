@@ -18,6 +18,7 @@ from sattrack.mount import MountProfile
 from sattrack.runtime.guard import HANG_AFTER_S, LOOK_EVERY_BEATS, Guarded, owned
 from sattrack.runtime.guard_memory import Release, Word
 from sattrack.runtime.guardian import OBEY_WITHIN_S, POLL_S, Watch
+from sattrack.runtime.owner import Taken, ask_give_up, claim, owner_of
 from sattrack.xerxes.client import Address
 from sattrack.xerxes.datagrams import Command, decode_command, encode_command
 
@@ -140,6 +141,33 @@ def test_a_normal_end_leaves_no_guardian_and_sends_nothing(mount_socket: socket.
     mount_socket.setblocking(False)
     with pytest.raises(BlockingIOError):
         mount_socket.recv(200)
+
+
+def test_a_mount_that_is_not_known_at_rest_is_stopped_on_until_somebody_gives_up(
+    mount_socket: socket.socket,
+) -> None:
+    address = address_of(mount_socket)
+    with owned(address, MountProfile()) as (_, guard):
+        assert guard.beat(MOVING)
+        guard.release(False)
+        pid = guard.pid
+    assert is_guardian(pid)
+    arrivals = []
+    for _ in range(3):
+        commands = decode_command(mount_socket.recv(200))
+        assert commands.abort
+        assert True not in (commands.move_ra, commands.slew, commands.park)
+        arrivals.append(commands.counter)
+    assert arrivals == [8, 9, 10]
+    owner = owner_of(address.name)
+    assert owner is not None
+    with pytest.raises(Taken, match=f"not known at rest: .*its guardian, process {pid}, goes on"):
+        claim(address)
+    given_up = ask_give_up(owner)
+    assert given_up is not None
+    assert given_up.heard == "the mount has not been heard since"
+    assert gone(pid)
+    assert ask_give_up(owner) is None
 
 
 def test_a_feeder_that_never_asked_for_motion_leaves_nothing_to_stop(mount_socket: socket.socket) -> None:

@@ -13,8 +13,12 @@ from skyfield.api import EarthSatellite, load, wgs84
 
 from sattrack import practice
 from sattrack.commands.running import announcement
-from sattrack.runtime.pass_scene import keyhole_deg, pass_scene
+from sattrack.mount import CalibrationRecord, MountProfile
+from sattrack.runtime.facts import build_engine
+from sattrack.runtime.outcome import Ledger, summarise
+from sattrack.runtime.pass_scene import keyhole_deg, pass_scene, uncalibrated
 from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.summary_text import summary_lines
 
 FACTS = prepare(
     RunRequest(
@@ -118,3 +122,56 @@ def test_what_is_said_before_a_run_tells_a_pass_to_come_from_one_that_goes_on_an
     assert ever == "ISS (ZARYA) is up, and stays up for the next 48 h and longer, 81.3° high"
     longer = said(plan.start_utc_s - 3600.0, end_utc_s=plan.start_utc_s + 40.0 * 3600.0)
     assert " from 2026-10-02T13:01:59Z to 2026-10-04T05:01:59Z, " in longer
+
+
+MEASURED = MountProfile(
+    calibration=CalibrationRecord(
+        "2026-09-01T20:00:00Z", "test", "normal", *(1e-5, 1e-5, 0.01, 1e-4), (0.0, 1e-4), (0.0, 1e-4),
+        (0.0, 1e-4), *(0.0, 1.0, 0.05, 1e-4),
+    )
+)  # fmt: skip
+REAL = msgspec.structs.replace(FACTS, mount_name="xerxes://192.0.2.7:15001")
+
+
+def test_what_an_uncalibrated_mount_costs_is_the_passs_greatest_speed_times_a_delay() -> None:
+    times = load.timescale(builtin=True)
+    site = FACTS.site
+    place = wgs84.latlon(site.latitude_deg, site.longitude_deg, elevation_m=site.height_m)
+    seen = EarthSatellite(practice.LINE_1, practice.LINE_2, ts=times) - place
+
+    def direction(utc_s: float) -> np.ndarray:
+        at = seen.at(times.from_datetime(datetime.fromtimestamp(utc_s, UTC))).position.km
+        return at / np.linalg.norm(at)
+
+    about = FACTS.culminate_utc_s
+    fastest = max(np.linalg.norm(direction(about + s + 1.0) - direction(about + s)) for s in range(-20, 20))
+    arcsec = math.degrees(fastest) * 3600.0 * 0.02
+    words = uncalibrated(REAL)
+    assert words is not None
+    begun, cost, ended = words.partition(f"{arcsec:.0f}″")
+    assert begun == "uncalibrated: delays and gains are the default profile's; 20 ms of delay are up to "
+    assert cost
+    assert ended == " at this pass's fastest; run `sattrack mount calibrate`"
+    assert words in announcement(REAL)
+    dome = msgspec.structs.replace(REAL, profile=MountProfile(name="dome"))
+    assert "those of the profile 'dome', not measured;" in (uncalibrated(dome) or "")
+
+
+def test_nothing_is_said_of_a_calibrated_mount_or_of_the_simulated_one() -> None:
+    measured = msgspec.structs.replace(REAL, profile=MEASURED)
+    assert uncalibrated(measured) is None
+    assert uncalibrated(FACTS) is None
+    assert not any("uncalibrated" in words for one in (measured, FACTS) for words in announcement(one))
+
+
+def test_view_and_summary_say_whether_the_profile_was_measured() -> None:
+    for facts, calibrated, named in (
+        (REAL, False, True),
+        (msgspec.structs.replace(REAL, profile=MEASURED), True, False),
+        (FACTS, False, False),
+    ):
+        engine = build_engine(facts)
+        assert engine.view(facts.plan.start_utc_s).calibrated is calibrated
+        summary = summarise(engine, Ledger(), facts.plan.end_utc_s)
+        assert summary.calibrated is calibrated
+        assert ("uncalibrated" in summary_lines(summary)[0]) is named

@@ -50,7 +50,8 @@ def test_the_whole_pass_is_followed_within_an_arcsecond(capsys: pytest.CaptureFi
     assert summary["on_target_s"] == pytest.approx(408.5, abs=1.0)
     assert summary["ended_by"] == "set"
     assert summary["mount_stopped"] is True
-    assert summary["datagrams"]["sent"] == pytest.approx(20 * 474.5, abs=4)
+    assert summary["calibrated"] is False
+    assert summary["datagrams"]["sent"] == pytest.approx(20 * 475.0, abs=4)
 
 
 def test_the_same_command_prints_the_same_summary(capsys: pytest.CaptureFixture[str]) -> None:
@@ -104,7 +105,7 @@ def test_the_operators_stop_ends_the_run_at_once_with_the_mount_at_rest() -> Non
     summary = fly_virtual(prepared(), views.append, ((CULMINATION_S, StopNow()),))
     assert summary.ended_by == "operator"
     assert summary.mount_stopped is True
-    assert Utc.parse(summary.ended_utc) - Utc(CULMINATION_S) < 1.0
+    assert Utc.parse(summary.ended_utc) - Utc(CULMINATION_S) < 1.5
 
 
 def test_signs_turned_in_mount_and_profile_make_no_difference() -> None:

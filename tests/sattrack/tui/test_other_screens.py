@@ -26,6 +26,7 @@ from sattrack.tui.log import MOST_LINES, LogBook
 from sattrack.tui.pages import PAGES
 from sattrack.tui.scene import Tone
 from sattrack.tui.tonight import Night, PassRow, read_passes
+from sattrack.view import LearntView
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -302,6 +303,18 @@ def test_every_screen_says_what_it_has_to_and_cuts_nothing_off(size: tuple[int, 
             assert words in shown["log"]
 
     on_screen(act, size=size)
+
+
+def test_the_mount_screen_tells_what_was_learnt_of_it() -> None:
+    learnt = LearntView(0.111, 0.009, 1.0203, 0.002, -0.004, 0.009, None, None, 0.02, 0.12, 0)
+
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        await pilot.press("3")
+        app.look()
+        await pilot.pause()
+        assert "learnt: lag 111, −4 ms  gain 1.0203, ?  settling 0.12 s" in text_of(app)
+
+    on_screen(act, News((changed(learnt=learnt),), session=HERE), size=(120, 40))
 
 
 def test_a_mount_is_looked_at_only_while_its_screen_is_wanted() -> None:

@@ -9,6 +9,7 @@ from tui_builders import ERROR, SKY, SUMMARY, UTC_S, VIEW, FakeFeed, HandClock, 
 
 from sattrack.tui.app import TrackApp
 from sattrack.tui.feed import News
+from sattrack.view import PauseView
 
 if TYPE_CHECKING:
     from sattrack.view import TrackView
@@ -411,3 +412,32 @@ def test_a_fast_slew_fits_and_a_longer_delay_moves_nothing(size: tuple[int, int]
     shown = [drawn(changed(link={"delay_ms": delay_ms}), size=size) for delay_ms in (0.1, 9.94, 12.3, 999.4)]
     for rows, said in zip(shown, ("0.1 ms", "9.9 ms", "12 ms ", "999 ms"), strict=True):
         assert [row.replace("0.1 ms", said) for row in shown[0]] == rows
+
+
+@pytest.mark.parametrize("size", [SMALL, LARGE])
+def test_a_mount_that_is_not_calibrated_is_called_so_and_pushes_nothing_out(size: tuple[int, int]) -> None:
+    url = "xerxes://192.168.100.120:15001?listen=15001"
+    plain = drawn(changed(mount=url, calibrated=True), size=size)
+    rows = drawn(changed(mount=url, calibrated=False), size=size)
+    (number,) = (n for n, row in enumerate(rows) if "uncalibrated" in row)
+    assert "TRACKING  on the satellite: all is well" in rows[number]
+    assert rows[number].rstrip().endswith("uncalibrated")
+    assert rows[number].replace("uncalibrated", " " * 12) == plain[number]
+    assert rows[:number] + rows[number + 1 :] == plain[:number] + plain[number + 1 :]
+
+
+@pytest.mark.parametrize("view", [{"mount": "sim", "calibrated": False}, {"mount": "x", "calibrated": None}])
+def test_a_simulated_mount_and_an_older_recording_are_not_called_uncalibrated(view: dict) -> None:
+    assert not any("uncalibrated" in row for row in drawn(changed(**view)))
+
+
+def test_a_long_headline_is_not_cut_for_it() -> None:
+    paused = changed(
+        mount="x",
+        calibrated=False,
+        phase="paused",
+        pause=PauseView(UTC_S - 5.0, at_rest=False, jogging=False, going_on=True),
+    )
+    (row,) = (row for row in drawn(paused) if "PAUSED" in row)
+    assert "going on as soon as the mount is at rest; the pass lasts 4:17 more" in row
+    assert "uncal" not in row
