@@ -93,7 +93,7 @@ def patience_table() -> str:
         (slewing.ACK_WITHIN_STATUSES, "without one while a slew's flag is up: it falls, and rises again"),
         (move_axis.EDGE_ACK_WITHIN_STATUSES, "the same for an edge of MoveAxis"),
         (
-            session.MISSED_STATUSES,
+            session.MISSED_TICKS,
             "without one in a stop: the abort's flag falls for the last 3, and rises again",
         ),
         (slewing.NEVER_SEEN_AFTER, "after its acknowledgement without Slewing: a slew too short to be seen"),
