@@ -497,7 +497,7 @@ class Session:
         rests = self.at_rest or self.fine_rate != FineRate()
         off = None
         if isinstance(wanted, SlewTo) and status is not None:
-            off = separation_deg(wanted.ra_deg, wanted.dec_deg, status.ra_h * 15.0, status.dec_deg)
+            off = _off_target_deg(wanted, status)
         return Seen(
             sent=self._motion_sent,
             slew_state=self.slew_state,
@@ -530,7 +530,7 @@ class Session:
             if launched:
                 self._launched_utc_s = arrival_utc_s
             if self._standstill.rests_since(self._launched_utc_s):
-                self._slew.rests()
+                self._slew.rests(_off_target_deg(self._slew.target, status))
         self._launches.see(status)
         if self._motion_ticket is not None:
             self._motion_ticket.see(self._seen())
@@ -556,6 +556,10 @@ def separation_deg(ra1_deg: float, dec1_deg: float, ra2_deg: float, dec2_deg: fl
     half_ra, half_dec = math.radians(ra2_deg - ra1_deg) / 2.0, (d2 - d1) / 2.0
     chord = math.sin(half_dec) ** 2 + math.cos(d1) * math.cos(d2) * math.sin(half_ra) ** 2
     return 2.0 * math.degrees(math.asin(min(1.0, math.sqrt(chord))))
+
+
+def _off_target_deg(target: SlewTo, status: Status) -> float:
+    return separation_deg(target.ra_deg, target.dec_deg, status.ra_h * 15.0, status.dec_deg)
 
 
 def _plausible(status: Status) -> bool:

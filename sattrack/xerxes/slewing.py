@@ -1,7 +1,9 @@
 """How a slew goes, as far as statuses tell: asked, launched, seen to move, seen to stand.
 
 "Xerxes Mount Control Protocol", Details: a status that says "not slewing" may be older than the slew, so only
-those count that came after its acknowledgement; and the mount has arrived when its positions rest.
+those count that came after its acknowledgement; and the mount has arrived when its positions rest. A mount
+may acknowledge a slew some time before it begins: one that was not seen to move has arrived where it is near
+the target, or when it has stood for LATEST_BEGIN_STATUSES.
 """
 
 from __future__ import annotations
@@ -16,7 +18,9 @@ if TYPE_CHECKING:
     from sattrack.xerxes.handshake import OneShot
 
 NEVER_SEEN_AFTER = 5
-"""Statuses after a slew's acknowledgement without Slewing that mean it was too short to be seen."""
+"""Statuses after a slew's acknowledgement without motion that mean it was too short to be seen."""
+NEAR_DEG = 0.5
+LATEST_BEGIN_STATUSES = 200
 ACK_WITHIN_STATUSES = 20
 """Statuses after which a slew that is not acknowledged is asked for anew."""
 
@@ -60,8 +64,9 @@ class Slewing:
             self._statuses_since_ack += 1
             self._seen_moving = self._seen_moving or status.slewing
 
-    def rests(self) -> None:
-        """Take it that the mount rests, by positions newer than the acknowledgement."""
-        seen_out = self._seen_moving or self._statuses_since_ack > NEVER_SEEN_AFTER
+    def rests(self, off_deg: float) -> None:
+        """Take it that it rests so far from the target, by positions newer than the acknowledgement."""
+        least = NEVER_SEEN_AFTER if off_deg < NEAR_DEG else LATEST_BEGIN_STATUSES
+        seen_out = self._seen_moving or self._statuses_since_ack > least
         if self.state is SlewState.UNDER_WAY and seen_out:
             self.state = SlewState.DONE

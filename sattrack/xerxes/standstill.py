@@ -10,13 +10,15 @@ A parabola is fitted to the positions of the last WINDOWS_S[0]. Its rate at the 
 later, must keep within the bound with SURE standard errors, so that an axis that passes through zero is not
 at rest. Where noise hides the answer, the window grows. A status with the clock and the place of the one
 before is no position. The fields RightAscensionRate, DeclinationRate and Slewing can only make rest later,
-and only until positions contradict them.
+and only until positions contradict them. A coordinate that repeats to the last bit may be that of an encoder
+that hangs: it contradicts no field that was right before, and where the axis' rate field was wrong before it
+shows rest only after HANGS_S.
 """
 
 from __future__ import annotations
 
 import math
-from collections import deque
+from collections import Counter, deque
 from dataclasses import dataclass, field
 from operator import mul
 from typing import TYPE_CHECKING, NamedTuple
@@ -30,7 +32,7 @@ if TYPE_CHECKING:
 
 REST_RATE_DEG_S = SIDEREAL_RATE_DEG_S * 0.5
 """An axis slower than this (0.0021 deg/s) against standstill, or against the sky, is at rest."""
-WINDOWS_S = (0.5, 1.0, 2.0, 4.0)
+WINDOWS_S = (0.5, 1.0, 2.0, 4.0, 8.0)
 """Over how long positions are judged; the next one where noise leaves it open."""
 LEAST_POSITIONS = 8
 AHEAD_S = 0.25
@@ -51,9 +53,14 @@ OLD_AFTER_S = 1.5
 """Positions older than this say nothing of the mount any more."""
 CONTRADICTED_S = 3.0
 """A field that positions contradict for so long means something else."""
+NO_NUMBER_S = 0.25
 MOVES_DEG_S = 0.1
 """What an axis does at least where it contradicts a field that says rest, or another rate."""
 RATE_SHARE = 0.3
+CONFIRMED_STATUSES = 10
+"""A field that agrees with positions in so many statuses means what it should."""
+DENIED_STATUSES = 15
+HANGS_S = 2.0
 STEADY_SHARE = 0.98
 NOT_SLOWING_STATUSES = 3
 """So many statuses of a mount that moves on bring the stop anew; twice as many the next time, as a mount may
@@ -96,6 +103,8 @@ class Positions:
     _heard_utc_s: float = -math.inf
     """When the last status came, a position or not."""
     _judged: dict[float, Fit | None] = field(default_factory=dict)
+    _changed_utc_s: tuple[float, float] = (-math.inf, -math.inf)
+    """When right ascension and declination were last other than in the status before."""
 
     def take(
         self, arrival_utc_s: float, sidereal_h: float, ra_deg: float, dec_deg: float, beyond_pole: bool
@@ -107,6 +116,12 @@ class Positions:
         before, self._last = self._last, place
         if before is not None and before[:3] == place[:3]:
             return
+        if before is not None:
+            ra_utc_s, dec_utc_s = self._changed_utc_s
+            self._changed_utc_s = (
+                ra_utc_s if before[1] == ra_deg else arrival_utc_s,
+                dec_utc_s if before[2] == dec_deg else arrival_utc_s,
+            )
         hour_angle_deg = sidereal_h * 15.0 - ra_deg
         mount_s = 0.0
         if self._kept and before is not None:
@@ -121,17 +136,27 @@ class Positions:
         while self._kept[-1].arrival_utc_s - self._kept[0].arrival_utc_s > WINDOWS_S[-1] + WINDOWS_S[0]:
             self._kept.popleft()
 
+    @property
+    def repeats_s(self) -> tuple[float, float]:
+        """For how long right ascension and declination have been the same to the last bit, seconds."""
+        ra_utc_s, dec_utc_s = self._changed_utc_s
+        return self._heard_utc_s - ra_utc_s, self._heard_utc_s - dec_utc_s
+
     def rates_deg_s(self) -> tuple[float, float] | None:
         """Return the mean rates of hour angle and declination over the shortest window; None without one."""
         kept = self._window(WINDOWS_S[0], -math.inf)
         if kept is None:
             return None
-        first, last = kept[0], kept[-1]
-        seconds = last.mount_s - first.mount_s
-        return (
-            (last.hour_angle_deg - first.hour_angle_deg) / seconds,
-            (last.dec_deg - first.dec_deg) / seconds,
-        )
+        return _mean_rates_deg_s(kept[0], kept[-1])
+
+    def last_rates_deg_s(self) -> tuple[float, float]:
+        """Return the rates at the end of the shortest window, were the acceleration even; 0 without one."""
+        kept = self._window(WINDOWS_S[0], -math.inf)
+        if kept is None:
+            return 0.0, 0.0
+        middle = kept[len(kept) // 2]
+        early, late = _mean_rates_deg_s(kept[0], middle), _mean_rates_deg_s(middle, kept[-1])
+        return 1.5 * late[0] - 0.5 * early[0], 1.5 * late[1] - 0.5 * early[1]
 
     def rest(self, since_utc_s: float = -math.inf) -> Fit | None:
         """Return how the hour angle turns at rest, None where the axes are not known to rest.
@@ -192,6 +217,16 @@ class Positions:
         return found
 
 
+def _mean_rates_deg_s(first: Position, last: Position) -> tuple[float, float]:
+    seconds = last.mount_s - first.mount_s
+    if seconds <= 0.0:
+        return 0.0, 0.0
+    return (
+        (last.hour_angle_deg - first.hour_angle_deg) / seconds,
+        (last.dec_deg - first.dec_deg) / seconds,
+    )
+
+
 class Parabola(NamedTuple):
     """Orthogonal polynomials of first and second degree over some instants."""
 
@@ -244,45 +279,70 @@ class Fields:
     """Fields that are not used any more, and why."""
     _since_utc_s: dict[tuple[str, str], float] = field(default_factory=dict)
     """Since when positions have contradicted a field, by field and kind."""
+    _agreed: Counter[tuple[str, bool]] = field(default_factory=Counter)
+    """Statuses in which a field agreed with positions, by field and whether they moved."""
+    _denied: Counter[str] = field(default_factory=Counter)
+    """Statuses in which a rate was not that of moving positions."""
 
-    def see(
-        self, sample: StatusSample, rests: bool, rates_deg_s: tuple[float, float] | None, move_axis: bool
-    ) -> None:
+    def see(self, sample: StatusSample, rests: bool, positions: Positions, move_axis: bool) -> None:
         """Compare a status' fields with positions; `move_axis` where Slewing may be true at rest."""
+        rates_deg_s, last_deg_s = positions.rates_deg_s(), positions.last_rates_deg_s()
+        live = [repeats_s < WINDOWS_S[0] for repeats_s in positions.repeats_s]
         now_utc_s = sample.arrival_utc_s
-        rates = ((RA_RATE, sample.ra_drive_deg_s, 0), (DEC_RATE, sample.dec_drive_deg_s, 1))
-        for name, told, axis in rates:
+        told_deg_s = (sample.ra_drive_deg_s, sample.dec_drive_deg_s)
+        for axis, (name, told) in enumerate(zip((RA_RATE, DEC_RATE), told_deg_s, strict=True)):
             if name in self.ignored:
                 continue
-            if not math.isfinite(told):
-                self.ignored[name] = "is no number"
-                continue
             rate = 0.0 if rates_deg_s is None else abs(rates_deg_s[axis])
+            slack = MOVES_DEG_S + RATE_SHARE * rate
+            off = (
+                rate > MOVES_DEG_S
+                and min(abs(abs(told) - one) for one in (rate, abs(last_deg_s[axis]))) > slack
+            )
+            self._agreed[name, True] += rate > MOVES_DEG_S and not off
+            self._denied[name] += off
             stands = rests and not _rate_rests(told, axis == 0)
-            moves = rate > MOVES_DEG_S and abs(abs(told) - rate) > MOVES_DEG_S + RATE_SHARE * rate
+            stands = stands and (live[axis] or not self.confirmed(name))
+            self._hold(name, "is no number", not math.isfinite(told), now_utc_s, NO_NUMBER_S)
             self._hold(name, "says motion while positions stand", stands, now_utc_s)
-            self._hold(name, "is not the rate at which positions move", moves, now_utc_s)
+            self._hold(name, "is not the rate at which positions move", off, now_utc_s)
         if SLEWING in self.ignored:
             return
         fast = rates_deg_s is not None and max(abs(rate) for rate in rates_deg_s) > MOVES_DEG_S
+        self._agreed[SLEWING, True] += fast and sample.slewing
+        self._agreed[SLEWING, False] += rests and not sample.slewing
         stands = rests and sample.slewing and not move_axis
-        moves = fast and not sample.slewing
+        stands = stands and (all(live) or not self.confirmed(SLEWING) or self._rates_say_rest(sample))
         self._hold(SLEWING, "stays true while positions stand", stands, now_utc_s)
-        self._hold(SLEWING, "stays false while positions move", moves, now_utc_s)
+        self._hold(SLEWING, "stays false while positions move", fast and not sample.slewing, now_utc_s)
+
+    def confirmed(self, name: str) -> bool:
+        """Tell whether positions have shown that a field means what it should, and it is used."""
+        kinds = (True, False) if name == SLEWING else (True,)
+        enough = all(self._agreed[name, moved] >= CONFIRMED_STATUSES for moved in kinds)
+        return enough and name not in self.ignored
+
+    def doubtful(self, name: str) -> bool:
+        """Tell whether a rate field was wrong in motion more often than right; a sync jumps for less."""
+        wrong = self._denied[name] > max(DENIED_STATUSES, self._agreed[name, True])
+        return wrong or name in self.ignored
 
     def say_rest(self, sample: StatusSample) -> bool:
         """Tell whether those that are used say that the mount rests."""
-        return (
-            (RA_RATE in self.ignored or _rate_rests(sample.ra_drive_deg_s, True))
-            and (DEC_RATE in self.ignored or _rate_rests(sample.dec_drive_deg_s, False))
-            and (SLEWING in self.ignored or not sample.slewing)
+        return self._rates_say_rest(sample) and (SLEWING in self.ignored or not sample.slewing)
+
+    def _rates_say_rest(self, sample: StatusSample) -> bool:
+        return (RA_RATE in self.ignored or _rate_rests(sample.ra_drive_deg_s, True)) and (
+            DEC_RATE in self.ignored or _rate_rests(sample.dec_drive_deg_s, False)
         )
 
-    def _hold(self, name: str, why: str, contradicts: bool, now_utc_s: float) -> None:
-        """Ignore a field once it has been contradicted for longer than CONTRADICTED_S."""
+    def _hold(
+        self, name: str, why: str, contradicts: bool, now_utc_s: float, longest_s: float = CONTRADICTED_S
+    ) -> None:
+        """Ignore a field once it has been contradicted for longer than that."""
         if not contradicts:
             self._since_utc_s.pop((name, why), None)
-        elif now_utc_s - self._since_utc_s.setdefault((name, why), now_utc_s) > CONTRADICTED_S:
+        elif now_utc_s - self._since_utc_s.setdefault((name, why), now_utc_s) > longest_s:
             self.ignored.setdefault(name, why)
 
 
@@ -334,11 +394,11 @@ class Standstill:
         self.positions.take(
             sample.arrival_utc_s, sample.sidereal_h, sample.ra_deg, sample.dec_deg, sample.beyond_pole
         )
-        rest = self.positions.rest()
         rates = self.positions.rates_deg_s()
-        self.fields.see(sample, rest is not None, rates, move_axis)
-        believed = self._believed(sample, rest is not None, rates or (0.0, 0.0))
-        mean_deg_s = 0.0 if rates is None or rest is not None else max(abs(rate) for rate in rates)
+        rests = self.positions.rest() is not None and not self._may_hang
+        self.fields.see(sample, rests, self.positions, move_axis)
+        believed = self._believed(sample, rests, rates or (0.0, 0.0))
+        mean_deg_s = 0.0 if rates is None or rests else max(abs(rate) for rate in rates)
         # The mean of a window falls for a while after the axis has stopped.
         fast = mean_deg_s > MOVES_DEG_S and mean_deg_s > STEADY_SHARE * self._mean_deg_s
         self._mean_deg_s = mean_deg_s
@@ -364,9 +424,15 @@ class Standstill:
     def rests_since(self, since_utc_s: float) -> bool:
         """Tell whether it rests by positions that came after an instant."""
         sample = self._sample
-        if sample is None or not self.fields.say_rest(sample):
+        if sample is None or not self.fields.say_rest(sample) or self._may_hang:
             return False
         return self.positions.rest(since_utc_s) is not None
+
+    @property
+    def _may_hang(self) -> bool:
+        """Whether positions that repeat may be those of an encoder that hangs in mid-motion."""
+        repeats = zip((RA_RATE, DEC_RATE), self.positions.repeats_s, strict=True)
+        return any(0.5 * WINDOWS_S[0] < s < HANGS_S and self.fields.doubtful(name) for name, s in repeats)
 
     @property
     def turned(self) -> bool:
@@ -391,13 +457,14 @@ class Standstill:
 
     def _believed(self, sample: StatusSample, rests: bool, rates_deg_s: tuple[float, float]) -> StatusSample:
         ignored = self.fields.ignored
-        if not ignored:
+        ra, dec = sample.ra_drive_deg_s, sample.dec_drive_deg_s
+        finite = math.isfinite(ra) and math.isfinite(dec)
+        if not ignored and finite:
             return sample
-        ra, dec = rates_deg_s
         return msgspec.structs.replace(
             sample,
-            ra_drive_deg_s=ra if RA_RATE in ignored else sample.ra_drive_deg_s,
-            dec_drive_deg_s=dec if DEC_RATE in ignored else sample.dec_drive_deg_s,
+            ra_drive_deg_s=rates_deg_s[0] if RA_RATE in ignored or not math.isfinite(ra) else ra,
+            dec_drive_deg_s=rates_deg_s[1] if DEC_RATE in ignored or not math.isfinite(dec) else dec,
             slewing=not rests if SLEWING in ignored else sample.slewing,
         )
 

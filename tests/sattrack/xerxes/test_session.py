@@ -34,6 +34,7 @@ from xerxes_builders import (
 from sattrack.mount import Hold, Motion, MountProfile, MoveAxes, SlewTo, StatusSample, Stop
 from sattrack.xerxes.datagrams import Command, Readings, Status, decode_command, encode_status
 from sattrack.xerxes.session import LinkState, Session, SlewState
+from sattrack.xerxes.slewing import LATEST_BEGIN_STATUSES
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -196,13 +197,26 @@ class TestSlew:
         assert client.slew_state() is SlewState.UNDER_WAY
 
     def test_a_slew_that_ends_before_the_acknowledgement_falls_is_done(self, client: Client) -> None:
+        there = {"ra_h": A.ra_deg / 15.0, "dec_deg": A.dec_deg}
         assert client.asks(A).slew
-        client.hear(ack_slew=True, slewing=False)
+        client.hear(ack_slew=True, slewing=False, **there)
         assert not client.send().slew
         assert client.slew_state() is not SlewState.DONE
         for _ in range(40):
-            client.hear()
+            client.hear(**there)
             assert not client.send().slew
+        assert client.slew_state() is SlewState.DONE
+
+    def test_a_slew_that_begins_late_is_not_done_before_it_begins(self, client: Client) -> None:
+        assert client.asks(A).slew
+        client.hear(ack_slew=True, slewing=False)
+        for _ in range(LATEST_BEGIN_STATUSES - 10):
+            client.send()
+            client.hear()
+            assert client.slew_state() is SlewState.UNDER_WAY
+        for _ in range(20):
+            client.send()
+            client.hear()
         assert client.slew_state() is SlewState.DONE
 
     def test_asking_for_the_same_every_period_launches_once(self, client: Client) -> None:

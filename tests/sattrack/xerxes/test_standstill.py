@@ -10,7 +10,7 @@ import pytest
 import rest
 
 from sattrack.mount import StatusSample
-from sattrack.xerxes.standstill import CONTRADICTED_S, REST_RATE_DEG_S, WINDOWS_S, Standstill
+from sattrack.xerxes.standstill import CONTRADICTED_S, HANGS_S, REST_RATE_DEG_S, WINDOWS_S, Standstill
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -224,6 +224,58 @@ def test_fields_that_say_rest_of_an_axis_that_moves_are_named() -> None:
     mount.hear(CONTRADICTED_S + 1.0)
     assert mount.ignored == {"RightAscensionRate", "DeclinationRate", "Slewing"}
     assert not mount.standstill.at_rest
+
+
+class TestHangingEncoder:
+    """The clock runs, and right ascension and declination repeat to the last bit."""
+
+    def test_it_contradicts_no_fields_that_were_right_before(self) -> None:
+        mount = Watched(dec=lambda s: min(s, 4.0), rates=(SKY, 1.0), slewing=False)
+        mount.hear(1.0)
+        mount.slewing = True
+        mount.hear(20.0)
+        assert "DeclinationRate" not in mount.ignored
+        assert not mount.standstill.at_rest
+
+    def test_it_hangs_in_mid_motion_and_the_rate_fields_are_constant(self) -> None:
+        hangs = Watched(dec=lambda s: min(s, 3.0) + max(0.0, s - 4.9))
+        hangs.rates = (SKY, 0.0)
+        for _ in range(100):
+            hangs.hear(PERIOD_S)
+            assert not hangs.standstill.at_rest
+        stops = Watched(dec=lambda s: min(s, 3.0))
+        stops.hear(3.0 + HANGS_S + 4 * PERIOD_S)
+        assert stops.standstill.at_rest
+
+
+def test_a_number_that_is_none_once_does_not_cost_a_field() -> None:
+    mount = Watched()
+    mount.hear(1.0)
+    mount.rates = (math.nan, 0.0)
+    mount.hear(PERIOD_S)
+    mount.rates = (SKY, 0.0)
+    mount.hear(2 * PERIOD_S)
+    assert mount.standstill.at_rest
+    assert mount.ignored == set()
+
+
+@pytest.mark.parametrize(("step_s", "noise_deg"), [(1.0, 0.0), (1.0, 5e-5), (0.0, 5.0 / 3600.0)])
+def test_a_clock_of_whole_seconds_or_5_arcsec_of_noise_make_rest_late_and_not_impossible(
+    step_s: float, noise_deg: float
+) -> None:
+    mount = Watched()
+    mount.clock_step_s, mount.noise_deg = step_s, noise_deg
+    mount.hear(9.0)
+    seen = 0
+    for _ in range(40):
+        mount.hear(PERIOD_S)
+        seen += mount.standstill.at_rest
+    assert seen > 10
+    moving = Watched(at(SKY + 2.0 * REST_RATE_DEG_S))
+    moving.clock_step_s, moving.noise_deg = step_s, noise_deg
+    for _ in range(400):
+        moving.hear(PERIOD_S)
+        assert not moving.standstill.at_rest
 
 
 def test_fields_that_mean_what_they_should_are_used() -> None:

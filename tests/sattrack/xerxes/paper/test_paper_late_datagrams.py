@@ -18,6 +18,7 @@ from paper_mount import PaperMount
 
 from sattrack.mount import MountProfile
 from sattrack.requests import Abort, EndMove, MoveAxis, PulseGuide, Request, Slew, Sync, Ticket, TicketState
+from sattrack.xerxes.standstill import HANGS_S
 
 How = Literal["held", "edge"]
 MOVE = MoveAxis(-0.5, 0.25)
@@ -85,7 +86,8 @@ def played(
         if isinstance(second, (MoveAxis, EndMove, Slew, Abort))
         else _after(bench, second)
     )
-    bench.run(2.0)
+    # The mount's rates say nothing of a slew, so the end of one is seen HANGS_S later.
+    bench.run(2.0 + HANGS_S)
     return bench, ticket
 
 
