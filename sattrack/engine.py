@@ -234,7 +234,8 @@ class Engine:
             self._watch_link(now_utc_s)
         arrived = self.session.slew_state is SlewState.DONE and self.safety.on_last_leg
         rest = self.tracker.rest
-        motion = self.tracker.step(now_utc_s, arrived, rest is not None and self.session.stopped)
+        stopped = rest is not None and self.session.stopped
+        motion = self.tracker.step(now_utc_s, arrived, stopped, self.safety.holding is not None)
         if self.tracker.phase is not Phase.STOPPING:
             self._doing = self.tracker.phase
         sample = self.session.sample

@@ -229,11 +229,11 @@ class Tracker:
         if not isinstance(message, Observation):
             self._foretold.clear()
 
-    def step(self, now_utc_s: float, slew_done: bool, stopped: bool = False) -> Motion:
+    def step(self, now_utc_s: float, slew_done: bool, stopped: bool = False, held: bool = False) -> Motion:
         """Return the motion wanted from now on; call once a period, after the samples that came.
 
         `slew_done` tells whether the slew last asked for has arrived, `stopped` whether the stop of a pause
-        was seen through.
+        was seen through, `held` whether a limit keeps the mount off the target.
         """
         if now_utc_s >= self.plan.end_utc_s:
             self.end("set")
@@ -250,9 +250,9 @@ class Tracker:
             self._approach(now_utc_s, moving)
         if self.phase is Phase.SLEWING:
             return self._slew(now_utc_s, slew_done, self._axes)
-        left_behind = self.phase is Phase.ACQUIRING and self._is_left_behind(now_utc_s)
+        left_behind = self.phase is Phase.ACQUIRING and self._is_left_behind(now_utc_s, held)
         if left_behind:
-            self._approach(now_utc_s, moving=True)
+            self._approach(now_utc_s, moving=True, held=held)
         if self.phase in FOLLOWING and not left_behind:
             return self._follow(now_utc_s, self._axes)
         return Hold()
@@ -314,9 +314,9 @@ class Tracker:
             self.rest.end_jogs(words)
             self.steering.tell(words, now_utc_s)
 
-    def _approach(self, now_utc_s: float, moving: bool = False) -> None:
+    def _approach(self, now_utc_s: float, moving: bool = False, held: bool = False) -> None:
         """Choose the way to the target: a slew, or rates alone."""
-        step = self._way.plan(now_utc_s, self.plan.start_utc_s, self._stand, moving)
+        step = self._way.plan(now_utc_s, self.plan.start_utc_s, self._stand, moving, held)
         if self._way.intercept.utc_s >= self.plan.end_utc_s:
             self.end("set")
             return
@@ -346,13 +346,13 @@ class Tracker:
             return Hold()
         return SlewTo(self._way.intercept.ra_deg, self._way.intercept.dec_deg)
 
-    def _is_left_behind(self, now_utc_s: float) -> bool:
+    def _is_left_behind(self, now_utc_s: float, held: bool) -> bool:
         """Tell whether the target is so far off that a slew leads there sooner."""
         # Detours leave it on purpose.
         if self._passage is not None or self.error is None:
             return False
         off_deg = self.error.total_arcsec / 3600.0
-        return self._way.slew_ahead(now_utc_s, self.plan.end_utc_s, off_deg, self._stand)
+        return self._way.slew_ahead(now_utc_s, self.plan.end_utc_s, off_deg, self._stand, held)
 
     def _follow(self, now_utc_s: float, axes: Axes) -> MoveAxes:
         # The mount obeys at its first loop after this command has arrived, until the first after the next.

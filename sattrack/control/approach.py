@@ -76,9 +76,19 @@ class Approach:
         self._refused = False
         self.trouble: str | None = None
 
-    def plan(self, now_utc_s: float, not_before_utc_s: float, stand: Stand, moving: bool = False) -> Step:
-        """Choose the way from where the mount stands; `moving` where it is in MoveAxis."""
-        intercept = self._plan(now_utc_s, not_before_utc_s, stand, moving)
+    def plan(
+        self,
+        now_utc_s: float,
+        not_before_utc_s: float,
+        stand: Stand,
+        moving: bool = False,
+        held: bool = False,
+    ) -> Step:
+        """Choose the way from where the mount stands.
+
+        `moving` where it is in MoveAxis, `held` where a limit is in the way of rates.
+        """
+        intercept = self._plan(now_utc_s, not_before_utc_s, stand, moving, held)
         self.intercept = intercept
         self._not_before_utc_s = not_before_utc_s
         self._far_since_utc_s = None
@@ -137,10 +147,12 @@ class Approach:
         self._sent = motion if isinstance(motion, SlewTo) else None
         self._refused = isinstance(motion, MoveAxes)
 
-    def slew_ahead(self, now_utc_s: float, end_utc_s: float, error_deg: float, stand: Stand) -> bool:
-        """Tell whether a mount that follows, and is far off, had better slew to where the target will be.
+    def slew_ahead(
+        self, now_utc_s: float, end_utc_s: float, error_deg: float, stand: Stand, held: bool
+    ) -> bool:
+        """Tell whether a mount that follows, and is far off, must slew to where the target will be.
 
-        `end_utc_s` is when following ends.
+        `end_utc_s` is when following ends; `held` tells whether a limit is in the way of rates.
         """
         if error_deg < FAR_DEG or now_utc_s < self._not_again_before_utc_s:
             self._far_since_utc_s = None
@@ -150,10 +162,12 @@ class Approach:
         if now_utc_s - self._far_since_utc_s < FAR_FOR_S:
             return False
         self._far_since_utc_s = None
-        ahead = self._plan(now_utc_s, now_utc_s, stand, True)
+        ahead = self._plan(now_utc_s, now_utc_s, stand, True, held)
         return not ahead.by_rates and ahead.utc_s < end_utc_s
 
-    def _plan(self, now_utc_s: float, not_before_utc_s: float, stand: Stand, moving: bool) -> Intercept:
+    def _plan(
+        self, now_utc_s: float, not_before_utc_s: float, stand: Stand, moving: bool, held: bool
+    ) -> Intercept:
         def target(utc_s: float) -> tuple[float, float, float]:
             direction = self._target_at(utc_s)
             ra_deg = float(direction.ra_deg)
@@ -161,7 +175,7 @@ class Approach:
 
         here = (wrap180(stand.sidereal_deg - stand.ra_deg), stand.dec_deg)
         # A slew chooses the side of the pier by the mount's own rule; rates would stay on the other one.
-        law = None if stand.beyond_pole else self._law
+        law = None if stand.beyond_pole or held else self._law
         return plan_intercept(now_utc_s, not_before_utc_s, here, target, self._profile, law, moving)
 
     def _slew_s(self, stand: Stand, goal: Intercept) -> float:

@@ -8,9 +8,11 @@ and then judged like any other slew, leg by leg.
 
 from __future__ import annotations
 
+import heapq
 import math
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,6 +40,9 @@ HANDSHAKE_S = 2.0
 RAMP = 1.5
 """A slew brakes more gently than it can, by so much."""
 MOST_TRIED = 40
+STEPS_DEG = (-24.0, -12.0, -6.0, -3.0, 0.0, 3.0, 6.0, 12.0, 24.0)
+LINE_S = 0.5
+"""What each piece of a way by single axes counts besides its length, so that it turns seldom."""
 RINGS_DEG = (
     0.6,
     1.0,
@@ -127,7 +132,8 @@ def find_route(
         place for place in reachable(profile, latitude_deg) if judge(Box.between(place, place), 0.0) is None
     ]
     grid = _Grid(nodes, start, goal, profile, judge)
-    for legs in grid.ways():
+    by_one_axis = _by_single_axes(start, goal, profile, judge, leaving, latitude_deg)
+    for legs in chain(grid.ways(), by_one_axis):
         before, after_s = start, 0.0
         for leg in legs:
             if blocked(before, leg, profile, leaving if before is start else judge, after_s) is not None:
@@ -137,6 +143,64 @@ def find_route(
         else:
             return Route(legs)
     return Route((), straight)
+
+
+def _by_single_axes(
+    start: Place, goal: Place, profile: MountProfile, judge: Judge, leaving: Judge, latitude_deg: float
+) -> Iterator[tuple[Place, ...]]:
+    """Yield the quickest way on which one axis turns at a time, along lines STEPS_DEG off both ends, if any.
+
+    Such a way is narrow enough to pass close by a pillar.
+    """
+    lines = [sorted({end[axis] + step for end in (start, goal) for step in STEPS_DEG}) for axis in (0, 1)]
+    indices = (lines[0].index(start[0]), lines[1].index(start[1]))
+    rates_deg_s = (profile.ra.slew_rate_deg_s, profile.dec.slew_rate_deg_s)
+    came_from: dict[tuple[int, int], tuple[int, int]] = {}
+    reached: set[tuple[int, int]] = set()
+    open_ = [(0.0, indices, indices)]
+    while open_:
+        seconds, here, before = heapq.heappop(open_)
+        if here in reached:
+            continue
+        place, last = (Place(lines[0][i], lines[1][j]) for i, j in (here, before))
+        ahead = leaving if before == indices else judge
+        can_end = place == goal or _slews_end(place, profile, latitude_deg)
+        if here != before and not (can_end and blocked(last, place, profile, ahead, seconds) is None):
+            continue
+        reached.add(here)
+        came_from[here] = before
+        if place == goal:
+            yield _corners(came_from, here, lines)
+            return
+        for axis, by in ((0, -1), (0, 1), (1, -1), (1, 1)):
+            i, j = here[0] + by * (axis == 0), here[1] + by * (axis == 1)
+            if (i, j) in reached or not (0 <= i < len(lines[0]) and 0 <= j < len(lines[1])):
+                continue
+            off_deg = abs((lines[0][i], lines[1][j])[axis] - place[axis])
+            heapq.heappush(open_, (seconds + LINE_S + off_deg / rates_deg_s[axis], (i, j), here))
+
+
+def _slews_end(place: Place, profile: MountProfile, latitude_deg: float) -> bool:
+    """Tell whether a slew to where the axes point then leaves them so."""
+    axes = axes_of(*direction_of(place), profile, latitude_deg)
+    return max(abs(axes[0] - place[0]), abs(axes[1] - place[1])) < 1e-6
+
+
+def _corners(
+    came_from: dict[tuple[int, int], tuple[int, int]], here: tuple[int, int], lines: list[list[float]]
+) -> tuple[Place, ...]:
+    """Return the places at which a way turns, and its end."""
+    points = [here]
+    while came_from[here] != here:
+        here = came_from[here]
+        points.append(here)
+    points.reverse()
+    turns = [
+        middle
+        for one, middle, other in zip(points, points[1:], points[2:], strict=False)
+        if (one[0] == middle[0]) != (middle[0] == other[0])
+    ]
+    return tuple(Place(lines[0][i], lines[1][j]) for i, j in (*turns, points[-1]))
 
 
 def axes_of(hour_angle_deg: float, dec_deg: float, profile: MountProfile, latitude_deg: float) -> Place:

@@ -315,10 +315,6 @@ def test_of_a_mount_that_was_never_on_target_no_fit_is_told(
     assert not any(re.match("to change +nothing", words) for words in lines_told)
 
 
-@pytest.mark.xfail(
-    reason="rates are tried within 20° of the target, so no slew leads round what holds the mount",
-    strict=True,
-)
 def test_a_span_held_by_a_limit_is_counted_apart_and_fitted_from_nowhere(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
