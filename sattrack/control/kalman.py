@@ -66,6 +66,8 @@ NEAR_REST_DEG_S = 0.05
 no rate: compensated as one, the axis breaks loose the further."""
 PLAUSIBLE_RATE_DEG_S = 40.0 / 3600.0
 """A rate disturbance beyond this was an axis that was stopped: near rest too, it may be over at once."""
+OVER_S = 1.0
+"""Time in which such a rate of an axis that was known is likely to end."""
 LARGEST_RATE_DEG_S = 0.1
 """One sigma of a rate that has set in at once."""
 STEADY, LOST = 0.05, 9.0
@@ -80,6 +82,11 @@ MOST_RATIO = 40.0
 """What one sample may count at most."""
 SHORTEST_TRIAL = 20
 """Samples that a filter is given before it is judged."""
+TRUSTED_SAMPLES, TRUSTED_EVERY = 80, 20
+"""Samples without surprises after which what is known of the response is kept for the next beginning, and how
+often it is brought up to date."""
+TRUSTED_SPREAD = 4.0
+"""By how much its covariance grows then."""
 Matrix = np.ndarray[tuple[int, int], np.dtype[np.float64]]
 
 
@@ -166,15 +173,24 @@ class AxisFilter:
         """Whether surprises showed motion that was not foretold, of which something may have been learnt."""
         self._noise_share = 1.0
         """Variance of the measurements over the expected one, as innovations show it."""
+        self._trusted: tuple[Array, Array] | None = None
+        """Shares and their covariance, from the last motion that was long without surprises."""
         self._begin(position_deg)
 
     def _begin(self, position_deg: float, kept: Array | None = None) -> None:
-        """Begin with a position; `kept` are rate and shares, None for those of an unknown axis."""
+        """Begin with a position; `kept` are rate and shares, None for those of an unknown axis.
+
+        A response that was trusted is kept, once: it may be what has changed.
+        """
         noise = self._noise
         covariance = np.zeros((2 + SHARES, 2 + SHARES))
         covariance[0, 0], covariance[1, 1] = 1e-4, noise.first_rate_deg_s**2
         covariance[2:, 2:] = response.spread(noise.late, noise.turn, noise.first_gain)
         first = [0.0, *response.expected(self._first_lag_s)] if kept is None else kept
+        if self._trusted is not None:
+            shares, spread = self._trusted
+            first, covariance[2:, 2:] = [first[0], *shares], TRUSTED_SPREAD * spread
+            self._trusted = None
         self._kalman = LeanKalmanFilter(np.array([position_deg, *first]), covariance)
         self._surprised_deg = 0.0
         """The last measurement's surprise where it was too large, else 0."""
@@ -185,7 +201,7 @@ class AxisFilter:
         """The last surprise in its expected sigma."""
         self._surprises = 1.0
         """Mean of the squared surprises, over what was expected."""
-        self._taken = 0
+        self._taken = self._calm = 0
         self._look()
 
     def _look(self) -> None:
@@ -246,6 +262,9 @@ class AxisFilter:
         self._seconds = seconds
         # White noise in rate and in its derivative, integrated over the interval.
         rate_variance = self._rough_share * self._rate_walk * seconds
+        implausible = abs(float(self._kalman.state[1])) - PLAUSIBLE_RATE_DEG_S
+        if implausible > 0.0 and self._trusted is not None:
+            rate_variance += implausible * implausible * seconds / OVER_S
         own = self._rough_share * (self._walk * seconds + rough_deg * rough_deg)
         own += rate_variance * seconds * seconds / 3.0
         moves = self._moves
@@ -294,6 +313,10 @@ class AxisFilter:
         Then the response and the rate are kept where they are likely ones, but no longer relied upon. Of gain
         and rate, steady motion shows only what both come to together, so it would not correct them.
         """
+        self._calm = self._calm + 1 if self._surprises < CALM else 0
+        if self._calm >= TRUSTED_SAMPLES and self._calm % TRUSTED_EVERY == 0:
+            known = self._kalman
+            self._trusted = known.state[2:].copy(), known.covariance[2:, 2:].copy()
         # What a new filter is surprised at soon after its beginning may be the axis itself.
         self._disturbed = self._disturbed or self._surprises > DISTURBED
         if self._surprises > LOST:
