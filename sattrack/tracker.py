@@ -193,7 +193,9 @@ class Tracker:
     def _begin_axes(self, seen: StatusSample, utc_s: float) -> None:
         if self._axes is not None and self._axes is self.learning.axes and self.phase in FOLLOWING:
             self.learning.anew()
-        self._axes = Axes.begin(self._profile, self._history, seen, utc_s, self.plan.law.filter)
+        self._axes = Axes.begin(
+            self._profile, self._history, seen, utc_s, self.plan.law.filter, former=self._axes
+        )
 
     def _learn(self, axes: Axes, seen: StatusSample, utc_s: float, believed: bool) -> None:
         if believed and self.phase in FOLLOWING:

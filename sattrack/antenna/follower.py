@@ -75,11 +75,11 @@ class Follower:
         self._loop.note(sample.counter, utc_s)
         axes = self._axes
         if axes is None or not axes.follows(utc_s):
-            axes = Axes.begin(self._profile, self._history, sample, utc_s)
+            axes = Axes.begin(self._profile, self._history, sample, utc_s, former=axes)
         else:
             axes.take(sample, utc_s, self._commanding)
             if axes.lost:
-                axes = Axes.begin(self._profile, self._history, sample, utc_s)
+                axes = Axes.begin(self._profile, self._history, sample, utc_s, former=axes)
         self._axes = axes
         self._ha_deg = self._turned(self._sky.sidereal_deg(utc_s) - axes.ra.position_deg)
         return utc_s

@@ -71,8 +71,9 @@ class Axes:
     """Samples that were explained by another command than the expected one."""
 
     def __post_init__(self) -> None:
-        """Begin with axes that were not commanded."""
-        self._commanded = Commanded(self.sample_utc_s)
+        """Begin with axes that have moved by the command in force for long."""
+        acting = self.history.acting(self.sample_utc_s)
+        self._commanded = Commanded(self.sample_utc_s, acting.ra_rate_deg_s, acting.dec_rate_deg_s)
 
     @classmethod
     def begin(
@@ -82,10 +83,16 @@ class Axes:
         sample: StatusSample,
         utc_s: float,
         noise: Noise | None = None,
+        former: Axes | None = None,
     ) -> Axes:
-        """Return filters that know one sample."""
-        ra = AxisFilter(sample.ra_deg, noise, profile.ra.lag_s or None)
-        dec = AxisFilter(sample.dec_deg, noise, profile.dec.lag_s or None)
+        """Return filters that know one sample, and what `former` ones were sure of."""
+        if former is None:
+            ra = AxisFilter(sample.ra_deg, noise, profile.ra.lag_s or None)
+            dec = AxisFilter(sample.dec_deg, noise, profile.dec.lag_s or None)
+        else:
+            ra, dec = former.ra, former.dec
+            ra.begin_anew(sample.ra_deg)
+            dec.begin_anew(sample.dec_deg)
         return cls(profile, history, ra, dec, utc_s)
 
     @property

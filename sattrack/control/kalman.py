@@ -188,8 +188,8 @@ class AxisFilter:
         covariance[2:, 2:] = response.spread(noise.late, noise.turn, noise.first_gain)
         first = [0.0, *response.expected(self._first_lag_s)] if kept is None else kept
         if self._trusted is not None:
-            shares, spread = self._trusted
-            first, covariance[2:, 2:] = [first[0], *shares], TRUSTED_SPREAD * spread
+            shares, known = self._trusted
+            first, covariance[2:, 2:] = [float(first[0]), *shares], TRUSTED_SPREAD * known
             self._trusted = None
         self._kalman = LeanKalmanFilter(np.array([position_deg, *first]), covariance)
         self._surprised_deg = 0.0
@@ -203,6 +203,11 @@ class AxisFilter:
         """Mean of the squared surprises, over what was expected."""
         self._taken = self._calm = 0
         self._look()
+
+    def begin_anew(self, position_deg: float) -> None:
+        """Begin anew at a position, of a mount whose coordinates have changed or that was long silent."""
+        self._disturbed = False
+        self._begin(position_deg)
 
     def _look(self) -> None:
         known = self._kalman
@@ -315,8 +320,8 @@ class AxisFilter:
         """
         self._calm = self._calm + 1 if self._surprises < CALM else 0
         if self._calm >= TRUSTED_SAMPLES and self._calm % TRUSTED_EVERY == 0:
-            known = self._kalman
-            self._trusted = known.state[2:].copy(), known.covariance[2:, 2:].copy()
+            kalman = self._kalman
+            self._trusted = kalman.state[2:].copy(), kalman.covariance[2:, 2:].copy()
         # What a new filter is surprised at soon after its beginning may be the axis itself.
         self._disturbed = self._disturbed or self._surprises > DISTURBED
         if self._surprises > LOST:

@@ -106,8 +106,8 @@ class Learning:
         self._before: tuple[float, float, float] | None = None
 
     def anew(self) -> None:
-        """Note that the filters contradict what is seen, and are replaced by new ones."""
-        self.restarts += 1 + self._begun_anew
+        """Note that the filters contradict what is seen, and are told to begin anew."""
+        self.restarts += 1
 
     @property
     def times_begun_anew(self) -> int:

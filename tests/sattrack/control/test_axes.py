@@ -59,9 +59,10 @@ class Mount:
 
 
 def settled(seed: int = 1) -> Mount:
+    """Return a mount whose rate has changed at times, so that its response is known."""
     mount = Mount(seed)
-    for _ in range(200):
-        mount.step()
+    for turn in range(200):
+        mount.step(change_deg_s={20: 0.1, 60: -0.1}.get(turn, 0.0))
     return mount
 
 
