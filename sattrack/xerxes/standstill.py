@@ -103,6 +103,8 @@ class Positions:
     _heard_utc_s: float = -math.inf
     """When the last status came, a position or not."""
     _judged: dict[float, Fit | None] = field(default_factory=dict)
+    _recent: list[Position] | None = None
+    """Those of the shortest window."""
     _changed_utc_s: tuple[float, float] = (-math.inf, -math.inf)
     """When right ascension and declination were last other than in the status before."""
 
@@ -135,6 +137,7 @@ class Positions:
         self._kept.append(Position(arrival_utc_s, mount_s, hour_angle_deg, dec_deg))
         while self._kept[-1].arrival_utc_s - self._kept[0].arrival_utc_s > WINDOWS_S[-1] + WINDOWS_S[0]:
             self._kept.popleft()
+        self._recent = self._window(WINDOWS_S[0], -math.inf)
 
     @property
     def repeats_s(self) -> tuple[float, float]:
@@ -144,14 +147,14 @@ class Positions:
 
     def rates_deg_s(self) -> tuple[float, float] | None:
         """Return the mean rates of hour angle and declination over the shortest window; None without one."""
-        kept = self._window(WINDOWS_S[0], -math.inf)
+        kept = self._recent
         if kept is None:
             return None
         return _mean_rates_deg_s(kept[0], kept[-1])
 
     def last_rates_deg_s(self) -> tuple[float, float]:
         """Return the rates at the end of the shortest window, were the acceleration even; 0 without one."""
-        kept = self._window(WINDOWS_S[0], -math.inf)
+        kept = self._recent
         if kept is None:
             return 0.0, 0.0
         middle = kept[len(kept) // 2]
