@@ -275,6 +275,8 @@ class Guardian:
         """Go on no more, as somebody has asked."""
         self._goes_on_utc = None
         self._told = True
+        # A feeder that hangs would hold the mount, and this process, for ever.
+        self._end_feeder()
         self._note("was told to give up; the mount is NOT KNOWN AT REST")
 
     def _nobody_there(self, now_s: float) -> bool:
@@ -390,8 +392,7 @@ class Guardian:
         if not waiting:
             return
         if self._halt is not None:
-            if self.words[Word.DEPOSED]:
-                self._end_feeder()
+            self._end_feeder()
             stopped = Stopped("guardian", self._halt.at_rest, self._goes_on())
         else:
             released = self.words[Word.RELEASED]
@@ -401,7 +402,7 @@ class Guardian:
             self._dismiss(visitor)
 
     def _end_feeder(self) -> None:
-        if not self._gone and self.feeder is not None:
+        if self.words[Word.DEPOSED] and not self._gone and self.feeder is not None:
             with contextlib.suppress(OSError):
                 signal.pidfd_send_signal(self.feeder, signal.SIGKILL)
 

@@ -6,6 +6,8 @@ import os
 import random
 import signal
 import socket
+import subprocess
+import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -168,6 +170,38 @@ def test_a_mount_that_is_not_known_at_rest_is_stopped_on_until_somebody_gives_up
     assert given_up.heard == "the mount has not been heard since"
     assert gone(pid)
     assert ask_give_up(owner) is None
+
+
+HANGING = """
+import signal, sys
+from sattrack.mount import MountProfile
+from sattrack.runtime.guard import owned
+from sattrack.xerxes.client import Address
+with owned(Address("127.0.0.1", int(sys.argv[1]), 0), MountProfile(), speed=10.0) as (_, guard):
+    guard.beat(bytes.fromhex(sys.argv[2]))
+    print(guard.pid, flush=True)
+    signal.pause()
+"""
+
+
+def test_giving_up_ends_a_feeder_that_hangs_as_well(mount_socket: socket.socket) -> None:
+    address = address_of(mount_socket)
+    command = [sys.executable, "-c", HANGING, str(address.port), MOVING.hex()]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as feeder:
+        assert feeder.stdout is not None
+        pid = int(feeder.stdout.readline())
+        goes_on = None
+        while goes_on is None:
+            mount_socket.recv(200)
+            owner = owner_of(address.name)
+            assert owner is not None
+            goes_on = owner.goes_on
+        assert ask_give_up(owner) is not None
+        try:
+            assert feeder.wait(PATIENCE_S) == -signal.SIGKILL
+        finally:
+            feeder.kill()
+        assert gone(pid)
 
 
 def test_a_feeder_that_never_asked_for_motion_leaves_nothing_to_stop(mount_socket: socket.socket) -> None:
