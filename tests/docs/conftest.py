@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -15,16 +14,14 @@ Tshark = Callable[..., "subprocess.CompletedProcess[str]"]
 
 
 @pytest.fixture(scope="session")
-def tshark(tmp_path_factory: pytest.TempPathFactory) -> Tshark:
+def tshark(tmp_path_factory: pytest.TempPathFactory, program: Callable[[str], str]) -> Tshark:
     """Run tshark with the dissector; a home of its own, so that nobody's plugins and preferences count."""
-    program = shutil.which("tshark")
-    if program is None:
-        pytest.skip("tshark is not installed")
+    tshark = program("tshark")
     home = tmp_path_factory.mktemp("home")
 
     def run(*options: str, script: Path = DISSECTOR) -> subprocess.CompletedProcess[str]:
         return subprocess.run(
-            [program, "-X", f"lua_script:{script}", *options],
+            [tshark, "-X", f"lua_script:{script}", *options],
             capture_output=True,
             text=True,
             check=False,

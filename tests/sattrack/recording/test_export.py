@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import json
-import shutil
 import struct
 import subprocess
 import sys
@@ -78,7 +77,7 @@ def test_pcapng_holds_every_datagram_with_its_instant(short: Path, tmp_path: Pat
         assert packet[28:] == entry.data
 
 
-@pytest.mark.skipif(shutil.which("tshark") is None, reason="tshark is not installed")
+@pytest.mark.needs("tshark")
 def test_wireshark_dissects_the_export(short: Path, tmp_path: Path) -> None:
     out = tmp_path / "short.pcapng"
     noted = with_words(tmp_path / "noted.mcap", short, ['{"type":"nudge","along_s":0.5}'])

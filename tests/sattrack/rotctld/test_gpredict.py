@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-import shutil
 import subprocess
 import time
 from contextlib import ExitStack
@@ -26,10 +25,9 @@ if TYPE_CHECKING:
     from tle.elements import Elements
 
 PROGRAMS = ("gpredict", "Xvfb", "xdotool")
-missing = [program for program in PROGRAMS if shutil.which(program) is None]
 pytestmark = [
     pytest.mark.soak,
-    pytest.mark.skipif(bool(missing), reason=f"not installed: {', '.join(missing)}"),
+    pytest.mark.needs(*PROGRAMS),
     pytest.mark.filterwarnings("ignore::tle.errors.EarthOrientationWarning"),
 ]
 DISPLAY = ":96"

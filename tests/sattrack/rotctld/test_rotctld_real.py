@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import shutil
 from typing import TYPE_CHECKING
 
 import pytest
@@ -15,7 +14,7 @@ from sattrack.rotctld.answers import Client
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-needs_rotctld = pytest.mark.skipif(shutil.which("rotctld") is None, reason="rotctld is not installed")
+needs_rotctld = pytest.mark.needs("rotctld")
 LETTERS = {"P": 2, "S": 0, "R": 1, "M": 2, "U": 2, "u": 1, "X": 2, "x": 1, "C": 2, "L": 3, "l": 1, "D": 4}
 LETTERS |= {"d": 1, "E": 3, "e": 1, "B": 4, "A": 1, "a": 1, "v": 1, "V": 2, "#": 0, "w": 1, "K": 0, "z": 0}
 NAMES = {

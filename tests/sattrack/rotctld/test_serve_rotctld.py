@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-import shutil
 import socket
 import subprocess
 import time
@@ -19,7 +18,7 @@ from sattrack.cli import run
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-needs_rotctl = pytest.mark.skipif(shutil.which("rotctl") is None, reason="rotctl is not installed")
+needs_rotctl = pytest.mark.needs("rotctl")
 
 
 @pytest.fixture(scope="module")

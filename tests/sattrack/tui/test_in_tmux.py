@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import select
-import shutil
 import subprocess
 import sys
 import time
@@ -18,7 +17,7 @@ from programs import satellite, simulated_mount
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-pytestmark = pytest.mark.skipif(shutil.which("tmux") is None, reason="no tmux here")
+pytestmark = pytest.mark.needs("tmux")
 PATIENCE_S = 60.0
 LOOK_EVERY_S = 0.1
 RUN = ("track", "ISS", "--mount", "sim", "--clock", "2026-10-02T13:01:50Z")

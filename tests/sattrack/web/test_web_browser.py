@@ -8,7 +8,6 @@ import contextlib
 import json
 import os
 import re
-import shutil
 import socket
 import subprocess
 import sys
@@ -26,12 +25,12 @@ import pytest
 from sattrack.runtime.gallery_words import SUPPORTED, name_for
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
 pytest.importorskip("textual_serve")
 pytestmark = pytest.mark.skipif(not SUPPORTED, reason="abstract names are Linux's")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+CHROMIUM = "chromium|chromium-browser|google-chrome"
 PATIENCE_S = 60.0
 ARROWS = {"ArrowLeft": 37, "ArrowUp": 38, "ArrowRight": 39, "ArrowDown": 40}
 WHERE = "document.querySelector('.xterm-screen').getBoundingClientRect().toJSON()"
@@ -199,14 +198,13 @@ async def biased(views: asyncio.StreamReader, **asked: float) -> None:
     pytest.fail(f"{asked} were asked for, and not {last}")
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium here")
-def test_a_run_is_seen_taken_and_stopped_in_a_browser(tmp_path: Path) -> None:
+def test_a_run_is_seen_taken_and_stopped_in_a_browser(tmp_path: Path, program: Callable[[str], str]) -> None:
     sattrack = (sys.executable, "-m", "sattrack")
     with (
         started(*sattrack, "demo", "--headless", "--json") as demo,
         page(run=demo.pid) as url,
         started(
-            str(CHROMIUM), "--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0",
+            program(CHROMIUM), "--headless=new", "--no-sandbox", "--disable-gpu", "--remote-debugging-port=0",
             f"--user-data-dir={tmp_path / 'profile'}", "--window-size=820,480", "about:blank", told="stderr",
         ) as chromium,
     ):  # fmt: skip

@@ -1,0 +1,43 @@
+"""Real programs that tests drive.
+
+A test that needs one is marked `needs("rotctl")`, or asks the fixture `program` for it; "luac|luac5.4" takes
+either. Where it is not installed the test is skipped; where SATTRACK_REAL_PROGRAMS is "required" it fails.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+REQUIRED = os.environ.get("SATTRACK_REAL_PROGRAMS") == "required"
+
+
+def path_of(names: str) -> str:
+    """Return where the first of some programs is that is installed."""
+    for name in names.split("|"):
+        found = shutil.which(name)
+        if found is not None:
+            return found
+    missing = f"not installed: {' or '.join(names.split('|'))}"
+    if REQUIRED:
+        pytest.fail(f"{missing}, and SATTRACK_REAL_PROGRAMS says that it must be", pytrace=False)
+    pytest.skip(missing)
+
+
+def pytest_runtest_setup(item: pytest.Item) -> None:
+    """Skip, or fail, tests whose programs are not there."""
+    for mark in item.iter_markers("needs"):
+        for names in mark.args:
+            path_of(names)
+
+
+@pytest.fixture(scope="session")
+def program() -> Callable[[str], str]:
+    """Return a function that tells where a program is, and skips or fails the test where it is not there."""
+    return path_of
