@@ -41,6 +41,8 @@ RAMP = 1.5
 """A slew brakes more gently than it can, by so much."""
 MOST_TRIED = 40
 STEPS_DEG = (-24.0, -12.0, -6.0, -3.0, 0.0, 3.0, 6.0, 12.0, 24.0)
+MOST_PIECES = 600
+"""So many pieces of such ways are judged at most: whoever waits for the way is in the real-time loop."""
 LINE_S = 0.5
 """What each piece of a way by single axes counts besides its length, so that it turns seldom."""
 RINGS_DEG = (
@@ -158,7 +160,9 @@ def _by_single_axes(
     came_from: dict[tuple[int, int], tuple[int, int]] = {}
     reached: set[tuple[int, int]] = set()
     open_ = [(0.0, indices, indices)]
-    while open_:
+    for _ in range(MOST_PIECES):
+        if not open_:
+            return
         seconds, here, before = heapq.heappop(open_)
         if here in reached:
             continue

@@ -302,7 +302,7 @@ class Fields:
                 rate > MOVES_DEG_S
                 and min(abs(abs(told) - one) for one in (rate, abs(last_deg_s[axis]))) > slack
             )
-            self._agreed[name, True] += rate > MOVES_DEG_S and not off
+            self._agreed[name, True] += rate > MOVES_DEG_S and not off and math.isfinite(told)
             self._denied[name] += off
             stands = rests and not _rate_rests(told, axis == 0)
             stands = stands and (live[axis] or not self.confirmed(name))
