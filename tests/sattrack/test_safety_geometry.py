@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import math
 import random
+from itertools import pairwise
 
 import erfa
 import numpy as np
 import pytest
 
-from sattrack.mount import PierZone
+from sattrack.mount import MountProfile, PierZone
 from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.safety.geometry import (
     Box,
+    Place,
     azimuth_deg,
     lowest_altitude_deg,
     meets_polygon,
@@ -20,6 +22,7 @@ from sattrack.safety.geometry import (
     separation_deg,
 )
 from sattrack.safety.regions import Cone, Floor, PierCollision, Skyline, Travel, is_clear
+from sattrack.safety.route import find_route
 
 
 def vector(ha_deg: float, dec_deg: float) -> np.ndarray:
@@ -215,3 +218,29 @@ def test_regions_are_judged_by_a_margin_as_their_clearance_tells(margin_deg: flo
             assert is_clear(region, box, margin_deg) is clear, (region.name, box)
             found.add((region.name, clear))
     assert len(found) >= 2 * len(regions) - 2
+
+
+def in_the_way(ha_deg: float, dec_deg: float) -> bool:
+    """A wall two degrees thick that slants, and ends at 44° of declination."""
+    return dec_deg < 44.0 and abs(ha_deg + 38.0 - 0.8 * (dec_deg - 38.0)) < 2.0
+
+
+def meets_the_wall(box: Box, seconds: float) -> str | None:
+    del seconds
+    has = np.linspace(box.ha_low_deg, box.ha_high_deg, 60)
+    decs = np.linspace(box.dec_low_deg, box.dec_high_deg, 60)
+    return "horizon" if any(in_the_way(float(h), float(d)) for h in has for d in decs) else None
+
+
+def test_a_way_is_found_past_the_end_of_a_wall_from_close_beside_it() -> None:
+    start, goal = Place(-35.5, 38.0), Place(-42.5, 37.0)
+    route = find_route(start, goal, MountProfile(), meets_the_wall, meets_the_wall, 52.0)
+    assert route.blocked_by is None
+    assert route.legs[-1] == goal
+    rng = random.Random(3)
+    for one, other in pairwise((start, *route.legs)):
+        for _ in range(2000):
+            # Each axis in its own time: the mount may be anywhere in the box of both places.
+            ha_deg = rng.uniform(min(one[0], other[0]), max(one[0], other[0]))
+            dec_deg = rng.uniform(min(one[1], other[1]), max(one[1], other[1]))
+            assert not in_the_way(ha_deg, dec_deg)
