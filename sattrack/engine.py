@@ -69,7 +69,7 @@ class Engine:
 
     def __init__(self, spec: RunSpec) -> None:
         self.spec = spec
-        self.session = Session(spec.profile, refuses_frozen=True)
+        self.session = Session(spec.profile)
         self.tracker = Tracker(
             spec.propagator, spec.plan, spec.profile, spec.bias, spec.camera_rotation_deg, spec.remembered
         )
@@ -103,8 +103,6 @@ class Engine:
         self._link_state = LinkState.SILENT
         self._counted: set[int] = set()
         self._before: StatusSample | None = None
-        self._frozen_before = 0
-        """Frozen statuses by the time of the last fresh one."""
 
     @property
     def mount_stopped(self) -> bool | None:
@@ -296,14 +294,11 @@ class Engine:
 
     def _watch_link(self, now_utc_s: float) -> None:
         self._link_state = state = self.session.link_state(now_utc_s)
-        if state is LinkState.UP:
-            self._frozen_before = self.session.health.frozen
         if self.tracker.ended_by is not None:
             return
         if state is LinkState.LOST:
-            frozen = self.session.health.frozen > self._frozen_before
-            did = "said the same again and again while it moved" if frozen else "fell silent"
-            self._give_up("link", f"{self.spec.mount_name} {did}; stop commands were sent")
+            words = f"{self.spec.mount_name} {self.session.health.did}; stop commands were sent"
+            self._give_up("link", words)
         elif state is LinkState.SILENT and now_utc_s - self.spec.started_utc_s > NO_ANSWER_AFTER_S:
             words = f"no status from {self.spec.mount_name} within {NO_ANSWER_AFTER_S:g} s"
             self._give_up("link", f"{words}; is it on, and set to send here?")

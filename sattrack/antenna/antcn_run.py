@@ -24,9 +24,11 @@ from sattrack.antenna.trajectory import NS
 from sattrack.antenna.transactions import NAK_MEANINGS, Nak
 from sattrack.figures import RunningError
 from sattrack.link_loss import STOPS_MOVING_S, STOPS_SENT_S
+from sattrack.safety import SafetyLimits
 
 if TYPE_CHECKING:
     from sattrack.antenna.antcn import Way
+    from sattrack.antenna.trajectory import AxisState
 
 INTERVAL_S = 1.0
 LEAD_S = 0.05
@@ -34,6 +36,7 @@ LEAD_S = 0.05
 POSITION_SHARE = 0.45
 """When in an interval the position is asked for."""
 SILENT_FOR_S = 5.0
+CLOCK_TOLERANCE_S = SafetyLimits().clock_tolerance_s
 AT_REST_DEG_S = 0.006
 """A stopped mount may stand, or track the sky."""
 
@@ -77,6 +80,8 @@ class AntcnRun:
     clock_gap_s: float = 0.0
     """By how much, at least, the controller's clock is off ours: by epochs outside of their transactions."""
     _heard_utc_s: float | None = None
+    _placed_utc_s: float | None = None
+    """When a position came last that was not the one before over again."""
     _last_epoch_s: float | None = None
     _next_td_ns: int | None = None
     _next_ps_utc_s: float = 0.0
@@ -124,6 +129,14 @@ class AntcnRun:
             if silent_s > SILENT_FOR_S:
                 words = "the antenna's controller does not answer; stops are being sent"
                 self.end("link", now_utc_s, words)
+            elif now_utc_s - (self._placed_utc_s or now_utc_s) > SILENT_FOR_S:
+                words = "the controller told the same position again and again; stops are being sent"
+                self.end("link", now_utc_s, words)
+            elif self.clock_gap_s > CLOCK_TOLERANCE_S:
+                words = (
+                    f"the controller's clock is off ours by {self.clock_gap_s:.0f} s; stops are being sent"
+                )
+                self.end("error", now_utc_s, words)
             elif now_utc_s >= self.end_utc_s:
                 self.end("set", now_utc_s)
         elif not self.finished:
@@ -170,11 +183,13 @@ class AntcnRun:
     def _take(self, answer: Answer, response: str) -> None:
         if answer.sent == "PS":
             try:
-                self.position = read_position(response)
+                before, self.position = self.position, read_position(response)
             except ValueError:
                 self.line.garbled += 1
                 return
-            self._judge(answer, self.position)
+            if before is None or _place(before) != _place(self.position):
+                self._placed_utc_s = answer.complete_utc_s
+            self._judge(answer, self.position, before)
         elif answer.sent == "STOP":
             self._stop_heard = True
         elif " NAK " in response:
@@ -190,7 +205,7 @@ class AntcnRun:
         if why is not Nak.TRANSMISSION:
             self.end("error", now_utc_s, f"the controller refused a trajectory: {NAK_MEANINGS[why]}")
 
-    def _judge(self, answer: Answer, position: PositionReport) -> None:
+    def _judge(self, answer: Answer, position: PositionReport, before: PositionReport | None) -> None:
         first_utc_s = answer.first_character_utc_s or answer.complete_utc_s
         epoch_s = epoch_utc_s(position.epoch_s, first_utc_s)
         self.clock_gap_s = max(0.0, epoch_s - first_utc_s, answer.sent_utc_s - epoch_s)
@@ -198,8 +213,8 @@ class AntcnRun:
         if actual is None:
             return
         if self.phase is Phase.STOPPING:
-            slow = max(abs(actual.first_rate_deg_s), abs(actual.second_rate_deg_s)) <= AT_REST_DEG_S
-            self.mount_stopped = position.servo == "IDLE" and slow
+            told = max(abs(actual.first_rate_deg_s), abs(actual.second_rate_deg_s)) <= AT_REST_DEG_S
+            self.mount_stopped = position.servo == "IDLE" and told and _rests(before, position)
             self.finished = self.mount_stopped
             return
         if epoch_s < self.start_utc_s:
@@ -218,3 +233,17 @@ class AntcnRun:
         if self.acquired_utc_s is not None:
             self.reported.add(self.error_arcsec)
         self.phase = Phase.TRACKING if near else Phase.ACQUIRING
+
+
+def _place(position: PositionReport) -> tuple[AxisState | None, float]:
+    return position.actual, position.epoch_s
+
+
+def _rests(before: PositionReport | None, position: PositionReport) -> bool:
+    """Tell whether two positions, one after the other, are those of an antenna at rest."""
+    if before is None or before.actual is None or position.actual is None:
+        return False
+    seconds = (position.epoch_s - before.epoch_s) % 86400.0
+    first_deg = math.remainder(position.actual.first_deg - before.actual.first_deg, 360.0)
+    second_deg = position.actual.second_deg - before.actual.second_deg
+    return seconds > 0.0 and max(abs(first_deg), abs(second_deg)) <= AT_REST_DEG_S * seconds

@@ -103,8 +103,8 @@ class LedMount(Feedback):
 
     @property
     def on_trajectory(self) -> bool:  # type: ignore[override]
-        """Whether the last samples were within 10″ of the trajectory."""
-        return self._near >= SAMPLES_ON_TRAJECTORY
+        """Whether the mount is heard, follows the trajectory, and was within 10″ of it of late."""
+        return self._near >= SAMPLES_ON_TRAJECTORY and self.link_up and self.tripped is None
 
     @property
     def outside_limits(self) -> bool:  # type: ignore[override]

@@ -16,6 +16,8 @@ from sattrack.mount import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 from sattrack.safety import ROWS, altitude_deg, separation_deg
 from sattrack.safety.geometry import Box
 from sattrack.xerxes.datagrams import Command, encode_command
+from sattrack.xerxes.link import LOST_AFTER_S
+from sattrack.xerxes.session import says_the_same
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -84,6 +86,8 @@ class Guard:
         self._fastest_deg_s = fastest_deg_s
         self._silent_after_s = silent_after_s
         self._began: Heard | None = None
+        self._news_utc_s = 0.0
+        """When a status came last that did not repeat the clock and the place of the one before."""
         self._before: Heard | None = None
         self._answered = float("nan")
         self._astray = -1
@@ -116,6 +120,7 @@ class Guard:
         self._refuse_state(last, log)
         self._refuse_place(last, now_utc_s)
         self._began = self._before = last
+        self._news_utc_s = last.arrival_utc_s
 
     def _refuse_state(self, last: Heard, log: StatusLog) -> None:
         status = last.status
@@ -219,6 +224,8 @@ class Guard:
         self._before = heard
         words = None
         status = heard.status
+        if not says_the_same(status, before.status):
+            self._news_utc_s = heard.arrival_utc_s
         moved = (heard.hour_angle_deg - before.hour_angle_deg, heard.dec_deg - before.dec_deg)
         seconds = max(0.02, heard.mount_s - before.mount_s)
         largest = LARGEST_GAIN * self._fastest_deg_s * seconds + 0.05
@@ -278,13 +285,19 @@ class Guard:
             )
 
     def watch_link(self, log: StatusLog, now_utc_s: float) -> None:
-        """Raise CalibrationEndedError where the mount has fallen silent."""
+        """Raise CalibrationEndedError where the mount has fallen silent, or tells nothing new."""
         last = log.last
         if self._began is None or last is None:
             return
         if now_utc_s - last.arrival_utc_s > self._silent_after_s:
             raise CalibrationEndedError(
                 Kind.LINK, "the mount fell silent; stop commands are sent: look after it"
+            )
+        if now_utc_s - self._news_utc_s > LOST_AFTER_S:
+            raise CalibrationEndedError(
+                Kind.LINK,
+                "the mount said the same again and again while it moved; stop commands are sent: "
+                "look after it",
             )
 
 

@@ -381,7 +381,7 @@ class Console:
         before, self.link_state = self.link_state, self.session.link_state(now_utc_s)
         lost = self.link_state is LinkState.LOST and before is not LinkState.LOST
         if lost and self.moving and not self.stopping:
-            self._stop("link", f"{self.mount_name} fell silent; stop commands are being sent")
+            self._stop("link", f"{self.mount_name} {self.session.health.did}; stop commands are being sent")
 
     def _let_go(self, now_utc_s: float) -> None:
         """After a stop that was seen through, leave the mount to whoever moves it next."""

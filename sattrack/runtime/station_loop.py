@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from sattrack.runtime.console import Connection
     from sattrack.runtime.signals import StopRequest
     from sattrack.safety import Safety
+    from sattrack.xerxes.session import Session
 
 LATE_ENOUGH_TO_SKIP_S = 0.5
 LEAD_S = 0.0015
@@ -51,6 +52,10 @@ class Station(Protocol):
     @property
     def safety(self) -> Safety:
         """What clears its motions."""
+
+    @property
+    def session(self) -> Session:
+        """The conversation with it."""
 
     @property
     def finished(self) -> bool:
@@ -217,4 +222,5 @@ class StationLoop:
             self._told_hold = None
         if station.link_up != self._told_link:
             self._told_link = station.link_up
-            self.tell("the mount is heard" if station.link_up else "the mount is not heard")
+            did = f"the mount {station.session.health.did}"
+            self.tell("the mount is heard" if station.link_up else did)

@@ -143,7 +143,7 @@ INTERLOCKS = (
     Interlock(
         "status_age",
         "age of the last status while the mount is to move",
-        "2.5 s",
+        f"{OLDEST_STATUS_S:g} s",
         "none: what the mount may do meanwhile is counted from its last status",
         Reaction.STOP,
         "see to the link, start again",

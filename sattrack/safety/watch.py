@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from sattrack.link_loss import STATUS_LOST_S
 from sattrack.mount import SIDEREAL_RATE_DEG_S, Motion, MoveAxes, mean_sidereal_deg
 
 if TYPE_CHECKING:
@@ -47,7 +48,7 @@ KEEPS_FIRST = (
     "the profile says held"
 )
 RA_AND_DEC = 3
-OLDEST_STATUS_S = 2.5
+OLDEST_STATUS_S = STATUS_LOST_S
 """Age of the last status from which on the mount is not moved any more."""
 
 

@@ -7,8 +7,10 @@ from collections import deque
 from dataclasses import dataclass, field
 from enum import StrEnum
 
+from sattrack.link_loss import STATUS_LOST_S
+
 STALE_AFTER_S = 0.3
-LOST_AFTER_S = 2.0
+LOST_AFTER_S = STATUS_LOST_S
 REMEMBERED_INTERVALS = 100
 
 
@@ -55,6 +57,8 @@ class LinkHealth:
     repeated: int = 0
     frozen: int = 0
     state: LinkState = LinkState.SILENT
+    froze: bool = False
+    """Whether frozen statuses are all that came since the last accepted one."""
     _last_arrival_s: float | None = None
     _intervals: deque[float] = field(default_factory=lambda: deque(maxlen=REMEMBERED_INTERVALS))
 
@@ -64,7 +68,18 @@ class LinkHealth:
         if last is not None and arrival_utc_s > last:
             self._intervals.append((arrival_utc_s - last) / max(1, periods))
         self._last_arrival_s = arrival_utc_s
+        self.froze = False
         self.state = LINK_TRANSITIONS.get((self.state, HEARD), self.state)
+
+    def freeze(self) -> None:
+        """Note a status of a mount in motion that repeats the last one: it counts as not heard."""
+        self.frozen += 1
+        self.froze = True
+
+    @property
+    def did(self) -> str:
+        """What a mount did whose link is lost, in words."""
+        return "said the same again and again while it moved" if self.froze else "fell silent"
 
     def look(self, now_utc_s: float) -> LinkState:
         """Return the state of the link at an instant."""

@@ -91,8 +91,6 @@ class Session:
 
     profile: MountProfile
     health: LinkHealth = field(default_factory=LinkHealth)
-    refuses_frozen: bool = False
-    """Whether a status counts as not heard that repeats the clock and the place of the last in mid-motion."""
     status: Status | None = None
     """The last accepted status; of fields that mean nothing (`ignored_fields`), what positions say."""
     sample: StatusSample | None = None
@@ -157,7 +155,7 @@ class Session:
             self.health.rejected += 1
             return None
         if self._is_frozen(status):
-            self.health.frozen += 1
+            self.health.freeze()
             return None
         restarts = self.health.restarts
         if not self._sequence.is_news(status.counter, arrival_utc_s):
@@ -189,17 +187,12 @@ class Session:
     def _is_frozen(self, status: Status) -> bool:
         """Tell whether a mount in motion sends the same again: that is no news of where it is.
 
-        A moving axis and a clock that runs never give the same three numbers twice.
+        A moving axis and a clock that runs never give the same three numbers twice. Once they do, the end of
+        the motion makes no news of them either.
         """
         last = self.status
-        if last is None or not self.refuses_frozen or not isinstance(self._wanted, MoveAxes):
-            return False
-        return (
-            status.sidereal_h == last.sidereal_h
-            and status.ra_h == last.ra_h
-            and status.dec_deg == last.dec_deg
-            and status.counter != last.counter
-        )
+        moves = isinstance(self._wanted, MoveAxes) or self.health.froze
+        return last is not None and moves and says_the_same(status, last)
 
     def apply(self, cleared: Cleared) -> None:
         """Make a motion that safety has cleared the one that is wanted from the next datagram on."""
@@ -560,6 +553,16 @@ def separation_deg(ra1_deg: float, dec1_deg: float, ra2_deg: float, dec2_deg: fl
 
 def _off_target_deg(target: SlewTo, status: Status) -> float:
     return separation_deg(target.ra_deg, target.dec_deg, status.ra_h * 15.0, status.dec_deg)
+
+
+def says_the_same(status: Status, last: Status) -> bool:
+    """Tell whether a new status repeats the clock and the place of the last one."""
+    return (
+        status.sidereal_h == last.sidereal_h
+        and status.ra_h == last.ra_h
+        and status.dec_deg == last.dec_deg
+        and status.counter != last.counter
+    )
 
 
 def _plausible(status: Status) -> bool:

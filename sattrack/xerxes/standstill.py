@@ -473,7 +473,8 @@ class Standstill:
 
     def _follow(self, sample: StatusSample, aborted: bool, fast: bool) -> None:
         speed = abs(sample.ra_drive_deg_s) + abs(sample.dec_drive_deg_s)
-        self.slowing = speed < self._speed_deg_s
+        # Rates made of positions are noisy: half of those of a steady motion are below the one before.
+        self.slowing = speed < (STEADY_SHARE if self.fields.ignored else 1.0) * self._speed_deg_s
         self._speed_deg_s = speed
         self._not_slowing = self._not_slowing + 1 if (sample.slewing or fast) and not self.slowing else 0
         if not aborted or not self.fields.say_rest(sample):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from decimal import Decimal
+from typing import TYPE_CHECKING
 
 import antenna as bench
 import pytest
@@ -15,6 +16,9 @@ from sattrack.antenna.antcn_run import AntcnRun, Phase
 from sattrack.antenna.controller import Controller
 from sattrack.antenna.line import Check, character_time_out_s, encode, idle_time_s
 from sattrack.antenna.trajectory import NS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 NOON_S = NOON_NS / NS
 CHARACTER_S = 0.003
@@ -170,6 +174,56 @@ def test_a_controller_that_falls_silent_is_told_to_stop_until_given_up() -> None
     assert run.mount_stopped is False
     assert said[-1] == "STOP"
     assert said.count("STOP") > 10
+
+
+PLACE = "PS ,, ,, {first:.6f} 40 ,, ,, {rate} 0 ,, 0 {epoch:.6f} REMOTE {servo}"
+
+
+def answered_with(run: AntcnRun, until_s: float, position: Callable[[float], str]) -> list[str]:
+    """Let a run talk to a controller written out by hand, which acknowledges whatever it is told."""
+    now_s, said = NOON_S - 1.0, []
+    run.begin(now_s)
+    while not run.finished and now_s < NOON_S + until_s:
+        sent = run.tick(now_s)
+        if len(sent) > 1:
+            said.append(sent.decode().split()[0])
+            answer = position(now_s - NOON_S) if said[-1] == "PS" else f"{said[-1]} ACK"
+            run.receive(encode(answer), now_s + 0.001)
+        now_s += 0.005
+    return said
+
+
+def test_a_controller_that_tells_the_same_again_and_again_is_given_up() -> None:
+    run = make_run(Antcn(CHARACTER_S))
+    frozen = PLACE.format(first=30.0, rate=0, epoch=43200.0, servo="TRACKING")
+    said = answered_with(run, 6.0, lambda _: frozen)
+    assert run.ended_by == "link"
+    assert "the same position again and again" in (run.message or "")
+    assert "STOP" in said
+
+
+def test_an_antenna_that_runs_on_is_not_at_rest_whatever_rates_it_tells() -> None:
+    run = make_run(Antcn(CHARACTER_S))
+
+    def runs_on(seconds: float) -> str:
+        return PLACE.format(first=30.0 + 0.1 * seconds, rate=0, epoch=43200.0 + seconds, servo="IDLE")
+
+    answered_with(run, 90.0, runs_on)
+    assert run.ended_by == "set"
+    assert run.finished
+    assert run.mount_stopped is False
+
+
+def test_a_controller_whose_clock_jumps_is_told_to_stop() -> None:
+    run = make_run(Antcn(CHARACTER_S))
+
+    def jumps(seconds: float) -> str:
+        late_s = 300.0 if seconds > 3.0 else 0.0
+        return PLACE.format(first=30.0, rate=0, epoch=43200.0 + seconds - late_s, servo="TRACKING")
+
+    answered_with(run, 6.0, jumps)
+    assert run.ended_by == "error"
+    assert "clock is off ours by 300 s" in (run.message or "")
 
 
 def test_a_refusal_ends_the_run_and_says_why() -> None:

@@ -36,9 +36,9 @@ class Client:
             if lost:
                 lost -= 1
             else:
-                self.session.receive(
-                    encode_status(replace(status, counter=self.turn)), T0 + self.turn * PERIOD_S
-                )
+                clock_h = status.sidereal_h + self.turn * PERIOD_S / 3600.0
+                told = replace(status, counter=self.turn, sidereal_h=clock_h)
+                self.session.receive(encode_status(told), T0 + self.turn * PERIOD_S)
             self.last = self.session.compose()
             copies.append(self.session.repeat())
         return copies
