@@ -57,6 +57,12 @@ MOST_FOCUS_AXES = 3
 @profile_option
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
 @click.option("--port", default=DEFAULT_PORT, show_default=True, help="TCP port; 0 takes a free one.")
+@click.option(
+    "--idle",
+    default=60.0,
+    show_default=True,
+    help="Seconds of silence after which antcn makes room for a caller from another address.",
+)
 @click.option("--serial", "device", metavar="DEVICE", help="Serve a serial line instead, as /dev/ttyUSB0.")
 @click.option("--baud", type=click.Choice([str(b) for b in BAUDS]), default="9600", show_default=True)
 @click.option("--framing", default=DEFAULT_FRAMING, show_default=True, help="Bits, parity, stop bits.")
@@ -180,7 +186,9 @@ def _door(options: dict[str, Any]) -> tuple[Door, str]:
             channel=reopen(), reopen=reopen
         ), f"{device}, {options['baud']} baud, {options['framing']}"
     check_port(options["port"])
-    door = Door(listen(options["host"], options["port"]))
+    if not options["idle"] >= 1.0:
+        raise BadInputError(f"--idle {options['idle']:g}: 1 or more")
+    door = Door(listen(options["host"], options["port"]), idle_s=options["idle"])
     return door, f"{options['host']}:{door.port}"
 
 

@@ -6,8 +6,11 @@ A gate stands between a connection and the protocol that serves it: who may not 
 from __future__ import annotations
 
 import asyncio
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, cast
+
+from sattrack.runtime.callers import Seat
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -29,6 +32,19 @@ class Doorkeeper:
     cut: int = 0
     """Connections that were silent, or halting, too long."""
 
+    def admits(self, address: str, now_s: float) -> bool:
+        """Tell whether an address may come in; whoever must make room for it is hung up on."""
+        # Whose answer is under way asks for something now.
+        seats = {
+            line: gate.seat._replace(asked_s=now_s) if gate.at_work else gate.seat
+            for line, gate in self.gates.items()
+        }
+        objection, idle = self.limits.admit(address, seats, now_s)
+        for line in idle:
+            self.cut += 1
+            self.gates.pop(line).hang_up()
+        return objection is None
+
     def tend(self, now_s: float) -> None:
         """Hang up on those who have been silent, or have left a request unfinished, for too long."""
         for gate in list(self.gates.values()):
@@ -48,16 +64,18 @@ class Gate(asyncio.Protocol):
         self._since_s = self._loop.time()
         """Since when nothing has happened, or a request is unfinished."""
         self._unfinished = False
+        self.seat = Seat("", -math.inf, self._since_s)
         self.at_work = 0
         """How many whole requests have not been answered yet."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """See asyncio.Protocol."""
         peer = transport.get_extra_info("peername")
-        if peer is None or self._keeper.limits.objection(str(peer[0]), len(self._keeper.gates)) is not None:
+        if peer is None or not self._keeper.admits(str(peer[0]), self._since_s):
             self._keeper.refused += 1
             cast("asyncio.Transport", transport).abort()
             return
+        self.seat = Seat(str(peer[0]), -math.inf, self._since_s)
         self._transport = cast("asyncio.Transport", transport)
         self._keeper.gates[transport] = self
         self._inner = self._make_inner()
@@ -96,11 +114,13 @@ class Gate(asyncio.Protocol):
         """Note that a whole request is here: however long its answer takes, nothing is overdue."""
         self._unfinished = False
         self.at_work += 1
+        self.seat = self.seat._replace(asked_s=self._loop.time())
 
     def ends(self) -> None:
         """Note that its answer is on its way."""
         self.at_work -= 1
         self._since_s = self._loop.time()
+        self.seat = self.seat._replace(asked_s=self._since_s)
 
     def overdue(self, now_s: float, idle_s: float) -> bool:
         """Tell whether this connection is to be ended."""

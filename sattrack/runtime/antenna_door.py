@@ -1,7 +1,8 @@
 """Where antcn comes in: a TCP port or a serial line, one caller at a time.
 
 The door never speaks first. A second caller on TCP is hung up on before a byte is sent, so that two Field
-Systems cannot drive one antenna; a serial line has one caller by its nature.
+Systems cannot drive one antenna, unless the first has fallen silent; a serial line has one caller by its
+nature.
 """
 
 from __future__ import annotations
@@ -10,10 +11,12 @@ import contextlib
 import os
 import re
 import socket
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sattrack.errors import BadInputError, SattrackError
+from sattrack.runtime.callers import BUSY_S, Opening
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -193,6 +196,20 @@ def listen(host: str, port: int, backlog: int = 4) -> socket.socket:
 
 
 @dataclass(slots=True)
+class Seat:
+    """The one caller on TCP: its address, its first line, and when it spoke last (`time.monotonic`)."""
+
+    address: str
+    opening: Opening = field(default_factory=lambda: Opening(by_lines=True))
+    spoke_s: float | None = None
+
+    def gives_way(self, address: str, now_s: float, idle_s: float) -> bool:
+        """Tell whether it makes room for a caller from an address: one of its own needs no long silence."""
+        silence_s = BUSY_S if address == self.address else idle_s
+        return self.spoke_s is None or now_s - self.spoke_s > silence_s
+
+
+@dataclass(slots=True)
 class Door:
     """A listening socket with its caller, or a serial line."""
 
@@ -200,8 +217,14 @@ class Door:
     channel: Channel | None = None
     reopen: Callable[[], Channel] | None = None
     """Opens the serial line anew where it was lost."""
+    idle_s: float = 60.0
+    """A caller that was silent for so long makes room for one from elsewhere."""
     hung_up_on: int = 0
     """Callers that were refused because there was one already."""
+    foreign: int = 0
+    """Callers that were hung up on because they spoke HTTP or TLS."""
+    _seat: Seat | None = None
+    """None on a serial line."""
     _next_try_s: float = 0.0
     _waiting: bytes = b""
 
@@ -227,7 +250,7 @@ class Door:
         """
         gone = False
         if self.channel is not None and self.channel in ready:
-            data = self.channel.read()
+            data = self._read(self.channel)
             came_s = now()
             if data is None:
                 gone = True
@@ -235,7 +258,7 @@ class Door:
             elif data:
                 self._send(*answer(data, came_s))
         if self.listener is not None and self.listener in ready:
-            self._accept(self.listener)
+            gone = self._accept(self.listener) or gone
         return gone
 
     def flush(self) -> None:
@@ -259,22 +282,37 @@ class Door:
         if len(self._waiting) > MOST_WAITING_BYTES:
             self._hang_up()
 
-    def _accept(self, listener: socket.socket) -> None:
+    def _read(self, channel: Channel) -> bytes | None:
+        """Return what may be obeyed of what has come; None where the caller is gone, or is to be."""
+        data = channel.read()
+        if not data or self._seat is None:
+            return data
+        self._seat.spoke_s = time.monotonic()
+        told = self._seat.opening.take(data)
+        self.foreign += told is None
+        return told
+
+    def _accept(self, listener: socket.socket) -> bool:
+        """Let a caller in where there is room; tell whether another had to make it."""
         try:
-            connection, _ = listener.accept()
+            connection, (address, *_) = listener.accept()
         except OSError:
-            return
-        if self.channel is not None:
+            return False
+        taken, seat = self.channel is not None, self._seat
+        if taken and not (seat is not None and seat.gives_way(address, time.monotonic(), self.idle_s)):
             self.hung_up_on += 1
             connection.close()
-            return
-        self.channel = TcpChannel(connection)
+            return False
+        if taken:
+            self._hang_up()
+        self.channel, self._seat = TcpChannel(connection), Seat(address)
+        return taken
 
     def _hang_up(self) -> None:
         assert self.channel is not None
         self.channel.close()
         self._waiting = b""
-        self.channel = None
+        self.channel = self._seat = None
 
     def mend(self, monotonic_s: float) -> bool:
         """Open a serial line that was lost anew, now and then; tell whether it is there again."""

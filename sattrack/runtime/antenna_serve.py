@@ -58,6 +58,7 @@ class AntennaLoop(StationLoop):
     _told_refusals: int = field(default=0, init=False)
     _told_caller: bool = field(default=False, init=False)
     _told_hung_up_on: int = field(default=0, init=False)
+    _told_foreign: int = field(default=0, init=False)
 
     def tell(self, words: str) -> None:
         """Have the program's own words logged."""
@@ -180,3 +181,6 @@ class AntennaLoop(StationLoop):
         if self.door.hung_up_on != self._told_hung_up_on:
             self._told_hung_up_on = self.door.hung_up_on
             self.tell("a second caller was hung up on: one antenna, one antcn")
+        if self.door.foreign != self._told_foreign:
+            self._told_foreign = self.door.foreign
+            self.tell("a caller that speaks HTTP or TLS was hung up on")

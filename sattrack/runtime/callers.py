@@ -3,10 +3,32 @@
 from __future__ import annotations
 
 import ipaddress
+import math
+import re
+from collections import Counter
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING, NamedTuple, TypeAlias, TypeVar
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
 
 Networks: TypeAlias = tuple[ipaddress.IPv4Network | ipaddress.IPv6Network, ...]
+
+
+Key = TypeVar("Key")
+ONE_ADDRESS = 0.875
+"""The share of all callers that may come from one address."""
+BUSY_S = 2.0
+"""A caller that asked for something so lately is not hung up on to make room for one like it."""
+
+
+class Seat(NamedTuple):
+    """One caller that is there: its address, when it last asked for something whole, and when it came."""
+
+    address: str
+    asked_s: float
+    """-inf where it has not asked for anything yet."""
+    came_s: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,10 +48,69 @@ class CallerLimits:
             return True
         return any(ipaddress.ip_address(address) in network for network in self.allowed)
 
-    def objection(self, address: str, already: int) -> str | None:
-        """Return why an address may not call while there are so many callers already."""
+    def admit(self, address: str, seats: Mapping[Key, Seat], now_s: float) -> tuple[str | None, list[Key]]:
+        """Return why an address may not call now, if so; and who is to be hung up on to make room for it.
+
+        Whoever has asked for nothing gives way first, then whoever has been silent longest: of the caller's
+        own address where that has its share, else of the address that has most callers.
+        """
         if not self.allow(address):
-            return "it is not among those that --allow names"
-        if already >= self.callers:
-            return f"there are {already} clients already, as many as --clients allows"
-        return None
+            return "it is not among those that --allow names", []
+        counts = Counter(seat.address for seat in seats.values())
+        crowd = address
+        if len(seats) >= self.callers:
+            crowd = max(counts, key=counts.__getitem__)
+        elif counts[address] < math.ceil(ONE_ADDRESS * self.callers):
+            return None, []
+        idlest = min(
+            (key for key, seat in seats.items() if seat.address == crowd), key=lambda key: seats[key][1:]
+        )
+        fair = counts[crowd] > counts[address] + 1
+        if not fair and now_s - seats[idlest].asked_s < BUSY_S:
+            return f"there are {counts[crowd]} busy clients already, as many as --clients allows", []
+        return None, [idlest]
+
+
+_TOKEN = rb"[!#$%&'*+.^_`|~0-9A-Za-z-]+"
+_HTTP = re.compile(
+    rb"(?:GET|HEAD|POST|PUT|DELETE|CONNECT|OPTIONS|TRACE|PATCH|PRI) |" + _TOKEN + rb" +[^ \r\n]+ +HTTP/\d"
+)
+_MAY_BE_HTTP = re.compile(_TOKEN + rb"(?: +(?:[^ \r\n]+(?: +(?:H(?:T(?:T(?:P/?)?)?)?)?)?)?)?\Z")
+_TLS = b"\x16\x03"
+"""How a handshake record begins, which holds the ClientHello."""
+LONGEST_OPENING = 8192
+"""Bytes of a first line that looks like HTTP from its beginning; no command is so long."""
+
+
+@dataclass(slots=True)
+class Opening:
+    """Looks at a caller's first line, and keeps it back until it cannot be that of HTTP or TLS.
+
+    A web page can have a browser send text of its own to any port of this machine, behind a request line and
+    headers that it cannot leave out. Where nothing is obeyed before the end of its line, `by_lines`, nothing
+    need be kept back.
+    """
+
+    by_lines: bool = False
+    _kept: bytes = b""
+    _over: bool = False
+
+    def take(self, data: bytes) -> bytes | None:
+        """Take bytes as they come; return those that may be obeyed, None where it must be hung up on."""
+        if self._over:
+            return data
+        self._kept += data
+        begins = self._kept.lstrip(b"\r\n")
+        maybe = not begins or begins == _TLS[:1] or _MAY_BE_HTTP.match(begins)
+        if _HTTP.match(begins) or begins[:2] == _TLS or (maybe and len(self._kept) > LONGEST_OPENING):
+            self._kept = b""
+            return None
+        self._over = not maybe
+        if self.by_lines:
+            return data
+        return b"" if maybe else self.rest()
+
+    def rest(self) -> bytes:
+        """Return what was kept back, where nothing else will come."""
+        kept, self._kept = self._kept, b""
+        return kept

@@ -7,6 +7,7 @@ until it may ask again: its own system then keeps it from sending.
 
 from __future__ import annotations
 
+import math
 import socket
 import time
 from collections import deque
@@ -14,6 +15,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sattrack.runtime.antenna_door import TcpChannel
+from sattrack.runtime.callers import Opening, Seat
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,6 +43,8 @@ class Caller:
     heard_s: float
     budget: float
     filled_s: float
+    seat: Seat
+    opening: Opening = field(default_factory=Opening)
     waiting: bytes = b""
     more: bool = False
     """Whether there may be requests that were not answered yet."""
@@ -112,10 +116,11 @@ class RotctldDoor:
         callers = [caller for caller in self.callers.values() if id(caller) in speaking]
         gone = [caller.client.number for caller in callers if not self._read(caller)]
         for number in gone:
+            self._answer_last(self.callers[number], now_ns())
             self._hang_up(number)
         gone += self._answer_all(now_ns(), until_s)
         if self.listener in ready:
-            self._accept()
+            gone += self._accept()
         return gone
 
     def tend(self, now_ns: int) -> list[int]:
@@ -151,7 +156,11 @@ class RotctldDoor:
             return False
         if data:
             caller.heard_s = time.monotonic()
-            caller.client.receive(data)
+            told = caller.opening.take(data)
+            if told is None:
+                self.words.append(f"client {caller.client.number} speaks HTTP or TLS and is hung up on")
+                return False
+            caller.client.receive(told)
             caller.more = True
         return True
 
@@ -182,10 +191,19 @@ class RotctldDoor:
             return False
         answers, count = caller.client.answer(now_ns, most)
         caller.budget -= count
+        if count:
+            caller.seat = caller.seat._replace(asked_s=time.monotonic())
         caller.more = count == most
         caller.waiting += answers
         self._flush(caller)
         return True
+
+    def _answer_last(self, caller: Caller, now_ns: int) -> None:
+        """Answer what a caller said that has shut its side before the end of its first line."""
+        rest = caller.opening.rest()
+        if rest:
+            caller.client.receive(rest)
+            self._answer(caller, now_ns)
 
     def _flush(self, caller: Caller) -> None:
         if caller.waiting:
@@ -196,24 +214,34 @@ class RotctldDoor:
         if caller is not None:
             self.callers[number] = caller
 
-    def _accept(self) -> None:
+    def _accept(self) -> list[int]:
+        """Let callers in; return the numbers of those that had to make room."""
+        gone: list[int] = []
         for _ in range(MOST_ACCEPTED):
             try:
                 connection, address = self.listener.accept()
             except OSError:
-                return
-            objection = self.limits.objection(address[0], len(self.callers))
+                break
+            now_s = time.monotonic()
+            seats = {number: caller.seat for number, caller in self.callers.items()}
+            objection, idle = self.limits.admit(address[0], seats, now_s)
             if objection is not None:
                 self.refused += 1
                 self.words.append(f"{address[0]} was hung up on: {objection}")
                 connection.close()
                 continue
-            number, now_s = self._next_number, time.monotonic()
+            for number in idle:
+                self.words.append(f"client {number} is hung up on: it makes room for another")
+                self._hang_up(number)
+            gone += idle
+            number = self._next_number
             self._next_number += 1
             budget = max(1.0, BURST_S * self.limits.requests_per_s)
             client = self.make_client(number)
-            self.callers[number] = Caller(TcpChannel(connection), client, now_s, budget, now_s)
+            seat = Seat(address[0], -math.inf, now_s)
+            self.callers[number] = Caller(TcpChannel(connection), client, now_s, budget, now_s, seat)
             self.words.append(f"client {number} is there, from {address[0]}:{address[1]}")
+        return gone
 
     def _hang_up(self, number: int) -> None:
         caller = self.callers.pop(number)

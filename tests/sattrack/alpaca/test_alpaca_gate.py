@@ -164,13 +164,24 @@ def test_who_waits_for_an_answer_is_not_hung_up_on_however_long_it_takes() -> No
 
 def test_more_connections_than_allowed_and_strangers_are_not_let_in() -> None:
     async def play(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
-        lines = [await callers.call() for _ in range(3)]
-        assert await hung_up(lines[2][0])
+        lines = []
+        for _ in range(2):
+            lines.append(await callers.call())
+            lines[-1][1].write(WHOLE)
+            assert (await lines[-1][0].readline()).startswith(b"HTTP/1.1 200")
+        assert await hung_up((await callers.call())[0])
         assert keeper.refused == 1
-        lines[0][1].write(WHOLE)
-        assert (await lines[0][0].readline()).startswith(b"HTTP/1.1 200")
 
     with_door(CallerLimits(callers=2), play)
+
+    async def silent(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
+        lines = [await callers.call() for _ in range(3)]
+        assert await hung_up(lines[0][0])
+        assert keeper.refused == 0
+        lines[2][1].write(WHOLE)
+        assert (await lines[2][0].readline()).startswith(b"HTTP/1.1 200")
+
+    with_door(CallerLimits(callers=2), silent)
 
     async def strangers(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
         reader, writer = await callers.call()

@@ -16,7 +16,7 @@ from antenna_setup import NOON_NS, make_controller
 from conformance_rows import ROWS, Row
 
 from sattrack.antenna.trajectory import NS
-from sattrack.runtime.antenna_door import BAUDS, Door, SerialChannel, listen
+from sattrack.runtime.antenna_door import BAUDS, Door, Seat, SerialChannel, listen
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -121,6 +121,7 @@ def test_the_row_holds_over_a_pair_of_terminals(row: Row, by_pty: tuple[Door, Ca
 
 def test_a_second_caller_is_hung_up_on_and_the_first_goes_on(by_tcp: tuple[Door, Caller]) -> None:
     door, caller = by_tcp
+    converse(ROWS[0], door, caller)
     with socket.create_connection(("127.0.0.1", door.port)) as second:
         select.select([door.listener], [], [], PATIENCE_S)
         door.serve([door.listener], float, lambda data, at: (b"", False))
@@ -128,6 +129,40 @@ def test_a_second_caller_is_hung_up_on_and_the_first_goes_on(by_tcp: tuple[Door,
         assert second.recv(100) == b""
     assert door.hung_up_on == 1
     converse(ROWS[0], door, caller)
+
+
+def test_a_caller_that_never_spoke_makes_room_for_the_next() -> None:
+    door, controller = Door(listen("127.0.0.1", 0)), make_controller()
+
+    def turn() -> bool:
+        ready, _, _ = select.select(door.readers(), [], [], PATIENCE_S)
+        return door.serve(ready, float, lambda data, _: controller.receive(data, NOON_NS))
+
+    with socket.create_connection(("127.0.0.1", door.port)) as silent:
+        turn()
+        with socket.create_connection(("127.0.0.1", door.port)) as second:
+            assert turn()
+            second.sendall(b"PS C3\n")
+            turn()
+            second.settimeout(PATIENCE_S)
+            assert second.recv(4096) == ROWS[0].steps[0].received
+            silent.settimeout(PATIENCE_S)
+            assert silent.recv(100) == b""
+    door.close()
+
+
+@pytest.mark.parametrize(
+    ("address", "silent_s", "gives_way"),
+    [
+        ("192.0.2.1", 1.0, False),
+        ("192.0.2.1", 3.0, True),
+        ("192.0.2.2", 59.0, False),
+        ("192.0.2.2", 61.0, True),
+    ],
+)
+def test_a_seat_is_kept_by_whoever_speaks(address: str, silent_s: float, gives_way: bool) -> None:
+    seat = Seat("192.0.2.1", spoke_s=100.0)
+    assert seat.gives_way(address, 100.0 + silent_s, 60.0) is gives_way
 
 
 def test_a_caller_gone_in_the_middle_of_a_line_leaves_room_for_the_next() -> None:
