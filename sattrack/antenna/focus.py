@@ -80,6 +80,11 @@ class SimulatedFocuser:
         """See Focuser."""
         return len(self.axes)
 
+    @property
+    def reach_mm(self) -> Sequence[tuple[float, float]]:
+        """See Focuser."""
+        return [(LEAST_MM, MOST_MM)] * self.count
+
     def heard(self, utc_ns: int) -> bool:
         """See Focuser."""
         del utc_ns

@@ -33,6 +33,9 @@ def _move(focuser: Focuser, request: Request, now_ns: int) -> Nak | None:
         return Nak.NOT_AVAILABLE
     if not focuser.heard(now_ns):
         return Nak.STATE
+    for place, (least_mm, most_mm) in zip(places, focuser.reach_mm, strict=False):
+        if place is not None and not least_mm <= place <= most_mm:
+            return Nak.RANGE
     focuser.move(places[: focuser.count], now_ns)
     return None
 

@@ -33,11 +33,15 @@ class Focuser(Protocol):
     def count(self) -> int:
         """How many axes there are."""
 
+    @property
+    def reach_mm(self) -> Sequence[tuple[float, float]]:
+        """The least and the greatest place of each axis."""
+
     def heard(self, utc_ns: int) -> bool:
         """Return whether all of them can be told anything at an instant."""
 
     def move(self, places_mm: Sequence[float | None], utc_ns: int) -> None:
-        """Send axes to places, or to the nearest that they reach; None leaves an axis as it is."""
+        """Send axes to places within their reach; None leaves an axis as it is."""
 
     def sweep(self, axis: int, rate_mm_s: float, utc_ns: int) -> None:
         """Send one axis, counted from 0, from limit to limit and back at a uniform rate, up first."""

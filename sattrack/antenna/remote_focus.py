@@ -99,6 +99,11 @@ class RemoteFocuser:
         """See Focuser."""
         return len(self.axes)
 
+    @property
+    def reach_mm(self) -> Sequence[tuple[float, float]]:
+        """See Focuser."""
+        return [(axis.least_mm, axis.most_mm) for axis in self.axes]
+
     def heard(self, utc_ns: int) -> bool:
         """See Focuser."""
         return all(axis.known(utc_ns) for axis in self.axes)

@@ -133,6 +133,16 @@ USAGE_ROWS = (
     ),
     Row(
         "6.0",
+        "a place that the focus does not reach is refused, and no axis moves",
+        (
+            Step(0, b"FOCUS 60 0 76\n", b"FOCUS NAK 6 F0\n"),
+            Step(0, b"FOCUS 5 -50.1 06\n", b"FOCUS NAK 6 F0\n"),
+            Step(1, b"FOCPS 9B\n", b"FOCPS 0.0000 0.0000 0.0000 0.0000 43201.000000 STOPPED 3A\n"),
+            Step(2, b"FOCUS 50 -50 D7\n", b"FOCUS ACK 8F\n"),
+        ),
+    ),
+    Row(
+        "6.0",
         "an axis of the focus that is not there is told of",
         (
             Step(0, b"FOCUS 1 1 1 93\n", b"FOCUS NAK 9 F3\n"),
