@@ -33,11 +33,11 @@ ORDER_EVERY = 50
 LATE_MS = 1.0
 RATE_DEG_S = 0.05
 DEVICE = "/api/v1/telescope/0/"
-READ = f"GET {DEVICE}rightascension?ClientID=1 HTTP/1.1\r\nHost: x\r\n\r\n".encode()
+READ = f"GET {DEVICE}rightascension?ClientID=1 HTTP/1.1\r\nHost: localhost\r\n\r\n".encode()
 
 
 def put(member: str, body: str) -> bytes:
-    head = f"PUT {DEVICE}{member} HTTP/1.1\r\nHost: x\r\nContent-Length: {len(body)}\r\n"
+    head = f"PUT {DEVICE}{member} HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}\r\n"
     return f"{head}Content-Type: application/x-www-form-urlencoded\r\n\r\n{body}".encode()
 
 

@@ -30,6 +30,7 @@ class Abilities(msgspec.Struct, frozen=True):
     guide_rates: bool = True
     """Whether it tells them."""
     fine_rates: bool = True
+    sets_tracking: bool = True
     axis_rates_deg_s: tuple[Spans, Spans] = (ANY_RATE, ANY_RATE)
     """Which rates of its own each axis bears, the lowest and the highest of each range."""
 

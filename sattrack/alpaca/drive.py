@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sattrack.manual.procedures import Outcome, Refusal, outcome_of, refused
+from sattrack.manual.procedures import MoveFor, Once, Outcome, Refusal, outcome_of, refused
 from sattrack.mount import SIDEREAL_RATE_DEG_S
 from sattrack.requests import Abort, EndMove, MoveAxis, Ticket, TicketState
 
@@ -16,6 +16,12 @@ if TYPE_CHECKING:
 
 PRIMARY = 0
 SECONDARY = 1
+MOVE_S = 0.3
+LEAST_DEG_S = 1e-6
+"""As good as none; 0 would be no edge to a mount that takes rates by edges."""
+SURE_AFTER_S = 0.6
+SEEN_WITHIN_S = 3.0
+"""How long a mount's positions must show what was asked for, and within what time they must."""
 
 
 def as_request(axis: int, rate_deg_s: float) -> MoveAxis:
@@ -123,3 +129,39 @@ class AfterStop:
         self._begun = True
         refusal = self._then.begin(desk, now_utc_s)
         return None if refusal is None else refused(refusal)
+
+
+class SetTracking:
+    """Have a mount at rest follow the sky, by a MoveAxis and its end; or stand, by a stop.
+
+    The protocol has no other way, and acknowledges neither: the mount's positions tell what came of it.
+    """
+
+    def __init__(self, on: bool) -> None:
+        self.doing = "taking up tracking" if on else "ending tracking"
+        self._on = on
+        self._first: Procedure = MoveFor(MoveAxis(LEAST_DEG_S), MOVE_S) if on else Once(Abort(), "stopping")
+        self._begun_utc_s: float | None = None
+        self._so_since_utc_s: float | None = None
+
+    def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+        """See Procedure."""
+        return self._first.begin(desk, now_utc_s)
+
+    def step(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+        """See Procedure."""
+        if self._begun_utc_s is None:
+            outcome = self._first.step(desk, now_utc_s)
+            if outcome is None or outcome.state not in {TicketState.COMPLETE, TicketState.UNCONFIRMED}:
+                return outcome
+            self._begun_utc_s = now_utc_s
+        if not desk.at_rest or desk.stands is self._on:
+            self._so_since_utc_s = None
+        elif self._so_since_utc_s is None:
+            self._so_since_utc_s = now_utc_s
+        if self._so_since_utc_s is not None and now_utc_s - self._so_since_utc_s >= SURE_AFTER_S:
+            return Outcome(TicketState.COMPLETE, True)
+        if now_utc_s - self._begun_utc_s < SEEN_WITHIN_S:
+            return None
+        words = "the mount did not take up tracking" if self._on else "the mount goes on tracking by itself"
+        return Outcome(TicketState.FAILED, True, words)

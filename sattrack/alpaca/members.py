@@ -104,7 +104,9 @@ MEMBERS = (
     _reads("CanSetPark", "false: the profile says where it is"),
     _reads("CanSetPierSide", "false: no command chooses a side"),
     _reads("CanSetRightAscensionRate", "true; false of an Alpaca telescope"),
-    _reads("CanSetTracking", "false: the protocol has no way to end tracking"),
+    _reads(
+        "CanSetTracking", "true; false of an Alpaca telescope, which tracks after a stop as it did before"
+    ),
     _reads("CanSlew", "true; of an Alpaca telescope what its driver says"),
     _reads("CanSlewAltAz", "false"),
     _reads("CanSlewAltAzAsync", "false"),
@@ -191,7 +193,7 @@ MEMBERS = (
         "Tracking",
         "whether the drive turns with the sky, or will after what moves it; false at rest after AbortSlew",
         read="yes",
-        write="absent",
+        write="yes",
         takes=(Parameter("Tracking", "bool"),),
         heard=True,
     ),

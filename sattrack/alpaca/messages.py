@@ -60,6 +60,12 @@ class FineOrder(msgspec.Struct, frozen=True, tag="fine"):
     dec_deg_s: float | None = None
 
 
+class TrackOrder(msgspec.Struct, frozen=True, tag="track"):
+    """Have a mount that does nothing else follow the sky, or stand."""
+
+    on: bool
+
+
 class FollowOrder(msgspec.Struct, frozen=True, tag="follow"):
     """Follow a satellite; `facts` are those of a run, as `runtime.facts` writes them."""
 
@@ -86,6 +92,7 @@ Order = (
     | PulseOrder
     | MoveOrder
     | FineOrder
+    | TrackOrder
     | FollowOrder
     | BiasOrder
 )
@@ -127,12 +134,14 @@ class FollowedState(msgspec.Struct, frozen=True):
 class TelescopeState(msgspec.Struct, frozen=True, tag="state"):
     """A mount at one instant, as clients may see it; None is what the mount does not tell.
 
-    Degrees, hours where the name says so, UTC as POSIX seconds. `ra_offset_deg_s` and `dec_offset_deg_s` are
+    Degrees, hours where the name says so, UTC as POSIX seconds: `utc_s` is when it was told, `measured_utc_s`
+    when the mount measured where it was. `ra_offset_deg_s` and `dec_offset_deg_s` are
     the fine rates in force, westward and northward.
     """
 
     utc_s: float
     heard: bool
+    measured_utc_s: float = 0.0
     ra_h: float = 0.0
     dec_deg: float = 0.0
     altitude_deg: float | None = None

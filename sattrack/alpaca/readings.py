@@ -76,8 +76,8 @@ def _device_state(state: TelescopeState, device: Device) -> list[dict[str, Any]]
         known = value is not None and device.abilities.lack(name) is None
         if known and (name != "Slewing" or state.failure is None):
             told.append({"Name": name, "Value": value})
-    now = _now(state.utc_s)
-    return [*told, {"Name": "UTCDate", "Value": now}, {"Name": "TimeStamp", "Value": now}]
+    measured = _now(state.measured_utc_s)
+    return [*told, {"Name": "UTCDate", "Value": measured}, {"Name": "TimeStamp", "Value": measured}]
 
 
 def _site(state: TelescopeState | None, device: Device) -> tuple[float, float, float]:
@@ -115,7 +115,7 @@ _FIXED: dict[str, Callable[[Device], Any]] = {
     "CanSetGuideRates": lambda _: False,
     "CanSetPark": lambda _: False,
     "CanSetPierSide": lambda _: False,
-    "CanSetTracking": lambda _: False,
+    "CanSetTracking": lambda device: device.abilities.sets_tracking,
     "CanSlewAltAz": lambda _: False,
     "CanSlewAltAzAsync": lambda _: False,
     "CanSyncAltAz": lambda _: False,

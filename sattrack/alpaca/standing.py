@@ -117,6 +117,7 @@ def state_of(  # noqa: PLR0913 - one argument for everything that statuses do no
     return TelescopeState(
         utc_s=utc_s,
         heard=heard,
+        measured_utc_s=_measured_utc_s(session, utc_s),
         ra_h=status.ra_h % 24.0,
         dec_deg=status.dec_deg,
         altitude_deg=_finite(status.altitude_deg),
@@ -141,6 +142,12 @@ def state_of(  # noqa: PLR0913 - one argument for everything that statuses do no
         tripped=tripped,
         following=following,
     )
+
+
+def _measured_utc_s(session: Session, utc_s: float) -> float:
+    """Return when the mount measured what its last status says."""
+    sample = session.sample
+    return utc_s if sample is None else sample.arrival_utc_s - session.profile.status_delay_s
 
 
 def _site(status: Status) -> tuple[float | None, float | None, float | None]:

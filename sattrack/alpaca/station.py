@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
 DONE = frozenset({TicketState.COMPLETE, TicketState.UNCONFIRMED})
 MOVING_KINDS = frozenset({"slew", "park", "home"})
-HELD_KINDS = frozenset({"sync", "fine"})
+HELD_KINDS = frozenset({"sync", "fine", "tracking"})
 """What is answered when it has come to its end, as it takes a few datagrams at most."""
 
 

@@ -21,6 +21,7 @@ from sattrack.alpaca.messages import (
     PulseOrder,
     SlewOrder,
     SyncOrder,
+    TrackOrder,
 )
 from sattrack.alpaca.readings import DEG_A_TIME_SECOND, SIDEREAL_A_SECOND, fixed_value, told_value
 from sattrack.requests import LARGEST_FINE_RATE_DEG_S
@@ -155,7 +156,9 @@ class Telescope:
             case "TargetDeclination":
                 self._target_dec_deg = float(values[name])
             case "RightAscensionRate" | "DeclinationRate":
-                return self._fine(name, float(values[name]))
+                return self._fine(name, float(values[name]), now_utc_s)
+            case "Tracking":
+                return self._track(bool(values[name]), now_utc_s)
             case "AbortSlew":
                 return AbortOrder()
             case "FindHome" | "Park":
@@ -172,8 +175,18 @@ class Telescope:
                 return self._to_target(name, now_utc_s)
         return None
 
-    @staticmethod
-    def _fine(name: str, value: float) -> FineOrder:
+    def _track(self, on: bool, now_utc_s: float) -> TrackOrder | None:
+        if not self.device.abilities.sets_tracking:
+            raise Fault(Number.NOT_IMPLEMENTED, "Tracking is as the telescope's own programs set it")
+        state = self._heard(now_utc_s)
+        if on and state.at_park:
+            raise Fault(Number.PARKED, "Tracking: the mount is parked, and is woken at its own console")
+        return None if on == state.tracking else TrackOrder(on)
+
+    def _fine(self, name: str, value: float, now_utc_s: float) -> FineOrder:
+        if value and not self._heard(now_utc_s).tracking:
+            words = f"{name} is an offset to tracking, and the mount is not tracking: set Tracking first"
+            raise Fault(Number.INVALID_OPERATION, words)
         of_ra = name == "RightAscensionRate"
         asked = -value * DEG_A_TIME_SECOND * SIDEREAL_A_SECOND if of_ra else value / 3600.0
         if not abs(asked) <= LARGEST_FINE_RATE_DEG_S:

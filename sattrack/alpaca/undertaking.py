@@ -5,8 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sattrack.alpaca.drive import SetTracking
 from sattrack.alpaca.faults import Fault, Number
-from sattrack.alpaca.messages import FineOrder, HomeOrder, ParkOrder, PulseOrder, SlewOrder, SyncOrder
+from sattrack.alpaca.messages import (
+    FineOrder,
+    HomeOrder,
+    ParkOrder,
+    PulseOrder,
+    SlewOrder,
+    SyncOrder,
+    TrackOrder,
+)
 from sattrack.manual.procedures import procedure_for
 from sattrack.requests import FindHome, FineRate, Park, PulseGuide, Slew, Sync
 from sattrack.safety.geometry import altitude_deg
@@ -28,7 +37,9 @@ class Undertaking:
     waiting: int | None = None
 
 
-def procedure_of(order: Order, profile: MountProfile, fine: FineRate) -> tuple[str, Procedure]:
+def procedure_of(  # noqa: PLR0911 - one for each kind of order
+    order: Order, profile: MountProfile, fine: FineRate
+) -> tuple[str, Procedure]:
     """Return how an order is carried out, and of which kind that is; `fine` are the rates in force.
 
     Raises TypeError for orders that are no procedure.
@@ -48,6 +59,8 @@ def procedure_of(order: Order, profile: MountProfile, fine: FineRate) -> tuple[s
             ra_deg_s = fine.ra_deg_s if order.ra_deg_s is None else order.ra_deg_s
             dec_deg_s = fine.dec_deg_s if order.dec_deg_s is None else order.dec_deg_s
             return "fine", procedure_for(FineRate(ra_deg_s, dec_deg_s), profile)
+        case TrackOrder():
+            return "tracking", SetTracking(order.on)
     raise TypeError(type(order))
 
 

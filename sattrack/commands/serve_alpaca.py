@@ -61,6 +61,12 @@ BACKLOG = 256
     show_default=True,
     help="For satellites: raise directions by the air's refraction; auto where the mount does not.",
 )
+@click.option(
+    "--name",
+    "names",
+    multiple=True,
+    help="A name by which clients call this computer, beside its own; may be repeated.",
+)
 @common_options
 def command(context: CommandContext, **options: Any) -> int:
     """Serve the mount as an ASCOM telescope (Alpaca, ITelescopeV4) over HTTP, until interrupted.
@@ -131,6 +137,7 @@ def _task(
         idle_s=options["idle"],
         requests_per_s=options["requests"],
         allowed=tuple(options["allow"]) or None,
+        names=options["names"],
         satellites=Satellites(
             elements=_elements(context, served),
             site=site,

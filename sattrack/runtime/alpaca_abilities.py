@@ -55,6 +55,8 @@ def abilities_of(connection: Connection, address: MountAddress | None, profile: 
         syncs=facts.can_sync,
         guides=facts.can_pulse_guide,
         guide_rates=facts.guide_rates_deg_s is not None,
+        # The gateway gives tracking back after each stop, as it was.
+        sets_tracking=False,
         fine_rates=address.not_carried(FineRate()) is None,
         axis_rates_deg_s=(
             # What MoveAxis adds to, or replaces, is the sky's rate.

@@ -30,6 +30,7 @@ from sattrack.clock import SimulatedClock, SystemClock
 from sattrack.runtime.alpaca_actions import Actions
 from sattrack.runtime.alpaca_gate import REQUEST_WITHIN_S, Doorkeeper, Gate
 from sattrack.runtime.alpaca_task import READY, decode_task
+from sattrack.runtime.callers import HostNames
 
 if TYPE_CHECKING:
     from sattrack.alpaca.messages import Order
@@ -126,6 +127,7 @@ class Front:
     clock: Clock
     keeper: Doorkeeper
     requests_per_s: float
+    names: HostNames = field(default_factory=HostNames)
     _paces: dict[asyncio.BaseTransport, Pace] = field(default_factory=dict)
 
     async def handle(self, request: web.BaseRequest) -> web.StreamResponse:
@@ -138,6 +140,9 @@ class Front:
         try:
             if request.method != "GET" and "Origin" in request.headers:
                 return _hung_up(403, "a web page is not obeyed: only programs send no Origin")
+            host = request.headers.get("Host")
+            if host is not None and not self.names.hold(host, transport.get_extra_info("sockname")):
+                return _hung_up(403, f"this server is not called {host[:60]!r}: --name adds a name")
             pace = self._paces.setdefault(transport, Pace(self.requests_per_s))
             now_s = asyncio.get_running_loop().time()
             if (wait_s := pace.wait_s(now_s)) > 0.0:
@@ -213,6 +218,8 @@ class DiscoveryProtocol(asyncio.DatagramProtocol):
 
 async def _body(request: web.BaseRequest) -> bytes | web.Response:
     """Return a request's body, or the answer to one that is too large or too slow."""
+    if (request.content_length or 0) > MOST_BODY_BYTES:
+        return _hung_up(413, f"a body has {MOST_BODY_BYTES} bytes at most")
     data = b""
     try:
         async with asyncio.timeout(REQUEST_WITHIN_S):
@@ -250,7 +257,9 @@ async def serve(task: AlpacaTask, reader: asyncio.StreamReader, writer: asyncio.
     limits = task.limits()
     channel, keeper = Channel(reader, writer, telescope), Doorkeeper(limits)
     actions = Actions(task.satellites, telescope, clock)
-    front = Front(server, channel, actions, clock, keeper, task.requests_per_s)
+    front = Front(
+        server, channel, actions, clock, keeper, task.requests_per_s, HostNames.of(task.host, task.names)
+    )
     http = web.Server(
         front.handle,
         access_log=None,

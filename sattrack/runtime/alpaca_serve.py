@@ -53,6 +53,10 @@ class AlpacaLoop(StationLoop):
             raise SattrackError("the HTTP server's process is gone; the mount is being stopped")
         self.door.begin_period(time.monotonic())
 
+    def heard(self) -> None:
+        """Push what the mount has said at once: clients then read it while it is new."""
+        self._push()
+
     def report(self, ticks: int) -> None:
         """Push the mount's state and the answers that are due, and say what has changed."""
         del ticks

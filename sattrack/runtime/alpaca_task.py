@@ -43,6 +43,8 @@ class AlpacaTask(msgspec.Struct, frozen=True):
     satellites: Satellites
     abilities: Abilities
     clock: ClockNumbers | None = None
+    names: tuple[str, ...] = ()
+    """Names by which clients call this computer, beside its own."""
 
     def limits(self) -> CallerLimits:
         """Return what clients may take."""

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias, TypeVar
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
 Networks: TypeAlias = tuple[ipaddress.IPv4Network | ipaddress.IPv6Network, ...]
 
 
+_PORT = re.compile(r":\d*\Z")
 Key = TypeVar("Key")
 ONE_ADDRESS = 0.875
 """The share of all callers that may come from one address."""
@@ -114,3 +115,30 @@ class Opening:
         """Return what was kept back, where nothing else will come."""
         kept, self._kept = self._kept, b""
         return kept
+
+
+@dataclass(frozen=True, slots=True)
+class HostNames:
+    """By which names a server may be called: a web page whose own name leads here has another one.
+
+    That is how DNS rebinding has a browser take this server for the page's own.
+    """
+
+    names: frozenset[str] = frozenset({"localhost"})
+
+    @classmethod
+    def of(cls, host: str, more: Iterable[str]) -> HostNames:
+        """Return the names of a computer, with those that somebody gave."""
+        own = host.lower().rstrip(".")
+        short = own.partition(".")[0]
+        named = (name.lower().rstrip(".") for name in more)
+        return cls(frozenset({"localhost", own, short, f"{short}.local", *named}) - {"", ".local"})
+
+    def hold(self, host: str, at: tuple[str, int] | None) -> bool:
+        """Tell whether a Host header may be for us; `at` is the address of ours that was called."""
+        name = _PORT.sub("", host.strip()).lower().rstrip(".")
+        try:
+            address = ipaddress.ip_address(name.strip("[]"))
+        except ValueError:
+            return name in self.names or name.endswith(".localhost")
+        return address.is_loopback or (at is not None and str(address) == at[0]) or name in self.names

@@ -120,6 +120,9 @@ class StationLoop:
         """Heed whoever else has something to say."""
         raise NotImplementedError
 
+    def heard(self) -> None:
+        """Take notice that the mount has said something."""
+
     def report(self, ticks: int) -> None:
         """Say what has changed, and show it."""
         raise NotImplementedError
@@ -172,6 +175,7 @@ class StationLoop:
                 for arrival in link.receive():
                     arrived_utc_s = self.connection.clock.utc_s(arrival.monotonic_s)
                     self.station.receive_status(arrival.data, arrived_utc_s)
+                self.heard()
             if time.monotonic() >= due_s:
                 return
 

@@ -46,7 +46,7 @@ def serving(*options: str, discovery: bool = False) -> Iterator[Served]:
 
 def request(method: str, target: str, body: bytes = b"", headers: str = "") -> bytes:
     """Return a request in the wire's own bytes."""
-    head = f"{method} {target} HTTP/1.1\r\nHost: x\r\n{headers}"
+    head = f"{method} {target} HTTP/1.1\r\nHost: localhost\r\n{headers}"
     if body:
         head += f"Content-Type: application/x-www-form-urlencoded\r\nContent-Length: {len(body)}\r\n"
     return head.encode() + b"\r\n" + body

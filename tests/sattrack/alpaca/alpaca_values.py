@@ -22,7 +22,7 @@ EVERYWHERE: dict[str, Any] = {
     "CanSetPark": False,
     "CanSetPierSide": False,
     "CanSetRightAscensionRate": True,
-    "CanSetTracking": False,
+    "CanSetTracking": True,
     "CanSlew": True,
     "CanSlewAltAz": False,
     "CanSlewAltAzAsync": False,

@@ -13,6 +13,7 @@ from alpaca_values import EVERYWHERE
 from msgspec.structs import replace
 
 from sattrack.alpaca.faults import Fault, Number
+from tle.instants import Utc
 
 NOT_IMPLEMENTED, INVALID, NOT_SET = Number.NOT_IMPLEMENTED, Number.INVALID_VALUE, Number.VALUE_NOT_SET
 NOT_CONNECTED, PARKED, INVALID_OPERATION = Number.NOT_CONNECTED, Number.PARKED, Number.INVALID_OPERATION
@@ -42,7 +43,6 @@ WITHOUT_CONNECTION = {
 }
 # Member and parameters of a PUT, and the error number that the definition wants.
 REFUSED: list[tuple[str, dict[str, Any], Number]] = [
-    ("Tracking", {"Tracking": "False"}, NOT_IMPLEMENTED),
     ("Unpark", {}, NOT_IMPLEMENTED),
     ("SetPark", {}, NOT_IMPLEMENTED),
     ("SideOfPier", {"SideOfPier": 0}, NOT_IMPLEMENTED),
@@ -437,6 +437,62 @@ def test_offset_rates_are_answered_at_once_and_hold_nothing_up(scope: VirtualTel
     assert scope.put("pulseguide", Direction=0, Duration=100) is None
     scope.wait_while("ispulseguiding")
     assert scope.get("declinationrate") == pytest.approx(0.03, abs=1e-9)
+
+
+@pytest.mark.parametrize("move_axis", ["held", "edge"])
+@pytest.mark.parametrize("additive", [True, False])
+def test_tracking_is_ended_by_a_stop_and_set_again(move_axis: Any, additive: bool) -> None:
+    scope = VirtualTelescope(profile=replace(PROFILE, move_axis=move_axis, additive=additive))
+    scope.put("moveaxis", Axis=1, Rate=1.0)
+    scope.run_for(1.0)
+    scope.put("abortslew")
+    scope.run_for(3.0)
+    assert scope.get("tracking") is False
+    stands = scope.truths[-1].hour_angle_axis_deg
+    scope.run_for(5.0)
+    assert scope.truths[-1].hour_angle_axis_deg == pytest.approx(stands, abs=1e-4)
+    assert scope.put("tracking", Tracking="True") is None
+    assert scope.get("tracking") is True
+    assert scope.get("slewing") is False
+    ra_deg, dec_deg = scope.truths[-1].ra_deg, scope.truths[-1].dec_deg
+    scope.run_for(20.0)
+    assert scope.truths[-1].ra_deg == pytest.approx(ra_deg, abs=1e-4)
+    assert scope.truths[-1].dec_deg == pytest.approx(dec_deg, abs=1e-4)
+    assert scope.put("tracking", Tracking="True") is None
+    assert scope.put("tracking", Tracking="False") is None
+    assert scope.get("tracking") is False
+    stands = scope.truths[-1].hour_angle_axis_deg
+    scope.run_for(5.0)
+    assert scope.truths[-1].hour_angle_axis_deg == pytest.approx(stands, abs=1e-4)
+
+
+def test_offset_rates_are_refused_where_there_is_no_tracking_to_offset(scope: VirtualTelescope) -> None:
+    scope.put("tracking", Tracking="False")
+    for rate in ("RightAscensionRate", "DeclinationRate"):
+        assert scope.fault_of(rate.lower(), **{rate: 0.1}) is Number.INVALID_OPERATION
+        assert scope.fault_of(rate.lower(), **{rate: 0.0}) is Number.OK
+    scope.put("tracking", Tracking="True")
+    assert scope.fault_of("declinationrate", DeclinationRate=0.1) is Number.OK
+    assert scope.get("declinationrate") == pytest.approx(0.1)
+
+
+def test_tracking_is_not_set_while_something_else_is_under_way(scope: VirtualTelescope) -> None:
+    scope.put("moveaxis", Axis=1, Rate=1.0)
+    assert scope.fault_of("tracking", Tracking="True") is Number.OK
+    assert scope.fault_of("tracking", Tracking="False") is Number.INVALID_OPERATION
+
+
+def test_the_time_stamp_is_the_instant_at_which_the_values_were_measured(scope: VirtualTelescope) -> None:
+    scope.put("moveaxis", Axis=1, Rate=4.0)
+    scope.run_for(3.0)
+    for _ in range(20):
+        scope.run_for(0.0137)
+        told = {item["Name"]: item["Value"] for item in scope.get("devicestate")}
+        at_s = Utc.parse(told["TimeStamp"]).unix_s
+        truth = min(scope.truths, key=lambda one: abs(one.utc_s - at_s))
+        # 1 ms is 0.004° here; the stamp has milliseconds.
+        assert truth.utc_s == pytest.approx(at_s, abs=0.002)
+        assert truth.dec_deg == pytest.approx(told["Declination"], abs=0.001)
 
 
 def test_home_is_found_and_left(scope: VirtualTelescope) -> None:

@@ -15,7 +15,7 @@ from sattrack.alpaca.discovery import A_SECOND, A_SECOND_EACH, Discovery
 from sattrack.clock import SystemClock
 from sattrack.runtime.alpaca_gate import REQUEST_WITHIN_S, Doorkeeper, Gate
 from sattrack.runtime.alpaca_process import Front
-from sattrack.runtime.callers import CallerLimits
+from sattrack.runtime.callers import CallerLimits, HostNames
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 PATIENCE_S = 60.0
 IDLE_S = 300.0
 LIMITS = CallerLimits(idle_s=IDLE_S)
-WHOLE = b"GET / HTTP/1.1\r\nHost: x\r\n\r\n"
+WHOLE = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
 
 class Callers:
@@ -227,6 +227,51 @@ def with_front(broken: Broken, play: Callable[[Callers], Awaitable[None]]) -> No
     asyncio.run(scene())
 
 
+@pytest.mark.parametrize(
+    ("host", "known"),
+    [
+        ("localhost", True),
+        ("LOCALHOST.:11111", True),
+        ("127.0.0.1:11111", True),
+        ("[::1]:11111", True),
+        ("a.localhost", True),
+        ("192.0.2.7:11111", True),
+        ("dome", True),
+        ("dome.example.org:80", True),
+        ("dome.local", True),
+        ("telescope.example.net", True),
+        ("192.0.2.8:11111", False),
+        ("evil.example", False),
+        ("localhost.evil.example", False),
+        ("127.0.0.1.evil.example:11111", False),
+        ("", False),
+        ("[", False),
+    ],
+)
+def test_a_server_answers_to_its_own_names_and_addresses(host: str, known: bool) -> None:
+    names = HostNames.of("dome.example.org", ["Telescope.Example.Net"])
+    assert names.hold(host, ("192.0.2.7", 11111)) is known
+
+
+@pytest.mark.parametrize(
+    ("sent", "status"),
+    [
+        (b"GET / HTTP/1.1\r\nHost: evil.example\r\n\r\n", b"403"),
+        (b"PUT /x HTTP/1.1\r\nHost: localhost\r\nContent-Length: 999999999\r\n\r\n", b"413"),
+    ],
+)
+def test_what_is_not_for_us_or_too_large_is_refused_at_once(sent: bytes, status: bytes) -> None:
+    broken = Broken()
+
+    async def play(callers: Callers) -> None:
+        reader, writer = await callers.call()
+        writer.write(sent)
+        assert (await reader.readline()).split()[1] == status
+
+    with_front(broken, play)
+    assert not broken.asked
+
+
 def test_a_defect_is_told_and_answered_and_ends_nothing_else() -> None:
     broken = Broken()
 
@@ -240,7 +285,7 @@ def test_a_defect_is_told_and_answered_and_ends_nothing_else() -> None:
     assert broken.told == ["a defect of sattrack: LookupError('what was that') in GET '/'"] * 2
 
 
-PUT = b"PUT / HTTP/1.1\r\nHost: x\r\n"
+PUT = b"PUT / HTTP/1.1\r\nHost: localhost\r\n"
 
 
 @pytest.mark.parametrize(

@@ -121,7 +121,6 @@ def test_the_date_and_the_state_of_the_device_are_told(scope: Telescope) -> None
         ("SiteLatitude", 5.0),
         ("SiteLongitude", 5.0),
         ("SlewSettleTime", 1),
-        ("Tracking", False),
         ("UTCDate", "2026-10-02T13:00:00Z"),
     ],
 )

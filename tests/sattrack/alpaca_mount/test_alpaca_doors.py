@@ -82,7 +82,7 @@ def by_alpaca(line: socket.socket) -> None:
 
 
 def put(line: socket.socket, member: str, body: bytes) -> None:
-    head = f"PUT /api/v1/telescope/0/{member} HTTP/1.1\r\nHost: x\r\nContent-Length: {len(body)}\r\n"
+    head = f"PUT /api/v1/telescope/0/{member} HTTP/1.1\r\nHost: localhost\r\nContent-Length: {len(body)}\r\n"
     line.sendall(f"{head}Content-Type: application/x-www-form-urlencoded\r\n\r\n".encode() + body)
     assert b'"ErrorNumber":0' in line.recv(4096)
 
