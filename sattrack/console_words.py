@@ -218,19 +218,56 @@ def link(view: ConsoleView) -> Group:
     )
 
 
+def is_alpaca(view: ConsoleView) -> bool:
+    """Tell whether the mount is an Alpaca telescope, whose statuses are made of what its driver tells."""
+    return view.mount.startswith("alpaca:")
+
+
+def alpaca_groups(view: ConsoleView, status: StatusView) -> tuple[Group, ...]:
+    """Return what an Alpaca telescope tells, and how its requests are answered."""
+    not_told = {"its clock", "target RA", "target Dec"}
+    here = pointing(view, status)
+    rates = (status.ra_rate_dtics_s, status.dec_rate_dtics_s)
+    guides = (status.ra_guide_rate_dtics_s, status.dec_guide_rate_dtics_s)
+    hour_angle, dec = (number(rate / DTICS_S_PER_DEG_S, 4, " °/s", sign=True) for rate in rates)
+    guide_ra, guide_dec = (
+        number(rate / DTICS_S_PER_DEG_S, 4, " °/s") if rate else NOTHING for rate in guides
+    )
+    told = {"slewing", "tracking", "pulse guiding", "at home", "at park", "refraction"}
+    site = {"latitude", "longitude", "height"}
+    heard = {"state", "rate", "jitter", "age", "heard"}
+    return (
+        Group(here.title, tuple(line for line in here.lines if line.name not in not_told)),
+        Group(
+            "axes, by the places told",
+            (
+                Line("hour angle", hour_angle),
+                Line("declination", dec),
+                Line("guides RA", guide_ra),
+                Line("guides Dec", guide_dec),
+            ),
+        ),
+        Group("state", tuple(line for line in state(view, status).lines if line.name in told)),
+        Group("site", tuple(line for line in place(view, status).lines if line.name in site)),
+        Group("requests", tuple(line for line in link(view).lines if line.name in heard)),
+    )
+
+
 def status_groups(view: ConsoleView) -> tuple[Group, ...]:
     """Return every field of a status, by groups; only the link where the mount was not heard."""
     status = view.status
     if status is None:
         return (link(view),)
+    if is_alpaca(view):
+        return alpaca_groups(view, status)
     told = tuple(make(view, status) for make in (pointing, drives, state, acknowledgements, place))
     return (*told, readings(view), link(view))
 
 
-def status_text(view: ConsoleView) -> str:
-    """Return a status as a table to be read."""
+def status_text(view: ConsoleView, *more: Group) -> str:
+    """Return a status as a table to be read, with `more` groups at its beginning."""
     rows = [f"{view.mount}  {Utc(view.utc_s).isoformat('milliseconds')}  profile {view.profile}"]
-    for group in status_groups(view):
+    for group in (*more, *status_groups(view)):
         rows += ["", group.title]
         rows += [f"  {line.name:<14}{line.value}" for line in group.lines]
     if view.warnings:

@@ -1,4 +1,4 @@
-"""Any ASCOM Alpaca telescope with MoveAxis as a mount to be driven.
+"""An equatorial ASCOM Alpaca telescope with MoveAxis as a mount to be driven.
 
 The Xerxes protocol was made so that an ASCOM driver could stand on it, and what it says maps one to one onto
 Alpaca's telescope. So a gateway, a process of its own, stands between: towards the session it is a mount that

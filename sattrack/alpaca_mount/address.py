@@ -57,7 +57,8 @@ class AlpacaAddress(NamedTuple):
         """What to say of a run without a calibration; None for nothing."""
         return (
             "this telescope is not calibrated: signs, gains, and whether MoveAxis replaces tracking, are "
-            "presumed as the ASCOM standard has them; `sattrack mount calibrate` finds out"
+            "presumed as the ASCOM standard has them; where it does not tell its AlignmentMode, it is taken "
+            "for an equatorial one; `sattrack mount calibrate` finds out"
         )
 
     @property

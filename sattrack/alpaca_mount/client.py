@@ -100,6 +100,7 @@ class AlpacaClient:
     async def facts(self) -> DeviceFacts:
         """Return what the telescope can do. Raises Refusal where it cannot say, Unheard."""
         version = int(await self._perhaps("interfaceversion", 3))
+        alignment = await self._perhaps("alignmentmode", None)
         rates = []
         for axis in ("0", "1"):
             can = await self._perhaps("canmoveaxis", False, Axis=axis)
@@ -111,6 +112,7 @@ class AlpacaClient:
             name=str(await self._perhaps("name", "telescope"))[:80],
             interface_version=version,
             equatorial_system=int(await self._perhaps("equatorialsystem", 1)),
+            alignment_mode=alignment if type(alignment) is int else None,
             does_refraction=bool(await self._perhaps("doesrefraction", False)),
             latitude_deg=latitude if isinstance(latitude, float | int) else None,
             longitude_deg=longitude if isinstance(longitude, float | int) else None,

@@ -10,6 +10,8 @@ import msgspec
 JNOW_SYSTEMS = frozenset({0, 1})
 """EquatorialSystem "other" is taken for topocentric of date, as most drivers mean it."""
 J2000_SYSTEM = 2
+ALT_AZ = 0
+"""AlignmentMode of a telescope whose axes are azimuth and altitude; 1 is polar, 2 German."""
 PIER_WEST = 1
 """SideOfPier of a telescope that points through the pole."""
 
@@ -27,6 +29,8 @@ class DeviceFacts(msgspec.Struct, frozen=True):
     name: str = "telescope"
     interface_version: int = 3
     equatorial_system: int = 1
+    alignment_mode: int | None = None
+    """None where the driver does not tell it: then it is taken for an equatorial one."""
     does_refraction: bool = False
     latitude_deg: float | None = None
     longitude_deg: float | None = None
@@ -43,6 +47,11 @@ class DeviceFacts(msgspec.Struct, frozen=True):
 
     def objection(self) -> str | None:
         """Return why it cannot be driven, in words; None where it can."""
+        if self.alignment_mode == ALT_AZ:
+            return (
+                f"{self.name} is an alt-azimuth telescope (AlignmentMode 0): its MoveAxis turns azimuth and "
+                "altitude, and sattrack leads hour angle and declination; use an equatorial telescope"
+            )
         if not (self.primary_rates and self.secondary_rates):
             return f"{self.name} has no MoveAxis on both axes: satellites cannot be followed with it"
         for axis in (0, 1):

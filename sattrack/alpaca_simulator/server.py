@@ -27,6 +27,7 @@ REMEMBERED = 60000
 """Places that are kept, 20 minutes."""
 NOT_IMPLEMENTED = 0x400
 EQUATORIAL_SYSTEM = {"jnow": 1, "j2000": 2}
+ALIGNMENT_MODE = {"altaz": 0, "polar": 1, "german": 2}
 TRUE = {"true": True, "false": False}
 FREE = frozenset({"connected", "name", "interfaceversion"})
 """Members that answer without a connection."""
@@ -140,6 +141,8 @@ class AlpacaServer:
             answers["ispulseguiding"] = lambda: telescope.guiding(now)
             for axis in ("rightascension", "declination"):
                 answers[f"guiderate{axis}"] = lambda: settings.guide_rate_deg_s
+        if settings.tells_alignment:
+            answers["alignmentmode"] = lambda: ALIGNMENT_MODE[settings.alignment]
         if member == "devicestate" and settings.device_state:
             return self._device_state(now)
         if member not in answers:

@@ -8,6 +8,7 @@ import msgspec
 
 LONGEST_S = 10.0
 EquatorialSystem = Literal["jnow", "j2000"]
+AlignmentMode = Literal["altaz", "polar", "german"]
 
 
 class TelescopeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -30,6 +31,10 @@ class TelescopeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     ra_gain: float = 1.0
     dec_gain: float = 1.0
     system: EquatorialSystem = "jnow"
+    alignment: AlignmentMode = "polar"
+    """What its axes are; those of "altaz" turn in azimuth and altitude."""
+    tells_alignment: bool = True
+    """Whether its driver answers AlignmentMode."""
     rates_deg_s: tuple[tuple[float, float], ...] = ((0.0, 6.0),)
     acceleration_deg_s2: float = 10.0
     slew_rate_deg_s: float = 6.0

@@ -1,5 +1,7 @@
 """The simulated telescope without I/O: two axes with servos, tracking, MoveAxis, slews. Time is an argument.
 
+The axes are hour angle and declination, or with `alignment = "altaz"` azimuth and altitude.
+
 Instants are UTC as POSIX seconds and rise from call to call. Sidereal time is the apparent one (ERFA).
 """
 
@@ -95,10 +97,12 @@ class Telescope:
         self._ra_offset_deg = self._dec_offset_deg = 0.0
         self._cached: Place | None = None
         self._begun_s = utc_s
-        self._hour_angle = Axis(settings.acceleration_deg_s2, settings.servo_hz, settings.hour_angle_deg)
-        self._dec = Axis(settings.acceleration_deg_s2, settings.servo_hz, settings.dec_deg)
+        first_deg, second_deg = self._axes_of(settings.hour_angle_deg, settings.dec_deg)
+        self._first = Axis(settings.acceleration_deg_s2, settings.servo_hz, first_deg)
+        self._second = Axis(settings.acceleration_deg_s2, settings.servo_hz, second_deg)
         if self._tracking:
-            self._hour_angle.rate_deg_s = self._hour_angle.reference_deg_s = SIDEREAL_DEG_S
+            for axis, rate_deg_s in zip((self._first, self._second), self._sky(), strict=True):
+                axis.rate_deg_s = axis.reference_deg_s = rate_deg_s
 
     def run_to(self, utc_s: float) -> None:
         """Let time pass up to an instant."""
@@ -106,9 +110,9 @@ class Telescope:
             seconds = min(STEP_S, utc_s - self._utc_s)
             if self.settings.cache_s and self._due(seconds):
                 self._cached = self._place()
-            hour_angle, dec = self._wanted()
-            self._hour_angle.step(hour_angle, seconds)
-            self._dec.step(dec, seconds)
+            first_deg_s, second_deg_s = self._wanted()
+            self._first.step(first_deg_s, seconds)
+            self._second.step(second_deg_s, seconds)
             self._utc_s += seconds
         if self._target is not None and self._arrived():
             self._target = None
@@ -214,8 +218,39 @@ class Telescope:
 
     def _place(self) -> Place:
         sidereal_deg = _apparent_sidereal_deg(self._utc_s, self.settings.longitude_deg)
-        ra_deg = (sidereal_deg - self._hour_angle.position_deg + self._ra_offset_deg) % TURN_DEG
-        return Place(self._utc_s, ra_deg, self._dec.position_deg + self._dec_offset_deg)
+        hour_angle_deg, dec_deg = self._first.position_deg, self._second.position_deg
+        if self.settings.alignment == "altaz":
+            hour_angle, dec = erfa.ae2hd(
+                math.radians(hour_angle_deg), math.radians(dec_deg), math.radians(self.settings.latitude_deg)
+            )
+            hour_angle_deg, dec_deg = math.degrees(hour_angle), math.degrees(dec)
+        ra_deg = (sidereal_deg - hour_angle_deg + self._ra_offset_deg) % TURN_DEG
+        return Place(self._utc_s, ra_deg, dec_deg + self._dec_offset_deg)
+
+    def _axes_of(self, hour_angle_deg: float, dec_deg: float) -> tuple[float, float]:
+        """Return where both axes point to a direction."""
+        if self.settings.alignment != "altaz":
+            return hour_angle_deg, dec_deg
+        azimuth, altitude = erfa.hd2ae(
+            math.radians(hour_angle_deg), math.radians(dec_deg), math.radians(self.settings.latitude_deg)
+        )
+        return math.degrees(azimuth), math.degrees(altitude)
+
+    def _sky(self) -> tuple[float, float]:
+        """Return the rates of both axes that follow the sky."""
+        if self.settings.alignment != "altaz":
+            return SIDEREAL_DEG_S, 0.0
+        azimuth, altitude, latitude = (
+            math.radians(angle_deg)
+            for angle_deg in (
+                self._first.position_deg,
+                self._second.position_deg,
+                self.settings.latitude_deg,
+            )
+        )
+        turning = math.sin(latitude) - math.cos(latitude) * math.cos(azimuth) * math.tan(altitude)
+        rising = math.cos(latitude) * math.sin(azimuth)
+        return SIDEREAL_DEG_S * turning, SIDEREAL_DEG_S * rising
 
     def _due(self, seconds: float) -> bool:
         turn = math.floor((self._utc_s - self._begun_s) / self.settings.cache_s)
@@ -227,25 +262,30 @@ class Telescope:
 
     def _wanted(self) -> tuple[float, float]:
         """Return the rates of both axes that are asked for at this instant."""
-        sky = SIDEREAL_DEG_S if self._tracking else 0.0
+        first_sky, second_sky = self._sky() if self._tracking else (0.0, 0.0)
         west, north = (added if until_s > self._utc_s else 0.0 for until_s, added in self._pulses)
         if self.parked:
             return 0.0, 0.0
         if self._target is not None:
-            ra_gap, dec_gap = self._gaps()
-            return sky + self._slew_rate(-ra_gap), self._slew_rate(dec_gap)
+            first_gap, second_gap = self._gaps()
+            return first_sky + self._slew_rate(first_gap), second_sky + self._slew_rate(second_gap)
         settings, (primary, secondary) = self.settings, self._moves
-        hour_angle, dec = sky + west, north
+        first, second = first_sky + west, second_sky + north
         if primary is not None:
-            hour_angle = settings.ra_sign * settings.ra_gain * primary + (sky if settings.additive else 0.0)
+            added = first_sky if settings.additive else 0.0
+            first = settings.ra_sign * settings.ra_gain * primary + added
         if secondary is not None:
-            dec = settings.dec_sign * settings.dec_gain * secondary
-        return hour_angle, dec
+            added = second_sky if settings.additive else 0.0
+            second = settings.dec_sign * settings.dec_gain * secondary + added
+        return first, second
 
     def _gaps(self) -> tuple[float, float]:
         assert self._target is not None
-        place = self._place()
-        return math.remainder(self._target[0] - place.ra_deg, TURN_DEG), self._target[1] - place.dec_deg
+        ra_deg, dec_deg = self._target[0] - self._ra_offset_deg, self._target[1] - self._dec_offset_deg
+        hour_angle_deg = _apparent_sidereal_deg(self._utc_s, self.settings.longitude_deg) - ra_deg
+        first_deg, second_deg = self._axes_of(math.remainder(hour_angle_deg, TURN_DEG), dec_deg)
+        gap_deg = math.remainder(first_deg - self._first.position_deg, TURN_DEG)
+        return gap_deg, second_deg - self._second.position_deg
 
     def _slew_rate(self, gap_deg: float) -> float:
         # As fast as it can still brake from, and in proportion to the rest near the end.
@@ -254,15 +294,17 @@ class Telescope:
         return math.copysign(rate, gap_deg)
 
     def _arrived(self) -> bool:
-        ra_gap, dec_gap = self._gaps()
-        near = max(abs(ra_gap), abs(dec_gap)) < ARRIVED_DEG
-        off = self._hour_angle.rate_deg_s - (SIDEREAL_DEG_S if self._tracking else 0.0)
-        return near and max(abs(off), abs(self._dec.rate_deg_s)) < ARRIVED_DEG_S
+        near = max(abs(gap_deg) for gap_deg in self._gaps()) < ARRIVED_DEG
+        return near and self._off_sky_deg_s(self._tracking) < ARRIVED_DEG_S
 
     def _stands(self) -> bool:
         follows = self._tracking and not self.parked
-        off = self._hour_angle.rate_deg_s - (SIDEREAL_DEG_S if follows else 0.0)
-        return max(abs(off), abs(self._dec.rate_deg_s)) < STANDS_DEG_S
+        return self._off_sky_deg_s(follows) < STANDS_DEG_S
+
+    def _off_sky_deg_s(self, follows: bool) -> float:
+        """Return how fast the faster axis moves against the sky, or where that is not followed, at all."""
+        first_sky, second_sky = self._sky() if follows else (0.0, 0.0)
+        return max(abs(self._first.rate_deg_s - first_sky), abs(self._second.rate_deg_s - second_sky))
 
 
 def _apparent_sidereal_deg(utc_s: float, longitude_deg: float) -> float:

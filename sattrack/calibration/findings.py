@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
@@ -22,6 +23,14 @@ if TYPE_CHECKING:
     from sattrack.calibration.statuses import Heard
 
 FEWEST_BRACKETS = 10
+PLAUSIBLE_GAIN = 0.03
+"""How far from 1 the gain of an axis may be before that is told."""
+DOUBTFUL_GAIN = (
+    "WARNING: the {axis} axis moves {gain:.4f}° for each degree that it is told: is it an equatorial mount, "
+    "and are its gear ratio or steps a turn set right?"
+)
+OTHER_AXIS_MOST = 0.1
+"""What one axis may move of the other, degrees on the sky for one: of an equatorial mount set up badly."""
 
 Interval = tuple[float, float]
 
@@ -87,6 +96,7 @@ def conclude(seen: Observations, longitude_deg: float, truth: ClockTruth | None 
     _refuse(line.objection())
     _refuse_readings(seen)
     trip = round_trip(seen, line)
+    _refuse_other_axes(seen)
     ra, dec = (_response(seen, axis, line) for axis in ("ra", "dec"))
     additive = ra.additive
     if additive is None:
@@ -98,6 +108,9 @@ def conclude(seen: Observations, longitude_deg: float, truth: ClockTruth | None 
     move_axis, zero_ends = _semantics(seen)
     notes: list[str] = []
     delays = split_delays(trip, heard[-1], line, longitude_deg, truth, notes)
+    for axis, gain in (("right ascension", ra.gain), ("declination", dec.gain)):
+        if abs(gain - 1.0) > PLAUSIBLE_GAIN:
+            notes.append(DOUBTFUL_GAIN.format(axis=axis, gain=gain))
     if heard[-1].status.does_refraction:
         notes.append("the mount applies refraction itself: gains are those of refracted coordinates")
     return Findings(
@@ -179,6 +192,28 @@ def _semantics(seen: Observations) -> tuple[Literal["held", "edge"], bool | None
     if len(kinds) != 1:
         _refuse("the two axes do not agree on whether MoveAxis is held or edge")
     return ("held" if "held" in kinds else "edge"), zero_ends
+
+
+def _refuse_other_axes(seen: Observations) -> None:
+    """Refuse a mount of which one axis moves what is reported of both: it is no equatorial one."""
+    for leg in seen.legs:
+        first, last = seen.log.heard[leg.first], seen.log.heard[leg.end - 1]
+        sky_deg = SIDEREAL_RATE_DEG_S * (last.mount_s - first.mount_s)
+        turned_deg = last.hour_angle_deg - first.hour_angle_deg
+        moved_deg = {
+            # What moves in hour angle may be the axis or the sky.
+            # A pole that is off moves it the more the nearer it is.
+            "ra": min(abs(turned_deg), abs(turned_deg - sky_deg)) * math.cos(math.radians(last.dec_deg)) ** 2,
+            "dec": abs(last.dec_deg - first.dec_deg),
+        }
+        other: AxisName = "dec" if leg.axis == "ra" else "ra"
+        told_deg = abs(leg.rate_deg_s) * (last.mount_s - first.mount_s)
+        if moved_deg[other] > OTHER_AXIS_MOST * told_deg + sky_deg:
+            _refuse(
+                f"MoveAxis in {AXIS_WORDS[leg.axis]} moves the {AXIS_WORDS[other]} as well, "
+                f"{moved_deg[other] / told_deg:.2f}° for each degree: is it an alt-azimuth mount? Only "
+                "equatorial ones can be driven"
+            )
 
 
 def _response(seen: Observations, axis: AxisName, line: ClockLine) -> AxisResponse:

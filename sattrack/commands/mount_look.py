@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sattrack.alpaca_mount.device import J2000_SYSTEM
 from sattrack.commands.common import tell
 from sattrack.commands.mount_common import MountCall, mount_options, resolve, tell_result
-from sattrack.console_words import status_text
+from sattrack.console_words import Group, Line, status_text, yes
 from sattrack.errors import InterruptedRunError, LinkLostError
 from sattrack.manual.errand import Look
 from sattrack.manual.procedures import Outcome
@@ -18,6 +19,7 @@ from sattrack.runtime.console import attend
 from sattrack.runtime.owner import owner_of
 
 if TYPE_CHECKING:
+    from sattrack.alpaca_mount.device import DeviceFacts
     from sattrack.commands.common import CommandContext
     from sattrack.console_view import ConsoleView
 
@@ -45,6 +47,7 @@ def status(context: CommandContext, **options: Any) -> int:
         view = view_of(look.console, connection.now_utc_s())
         silent = view.status is None
         advice = call.silence(connection, sent=local) if silent and not interrupted else ""
+        told = [] if connection.telescope is None else [_telescope(connection.telescope)]
     if interrupted:
         raise InterruptedRunError("interrupted; nothing was asked of the mount")
     words = _silence_words(call, view, advice)
@@ -53,10 +56,35 @@ def status(context: CommandContext, **options: Any) -> int:
         outcome = Outcome(state, False, words if silent else None)
         tell_result({"type": "status"}, outcome, ("link" if silent else "done", None), view)
     elif not silent:
-        click.echo(status_text(view))
+        click.echo(status_text(view, *told))
     if silent:
         raise LinkLostError(words)
     return 0
+
+
+def _telescope(facts: DeviceFacts) -> Group:
+    """Return what an Alpaca telescope is, and can do."""
+    modes = {1: "polar", 2: "German", None: "not told, taken for an equatorial one"}
+    return Group(
+        "telescope",
+        (
+            Line("name", facts.name),
+            Line("interface", f"ITelescopeV{facts.interface_version}"),
+            Line("alignment", modes.get(facts.alignment_mode, str(facts.alignment_mode))),
+            Line("coordinates", "J2000" if facts.equatorial_system == J2000_SYSTEM else "of date"),
+            *(
+                Line(name, ", ".join(f"{one.low_deg_s:g} to {one.high_deg_s:g} °/s" for one in spans))
+                for name, spans in (
+                    ("turns HA at", facts.primary_rates),
+                    ("turns Dec at", facts.secondary_rates),
+                )
+            ),
+            Line("sets tracking", yes(facts.can_set_tracking)),
+            Line("slews", yes(facts.can_slew)),
+            Line("syncs", yes(facts.can_sync)),
+            Line("guides", yes(facts.can_pulse_guide)),
+        ),
+    )
 
 
 def _silence_words(call: MountCall, view: ConsoleView, advice: str) -> str:

@@ -30,6 +30,7 @@ from sattrack.xerxes.simulator.settings import simulator_profile
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
+    from sattrack.alpaca_mount.device import DeviceFacts
     from sattrack.clock import Clock
     from sattrack.console_messages import ConsoleMessage
     from sattrack.manual.console import Console
@@ -84,6 +85,11 @@ class Connection:
     clock: Clock
     simulated: EmbeddedMount | None = None
     guard: Guard = field(default_factory=Unguarded)
+
+    @property
+    def telescope(self) -> DeviceFacts | None:
+        """What an Alpaca telescope at the other end is; None for other mounts, and where it is overheard."""
+        return getattr(self.link, "facts", None)
 
     def now_utc_s(self) -> float:
         """Return the instant that is now, UTC."""

@@ -243,6 +243,7 @@ def test_axis_rates_that_make_no_sense_are_left_out() -> None:
         ({"secondary_rates": ()}, "no MoveAxis on both axes"),
         ({"primary_rates": (Span(0.5, 0.5), Span(1.0, 1.0))}, "single rates only"),
         ({"equatorial_system": 4}, "EquatorialSystem 4"),
+        ({"alignment_mode": 0}, "alt-azimuth telescope (AlignmentMode 0)"),
     ],
 )
 def test_a_telescope_that_cannot_follow_is_refused_in_words(facts: dict[str, object], says: str) -> None:

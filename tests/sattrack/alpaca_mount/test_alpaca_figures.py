@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from datetime import UTC, datetime
+
 import pytest
 from alpaca_harness import calibrate, follow
+from skyfield.api import load
 
 from sattrack.alpaca_simulator.settings import TelescopeSettings
+from sattrack.alpaca_simulator.telescope import Place, Telescope
+from sattrack.calibration.guard import CalibrationEndedError
 from sattrack.calibration.plan import Leg, Plan
 
 BOUND_ARCSEC = 10.0
@@ -80,3 +86,55 @@ def test_at_the_rate_that_a_telescope_bears_the_bound_is_kept_too(
     assert result.stopped
     assert result.true.rms_arcsec is not None
     assert result.true.rms_arcsec < BOUND_ARCSEC
+
+
+def test_a_simulated_alt_azimuth_telescope_follows_the_sky_and_slews() -> None:
+    settings = TelescopeSettings(alignment="altaz", hour_angle_deg=-40.0, dec_deg=30.0)
+    scope = Telescope(settings, 1.79e9)
+    begun = scope.truth(1.79e9 + 5.0)
+    later = scope.truth(1.79e9 + 65.0)
+    assert later.ra_deg == pytest.approx(begun.ra_deg, abs=1e-3)
+    assert later.dec_deg == pytest.approx(begun.dec_deg, abs=1e-3)
+    scope.slew(begun.ra_deg + 10.0, 50.0, 1.79e9 + 65.0)
+    there = scope.truth(1.79e9 + 80.0)
+    assert there.ra_deg == pytest.approx(begun.ra_deg + 10.0, abs=1e-3)
+    assert there.dec_deg == pytest.approx(50.0, abs=1e-3)
+    scope.move_axis(1, 1.0, 1.79e9 + 80.0)
+    altitudes = [altitude_of(scope.truth(1.79e9 + t), settings) for t in (82.0, 87.0)]
+    assert altitudes[1] - altitudes[0] == pytest.approx(5.0, abs=0.01)
+
+
+def altitude_of(place: Place, settings: TelescopeSettings) -> float:
+    """By another library."""
+    ts = load.timescale(builtin=True)
+    at = ts.from_datetime(datetime.fromtimestamp(place.utc_s, UTC))
+    hour_angle = math.radians(at.gast * 15.0 + settings.longitude_deg - place.ra_deg)
+    dec, latitude = math.radians(place.dec_deg), math.radians(settings.latitude_deg)
+    sine = math.sin(latitude) * math.sin(dec) + math.cos(latitude) * math.cos(dec) * math.cos(hour_angle)
+    return math.degrees(math.asin(sine))
+
+
+def test_calibration_refuses_axes_that_are_not_those_of_an_equatorial_mount() -> None:
+    settings = TelescopeSettings(alignment="altaz", hour_angle_deg=30.0, dec_deg=20.0)
+    with pytest.raises(CalibrationEndedError, match="is it an alt-azimuth mount"):
+        calibrate(settings, plan=SHORT)
+
+
+@pytest.mark.parametrize("gain", [0.71, 0.96, 1.04])
+def test_calibration_warns_of_a_gain_that_no_equatorial_mount_has(gain: float) -> None:
+    _, found = calibrate(TelescopeSettings(ra_gain=gain), plan=SHORT)
+    (note,) = found.notes
+    assert note.startswith("WARNING: the right ascension axis moves")
+    assert found.ra.gain == pytest.approx(gain, rel=1e-3)
+    _, well = calibrate(TelescopeSettings(ra_gain=1.02, dec_gain=0.98), plan=SHORT)
+    assert well.notes == ()
+
+
+def test_calibration_warns_of_an_alt_azimuth_telescope_on_the_meridian() -> None:
+    """There azimuth moves the hour angle alone: by cos altitude / cos declination."""
+    settings = TelescopeSettings(alignment="altaz", hour_angle_deg=0.0, dec_deg=7.0)
+    _, found = calibrate(settings, plan=SHORT)
+    altitude_deg = 90.0 - settings.latitude_deg + 7.0
+    gain = math.cos(math.radians(altitude_deg)) / math.cos(math.radians(7.0))
+    assert found.ra.gain == pytest.approx(gain, rel=0.02)
+    assert any(note.startswith("WARNING: the right ascension axis") for note in found.notes)
