@@ -16,10 +16,10 @@ if TYPE_CHECKING:
 
 PRIMARY = 0
 SECONDARY = 1
-MOVE_S = 0.3
+MOVE_S = 0.1
 LEAST_DEG_S = 1e-6
 """As good as none; 0 would be no edge to a mount that takes rates by edges."""
-SURE_AFTER_S = 0.6
+SURE_AFTER_S = 0.15
 SEEN_WITHIN_S = 3.0
 """How long a mount's positions must show what was asked for, and within what time they must."""
 
