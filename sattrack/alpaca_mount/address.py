@@ -34,6 +34,8 @@ class AlpacaAddress(NamedTuple):
     """That of the site whose sidereal time dates what is read; None: the telescope's own."""
     latitude_deg: float | None = None
     """That of the same site, for a telescope that does not tell its own."""
+    stops_only: bool = False
+    """Whether nothing but stops is asked of it: a stop is refused no telescope."""
 
     def __str__(self) -> str:
         """Give it as a user would write it."""
@@ -80,6 +82,10 @@ class AlpacaAddress(NamedTuple):
     def seen_from(self, site: Site) -> AlpacaAddress:
         """Return the address with the site's own place to reckon sidereal time and altitudes by."""
         return self._replace(longitude_deg=site.longitude_deg, latitude_deg=site.latitude_deg)
+
+    def to_stop(self) -> AlpacaAddress:
+        """Return the address for somebody who asks for stops alone."""
+        return self._replace(stops_only=True)
 
     def usual_profile(self) -> MountProfile:
         """Return what is presumed of a telescope that was not calibrated: as the ASCOM standard has it."""

@@ -228,6 +228,9 @@ class Bridge:
             return []
         if flag == "abort":
             return self._stop(now_s)
+        if self.facts.objection() is not None:
+            self._refused.add(flag)
+            return []
         if flag == "pulse_guide":
             return pulse_orders(command.pulse_ra_ms, command.pulse_dec_ms)
         target = self._target(command)
@@ -262,7 +265,8 @@ class Bridge:
 
     def _wants_move(self) -> bool:
         command = self._command
-        return (command.move_ra or command.move_dec) and not command.abort
+        moves = (command.move_ra or command.move_dec) and not command.abort
+        return moves and self.facts.objection() is None
 
     def _move(self, now_s: float) -> list[Order]:
         command = self._command

@@ -45,9 +45,9 @@ class DeviceFacts(msgspec.Struct, frozen=True):
     primary_rates: tuple[Span, ...] = ()
     secondary_rates: tuple[Span, ...] = ()
 
-    def objection(self) -> str | None:
-        """Return why it cannot be driven, in words; None where it can."""
-        if self.alignment_mode == ALT_AZ:
+    def objection(self, stops_only: bool = False) -> str | None:
+        """Return why it cannot be driven, or only stopped, in words; None where it can."""
+        if self.alignment_mode == ALT_AZ and not stops_only:
             return (
                 f"{self.name} is an alt-azimuth telescope (AlignmentMode 0): its MoveAxis turns azimuth and "
                 "altitude, and sattrack leads hour angle and declination; use an equatorial telescope"

@@ -276,7 +276,7 @@ async def run(config: GatewayConfig, channel: socket.socket) -> None:
             raise SattrackError(f"{config.address}: {error}; {config.address.silence_advice}") from error
         except Refusal as error:
             raise SattrackError(f"{config.address}: {error}") from error
-        objection = facts.objection()
+        objection = facts.objection(config.address.stops_only)
         if objection is not None:
             raise SattrackError(f"{config.address}: {objection}")
         watched = Watched(config.address)

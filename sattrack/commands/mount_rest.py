@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -33,7 +34,9 @@ def abort(context: CommandContext, **options: Any) -> int:
         if stopped is not None and (error := stopped.error()) is not None:
             raise error
         wait_until_free(call.address, lambda: None)
-    return _ask(context, "abort", Abort(), options, needs_site=False)
+    if call.address is not None:
+        call = replace(call, address=call.address.to_stop())
+    return perform(call, procedure_for(Abort(), call.described.mount), {"type": "abort"}, "abort")
 
 
 @click.command("park")
@@ -64,9 +67,7 @@ def home(context: CommandContext, **options: Any) -> int:
     return _ask(context, "home", FindHome(), options)
 
 
-def _ask(
-    context: CommandContext, name: str, request: Request, options: dict[str, Any], needs_site: bool = True
-) -> int:
-    call = resolve(context, options, needs_site)
+def _ask(context: CommandContext, name: str, request: Request, options: dict[str, Any]) -> int:
+    call = resolve(context, options)
     call.check(request)
     return perform(call, procedure_for(request, call.described.mount), {"type": name}, name)

@@ -76,7 +76,7 @@ def stop_directly(address: MountAddress, profile: MountProfile, waiting: Callabl
     """
     wait_until_free(address, waiting)
     mount = address.name
-    with owned(address, profile) as (link, guard):
+    with owned(address.to_stop(), profile) as (link, guard):
         begun_s = due_s = asked_s = time.monotonic()
         halt = Halt(profile, begun_s)
         while not halt.finished:

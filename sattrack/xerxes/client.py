@@ -87,6 +87,10 @@ class Address(NamedTuple):
         del site
         return self
 
+    def to_stop(self) -> Address:
+        """Return the address for somebody who asks for stops alone: it is the same."""
+        return self
+
     def usual_profile(self) -> MountProfile:
         """Return what is presumed of a mount that was not calibrated."""
         return MountProfile()

@@ -110,6 +110,15 @@ def test_an_alt_azimuth_telescope_is_refused_in_a_line(
     assert told == []
 
 
+@pytest.mark.parametrize("command", [("stop",), ("mount", "abort")], ids=lambda command: command[-1])
+def test_a_stop_is_refused_no_telescope(command: tuple[str, ...]) -> None:
+    # Its right ascension stands still, as that of a telescope does that follows the sky.
+    with telescope(alignmentmode="0") as (url, told):
+        assert run([*command, "--mount", url]) == 0
+    assert "abortslew" in told
+    assert "moveaxis" in told
+
+
 @pytest.fixture
 def elements(tmp_path_factory: pytest.TempPathFactory) -> str:
     from sattrack import practice
