@@ -31,3 +31,9 @@ class InterruptedRunError(SattrackError):
     """The operator interrupted the run; the mount was stopped first."""
 
     exit_code = 130
+
+
+class TerminatedRunError(SattrackError):
+    """The system ended the run; the mount was stopped first, and a restart goes on where it was."""
+
+    exit_code = 143

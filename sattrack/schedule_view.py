@@ -60,3 +60,18 @@ class ScheduleView(msgspec.Struct, frozen=True, tag="schedule"):
     folder: str = ""
     pid: int | None = None
     running: bool = True
+    events: int = 0
+    """How many events the run's journal held."""
+    troubles: tuple[str, ...] = ()
+    """What is wrong now and does not end the run, as a full disk."""
+    silent_s: float = 0.0
+    """Seconds for which the session that follows a pass had said nothing, when this was written."""
+    age_s: float | None = None
+    """Seconds since the newest of this was heard, when it was read; None where that is not known."""
+    old: bool = False
+    """Whether that is too long for what is shown to hold still."""
+    stopped_utc: str | None = None
+    """Since when the run is stopped by an operator; None where it is not."""
+    stopped_by: str | None = None
+    resume: str | None = None
+    """The command that takes an operator's stop back and goes on."""

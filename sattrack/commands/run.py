@@ -28,6 +28,12 @@ DEFAULT_HOURS, MOST_DAYS = 24.0, 31.0
 @click.argument("file", type=click.Path(path_type=Path))
 @click.option("--dry-run", is_flag=True, help="Make the plan and show it; nothing is moved.")
 @click.option("--status", is_flag=True, help="Show how the run of this schedule stands.")
+@click.option("--check", is_flag=True, help="Read all that a run needs; say what is wrong, and move nothing.")
+@click.option(
+    "--resume",
+    is_flag=True,
+    help="Take an operator's stop back, and run on; with --status, take it back and do not run.",
+)
 @mount_option
 @click.option(
     "--folder",
@@ -60,11 +66,20 @@ def command(context: CommandContext, file: Path, **options: Any) -> int:
     """Run a schedule FILE, night after night, and run it on after whatever interrupted it.
 
     Each night is planned for the largest value; with --dry-run that is all, and the plan is shown, with why
-    other passes lost. Exit code 130 where it was stopped; the mount is at rest then.
+    other passes lost. Exit code 130 where it was stopped; the mount is at rest then. After `sattrack stop` it
+    follows nothing until a person says --resume. 143 where the system ended it: run again, it goes on.
     """
+    if options["check"]:
+        from sattrack.commands.run_night import show_check
+
+        return show_check(context, file, options)
     if options["status"]:
         from sattrack.commands.run_status import show_status
 
+        if options["resume"]:
+            from sattrack.commands.run_night import folder_of, take_back
+
+            take_back(folder_of(file, options["folder"]))
         return show_status(context, file, options["folder"])
     if not options["dry_run"]:
         from sattrack.commands.run_night import run_schedule

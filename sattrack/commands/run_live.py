@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from sattrack.profiles import ProfileFile
     from sattrack.runtime.night_files import NightFiles
     from sattrack.runtime.night_journal import Journal
-    from sattrack.runtime.signals import StopRequest
+    from sattrack.runtime.night_stop import NightRequests
     from sattrack.schedule.file import Schedule
-    from sattrack.schedule.night import NightPass
+    from sattrack.schedule.night import NightPass, Ways
     from tle.elements import Elements
 
 
@@ -37,10 +37,11 @@ def live_hands(
     schedule: Schedule,
     profile: ProfileFile,
     mount_url: str,
-    parts: tuple[NightPlans, NightFiles, Journal, Told, StopRequest],
+    parts: tuple[NightPlans, NightFiles, Journal, Told, NightRequests],
+    read_again: Callable[[], tuple[Schedule, Ways]],
 ) -> LiveHands:
     """Return what carries a schedule out in real time."""
-    plans, files, journal, told, stop = parts
+    plans, files, journal, told, requests = parts
     clock = context.clock()
     simulated = clock if isinstance(clock, SimulatedClock) else None
 
@@ -67,8 +68,12 @@ def live_hands(
         renew=renewer(context, schedule),
         waits=told.waits,
         follows=told.follows,
+        tell=tell,
+        troubled=told.troubled,
+        read_again=read_again,
         errands=Errands(tell),
-        stop=stop,
+        requests=requests,
+        service=told.service,
     )
     return LiveHands(kit, files, journal)
 

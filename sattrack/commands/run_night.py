@@ -6,6 +6,8 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import click
+
 from sattrack import practice
 from sattrack.commands.common import tell
 from sattrack.commands.run_plan import (
@@ -17,20 +19,30 @@ from sattrack.commands.run_plan import (
     within_half_a_turn,
 )
 from sattrack.commands.run_told import Told
-from sattrack.errors import BadInputError, InterruptedRunError
+from sattrack.errors import BadInputError, InterruptedRunError, SattrackError, TerminatedRunError
 from sattrack.runtime.mounts import is_antenna, mount_address
 from sattrack.runtime.night_commands import Errands, Notifier
 from sattrack.runtime.night_drive import drive
-from sattrack.runtime.night_files import NightFiles
+from sattrack.runtime.night_files import NightFiles, take_up
 from sattrack.runtime.night_flight import Airspace
-from sattrack.runtime.night_journal import FILE_NAME, Journal, locked
+from sattrack.runtime.night_journal import locked
+from sattrack.runtime.night_stop import (
+    NightRequests,
+    heeding_signals,
+    list_night,
+    resume_command,
+    stop_of,
+    take_back_stop,
+    unlist_night,
+)
 from sattrack.runtime.night_troubles import Troubles
 from sattrack.runtime.night_virtual import VirtualHands
-from sattrack.runtime.signals import StopRequest, stopping
+from sattrack.runtime.service import Service
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import make_plan_and_choice
 from sattrack.schedule.night import End, NightPass, Planned, Ways
 from sattrack.schedule.search import named_by
+from tle.errors import TleError
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -41,6 +53,8 @@ if TYPE_CHECKING:
     from sattrack.profiles import ProfileFile
     from sattrack.runtime.mounts import MountAddress
     from sattrack.runtime.night_drive import Hands
+    from sattrack.runtime.night_journal import Journal
+    from sattrack.runtime.night_stop import OperatorStop
     from sattrack.schedule.candidates import Loaded
     from sattrack.schedule.file import Schedule
     from sattrack.schedule.making import Chosen
@@ -106,42 +120,122 @@ def folder_of(file: Path, given: Path | None) -> Path:
     return file.with_suffix(".run") if given is None else given
 
 
-def run_schedule(context: CommandContext, file: Path, options: dict[str, Any]) -> int:
-    """Run a schedule, or run it on, to its end. Raises the error whose exit code it ends with."""
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """A schedule with all that a run of it needs, read and found good."""
+
+    schedule: Schedule
+    mount_url: str
+    profile: ProfileFile
+    ways: Ways
+
+
+def check_schedule(context: CommandContext, file: Path, options: dict[str, Any]) -> Checked:
+    """Read a schedule, its settings, the mount's address and the elements; nothing is moved.
+
+    What is wrong is told now, and not in the evening. Raises BadInputError, SattrackError, TleError.
+    """
     schedule = load_schedule(file)
     mount_url = _mount_url(context, options)
     profile = within_half_a_turn(context.profile(options["profile"], mount_url))
     ways = _ways(context, schedule, profile, mount_address(mount_url), options)
-    # What is wrong with the schedule or its elements is told now, and not in the evening.
     situation_of(context, schedule, profile, (ways.from_utc_s, ways.from_utc_s + 1.0), ways.from_utc_s)
     load = loader(context, schedule)
     for entry in schedule.entries:
         named_by(entry, load(entry.source))
-    plans = NightPlans(context, file, profile, options["rehearse"])
-    folder, stop = folder_of(file, options["folder"]), StopRequest()
-    with locked(folder), stopping(stop):
-        files = NightFiles(folder, str(file))
-        journal = Journal(folder / FILE_NAME, durable=not options["virtual"])
-        told = Told(files, str(file), context.json)
-        errands: Errands | None = None
-        try:
-            hands: Hands
-            if options["virtual"]:
-                hands = _virtual_hands(context, schedule, (plans, files, journal, stop), options["seed"])
-                hands.now_utc_s = ways.from_utc_s
-            else:
-                from sattrack.commands.run_live import live_hands
+    return Checked(schedule, mount_url, profile, ways)
 
-                hands = live_hands(context, schedule, profile, mount_url, (plans, files, journal, told, stop))
-                errands = hands.kit.errands
-                told.notifier = Notifier(schedule.notify, file.absolute().parent, errands)
-            run, end = drive(journal, hands, ways, told.event)
-        finally:
-            told.close()
-            if errands is not None:
-                errands.finish(ERRANDS_WITHIN_S)
-            journal.close()
-    return _finish(run, end, told)
+
+def show_check(context: CommandContext, file: Path, options: dict[str, Any]) -> int:
+    """Check a schedule, and say in one line that it can be run. Raises BadInputError."""
+    try:
+        checked = check_schedule(context, file, options)
+    except (SattrackError, TleError) as error:
+        raise BadInputError(str(error).splitlines()[0]) from error
+    count = len(checked.schedule.entries)
+    click.echo(
+        f"{file}: {count} {'entry' if count == 1 else 'entries'}, mount {checked.mount_url}: can be run"
+    )
+    return 0
+
+
+def run_schedule(context: CommandContext, file: Path, options: dict[str, Any]) -> int:
+    """Run a schedule, or run it on, to its end. Raises the error whose exit code it ends with."""
+    checked = check_schedule(context, file, options)
+    folder = folder_of(file, options["folder"])
+    requests = NightRequests(folder)
+    with locked(folder), heeding_signals(requests):
+        if options["resume"]:
+            take_back(folder)
+        refuse_stopped(file, folder)
+        if not options["virtual"]:
+            address = mount_address(checked.mount_url)
+            wrong = list_night(folder, file, None if address is None else address.name)
+            if wrong is not None:
+                tell(wrong)
+        run, end, told = _driven(context, file, checked, requests, options)
+        if not requests.restarts:
+            unlist_night(folder)
+    return _finish(run, end, told, requests, file)
+
+
+def take_back(folder: Path) -> OperatorStop | None:
+    """Take an operator's stop back, and tell of it; None where none stood. Raises SattrackError."""
+    stop = take_back_stop(folder)
+    tell("no operator's stop stands" if stop is None else f"{stop}: taken back")
+    return stop
+
+
+def refuse_stopped(file: Path, folder: Path) -> None:
+    """Raise InterruptedRunError where an operator's stop stands."""
+    stop = stop_of(folder)
+    if stop is not None:
+        raise InterruptedRunError(f"{file}: {stop}; `{resume_command(str(file), folder)}` goes on")
+
+
+def _driven(
+    context: CommandContext, file: Path, checked: Checked, requests: NightRequests, options: dict[str, Any]
+) -> tuple[Run, End | None, Told]:
+    """Take the journal up and carry the schedule out; return how that ended."""
+    folder, schedule = requests.folder, checked.schedule
+    plans = NightPlans(context, file, checked.profile, options["rehearse"])
+    files = NightFiles(folder, str(file))
+    taken = take_up(folder, float(context.now().unix_s), durable=not options["virtual"])
+    told = Told(files, str(file), context.json, taken.journal, Service())
+    errands: Errands | None = None
+
+    def read_again() -> tuple[Schedule, Ways]:
+        again = check_schedule(context, file, options)
+        if told.notifier is not None and errands is not None:
+            told.notifier = Notifier(again.schedule.notify, file.absolute().parent, errands)
+        return again.schedule, again.ways
+
+    try:
+        hands: Hands
+        if options["virtual"]:
+            parts = (plans, files, taken.journal, requests)
+            hands = _virtual_hands(context, schedule, parts, options["seed"])
+            hands.now_utc_s = checked.ways.from_utc_s
+        else:
+            from sattrack.commands.run_live import live_hands
+
+            hands = live_hands(
+                *(context, schedule, checked.profile, checked.mount_url),
+                (plans, files, taken.journal, told, requests),
+                read_again,
+            )
+            errands = hands.kit.errands
+            told.notifier = Notifier(schedule.notify, file.absolute().parent, errands)
+        told.service.tell("READY=1")
+        run, end = drive(taken, hands, checked.ways, told.event)
+        told.service.tell("STOPPING=1")
+    finally:
+        told.close()
+        if errands is not None:
+            errands.finish(ERRANDS_WITHIN_S)
+        files.clear_memory()
+        taken.journal.close()
+    return run, end, told
 
 
 def _mount_url(context: CommandContext, options: dict[str, Any]) -> str:
@@ -164,10 +258,10 @@ def _mount_url(context: CommandContext, options: dict[str, Any]) -> str:
 def _virtual_hands(
     context: CommandContext,
     schedule: Schedule,
-    parts: tuple[NightPlans, NightFiles, Journal, StopRequest],
+    parts: tuple[NightPlans, NightFiles, Journal, NightRequests],
     seed: int | None,
 ) -> VirtualHands:
-    plans, files, journal, stop = parts
+    plans, files, journal, requests = parts
     start = practice.START
     limits = context.settings.safety.limits()
     air = Airspace(context.site(), plans.profile, limits, start.hour_angle_deg, start.dec_deg)
@@ -178,7 +272,7 @@ def _virtual_hands(
         journal,
         Troubles(seed),
         weather_asked=schedule.weather is not None,
-        stop=stop,
+        requests=requests,
     )
 
 
@@ -220,8 +314,11 @@ def _ways(
     )
 
 
-def _finish(run: Run, end: End, told: Told) -> int:
+def _finish(run: Run, end: End | None, told: Told, requests: NightRequests, file: Path) -> int:
+    if end is None:
+        raise TerminatedRunError("terminated; the mount is at rest, and a restart goes on where it was")
     if end.interrupted:
+        refuse_stopped(file, requests.folder)
         raise InterruptedRunError(f"{end.why}; run it again to go on with the passes to come")
     told.end(run)
     return 0

@@ -37,11 +37,17 @@ def show_status(context: CommandContext, file: Path, given: Path | None) -> int:
 def status_lines(view: ScheduleView) -> list[str]:
     """Return the status as lines of text."""
     alive = f"runs, process {view.pid}" if view.running else "does not run"
+    as_of = f"as of {Utc(view.utc_s).isoformat('seconds')}"
+    if view.old and view.age_s is not None:
+        as_of += f", OLD: nothing was heard for {view.age_s:.0f} s; before that"
     lines = [
-        f"{printable(view.schedule)} {alive}; as of {Utc(view.utc_s).isoformat('seconds')}: "
-        f"{printable(view.doing)}",
+        f"{printable(view.schedule)} {alive}; {as_of}: {printable(view.doing)}",
         f"night {view.night}: {view.from_utc} to {view.to_utc}; mount {view.mount}",
     ]
+    if view.stopped_utc is not None:
+        stopped = f"STOPPED BY AN OPERATOR at {view.stopped_utc} ({printable(str(view.stopped_by))})"
+        lines.append(f"{stopped}: nothing is followed; `{view.resume}` goes on")
+    lines += [f"TROUBLE: {printable(words)}" for words in view.troubles]
     if view.weather is not None:
         lines.append(f"weather: {printable(view.weather)}")
     if view.passes:

@@ -13,6 +13,7 @@ from sattrack.commands.common import tell
 from sattrack.commands.run_text import duration
 from sattrack.errors import SattrackError
 from sattrack.runtime.night_commands import facts_of
+from sattrack.runtime.night_files import OLD_AFTER_S
 from sattrack.schedule.night import Planned, Started, SummedUp
 from sattrack.schedule.showing import view_of
 from tle.errors import printable
@@ -21,30 +22,35 @@ from tle.instants import Utc
 if TYPE_CHECKING:
     from sattrack.runtime.night_commands import Notifier
     from sattrack.runtime.night_files import NightFiles
+    from sattrack.runtime.night_journal import Journal
+    from sattrack.runtime.service import Service
     from sattrack.schedule.night import Doing, Happening, Run
     from sattrack.schedule_view import ScheduleView
 
 
-FOLLOWS_EVERY_S, STATUS_EVERY_S = 1.0, 5.0
+FOLLOWS_EVERY_S, STATUS_EVERY_S = 1.0, 1.0
 
 
 class Told:
     """Tells of every event; with `as_json` as lines of JSON on standard output, each the whole view."""
 
-    def __init__(self, files: NightFiles, schedule: str, as_json: bool) -> None:
-        """Take where the status goes."""
+    def __init__(
+        self, files: NightFiles, schedule: str, as_json: bool, journal: Journal, service: Service
+    ) -> None:
+        """Take where the status goes, and the service manager's ear."""
+        self._journal, self.service = journal, service
+        self._troubles: dict[str, str] = {}
         self._files, self._schedule, self._json = files, schedule, as_json
         self.notifier: Notifier | None = None
         self._line = ""
         self._over = 0
         self._written_utc_s = float("-inf")
-        self._trouble: str | None = None
         self._view: ScheduleView | None = None
 
     def event(self, run: Run, event: Happening, doing: Doing) -> None:
         """Hear of an event, once it is kept."""
         view = view_of(run, doing, event.utc_s, self._schedule, str(self._files.folder))
-        view = self._view = msgspec.structs.replace(view, pid=os.getpid())
+        view = self._view = msgspec.structs.replace(view, pid=os.getpid(), events=self._journal.count)
         self._write(view)
         if self._json:
             click.echo(msgspec.json.encode(view).decode())
@@ -92,15 +98,33 @@ class Told:
     def _write(self, view: ScheduleView) -> None:
         """Renew the status file; a disk that is full is no reason to end a night, and told once."""
         self._written_utc_s = view.utc_s
+        self.service.status(view.doing)
         try:
-            self._files.tell(view)
-            self._trouble = None
+            self._files.tell(msgspec.structs.replace(view, troubles=tuple(self._troubles.values())))
         except SattrackError as error:
-            if self._trouble is None:
-                self._trouble = str(error)
-                tell(self._trouble)
+            self._hear_trouble("status", str(error))
+        else:
+            self._hear_trouble("status", None)
 
-    def follows(self, utc_s: float, on_target_s: float, words: str) -> None:
+    def troubled(self, what: str, words: str | None) -> None:
+        """Hear what is wrong with something, or with None that it is not any more; told where that is new."""
+        if self._hear_trouble(what, words) and self._view is not None:
+            self._write(self._view)
+
+    def _hear_trouble(self, what: str, words: str | None) -> bool:
+        before = self._troubles.pop(what, None)
+        if words is not None:
+            self._troubles[what] = words
+        if (before is None) == (words is None):
+            return False
+        told = f"the {what} is all right again" if words is None else words
+        self._wipe()
+        tell(told)
+        if self.notifier is not None:
+            self.notifier.tell("trouble", told, {"schedule": self._schedule})
+        return True
+
+    def follows(self, utc_s: float, on_target_s: float, words: str, silent_s: float = 0.0) -> None:
         """Hear how a pass goes; told once a second."""
         view = self._view
         if view is None or view.current is None or 0.0 <= utc_s - view.utc_s < FOLLOWS_EVERY_S:
@@ -109,7 +133,15 @@ class Told:
         one = msgspec.structs.replace(view.passes[place], on_target_s=round(on_target_s, 1))
         passes = (*view.passes[:place], one, *view.passes[place + 1 :])
         doing = f"following {one.number}, {one.name}: {words}"
-        self._view = view = msgspec.structs.replace(view, utc_s=utc_s, passes=passes, doing=doing)
+        self._view = view = msgspec.structs.replace(
+            view,
+            utc_s=utc_s,
+            passes=passes,
+            doing=doing,
+            silent_s=round(silent_s, 1),
+            age_s=round(silent_s, 1),
+            old=silent_s > OLD_AFTER_S,
+        )
         self._write(view)
         if self._json:
             click.echo(msgspec.json.encode(view).decode())
@@ -128,6 +160,7 @@ class Told:
     def close(self) -> None:
         """Leave the line, and say in the status that nobody runs it any more."""
         self._wipe()
+        self.service.close()
         if self._view is not None:
             self._write(msgspec.structs.replace(self._view, running=False))
 

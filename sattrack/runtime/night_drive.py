@@ -8,13 +8,14 @@ from msgspec import structs
 
 from sattrack.runtime.night_journal import go_name
 from sattrack.schedule import machine
-from sattrack.schedule.night import End, Run, Started
+from sattrack.schedule.night import End, Started
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.runtime.night_journal import Beat, Journal
-    from sattrack.schedule.night import Doing, Happening, Ways
+    from sattrack.runtime.night_files import TakenUp
+    from sattrack.runtime.night_journal import Beat
+    from sattrack.schedule.night import Doing, Happening, Run, Ways
 
 
 class Hands(Protocol):
@@ -23,28 +24,33 @@ class Hands(Protocol):
     def begin(self, beat: Beat | None) -> float:
         """Take up where the last sign of life was; return the instant that is now, POSIX seconds of UTC."""
 
-    def perform(self, doing: Doing, run: Run) -> Happening:
-        """Carry out an order; return the event that it ended with."""
+    def perform(self, doing: Doing, run: Run) -> Happening | None:
+        """Carry out an order; return the event that it ended with.
+
+        None where the system ends the runner in the midst of it: a restart begins with it again.
+        """
 
 
 def drive(
-    journal: Journal, hands: Hands, ways: Ways, told: Callable[[Run, Happening, Doing], None]
-) -> tuple[Run, End]:
+    taken: TakenUp, hands: Hands, ways: Ways, told: Callable[[Run, Happening, Doing], None]
+) -> tuple[Run, End | None]:
     """Run, or run on, until nothing is left to do; return what is known then, and why it ended.
 
-    `told` hears of every event once it is kept. Raises SattrackError where the journal cannot be used.
+    None where the system ended the runner. `told` hears of every event once it is kept.
     """
-    run = journal.fold(Run())
+    journal, run = taken.journal, taken.run
     beat = journal.last_beat()
-    event: Happening = Started(utc_s=hands.begin(beat), ways=ways)
+    event: Happening | None
+    event = Started(utc_s=hands.begin(beat), ways=ways, recovered=taken.recovered, words=taken.words)
     if beat is not None:
         event = structs.replace(event, last_utc_s=beat.utc_s)
         if run.at is not None and beat.go == go_name(run.at, run.part):
             event = structs.replace(event, on_target_s=beat.on_target_s, recording=beat.recording)
-    while True:
+    while event is not None:
         run, doing = machine.step(run, event)
         journal.append(event, run, doing)
         told(run, event, doing)
         if isinstance(doing, End):
             return run, doing
         event = hands.perform(doing, run)
+    return run, None

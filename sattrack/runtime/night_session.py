@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import select
 import subprocess
 import time
@@ -20,7 +21,7 @@ from tle.errors import printable
 from tle.instants import Utc
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
     from pathlib import Path
 
     from sattrack.messages import Message
@@ -31,6 +32,14 @@ OVERDUE_S = 120.0
 """A session that has not ended so long after its pass is ended from outside; its guardian stops the mount."""
 END_WITHIN_S = 90.0
 MOST_STEP_S = 2.0
+OLD_AFTER_S = 3.0
+"""A session that has said nothing for so long is told of."""
+HANGS_AFTER_S = 5.0
+"""One that has said nothing for so long is replaced; its guardian has taken the mount from it by then."""
+BEGINS_WITHIN_S = 120.0
+"""How long a session may take before it says its first word."""
+KILLED_WITHIN_S = 10.0
+RECORDING_TROUBLE = ("the recording ", "the disk ")
 TRACKING = "tracking"
 
 
@@ -43,8 +52,11 @@ class Patient(Protocol):
     def why_end(self) -> str | None:
         """Return why the session is to end: "stopped", or "weather"; None while it is not."""
 
-    def hears(self, utc_s: float, on_target_s: float, line: str) -> None:
-        """Hear how it goes."""
+    def hears(self, utc_s: float, on_target_s: float, line: str, silent_s: float = 0.0) -> None:
+        """Hear how it goes; `silent_s` is how long the session has said nothing, where that is too long."""
+
+    def hears_trouble(self, words: str | None) -> None:
+        """Hear what is wrong with the recording; None where nothing is."""
 
 
 @dataclass(slots=True)
@@ -53,7 +65,7 @@ class Session:
 
     command: Sequence[str]
     one: NightPass
-    recording: str
+    recording: str | None
     log: Path
     patient: Patient
     _on_target_s: float = 0.0
@@ -61,14 +73,17 @@ class Session:
     _last_utc_s: float | None = None
     _summary: dict[str, Any] | None = None
     _asked: str | None = None
+    _silent_s: float = 0.0
+    """Counted only while we were awake ourselves."""
+    _line: str = "beginning"
     _sent: list[tuple[float, Message]] = field(default_factory=list)
 
     def run(self) -> Go:
         """Run it to its end; return how that was. Raises OSError where it cannot be started."""
-        with self.log.open("ab") as log:
-            log.write(f"{Utc(time.time()).isoformat('seconds')} {' '.join(self.command)}\n".encode())
-            log.flush()
-            begin = log.tell()
+        with self._opened_log() as log:
+            with contextlib.suppress(OSError):
+                os.write(log, f"{Utc(time.time()).isoformat('seconds')} {' '.join(self.command)}\n".encode())
+            begin = os.fstat(log).st_size
             process = subprocess.Popen(
                 list(self.command),
                 stdin=subprocess.PIPE,
@@ -83,22 +98,53 @@ class Session:
             self._end(process)
         return self._go(process.returncode, self._last_words(begin))
 
+    @contextlib.contextmanager
+    def _opened_log(self) -> Iterator[int]:
+        """Open the log, or nothing where the disk lets none be made: no log is worth a pass."""
+        try:
+            log = os.open(self.log, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+        except OSError:
+            log = os.open(os.devnull, os.O_WRONLY)
+        try:
+            yield log
+        finally:
+            os.close(log)
+
     def _listen(self, process: subprocess.Popen[bytes]) -> None:
         assert process.stdout is not None
         reader = LineReader(process.stdout.fileno())
         overdue_utc_s = self.one.end_utc_s + OVERDUE_S
         ends_by_s = float("inf")
+        looked_s = time.monotonic()
         while not reader.ended:
             select.select([reader], [], [], LOOK_EVERY_S)
+            # Where the whole machine stood still, nobody is to blame.
+            self._silent_s += min(time.monotonic() - looked_s, 2.0 * LOOK_EVERY_S)
+            looked_s = time.monotonic()
             for line in reader.lines():
                 self._hear(line, process)
+            self._tell_silence()
             why = self.patient.why_end()
             if why is not None and self._asked is None:
                 self._asked, ends_by_s = why, time.monotonic() + END_WITHIN_S
                 self._say(process, StopNow())
+            if self._hangs:
+                self._asked = self._asked or "hang"
+                process.kill()
+                return
             if self.patient.now_utc_s() > overdue_utc_s or time.monotonic() > ends_by_s:
                 return
             self._search(process)
+
+    @property
+    def _hangs(self) -> bool:
+        within_s = BEGINS_WITHIN_S if self._last_utc_s is None else HANGS_AFTER_S
+        return self._summary is None and self._silent_s > within_s
+
+    def _tell_silence(self) -> None:
+        if self._last_utc_s is not None and self._silent_s > OLD_AFTER_S and self._summary is None:
+            words = f"NO NEWS for {self._silent_s:.0f} s, before that {self._line}"
+            self.patient.hears(self.patient.now_utc_s(), self._on_target_s, words, self._silent_s)
 
     def _hear(self, line: bytes, process: subprocess.Popen[bytes]) -> None:
         try:
@@ -114,6 +160,7 @@ class Session:
 
     def _see(self, view: dict[str, Any]) -> None:
         utc_s = float(view["utc_s"])
+        self._silent_s = 0.0
         tracking = view.get("phase") == TRACKING
         if tracking and self._tracking_utc_s is None:
             self._tracking_utc_s = utc_s
@@ -127,7 +174,10 @@ class Session:
         words = f"{view.get('phase')}  alt {float(view['target_alt_deg']):.1f}°"
         if tracking and arcsec is not None:
             words += f"  error {arcsec:.2f}″"
+        self._line = words
         self.patient.hears(utc_s, self._on_target_s, words)
+        troubles = [one for one in view.get("warnings") or () if one.startswith(RECORDING_TROUBLE)]
+        self.patient.hears_trouble(troubles[0] if troubles else None)
 
     def _search(self, process: subprocess.Popen[bytes]) -> None:
         while self._sent and self._last_utc_s is not None and self._sent[0][0] <= self._last_utc_s:
@@ -149,8 +199,15 @@ class Session:
             process.wait(1.0 if self._summary is not None else END_WITHIN_S)
         except subprocess.TimeoutExpired:
             process.kill()
-            process.wait()
+            # The system may hold a process that waits for a dead disk; the night does not wait with it.
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                process.wait(KILLED_WITHIN_S)
         process.stdout.close()
+
+    def _hung_words(self) -> str | None:
+        if self._asked != "hang":
+            return None
+        return f"the session said nothing for {self._silent_s:.0f} s, and was ended"
 
     def _last_words(self, begin: int) -> str | None:
         try:
@@ -162,21 +219,25 @@ class Session:
         said = [line.removeprefix("sattrack: ") for line in lines if line.strip()]
         return printable(said[-1])[:300] if said else None
 
-    def _go(self, code: int, last_words: str | None) -> Go:
+    def _go(self, code: int | None, last_words: str | None) -> Go:
         found = self._summary
+        if found is None and self._asked in (None, "hang"):
+            # A session that was ended from outside may be gone before we have looked for a stop.
+            why = self.patient.why_end()
+            self._asked = why or self._asked
         ended_utc_s = self.patient.now_utc_s()
         if found is None:
             return Go(
                 self._asked or "crash",
                 ended_utc_s,
                 on_target_s=round(self._on_target_s, 3),
-                words=last_words or f"the session ended with {code}, without a word",
+                words=self._hung_words() or last_words or f"the session ended with {code}, without a word",
                 recording=self.recording,
             )
         ended_by = str(found.get("ended_by"))
         words = found.get("message")
-        if self._asked is not None:
-            ended_by, words = self._asked, None
+        if self._asked not in (None, "hang"):
+            ended_by, words = str(self._asked), None
         if found.get("mount_stopped") is False:
             words = f"{words or ended_by}; THE MOUNT DID NOT CONFIRM THE STOP"
         return Go(

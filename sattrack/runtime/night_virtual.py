@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sattrack.errors import SattrackError
@@ -11,7 +13,7 @@ from sattrack.requests import TicketState
 from sattrack.runtime import night_troubles as troubles
 from sattrack.runtime.night_flight import Airspace, SessionDiedError
 from sattrack.runtime.night_journal import Beat, go_name
-from sattrack.runtime.signals import StopRequest
+from sattrack.runtime.night_stop import NightRequests
 from sattrack.schedule.actions import CommandAction, SlewAction
 from sattrack.schedule.night import (
     AskWeather,
@@ -67,7 +69,7 @@ class VirtualHands:
     journal: Journal
     troubles: troubles.Troubles = field(default_factory=troubles.Troubles)
     weather_asked: bool = False
-    stop: StopRequest = field(default_factory=StopRequest)
+    requests: NightRequests = field(default_factory=lambda: NightRequests(Path(os.devnull)))
     now_utc_s: float = 0.0
     _power: bool = True
     _jumped: int = 0
@@ -83,13 +85,15 @@ class VirtualHands:
         self._beat()
         return self.now_utc_s
 
-    def perform(self, doing: Doing, run: Run) -> Happening:
+    def perform(self, doing: Doing, run: Run) -> Happening | None:
         """See Hands."""
         found = self._perform(doing, run)
         if not isinstance(found, Followed):
             self._beat()
-        if self.stop.asked and not isinstance(found, Followed):
-            return StopAsked(utc_s=self.now_utc_s)
+        if self.requests.restarts:
+            return None
+        if self.requests.asked and not isinstance(found, Followed):
+            return StopAsked(utc_s=self.now_utc_s, words=self.requests.words)
         return found
 
     def _perform(self, doing: Doing, run: Run) -> Happening:
@@ -209,7 +213,7 @@ class VirtualHands:
                 self._beat(go_name(one, doing.part), on_target_s)
             if utc_s >= dies_at:
                 return "crash"
-            if self.stop.asked:
+            if self.requests.asked:
                 return "stopped"
             unsafe = self._unsafe(run, utc_s) if one.terms.if_weather_unsafe != "run" else None
             return None if unsafe is None else "weather"

@@ -214,6 +214,18 @@ class Wake(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         between("timeout_s", self.timeout_s, 0.1, 3600.0)
 
 
+class Recordings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How long recordings are kept: so many days, and so much of the disk free. Raises ValueError."""
+
+    keep_days: float | None = None
+    keep_free_gb: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        between("keep_days", self.keep_days, 1.0, 36_500.0)
+        between("keep_free_gb", self.keep_free_gb, 0.0, 1e6)
+
+
 def _check_alpaca(address: str) -> None:
     try:
         parts = urlsplit(address)

@@ -19,7 +19,7 @@ from sattrack.schedule.night import (
 MOST_PARTS = 12
 """Goes at one pass that broke off by themselves; restarts of the runner do not count."""
 MOST_PARK_TRIES = 5
-BROKE_OFF = frozenset({"link", "error", "crash"})
+BROKE_OFF = frozenset({"link", "error", "crash", "hang"})
 
 
 def always(_: Run, __: Happening) -> bool:

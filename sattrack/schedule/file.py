@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from datetime import tzinfo
     from pathlib import Path
 
-    from sattrack.schedule.actions import Notify, Wake, Weather
+    from sattrack.schedule.actions import Notify, Recordings, Wake, Weather
     from sattrack.schedule.schema import FixedEntry, ImportEntry, PassEntry
 
     Windows = Callable[[tuple[float, float]], list[tuple[float, float]]]
@@ -69,6 +69,7 @@ class Schedule:
     park_at_end: bool
     wake: Wake | None
     notify: tuple[Notify, ...]
+    recordings: Recordings
     files: tuple[str, ...]
     """Every file that was read for it."""
 
@@ -103,6 +104,7 @@ def load_schedule(path: Path) -> Schedule:
         park_at_end=top.park_at_end is not False,
         wake=top.wake,
         notify=top.notify,
+        recordings=top.recordings,
         files=tuple(reader.files),
     )
 

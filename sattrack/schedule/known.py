@@ -7,11 +7,7 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
-from sattrack.schedule.night import (
-    NightPass,
-    Run,
-    State,
-)
+from sattrack.schedule.night import NightPass, Recovered, Run, State, Ways
 
 if TYPE_CHECKING:
     from sattrack.schedule.actions import Action
@@ -60,12 +56,26 @@ def first_night(run: Run, now_utc_s: float) -> Run:
     return _night_from(run, max(run.ways.from_utc_s, now_utc_s), 1)
 
 
+def recovered_night(run: Run, known: Recovered, now_utc_s: float) -> Run:
+    """Return a run that goes on by what the last status says: its night, or the next where that is over."""
+    run = replace(run, mount=known.mount, summary=known.summary)
+    if now_utc_s >= known.night_to_utc_s:
+        return _night_from(run, max(run.ways.from_utc_s, now_utc_s), known.night + 1)
+    run = _night_from(run, known.night_from_utc_s, known.night)
+    return replace(run, over=known.over)
+
+
+def with_ways(run: Run, ways: Ways) -> Run:
+    """Return the run by what the schedule says now; a night that has begun keeps its beginning."""
+    return _night_from(replace(run, ways=ways), run.night_from_utc_s, run.night)
+
+
 def next_night(run: Run, now_utc_s: float) -> Run:
     """Return the run with the next night: the one in progress where some were slept through."""
     begin, number = run.night_to_utc_s, run.night + 1
     while _end_of(run, begin) <= now_utc_s and not _is_last(run, begin):
         begin = _end_of(run, begin)
-    return _night_from(replace(run, passes=(), results=(), others={}), begin, number)
+    return _night_from(replace(run, passes=(), results=(), others={}, over=()), begin, number)
 
 
 def _night_from(run: Run, begin: float, number: int) -> Run:

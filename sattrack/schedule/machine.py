@@ -13,7 +13,7 @@ from msgspec.structs import replace
 
 from sattrack.schedule import conditions as on
 from sattrack.schedule import steps as do
-from sattrack.schedule.known import first_night
+from sattrack.schedule.known import first_night, recovered_night
 from sattrack.schedule.night import (
     ClockSet,
     Doing,
@@ -24,6 +24,7 @@ from sattrack.schedule.night import (
     NotPlanned,
     Planned,
     Prepared,
+    Reread,
     Run,
     Started,
     State,
@@ -82,6 +83,7 @@ TABLE: tuple[Row, ...] = (
     Row(S.PAUSING, Started, on.always, do.lay_down_anew, S.PARKING),
     Row(S.SUMMING_UP, Started, on.always, do.sum_up, S.SUMMING_UP),
     Row(S.RESTING, Started, on.always, do.rest, S.RESTING),
+    Row(S.STOPPED, Started, on.before_the_night, do.rest_until_the_night, S.RESTING),
     Row(S.STOPPED, Started, on.has_a_plan, do.look, S.WAITING),
     Row(S.STOPPED, Started, on.always, do.make_plan, S.PLANNING),
     Row(S.ENDED, Started, on.was_the_last, do.end, S.ENDED),
@@ -92,6 +94,10 @@ TABLE: tuple[Row, ...] = (
     Row(S.PLANLESS, Due, on.night_is_over_to_park, do.lay_down_for_the_day, S.PARKING),
     Row(S.PLANLESS, Due, on.night_is_over, do.sum_up, S.SUMMING_UP),
     Row(S.PLANLESS, Due, on.always, do.make_plan, S.PLANNING),
+    # The schedule's file was read again.
+    Row(S.WAITING, Reread, on.always, do.make_plan_anew, S.PLANNING),
+    Row(S.PLANLESS, Reread, on.always, do.make_plan_anew, S.PLANNING),
+    Row(S.RESTING, Reread, on.always, do.rest_anew, S.RESTING),
     # Between passes.
     Row(S.WAITING, Due, on.none_left_to_park, do.lay_down_for_the_day, S.PARKING),
     Row(S.WAITING, Due, on.none_left, do.sum_up, S.SUMMING_UP),
@@ -146,17 +152,27 @@ def step(run: Run, event: Happening) -> tuple[Run, Doing]:
     """Return what is known after an event, and what to do next. Raises NoRowError."""
     if isinstance(event, Started):
         run = replace(run, ways=event.ways)
-        if not run.night:
+        if event.recovered is not None:
+            run = recovered_night(run, event.recovered, event.utc_s)
+        elif not run.night:
             run = first_night(run, event.utc_s)
+    told = event.words if isinstance(event, Started) else None
     for row in TABLE:
         if row.state is run.state and isinstance(event, row.event) and row.condition(run, event):
-            after, doing = row.action(replace(run, told=None), event)
-            notes = after.notes
-            # What became of passes is told by their results, and what is planned by the plan.
-            if after.told is not None and after.results == run.results and not isinstance(event, Planned):
-                notes = (*notes, after.told)[-MOST_NOTES:]
-            return replace(after, state=row.next_state, notes=notes), doing
+            after, doing = row.action(replace(run, told=told), event)
+            return replace(_noted(run, event, after), state=row.next_state), doing
     raise NoRowError(f"{type(event).__name__} while {run.state}")
+
+
+def _noted(run: Run, event: Happening, after: Run) -> Run:
+    """Return the run with what is worth noting of an event.
+
+    What became of passes is told by their results, what is planned by the plan, a night by its summary.
+    """
+    if after.told is None or after.results != run.results or isinstance(event, Planned | SummedUp):
+        return after
+    notes = after.notes if after.noted_night == after.night else ()
+    return replace(after, notes=(*notes, after.told)[-MOST_NOTES:], noted_night=after.night)
 
 
 def words_of(function: Judge | Change) -> str:

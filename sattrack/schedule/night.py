@@ -17,6 +17,10 @@ if TYPE_CHECKING:
     from sattrack.schedule.actions import Action
 
 
+SAME_PASS_S = 120.0
+"""Passes of one satellite that culminate within so long of one another are the same."""
+
+
 class State(StrEnum):
     """What the runner is doing, in words for people."""
 
@@ -117,6 +121,29 @@ class Ways(msgspec.Struct, frozen=True):
     long: nothing ends a mount's tracking of the sky but the end of its drives' power."""
 
 
+class Over(msgspec.Struct, frozen=True):
+    """A pass that has a result already, by its satellite and when it is highest."""
+
+    catalog_number: int
+    culminate_utc_s: float
+
+    def is_pass(self, one: NightPass) -> bool:
+        """Tell whether it is this one."""
+        near = abs(one.culminate_utc_s - self.culminate_utc_s) < SAME_PASS_S
+        return one.elements.catalog_number == self.catalog_number and near
+
+
+class Recovered(msgspec.Struct, frozen=True):
+    """What the last status says of a run whose journal cannot be read."""
+
+    night: int
+    night_from_utc_s: float
+    night_to_utc_s: float
+    mount: Mount
+    over: tuple[Over, ...] = ()
+    summary: str | None = None
+
+
 class Event(msgspec.Struct, frozen=True, tag_field="event", kw_only=True):
     """Something happened at an instant."""
 
@@ -131,6 +158,16 @@ class Started(Event, frozen=True, tag="started"):
     on_target_s: float = 0.0
     """Of the go at a pass that was under way then."""
     recording: str | None = None
+    recovered: Recovered | None = None
+    """What was known without the journal, where that could not be read."""
+    words: str | None = None
+    """What is worth telling of the start."""
+
+
+class Reread(Event, frozen=True, tag="reread"):
+    """The schedule's file was read again, as somebody asked."""
+
+    ways: Ways
 
 
 class Due(Event, frozen=True, tag="due"):
@@ -209,6 +246,7 @@ class StopAsked(Event, frozen=True, tag="stop asked"):
 
 Happening = (
     Started
+    | Reread
     | Due
     | ClockSet
     | Planned
@@ -303,6 +341,8 @@ class Run(msgspec.Struct, frozen=True):
     results: tuple[Result, ...] = ()
     """Of the passes so far, in their order: those that are over."""
     others: dict[str, int] = {}
+    over: tuple[Over, ...] = ()
+    """Passes of this night that had a result before the journal was set aside."""
     step: int = 0
     part: int = 0
     goes: tuple[Go, ...] = ()
@@ -314,6 +354,8 @@ class Run(msgspec.Struct, frozen=True):
     weather: str | None = None
     summary: str | None = None
     notes: tuple[str, ...] = ()
+    noted_night: int = 0
+    """The night that the notes are of."""
     told: str | None = None
     """What is worth telling of the last event."""
 

@@ -10,7 +10,7 @@ from typing import Literal
 import msgspec
 
 from sattrack.control.orders import MOST_ALONG_S, MOST_CROSS_DEG
-from sattrack.schedule.actions import LONGEST_S, Action, Notify, Wake, Weather, between
+from sattrack.schedule.actions import LONGEST_S, Action, Notify, Recordings, Wake, Weather, between
 
 MOST_PRIORITY = 1e6
 FIXED_PRIORITY = 100.0
@@ -145,6 +145,7 @@ class ScheduleText(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     weather: Weather | None = None
     wake: Wake | None = None
     notify: tuple[Notify, ...] = ()
+    recordings: Recordings = Recordings()
     defaults: Wishes = msgspec.field(default_factory=Wishes)
     passes: tuple[PassEntry, ...] = ()
     fixed: tuple[FixedEntry, ...] = ()
@@ -161,6 +162,7 @@ ONLY_AT_THE_TOP = (
     "weather",
     "wake",
     "notify",
+    "recordings",
     "defaults",
 )
 """Keys that an included file cannot have."""

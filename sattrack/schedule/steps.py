@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from sattrack.schedule.known import actions_of, at_of, next_night, prepared_from_s, stepped
+from sattrack.schedule.known import actions_of, at_of, next_night, prepared_from_s, stepped, with_ways
 from sattrack.schedule.night import (
     AskWeather,
     ClockSet,
@@ -19,9 +19,11 @@ from sattrack.schedule.night import (
     MakePlan,
     Mount,
     NotPlanned,
+    Over,
     Planned,
     Prepare,
     Prepared,
+    Reread,
     Result,
     Run,
     Started,
@@ -47,6 +49,18 @@ def make_plan(run: Run, _: Happening) -> tuple[Run, Doing]:
     return run, MakePlan()
 
 
+def make_plan_anew(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Plan anew what is not over."""
+    assert isinstance(event, Reread)
+    return with_ways(run, event.ways), MakePlan()
+
+
+def rest_anew(run: Run, event: Happening) -> tuple[Run, Doing]:
+    """Take what it says, and wait for the next night."""
+    assert isinstance(event, Reread)
+    return rest_until_the_night(with_ways(run, event.ways), event)
+
+
 def try_again_later(run: Run, event: Happening) -> tuple[Run, Doing]:
     """Tell why, and try again in ten minutes."""
     words = event.words if isinstance(event, NotPlanned) else None
@@ -57,13 +71,19 @@ def try_again_later(run: Run, event: Happening) -> tuple[Run, Doing]:
 
 
 def take_plan(run: Run, event: Happening) -> tuple[Run, Doing]:
-    """Take the plan."""
+    """Take the plan, for what is not over."""
     assert isinstance(event, Planned)
-    count = len(event.passes)
+    # What has a result already is not followed again.
+    kept = run.passes[: len(run.results)]
+    over = (*run.over, *(Over(one.elements.catalog_number, one.culminate_utc_s) for one in kept))
+    left = [one for one in event.passes if not any(each.is_pass(one) for each in over)]
+    new = [replace(one, number=len(kept) + k) for k, one in enumerate(left, start=1)]
+    count = len(new)
     told = f"night {run.night}: {count} {'pass' if count == 1 else 'passes'} planned" + (
         f"; {event.words}" if event.words else ""
     )
-    run = replace(run, passes=event.passes, results=(), others=event.others, notes=(), told=told)
+    notes = run.notes if run.noted_night == run.night else ()
+    run = replace(run, passes=(*kept, *new), others=event.others, notes=notes, told=told)
     return _fresh(run), Wait(until_utc_s=event.utc_s)
 
 

@@ -78,6 +78,10 @@ class SchedulePage(Redrawn):
         doing, tone = view.doing.removeprefix(view.state).strip(), Tone.CALM
         if not view.running:
             doing, tone = OVER.get(view.state, ("its runner has ended", Tone.BAD))
+            if view.stopped_utc is not None:
+                doing = f"by an operator; {view.resume}"
+        elif view.old and view.age_s is not None:
+            doing, tone = f"{doing}   NO NEWS for {words.span(view.age_s)}", Tone.BAD
         state = (f" {view.state.upper()} ", PLATE[tone])
         second: Row = [("night ", DIM), f"{view.night}", "   ", *_count(view)]
         left_s = next_in_s(view)

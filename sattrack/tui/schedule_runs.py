@@ -61,12 +61,25 @@ def next_run(recording: str | None, waits: Callable[[float], bool]) -> int | Non
 
 
 def stop_schedule(recording: str | None) -> bool:
-    """Have the runner of a run's schedule stop whatever moves the mount, and end; False where none runs."""
+    """Have the runner of a run's schedule stop whatever moves the mount, and end; False where none runs.
+
+    It is an operator's stop: a restart follows nothing either.
+    """
+    from sattrack.runtime.night_stop import keep_stop
+
     view = _schedule_of(recording)
-    if view is None or view.pid is None:
+    if recording is None or view is None or view.pid is None:
         return False
     try:
-        os.kill(view.pid, signal.SIGTERM)
+        keep_stop(folder_of(recording), "at the session's screen")
+    except OSError:
+        return _interrupt(view.pid)
+    return True
+
+
+def _interrupt(process_id: int) -> bool:
+    try:
+        os.kill(process_id, signal.SIGINT)
     except OSError:
         return False
     return True

@@ -490,21 +490,39 @@ def test_the_schedule_of_a_run_shows_what_was_what_is_and_what_comes(size: tuple
 
 
 @pytest.mark.parametrize(
-    ("state", "words"),
+    ("state", "more", "words"),
     [
-        ("ended", "ENDED  the schedule is over"),
-        ("stopped", "STOPPED  its runner has ended; run it again to go on"),
-        ("following", "FOLLOWING  its runner has ended"),
+        ("ended", {}, "ENDED  the schedule is over"),
+        ("stopped", {}, "STOPPED  its runner has ended; run it again to go on"),
+        (
+            "stopped",
+            {"stopped_utc": "2026-10-02T20:00:00Z", "resume": "sattrack run n.toml --resume"},
+            "STOPPED  by an operator; sattrack run n.toml --resume",
+        ),
+        ("following", {}, "FOLLOWING  its runner has ended"),
     ],
 )
-def test_a_schedule_that_nobody_runs_says_so_and_counts_nothing_down(state: str, words: str) -> None:
+def test_a_schedule_that_nobody_runs_says_so_and_counts_nothing_down(
+    state: str, more: dict[str, Any], words: str
+) -> None:
     async def act(app: TrackApp, pilot: Pilot[None]) -> None:
-        app._screens._read = lambda _: schedule_view(state=state, running=False)
+        app._screens._read = lambda _: schedule_view(state=state, running=False, **more)
         await pilot.press("4")
         app.look()
         await pilot.pause()
         assert words in text_of(app)
         assert "next in" not in text_of(app)
+
+    on_screen(act, News((changed(recording="/night.run/recordings/a.mcap"),), session=HERE))
+
+
+def test_a_schedule_whose_runner_says_nothing_more_is_shown_as_old() -> None:
+    async def act(app: TrackApp, pilot: Pilot[None]) -> None:
+        app._screens._read = lambda _: schedule_view(old=True, age_s=40.0)
+        await pilot.press("4")
+        app.look()
+        await pilot.pause()
+        assert "FOLLOWING  ISS (ZARYA)   NO NEWS for 0:40" in text_of(app)
 
     on_screen(act, News((changed(recording="/night.run/recordings/a.mcap"),), session=HERE))
 

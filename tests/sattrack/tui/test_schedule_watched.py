@@ -61,7 +61,7 @@ def test_a_schedule_is_watched_from_pass_to_pass_and_stopped_between_them(tmp_pa
             # On a busy machine, a second of a pass as short as this may be missed.
             pane.wait_for("ENDED", "WAITING  for 2, ISS (ZARYA)", "next in 4:", "▶ 13:07:10", "″")
             pane.press("Space")
-            pane.wait_for("STOPPED  its runner has ended")
+            pane.wait_for("STOPPED  by an operator; sattrack run ")
             pane.press("q")
             pane.wait_for("ended by set", "left with 0")
         said += [json.loads(line) for line in runner.stdout]
