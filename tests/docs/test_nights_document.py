@@ -13,6 +13,7 @@ import msgspec
 
 from sattrack.cli import run
 from sattrack.commands.run import command
+from sattrack.errors import InterruptedRunError, TerminatedRunError
 from sattrack.runtime.night_commands import as_environment, facts_of
 from sattrack.schedule import actions, machine
 from sattrack.schedule.conditions import BROKE_OFF
@@ -65,7 +66,7 @@ def test_the_schedule_of_the_page_loads_and_every_key_is_told(tmp_path: Path) ->
     assert schedule.wake is not None
     assert len(schedule.notify) == 2
     told = set(re.findall(r"[a-z_]+", " ".join(re.findall(r"`([^`\n]+)`", TEXT))))
-    for kind in (actions.Wake, actions.Notify):
+    for kind in (actions.Wake, actions.Notify, actions.Recordings):
         assert {field.encode_name for field in msgspec.structs.fields(kind)} <= told
     assert set(actions.NOTICES) <= told
     assert told >= BROKE_OFF
@@ -85,14 +86,19 @@ def test_every_option_of_a_run_and_every_variable_of_a_program_is_told() -> None
         assert f"`{name}`" in TEXT, name
 
 
-def test_the_units_command_is_one_and_it_restarts_after_a_crash_alone() -> None:
+def test_the_units_commands_are_some_and_it_restarts_but_after_an_end_or_a_persons_stop() -> None:
     settings = dict(
         line.split("=", 1) for line in UNIT.read_text().splitlines() if "=" in line and line[0] not in "#["
     )
     program, verb, *arguments = shlex.split(settings["ExecStart"])
     assert (program.rpartition("/")[2], verb) == ("sattrack", "run")
-    context = command.make_context("run", arguments)
+    context = command.make_context("run", [*arguments])
     assert str(context.params["file"]) == "night.toml"
-    assert settings["Restart"] == "on-failure"
-    assert set(settings["RestartPreventExitStatus"].split()) == {"2", "130"}
-    assert settings["KillMode"] == "mixed"
+    assert shlex.split(settings["ExecStartPre"]) == [program, verb, *arguments, "--check"]
+    assert settings["ExecReload"] == "/bin/kill -HUP $MAINPID"
+    assert settings["Type"] == "notify"
+    assert settings["Restart"] == "always"
+    assert set(settings["RestartPreventExitStatus"].split()) == {"0", "2", str(InterruptedRunError.exit_code)}
+    ends_well = {str(InterruptedRunError.exit_code), str(TerminatedRunError.exit_code)}
+    assert set(settings["SuccessExitStatus"].split()) == ends_well
+    assert settings["KillMode"] == "process"
