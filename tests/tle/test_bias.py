@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 
 import erfa
@@ -10,7 +11,9 @@ import numpy as np
 import pytest
 from geometry import itrs_km, site_below, site_that_sees_it_at_the_pole
 from sgp4.api import Satrec
-from tle_facts import ISS, LEIDEN, MOLNIYA, PARANAL, TDRS3, separation_arcsec, unit
+from skyfield.api import EarthSatellite, load, wgs84
+from skyfield.timelib import Timescale
+from tle_facts import ISS, LEIDEN, MOLNIYA, PARANAL, STARLINK_ALPHA5, TDRS3, separation_arcsec, unit
 
 from tle.bias import Bias
 from tle.earth import EarthOrientation
@@ -28,6 +31,11 @@ START = Utc.parse("2026-10-02T13:01:06Z")
 POLAR = (
     "1 25544U 98067A   26275.01380287  .00003738  00000+0  76743-4 0  9992",
     "2 25544  90.0000 131.4121 0006946 211.9293 148.1275 15.48707684588319",
+)
+# Space-Track, 2025-09-01: a navigation satellite, 12 hours a turn.
+GPS = (
+    "1 41328U 16007A   25243.18799981 -.00000013  00000-0  00000-0 0  9995",
+    "2 41328  55.3410 100.9670 0088327 242.5730 116.6042  2.00566215 70028",
 )
 # Of the same kind: retrograde, and geostationary.
 RETROGRADE = (ISS[0], "2 25544 144.0000 131.4121 0006946 211.9293 148.1275 15.48707684588319")
@@ -171,6 +179,62 @@ def test_the_inverse_finds_the_biases_again(case, place, frame):
         assert found.cross_deg == pytest.approx(cross_deg, abs=1e-8)
         again = propagator.at(t, found.bias)
         assert separation_arcsec(again.ra_deg, again.dec_deg, seen.ra_deg, seen.dec_deg) < 1e-4
+
+
+class Independent:
+    """Astrometric directions by sgp4's wrapper in skyfield, with UT1 = UTC and the pole at rest."""
+
+    def __init__(self, lines, place):
+        builtin = load.timescale(builtin=True)
+        ends = np.array([2400000.0, 2500000.0])
+        self.timescale = Timescale((ends, np.full(2, 69.184)), builtin.leap_dates, builtin.leap_offsets)
+        self.timescale.polar_motion_table = (ends, np.zeros(2), np.zeros(2))
+        self.satellite, self.place = (
+            EarthSatellite(*lines, ts=self.timescale),
+            wgs84.latlon(*place[:2], place[2]),
+        )
+
+    def _at(self, unix_s):
+        days, second = np.divmod(unix_s, 86400.0)
+        return self.timescale.tt_jd(days + 2440587.5, (second + 69.184) / 86400.0)
+
+    def alt_deg(self, unix_s):
+        return (self.satellite - self.place).at(self._at(unix_s)).altaz()[0].degrees
+
+    def radec_deg(self, unix_s, along_s):
+        """Return the place in the ICRF where stars show a satellite that runs `along_s` ahead."""
+        jd, fraction = Utc(unix_s).split()
+        earth_km_s = erfa.epv00(jd, fraction)[1]["v"] * (149597870.7 / 86400.0)
+        seen_from, light_s = self.place.at(self._at(unix_s)).position.km, 0.0
+        for _ in range(3):
+            q = self.satellite.at(self._at(unix_s + along_s - light_s)).position.km - seen_from
+            q = q - earth_km_s * light_s
+            light_s = float(np.linalg.norm(q)) / 299792.458
+        ra, dec = math.atan2(q[1], q[0]), math.atan2(q[2], math.hypot(q[0], q[1]))
+        return math.degrees(ra) % 360.0, math.degrees(dec)
+
+
+@pytest.mark.parametrize(
+    ("lines", "age_days"),
+    [
+        *itertools.product((ISS, STARLINK_ALPHA5, GPS, TDRS3, MOLNIYA), (0.0, 13.0, 21.0, 30.0, 60.0)),
+        (GPS, 3650.0),
+        (TDRS3, 3650.0),
+    ],
+)
+def test_observations_are_taken_however_old_the_elements(lines, age_days):
+    elements, place = Elements.from_tle(*lines), PARANAL if lines is TDRS3 else LEIDEN
+    peer = Independent(lines, place)
+    propagator = Propagator(elements, Site(*place), earth=PLAIN, place="astrometric")
+    random = np.random.default_rng(3)
+    unix_s = elements.epoch.unix_s + 86400.0 * (age_days + random.uniform(0.0, 1.0, 1000))
+    up_s = unix_s[peer.alt_deg(unix_s) > 10.0][:8]
+    assert len(up_s) == 8
+    for t in map(Utc, up_s.tolist()):
+        along_s = float(random.uniform(-30.0, 30.0))
+        found = bias_from_observation(propagator, *peer.radec_deg(t.unix_s, along_s), t, "icrf")
+        true, ours = propagator.at(t, Bias(along_s)), propagator.at(t, found.bias)
+        assert separation_arcsec(true.ra_deg, true.dec_deg, ours.ra_deg, ours.dec_deg) < 0.05
 
 
 def test_the_inverse_at_the_celestial_pole_and_through_culmination():
