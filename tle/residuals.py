@@ -154,9 +154,10 @@ def _solve(model: _Model, observed: NDArray[np.float64]) -> tuple[float, float]:
 
 def _newton_step(jacobian: NDArray[np.float64], off: NDArray[np.float64]) -> NDArray[np.float64]:
     try:
-        return np.linalg.solve(jacobian, off)
+        step: NDArray[np.float64] = np.linalg.solve(jacobian, off)
     except np.linalg.LinAlgError:
         raise _no_bias() from None
+    return step
 
 
 def _no_bias() -> ObservationError:

@@ -227,7 +227,7 @@ def test_observations_are_taken_however_old_the_elements(lines, age_days):
     peer = Independent(lines, place)
     propagator = Propagator(elements, Site(*place), earth=PLAIN, place="astrometric")
     random = np.random.default_rng(3)
-    unix_s = elements.epoch.unix_s + 86400.0 * (age_days + random.uniform(0.0, 1.0, 1000))
+    unix_s = elements.epoch.unix_s + 86400.0 * (age_days + random.uniform(0.0, 1.0, 1500))
     up_s = unix_s[peer.alt_deg(unix_s) > 10.0][:8]
     assert len(up_s) == 8
     for t in map(Utc, up_s.tolist()):
