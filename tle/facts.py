@@ -120,7 +120,8 @@ class _Ways:
         window = np.searchsorted(self.known, self._arcs.window)
         self._stride_s = search.span_s + 10.0
         self._keys = window * self._stride_s + self._arcs.mid_s - self._arcs.half_s
-        self._arc_window = window
+        self._first_arc = np.searchsorted(window, np.arange(len(self.known)))
+        self._last_arc = np.searchsorted(window, np.arange(len(self.known)), side="right") - 1
         step = np.where(self._last - self._first > _LONG_S, _LONG_STEP_S, _STEP_S)
         count = np.maximum(np.ceil((self._last - self._first) / step), 4.0).astype(np.intp) + 1
         self._starts = np.cumsum(count) - count
@@ -159,8 +160,7 @@ class _Ways:
         """Return place and velocity, km and km/s, of passes by index at seconds since the span's start."""
         arc = np.searchsorted(self._keys, owner * self._stride_s + t, side="right") - 1
         # Rounding of the keys may lead to the neighbour's arc at the very ends.
-        arc += self._arc_window[np.maximum(arc, 0)] < owner
-        arc -= self._arc_window[np.minimum(arc, len(self._keys) - 1)] > owner
+        arc = np.clip(arc, self._first_arc[owner], self._last_arc[owner])
         columns = self._arcs.columns(arc)
         x = (t - self._arcs.mid_s[arc]) / self._arcs.half_s[arc]
         return places(columns, x), slopes(columns, x) / self._arcs.half_s[arc]

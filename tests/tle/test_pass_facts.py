@@ -7,6 +7,10 @@ import math
 import erfa
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from skyfield.api import EarthSatellite, load, wgs84
+from skyfield.framelib import true_equator_and_equinox_of_date
 from tle_facts import ISS, LEIDEN, MOLNIYA, STARLINK_ALPHA5, TDRS3
 
 from tle.brightness import magnitude, read_magnitudes
@@ -23,8 +27,10 @@ from tle.site import Site
 START = Utc.parse("2026-10-02T12:00:00Z")
 HOURS = 30.0
 SITE = Site(*LEIDEN)
-SETS = [Elements.from_tle(*lines) for lines in (ISS, STARLINK_ALPHA5, MOLNIYA, TDRS3)]
+LINES = (ISS, STARLINK_ALPHA5, MOLNIYA, TDRS3)
+SETS = [Elements.from_tle(*lines) for lines in LINES]
 PASSES = find_catalogue_passes(SETS, SITE, START, HOURS, 10.0)
+ALONE = [pass_facts(PASSES, [k])[0] for k in range(len(PASSES))]
 
 
 def looks(one):
@@ -87,6 +93,71 @@ def test_the_facts_of_a_pass(index):
     assert (~sunlit[~lit & ~part & ~edge]).all()
     if (sunlit[1:] != sunlit[:-1]).any():
         assert part.any()
+
+
+def assert_same(one, other):
+    """Check that two facts of a pass are the same to what fitted polynomials and found roots may miss."""
+    for name in (
+        "sun_alt_deg",
+        "min_sun_separation_deg",
+        "min_moon_separation_deg",
+        "peak_ha_rate_deg_s",
+        "peak_dec_rate_deg_s",
+    ):
+        assert getattr(one, name) == pytest.approx(getattr(other, name), abs=1e-5)
+    for name in ("sunlit", "penumbra"):
+        edges, others = ([t.unix_s for pair in getattr(f, name) for t in pair] for f in (one, other))
+        assert edges == pytest.approx(others, abs=0.02)
+
+
+@given(st.permutations(range(len(PASSES))), st.integers(1, len(PASSES)))
+@settings(max_examples=40, deadline=None)
+def test_the_facts_of_a_pass_do_not_depend_on_other_passes(order, count):
+    for index, facts in zip(order[:count], pass_facts(PASSES, order[:count]), strict=True):
+        assert_same(facts, ALONE[index])
+
+
+@pytest.mark.parametrize("names", [(3, 2, 1, 0), (1, 0), (0, 3), (0,)])
+def test_the_facts_of_a_pass_do_not_depend_on_what_else_is_in_the_file(names):
+    found = find_catalogue_passes([SETS[k] for k in names], SITE, START, HOURS, 10.0)
+    for k in names:
+        ours = [f for p, f in zip(found, pass_facts(found), strict=True) if p.elements == SETS[k]]
+        alone = [f for p, f in zip(PASSES, ALONE, strict=True) if p.elements == SETS[k]]
+        assert len(ours) == len(alone) > 0
+        for one, other in zip(ours, alone, strict=True):
+            assert_same(one, other)
+
+
+@pytest.mark.parametrize("index", range(len(PASSES)))
+def test_skyfield_and_erfa_see_the_same_however_a_pass_stands_among_others(index):
+    timescale, one = load.timescale(builtin=True), PASSES[index]
+    order = [index, *(k for k in range(len(PASSES)) if k != index)]
+    facts = pass_facts(PASSES, order)[0]
+    first = one.seen.rise_utc or START
+    last = one.seen.set_utc or START.plus(HOURS * 3600.0)
+    at = Utc(np.linspace(first.unix_s, last.unix_s, 400))
+    jd, fraction = at.split()
+    lines = LINES[SETS.index(one.elements)]
+    peer = EarthSatellite(*lines, ts=timescale) - wgs84.latlon(*LEIDEN[:2], LEIDEN[2])
+    there = peer.at(timescale.tt_jd(jd, fraction + 69.184 / 86400.0))
+    xyz = there.frame_xyz(true_equator_and_equinox_of_date).km
+    units = (xyz / np.linalg.norm(xyz, axis=0)).T
+    for ours, place in (
+        (facts.min_sun_separation_deg, lambda a, b: -erfa.epv00(a, b)[0]["p"] * 149597870.7),
+        (facts.min_moon_separation_deg, lambda a, b: erfa.moon98(a, b)["p"] * 149597870.7),
+    ):
+        towards = body_direction(place, at)
+        angles = np.degrees(np.arccos(np.sum(units * towards, axis=1)))
+        # Between looks so near each other, at most half of what the satellite goes from one to the next.
+        step = np.degrees(np.linalg.norm(np.diff(units, axis=0), axis=1)).max()
+        assert angles.min() - step < ours < angles.min() + 0.02
+    dec, ha = np.arcsin(units[:, 2]), np.unwrap(np.arctan2(units[:, 1], units[:, 0]))
+    slope_s = np.diff(at.unix_s)
+    ha_rate = np.degrees(7.292115855e-5 - np.diff(ha) / slope_s)
+    assert facts.peak_ha_rate_deg_s == pytest.approx(np.abs(ha_rate).max(), rel=0.02)
+    assert facts.peak_dec_rate_deg_s == pytest.approx(
+        np.degrees(np.abs(np.diff(dec) / slope_s)).max(), rel=0.02
+    )
 
 
 def test_the_altitude_of_the_sun():
