@@ -139,6 +139,27 @@ class Utc:
         moment = Utc(round(self.unix_s, digits)).datetime() if not self.is_array else self.datetime()
         return moment.replace(tzinfo=None).isoformat(timespec=timespec) + "Z"
 
+    def isoformats(self, timespec: str = "microseconds") -> list[str]:
+        """Return each of an array of instants as `isoformat` does; "microseconds" or "seconds"."""
+        fine = timespec == "microseconds"
+        whole = np.floor(self.unix_s) if fine else np.rint(self.unix_s)
+        micro = np.rint((self.unix_s - whole) * 1e6).astype(np.int32) if fine else np.zeros(1, dtype=np.int32)
+        seconds = whole.astype(np.int64) + (micro == 1_000_000)
+        days, which = np.unique(seconds // int(DAY_S), return_inverse=True)
+        dates = np.datetime_as_string(days.astype("datetime64[D]")).astype("S10").view(np.uint8)
+        second = (seconds % int(DAY_S)).astype(np.int32)
+        text = np.empty((len(seconds), 27 if fine else 20), dtype=np.uint8)
+        text[:] = np.frombuffer(b"yyyy-mm-ddThh:mm:ss." + b"uuuuuuZ" * fine, dtype=np.uint8)
+        text[:, :10] = dates.reshape(-1, 10)[which]
+        for column, value in ((11, second // 3600), (14, second // 60 % 60), (17, second % 60)):
+            text[:, column], text[:, column + 1] = 48 + value // 10, 48 + value % 10
+        for column in range(25, 19, -1) if fine else ():
+            text[:, column] = 48 + micro % 10
+            micro = micro // 10
+        text[:, -1] = ord("Z")
+        joined, width = text.tobytes().decode("ascii"), text.shape[1]
+        return [joined[k : k + width] for k in range(0, len(joined), width)]
+
     def plus(self, seconds: Quantity) -> Utc:
         """Return the instants so many seconds later."""
         return Utc(self.unix_s + seconds)

@@ -154,10 +154,9 @@ def _solve(model: _Model, observed: NDArray[np.float64]) -> tuple[float, float]:
 
 def _newton_step(jacobian: NDArray[np.float64], off: NDArray[np.float64]) -> NDArray[np.float64]:
     try:
-        step: NDArray[np.float64] = np.linalg.solve(jacobian, off)
+        return np.asarray(np.linalg.solve(jacobian, off), dtype=np.float64)
     except np.linalg.LinAlgError:
         raise _no_bias() from None
-    return step
 
 
 def _no_bias() -> ObservationError:

@@ -7,6 +7,7 @@ import math
 import os
 import sys
 import warnings
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,9 +20,9 @@ from tle.errors import EarthOrientationWarning
 from tle.instants import DAY_S, Utc
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
-    from sattrack.commands.passes_rows import Row
+    from sattrack.commands.passes_rows import PassTable
     from tle.catalogue_passes import CataloguePasses
     from tle.elements import Elements
     from tle.horizon import Horizon
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 _DARK_SUN_DEG = -6.0
 _FEWEST_FOR_PROGRESS = 2000
 _OLD_DAYS = 14.0
+_LINES_AT_ONCE = 2000
 _SORTS = ("rise", "altitude", "magnitude", "rate", "name")
 
 
@@ -87,25 +89,41 @@ def command(context: CommandContext, satellites: tuple[str, ...], **options: Any
         click.echo(f"sattrack: warning: {words}", err=True)
     _tell_age(passes)
     _tell_failures(passes, bool(satellites))
-    rows = _sorted(_rows(passes, known, options), options["sort"])
-    rows = _judged(context, passes, rows, options)
+    table = _table(passes, known, options).sorted(options["sort"])
+    table = _judged(context, table, options)
     if options["plot"]:
         from sattrack.commands.passes_plot import plot_passes
 
-        plot_passes(options["plot"], rows, passes)
-    from sattrack.commands import passes_rows as show
+        plot_passes(options["plot"], table)
+    _show_passes(table, context.json, options)
+    return 0
 
-    if context.json:
-        click.echo(show.as_json(rows))
+
+def _show_passes(table: PassTable, as_json: bool, options: dict[str, Any]) -> None:
+    from sattrack.commands.passes_rows import table_lines, write_csv, write_json
+
+    if as_json:
+        write_json(table, sys.stdout.write)
     elif options["as_csv"]:
-        click.echo(show.as_csv(rows), nl=False)
+        write_csv(table, sys.stdout.write)
     elif options["as_ics"]:
         from sattrack.commands.passes_calendar import as_calendar
 
-        sys.stdout.write(as_calendar(rows, passes))
+        sys.stdout.write(as_calendar(table))
+    elif len(table):
+        # https://no-color.org: any value but an empty one; elsewhere click leaves colour to terminals.
+        colour = False if os.environ.get("NO_COLOR") else None
+        lines = table_lines(table, table.passes.start.isoformat("seconds")[:10])
+        for some in _batched(lines):
+            click.echo("\n".join(some), color=colour)
     else:
-        _print_table(rows, passes, show.table_lines)
-    return 0
+        click.echo("sattrack: no pass in this time meets what was asked for", err=True)
+
+
+def _batched(lines: Iterator[str]) -> Iterator[list[str]]:
+    """Yield lines many at a time."""
+    while some := list(islice(lines, _LINES_AT_ONCE)):
+        yield some
 
 
 def _check(options: dict[str, Any], as_json: bool) -> None:
@@ -231,60 +249,35 @@ def _magnitudes(options: dict[str, Any]) -> dict[int, float]:
     return read_magnitudes(options["magnitudes_file"])
 
 
-def _rows(passes: CataloguePasses, known: dict[int, float], options: dict[str, Any]) -> list[Row]:
+def _table(passes: CataloguePasses, known: dict[int, float], options: dict[str, Any]) -> PassTable:
     """Return the passes with their facts that all filters let through."""
-    from sattrack.commands.passes_rows import Row
-    from tle.facts import pass_facts, sun_altitudes_deg
+    from sattrack.commands.passes_rows import PassTable
+    from tle.facts import fact_columns, sun_altitudes_deg
 
-    # The Sun's altitude is known at once: what it rules out needs no other facts.
-    alts_deg = sun_altitudes_deg(passes).tolist() if options["dark"] else ()
-    index = [k for k, alt in enumerate(alts_deg) if alt <= _DARK_SUN_DEG]
-    if not options["dark"]:
-        index = list(range(len(passes)))
+    index = np.arange(len(passes))
+    if options["dark"]:
+        # The Sun's altitude is known at once: what it rules out needs no other facts.
+        index = np.flatnonzero(sun_altitudes_deg(passes) <= _DARK_SUN_DEG)
     progress = _progress("looked at {done} of {total} passes", len(index))
-    facts = pass_facts(passes, index, known, progress)
-    chosen = passes.take(np.array(index, dtype=np.intp))
-    rows = [Row(one.elements, one.seen, fact) for one, fact in zip(chosen, facts, strict=True)]
-    filters: list[Callable[[Row], bool]] = []
+    table = PassTable(passes, index, fact_columns(passes, index, known, progress))
+    keep = np.ones(len(table), dtype=bool)
     if options["sunlit"]:
-        filters.append(lambda row: row.facts is not None and bool(row.facts.sunlit))
+        keep &= np.diff(table.facts.sunlit.starts(len(table))) > 0
     if options["max_rate_deg_s"] is not None:
-        filters.append(lambda row: row.peak_rate_deg_s <= options["max_rate_deg_s"])
+        keep &= table.peak_rate_deg_s <= options["max_rate_deg_s"]
     if options["faintest"] is not None:
-        filters.append(lambda row: row.magnitude <= options["faintest"])
-    return [row for row in rows if all(keep(row) for keep in filters)]
+        keep &= table.magnitude <= options["faintest"]
+    return table.take(np.flatnonzero(keep))
 
 
-def _judged(
-    context: CommandContext, passes: CataloguePasses, rows: list[Row], options: dict[str, Any]
-) -> list[Row]:
+def _judged(context: CommandContext, table: PassTable, options: dict[str, Any]) -> PassTable:
     """Return the rows with a verdict by the mount's limits where one was asked for, else as they are."""
     if not (options["feasible"] or options["judged"]):
-        return rows
-    from sattrack.commands.passes_feasible import judged_rows
+        return table
+    from sattrack.commands.passes_feasible import judged_table
 
     profile = context.profile(options["profile"]).mount
-    judged = judged_rows(rows, passes, profile, context.settings.safety.limits())
-    return [row for row in judged if row.why_not is None] if options["feasible"] else judged
-
-
-def _sorted(rows: list[Row], by: str) -> list[Row]:
-    keys: dict[str, Callable[[Row], Any]] = {
-        "rise": lambda row: (row.begins_s, row.elements.catalog_number),
-        "altitude": lambda row: -row.seen.max_alt_deg,
-        "magnitude": lambda row: row.magnitude,
-        "rate": lambda row: row.peak_rate_deg_s,
-        "name": lambda row: (row.elements.label.casefold(), row.begins_s),
-    }
-    return sorted(rows, key=keys[by])
-
-
-def _print_table(
-    rows: list[Row], passes: CataloguePasses, lines: Callable[[list[Row], str], list[str]]
-) -> None:
-    if rows:
-        # https://no-color.org: any value but an empty one; elsewhere click leaves colour to terminals.
-        colour = False if os.environ.get("NO_COLOR") else None
-        click.echo("\n".join(lines(rows, passes.start.isoformat("seconds")[:10])), color=colour)
-    else:
-        click.echo("sattrack: no pass in this time meets what was asked for", err=True)
+    judged = judged_table(table, profile, context.settings.safety.limits())
+    if not options["feasible"]:
+        return judged
+    return judged.take(np.flatnonzero([why is None for why in judged.why_not]))

@@ -8,15 +8,15 @@ from sattrack.commands.icalendar import Event, calendar_text, stamp
 from tle.errors import printable
 
 if TYPE_CHECKING:
-    from sattrack.commands.passes_rows import Row
-    from tle.catalogue_passes import CataloguePasses
+    from sattrack.commands.passes_rows import PassTable
 
 
-def as_calendar(rows: list[Row], passes: CataloguePasses) -> str:
+def as_calendar(table: PassTable) -> str:
     """Return the events; a pass that the span cuts begins or ends with it."""
+    passes = table.passes
     end = passes.start.plus(passes.task.span[1])
     events = []
-    for row in rows:
+    for row in table.rows():
         seen = row.seen
         top = seen.culminate_utc
         told = [f"Highest at {top.isoformat('seconds')}, azimuth {seen.culminate_az_deg:.0f}°."]

@@ -5,28 +5,26 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sattrack.planning.feasibility import ability_at, why_not_feasible
 
 if TYPE_CHECKING:
-    from sattrack.commands.passes_rows import Row
+    from sattrack.commands.passes_rows import PassTable
     from sattrack.mount import MountProfile
     from sattrack.safety.limits import SafetyLimits
-    from tle.catalogue_passes import CataloguePasses
 
 
-def judged_rows(
-    rows: list[Row], passes: CataloguePasses, profile: MountProfile, limits: SafetyLimits
-) -> list[Row]:
+def judged_table(table: PassTable, profile: MountProfile, limits: SafetyLimits) -> PassTable:
     """Return the rows, each with the verdict on the part of the pass that lies within the search's span."""
-    task = passes.task
+    task, found = table.passes.task, table.passes.found
     ability = ability_at(task.site, profile, limits)
     begin_s, span_s = task.span
-    end_s = begin_s + span_s
-    judged = []
-    for row in rows:
-        seen = row.seen
-        first = begin_s if seen.rise_utc is None else float(seen.rise_utc.unix_s)
-        last = end_s if seen.set_utc is None else float(seen.set_utc.unix_s)
-        why = why_not_feasible(row.elements, task.site, (first, last), ability, passes.task.earth)
-        judged.append(replace(row, judged=True, why_not=why))
-    return judged
+    obj = found.obj[table.index].tolist()
+    first = begin_s + np.nan_to_num(found.rise_s[table.index], nan=0.0)
+    last = begin_s + np.nan_to_num(found.set_s[table.index], nan=span_s)
+    why_not = tuple(
+        why_not_feasible(task.elements[o], task.site, ends, ability, task.earth)
+        for o, ends in zip(obj, zip(first.tolist(), last.tolist(), strict=True), strict=True)
+    )
+    return replace(table, judged=True, why_not=why_not)

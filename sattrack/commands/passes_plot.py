@@ -14,7 +14,7 @@ from tle.propagator import Propagator
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from sattrack.commands.passes_rows import Row
+    from sattrack.commands.passes_rows import PassTable, Row
     from tle.catalogue_passes import CataloguePasses
     from tle.horizon import Horizon
 
@@ -22,7 +22,7 @@ _MOST_PASSES = 12
 _LOOKS = 200
 
 
-def plot_passes(path: Path, rows: list[Row], passes: CataloguePasses) -> None:
+def plot_passes(path: Path, table: PassTable) -> None:
     """Draw the first passes as seen from below: north up, east to the left; dashed where not sunlit.
 
     Raises BadInputError where that cannot be.
@@ -31,8 +31,9 @@ def plot_passes(path: Path, rows: list[Row], passes: CataloguePasses) -> None:
         from matplotlib.figure import Figure
     except ImportError:
         raise BadInputError("--plot needs matplotlib: pip install 'sattrack[plot]'") from None
-    if len(rows) > _MOST_PASSES:
-        click.echo(f"sattrack: the chart shows the first {_MOST_PASSES} of {len(rows)} passes", err=True)
+    passes = table.passes
+    if len(table) > _MOST_PASSES:
+        click.echo(f"sattrack: the chart shows the first {_MOST_PASSES} of {len(table)} passes", err=True)
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
     sky: Any = figure.add_subplot(projection="polar")
     sky.set_theta_zero_location("N")
@@ -41,13 +42,13 @@ def plot_passes(path: Path, rows: list[Row], passes: CataloguePasses) -> None:
     sky.set_rticks([0.0, 30.0, 60.0, 90.0], ["", "60°", "30°", "0°"])
     sky.set_xticks(np.radians(np.arange(0.0, 360.0, 45.0)), ["N", "NE", "E", "SE", "S", "SW", "W", "NW"])
     _draw_horizon(sky, passes.task.horizon)
-    for number, row in enumerate(rows[:_MOST_PASSES]):
+    for number, row in enumerate(table.take(np.arange(min(len(table), _MOST_PASSES))).rows()):
         _draw_pass(sky, row, passes, f"C{number % 10}")
     until = passes.start.plus(passes.task.span[1]).isoformat("seconds")
     sky.set_title(
         f"Passes from {passes.start.isoformat('seconds')} to {until}, sky seen from below", pad=20.0
     )
-    if rows:
+    if len(table):
         figure.legend(loc="outside right upper", fontsize="small", title="highest (UTC), dashed: not sunlit")
     try:
         figure.savefig(path, dpi=110)

@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
-import math
+import csv
+import io
+import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from itertools import pairwise
+from typing import TYPE_CHECKING
 
 import click
+import msgspec
+import numpy as np
 
+from tle.crossing_columns import select
 from tle.errors import printable
+from tle.instants import Utc
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from tle.catalogue_passes import CataloguePasses
     from tle.elements import Elements
-    from tle.facts import PassFacts
-    from tle.instants import Utc
+    from tle.facts import FactColumns, PassFacts
     from tle.passes import Pass
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
 
 _NIGHT_DEG, _HIGH_DEG = -6.0, 60.0
 _HEAD = "Rise UTC  Az°  Top       Az°   Alt°  Set       Az°   HA °/s Dec °/s  Sun°   Mag  Light   Satellite"
@@ -40,6 +54,41 @@ _SINGLE = (
     "feasible",
     "why_not",
 )
+_FACTS = (
+    "peak_ha_rate_deg_s",
+    "peak_dec_rate_deg_s",
+    "sun_alt_deg",
+    "min_sun_separation_deg",
+    "min_moon_separation_deg",
+    "magnitude",
+)
+_FIELDS = (
+    "name",
+    "catalog_number",
+    "elements_epoch",
+    "rise_utc",
+    "culminate_utc",
+    "set_utc",
+    "max_alt_deg",
+    "rise_az_deg",
+    "set_az_deg",
+    "peak_ha_rate_deg_s",
+    "peak_dec_rate_deg_s",
+    "sunlit_from_utc",
+    "sunlit_to_utc",
+    "sun_alt_deg",
+    "min_sun_separation_deg",
+    "min_moon_separation_deg",
+    "feasible",
+    "why_not",
+    "culminate_az_deg",
+    "culminations_utc",
+    "sunlit_utc",
+    "penumbra_utc",
+    "magnitude",
+)
+_JSON_ROW = "{" + ", ".join(f'"{name}": %s' for name in _FIELDS) + "}"
+_ROWS_A_BLOCK = 4000
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,88 +102,205 @@ class Row:
     """Whether the mount's limits were held against it; then `why_not` is what it cannot be followed for."""
     why_not: str | None = None
 
-    @property
-    def begins_s(self) -> float:
-        """Give the rise, or for a pass in progress minus infinity, in POSIX seconds."""
-        return -math.inf if self.seen.rise_utc is None else float(self.seen.rise_utc.unix_s)
+
+@dataclass(frozen=True, slots=True)
+class PassTable:
+    """Some of the passes found, by index and in the order to show, with their facts."""
+
+    passes: CataloguePasses
+    index: Index
+    facts: FactColumns
+    judged: bool = False
+    """Whether the mount's limits were held against them; then `why_not` says why they cannot be followed."""
+    why_not: tuple[str | None, ...] = ()
+
+    def __len__(self) -> int:
+        """Return how many rows there are."""
+        return len(self.index)
+
+    def take(self, which: Index) -> PassTable:
+        """Return some of the rows, in their order."""
+        why_not = tuple(self.why_not[k] for k in which.tolist()) if self.judged else ()
+        return PassTable(self.passes, self.index[which], self.facts.take(which), self.judged, why_not)
+
+    def blocks(self) -> Iterator[PassTable]:
+        """Go through all rows, many at a time."""
+        for first in range(0, len(self), _ROWS_A_BLOCK):
+            yield self.take(np.arange(first, min(first + _ROWS_A_BLOCK, len(self))))
+
+    def rows(self) -> list[Row]:
+        """Return the rows one by one, as objects."""
+        seen = self.passes.take(self.index)
+        facts = self.facts.items(self.passes.task.span[0])
+        why_not = self.why_not or (None,) * len(self)
+        return [
+            Row(one.elements, one.seen, fact, self.judged, why)
+            for one, fact, why in zip(seen, facts, why_not, strict=True)
+        ]
 
     @property
-    def peak_rate_deg_s(self) -> float:
-        """Give the larger of the two axes' peak rates; infinity where it is not known."""
-        if self.facts is None:
-            return math.inf
-        return max(self.facts.peak_ha_rate_deg_s, self.facts.peak_dec_rate_deg_s)
+    def peak_rate_deg_s(self) -> Array:
+        """The larger of the two axes' peak rates; infinity where it is not known."""
+        peak = np.maximum(self.facts.peak_ha_rate_deg_s, self.facts.peak_dec_rate_deg_s)
+        return np.where(np.isnan(peak), np.inf, peak)
 
     @property
-    def magnitude(self) -> float:
-        """Give the magnitude; infinity where it is not known."""
-        if self.facts is None or self.facts.magnitude is None:
-            return math.inf
-        return self.facts.magnitude
+    def magnitude(self) -> Array:
+        """The magnitude; infinity where it is not known."""
+        return np.where(np.isnan(self.facts.magnitude), np.inf, self.facts.magnitude)
 
-    def document(self) -> dict[str, Any]:
-        """Return the fields that scripts rely on, None where there is no value."""
-        seen, facts = self.seen, self.facts
-        lit = facts.sunlit if facts is not None else ()
-        return {
-            "name": self.elements.name,
-            "catalog_number": self.elements.catalog_number,
-            "elements_epoch": _iso(self.elements.epoch),
-            "rise_utc": _iso(seen.rise_utc),
-            "culminate_utc": _iso(seen.culminate_utc),
-            "set_utc": _iso(seen.set_utc),
-            "max_alt_deg": seen.max_alt_deg,
-            "rise_az_deg": seen.rise_az_deg,
-            "set_az_deg": seen.set_az_deg,
-            "peak_ha_rate_deg_s": getattr(facts, "peak_ha_rate_deg_s", None),
-            "peak_dec_rate_deg_s": getattr(facts, "peak_dec_rate_deg_s", None),
-            "sunlit_from_utc": _iso(lit[0][0]) if lit else None,
-            "sunlit_to_utc": _iso(lit[-1][1]) if lit else None,
-            "sun_alt_deg": getattr(facts, "sun_alt_deg", None),
-            "min_sun_separation_deg": getattr(facts, "min_sun_separation_deg", None),
-            "min_moon_separation_deg": getattr(facts, "min_moon_separation_deg", None),
-            "feasible": self.why_not is None if self.judged else None,
-            "why_not": self.why_not,
-            "culminate_az_deg": seen.culminate_az_deg,
-            "culminations_utc": [_iso(t) for t in seen.culminations_utc],
-            "sunlit_utc": [[_iso(a), _iso(b)] for a, b in lit],
-            "penumbra_utc": [[_iso(a), _iso(b)] for a, b in facts.penumbra] if facts is not None else [],
-            "magnitude": getattr(facts, "magnitude", None),
-        }
+    def sorted(self, by: str) -> PassTable:
+        """Return the rows in order of rise (those in progress first), altitude, magnitude, rate or name."""
+        found, elements = self.passes.found, self.passes.elements
+        obj = found.obj[self.index]
+        begins_s = np.nan_to_num(self.passes.task.span[0] + found.rise_s[self.index], nan=-np.inf)
+        if by == "name":
+            labels = sorted({elements[o].label.casefold() for o in obj.tolist()})
+            place = {label: k for k, label in enumerate(labels)}
+            names = np.array([place[elements[o].label.casefold()] for o in obj.tolist()], dtype=np.intp)
+            return self.take(np.lexsort((begins_s, names)))
+        if by == "rise":
+            numbers = np.array([elements[o].catalog_number for o in obj.tolist()], dtype=np.intp)
+            return self.take(np.lexsort((numbers, begins_s)))
+        keys = {"altitude": -found.max_alt_deg[self.index], "rate": self.peak_rate_deg_s}
+        return self.take(np.argsort(keys.get(by, self.magnitude), kind="stable"))
 
 
-def as_json(rows: list[Row]) -> str:
-    """Return one JSON array."""
-    import json
+def write_json(table: PassTable, write: Callable[[str], object]) -> None:
+    """Write one JSON array, a block of rows at a time."""
+    opening = "["
+    for block in table.blocks():
+        columns = _texts(block, _json_numbers, "null", '"')
+        columns["name"] = _of_objects(block, lambda one: json.dumps(one.name))
+        columns["feasible"] = _feasible(block, ("true", "false", "null"))
+        columns["why_not"] = [json.dumps(why) for why in block.why_not] or ["null"] * len(block)
+        columns.update(_lists(block))
+        rows = (_JSON_ROW % row for row in zip(*(columns[key] for key in _FIELDS), strict=True))
+        write(opening + ", ".join(rows))
+        opening = ", "
+    write("[]\n" if opening == "[" else "]\n")
 
-    return json.dumps([row.document() for row in rows], allow_nan=False)
 
-
-def as_csv(rows: list[Row]) -> str:
-    """Return the fields of JSON that are single values, with a line of titles."""
-    import csv
-    import io
-
+def write_csv(table: PassTable, write: Callable[[str], object]) -> None:
+    """Write the fields of JSON that are single values, with a line of titles."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(_SINGLE)
-    for row in rows:
-        document = row.document()
-        writer.writerow(["" if document[key] is None else document[key] for key in _SINGLE])
-    return out.getvalue()
+    for block in table.blocks():
+        columns = _texts(block, _numbers, "", "")
+        columns["name"] = _of_objects(block, lambda one: one.name)
+        columns["feasible"] = _feasible(block, ("True", "False", ""))
+        columns["why_not"] = [why or "" for why in block.why_not] or [""] * len(block)
+        writer.writerows(zip(*(columns[key] for key in _SINGLE), strict=True))
+        write(out.getvalue())
+        out.seek(0)
+        out.truncate()
+    write(out.getvalue())
 
 
-def table_lines(rows: list[Row], day: str) -> list[str]:
-    """Return a table in colours; dates are written where they are not `day` or the line before's."""
-    lines = [click.style(_HEAD, bold=True)]
-    for row in rows:
-        first = row.seen.rise_utc or row.seen.culminate_utc
-        date = first.isoformat("seconds")[:10]
-        if date != day:
-            lines.append(click.style(date, bold=True))
-            day = date
-        lines.append(_line(row))
-    return lines
+def _texts(
+    block: PassTable, numbers: Callable[[Array], list[str]], none: str, quote: str
+) -> dict[str, list[str]]:
+    """Return the fields that are one number or instant, as text by name; `none` where there is none."""
+    found, start_s, facts = block.passes.found, block.passes.task.span[0], block.facts
+
+    def instants(since_s: Array) -> list[str]:
+        return _instants(start_s + since_s, none, quote)
+
+    starts = facts.sunlit.starts(len(block))
+    some = starts[1:] > starts[:-1]
+    lit_from, lit_to = np.full(len(block), np.nan), np.full(len(block), np.nan)
+    lit_from[some], lit_to[some] = (
+        facts.sunlit.first_s[starts[:-1][some]],
+        facts.sunlit.last_s[starts[1:][some] - 1],
+    )
+    azimuths = {
+        "rise_az_deg": np.where(np.isnan(found.rise_s), np.nan, found.rise_az_deg)[block.index],
+        "set_az_deg": np.where(np.isnan(found.set_s), np.nan, found.set_az_deg)[block.index],
+    }
+    columns = {
+        **azimuths,
+        "max_alt_deg": found.max_alt_deg[block.index],
+        "culminate_az_deg": found.culminate_az_deg[block.index],
+        **{name: getattr(facts, name) for name in _FACTS},
+    }
+    return {
+        "catalog_number": _of_objects(block, lambda one: str(one.catalog_number)),
+        "elements_epoch": _of_objects(block, lambda one: f"{quote}{one.epoch.isoformat()}{quote}"),
+        "rise_utc": instants(found.rise_s[block.index]),
+        "culminate_utc": instants(found.culminate_s[block.index]),
+        "set_utc": instants(found.set_s[block.index]),
+        "sunlit_from_utc": instants(lit_from),
+        "sunlit_to_utc": instants(lit_to),
+        **{name: numbers(column) for name, column in columns.items()},
+    }
+
+
+def _lists(block: PassTable) -> dict[str, list[str]]:
+    """Return the fields of JSON that are lists, as text."""
+    found, start_s = select(block.passes.found, block.index), block.passes.task.span[0]
+    tops = _instants(start_s + found.peak_s, "null", '"')
+    starts = np.searchsorted(found.peak_run, np.arange(len(block) + 1))
+    columns = {"culminations_utc": _bracketed(tops, starts)}
+    for key, spans in (("sunlit_utc", block.facts.sunlit), ("penumbra_utc", block.facts.penumbra)):
+        edges = (_instants(start_s + part, "null", '"') for part in (spans.first_s, spans.last_s))
+        pairs = [f"[{first}, {last}]" for first, last in zip(*edges, strict=True)]
+        columns[key] = _bracketed(pairs, spans.starts(len(block)))
+    return columns
+
+
+def _bracketed(items: list[str], starts: Index) -> list[str]:
+    return [f"[{', '.join(items[low:high])}]" for low, high in pairwise(starts.tolist())]
+
+
+def _of_objects(block: PassTable, text: Callable[[Elements], str]) -> list[str]:
+    """Return a text of each row's elements, made once for each object."""
+    elements, obj = block.passes.elements, block.passes.found.obj[block.index].tolist()
+    texts = {o: text(elements[o]) for o in set(obj)}
+    return [texts[o] for o in obj]
+
+
+def _instants(unix_s: Array, none: str, quote: str) -> list[str]:
+    missing = np.isnan(unix_s)
+    texts = Utc(np.where(missing, 0.0, unix_s)).isoformats()
+    if quote:
+        texts = [f"{quote}{text}{quote}" for text in texts]
+    for k in np.flatnonzero(missing).tolist():
+        texts[k] = none
+    return texts
+
+
+def _json_numbers(column: Array) -> list[str]:
+    """Return numbers as Python writes them in JSON, null for NaN."""
+    texts = msgspec.json.encode(column.tolist())[1:-1].decode().split(",") if len(column) else []
+    size = np.abs(column)
+    # msgspec writes the exponents of the very small and the very large in another way.
+    for k in np.flatnonzero((size > 0.0) & ((size < 1e-4) | (size >= 1e16))).tolist():
+        texts[k] = repr(float(column[k]))
+    return texts
+
+
+def _numbers(column: Array) -> list[str]:
+    """Return numbers as Python writes them, nothing for NaN."""
+    return ["" if text == "null" else text for text in _json_numbers(column)]
+
+
+def _feasible(block: PassTable, words: tuple[str, str, str]) -> list[str]:
+    yes, no, unknown = words
+    return [yes if why is None else no for why in block.why_not] if block.judged else [unknown] * len(block)
+
+
+def table_lines(table: PassTable, day: str) -> Iterator[str]:
+    """Yield a table in colours; dates are written where they are not `day` or the line before's."""
+    yield click.style(_HEAD, bold=True)
+    for block in table.blocks():
+        for row in block.rows():
+            first = row.seen.rise_utc or row.seen.culminate_utc
+            date = first.isoformat("seconds")[:10]
+            if date != day:
+                yield click.style(date, bold=True)
+                day = date
+            yield _line(row)
 
 
 def _line(row: Row) -> str:
@@ -168,7 +334,3 @@ def _moment(at: Utc | None, azimuth_deg: float | None) -> str:
     if at is None or azimuth_deg is None:
         return "........  ..."
     return f"{at.isoformat('seconds')[11:19]} {azimuth_deg % 360.0:4.0f}"
-
-
-def _iso(at: Utc | None) -> str | None:
-    return None if at is None else at.isoformat()
