@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from copy import copy
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tle.arcs import Windows, places, slopes
+from tle.arcs import ROUND_BELOW, Windows, basis_of, longest_piece_s, places
 from tle.brightness import magnitude
 from tle.catalogue_search import CatalogueSearch
 from tle.crossing_columns import select
@@ -21,10 +19,10 @@ from tle.ground import Ground
 from tle.instants import Utc
 from tle.roots import least, roots
 from tle.sky_bodies import sun_and_moon
-from tle.sun import SUN_RADIUS_KM, sun_over_limb_rad
+from tle.sun import SUN_RADIUS_KM
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -39,7 +37,18 @@ _DEG = 180.0 / math.pi
 _STEP_S, _LONG_STEP_S, _LONG_S = 10.0, 60.0, 3600.0
 _CLOSE_S = 1e-2
 # The arrays of so many looks stay within a processor's cache.
-_PASSES_A_CHUNK = 500
+_LOOKS_A_CHUNK = 60000
+_SHORTEST_HALF_S = 1e-6
+# Parts of the step between looks at which least values are closed in on.
+_SHRINKS = (1.0 / 8.0, 1.0 / 64.0)
+# What lies so far from the parabola, by what it spans, is none.
+_DOUBTFUL = 0.03
+# Sun and Moon turn by 2.5° in half of a piece near the Earth, by 40° in one of deep space.
+_SKY_TERMS, _DEEP_SKY_TERMS = 6, 14
+# Rows of polynomials, east, north, up: the satellite from the site (km, km/s) and from the Earth's centre
+# (stretched), Sun and Moon from the site (unit vectors), the Sun from the Earth's centre (stretched).
+PLACE, VELOCITY, STRETCHED = slice(0, 3), slice(3, 6), slice(6, 9)
+SUN, MOON, SUN_STRETCHED = slice(9, 12), slice(12, 15), slice(15, 18)
 Interval = tuple[Utc, Utc]
 _NUMBERS = (
     "sun_alt_deg",
@@ -123,9 +132,7 @@ class FactColumns:
         """Return those of some passes, in their order."""
         sun_alt, sun, moon, ha_rate, dec_rate, bright = (getattr(self, name)[index] for name in _NUMBERS)
         sunlit, penumbra = (spans.take(index, len(self)) for spans in (self.sunlit, self.penumbra))
-        return FactColumns(
-            self.known[index], sun_alt, sun, moon, ha_rate, dec_rate, bright, sunlit, penumbra
-        )
+        return FactColumns(self.known[index], sun_alt, sun, moon, ha_rate, dec_rate, bright, sunlit, penumbra)
 
     def items(self, start_s: float) -> list[PassFacts | None]:
         """Return the facts of each pass, by the search's start in POSIX seconds."""
@@ -161,8 +168,9 @@ def fact_columns(
     index: Sequence[int] | Index | None = None,
     magnitudes: Mapping[int, float] | None = None,
     progress: Callable[[int, int], None] | None = None,
+    separations: bool = True,
 ) -> FactColumns:
-    """Return the facts of passes by index, of all without one.
+    """Return the facts of passes by index, of all without one; those from Sun and Moon only if wanted.
 
     `magnitudes` are intrinsic ones by catalogue number; see `brightness`. `progress` is told, now and then,
     how many passes are done and how many there are.
@@ -174,27 +182,56 @@ def fact_columns(
     known = np.zeros(len(chosen), dtype=bool)
     sunlit: list[Intervals] = []
     penumbra: list[Intervals] = []
-    deep = search.are_deep(passes.found.obj[chosen])
     done = 0
-    for is_deep in (False, True):
-        group = np.flatnonzero(deep == is_deep)
-        for first in range(0, len(group), _PASSES_A_CHUNK):
-            part = group[first : first + _PASSES_A_CHUNK]
-            ways = _Ways(search, select(passes.found, chosen[part]), is_deep, bodies)
-            if len(ways.known):
-                names = part[ways.known]
-                known[names] = True
-                numbers[:, names] = ways.numbers(magnitudes or {})
-                whole, part_of_it = ways.light()
-                sunlit.append(whole.renamed(names))
-                penumbra.append(part_of_it.renamed(names))
-            done += len(part)
-            if progress is not None:
-                progress(done, len(chosen))
+    for part, is_deep, looks in _chunks(search, select(passes.found, chosen)):
+        arcs = _PassArcs(search, select(passes.found, chosen[part]), is_deep, looks, bodies)
+        if len(arcs.known):
+            names = part[arcs.known]
+            known[names] = True
+            numbers[:, names] = arcs.numbers(magnitudes or {}, separations)
+            whole, part_of_it = arcs.light()
+            sunlit.append(whole.renamed(names))
+            penumbra.append(part_of_it.renamed(names))
+        done += len(part)
+        if progress is not None:
+            progress(done, len(chosen))
     sun_alt, sun, moon, ha_rate, dec_rate, bright = numbers
     return FactColumns(
         known, sun_alt, sun, moon, ha_rate, dec_rate, bright, _joined(sunlit), _joined(penumbra)
     )
+
+
+def _chunks(search: CatalogueSearch, found: Crossings) -> Iterator[tuple[Index, bool, int]]:
+    """Yield passes by index that go together, whether they are in deep space, and how often to look.
+
+    What goes together, and how often a piece of a pass is looked at, follows from each pass alone.
+    """
+    if len(found.obj) == 0:
+        return
+    names, obj = np.unique(found.obj, return_inverse=True)
+    elements = [search.elements[i] for i in names.tolist()]
+    e = np.array([one.eccentricity for one in elements])
+    longest_s = longest_piece_s(np.array([one.period_s for one in elements]), e)[obj]
+    deep = search.are_deep(names)[obj]
+    first_s, last_s = _ends(found, search.span_s)
+    length_s = last_s - first_s
+    pieces = np.maximum(np.ceil(length_s / longest_s), 1.0)
+    looks = np.ceil(length_s / pieces / np.where(length_s > _LONG_S, _LONG_STEP_S, _STEP_S))
+    # Four sizes an octave, so that arrays are even.
+    quarter = np.exp2(np.floor(np.log2(np.maximum(looks, 4.0))) - 2.0)
+    looks = (np.ceil(np.maximum(looks, 4.0) / quarter) * quarter).astype(np.intp) + 1
+    kind = (2 * deep + (e >= ROUND_BELOW)[obj]) * (looks.max() + 1) + looks
+    order = np.argsort(kind, kind="stable")
+    for group in np.split(order, np.flatnonzero(np.diff(kind[order])) + 1):
+        count = int(looks[group[0]])
+        size = max(1, int(_LOOKS_A_CHUNK / count / float(pieces[group].max())))
+        for first in range(0, len(group), size):
+            yield group[first : first + size], bool(deep[group[0]]), count
+
+
+def _ends(found: Crossings, span_s: float) -> tuple[Array, Array]:
+    """Return the first and last second of passes, within the span."""
+    return np.nan_to_num(found.rise_s, nan=0.0), np.where(np.isnan(found.set_s), span_s, found.set_s)
 
 
 def sun_altitudes_deg(passes: CataloguePasses) -> Array:
@@ -207,178 +244,250 @@ def sun_altitudes_deg(passes: CataloguePasses) -> Array:
     return altitude
 
 
-class _Ways:
-    """The ways of some passes over the sky as arcs, and looks along each; `known` are those that have one."""
+class _PassArcs:
+    """The ways of some passes over the sky as arcs, each looked at evenly; `known` are passes that have one.
+
+    Satellite, Sun and Moon are polynomials in x from -1 to 1 on each arc.
+    """
 
     def __init__(
-        self, search: CatalogueSearch, found: Crossings, deep: bool, bodies: tuple[SkyBody, SkyBody]
+        self,
+        search: CatalogueSearch,
+        found: Crossings,
+        deep: bool,
+        looks: int,
+        bodies: tuple[SkyBody, SkyBody],
     ) -> None:
-        self.search = search
-        self.sun, self.moon = bodies
-        first = np.nan_to_num(found.rise_s, nan=0.0)
-        last = np.where(np.isnan(found.set_s), search.span_s, found.set_s)
-        self._arcs, without = search.arcs(Windows(found.obj, first, last), deep)
+        self._search = search
+        self._sun, self._moon = bodies
+        first, last = _ends(found, search.span_s)
+        arcs, without = search.arcs(Windows(found.obj, first, last), deep)
         self.known = np.flatnonzero(~np.isin(found.obj, without))
         self._obj, self._top_s = found.obj[self.known], found.culminate_s[self.known]
-        self._first, self._last = first[self.known], last[self.known]
-        window = np.searchsorted(self.known, self._arcs.window)
-        self._stride_s = search.span_s + 10.0
-        self._keys = window * self._stride_s + self._arcs.mid_s - self._arcs.half_s
-        self._first_arc = np.searchsorted(window, np.arange(len(self.known)))
-        self._last_arc = np.searchsorted(window, np.arange(len(self.known)), side="right") - 1
-        step = np.where(self._last - self._first > _LONG_S, _LONG_STEP_S, _STEP_S)
-        count = np.maximum(np.ceil((self._last - self._first) / step), 4.0).astype(np.intp) + 1
-        self._starts = np.cumsum(count) - count
-        self._owner = np.repeat(np.arange(len(count)), count)
-        part = (np.arange(len(self._owner)) - self._starts[self._owner]) / (count[self._owner] - 1)
-        self._times = self._first[self._owner] + part * (self._last - self._first)[self._owner]
-        self._looks = _Seen(self, self._owner, self._times)
+        self._pass = np.searchsorted(self.known, arcs.window)
+        self._starts = np.searchsorted(self._pass, np.arange(len(self.known)))
+        self._mid_s, self._half_s = arcs.mid_s, np.maximum(arcs.half_s, _SHORTEST_HALF_S)
+        self._x = np.linspace(-1.0, 1.0, looks)
+        self._rows = self._polynomials(arcs.powers, _DEEP_SKY_TERMS if deep else _SKY_TERMS)
+        powers = self._x[:, None] ** np.arange(len(self._rows))
+        self._looks = np.einsum("jt,trk->rjk", powers, self._rows)
 
-    def numbers(self, magnitudes: Mapping[int, float]) -> list[Array]:
+    def _polynomials(self, powers: Array, sky_terms: int) -> Array:
+        """Return polynomials of all rows, shape (terms, rows, arcs)."""
+        terms, _, count = powers.shape
+        terms = max(terms, sky_terms)
+        rows = np.zeros((terms, 18, count))
+        rows[: len(powers), PLACE] = powers
+        rows[: len(powers) - 1, VELOCITY] = powers[1:] * (
+            np.arange(1.0, len(powers))[:, None, None] / self._half_s
+        )
+        ground = self._search.ground
+        rows[: len(powers), STRETCHED] = ground.stretched(powers.swapaxes(0, 1), 0.0).swapaxes(0, 1)
+        rows[0, STRETCHED] = ground.stretched(powers[0])
+        basis = basis_of(sky_terms)
+        unix_s = self._search.start_s + self._mid_s + self._half_s * basis.nodes[:, None]
+        sun, moon = (body.east_north_up(unix_s.ravel()) for body in (self._sun, self._moon))
+        sky = np.concatenate([_unit(sun), _unit(moon), ground.stretched(sun)]).reshape(9, sky_terms, count)
+        rows[:sky_terms, SUN.start : SUN_STRETCHED.stop] = np.einsum(
+            "st,tdk->sdk", basis.to_powers @ basis.to_chebyshev, sky.swapaxes(0, 1)
+        )
+        # How far the Sun is, and what stretching makes of that, hardly change along an arc.
+        self._sun_km = np.sqrt(np.sum(sun * sun, axis=0)).reshape(sky_terms, count)[sky_terms // 2]
+        stretched = np.sqrt(np.sum((rows[0, SUN_STRETCHED] - rows[0, STRETCHED]) ** 2, axis=0))
+        away = np.sqrt(np.sum((rows[0, SUN] * self._sun_km - rows[0, PLACE]) ** 2, axis=0))
+        self._radius = SUN_RADIUS_KM * stretched / away
+        return rows
+
+    def numbers(self, magnitudes: Mapping[int, float], separations: bool) -> list[Array]:
         """Return the facts of each pass that is known, in the order of `_NUMBERS`."""
-        wanted = (_Seen.from_sun, _Seen.from_moon, _Seen.minus_ha_rate, _Seen.minus_dec_rate)
-        sun, moon, ha_rate, dec_rate = self._smallest(wanted)
-        sun_alt_deg, _ = altaz_deg(self.sun.east_north_up(self.search.start_s + self._top_s))
-        bright = self._brightest(magnitudes)
-        return [sun_alt_deg, sun * _DEG, moon * _DEG, -ha_rate * _DEG, -dec_rate * _DEG, bright]
+        sun_alt_deg, _ = altaz_deg(self._sun.east_north_up(self._search.start_s + self._top_s))
+        axis = self._search.ground.up_axis
+        sun = moon = np.full(len(self.known), np.nan)
+        if separations:
+            sun, moon = (self._least((PLACE, body), _minus_cosine, _angle) for body in (SUN, MOON))
+        ha_time = self._least((PLACE, VELOCITY), lambda q, v: _ha_time(q, v, axis))
+        dec_rate = self._least((PLACE, VELOCITY), lambda q, v: -_dec_rate(q, v, axis))
+        return [
+            sun_alt_deg,
+            sun * _DEG,
+            moon * _DEG,
+            _DEG / ha_time,
+            -dec_rate * _DEG,
+            self._brightest(magnitudes),
+        ]
 
     def light(self) -> tuple[Intervals, Intervals]:
         """Return when the whole of the Sun is seen, and when a part of it."""
         # From the whole disc above the limb to none of it, on either side of the centre.
-        whole = self._intervals(lambda seen: seen.over_limb(-1.0))
-        some = self._intervals(lambda seen: seen.over_limb(1.0))
-        return whole, _apart(some, whole, self._stride_s)
+        whole, some = (self._intervals(side) for side in (-1.0, 1.0))
+        return whole, _apart(some, whole, self._search.span_s + 10.0)
 
-    def at(self, owner: Index, t: Array) -> tuple[Array, Array]:
-        """Return place and velocity, km and km/s, of passes by index at seconds since the span's start."""
-        arc = np.searchsorted(self._keys, owner * self._stride_s + t, side="right") - 1
-        # Rounding of the keys may lead to the neighbour's arc at the very ends.
-        arc = np.clip(arc, self._first_arc[owner], self._last_arc[owner])
-        columns = self._arcs.columns(arc)
-        x = (t - self._arcs.mid_s[arc]) / self._arcs.half_s[arc]
-        return places(columns, x), slopes(columns, x) / self._arcs.half_s[arc]
+    def _least(
+        self,
+        which: tuple[slice, slice],
+        value: Callable[[Array, Array], Array],
+        exact: Callable[[Array, Array], Array] | None = None,
+    ) -> Array:
+        """Return the least of a value of two rows over each pass, or what is exactly there.
 
-    def _smallest(self, values: Sequence[Callable[[_Seen], Array]]) -> list[Array]:
-        """Return the least of each value over each pass: of the looks, and of the valley round the lowest."""
-        count = len(self._starts)
-        ends = np.append(self._starts[1:], len(self._owner)) - 1
-        lows, highs, lowest = [], [], []
-        for value in values:
-            looks = value(self._looks)
-            lowest.append(np.minimum.reduceat(looks, self._starts))
-            equal = np.flatnonzero(looks == lowest[-1][self._owner])
-            best = equal[np.searchsorted(self._owner[equal], np.arange(count))]
-            lows.append(self._times[np.maximum(best - 1, self._starts)])
-            highs.append(self._times[np.minimum(best + 1, ends)])
-        own = np.tile(np.arange(count), len(values))
+        By the parabola through the lowest look and its neighbours, then through closer and closer ones; where
+        it is no parabola, by the golden section.
+        """
+        looks = value(*(self._looks[rows] for rows in which))
+        best = np.argmin(looks, axis=0)
+        arcs = np.arange(looks.shape[1])
+        step = self._x[1] - self._x[0]
+        at, lowest = self._x[best], looks[best, arcs]
+        low, high = np.maximum(at - step, -1.0), np.minimum(at + step, 1.0)
+        middle = np.clip(best, 1, len(self._x) - 2)
+        three = looks[middle + np.array([[-1], [0], [1]]), arcs]
+        x = _vertex(self._x[middle], step, three, low, high)
+        expected = _parabola(three, (x - self._x[middle]) / step)
+        both = np.concatenate([self._rows[:, rows] for rows in which], axis=1)
 
-        def all_values(t: Array) -> Array:
-            seen = _Seen(self, own, t)
-            parts = (seen.part(slice(k * count, (k + 1) * count)) for k in range(len(values)))
-            return np.concatenate([value(part) for value, part in zip(values, parts, strict=True)])
+        def better(one: Array, found: Array) -> tuple[Array, Array]:
+            is_better = (found < lowest) & (one >= low) & (one <= high)
+            return np.where(is_better, one, at), np.where(is_better, found, lowest)
 
-        _, found = least(all_values, np.concatenate(lows), np.concatenate(highs))
-        return list(np.minimum(found, np.concatenate(lowest)).reshape(len(values), count))
+        doubtful = np.zeros(len(arcs), dtype=bool)
+        for shrink in (*_SHRINKS, 0.0):
+            near = x + step * shrink * np.array([[-1.0], [0.0], [1.0]] if shrink else [[0.0]])
+            there = places(both[:, :, None], near)
+            values = value(there[:3], there[3:])
+            for one, found in zip(near, values, strict=True):
+                at, lowest = better(one, found)
+            if shrink == _SHRINKS[0]:
+                doubtful = np.abs(values[1] - expected) > _DOUBTFUL * np.ptp(three, axis=0)
+            if shrink:
+                x = _vertex(x, step * shrink, values, low, high)
+        odd = np.flatnonzero(doubtful)
+        if len(odd):
+            rows = both[:, :, odd]
+            x[odd], found[odd] = least(
+                lambda t: value(places(rows[:, :3], t), places(rows[:, 3:], t)), low[odd], high[odd]
+            )
+            at, lowest = better(x, found)
+        if exact is not None:
+            there = places(both, at)
+            lowest = exact(there[:3], there[3:])
+        return np.minimum.reduceat(lowest, self._starts)
 
-    def _intervals(self, value: Callable[[_Seen], Array]) -> Intervals:
-        """Return the intervals in which a value is positive, by pass."""
-        looks = value(self._looks)
-        positive = looks > 0.0
-        change = np.flatnonzero((positive[1:] != positive[:-1]) & (self._owner[1:] == self._owner[:-1]))
-        own = self._owner[change]
-        borders = roots(
-            lambda t: value(_Seen(self, own, t)),
-            self._times[change],
-            self._times[change + 1],
-            _CLOSE_S,
-            (looks[change], looks[change + 1]),
+    def _intervals(self, side: float) -> Intervals:
+        """Return the intervals with the Sun's lower (-1) or upper (+1) edge above the limb, by pass."""
+        satellite, sun = self._looks[STRETCHED], self._looks[SUN_STRETCHED]
+        positive = (_over_limb(satellite, sun, self._radius, side) > 0.0).T.ravel()
+        count = len(self._x)
+        owner = np.repeat(self._pass, count)
+        change = np.flatnonzero((positive[1:] != positive[:-1]) & (owner[1:] == owner[:-1]))
+        arc, look = np.divmod(change, count)
+        radius = self._radius[arc]
+        rows = np.concatenate([self._rows[:, r][:, :, arc] for r in (STRETCHED, SUN_STRETCHED)], axis=1)
+
+        def over_limb(x: Array) -> Array:
+            there = places(rows, x)
+            return _over_limb(there[:3], there[3:], radius, side)
+
+        x = roots(
+            over_limb,
+            self._x[look],
+            self._x[np.minimum(look + 1, count - 1)],
+            _CLOSE_S / self._half_s[arc],
         )
-        ends = np.append(self._starts[1:], len(self._owner)) - 1
-        begun, going_on = np.flatnonzero(positive[self._starts]), np.flatnonzero(positive[ends])
-        owner = np.concatenate([begun, own, going_on])
-        edges = np.concatenate([self._first[begun], borders, self._last[going_on]])
-        kind = np.repeat([0, 1, 2], [len(begun), len(own), len(going_on)])
+        # Between arcs there is no time at all.
+        borders = self._mid_s[arc] + self._half_s[arc] * np.where(look == count - 1, 1.0, x)
+        ends = np.append(self._starts[1:], len(self._pass)) - 1
+        begun = np.flatnonzero(positive[self._starts * count])
+        going_on = np.flatnonzero(positive[ends * count + count - 1])
+        begin_s = (self._mid_s - self._half_s)[self._starts[begun]]
+        end_s = (self._mid_s + self._half_s)[ends[going_on]]
+        owner = np.concatenate([begun, self._pass[arc], going_on])
+        edges = np.concatenate([begin_s, borders, end_s])
+        kind = np.repeat([0, 1, 2], [len(begun), len(arc), len(going_on)])
         order = np.lexsort((kind, owner))
         return Intervals(owner[order][::2], edges[order][::2], edges[order][1::2])
 
     def _brightest(self, magnitudes: Mapping[int, float]) -> Array:
         """Return the least magnitude at the looks while any of the Sun is seen, NaN where there is none."""
-        numbers = [self.search.elements[o].catalog_number for o in self._obj.tolist()]
+        numbers = [self._search.elements[o].catalog_number for o in self._obj.tolist()]
         if not any(number in magnitudes for number in numbers):
             return np.full(len(numbers), np.nan)
-        intrinsic = np.array([magnitudes.get(number, math.nan) for number in numbers])[self._owner]
-        q, sun = self._looks.q, self._looks.sun
+        intrinsic = np.array([magnitudes.get(number, math.nan) for number in numbers])[self._pass]
+        q, sun = self._looks[PLACE], self._looks[SUN] * self._sun_km
         bright = magnitude(intrinsic, np.sqrt(np.sum(q * q, axis=0)), _angle(-q, sun - q))
-        seen = self._looks.over_limb(1.0) > 0.0
-        best = np.minimum.reduceat(np.where(seen & ~np.isnan(bright), bright, math.inf), self._starts)
+        seen = _over_limb(self._looks[STRETCHED], self._looks[SUN_STRETCHED], self._radius, 1.0) > 0.0
+        best = np.where(seen & ~np.isnan(bright), bright, math.inf).min(axis=0)
+        best = np.minimum.reduceat(best, self._starts)
         return np.where(np.isfinite(best), best, np.nan)
 
 
-class _Seen:
-    """What there is to see at instants of passes, by index and seconds since the span's start; shapes (m,).
+def _unit(place: Array) -> Array:
+    unit: Array = place / np.sqrt(np.sum(place * place, axis=0))
+    return unit
 
-    `q` and `v` are place and velocity, km and km/s.
+
+def _vertex(x: Array, step: float, values: Array, low: Array, high: Array) -> Array:
+    """Return where the parabola through values at x - step, x and x + step is least between bounds."""
+    left, middle, right = values
+    bend = left - 2.0 * middle + right
+    # Where it does not open upwards, the lower side.
+    off = 0.5 * step * (left - right) / np.where(bend > 0.0, bend, 1e-3 * np.abs(left - right) + 1e-300)
+    vertex: Array = np.clip(x + off, low, high)
+    return vertex
+
+
+def _parabola(values: Array, x: Array) -> Array:
+    """Return the parabola through values at -1, 0 and 1."""
+    left, middle, right = values
+    value: Array = middle + x * (0.5 * (right - left) + x * (0.5 * (left + right) - middle))
+    return value
+
+
+def _minus_cosine(place: Array, body: Array) -> Array:
+    """Return minus the cosine of the angle of a place from a unit vector."""
+    (a, b, c), (x, y, z) = place, body
+    cosine: Array = (a * x + b * y + c * z) / np.sqrt(a * a + b * b + c * c)
+    return -cosine
+
+
+def _equatorial(place: Array, velocity: Array, up_axis: tuple[float, float]) -> list[tuple[Array, Array]]:
+    """Return components, with rates, to the meridian on the equator, to the west, and to the pole."""
+    (x, y, z), (dx, dy, dz), (cos, sin) = place, velocity, up_axis
+    return [
+        (cos * z - sin * y, cos * dz - sin * dy),
+        (-x, -dx),
+        (sin * z + cos * y, sin * dz + cos * dy),
+    ]
+
+
+def _ha_time(place: Array, velocity: Array, up_axis: tuple[float, float]) -> Array:
+    """Return the inverse of the size of the rate of hour angle, s/rad: near the pole a parabola in time."""
+    (x, dx), (y, dy), _ = _equatorial(place, velocity, up_axis)
+    time: Array = (x * x + y * y + 1e-40) / (np.abs(x * dy - y * dx) + 1e-300)
+    return time
+
+
+def _dec_rate(place: Array, velocity: Array, up_axis: tuple[float, float]) -> Array:
+    """Return the size of the rate of declination, rad/s."""
+    (x, dx), (y, dy), (z, dz) = _equatorial(place, velocity, up_axis)
+    xy2 = x * x + y * y + 1e-40
+    rate: Array = np.abs(dz * xy2 - z * (x * dx + y * dy)) / (np.sqrt(xy2) * (xy2 + z * z))
+    return rate
+
+
+def _over_limb(satellite: Array, sun: Array, radius: Array, side: float) -> Array:
+    """Return something that has the sign of the angle of the Sun's edge above the Earth's limb.
+
+    `side` is -1 for the lower edge, +1 for the upper one, `radius` the Sun's in stretched equatorial radii of
+    the Earth. With α the angle of the Sun from the Earth's centre, β the Earth's radius and ρ the Sun's, all
+    as seen from the satellite at distance d: d (cos(β - side ρ) - cos α).
     """
-
-    def __init__(self, ways: _Ways, owner: Index, t: Array) -> None:
-        self._ways, self._unix_s = ways, ways.search.start_s + t
-        self.q, self.v = ways.at(owner, t)
-
-    def part(self, which: slice) -> _Seen:
-        """Return some of the instants."""
-        some = copy(self)
-        some.q, some.v, some._unix_s = self.q[:, which], self.v[:, which], self._unix_s[which]
-        return some
-
-    @cached_property
-    def sun(self) -> Array:
-        """The Sun's place, km."""
-        return self._ways.sun.east_north_up(self._unix_s)
-
-    def from_sun(self) -> Array:
-        """Return the angle from the Sun, rad."""
-        return _angle(self.q, self.sun)
-
-    def from_moon(self) -> Array:
-        """Return the angle from the Moon, rad."""
-        return _angle(self.q, self._ways.moon.east_north_up(self._unix_s))
-
-    def minus_ha_rate(self) -> Array:
-        """Return minus the size of the rate of hour angle, rad/s."""
-        (x, dx), (y, dy), _ = self._equatorial
-        rate: Array = np.abs(x * dy - y * dx) / (x * x + y * y + 1e-40)
-        return -rate
-
-    def minus_dec_rate(self) -> Array:
-        """Return minus the size of the rate of declination, rad/s."""
-        (x, dx), (y, dy), (z, dz) = self._equatorial
-        xy2 = x * x + y * y + 1e-40
-        rate: Array = np.abs(dz * xy2 - z * (x * dx + y * dy)) / (np.sqrt(xy2) * (xy2 + z * z))
-        return -rate
-
-    @cached_property
-    def _equatorial(self) -> list[tuple[Array, Array]]:
-        """Components, with rates, to the meridian on the equator, to the west, and to the pole."""
-        q, v = self.q, self.v
-        cos, sin = self._ways.search.ground.up_axis
-        return [
-            (cos * q[2] - sin * q[1], cos * v[2] - sin * v[1]),
-            (-q[0], -v[0]),
-            (sin * q[2] + cos * q[1], sin * v[2] + cos * v[1]),
-        ]
-
-    def over_limb(self, side: float) -> Array:
-        """Return the angle of the Sun's lower (-1) or upper (+1) edge above the Earth's limb, rad."""
-        centre, radius = self._limb
-        return centre + side * radius
-
-    @cached_property
-    def _limb(self) -> tuple[Array, Array]:
-        """The angles of the Sun's centre above the Earth's limb, and of its radius, rad."""
-        q, sun = self.q, self.sun
-        distance = np.sqrt(np.sum((sun - q) ** 2, axis=0))
-        geocentric = [self._ways.search.ground.stretched(place) for place in (q, sun)]
-        return sun_over_limb_rad(*geocentric), np.arcsin(SUN_RADIUS_KM / distance)
+    a, b, c = satellite
+    x, y, z = sun - satellite
+    distance = np.sqrt(x * x + y * y + z * z)
+    sine = radius / distance
+    level = np.sqrt(np.maximum(a * a + b * b + c * c - 1.0, 0.0))
+    over: Array = level * np.sqrt(1.0 - sine * sine) + side * sine + (a * x + b * y + c * z) / distance
+    return over
 
 
 def _angle(one: Array, other: Array) -> Array:

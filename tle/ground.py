@@ -68,12 +68,13 @@ class Ground:
         """Give what is linear between: POSIX seconds; the Earth's turn less the even one; the pole; rad."""
         return self._knots_s, self._theta, np.array(self._xp), np.array(self._yp)
 
-    def stretched(self, place: Array) -> Array:
-        """Return a place east, north, up from the Earth's centre, in equatorial radii, shape (3, m).
+    def stretched(self, place: Array, part: float = 1.0) -> Array:
+        """Return a place east, north, up from the Earth's centre, in equatorial radii, shape (3, ...).
 
-        Stretched along the pole so that the ellipsoid of WGS 84 becomes a ball of radius 1.
+        Stretched along the pole so that the ellipsoid of WGS 84 becomes a ball of radius 1. With a `part` of
+        0 the site is taken for the Earth's centre, as for differences of places.
         """
-        east, north, up = (place[i] - self._centre[i] for i in range(3))
+        east, north, up = (place[i] - part * self._centre[i] for i in range(3))
         cos, sin = self.up_axis
         more = (north * cos + up * sin) * (1.0 / (1.0 - FLATTENING) - 1.0)
         return np.stack([east, north + more * cos, up + more * sin]) / EARTH_RADIUS_KM

@@ -89,7 +89,8 @@ def command(context: CommandContext, satellites: tuple[str, ...], **options: Any
         click.echo(f"sattrack: warning: {words}", err=True)
     _tell_age(passes)
     _tell_failures(passes, bool(satellites))
-    table = _table(passes, known, options).sorted(options["sort"])
+    separations = context.json or options["as_csv"]
+    table = _table(passes, known, separations, options).sorted(options["sort"])
     table = _judged(context, table, options)
     if options["plot"]:
         from sattrack.commands.passes_plot import plot_passes
@@ -249,7 +250,9 @@ def _magnitudes(options: dict[str, Any]) -> dict[int, float]:
     return read_magnitudes(options["magnitudes_file"])
 
 
-def _table(passes: CataloguePasses, known: dict[int, float], options: dict[str, Any]) -> PassTable:
+def _table(
+    passes: CataloguePasses, known: dict[int, float], separations: bool, options: dict[str, Any]
+) -> PassTable:
     """Return the passes with their facts that all filters let through."""
     from sattrack.commands.passes_rows import PassTable
     from tle.facts import fact_columns, sun_altitudes_deg
@@ -259,7 +262,7 @@ def _table(passes: CataloguePasses, known: dict[int, float], options: dict[str, 
         # The Sun's altitude is known at once: what it rules out needs no other facts.
         index = np.flatnonzero(sun_altitudes_deg(passes) <= _DARK_SUN_DEG)
     progress = _progress("looked at {done} of {total} passes", len(index))
-    table = PassTable(passes, index, fact_columns(passes, index, known, progress))
+    table = PassTable(passes, index, fact_columns(passes, index, known, progress, separations))
     keep = np.ones(len(table), dtype=bool)
     if options["sunlit"]:
         keep &= np.diff(table.facts.sunlit.starts(len(table))) > 0

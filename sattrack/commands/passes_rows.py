@@ -226,7 +226,7 @@ def _texts(
     }
     return {
         "catalog_number": _of_objects(block, lambda one: str(one.catalog_number)),
-        "elements_epoch": _of_objects(block, lambda one: f"{quote}{one.epoch.isoformat()}{quote}"),
+        "elements_epoch": _epochs(block, quote),
         "rise_utc": instants(found.rise_s[block.index]),
         "culminate_utc": instants(found.culminate_s[block.index]),
         "set_utc": instants(found.set_s[block.index]),
@@ -255,9 +255,16 @@ def _bracketed(items: list[str], starts: Index) -> list[str]:
 
 def _of_objects(block: PassTable, text: Callable[[Elements], str]) -> list[str]:
     """Return a text of each row's elements, made once for each object."""
-    elements, obj = block.passes.elements, block.passes.found.obj[block.index].tolist()
-    texts = {o: text(elements[o]) for o in set(obj)}
-    return [texts[o] for o in obj]
+    names, which = np.unique(block.passes.found.obj[block.index], return_inverse=True)
+    texts = [text(block.passes.elements[o]) for o in names.tolist()]
+    return [texts[k] for k in which.tolist()]
+
+
+def _epochs(block: PassTable, quote: str) -> list[str]:
+    names, which = np.unique(block.passes.found.obj[block.index], return_inverse=True)
+    epochs = np.array([block.passes.elements[o].epoch.unix_s for o in names.tolist()])
+    texts = _instants(epochs, "", quote)
+    return [texts[k] for k in which.tolist()]
 
 
 def _instants(unix_s: Array, none: str, quote: str) -> list[str]:

@@ -18,6 +18,7 @@ import pytest
 
 from sattrack.cli import run
 from tle.earth import EarthOrientation
+from tle.instants import Utc
 
 ISS = (
     "ISS (ZARYA)",
@@ -127,6 +128,30 @@ def test_magnitudes(given: list[str], tmp_path: Path, capsys: pytest.CaptureFixt
 def test_sorting(by: str, key: str, given: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     values = [p[key] for p in listed(capsys, *given, "--sort", by)]
     assert values == sorted(values, reverse=by == "altitude")
+
+
+def test_json_and_csv_are_written_to_the_last_digit_as_python_writes_them(
+    given: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(["passes", *given, "--judged", "--json"]) == 0
+    text = capsys.readouterr().out
+    found = json.loads(text)
+    assert len({p["sunlit_from_utc"] for p in found}) > 2
+    assert text == json.dumps(found) + "\n"
+    for one in found:
+        instants = [
+            one[key] for key in ("elements_epoch", "rise_utc", "culminate_utc", "set_utc") if one[key]
+        ]
+        instants += [t for key in ("sunlit_utc", "penumbra_utc") for pair in one[key] for t in pair]
+        assert all(Utc.parse(text).isoformat() == text for text in [*instants, *one["culminations_utc"]])
+        lit = one["sunlit_utc"]
+        assert (one["sunlit_from_utc"], one["sunlit_to_utc"]) == (
+            (lit[0][0], lit[-1][1]) if lit else (None, None)
+        )
+    assert run(["passes", *given, "--judged", "--csv"]) == 0
+    rows = list(csv.DictReader(io.StringIO(capsys.readouterr().out)))
+    for row, one in zip(rows, found, strict=True):
+        assert row == {key: "" if one[key] is None else str(one[key]) for key in row}
 
 
 def test_csv(given: list[str], capsys: pytest.CaptureFixture[str]) -> None:

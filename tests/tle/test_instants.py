@@ -144,3 +144,10 @@ def test_instants_are_values():
 def test_far_from_the_calendar_is_told():
     with pytest.raises(TimeRangeError, match="outside the calendar"):
         Utc.of(1e15).datetime()
+
+
+@given(st.lists(st.floats(-1e9, 2.7e9) | st.integers(0, 2**31).map(lambda k: k / 128.0), max_size=20))
+def test_many_instants_are_written_as_each_one_is(unix_s):
+    many = Utc(np.array(unix_s, dtype=np.float64))
+    for timespec in ("microseconds", "seconds"):
+        assert many.isoformats(timespec) == [Utc(s).isoformat(timespec) for s in unix_s]
