@@ -53,6 +53,15 @@ def test_three_lines_two_lines_and_names_that_look_like_something_else():
     assert write_elements([ZARYA], "tle") == "ISS (ZARYA)\n" + "\n".join(ISS) + "\n"
 
 
+@pytest.mark.parametrize("name", ["{", "[{", "{}", "[ {A", '{"A": 1}'])
+@pytest.mark.parametrize("ending", ["\n", "\r\n", "\r"])
+def test_a_name_that_begins_like_json_is_none(name, ending):
+    text = write_elements([dataclasses.replace(ZARYA, name=name), ZARYA], "tle").replace("\n", ending)
+    for start in ("", ending, f"  {ending}"):
+        found = parse_elements(start + text)
+        assert [one.name for one in found] == [name, ZARYA.name]
+
+
 def test_alpha5_both_ways():
     for number in (0, 5, 99_999, 100_000, 109_999, 179_999, 180_000, 220_001, 230_000, 339_999):
         field = format_alpha5(number)

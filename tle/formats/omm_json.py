@@ -22,8 +22,10 @@ _MOST_BROKEN = 1000
 
 
 def looks_like_json(text: str) -> bool:
-    """Tell whether a text is an object or an array of objects."""
-    return re.match(r"\s*(?:\[\s*)?\{|\s*\[\s*\]\s*\Z", text) is not None
+    """Tell whether a text is an object or an array of objects, and no TLE of a satellite named so."""
+    if re.match(r"\s*(?:\[\s*)?\{|\s*\[\s*\]\s*\Z", text) is None:
+        return False
+    return re.match(r"\s*+[^\r\n]++\s++1 [ \dA-Z]{5}", text, re.ASCII) is None
 
 
 def read(text: str, source: str = "") -> Iterator[Elements | ElementsError]:
