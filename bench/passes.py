@@ -10,7 +10,8 @@ and for the command's start. Times are compared with skyfield's own root of its 
 within a tenth of a second of it.
 
 Run it as `python bench/passes.py CATALOGUE` with a TLE file, gzipped or not; `--each N` takes N instead of
-300, `--workers N` the number of processes (all processors without it). It needs skyfield. Ratios of time by
+300, `--workers N` the number of processes (all processors without it). It needs skyfield, but with `--command`,
+which measures the command with a whole catalogue and nothing else. Ratios of time by
 the clock shrink where other work leaves ours fewer processors than there are; those of the processors' own
 time, of one against the sum of all, do not.
 """
@@ -51,6 +52,8 @@ ROUNDS = 5
 # As many of ours as take about as long as one of skyfield's.
 REPEATS = 10
 ISS = 25544
+# Matches no name: the command reads the catalogue and ends.
+_NOBODY = "no such satellite"
 PATHS = {"by default": False, "with the extra fast": True} if numba_is_there() else {"by default": False}
 PEERS = ("skyfield", "sgp4", "numpy", *(["numba"] if numba_is_there() else []))
 
@@ -170,9 +173,13 @@ def main() -> None:
     arguments.add_argument("catalogue", type=Path)
     arguments.add_argument("--each", type=int, default=300)
     arguments.add_argument("--workers", type=int, default=os.cpu_count() or 1)
+    arguments.add_argument("--command", action="store_true", help="measure the command as users run it only")
     given = arguments.parse_args()
     if not given.catalogue.is_file():
         sys.exit(f"{given.catalogue}: no such catalogue: nothing measured")
+    if given.command:
+        whole_command(given.catalogue)
+        return
     data = given.catalogue.read_bytes()
     text = (gzip.decompress(data) if given.catalogue.suffix == ".gz" else data).decode()
     catalogue = [e for e in parse_elements(text) if isinstance(e, Elements)]
@@ -316,12 +323,29 @@ def whole_command(catalogue: Path) -> None:
     """Print how long the command takes with a whole catalogue, reading and showing included."""
     command = [sys.executable, "-m", "sattrack", "passes", "--elements", str(catalogue)]
     command += ["--site", ",".join(str(value) for value in SITE), "--from", START.isoformat()]
-    for options in ((), ("--dark", "--sunlit", "--min-alt", "60"), ("--name", "COSMOS*")):
-        spent, done = timed(
-            lambda options=options: subprocess.run([*command, *options], check=True, capture_output=True)
+    kinds = ((), ("--json",), ("--csv",), ("--dark", "--sunlit"), ("--name", "COSMOS*"))
+    for options in kinds:
+        ratios, told = [], (0.0, 0.0, 0.0)
+        for _ in range(ROUNDS):
+            bare = run_whole([*command, "--name", _NOBODY])
+            told = run_whole([*command, *options])
+            ratios.append(told[1] / bare[1])
+        ratios.sort()
+        print(
+            f"the command for the whole catalogue, {' '.join(('passes', *options))}: {told[0]:.1f} s, "
+            f"{told[1]:.1f} s of processors, {told[2]:.0f} MiB; {statistics.median(ratios):.1f} times the "
+            f"processors' time of reading the catalogue alone ({ratios[0]:.1f} to {ratios[-1]:.1f})"
         )
-        words, lines = " ".join(("passes", *options)), done.stdout.count(b"\n")
-        print(f"the command for the whole catalogue, {words}: {spent:.1f} s, {lines} lines")
+
+
+def run_whole(command: list[str]) -> tuple[float, float, float]:
+    """Run a command; return its seconds by the clock and of processors, and the MiB that it held at most."""
+    start = time.perf_counter()
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    _, _, used = os.wait4(process.pid, 0)
+    process.returncode = 0
+    spent = time.perf_counter() - start
+    return spent, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0
 
 
 def first_time() -> None:
