@@ -10,8 +10,8 @@ and for the command's start. Times are compared with skyfield's own root of its 
 within a tenth of a second of it.
 
 Run it as `python bench/passes.py CATALOGUE` with a TLE file, gzipped or not; `--each N` takes N instead of
-300, `--workers N` the number of processes (all processors without it). It needs skyfield, but with `--command`,
-which measures the command with a whole catalogue and nothing else. Ratios of time by
+300, `--workers N` the number of processes (all processors without it). It needs skyfield, but
+with `--command`, which measures the command with a whole catalogue and nothing else. Ratios of time by
 the clock shrink where other work leaves ours fewer processors than there are; those of the processors' own
 time, of one against the sum of all, do not.
 """

@@ -301,25 +301,41 @@ def table_lines(table: PassTable, day: str) -> Iterator[str]:
     """Yield a table in colours; dates are written where they are not `day` or the line before's."""
     yield click.style(_HEAD, bold=True)
     for block in table.blocks():
-        for row in block.rows():
-            first = row.seen.rise_utc or row.seen.culminate_utc
-            date = first.isoformat("seconds")[:10]
+        found, start_s = block.passes.found, block.passes.task.span[0]
+        moments = [
+            _moments(start_s + since_s[block.index], azimuth_deg[block.index])
+            for since_s, azimuth_deg in (
+                (found.rise_s, found.rise_az_deg),
+                (found.culminate_s, found.culminate_az_deg),
+                (found.set_s, found.set_az_deg),
+            )
+        ]
+        first_s = np.where(np.isnan(found.rise_s), found.culminate_s, found.rise_s)[block.index]
+        dates = [text[:10] for text in Utc(start_s + first_s).isoformats("seconds")]
+        alts_deg = found.max_alt_deg[block.index].tolist()
+        facts = block.facts.items(start_s)
+        labels = _of_objects(block, lambda one: one.label)
+        why_not = block.why_not or (None,) * len(block)
+        for date, rise, top, end, *rest in zip(
+            dates, *moments, alts_deg, facts, labels, why_not, strict=True
+        ):
             if date != day:
                 yield click.style(date, bold=True)
                 day = date
-            yield _line(row)
+            yield _line((rise, top, end), *rest)
 
 
-def _line(row: Row) -> str:
-    seen, facts = row.seen, row.facts
-    cells = [
-        _moment(seen.rise_utc, seen.rise_az_deg),
-        _moment(seen.culminate_utc, seen.culminate_az_deg),
-        click.style(f"{seen.max_alt_deg:5.1f}", bold=seen.max_alt_deg >= _HIGH_DEG),
-        _moment(seen.set_utc, seen.set_az_deg),
-    ]
+def _line(
+    moments: tuple[str, str, str],
+    max_alt_deg: float,
+    facts: PassFacts | None,
+    label: str,
+    why_not: str | None,
+) -> str:
+    rise, top, end = moments
+    cells = [rise, top, click.style(f"{max_alt_deg:5.1f}", bold=max_alt_deg >= _HIGH_DEG), end]
     if facts is None:
-        return "  ".join([*cells, f"{'-':>7} {'-':>7} {'-':>5} {'-':>5}  -     ", row.elements.label])
+        return "  ".join([*cells, f"{'-':>7} {'-':>7} {'-':>5} {'-':>5}  -     ", label])
     night = facts.sun_alt_deg <= _NIGHT_DEG
     light = "lit" if facts.sunlit and not facts.penumbra else "partly" if facts.sunlit else "dark"
     bright = "-" if facts.magnitude is None else f"{facts.magnitude:.1f}"
@@ -331,13 +347,16 @@ def _line(row: Row) -> str:
             + click.style(f"{facts.sun_alt_deg:5.0f}", fg="blue" if night else None)
             + f" {bright:>5}",
             click.style(f"{light:6}", fg=colour),
-            printable(row.elements.label) + ("" if row.why_not is None else f"  NOT: {row.why_not}"),
+            printable(label) + ("" if why_not is None else f"  NOT: {why_not}"),
         ]
     )
 
 
-def _moment(at: Utc | None, azimuth_deg: float | None) -> str:
+def _moments(unix_s: Array, azimuth_deg: Array) -> list[str]:
     """Return time of day and azimuth in 13 columns; dots where the span's end cuts the pass."""
-    if at is None or azimuth_deg is None:
-        return "........  ..."
-    return f"{at.isoformat('seconds')[11:19]} {azimuth_deg % 360.0:4.0f}"
+    texts = Utc(np.nan_to_num(unix_s, nan=0.0)).isoformats("seconds")
+    rows = zip(texts, azimuth_deg.tolist(), np.isnan(unix_s).tolist(), strict=True)
+    return [
+        "........  ..." if missing else f"{text[11:19]} {azimuth % 360.0:4.0f}"
+        for text, azimuth, missing in rows
+    ]
