@@ -99,7 +99,7 @@ class Arcs:
     bend: Array
 
     def columns(self, arc: Index) -> Array:
-        """Return the coefficients of arcs by index, shape (terms, 3, m), for `places` and `slopes`."""
+        """Return the coefficients of arcs by index, shape (terms, 3, m), for `places`."""
         return np.take(self.powers, arc, axis=2)
 
     def at(self, arc: Index, x: Array) -> Array:
@@ -119,16 +119,6 @@ def places(columns: Array, x: Array) -> Array:
         place *= x
     place += columns[0]
     return place
-
-
-def slopes(columns: Array, x: Array) -> Array:
-    """Return the derivatives by x, shape (3, m), of polynomials (terms, 3, m); as `places`."""
-    slope: Array = columns[-1] * ((len(columns) - 1.0) * x)
-    for term in range(len(columns) - 2, 1, -1):
-        slope += columns[term] * float(term)
-        slope *= x
-    slope += columns[1]
-    return slope
 
 
 def with_slopes(columns: Array) -> Array:

@@ -57,18 +57,3 @@ def is_sunlit(satellite_km: NDArray[np.float64], sun: NDArray[np.float64]) -> ND
     nearest2 = np.sum(place * place, axis=-1) - along * along
     lit: NDArray[np.bool_] = (along > 0.0) | (nearest2 > 1.0)
     return lit
-
-
-def sun_over_limb_rad(satellite: NDArray[np.float64], sun: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the angle of the Sun's centre above the Earth's limb, seen from a satellite.
-
-    Both geocentric, shape (3, ...), any axes in which the polar axis has been stretched by 1/(1 - flattening)
-    so that the ellipsoid is a ball, in equatorial radii of the Earth. At 0 half of the disc is seen.
-    """
-    distance = np.sqrt(np.sum(satellite * satellite, axis=0))
-    towards = sun - satellite
-    cosine = -np.sum(satellite * towards, axis=0) / (distance * np.sqrt(np.sum(towards * towards, axis=0)))
-    over: NDArray[np.float64] = np.arccos(np.clip(cosine, -1.0, 1.0)) - np.arcsin(
-        np.minimum(1.0 / distance, 1.0)
-    )
-    return over
