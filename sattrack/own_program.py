@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 from pathlib import Path
+
+STARTER = "SATTRACK_STARTER"
+"""Names the process with which a program of ours ends, whatever ends it."""
+_PR_SET_PDEATHSIG = 1
 
 
 def own_program(module: str = "sattrack") -> list[str]:
@@ -14,3 +20,20 @@ def own_program(module: str = "sattrack") -> list[str]:
     """
     safe = () if Path(__file__).parents[1] == Path.cwd() else ("-P",)
     return [sys.executable, *safe, "-m", module]
+
+
+def ending_with_us() -> dict[str, str]:
+    """Return the environment of a program of ours that must not outlive the thread that starts it (Linux)."""
+    return {**os.environ, STARTER: str(os.getpid())}
+
+
+def end_with_starter() -> None:
+    """Have the kernel kill this process when its starter ends, where its starter has asked for that."""
+    starter = os.environ.pop(STARTER, None)
+    if starter is None or not sys.platform.startswith("linux"):
+        return
+    import ctypes
+
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if starter != str(os.getppid()):
+        sys.exit(128 + signal.SIGKILL)

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import ctypes
 import importlib
 import os
-import signal
-import sys
 import threading
 from typing import TYPE_CHECKING
 
@@ -15,7 +12,7 @@ import click
 from sattrack.summary_text import summary_lines
 from sattrack.tui.attached import AttachedRun
 from sattrack.tui.beside import Aside
-from sattrack.tui.hangup import end_with_the_terminal
+from sattrack.tui.hangup import end_with_the_server, end_with_the_terminal
 from sattrack.tui.showing import INTERRUPTED, run_until_left
 
 if TYPE_CHECKING:
@@ -26,7 +23,6 @@ if TYPE_CHECKING:
 
 SEEN_BY_BROWSER = "TEXTUAL_DRIVER"
 """Set where another program draws the screen, as a browser's server."""
-_PR_SET_PDEATHSIG = 1
 
 
 def attach_with_tui(pid: int, name: str, appearance: Appearance, beside: Beside) -> int:
@@ -34,10 +30,11 @@ def attach_with_tui(pid: int, name: str, appearance: Appearance, beside: Beside)
 
     `beside` is what the screen starts itself.
     """
-    if SEEN_BY_BROWSER in os.environ:
-        _end_with_the_server()
     run = AttachedRun(pid, name, sky_of_run)
-    end_with_the_terminal(run, 0.0, 0.0)
+    if SEEN_BY_BROWSER in os.environ:
+        end_with_the_server(run)
+    else:
+        end_with_the_terminal(run, 0.0, 0.0)
     # While the first views come.
     importing = threading.Thread(target=importlib.import_module, args=("sattrack.tui.app",), daemon=True)
     importing.start()
@@ -57,12 +54,6 @@ def attach_with_tui(pid: int, name: str, appearance: Appearance, beside: Beside)
     if run.summary is not None:
         click.echo("\n".join(summary_lines(run.summary)))
     return INTERRUPTED if interrupted else 0
-
-
-def _end_with_the_server() -> None:
-    """Have this process told to end when the one ends that shows it: nobody would see it any more."""
-    if sys.platform.startswith("linux"):
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
 
 
 def sky_of_run(facts: RunFacts) -> PassView:

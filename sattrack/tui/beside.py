@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.console_messages import LeaveOrder
-from sattrack.own_program import own_program
+from sattrack.own_program import ending_with_us, own_program
 from sattrack.runtime.owner import owners
 from sattrack.tui.console_child import ConsoleProcess
 from sattrack.tui.console_feed import Latest
@@ -98,6 +98,7 @@ class PassSearch:
                     stdout=subprocess.PIPE,
                     stderr=told,
                     start_new_session=True,
+                    env=ending_with_us(),
                 )
             except OSError as error:
                 self.trouble = f"the search for passes cannot be started: {error.strerror}"

@@ -1,4 +1,4 @@
-"""The end of a terminal that nobody tells of: a pseudo-terminal whose other end is gone, without a signal.
+"""The end of a terminal that nobody tells of: a pseudo-terminal or a pipe whose other end is gone.
 
 A screen that waits for keys from it would wait for ever, and the run with it, with nobody at the stop key.
 """
@@ -14,6 +14,7 @@ import threading
 from typing import Protocol
 
 HUNG_UP = 128 + signal.SIGHUP
+STDIN, STDOUT = 0, 1
 
 
 class Endable(Protocol):
@@ -42,9 +43,19 @@ def end_with_the_terminal(feeder: Endable, patience_s: float, grace_s: float) ->
     # Of a terminal that is gone already, nothing but this tells that it was one.
     if not stat.S_ISCHR(os.fstat(descriptor).st_mode):
         return
+    _end_with((descriptor,), feeder, patience_s, grace_s)
+
+
+def end_with_the_server(run: Endable) -> None:
+    """Watch the pipes to the program that shows this screen; its end, or theirs, ends this process."""
+    _end_with((STDIN, STDOUT), run, 0.0, 0.0)
+
+
+def _end_with(descriptors: tuple[int, ...], feeder: Endable, patience_s: float, grace_s: float) -> None:
     poller = select.poll()
-    # Without any event asked for, only the end is told.
-    poller.register(descriptor, 0)
+    for descriptor in descriptors:
+        # Without any event asked for, only the end is told.
+        poller.register(descriptor, 0)
 
     def watch() -> None:
         poller.poll()

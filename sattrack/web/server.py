@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import shlex
 import signal
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from aiohttp.typedefs import Handler
+    from textual_serve.download_manager import DownloadManager
 
     from sattrack.web.visit import Visit
 
@@ -28,6 +30,10 @@ FONT_SIZES = range(8, 41)
 USUAL_FONT_SIZE = 16
 LOOK_AGAIN_S = 3
 HEARTBEAT_S = 15.0
+LEAVE_WITHIN_S = 2.0
+"""How long a visitor's screen may take to end at each request, before the next one is less polite."""
+READ_WITHIN_S = 10.0
+"""How long a visitor's screen may leave its input unread."""
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' "
     "'unsafe-inline'; img-src 'self' data:; connect-src 'self' ws: wss:; frame-ancestors 'none'",
@@ -39,6 +45,61 @@ STATIC = Path(textual_serve.__file__).parent / "static"
 PAGE = Path(__file__).parent / "templates" / "index.html"
 
 
+class VisitorScreen(AppService):
+    """The process that draws one visitor's screen. It is gone once `stop` has returned."""
+
+    def __init__(self, command: str, websocket: web.WebSocketResponse, downloads: DownloadManager) -> None:
+        async def close() -> None:
+            await websocket.close()
+
+        async def write_bytes(data: bytes) -> None:
+            # A visitor who has gone: what the process still draws is read, so that it is not stuck with it.
+            with suppress(ConnectionError):
+                await websocket.send_bytes(data)
+
+        async def write_str(text: str) -> None:
+            with suppress(ConnectionError):
+                await websocket.send_str(text)
+
+        super().__init__(
+            command, write_bytes=write_bytes, write_str=write_str, close=close, download_manager=downloads
+        )
+
+    async def send_bytes(self, data: bytes) -> bool:
+        """Hand input over. Raises TimeoutError where the process does not read it."""
+        async with asyncio.timeout(READ_WITHIN_S):
+            return await super().send_bytes(data)
+
+    async def send_meta(self, data: dict[str, str | int | bool | None]) -> bool:
+        """Tell of a size, a focus or the end. Raises TimeoutError where the process does not read it."""
+        async with asyncio.timeout(READ_WITHIN_S):
+            return await super().send_meta(data)
+
+    async def run(self) -> None:
+        """Pass on what the process draws; its end closes the visitor's connection."""
+        try:
+            await super().run()
+        finally:
+            await self.remote_close()
+
+    async def stop(self) -> None:
+        """End the process: ask it, then terminate it, then kill it."""
+        process = self._process
+        if process is None:
+            return
+        with suppress(TimeoutError):
+            async with asyncio.timeout(LEAVE_WITHIN_S):
+                await self.send_meta({"type": "quit"})
+                await process.wait()
+        for end in (process.terminate, process.kill):
+            if process.returncode is None:
+                with suppress(ProcessLookupError):
+                    end()
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(LEAVE_WITHIN_S):
+                        await process.wait()
+
+
 class RunServer(Server):
     """Serves the screens. `no_run` says why there is no run to look at, in words, or None."""
 
@@ -46,7 +107,7 @@ class RunServer(Server):
         super().__init__(shlex.join(visit.command), visit.host, visit.port, title="sattrack")
         self._visit, self._no_run = visit, no_run
         self._visitors = 0
-        self._services: set[AppService] = set()
+        self._screens: set[VisitorScreen] = set()
 
     def application(self) -> web.Application:
         """Make the application."""
@@ -68,8 +129,7 @@ class RunServer(Server):
 
     async def _see_off(self, _: web.Application) -> None:
         """Have every visitor's screen end with the page."""
-        for service in tuple(self._services):
-            await service.send_meta({"type": "quit"})
+        await asyncio.gather(*(screen.stop() for screen in tuple(self._screens)))
 
     async def _let_in(self, request: web.Request, go_on: Handler) -> web.StreamResponse:
         origin = request.headers.get("Origin")
@@ -106,31 +166,26 @@ class RunServer(Server):
             raise web.HTTPServiceUnavailable(text=f"{MOST_VISITORS} visitors are here already\n")
         websocket = web.WebSocketResponse(heartbeat=HEARTBEAT_S)
         self._visitors += 1
-        service: AppService | None = None
-
-        async def close() -> None:
-            await websocket.close()
-
+        screen = VisitorScreen(
+            f"exec {self.command} --as {shlex.quote(f'browser at {request.remote}')}",
+            websocket,
+            self.download_manager,
+        )
+        self._screens.add(screen)
         try:
             await websocket.prepare(request)
-            service = AppService(
-                f"exec {self.command} --as {shlex.quote(f'browser at {request.remote}')}",
-                write_bytes=websocket.send_bytes,
-                write_str=websocket.send_str,
-                close=close,
-                download_manager=self.download_manager,
-            )
-            self._services.add(service)
-            await service.start(_cells(request, "width", 80), _cells(request, "height", 24))
-            await self._process_messages(websocket, service)
-        except (ConnectionError, ValueError, KeyError, IndexError, TypeError, AssertionError):
-            # What came was no message of the page's: this visitor's screen ends, and nothing else.
+            await screen.start(_cells(request, "width", 80), _cells(request, "height", 24))
+            await self._process_messages(websocket, screen)
+        except (OSError, ValueError, KeyError, IndexError, TypeError, AssertionError):
+            # What came was no message of the page's, or nobody read it: this visitor's screen ends, and
+            # nothing else.
             pass
         finally:
             self._visitors -= 1
-            if service is not None:
-                self._services.discard(service)
-                await service.stop()
+            try:
+                await screen.stop()
+            finally:
+                self._screens.discard(screen)
         return websocket
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pty
+import select
 import subprocess
 import sys
 from typing import TYPE_CHECKING
@@ -66,3 +67,24 @@ def test_a_screen_that_waits_for_ever_ends_with_its_terminal_and_the_mount_is_st
         process.kill()
         process.wait()
     assert told.read_text() == "stopped"
+
+
+STARTER = """
+import subprocess
+from sattrack.own_program import ending_with_us, own_program
+command = [*own_program(), "sim", "--port", "0"]
+started = subprocess.Popen(command, env=ending_with_us(), start_new_session=True)
+print("started", flush=True)
+started.wait()
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="Linux's kernel does it")
+def test_a_program_ends_with_the_screen_that_started_it_also_when_that_is_killed() -> None:
+    with subprocess.Popen([sys.executable, "-c", STARTER], stdout=subprocess.PIPE) as screen:
+        assert screen.stdout is not None
+        assert screen.stdout.readline() == b"started\n"
+        screen.kill()
+        # The simulated mount would go on for ever; it holds the pipe's other end as long as it lives.
+        assert select.select([screen.stdout], [], [], 60.0)[0]
+        screen.stdout.read()

@@ -8,6 +8,8 @@ import contextlib
 import json
 import os
 import re
+import shlex
+import signal
 import socket
 import subprocess
 import sys
@@ -16,17 +18,19 @@ import urllib.error
 import urllib.request
 from collections import deque
 from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, urlsplit
 
 import aiohttp
 import pytest
+from aiohttp import web
 
 from sattrack.runtime.gallery_words import SUPPORTED, name_for
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
 pytest.importorskip("textual_serve")
 pytestmark = pytest.mark.skipif(not SUPPORTED, reason="abstract names are Linux's")
@@ -114,6 +118,93 @@ def test_a_port_that_is_taken_and_a_short_token_are_told_in_a_line() -> None:
             assert done.returncode in {1, 2}
             assert words in done.stderr
             assert done.stderr.count("\n") == 1
+
+
+def screens_of(run: int) -> set[int]:
+    """Return the processes, by the machine's table, that draw visitors' screens of a run."""
+    found = set()
+    for folder in Path("/proc").iterdir():
+        with contextlib.suppress(OSError):
+            words = (folder / "cmdline").read_bytes().split(b"\0") if folder.name.isdecimal() else []
+            if b"attach" in words and str(run).encode() in words and b"--as" in words:
+                found.add(int(folder.name))
+    return found
+
+
+async def until(happens: Callable[[], bool], within_s: float) -> None:
+    until_s = time.monotonic() + within_s
+    while not happens():
+        assert time.monotonic() < until_s, "it did not come"
+        await asyncio.sleep(0.05)
+
+
+async def visited(url: str, run: int, drawn: bool, leave: Callable[[], None] | None) -> None:
+    """Come, leave before or after the screen is drawn, or stay and have `leave` happen."""
+    async with (
+        aiohttp.ClientSession() as session,
+        session.ws_connect(f"{url}ws?width=100&height=30") as visitor,
+    ):
+        await until(lambda: bool(screens_of(run)), PATIENCE_S)
+        if drawn:
+            await visitor.receive(PATIENCE_S)
+        if leave is not None:
+            leave()
+            await until(lambda: not screens_of(run), PATIENCE_S)
+        else:
+            assert visitor._response.connection is not None
+            assert visitor._response.connection.transport is not None
+            # Without a word, as a browser that is killed, and with something to draw yet.
+            for columns in range(200, 260):
+                await visitor.send_json(["resize", {"width": columns, "height": 60}])
+            visitor._response.connection.transport.abort()
+    await until(lambda: not screens_of(run), PATIENCE_S)
+
+
+def test_no_screen_outlives_its_visitor_or_the_page() -> None:
+    with started(sys.executable, "-m", "sattrack", "demo", "--headless", "--json") as demo:
+        for drawn in (False, True):
+            with page(run=demo.pid) as url:
+                while "no run to look at" in fetched(url)[1]:
+                    pass
+                asyncio.run(visited(url, demo.pid, drawn, None))
+        for number in (signal.SIGTERM, signal.SIGKILL):
+            command = (sys.executable, "-m", "sattrack", "serve", "web", "--port", "0", "--json")
+            with started(*command, "--run", str(demo.pid)) as server:
+                assert server.stdout is not None
+                url = json.loads(server.stdout.readline())["url"]
+                asyncio.run(visited(url, demo.pid, True, partial(server.send_signal, number)))
+        assert demo.poll() is None
+
+
+DEAF = """
+import pathlib, signal, sys, threading
+signal.signal(signal.SIGTERM, signal.SIG_IGN)
+pathlib.Path(sys.argv[1]).touch()
+threading.Event().wait()
+"""
+
+
+def test_a_screen_that_is_deaf_to_every_request_is_killed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    from textual_serve.download_manager import DownloadManager
+
+    from sattrack.web import server
+
+    monkeypatch.setattr(server, "LEAVE_WITHIN_S", 0.3)
+
+    async def end_it() -> int | None:
+        visitor = web.WebSocketResponse()
+        deaf = tmp_path / "deaf"
+        command = f"exec {shlex.join([sys.executable, '-c', DEAF, str(deaf)])}"
+        screen = server.VisitorScreen(command, visitor, DownloadManager())
+        await screen.start(80, 24)
+        assert screen._process is not None
+        await until(deaf.exists, PATIENCE_S)
+        await screen.stop()
+        return screen._process.returncode
+
+    assert asyncio.run(end_it()) == -signal.SIGKILL
 
 
 class Browser:
