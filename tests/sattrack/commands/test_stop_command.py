@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
+import threading
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,13 +15,13 @@ from programs import SITE, Mount, ended, free_port, sattrack, simulated_mount
 
 from sattrack.cli import run
 from sattrack.commands import stop as stop_module
-from sattrack.runtime.owner import owner_of
+from sattrack.errors import SattrackError
+from sattrack.runtime.owner import Owner, owner_of
 from sattrack.runtime.stopping import MountStop
 
 if TYPE_CHECKING:
     import subprocess
-
-    from sattrack.runtime.owner import Owner
+    from collections.abc import Callable
 
 
 @pytest.fixture(autouse=True)
@@ -139,6 +141,129 @@ def test_nothing_to_stop_and_nobody_there(capsys: pytest.CaptureFixture[str]) ->
     out, err = capsys.readouterr()
     assert json.loads(out)["stopped"][0]["at_rest"] is None
     assert err.endswith(f"sattrack: 127.0.0.1:{port}: nothing listens there\n")
+
+
+def session_of(mount: str, command: str) -> Owner:
+    return Owner(1, os.getuid(), f"sattrack {command}", "2026-03-01T00:00:00Z", mount, 15002)
+
+
+DOME = session_of("192.0.2.7:15001", "track 25544 --mount xerxes://192.0.2.7:15001?listen=15002")
+YARD = session_of("192.0.2.8:15001", "run night.toml")
+DEMO = session_of("127.0.0.1:40001", "demo --headless")
+PRACTICE = session_of("127.0.0.1:40002", "track 25544 --mount=sim")
+
+
+@pytest.fixture
+def stopped(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Collect the mounts whose sessions are asked to stop; nobody is there to be asked which."""
+    mounts: list[str] = []
+
+    def stop(owner: Owner, _: Callable[[], None]) -> MountStop:
+        mounts.append(owner.mount)
+        return MountStop(owner.mount, "session", True, owner.pid, owner.command, "stopped and seen at rest")
+
+    monkeypatch.setattr(stop_module, "stop_session", stop)
+    return mounts
+
+
+@pytest.mark.parametrize(
+    ("sessions", "options", "expected"),
+    [
+        ([DOME], [], [DOME]),
+        ([DEMO], [], [DEMO]),
+        ([DEMO, DOME, PRACTICE], [], [DOME]),
+        ([DEMO, DOME, PRACTICE], ["--all"], [DEMO, DOME, PRACTICE]),
+        ([DOME, YARD], ["--all"], [DOME, YARD]),
+    ],
+)
+def test_the_only_mount_the_only_real_one_and_all_of_them_are_stopped_at_once(
+    sessions: list[Owner],
+    options: list[str],
+    expected: list[Owner],
+    stopped: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(stop_module, "owners", lambda: list(sessions))
+    assert run(["stop", *options]) == 0
+    assert sorted(stopped) == sorted(each.mount for each in expected)
+    out, err = capsys.readouterr()
+    for each in sessions:
+        assert (f"stopping {each.mount}: asking `{each.command}`" in err) == (each in expected)
+        assert (f"goes on: {each.mount}" in err) == (each not in expected)
+    assert out.count("stopped and seen at rest") == len(expected)
+
+
+@pytest.mark.parametrize("sessions", [[DOME, YARD], [DEMO, PRACTICE]])
+def test_of_several_none_is_stopped_where_nobody_can_say_which(
+    sessions: list[Owner],
+    stopped: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(stop_module, "owners", lambda: list(sessions))
+    assert run(["stop"]) == 2
+    err = capsys.readouterr().err
+    assert not stopped
+    for each in sessions:
+        assert f"{each.mount}  `{each.command}`, process 1" in err
+    assert "`sattrack stop --all` stops all of them, `sattrack stop --mount URL` one" in err
+
+
+@pytest.mark.parametrize(
+    ("typed", "expected"),
+    [
+        ("\n", [DOME, YARD, DEMO]),
+        ("a\n", [DOME, YARD, DEMO]),
+        (" \n", [DOME, YARD, DEMO]),
+        ("2\n", [YARD]),
+        ("9\n3\n", [DEMO]),
+        ("help\nq\n", []),
+        ("", [DOME, YARD, DEMO]),
+        (None, [DOME, YARD, DEMO]),
+    ],
+    ids=["enter", "a", "space", "second", "wrong, third", "none", "input ended", "no answer"],
+)
+def test_on_a_terminal_the_operator_says_which_and_no_answer_stops_all(
+    typed: str | None,
+    expected: list[Owner],
+    stopped: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(stop_module, "owners", lambda: [DEMO, DOME, YARD])
+    monkeypatch.setattr(stop_module, "_somebody_there", lambda: True)
+    ends = socket.socketpair()
+    with ends[0] as terminal, ends[1] as keys, terminal.makefile("r") as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        if typed is None:
+            monkeypatch.setattr(stop_module, "ANSWER_WITHIN_S", 0.0)
+        else:
+            keys.sendall(typed.encode())
+            keys.shutdown(socket.SHUT_WR)
+        assert run(["stop"]) == (0 if expected else 1)
+    assert sorted(stopped) == sorted(each.mount for each in expected)
+    assert "ENTER stops all of them, 1-3 that one, q none" in capsys.readouterr().err
+
+
+def test_a_session_that_hangs_keeps_no_other_from_being_stopped(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other_stopped = threading.Event()
+
+    def stop(owner: Owner, _: Callable[[], None]) -> MountStop:
+        if owner is DOME:
+            assert other_stopped.wait(60.0)
+            raise SattrackError("it does not answer")
+        other_stopped.set()
+        return MountStop(owner.mount, "session", True, owner.pid, owner.command, "stopped")
+
+    monkeypatch.setattr(stop_module, "stop_session", stop)
+    monkeypatch.setattr(stop_module, "owners", lambda: [DOME, YARD])
+    assert run(["stop", "--all", "--json"]) == 1
+    told = document(capsys)
+    assert [each["mount"] for each in told["stopped"]] == [YARD.mount]
+    assert told["errors"] == ["it does not answer"]
 
 
 @pytest.mark.parametrize(
