@@ -65,15 +65,21 @@ def chosen_run(pid: int | None) -> int:
 
 
 def _told(pid: int) -> str:
+    welcome = welcome_of(pid)
+    return "it does not answer" if welcome is None else in_words(welcome)
+
+
+def welcome_of(pid: int) -> Welcome | None:
+    """Return what a run says of itself; None where it does not answer."""
     from sattrack.tui.attached import welcomed
 
     try:
         door, lines, welcome = welcomed(pid, "a list of runs")
-    except SattrackError as error:
-        return str(error)
+    except SattrackError:
+        return None
     lines.close()
     door.close()
-    return in_words(welcome)
+    return welcome
 
 
 def in_words(welcome: Welcome) -> str:

@@ -10,7 +10,7 @@ import click
 import msgspec
 
 from sattrack.commands.aside import given
-from sattrack.commands.attach import chosen_run
+from sattrack.commands.attach import welcome_of
 from sattrack.commands.common import CommandContext, common_options, screen_options, tell
 from sattrack.errors import BadInputError, SattrackError
 from sattrack.own_program import own_program
@@ -55,32 +55,39 @@ def command(
 
     if token is None and needs_token(host):
         token = new_token()
-    visit = Visit(host, port, token, (*own_program(), "attach", *_handed_on(context, pid, options)))
-    serve(visit, partial(_no_run, pid), partial(_tell_address, context.json))
+    visit = Visit(host, port, token, (*own_program(), "attach", *_handed_on(context, options)))
+    serve(visit, partial(_runs, pid, {}), partial(_tell_addresses, context.json))
     return 0
 
 
-def _no_run(pid: int | None) -> str | None:
-    if pid is not None:
-        return None if pid in feeders() else f"process {pid} has no run to look at; this page looks again"
-    try:
-        chosen_run(None)
-    except SattrackError as error:
-        return f"{error}; this page looks again"
-    return None
+def _runs(pid: int | None, known: dict[int, str]) -> dict[int, str]:
+    """Return the runs that can be looked at, in words, without their commands: others may read this.
+
+    `known` keeps the words, since a run notes everybody who asks it.
+    """
+    found = [each for each in feeders() if pid is None or each == pid]
+    if len(found) == 1:
+        return {found[0]: "the run"}
+    for each in found:
+        if each not in known:
+            welcome = welcome_of(each)
+            if welcome is not None:
+                known[each] = f"{welcome.name} with {welcome.mount}, since {welcome.since_utc}"
+    return {each: known[each] for each in found if each in known}
 
 
-def _tell_address(as_json: bool, url: str) -> None:
+def _tell_addresses(as_json: bool, urls: tuple[str, ...]) -> None:
     if as_json:
-        click.echo(msgspec.json.encode({"url": url}).decode())
-    else:
-        tell(f"open {url}; Ctrl-C ends the page, and does nothing to the run")
+        click.echo(msgspec.json.encode({"url": urls[0], "urls": urls}).decode())
+        return
+    for url in urls:
+        tell(f"open {url}")
+    tell("Ctrl-C ends the page, and does nothing to the run")
 
 
-def _handed_on(context: CommandContext, pid: int | None, options: dict[str, Any]) -> list[str]:
+def _handed_on(context: CommandContext, options: dict[str, Any]) -> list[str]:
     words: list[str] = []
     for name, value in (
-        ("--run", pid),
         ("--theme", options["theme"]),
         ("--site", context.site_option),
         ("--config", given("--config")),

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import logging
 import shlex
 import signal
 from contextlib import suppress
+from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,9 +17,10 @@ from textual_serve.app_service import AppService
 from textual_serve.server import Server
 
 from sattrack.errors import SattrackError
+from sattrack.web.addresses import machine_addresses
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from aiohttp.typedefs import Handler
     from textual_serve.download_manager import DownloadManager
@@ -43,6 +46,8 @@ HEADERS = {
 }
 STATIC = Path(textual_serve.__file__).parent / "static"
 PAGE = Path(__file__).parent / "templates" / "index.html"
+LIST = Path(__file__).parent / "templates" / "list.html"
+NO_RUN = "No run goes on that can be looked at. This page looks again by itself."
 
 
 class VisitorScreen(AppService):
@@ -101,11 +106,11 @@ class VisitorScreen(AppService):
 
 
 class RunServer(Server):
-    """Serves the screens. `no_run` says why there is no run to look at, in words, or None."""
+    """Serves the screens. `runs` finds what there is to look at: each run's process, and the run in words."""
 
-    def __init__(self, visit: Visit, no_run: Callable[[], str | None]) -> None:
+    def __init__(self, visit: Visit, runs: Callable[[], Mapping[int, str]]) -> None:
         super().__init__(shlex.join(visit.command), visit.host, visit.port, title="sattrack")
-        self._visit, self._no_run = visit, no_run
+        self._visit, self._runs = visit, runs
         self._visitors = 0
         self._screens: set[VisitorScreen] = set()
 
@@ -121,7 +126,9 @@ class RunServer(Server):
         app.add_routes(
             [
                 web.get("/", self._index),
+                web.get("/run/{run:[0-9]+}", self._index),
                 web.get("/ws", self.handle_websocket),
+                web.get("/ws/{run:[0-9]+}", self.handle_websocket),
                 web.static("/static", STATIC),
             ]
         )
@@ -145,29 +152,41 @@ class RunServer(Server):
         token = self._visit.token
         if token is not None and "token" in request.query:
             # The token is to stand neither in the address nor in the browser's history.
-            moved = web.Response(status=303, headers={"Location": "/"})
+            moved = web.Response(status=303, headers={"Location": request.path})
             moved.set_cookie(self._visit.cookie, token, httponly=True, samesite="Lax")
             return moved
-        why = self._no_run()
-        if why is not None:
-            return web.Response(text=f"{why}\n", headers={"Refresh": str(LOOK_AGAIN_S)})
+        runs, run = await self._run_of(request)
+        if run is None:
+            text, refresh = listed(runs), {"Refresh": f"{LOOK_AGAIN_S}; url=/"}
+            return web.Response(text=text, content_type="text/html", headers=refresh)
         asked = request.query.get("fontsize", "")
         size = int(asked) if asked.isascii() and asked.isdecimal() else USUAL_FONT_SIZE
         scheme = "wss" if request.secure else "ws"
         page = PAGE.read_text(encoding="utf-8")
         # The host was let in above: it is one that leads here, and has no character that could end the text.
-        page = page.replace("{{ websocket_url }}", f"{scheme}://{request.url.authority}/ws")
+        page = page.replace("{{ websocket_url }}", f"{scheme}://{request.url.authority}/ws/{run}")
         page = page.replace("{{ font_size }}", str(size if size in FONT_SIZES else USUAL_FONT_SIZE))
         return web.Response(text=page, content_type="text/html")
 
+    async def _run_of(self, request: web.Request) -> tuple[Mapping[int, str], int | None]:
+        """Return the runs, and the one that is asked for: the only one where none is named."""
+        runs = await asyncio.to_thread(self._runs)
+        named = request.match_info.get("run")
+        if named is None:
+            return runs, next(iter(runs)) if len(runs) == 1 else None
+        return runs, int(named) if int(named) in runs else None
+
     async def handle_websocket(self, request: web.Request) -> web.WebSocketResponse:
         """Give a visitor a screen of their own, until either side ends."""
+        _, run = await self._run_of(request)
+        if run is None:
+            raise web.HTTPNotFound(text=f"{NO_RUN}\n")
         if self._visitors >= MOST_VISITORS:
             raise web.HTTPServiceUnavailable(text=f"{MOST_VISITORS} visitors are here already\n")
         websocket = web.WebSocketResponse(heartbeat=HEARTBEAT_S)
         self._visitors += 1
         screen = VisitorScreen(
-            f"exec {self.command} --as {shlex.quote(f'browser at {request.remote}')}",
+            f"exec {self.command} --run {run} --as {shlex.quote(f'browser at {request.remote}')}",
             websocket,
             self.download_manager,
         )
@@ -189,18 +208,34 @@ class RunServer(Server):
         return websocket
 
 
+def listed(runs: Mapping[int, str]) -> str:
+    """Return the page that links to each run, or says that there is none."""
+    links = "".join(f'<p><a href="/run/{pid}">{escape(words)}</a></p>\n' for pid, words in runs.items())
+    words = f"{len(runs)} runs go on:" if runs else NO_RUN
+    return LIST.read_text(encoding="utf-8").replace("{{ words }}", words).replace("{{ links }}", links)
+
+
 def _cells(request: web.Request, name: str, usual: int) -> int:
     text = request.query.get(name, "")
     return min(500, max(1, int(text))) if text.isascii() and text.isdecimal() else usual
 
 
-def serve(visit: Visit, no_run: Callable[[], str | None], tell: Callable[[str], None]) -> None:
-    """Serve until a signal ends it; `tell` is handed the address. Raises SattrackError where it is taken."""
-    asyncio.run(_serve(visit, no_run, tell))
+def serve(
+    visit: Visit, runs: Callable[[], Mapping[int, str]], tell: Callable[[tuple[str, ...]], None]
+) -> None:
+    """Serve until a signal ends it; `tell` is handed the addresses that can be opened.
+
+    Raises SattrackError where the port is taken.
+    """
+    # It calls a visitor who left before the screen was drawn an application that failed to start.
+    logging.getLogger("textual-serve").setLevel(logging.CRITICAL)
+    asyncio.run(_serve(visit, runs, tell))
 
 
-async def _serve(visit: Visit, no_run: Callable[[], str | None], tell: Callable[[str], None]) -> None:
-    runner = web.AppRunner(RunServer(visit, no_run).application(), access_log=None)
+async def _serve(
+    visit: Visit, runs: Callable[[], Mapping[int, str]], tell: Callable[[tuple[str, ...]], None]
+) -> None:
+    runner = web.AppRunner(RunServer(visit, runs).application(), access_log=None)
     await runner.setup()
     ended = asyncio.Event()
     loop = asyncio.get_running_loop()
@@ -212,12 +247,9 @@ async def _serve(visit: Visit, no_run: Callable[[], str | None], tell: Callable[
             await site.start()
         except OSError as error:
             raise SattrackError(
-                f"{visit.host} port {visit.port} is not to be had: {error.strerror}"
+                f"cannot listen on {visit.host} port {visit.port}: {error.strerror}"
             ) from None
-        port = runner.addresses[0][1]
-        host = f"[{visit.host}]" if ":" in visit.host else visit.host
-        query = "" if visit.token is None else f"?token={visit.token}"
-        tell(f"http://{host}:{port}/{query}")
+        tell(visit.urls(runner.addresses[0][1], machine_addresses()))
         await ended.wait()
     finally:
         await runner.cleanup()

@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 LOOPBACK = frozenset({"127.0.0.1", "::1", "localhost"})
+WILDCARDS = frozenset({"0.0.0.0", "::", ""})
+"""Listening there is listening on all of the machine's addresses."""
 TOKEN_BYTES = 18
 
 
@@ -27,6 +29,15 @@ class Visit:
     def cookie(self) -> str:
         """The name under which a browser keeps the token; one for each port."""
         return f"sattrack_{self.port}"
+
+    def urls(self, port: int, machine: tuple[str, ...]) -> tuple[str, ...]:
+        """Return what can be opened: where the host is a wildcard, one of each of the machine's addresses."""
+        hosts: tuple[str, ...] = (self.host,)
+        if self.host in WILDCARDS:
+            hosts = tuple(each for each in machine if ":" not in each or self.host != "0.0.0.0")
+            hosts = hosts or ("127.0.0.1",)
+        query = "" if self.token is None else f"?token={self.token}"
+        return tuple(f"http://{f'[{host}]' if ':' in host else host}:{port}/{query}" for host in hosts)
 
     def refusal(
         self, host_header: str, origin: str | None, query: Mapping[str, str], cookies: Mapping[str, str]

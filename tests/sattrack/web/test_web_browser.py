@@ -84,9 +84,10 @@ def fetched(url: str, **headers: str) -> tuple[int, str, dict[str, str]]:
 
 def test_the_page_is_served_to_whom_it_is_for_and_fetches_nothing_from_elsewhere() -> None:
     with page("--host", "0.0.0.0", run=os.getpid()) as url, socket.socket(socket.AF_UNIX) as run:
-        address, _, token = url.replace("0.0.0.0", "127.0.0.1").partition("?token=")
+        address, _, token = url.partition("?token=")
+        assert "0.0.0.0" not in address
         assert len(token) >= 24
-        for path in ("", "static/js/textual.js", "ws"):
+        for path in ("", f"run/{os.getpid()}", "static/js/textual.js", "ws", f"ws/{os.getpid()}"):
             code, text, _ = fetched(address + path)
             assert (code, text.count("\n")) == (403, 1)
         code, _, headers = fetched(f"{address}?token={token}")
@@ -94,8 +95,8 @@ def test_the_page_is_served_to_whom_it_is_for_and_fetches_nothing_from_elsewhere
         cookie = headers["Set-Cookie"].partition(";")[0]
         assert "HttpOnly" in headers["Set-Cookie"]
         code, text, headers = fetched(address, Cookie=cookie)
-        assert (code, headers["Refresh"]) == (200, "3")
-        assert "has no run to look at" in text
+        assert (code, headers["Refresh"]) == (200, "3; url=/")
+        assert "No run goes on" in text
         run.bind(name_for(os.getpid()))
         code, text, headers = fetched(address, Cookie=cookie)
         assert code == 200
@@ -107,10 +108,27 @@ def test_the_page_is_served_to_whom_it_is_for_and_fetches_nothing_from_elsewhere
         assert fetched(f"{address}static/../server.py", Cookie=cookie)[0] in {403, 404}
 
 
+def test_of_several_runs_the_page_links_to_each_and_shows_no_command() -> None:
+    sattrack = (sys.executable, "-m", "sattrack", "demo", "--headless", "--json")
+    with started(*sattrack) as one, started(*sattrack) as other, page() as url:
+        until_s = time.monotonic() + PATIENCE_S
+        while not all(f'<a href="/run/{each.pid}">' in (text := fetched(url)[1]) for each in (one, other)):
+            assert time.monotonic() < until_s, text
+        assert "headless" not in text
+        assert "ISS" in text
+        code, text, _ = fetched(f"{url}run/{other.pid}")
+        assert code == 200
+        assert re.search(rf'data-session-websocket-url="ws://127.0.0.1:[0-9]+/ws/{other.pid}"', text)
+        assert "run/" in fetched(f"{url}run/1")[1]
+
+
 def test_a_port_that_is_taken_and_a_short_token_are_told_in_a_line() -> None:
     with page() as url:
         port = url.rstrip("/").rpartition(":")[2]
-        for options, words in ((("--port", port), "is not to be had"), (("--token", "short"), "16 or more")):
+        for options, words in (
+            (("--port", port), "cannot listen on 127.0.0.1 port"),
+            (("--token", "short"), "16 or more"),
+        ):
             done = subprocess.run(
                 [sys.executable, "-m", "sattrack", "serve", "web", *options],
                 capture_output=True, text=True, check=False, timeout=PATIENCE_S,
@@ -164,7 +182,7 @@ def test_no_screen_outlives_its_visitor_or_the_page() -> None:
     with started(sys.executable, "-m", "sattrack", "demo", "--headless", "--json") as demo:
         for drawn in (False, True):
             with page(run=demo.pid) as url:
-                while "no run to look at" in fetched(url)[1]:
+                while "No run goes on" in fetched(url)[1]:
                     pass
                 asyncio.run(visited(url, demo.pid, drawn, None))
         for number in (signal.SIGTERM, signal.SIGKILL):

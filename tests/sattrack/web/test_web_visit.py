@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from sattrack.web.addresses import addresses_in
 from sattrack.web.visit import Visit, needs_token, new_token
 
 TOKEN = "correct-horse-battery"
@@ -56,3 +57,40 @@ def test_a_token_is_needed_off_this_machine_and_is_not_guessed() -> None:
     made = {new_token() for _ in range(50)}
     assert len(made) == 50
     assert min(len(token) for token in made) >= 24
+
+
+FIB_TRIE = """\
+Main:
+  +-- 0.0.0.0/0 3 0 5
+           |-- 127.0.0.1
+              /32 host LOCAL
+           |-- 192.0.2.0
+              /24 link UNICAST
+           |-- 192.0.2.7
+              /32 host LOCAL
+        |-- 192.0.2.255
+           /32 link BROADCAST
+Local:
+           |-- 192.0.2.7
+              /32 host LOCAL
+           |-- 198.51.100.9
+              /32 host LOCAL
+"""
+IF_INET6 = """\
+20010db8000000000000000000000007 02 40 00 80     eth0
+fe800000000000000042acfffe110002 02 40 20 80     eth0
+00000000000000000000000000000001 01 80 10 80       lo
+"""
+
+
+def test_the_addresses_that_are_shown_are_those_that_another_computer_can_open() -> None:
+    machine = addresses_in(FIB_TRIE, IF_INET6)
+    assert machine == ("192.0.2.7", "198.51.100.9", "2001:db8::7")
+    query = f"?token={TOKEN}"
+    assert ABROAD.urls(8137, machine) == (
+        f"http://192.0.2.7:8137/{query}",
+        f"http://198.51.100.9:8137/{query}",
+    )
+    assert Visit("::", 0, None, ()).urls(81, machine)[2] == "http://[2001:db8::7]:81/"
+    assert HERE.urls(8137, machine) == ("http://127.0.0.1:8137/",)
+    assert ABROAD.urls(8137, addresses_in("", "")) == (f"http://127.0.0.1:8137/{query}",)
