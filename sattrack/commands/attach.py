@@ -40,7 +40,9 @@ def command(context: CommandContext, pid: int | None, name: str | None, **option
     from sattrack.tui.attach_launch import SEEN_BY_BROWSER, attach_with_tui
 
     if not (tui_possible() or SEEN_BY_BROWSER in os.environ):
-        raise BadInputError("attach needs a terminal; --json is for programs")
+        raise BadInputError(
+            "attach needs a terminal that can draw (not TERM=dumb); --json tells the run in lines"
+        )
 
     look = appearance(context, options["theme"], options["plain"])
     return attach_with_tui(pid, name, look, beside(context, None, None, practising=False))

@@ -59,7 +59,8 @@ def watch(context: CommandContext, stream: bool, control: bool, park: bool, **op
         raise SattrackError("the screen needs textual: pip install 'sattrack[tui]'")
     if not tui_possible():
         raise BadInputError(
-            "watch needs a terminal; `sattrack mount status` is one look, --stream is for programs"
+            "watch needs a terminal that can draw (not TERM=dumb); `sattrack mount status` is one look, "
+            "--stream is for programs"
         )
     from sattrack.tui.console_launch import watch_with_tui
 

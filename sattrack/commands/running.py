@@ -11,6 +11,7 @@ import click
 import msgspec
 
 from sattrack.commands.json_lines import JsonLines
+from sattrack.commands.screened import can_draw_lines_anew
 from sattrack.errors import BadInputError
 from sattrack.runtime.observers import Observers, check_source
 from sattrack.runtime.outcome import failure
@@ -40,8 +41,8 @@ class Progress:
 
     def show(self, view: TrackView) -> None:
         """Take one state."""
-        terminal = sys.stderr.isatty()
-        if not terminal and self.quiet_off_terminal:
+        terminal = can_draw_lines_anew()
+        if self.quiet_off_terminal and not sys.stderr.isatty():
             return
         due = view.utc_s - self._told_utc_s >= (1.0 if terminal else SECONDS_BETWEEN_LINES)
         if view.phase == self._phase and not due:
@@ -54,7 +55,7 @@ class Progress:
 
     def end(self) -> None:
         """Leave the renewed line."""
-        if sys.stderr.isatty() and self._phase:
+        if can_draw_lines_anew() and self._phase:
             click.echo(err=True)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 import sys
 from typing import TYPE_CHECKING
 
@@ -12,10 +13,20 @@ if TYPE_CHECKING:
     from sattrack.tui.appearance import Appearance
     from sattrack.tui.beside import Beside
 
+CANNOT_DRAW = {"dumb", "unknown"}
+"""Terminals, by the name in TERM, that have no cursor to place: they get lines."""
+
 
 def tui_possible() -> bool:
-    """Tell whether there is a terminal to draw on, and what it takes to draw."""
+    """Tell whether there is a terminal that can be drawn on, and what it takes to draw."""
+    if os.environ.get("TERM") in CANNOT_DRAW:
+        return False
     return sys.stdin.isatty() and sys.stdout.isatty() and importlib.util.find_spec("textual_plot") is not None
+
+
+def can_draw_lines_anew() -> bool:
+    """Tell whether what goes to standard error can be written over, as on a terminal that draws."""
+    return sys.stderr.isatty() and os.environ.get("TERM") not in CANNOT_DRAW
 
 
 def with_tui(appearance: Appearance, stay: bool = True, beside: Beside | None = None) -> int:

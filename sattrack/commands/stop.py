@@ -15,6 +15,7 @@ import click
 import msgspec
 
 from sattrack.commands.common import CommandContext, common_options, profile_option, tell
+from sattrack.commands.screened import can_draw_lines_anew
 from sattrack.errors import BadInputError, SattrackError
 from sattrack.runtime.mounts import FORMS, mount_address
 from sattrack.runtime.night_stop import NightStop, begin_stops, listed_nights
@@ -63,7 +64,7 @@ class Progress:
     def show(self) -> None:
         """Renew the line now and then."""
         now_s = self.monotonic()
-        if self._begun_s is None or not sys.stderr.isatty() or now_s - self._shown_s < SHOW_EVERY_S:
+        if self._begun_s is None or not can_draw_lines_anew() or now_s - self._shown_s < SHOW_EVERY_S:
             return
         self._shown, self._shown_s = True, now_s
         words = f"told to stop {now_s - self._begun_s:.0f} s ago; waiting until the mount is seen at rest"

@@ -8,6 +8,7 @@ much is not heard, and a stop goes before everything else. It ends with the feed
 from __future__ import annotations
 
 import contextlib
+import re
 import select
 import socket
 import struct
@@ -31,6 +32,8 @@ MOST_WAITING = 4_000_000
 """Bytes that wait for somebody, beyond which that one is sent away."""
 REMEMBERED_S = 180.0
 REMEMBERED_EVERY_S = 0.5
+MOST_CHANGES = 200
+"""How many older views are remembered, those at which something began that a log tells."""
 LINES_A_SECOND = 40.0
 MOST_AT_ONCE = 40.0
 MOST_UNHEARD = 200
@@ -47,6 +50,26 @@ class _Line(msgspec.Struct, frozen=True):
     name: str = ""
 
 
+class _Link(msgspec.Struct, frozen=True):
+    state: str
+
+
+class _State(msgspec.Struct, frozen=True):
+    """What of a view a log tells of, but for the figures in warnings."""
+
+    phase: str
+    link: _Link
+    ended_by: str | None
+    warnings: tuple[str, ...] = ()
+
+    def told(self) -> tuple[object, ...]:
+        """Return what makes two views the same for a log."""
+        return self.phase, self.link, self.ended_by, tuple(_FIGURES.sub("", each) for each in self.warnings)
+
+
+_FIGURES = re.compile(r"[0-9.]+")
+
+
 @dataclass(slots=True, eq=False)
 class Visitor:
     """Somebody who looks on."""
@@ -59,6 +82,13 @@ class Visitor:
     counted_s: float = 0.0
 
 
+def _state_in(line: bytes) -> tuple[object, ...]:
+    try:
+        return msgspec.json.decode(line, type=_State).told()
+    except msgspec.MsgspecError:
+        return ()
+
+
 class Gallery:
     """Shows one run to whoever comes, until the feeder ends."""
 
@@ -69,6 +99,8 @@ class Gallery:
         self._kept: dict[bytes, bytes] = {}
         """The last of what newcomers are told at once."""
         self._views: deque[tuple[float, bytes]] = deque()
+        self._changes: deque[tuple[float, bytes]] = deque(maxlen=MOST_CHANGES)
+        self._told: tuple[object, ...] = ()
         self._newest = b""
         self._unheard: deque[Heard] = deque()
         self._ended_s: float | None = None
@@ -124,6 +156,8 @@ class Gallery:
         if kind == FACTS:
             # Another run: what was seen of the one before is over.
             self._views.clear()
+            self._changes.clear()
+            self._told = ()
             self._newest = b""
             self._kept.pop(SUMMARY, None)
         for visitor in list(self._visitors):
@@ -133,6 +167,10 @@ class Gallery:
     def _remember(self, line: bytes) -> None:
         now_s = time.monotonic()
         self._newest = line
+        told = _state_in(line)
+        if told != self._told:
+            self._told = told
+            self._changes.append((now_s, line))
         if not self._views or now_s - self._views[-1][0] >= REMEMBERED_EVERY_S:
             self._views.append((now_s, line))
         while now_s - self._views[0][0] > REMEMBERED_S:
@@ -170,6 +208,8 @@ class Gallery:
         welcome = Welcome(visitor.number, task.pid, task.command, task.since_utc, task.mount, task.name)
         first = [msgspec.json.encode(welcome) + b"\n"]
         first += [self._kept[kind] for kind in (FACTS, SESSION) if kind in self._kept]
+        oldest_s = self._views[0][0] if self._views else float("inf")
+        first += [line for then_s, line in self._changes if then_s < oldest_s]
         first += [line for _, line in self._views]
         first.append(self._newest)
         if SUMMARY in self._kept:

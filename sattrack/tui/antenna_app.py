@@ -15,7 +15,7 @@ from sattrack.tui import look, words
 from sattrack.tui.antenna_child import AntennaProcess
 from sattrack.tui.hangup import end_with_the_terminal
 from sattrack.tui.scene import Tone
-from sattrack.tui.themed import NIGHT_LOOK, ThemedApp
+from sattrack.tui.themed import NIGHT_LOOK, ThemedApp, TooSmall
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -100,6 +100,7 @@ class AntennaApp(ThemedApp):
             part.border_title = title
             yield part
         yield Static(KEYS, id="keys")
+        yield TooSmall()
 
     def on_mount(self) -> None:
         """Set the look, and look at the feed from now on."""

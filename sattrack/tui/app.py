@@ -33,7 +33,7 @@ from sattrack.tui.screens import Screens
 from sattrack.tui.session_bar import SessionBar
 from sattrack.tui.sky_panel import NotesPanel, SkyPanel, chart_columns
 from sattrack.tui.target_keys import TargetKeys
-from sattrack.tui.themed import NIGHT_LOOK
+from sattrack.tui.themed import NIGHT_LOOK, TooSmall
 from sattrack.tui.tonight_page import TonightPage
 
 if TYPE_CHECKING:
@@ -151,6 +151,7 @@ class TrackApp(ScreenApp, RestKeys, PageKeys, TargetKeys):
         yield LogPage()
         yield TapeBar()
         yield KeyBar()
+        yield TooSmall()
 
     def _live(self) -> ComposeResult:
         with Horizontal(id="state"):
@@ -216,6 +217,8 @@ class TrackApp(ScreenApp, RestKeys, PageKeys, TargetKeys):
     def plot(self) -> None:
         """Draw the error against time."""
         scene = self.scene
+        huge = self.size.width >= look.HUGE[0] and self.size.height >= look.HUGE[1]
+        self._draw_on_main(lambda main: _lay_out(main, huge))
         if scene is not None:
             self._draw_on_main(lambda main: _plot(main, scene, self._history))
 
@@ -333,8 +336,7 @@ class TrackApp(ScreenApp, RestKeys, PageKeys, TargetKeys):
     def _draw(self) -> None:
         scene = self.scene
         if scene is not None:
-            huge = self.size.width >= look.HUGE[0] and self.size.height >= look.HUGE[1]
-            self._draw_on_main(lambda main: _show(main, scene, huge))
+            self._draw_on_main(lambda main: _show(main, scene))
             now_s = self._monotonic()
             self._draw_on_main(lambda main: self._screens.draw(main, scene, now_s))
 
@@ -350,19 +352,24 @@ class TrackApp(ScreenApp, RestKeys, PageKeys, TargetKeys):
             self.exit()
 
 
-def _plot(main: DOMNode, scene: Scene, history: ErrorHistory) -> None:
+def _lay_out(main: DOMNode, huge: bool) -> None:
+    """Give the parts their sizes, whether or not there is anything to draw yet."""
+    main.set_class(huge, "-huge")
     middle, sky = main.query_one("#middle"), main.query_one(SkyPanel)
     if main.has_class("-sky-alone"):
         sky.styles.width = "1fr"
     else:
         frame = sky.size.width - sky.content_size.width if sky.size.width else 0
         sky.styles.width = chart_columns(middle.size.width, middle.size.height, frame)
+
+
+def _plot(main: DOMNode, scene: Scene, history: ErrorHistory) -> None:
+    if not main.has_class("-sky-alone"):
         main.query_one(ErrorPanel).draw(scene, history)
-    sky.draw(scene)
+    main.query_one(SkyPanel).draw(scene)
 
 
-def _show(main: DOMNode, scene: Scene, huge: bool) -> None:
-    main.set_class(huge, "-huge")
+def _show(main: DOMNode, scene: Scene) -> None:
     main.query_one(figures.ErrorBox).show(scene)
     for panel in main.query(Panel):
         panel.show(scene)

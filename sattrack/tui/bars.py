@@ -26,12 +26,15 @@ class TitleBar(Panel):
         # What is over has a clock that stands.
         over = "as of " if scene.ended and scene.tape is None else ""
         time = f"{over}{words.date(view.utc_s)} {words.clock(view.utc_s)} UTC"
+        replay: Row = [] if scene.tape is None else [(" REPLAY ", PLATE[Tone.NOTICE]), " "]
         room = self.content_size.width - cell_len(f"{view.name}  {view.catalog_number}   mount  {time}")
+        room -= len(" REPLAY  ") if replay else 0
         # Addresses can be long; nothing else in this row may give way.
         mount = view.mount if len(view.mount) <= room else view.mount[: max(0, room - 1)] + "…"
         gap = room - len(mount) + 1
         return [
             [
+                *replay,
                 (view.name, "bold"),
                 (f"  {view.catalog_number}", DIM),
                 ("   mount ", DIM),

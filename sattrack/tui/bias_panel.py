@@ -23,7 +23,7 @@ class BiasPanel(Panel):
         """Return the biases, the frame that the arrows move in, and what searches and observes, in rows."""
         along, across = _track_values(scene)
         rows = [labelled("along", *along, cells=CELLS), labelled("across", *across, cells=CELLS)]
-        if scene.tape is not None:
+        if scene.tape is not None or not scene.in_control:
             return [*rows, _others(scene), _news(scene)[:1]]
         for move, keys in _moves(scene):
             hint = "  ".join(keys)
@@ -43,7 +43,7 @@ class BiasPanel(Panel):
         """Return two rows: the track's, or beside them in few words what is more to the point."""
         along, across = _track_values(scene)
         news = _news(scene)
-        if scene.tape is not None:
+        if scene.tape is not None or not scene.in_control:
             return [labelled("along", *along, "   ", *news[:1]), labelled("across", *across)]
         if scene.frame is TRACK:
             rows = [labelled("along", *along), labelled("across", *across)]

@@ -26,7 +26,7 @@ from sattrack.tui.console_dialogs import HELP, Direction, DirectionDialog, Quest
 from sattrack.tui.console_scene import FIRST_RATE, ConsoleScene, jog_rates_deg_s
 from sattrack.tui.help import HelpScreen
 from sattrack.tui.screen_app import ScreenApp
-from sattrack.tui.themed import NIGHT_LOOK
+from sattrack.tui.themed import NIGHT_LOOK, TooSmall
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -115,6 +115,7 @@ class ConsoleApp(ScreenApp):
             yield panels.AskedPanel("asked")
             yield panels.JogPanel("jog")
         yield panels.ConsoleKeys()
+        yield TooSmall()
 
     def on_mount(self) -> None:
         """Set the look, and look at the feed from now on."""

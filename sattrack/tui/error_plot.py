@@ -17,6 +17,7 @@ from sattrack.tui.history import SMALLEST_ARCSEC, WINDOW_S, ErrorHistory, Scale
 from sattrack.tui.look import DIM, SPOKEN
 from sattrack.tui.panels import Panel, Row
 from sattrack.tui.scene import Scene, Tone
+from sattrack.tui.themed import ThemedApp
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -84,6 +85,7 @@ class ErrorPlot(PlotWidget, can_focus=False):
         super().on_mount()
         self.margin_top, self.margin_bottom, self.margin_left = 0, 1, LEFT_CELLS
         self.set_xlimits(-WINDOW_S, 0.0)
+        self.set_ylimits(-SMALLEST_ARCSEC, SMALLEST_ARCSEC)
         self.set_x_formatter(MinutesBeforeNow())
         self.set_y_formatter(Arcseconds())
 
@@ -94,7 +96,8 @@ class ErrorPlot(PlotWidget, can_focus=False):
         another kind.
         """
         colours = self.app.theme_variables
-        ra_mode = HiResMode.QUADRANT if plain or self.app.no_color else HiResMode.BRAILLE
+        shapes = plain or (isinstance(self.app, ThemedApp) and self.app.shapes)
+        ra_mode = HiResMode.QUADRANT if shapes else HiResMode.BRAILLE
         columns = max(8, self.size.width - LEFT_CELLS - 2)
         traces = history.traces(now_utc_s, columns)
         self.clear()
@@ -129,7 +132,7 @@ class PlotCaption(Panel):
 
     def full(self, scene: Scene) -> list[Row]:
         """Return the one row."""
-        shapes = scene.plain or self.app.no_color
+        shapes = scene.plain or (isinstance(self.app, ThemedApp) and self.app.shapes)
         row: Row = [
             ("error  ", DIM),
             (f"{LEGEND[shapes]} RA on the sky", "$ra-line"),

@@ -98,7 +98,7 @@ TEXTS = {LIVE: TEXT, TONIGHT: TONIGHT_TEXT, MOUNT: MOUNT_TEXT, SCHEDULE: SCHEDUL
 """By the screen that it lies over."""
 
 REPLAY_TEXT = """\
-SPACE     pause, or go on; at the end, once more from the beginning
+p         pause, or go on; at the end, once more from the beginning
 ← →       10 s back / on
 PgUp PgDn 60 s back / on
 Home End  the beginning / the end
@@ -109,7 +109,8 @@ v  t      the sky alone, or all / next theme: night, red, contrast
 q  Ctrl-C leave
 
 The recorded inputs run through today's code; what it commands goes
-nowhere, and no mount moves.
+nowhere, and no mount moves. SPACE is the stop of a mount, and there
+is none here.
 
 ?  Esc  q close this help
 """

@@ -32,6 +32,7 @@ ALONG = Key((("←", "left"), ("→", "right")), "along")
 ACROSS = Key((("↑", "up"), ("↓", "down")), "across")
 STEP = Key((("[ ", "left_square_bracket"), ("]", "right_square_bracket")), "step")
 MORE = _key("1-5", "2", "more")
+TAKE_CONTROL = _key("c", "c", "take control")
 PAUSE, GO, PARK = _key("p", "p", "pause"), _key("p", "p", "go on"), _key("P", "P", "park")
 LIVE_KEYS = (ALONG, ACROSS, STEP)
 WIDE_LIVE_KEYS = (
@@ -41,10 +42,15 @@ WIDE_LIVE_KEYS = (
 JOG = Key((("↑", "up"), ("↓", "down"), ("←", "left"), ("→", "right")), "jog")
 UP_AND_DOWN = Key((("↑", "up"), ("↓", "down")), "")
 FILTER = _key("f", "f", "filter")
+LOOK_AGAIN = _key("g", "g", "again")
+LOOKING_ON_KEYS = (TAKE_CONTROL, _key("v", "v", "sky"), _key("t", "t", "theme"))
+"""Of the live screen, for somebody whose keys do not move the target."""
+HARMLESS_KEYS = (UP_AND_DOWN, FILTER, LOOK_AGAIN)
+"""Of the lists, those that need no control."""
 LIST_KEYS = {
     TONIGHT: (
         *(UP_AND_DOWN, _key("Enter", "enter", "arm"), _key("a", "a", "now")),
-        *(FILTER, _key("g", "g", "again")),
+        *(FILTER, LOOK_AGAIN),
     ),
     SCHEDULE: (UP_AND_DOWN,),
     LOG: (UP_AND_DOWN, FILTER),
@@ -75,14 +81,17 @@ class KeyBar(Panel, TouchBar[Scene]):
         wide = self.content_size.width >= ROOM_FOR_ALL_KEYS
         if scene.tape is not None:
             does = "again" if scene.tape.ended else "pause" if scene.tape.playing else "go on"
-            tape = (_key("SPACE", "space", does), *(WIDE_TAPE_KEYS if wide else TAPE_KEYS))
+            tape = (_key("p", "p", does), *(WIDE_TAPE_KEYS if wide else TAPE_KEYS))
             return _spread((*tape, *ENDS), "   ")
         if scene.page == LIVE and not scene.ended:
-            keys = (*(WIDE_LIVE_KEYS if wide else LIVE_KEYS), PAUSE if scene.jog_rate is None else GO, MORE)
+            own = (*(WIDE_LIVE_KEYS if wide else LIVE_KEYS), PAUSE if scene.jog_rate is None else GO)
+            keys = (*(own if scene.in_control else LOOKING_ON_KEYS), MORE)
             return [*_spread(keys, "  "), _gap(" "), STOP, *_spread(ENDS, "  ", first=True)]
         more = LIST_KEYS.get(scene.page, ()) if wide else ()
         if wide and scene.page == MOUNT and scene.jog_rate is not None:
             more = (JOG, STEP, GO, PARK)
+        if more and not scene.in_control:
+            more = (*(key for key in more if key in HARMLESS_KEYS), TAKE_CONTROL)
         pages = [*_pages(scene.page), *_spread(more, "  ", first=True)]
         return [*pages, _gap("   "), STOP, *_spread(ENDS, "  ", first=True)]
 

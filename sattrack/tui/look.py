@@ -107,8 +107,8 @@ def concrete(style: str, theme: Theme = NIGHT) -> str:
     return re.sub(r"\$([a-z-]+)", colour, style)
 
 
-WIDTHS = [(0, "-narrow"), (110, "-wide")]
-HEIGHTS = [(0, "-short"), (32, "-tall")]
+WIDTHS = [(0, "-slim"), (60, "-narrow"), (110, "-wide")]
+HEIGHTS = [(0, "-low"), (18, "-short"), (32, "-tall")]
 """Style classes of the screen, each from so many columns or rows on."""
 HUGE = (180, 55)
 """Columns and rows from which on the screen has the class `-huge` as well."""
@@ -132,6 +132,7 @@ CSS = """
 Screen { background: $background; color: $foreground; }
 
 Panel { height: 1; text-wrap: nowrap; text-overflow: ellipsis; padding: 0 1; }
+SessionBar, Cautions, TapeBar { display: none; }
 TitleBar, HeadlineBar, SessionBar, TapeBar, KeyBar { background: $panel; }
 Cautions { height: auto; max-height: 4; text-wrap: wrap; background: $surface; }
 
@@ -155,7 +156,7 @@ ErrorBox.bad Digits, ErrorBox.bad #unit { color: $error; }
 
 #middle { height: 1fr; min-height: 5; }
 ErrorPanel { height: 100%; width: 1fr; }
-#sky { height: 100%; margin-left: 1; text-wrap: nowrap; text-overflow: clip; }
+#sky { height: 100%; width: 40%; margin-left: 1; text-wrap: nowrap; text-overflow: clip; }
 .-sky-alone #sky { margin-left: 0; }
 .-sky-alone ErrorPanel, .-sky-alone #state, .-sky-alone #below { display: none; }
 ErrorPlot { height: 1fr; }

@@ -64,7 +64,7 @@ SHOTS = {
     "tui-small-red.svg": Shot(80, 24, "red"),
     "tui-sky.svg": Shot(80, 24, "contrast", ("v",)),
     "tui-tonight.svg": Shot(80, 24, keys=("2", "down", "down")),
-    "tui-replay.svg": Shot(80, 24, keys=("space",), replayed=True),
+    "tui-replay.svg": Shot(80, 24, keys=("p",), replayed=True),
 }
 
 

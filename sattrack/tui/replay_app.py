@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from sattrack.tui.tape import Tape
 
 SHORT_S, LONG_S = 10.0, 60.0
+NOTHING_MOVES = "this is a recording: there is no mount to stop; p pauses it"
 
 
 class TapeFeed:
@@ -63,7 +64,8 @@ class ReplayApp(TrackApp, inherit_bindings=False):
     """Shows a recorded run and takes the keys of its tape."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("space", "pause", "pause, or go on", priority=True),
+        Binding("space", "stop", "nothing to stop", priority=True),
+        Binding("p", "pause", "pause, or go on"),
         Binding("ctrl+c", "interrupt", "interrupt", priority=True),
         Binding("ctrl+q", "leave", "quit", priority=True),
         Binding("q", "leave", "quit"),
@@ -101,6 +103,11 @@ class ReplayApp(TrackApp, inherit_bindings=False):
     def _leave(self) -> None:
         """Leave: nothing is moving."""
         self.exit()
+
+    def action_stop(self) -> None:
+        """Say that no mount moves: who presses the stop key may take this for a run."""
+        self._close_dialogs()
+        self._hint(NOTHING_MOVES)
 
     def action_pause(self) -> None:
         """Stand still, or go on."""

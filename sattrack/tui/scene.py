@@ -268,8 +268,7 @@ def _cautions(scene: Scene) -> tuple[Caution, ...]:
             Caution("the mount has not answered yet", "is it on, and set to send here?", Tone.NOTICE)
         )
     if view.elements_age_s > OLD_ELEMENTS_S:
-        old = words.age(view.elements_age_s)
-        found.append(
-            Caution(f"elements are {old} old", "expect the satellite early or late: ← → nudge", Tone.NOTICE)
-        )
+        nudge = ": ← → nudge" if scene.in_control else ""
+        old = f"elements are {words.age(view.elements_age_s)} old"
+        found.append(Caution(old, f"expect the satellite early or late{nudge}", Tone.NOTICE))
     return tuple(found)

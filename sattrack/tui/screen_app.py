@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, ClassVar
 from textual.binding import Binding, BindingType
 from textual.css.query import NoMatches
 
-from sattrack.tui import look
 from sattrack.tui.themed import NIGHT_LOOK, ThemedApp
 
 if TYPE_CHECKING:
@@ -23,8 +22,6 @@ class ScreenApp(ThemedApp):
     """A screen before which an operator sits."""
 
     ENABLE_COMMAND_PALETTE = False
-    HORIZONTAL_BREAKPOINTS = look.WIDTHS
-    VERTICAL_BREAKPOINTS = look.HEIGHTS
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "stop", "STOP", priority=True),
         Binding("ctrl+c", "interrupt", "interrupt", priority=True),

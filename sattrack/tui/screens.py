@@ -90,7 +90,7 @@ class Screens:
             main.query_one(TonightPage).draw(self.night, scene, self._search(scene.view.utc_s))
         elif self.page == MOUNT:
             main.query_one(MountPage).draw(
-                self._console, now_s - self._heard_s, self._mount_note(scene), scene.jog_rate
+                self._console_of(scene), now_s - self._heard_s, self._mount_note(scene), scene.jog_rate
             )
         elif self.page == SCHEDULE:
             view, trouble = self._schedule_of(now_s)
@@ -213,6 +213,11 @@ class Screens:
                 self._console = msgspec.structs.replace(latest.view, clock_offset_s=None)
         if latest.ended or (self.page != MOUNT and now_s - self._looked_s > LOOK_AWAY_S):
             look.close()
+
+    def _console_of(self, scene: Scene) -> ConsoleView | None:
+        """Return the last look at the mount, with the run's own counts: the look began when it was opened."""
+        seen = self._console
+        return None if seen is None else msgspec.structs.replace(seen, link=scene.view.link)
 
     def _mount_note(self, scene: Scene) -> str:
         if self._aside is None:

@@ -5,26 +5,59 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from textual.app import App
+from textual.widget import Widget
 
 from sattrack.tui import look
 from sattrack.tui.appearance import Appearance
+from sattrack.tui.look import DIM, PLATE
+from sattrack.tui.panels import Row, rows_content
 from sattrack.tui.plain import PlainFilter
+from sattrack.tui.scene import Tone
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from textual.content import Content
     from textual.filter import LineFilter
 
 NIGHT_LOOK = Appearance()
 
 
+FEW_COLOURS = {None, "standard", "windows"}
+"""Rich's names of what has 16 colours or none, where different light colours become the same one."""
+ENOUGH = "80 × 24"
+
+
+class TooSmall(Widget):
+    """Lies over everything where the terminal is too small for it; the stop key works all the same."""
+
+    def render(self) -> Content:
+        """Draw."""
+        columns, rows = self.app.size
+        lines: list[Row] = [[f"too small: {columns} × {rows}"], [(f"{ENOUGH} is enough", DIM)]]
+        return rows_content([*lines, [(" SPACE STOP ", PLATE[Tone.BAD]), " q leave"]])
+
+
 class ThemedApp(App[None]):
     """An application drawn as it was asked for."""
+
+    HORIZONTAL_BREAKPOINTS = look.WIDTHS
+    VERTICAL_BREAKPOINTS = look.HEIGHTS
+    DEFAULT_CSS = """
+    Screen { layers: default above; }
+    TooSmall { layer: above; display: none; width: 100%; height: 100%; background: $background; }
+    .-slim TooSmall, .-low TooSmall { display: block; }
+    """
 
     def __init__(self, appearance: Appearance = NIGHT_LOOK) -> None:
         # What lies below asks for it while it is made.
         self._appearance = appearance
         super().__init__()
+
+    @property
+    def shapes(self) -> bool:
+        """Whether lines must differ in shape, since colours do not tell them apart."""
+        return self.no_color or (not self.is_headless and self.console.color_system in FEW_COLOURS)
 
     def set_look(self) -> None:
         """Set the theme."""

@@ -16,9 +16,9 @@ import pytest
 from sattrack import practice
 from sattrack.messages import StopNow
 from sattrack.runtime.desk import Desk
-from sattrack.runtime.gallery import MOST_VISITORS
+from sattrack.runtime.gallery import MOST_VISITORS, REMEMBERED_S, Gallery
 from sattrack.runtime.gallery_link import GalleryLink
-from sattrack.runtime.gallery_words import SUPPORTED, feeders, name_for
+from sattrack.runtime.gallery_words import SUPPORTED, GalleryTask, feeders, name_for
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.runtime.session_inbox import SessionInbox
 
@@ -56,6 +56,19 @@ def gallery(facts) -> Iterator[GalleryLink]:
     made = GalleryLink(facts)
     yield made
     made.close()
+
+
+class Seen:
+    """A visitor to whom everything is said at once."""
+
+    def __init__(self) -> None:
+        self.number = 1
+        self.out = bytearray()
+        self.door = self
+
+    def send(self, data: bytearray) -> int:
+        del data
+        return 0
 
 
 class Visitor:
@@ -116,6 +129,29 @@ def test_whoever_comes_is_welcomed_with_what_was_shown_and_sees_what_is_shown(
         while (shown := first.next("view"))["utc_s"] != view.utc_s + 1.0:
             assert shown["utc_s"] == view.utc_s
     assert os.getpid() in feeders()
+
+
+def test_who_comes_late_learns_when_each_phase_and_warning_began(view: TrackView) -> None:
+    clock = iter(float(second) for second in range(100_000))
+    task = GalleryTask(0, 0, 1, "sattrack track", "2026-03-01T00:00:00Z", "sim", "ISS")
+    ends = socket.socketpair()
+    with ends[0] as feeder, ends[1] as door, pytest.MonkeyPatch.context() as patch:
+        patch.setattr("sattrack.runtime.gallery.time.monotonic", lambda: next(clock))
+        gallery = Gallery(task, feeder, door)
+        for second in range(1000):
+            seen = msgspec.structs.replace(
+                view,
+                utc_s=float(second),
+                phase="tracking" if second >= 300 else "slewing",
+                warnings=(f"the mount is {second}\u2033 off",) if 100 <= second < 200 else (),
+            )
+            gallery._remember(msgspec.json.encode(seen) + b"\n")
+        visitor = Seen()
+        gallery._welcome(visitor)  # type: ignore[arg-type]
+    utc_s = [told["utc_s"] for told in map(json.loads, visitor.out.splitlines()) if "phase" in told]
+    older = [each for each in utc_s if each < 1000.0 - REMEMBERED_S - 1.0]
+    assert older == [0.0, 100.0, 200.0, 300.0]
+    assert utc_s == sorted(utc_s)
 
 
 def test_one_who_does_not_read_costs_nobody_anything(gallery: GalleryLink, view: TrackView) -> None:

@@ -17,7 +17,7 @@ from tui_builders import SKY, SUMMARY, UTC_S, FakeFeed, HandClock, changed
 from sattrack.cli import run as run_program
 from sattrack.tui.appearance import Appearance
 from sattrack.tui.feed import News
-from sattrack.tui.replay_app import ReplayApp, TapeFeed
+from sattrack.tui.replay_app import NOTHING_MOVES, ReplayApp, TapeFeed
 from sattrack.tui.replay_launch import replay_with_tui
 from sattrack.tui.tape import Tape
 from sattrack.view import PassView, TrackView
@@ -97,8 +97,8 @@ def keys(*pressed: str, after_s: float = 0.0):
 
 PRESSED: tuple[tuple[list[str], float, bool, float], ...] = (
     ([], 20.0, True, 1.0),
-    (["space"], 20.0, False, 1.0),
-    (["space", "space"], 20.0, True, 1.0),
+    (["p"], 20.0, False, 1.0),
+    (["p", "p"], 20.0, True, 1.0),
     (["right"], 30.0, True, 1.0),
     (["left"], 10.0, True, 1.0),
     (["left", "left", "left"], 0.0, True, 1.0),
@@ -106,13 +106,13 @@ PRESSED: tuple[tuple[list[str], float, bool, float], ...] = (
     (["pagedown", "pageup"], 20.0, True, 1.0),
     (["home"], 0.0, True, 1.0),
     (["end"], 120.0, True, 1.0),
-    (["end", "space"], 0.0, True, 1.0),
+    (["end", "p"], 0.0, True, 1.0),
     (["full_stop"], 20.1, False, 1.0),
     (["comma", "comma"], 19.8, False, 1.0),
     (["right_square_bracket"], 20.0, True, 2.0),
     (["left_square_bracket"] * 2, 20.0, True, 0.25),
     (["right_square_bracket"] * 3 + ["1"], 20.0, True, 1.0),
-    (["question_mark", "space", "escape"], 20.0, False, 1.0),
+    (["question_mark", "p", "escape"], 20.0, True, 1.0),
     (["question_mark", "right", "question_mark", "right"], 30.0, True, 1.0),
     (["v", "t", "up", "down", "0", "s", "w", "f", "r", "m", "escape", "enter", "v"], 20.0, True, 1.0),
 )
@@ -152,17 +152,17 @@ def test_it_is_left_at_once_and_not_by_itself(key: str) -> None:
 
 @pytest.mark.parametrize(("size", "theme"), [(SMALL, "red"), (LARGE, "contrast")])
 def test_the_screen_is_the_runs_own_with_the_tape_below(size: tuple[int, int], theme: str) -> None:
-    rows, _, _ = played(keys("space", after_s=40.0), size, appearance=Appearance(theme))
+    rows, _, _ = played(keys("p", after_s=40.0), size, appearance=Appearance(theme))
     text = "\n".join(rows)
 
     assert [len(row) for row in rows] == [size[0]] * size[1]
-    assert rows[0].startswith(" ISS (ZARYA)  25544   mount sim")
+    assert rows[0].startswith("  REPLAY  ISS (ZARYA)  25544   mount sim")
     assert rows[0].rstrip().endswith("2026-10-02 13:05:11 UTC")
     assert rows[1].strip() == "TRACKING  on the satellite: all is well"
     assert re.fullmatch(r"  PAUSED  ×1   0:40 of 2:00  █+·+  pass\.mcap", rows[-2].rstrip())
     done, left = rows[-2].count("█"), rows[-2].count("·")
     assert done / (done + left) == pytest.approx(1.0 / 3.0, abs=0.02)
-    for figure in ("+0.050 s", "Sun", "SPACE go on", "q leave", "±400″"):
+    for figure in ("+0.050 s", "Sun", "p go on", "q leave", "±400″"):
         assert figure in text, figure
     for hint in ("behind", "ahead", "STOP", "step   0.1"):
         assert hint not in text, hint
@@ -186,22 +186,30 @@ def test_at_the_end_it_says_how_the_run_ended_and_on_the_way_back_no_more() -> N
     ended, _, _ = played(keys("end"))
     assert ended[1].strip() == "END  of the recording: the pass is over; q leaves"
     assert ended[-2].startswith("  AT THE END ")
-    assert ended[-1].startswith(" SPACE again ")
+    assert ended[-1].startswith(" p again ")
     back, _, _ = played(keys("end", "left"))
     assert back[1].strip().startswith("TRACKING")
-    assert back[-1].startswith(" SPACE pause " if "PLAYING" in back[-2] else " SPACE go on ")
+    assert back[-1].startswith(" p pause " if "PLAYING" in back[-2] else " p go on ")
     cut = played(keys("end"), views=RECORDED[:700])[0]
     assert cut[1].strip() == "END  of the recording: it is cut off here; q leaves"
 
 
 def test_what_was_warned_of_is_shown_without_telling_what_to_do() -> None:
-    rows, _, _ = played(keys("space", after_s=115.0))
+    rows, _, _ = played(keys("p", after_s=115.0))
     assert rows[2].strip() == "! no fresh status from the mount: following by prediction"
+
+
+@pytest.mark.parametrize("pressed", [["space"], ["question_mark", "space"]])
+def test_the_stop_key_of_a_mount_neither_pauses_a_recording_nor_is_silent(pressed: list[str]) -> None:
+    rows, source, tape = played(keys(*pressed, after_s=40.0))
+    assert rows[2].strip() == f"! {NOTHING_MOVES}"
+    assert tape.playing
+    assert source.sent == []
 
 
 def test_standing_still_is_no_silence() -> None:
     async def act(app: ReplayApp, clock: HandClock, press: Callable[..., object]) -> None:
-        await press("space")  # type: ignore[misc]
+        await press("p")  # type: ignore[misc]
         clock.now_s += 100.0
 
     assert "NO NEWS" not in "\n".join(played(act)[0])

@@ -7,6 +7,7 @@ import msgspec
 import pytest
 from tui_builders import ERROR, SKY, SUMMARY, UTC_S, VIEW, FakeFeed, HandClock, changed
 
+from sattrack.messages import StopNow
 from sattrack.tui.app import TrackApp
 from sattrack.tui.feed import News
 from sattrack.view import PauseView
@@ -324,6 +325,63 @@ def test_without_colour_the_lines_differ_in_shape(monkeypatch: pytest.MonkeyPatc
 
     assert "▀▀ RA on the sky   ⠒⠒ Dec" in text
     assert any(block in text for block in "▘▝▖▗▀▄▌▐▛▜▙▟")
+
+
+@pytest.mark.parametrize("system", ["standard", "256", "truecolor", None])
+def test_with_sixteen_colours_the_lines_differ_in_shape_as_well(
+    system: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("textual.app.App.is_headless", False)
+    monkeypatch.setattr("rich.console.Console.color_system", system)
+    shapes = system in {"standard", None}
+    text = "\n".join(drawn(*following(170.0)))
+    assert ("▀▀ RA on the sky" in text) is shapes
+    assert ("⠒⠒ RA on the sky" in text) is not shapes
+
+
+@pytest.mark.parametrize("size", [SMALL, LARGE, HUGE])
+def test_the_starting_screen_is_laid_out_as_it_stays(size: tuple[int, int]) -> None:
+    async def run() -> list[dict[str, object]]:
+        feed = FakeFeed([])
+        app = TrackApp(feed, monotonic=HandClock())
+        async with app.run_test(size=size) as pilot:
+            places = []
+            for news in (News(), News((VIEW,), sky=SKY)):
+                feed.coming.append(news)
+                app.look()
+                for _ in range(3):
+                    app.plot()
+                    await pilot.pause()
+                shown = [each for each in app.query("#live, #live Panel, #sky, KeyBar") if each.display]
+                places.append({f"{type(each).__name__}#{each.id}": each.region for each in shown})
+            return places
+
+    before, after = asyncio.run(run())
+    assert before == after
+
+
+@pytest.mark.parametrize("size", [(20, 5), (59, 30), (100, 17)])
+def test_a_terminal_that_is_too_small_says_so_and_stops_the_mount(size: tuple[int, int]) -> None:
+    async def run() -> list[str]:
+        app = TrackApp(feed, monotonic=HandClock())
+        async with app.run_test(size=size) as pilot:
+            await pilot.press("space")
+            await pilot.pause()
+            rows = rows_of(app)
+            await pilot.resize_terminal(80, 24)
+            await pilot.pause()
+            assert "too small" not in "".join(rows_of(app))
+            return rows
+
+    feed = FakeFeed([News((VIEW,))])
+    rows = asyncio.run(run())
+    assert [row.rstrip() for row in rows[:3]] == [
+        f"too small: {size[0]} × {size[1]}",
+        "80 × 24 is enough",
+        " SPACE STOP  q leave",
+    ]
+    assert not "".join(rows[3:]).strip()
+    assert feed.sent == [StopNow()]
 
 
 def test_any_size_is_survived() -> None:
