@@ -6,11 +6,25 @@ Serve a mount, the simulated one here, and run this beside it:
     python examples/alpaca_client.py 127.0.0.1:11111
 """
 
+import argparse
 import json
 import sys
 import time
 
-from alpaca.telescope import Telescope
+try:
+    from alpaca import exceptions
+    from alpaca.telescope import Telescope
+except ImportError:
+    sys.exit("this example needs ASCOM's client: pip install alpyca")
+
+REFUSALS = (
+    *(exceptions.AlpacaRequestException, exceptions.DriverException, exceptions.InvalidOperationException),
+    *(
+        exceptions.InvalidValueException,
+        exceptions.NotConnectedException,
+        exceptions.ActionNotImplementedException,
+    ),
+)
 
 
 def main(address: str) -> None:
@@ -41,4 +55,16 @@ def main(address: str) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1] if len(sys.argv) > 1 else "127.0.0.1:11111")
+    parser = argparse.ArgumentParser(
+        description="Follow the ISS with a mount served by `sattrack serve alpaca`."
+    )
+    parser.add_argument(
+        "address", nargs="?", default="127.0.0.1:11111", help="HOST:PORT of the Alpaca server"
+    )
+    address = parser.parse_args().address
+    try:
+        main(address)
+    except OSError:
+        sys.exit(f"nothing answers at {address}: is `sattrack serve alpaca --mount sim` running there?")
+    except REFUSALS as error:
+        sys.exit(f"the mount refused: {error}")

@@ -6,6 +6,7 @@ The group is asked for at most once in two hours, however often this runs.
 
 from __future__ import annotations
 
+import argparse
 import sys
 import time
 
@@ -16,7 +17,7 @@ from sattrack.runtime.prepare import RunRequest, prepare
 from tle import Site, TleError, Utc, find, read_elements
 
 
-def main(group: str = "stations", satellite: str = "ISS (ZARYA)", start: str = "") -> None:
+def main(group: str, satellite: str, start: str) -> None:
     """Fetch, choose, follow."""
     downloads = Downloads(tell=lambda words: print(words, file=sys.stderr))
     elements = read_elements(f"celestrak:{group}", fetch=downloads.fetch)
@@ -37,7 +38,12 @@ def main(group: str = "stations", satellite: str = "ISS (ZARYA)", start: str = "
 
 
 if __name__ == "__main__":
+    parser = argparse.ArgumentParser(description="Follow one satellite of a CelesTrak group in virtual time.")
+    parser.add_argument("group", nargs="?", default="stations", help="CelesTrak's name of the group")
+    parser.add_argument("satellite", nargs="?", default="ISS (ZARYA)", help="its name or catalogue number")
+    parser.add_argument("start", nargs="?", default="", help="an instant in UTC; default: now")
+    given = parser.parse_args()
     try:
-        main(*sys.argv[1:])
+        main(given.group, given.satellite, given.start)
     except (SattrackError, TleError) as error:
         sys.exit(str(error))

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import importlib
 import os
+import re
 import sys
 import traceback
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from sattrack import __version__
 from sattrack.errors import SattrackError
+from sattrack.origin import meant
 from tle.errors import TleError
 
 if TYPE_CHECKING:
@@ -36,6 +39,12 @@ COMMANDS = {
     "elements": "Fetch, show and check element sets.",
     "doctor": "What is fine, what is not, and what to do: clock, elements, priority, mount.",
 }
+PLAIN_WORDS = (
+    ("is not a valid float", "is not a number"),
+    ("is not a valid integer", "is not a whole number"),
+    ("Got unexpected extra", "unexpected"),
+)
+"""Of click's messages, what is said in plain English."""
 
 
 class LazyGroup(click.Group):
@@ -68,7 +77,16 @@ def cli() -> None:
 def main(argv: Sequence[str] | None = None) -> None:
     """Run the command line and end the process with the exit code that CLI users rely on."""
     arguments = list(sys.argv[1:] if argv is None else argv)
+    _open_closed_streams()
     sys.exit(run(arguments))
+
+
+def _open_closed_streams() -> None:
+    """Open what of the three standard streams was closed by whoever started us, to nowhere."""
+    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
+        if getattr(sys, name) is None:
+            # It takes the lowest free number, which is the closed stream's.
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_RDWR), mode))
 
 
 def run(arguments: list[str]) -> int:
@@ -77,21 +95,59 @@ def run(arguments: list[str]) -> int:
         result: Any = cli.main(args=arguments, prog_name="sattrack", standalone_mode=False)
     except click.exceptions.Abort:
         return 130
-    except BrokenPipeError:
-        # Whoever read our output is gone; what is still buffered would fail again when Python ends.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    except click.ClickException as error:
-        error.show()
-        return error.exit_code
-    except (SattrackError, TleError) as error:
-        if "--debug" in arguments:
-            traceback.print_exc()
-        click.echo(f"sattrack: {error}", err=True)
-        return error.exit_code
     except Exception as error:  # noqa: BLE001 - a defect is told in a line too, and in full with --debug
-        if "--debug" in arguments:
-            traceback.print_exc()
-        click.echo(f"sattrack: a defect of sattrack: {error!r}; --debug shows where", err=True)
-        return 1
+        return _told(error, "--debug" in arguments)
     return result if isinstance(result, int) else 0
+
+
+def _told(error: Exception, debug: bool) -> int:
+    """Tell an error on standard error; return its exit code."""
+    code: int = getattr(error, "exit_code", 1)
+    if isinstance(error, click.exceptions.NoArgsIsHelpError):
+        error.show()
+        return code
+    if debug and not isinstance(error, click.ClickException):
+        traceback.print_exception(error)
+    if not isinstance(error, BrokenPipeError):
+        click.echo(f"sattrack: {_words(error)}", err=True)
+    if isinstance(error, OSError):
+        _forget_output()
+    return code
+
+
+def _words(error: Exception) -> str:
+    if isinstance(error, click.UsageError):
+        return usage_words(error)
+    if isinstance(error, click.ClickException):
+        return error.format_message()
+    if isinstance(error, SattrackError | TleError):
+        return str(error)
+    if isinstance(error, OSError):
+        where = "" if error.filename is None else f"{error.filename}: "
+        return f"{where}{error.strerror or error}; --debug shows where"
+    return f"a defect of sattrack: {error!r}; --debug shows where"
+
+
+def _forget_output() -> None:
+    """Let what is still buffered go nowhere: it would fail again when Python ends."""
+    with suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def usage_words(error: click.UsageError) -> str:
+    """Return what is wrong with a command line, and what to do, in one line."""
+    words = " ".join(error.format_message().split()).rstrip(".")
+    for technical, plain in PLAIN_WORDS:
+        words = words.replace(technical, plain)
+    words = f"{words[:1].lower()}{words[1:]}"
+    if error.ctx is None:
+        return words
+    unknown = re.fullmatch(r"no such command '(.*?)'.*", words)
+    if unknown is not None and isinstance(error.ctx.command, click.Group):
+        words = (
+            f"no such command '{unknown[1]}'{meant(unknown[1], error.ctx.command.list_commands(error.ctx))}"
+        )
+    elif isinstance(error, click.NoSuchOption):
+        options = [each for one in error.ctx.command.params for each in one.opts if each.startswith("--")]
+        words = f"no such option {error.option_name}{meant(error.option_name, options)}"
+    return f"{words}{'' if words.endswith('?') else ';'} see `{error.ctx.command_path} --help`"

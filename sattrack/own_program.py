@@ -18,7 +18,11 @@ def own_program(module: str = "sattrack") -> list[str]:
     What lies in the current folder is not imported, unless we lie there: a user's `json.py` would else
     stand in for Python's, in the guardian as well.
     """
-    safe = () if Path(__file__).parents[1] == Path.cwd() else ("-P",)
+    try:
+        safe = () if Path(__file__).parents[1] == Path.cwd() else ("-P",)
+    except FileNotFoundError:
+        # The current folder was deleted.
+        safe = ("-P",)
     return [sys.executable, *safe, "-m", module]
 
 

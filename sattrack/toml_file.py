@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING, TypeVar
 
-import msgspec
-
 from sattrack.errors import BadInputError
+from sattrack.toml_positions import toml_positions
+from sattrack.toml_text import read_typed
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -26,29 +25,11 @@ def read_toml(path: Path, kind: type[T], what: str) -> T:
     except OSError as error:
         raise BadInputError(f"{path}: cannot read {what}: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise BadInputError(f"{path}: cannot read {what}: they are no UTF-8 text") from error
-    try:
-        return msgspec.toml.decode(text, type=kind)
-    except msgspec.ValidationError as error:
-        words = str(error)
-        # Words of ours name the key themselves; where the decoder's do, its path is what tells it.
-        said = re.sub(r" - at `[^`]*`$", "", words) if re.match(r"[a-z_.0-9]+ is ", words) else words
-        raise BadInputError(f"{path}{_line_of(text, words)}: {said}") from error
-    except msgspec.DecodeError as error:
-        raise BadInputError(f"{path}: not a TOML file: {error}") from error
+        raise BadInputError(f"{path}: cannot read {what}: it is not UTF-8 text") from error
+    return read_typed(text, str(path), kind, columns=False)[0]
 
 
 def line_of_key(path: Path, name: str) -> str:
     """Return ':LINE' of a key in a TOML file that was read before, or '' where it does not stand there."""
-    return _line_of(path.read_text(encoding="utf-8"), f"{name} is ")
-
-
-def _line_of(text: str, message: str) -> str:
-    """Return ':LINE' of the key that a validation message speaks of, or '' where it cannot be found."""
-    keys = [*re.findall(r"`\$?\.?([A-Za-z_.0-9]+)`", message), *re.findall(r"^([a-z_.0-9]+) is ", message)]
-    for key in reversed(keys):
-        name = key.split(".")[-1]
-        for number, line in enumerate(text.splitlines(), start=1):
-            if re.match(rf"\s*\[?{re.escape(name)}\b", line):
-                return f":{number}"
-    return ""
+    spots = toml_positions(path.read_text(encoding="utf-8"))
+    return next((f":{spot.line}" for where, spot in spots.items() if where[-1] == name), "")

@@ -136,7 +136,20 @@ def find(elements: Sequence[Elements], key: str) -> Elements:
     there = [f"{e.label} ({e.catalog_number})" for e in elements]
     raise SatelliteNotFoundError(
         f"no satellite {key!r} in the elements, which hold {_listed(there) if there else 'none'}"
+        f"{_meant(elements, wanted)}"
     )
+
+
+def _meant(elements: Sequence[Elements], key: str) -> str:
+    """Return "; did you mean ...?" where a name, or a word of one, looks like the key, else nothing."""
+    from difflib import get_close_matches
+
+    names: dict[str, Elements] = {}
+    for one in elements:
+        for text in (one.name, *one.name.split()):
+            names.setdefault(_plain(text), one)
+    near = [] if key.isdigit() else get_close_matches(_plain(key), names, n=1, cutoff=0.75)
+    return f"; did you mean {names[near[0]].label} ({names[near[0]].catalog_number})?" if near else ""
 
 
 def _by_number(elements: Sequence[Elements], key: str) -> list[Elements]:

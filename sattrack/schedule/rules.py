@@ -21,13 +21,13 @@ import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from sattrack.schedule.origin import meant
+from sattrack.origin import meant
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.errors import BadInputError
-    from sattrack.schedule.origin import Origin
+    from sattrack.origin import Origin
 
 DARK_SUN_DEG = -6.0
 _NUMBER = r"([+\-]?\d+(?:\.\d*)?|[+\-]?\.\d+)"

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sattrack.origin import meant
 from sattrack.safety.bodies import sun_over
 from sattrack.schedule.candidates import (
     CUT,
@@ -23,7 +24,6 @@ from sattrack.schedule.candidates import (
     Candidate,
     Found,
 )
-from sattrack.schedule.origin import meant
 from tle.catalogue_passes import find_catalogue_passes
 from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError
 from tle.facts import pass_facts, sun_altitudes_deg

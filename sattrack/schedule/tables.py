@@ -12,13 +12,13 @@ import csv
 import re
 from typing import TYPE_CHECKING, NamedTuple
 
+from sattrack.origin import meant
 from sattrack.schedule.moments import parse_moment
-from sattrack.schedule.origin import meant
 
 if TYPE_CHECKING:
     from datetime import tzinfo
 
-    from sattrack.schedule.origin import Origin
+    from sattrack.origin import Origin
 
 COLUMNS = ("satellite", "start", "end")
 OPTIONAL = ("priority", "name")

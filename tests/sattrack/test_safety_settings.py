@@ -54,8 +54,8 @@ def refusal(capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]) -> s
         (["moon_cone_deg = nan"], 2, "moon_cone_deg is nan; it must be 0 or more"),
         (["longest_fault_s = 60"], 2, "longest_fault_s is 60; give 0 to 10 seconds"),
         (["clock_tolerance_s = 0"], 2, "clock_tolerance_s is 0; it must be above 0"),
-        (["sun_cone = 15"], 1, "unknown field `sun_cone`"),
-        (['sun_cone_deg = "wide"'], 2, "Expected `float | null`, got `str`"),
+        (["sun_cone = 15"], 2, "unknown key 'sun_cone' in [safety]; did you mean 'sun_cone_deg'?"),
+        (['sun_cone_deg = "wide"'], 2, "sun_cone_deg is 'wide'; give a number"),
     ],
 )
 def test_limits_that_cannot_be_are_refused_with_line_key_and_value(

@@ -356,7 +356,7 @@ def test_the_examples_telescope_is_simulated_and_found(capsys: pytest.CaptureFix
     ("words", "says"),
     [
         ("latency_s = -1", "telescope.toml:1: latency_s is -1; it goes from 0 to 10"),
-        ("lat = 1", "telescope.toml:1: Object contains unknown field `lat`"),
+        ("lat = 1", "telescope.toml:1: unknown key 'lat'; "),
         ("ra_gain = 0", "telescope.toml:1: ra_gain is 0; it must be above 0"),
     ],
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sattrack.errors import BadInputError
-from sattrack.schedule.origin import Origin
+from sattrack.origin import Origin
 from sattrack.schedule.rules import Conditions, Rule, parse_rule
 
 HERE = Origin("n.toml", 3, 9)

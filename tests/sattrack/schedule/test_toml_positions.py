@@ -9,7 +9,7 @@ import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sattrack.schedule.positions import Path, toml_positions
+from sattrack.toml_positions import Path, toml_positions
 
 TEXT = '''# a comment with [brackets] and "quotes"
 name = "a" # after

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
-from sattrack.schedule.origin import Origin, meant
-from sattrack.schedule.positions import toml_positions
+from sattrack.origin import Origin, meant
+from sattrack.toml_positions import toml_positions
 
 if TYPE_CHECKING:
     from sattrack.errors import BadInputError
-    from sattrack.schedule.positions import Path, Spot
+    from sattrack.toml_positions import Path, Spot
 
 T = TypeVar("T")
 _AT = re.compile(r" - at `\$([^`]*)`$")
@@ -27,17 +27,18 @@ _TAG = re.compile(r"Invalid value '(.*)'")
 class Positions:
     """Where the keys and values of one file stand."""
 
-    def __init__(self, file: str, spots: dict[Path, Spot]) -> None:
-        """Keep what the scanner found."""
+    def __init__(self, file: str, spots: dict[Path, Spot], columns: bool = True) -> None:
+        """Keep what the scanner found; without `columns`, lines are told alone."""
         self.file = file
         self._spots = spots
+        self.columns = columns
 
     def key(self, *path: str | int) -> Origin:
         """Return where a key stands, or else the nearest table round it."""
         for length in range(len(path), 0, -1):
             spot = self._spots.get(path[:length])
             if spot is not None:
-                return Origin(self.file, spot.line, spot.column)
+                return self._origin(spot.line, spot.column)
         return Origin(self.file)
 
     def value(self, *path: str | int) -> Origin:
@@ -45,7 +46,7 @@ class Positions:
         spot = self._spots.get(path)
         if spot is None:
             return self.key(*path)
-        return Origin(self.file, spot.value_line, spot.value_column)
+        return self._origin(spot.value_line, spot.value_column)
 
     def inside(self, *path: str | int) -> Origin:
         """Return where text begins in which columns can be counted; without a column where they cannot."""
@@ -53,18 +54,24 @@ class Positions:
         origin = self.value(*path)
         return origin if spot is None or spot.plain else origin._replace(column=0)
 
+    def _origin(self, line: int, column: int) -> Origin:
+        return Origin(self.file, line, column if self.columns else 0)
+
     def has(self, *path: str | int) -> bool:
         """Tell whether a key stands in the file."""
         return path in self._spots
 
 
-def read_typed(text: str, file: str, kind: type[T]) -> tuple[T, Positions]:
-    """Return what a text says, and where. Raises BadInputError with file, line and column."""
+def read_typed(text: str, file: str, kind: type[T], columns: bool = True) -> tuple[T, Positions]:
+    """Return what a text says, and where.
+
+    Raises BadInputError with file, line and column; without `columns`, with file, line and table.
+    """
     try:
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise _syntax(str(error), text, file) from None
-    positions = Positions(file, toml_positions(text))
+    positions = Positions(file, toml_positions(text), columns)
     try:
         return msgspec.convert(_without_times(document), kind), positions
     except msgspec.ValidationError as error:
@@ -102,11 +109,13 @@ def _told(message: str, document: Any, positions: Positions, kind: type) -> BadI
     if found is not None:
         path = tuple(int(number) if number else name for name, number in _STEP.findall(found[1]))
         message = message[: found.start()]
+    table = ".".join(str(part) for part in path if isinstance(part, str))
+    where = "" if positions.columns or not table else f" in [{table}]"
     unknown, tag = _UNKNOWN.fullmatch(message), _TAG.fullmatch(message)
     if unknown is not None:
         keys = _keys_at(kind, path, document)
         hint = meant(unknown[1], keys) or f"; there are {', '.join(keys)}"
-        return positions.key(*path, unknown[1]).wrong(f"unknown key {unknown[1]!r}{hint}")
+        return positions.key(*path, unknown[1]).wrong(f"unknown key {unknown[1]!r}{where}{hint}")
     name = next((str(part) for part in reversed(path) if isinstance(part, str)), "the file")
     if tag is not None or message.startswith("Invalid enum value"):
         given = _value_at(document, path)
@@ -114,11 +123,11 @@ def _told(message: str, document: Any, positions: Positions, kind: type) -> BadI
         hint = meant(str(given), choices) or f"; give one of {', '.join(choices)}"
         return positions.value(*path).wrong(f"{name} is {given!r}{hint}")
     said = re.match(r"([a-z_]+) (?:is |and |does )", message)
-    where = positions.key(*path)
+    place = positions.key(*path)
     if said is not None and positions.has(*path, said[1]):
-        where = positions.value(*path, said[1])
+        place = positions.value(*path, said[1])
     if message.startswith("Expected"):
-        where = positions.value(*path)
+        place = positions.value(*path)
         given = _value_at(document, path)
         message = f"{name} is {_shown(given)}; {message[0].lower()}{message[1:].replace('`', '')}"
         message = re.sub(r", got .*$", "", message).replace(" | null", "")
@@ -129,8 +138,8 @@ def _told(message: str, document: Any, positions: Positions, kind: type) -> BadI
             message = re.sub(rf"expected {word}\b", f"give {plain}", message)
     missing = re.fullmatch(r"Object missing required field `(.*)`", message)
     if missing is not None:
-        message = f"{missing[1]} is missing"
-    return where.wrong(message)
+        message = f"{missing[1]} is missing{where}"
+    return place.wrong(message)
 
 
 _PLAIN_WORDS = {
