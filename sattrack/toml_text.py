@@ -122,10 +122,11 @@ def _told(message: str, document: Any, positions: Positions, kind: type) -> BadI
         choices = _choices(kind, path, document)
         hint = meant(str(given), choices) or f"; give one of {', '.join(choices)}"
         return positions.value(*path).wrong(f"{name} is {given!r}{hint}")
-    said = re.match(r"([a-z_]+) (?:is |and |does )", message)
+    said = re.match(r"([a-z_.]+) (?:is |and |does )", message)
+    named = () if said is None else tuple(said[1].split("."))
     place = positions.key(*path)
-    if said is not None and positions.has(*path, said[1]):
-        place = positions.value(*path, said[1])
+    if named and positions.has(*path, *named):
+        place = positions.value(*path, *named)
     if message.startswith("Expected"):
         place = positions.value(*path)
         given = _value_at(document, path)

@@ -20,16 +20,16 @@ if TYPE_CHECKING:
 
 
 @click.command("attach")
-@click.option("--run", "pid", type=int, metavar="PID", help="Which run, where several go on.")
-@click.option("--as", "name", metavar="NAME", help="What others see that looks on; default: this terminal.")
+@click.option("--run", "pid", type=int, metavar="PID", help="The process of the run, where several go on.")
+@click.option("--as", "name", metavar="NAME", help="Your name for the others; default: this terminal.")
 @screen_options
 @common_options
 def command(context: CommandContext, pid: int | None, name: str | None, **options: Any) -> int:
-    """Look at the run that goes on, or take part in it: the same screen as that of `track`.
+    """Watch a run that was started elsewhere, or take control of it, on the same screen as that of `track`.
 
-    As many as like look on. SPACE stops the mount from any of them; c takes control, which one at a time
-    has, to move the target. Leaving does nothing to the run. After a schedule's pass, the screen goes on to
-    the next one. With --json: what is seen of one run, an object a line.
+    Up to 64 can watch. SPACE stops the mount, for everybody. One at a time has control and can move the
+    target: c takes it. Leaving the screen does nothing to the run. After a pass of a schedule, the screen
+    goes on to the next one. --json writes what is seen of one run, an object a line.
     """
     pid = chosen_run(pid)
     name = name or _terminal()
@@ -57,12 +57,12 @@ def chosen_run(pid: int | None) -> int:
     found = feeders()
     if not found:
         raise SattrackError(
-            "no run goes on to look at: `sattrack track` and `demo` begin one; "
-            "how a schedule stands between its passes: `sattrack run FILE --status`"
+            "no run goes on: `sattrack track` and `sattrack demo` start one; "
+            "between the passes of a schedule, `sattrack run FILE --status` shows its state"
         )
     if len(found) > 1:
         told = "; ".join(f"--run {one}: {_told(one)}" for one in found)
-        raise BadInputError(f"{len(found)} runs go on, say which: {told}")
+        raise BadInputError(f"{len(found)} runs go on; choose one: {told}")
     return found[0]
 
 

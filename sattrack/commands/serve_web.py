@@ -22,10 +22,17 @@ FEWEST_CHARACTERS = 16
 
 @click.command("web")
 @click.option(
-    "--host", default="127.0.0.1", show_default=True, help="Where to listen; anywhere else needs a token."
+    "--host",
+    default="127.0.0.1",
+    show_default=True,
+    help="Address to listen on; 0.0.0.0 for all. Any other than this machine's own needs a token.",
 )
 @click.option(
-    "--port", type=click.IntRange(0, 65535), default=PORT, show_default=True, help="0: any free one."
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=PORT,
+    show_default=True,
+    help="Port to listen on; 0 for any free one.",
 )
 @click.option(
     "--token",
@@ -34,17 +41,18 @@ FEWEST_CHARACTERS = 16
     help="What a visitor has to bring, 16 characters or more; made up where one is needed and none is given. "
     "Also from SATTRACK_WEB_TOKEN, where other users cannot read it.",
 )
-@click.option("--run", "pid", type=int, metavar="PID", help="Which run, where several go on.")
+@click.option("--run", "pid", type=int, metavar="PID", help="Show this run only, by its process.")
 @screen_options
 @common_options
 def command(
     context: CommandContext, host: str, port: int, token: str | None, pid: int | None, **options: Any
 ) -> int:
-    """Show the run that goes on in a browser: each visitor has a screen as `attach` has.
+    """Show a run in a browser: each visitor has a screen like that of `attach`.
 
-    SPACE stops the mount from any of them; c takes control, which one at a time has. On this machine alone
-    unless told; elsewhere whoever comes has to bring a token. There is no encryption: put it behind a proxy
-    or a tunnel that has, before it crosses a network that is not yours.
+    SPACE stops the mount, for everybody. One at a time has control: c takes it. With several runs, the page
+    links to each. Only this machine can open the page, unless --host says otherwise; visitors from elsewhere
+    need a token. There is no encryption: use a proxy or a tunnel with encryption before the page crosses a
+    network that is not yours.
     """
     if importlib.util.find_spec("textual_serve") is None:
         raise SattrackError("the browser's screen needs textual-serve: pip install 'sattrack[web]'")

@@ -153,24 +153,24 @@ def _note(owner: Owner) -> str:
 @click.option(
     "--give-up",
     is_flag=True,
-    help="Stop nothing: end guardians that go on telling mounts to stop after their sessions.",
+    help="Stop nothing: end the guardians that still tell mounts to stop.",
 )
 @profile_option
 @common_options
 def command(
     context: CommandContext, mount_url: str | None, every: bool, give_up: bool, profile: Path | None
 ) -> int:
-    """Stop the mount, from any terminal, and see it at rest; stop the schedule that moves it.
+    """Stop the mount, from any terminal, and wait until it is seen at rest; stop its schedule.
 
-    With one mount to stop, it is stopped at once: one that a session of yours moves, or that of the
-    settings. With one real mount beside simulated ones, the real one is stopped at once. With several, they
-    are listed: ENTER stops all of them, a number that one, and all are stopped after 10 s without an answer.
-    Not on a terminal, nothing is stopped then: give --mount URL or --all.
+    One mount is stopped at once: the one that a session of yours owns, or that of the settings. One real
+    mount beside simulated ones is stopped at once, too. Several mounts are listed: ENTER stops all of them,
+    a number stops that one, and after 10 s without an answer all are stopped. Without a terminal, nothing
+    is stopped then: give --mount URL or --all.
 
-    The session that owns a mount stops it and ends: track, demo, a verb, a console; where it hangs, its
-    guardian does. A mount that no session owns is told directly. Where the mount is not seen at rest, a
-    guardian goes on telling it to stop until it is, or until --give-up. A schedule's run ends and follows
-    nothing more, restarted or not, until a person says `sattrack run FILE --resume`.
+    The session that owns a mount (track, demo, mount, serve) stops it and ends. If the session hangs, its
+    guardian stops the mount. A mount that no session owns is told directly. Until the mount is seen at rest,
+    a guardian goes on telling it to stop; --give-up ends that. A schedule's run ends and follows nothing
+    more, restarted or not, until a person says `sattrack run FILE --resume`.
     """
     if mount_url is not None and every:
         raise BadInputError("--mount names one mount, --all stops every one: give one of them")
