@@ -231,8 +231,9 @@ class Screens:
         if self._console is None:
             return "looking at the mount …"
         paused = "paused: the arrows jog, [ ] choose how fast; p goes on"
-        heard = f"as the run hears it; p pauses, then the arrows jog{_learnt(scene.view.learnt)}"
-        return heard if scene.jog_rate is None else paused
+        jog = "; p pauses, then the arrows jog" if scene.in_control else ""
+        heard = f"as the run hears it{jog}{_learnt(scene.view.learnt)}"
+        return heard if scene.jog_rate is None or not scene.in_control else paused
 
 
 def _learnt(learnt: LearntView | None) -> str:

@@ -180,6 +180,7 @@ def test_who_looks_on_is_offered_control_and_no_key_that_needs_it(size: tuple[in
 
     mover, watcher = asyncio.run(rows(ANNA)), asyncio.run(rows(STARTER))
     needing = {"1": ("behind", "ahead", "↑↓ across", "p pause"), "2": ("Enter arm",), "3": ("P park",)}[page]
+    assert "arrows jog" not in watcher
     if page == "1" or size[0] > 80:
         for key in needing:
             assert key in mover
