@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
+from rich.cells import cell_len
+
 from sattrack.tui.look import DIM, PLATE
 from sattrack.tui.pages import LIVE, LOG, MOUNT, PAGES, SCHEDULE, TONIGHT
 from sattrack.tui.panels import Panel
@@ -86,14 +88,23 @@ class KeyBar(Panel, TouchBar[Scene]):
         if scene.page == LIVE and not scene.ended:
             own = (*(WIDE_LIVE_KEYS if wide else LIVE_KEYS), PAUSE if scene.jog_rate is None else GO)
             keys = (*(own if scene.in_control else LOOKING_ON_KEYS), MORE)
-            return [*_spread(keys, "  "), _gap(" "), STOP, *_spread(ENDS, "  ", first=True)]
+            return self._with_stop(_spread(keys, "  "), " ")
         more = LIST_KEYS.get(scene.page, ()) if wide else ()
         if wide and scene.page == MOUNT and scene.jog_rate is not None:
             more = (JOG, STEP, GO, PARK)
         if more and not scene.in_control:
             more = (*(key for key in more if key in HARMLESS_KEYS), TAKE_CONTROL)
         pages = [*_pages(scene.page), *_spread(more, "  ", first=True)]
-        return [*pages, _gap("   "), STOP, *_spread(ENDS, "  ", first=True)]
+        return self._with_stop(pages, "   ")
+
+    def _with_stop(self, keys: list[Touch], gap: str) -> list[Touch]:
+        """Return the keys and the stop behind them; the stop comes first where it would be cut off."""
+        ends = _spread(ENDS, "  ", first=True)
+        row = [*keys, _gap(gap), STOP, *ends]
+        room = self.content_size.width
+        if room and sum(cell_len(text) for text, _, _ in row) > room:
+            return [STOP, *ends, _gap("  "), *keys]
+        return row
 
 
 STOP: Touch = (" SPACE STOP ", PLATE[Tone.BAD], "space")

@@ -108,7 +108,7 @@ def concrete(style: str, theme: Theme = NIGHT) -> str:
 
 
 WIDTHS = [(0, "-slim"), (60, "-narrow"), (110, "-wide")]
-HEIGHTS = [(0, "-low"), (18, "-short"), (32, "-tall")]
+HEIGHTS = [(0, "-low"), (12, "-short"), (32, "-tall")]
 """Style classes of the screen, each from so many columns or rows on."""
 HUGE = (180, 55)
 """Columns and rows from which on the screen has the class `-huge` as well."""

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from textual.content import Content
+    from textual.events import Click
     from textual.filter import LineFilter
 
 NIGHT_LOOK = Appearance()
@@ -26,6 +27,7 @@ NIGHT_LOOK = Appearance()
 FEW_COLOURS = {None, "standard", "windows"}
 """Rich's names of what has 16 colours or none, where different light colours become the same one."""
 ENOUGH = "80 × 24"
+STOP, STOP_ROW = " SPACE STOP ", 2
 
 
 class TooSmall(Widget):
@@ -35,7 +37,12 @@ class TooSmall(Widget):
         """Draw."""
         columns, rows = self.app.size
         lines: list[Row] = [[f"too small: {columns} × {rows}"], [(f"{ENOUGH} is enough", DIM)]]
-        return rows_content([*lines, [(" SPACE STOP ", PLATE[Tone.BAD]), " q leave"]])
+        return rows_content([*lines, [(STOP, PLATE[Tone.BAD]), " q leave"]])
+
+    def on_click(self, event: Click) -> None:
+        """Do what the key does that was touched."""
+        if event.y == STOP_ROW:
+            self.app.simulate_key("space" if event.x < len(STOP) else "q")
 
 
 class ThemedApp(App[None]):

@@ -360,7 +360,7 @@ def test_the_starting_screen_is_laid_out_as_it_stays(size: tuple[int, int]) -> N
     assert before == after
 
 
-@pytest.mark.parametrize("size", [(20, 5), (59, 30), (100, 17)])
+@pytest.mark.parametrize("size", [(20, 5), (59, 30), (100, 11)])
 def test_a_terminal_that_is_too_small_says_so_and_stops_the_mount(size: tuple[int, int]) -> None:
     async def run() -> list[str]:
         app = TrackApp(feed, monotonic=HandClock())
@@ -368,6 +368,8 @@ def test_a_terminal_that_is_too_small_says_so_and_stops_the_mount(size: tuple[in
             await pilot.press("space")
             await pilot.pause()
             rows = rows_of(app)
+            await pilot.click(offset=(4, 2))
+            await pilot.click(offset=(4, 1))
             await pilot.resize_terminal(80, 24)
             await pilot.pause()
             assert "too small" not in "".join(rows_of(app))
@@ -381,7 +383,13 @@ def test_a_terminal_that_is_too_small_says_so_and_stops_the_mount(size: tuple[in
         " SPACE STOP  q leave",
     ]
     assert not "".join(rows[3:]).strip()
-    assert feed.sent == [StopNow()]
+    assert feed.sent == [StopNow(), StopNow()]
+
+
+@pytest.mark.parametrize("size", [(60, 12), (70, 24), SMALL, (91, 17)])
+@pytest.mark.parametrize("page", ["1", "2", "5"])
+def test_the_stop_is_seen_whole_at_every_size_that_is_not_too_small(size: tuple[int, int], page: str) -> None:
+    assert " SPACE STOP " in drawn(size=size, keys=(page,))[-1]
 
 
 def test_any_size_is_survived() -> None:
