@@ -11,7 +11,7 @@ import click
 
 from sattrack.commands.aside import beside
 from sattrack.commands.common import CommandContext, appearance, common_options, screen_options
-from sattrack.commands.screened import tui_possible
+from sattrack.commands.screened import needed_terminal, tui_possible
 from sattrack.errors import BadInputError, SattrackError
 from sattrack.runtime.gallery_words import SUPPORTED, feeders
 
@@ -40,9 +40,7 @@ def command(context: CommandContext, pid: int | None, name: str | None, **option
     from sattrack.tui.attach_launch import SEEN_BY_BROWSER, attach_with_tui
 
     if not (tui_possible() or SEEN_BY_BROWSER in os.environ):
-        raise BadInputError(
-            "attach needs a terminal that can draw (not TERM=dumb); --json tells the run in lines"
-        )
+        raise BadInputError(f"attach needs {needed_terminal()}; --json is for programs")
 
     look = appearance(context, options["theme"], options["plain"])
     return attach_with_tui(pid, name, look, beside(context, None, None, practising=False))

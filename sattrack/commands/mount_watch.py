@@ -13,7 +13,7 @@ import click
 from sattrack.commands.common import appearance, screen_options
 from sattrack.commands.json_lines import JsonLines
 from sattrack.commands.mount_common import MountCall, mount_options, resolve
-from sattrack.commands.screened import tui_possible
+from sattrack.commands.screened import needed_terminal, tui_possible
 from sattrack.console_messages import ParkOrder
 from sattrack.errors import BadInputError, SattrackError
 from sattrack.manual.sitting import Sitting
@@ -59,8 +59,7 @@ def watch(context: CommandContext, stream: bool, control: bool, park: bool, **op
         raise SattrackError("the screen needs textual: pip install 'sattrack[tui]'")
     if not tui_possible():
         raise BadInputError(
-            "watch needs a terminal that can draw (not TERM=dumb); `sattrack mount status` is one look, "
-            "--stream is for programs"
+            f"watch needs {needed_terminal()}; `sattrack mount status` is one look, --stream is for programs"
         )
     from sattrack.tui.console_launch import watch_with_tui
 

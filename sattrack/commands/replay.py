@@ -22,7 +22,7 @@ from sattrack.commands.common import (
 )
 from sattrack.commands.json_lines import JsonLines
 from sattrack.commands.replay_views import LeftError, ViewsAtOnce
-from sattrack.commands.screened import can_draw_lines_anew, tui_possible
+from sattrack.commands.screened import can_draw_lines_anew, needed_terminal, tui_possible
 from sattrack.errors import BadInputError
 from sattrack.own_program import own_program
 from sattrack.recording.comparison import Choice
@@ -207,9 +207,7 @@ def _with_tui(file: Path, context: CommandContext, options: dict[str, Any]) -> i
     from sattrack.tui.tape import Tape
 
     if not tui_possible():
-        raise BadInputError(
-            "--tui needs a terminal that can draw (not TERM=dumb), and textual: pip install 'sattrack[tui]'"
-        )
+        raise BadInputError(f"--tui needs {needed_terminal()}, and textual: pip install 'sattrack[tui]'")
     arguments = ["replay", str(file), "--stream", "--control", "--at-once", "--part", str(options["part"])]
     fov_deg = context.settings.camera.fov_deg if options["fov_deg"] is None else options["fov_deg"]
     if fov_deg is not None:

@@ -24,6 +24,12 @@ def tui_possible() -> bool:
     return sys.stdin.isatty() and sys.stdout.isatty() and importlib.util.find_spec("textual_plot") is not None
 
 
+def needed_terminal() -> str:
+    """Return what a screen needs, in words: where there is a terminal, why it is not enough."""
+    term = os.environ.get("TERM")
+    return f"a terminal that can draw (TERM={term} cannot)" if term in CANNOT_DRAW else "a terminal"
+
+
 def can_draw_lines_anew() -> bool:
     """Tell whether what goes to standard error can be written over, as on a terminal that draws."""
     return sys.stderr.isatty() and os.environ.get("TERM") not in CANNOT_DRAW
