@@ -79,7 +79,7 @@ class Progress:
 
 @dataclass(frozen=True, slots=True)
 class Mounts:
-    """What there is to stop: mounts of sessions, that of the settings if none owns it, and schedules' runs."""
+    """What there is to stop: mounts of sessions, that of the settings if unowned, and schedules' runs."""
 
     sessions: tuple[Owner, ...]
     unowned: MountAddress | None
