@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 KINDS = ("velocity_servo", "position_servo", "planner", "own")
 PERIOD_S = 0.05
 LASTS_S = 75.0
+LOOKS = 30
 RISES_AFTER_S = 25.0
 LOWEST_DEG = 12.0
 SETTLED_S = 10.0
@@ -165,11 +166,12 @@ def _hardware(rng: random.Random, kind: str) -> Hardware:
 
 
 def _possible(propagator: Propagator, begin_s: float, end_s: float) -> bool:
-    seen = [propagator.at(Utc(begin_s + k * (end_s - begin_s) / 4.0)) for k in range(5)]
+    instants = [begin_s + k * (end_s - begin_s) / LOOKS for k in range(LOOKS + 1)]
+    seen = [propagator.at(Utc(utc_s)) for utc_s in instants]
     high = all(float(one.alt_deg) > LOWEST_DEG for one in seen)
+    # Past the pole no mount is fast enough, and through the lower meridian the cables end.
     rates = [abs(float(one.ra_rate_deg_s)) for one in seen]
-    # Not through the lower meridian either: there the cables end.
-    turns = [abs(_hour_angle(propagator, begin_s + k * (end_s - begin_s) / 4.0)) for k in range(5)]
+    turns = [abs(_hour_angle(propagator, utc_s)) for utc_s in instants]
     return high and max(rates) < 3.0 and max(turns) < 150.0
 
 

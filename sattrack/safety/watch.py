@@ -41,6 +41,9 @@ TURNED, STILL, LIKE_SHARE = -0.5, 0.1, 0.05
 STEADY_DEG_S, STEADY_SHARE, VARIED_DEG_S = 0.002, 0.02, 0.05
 """How little a rate that is kept changes, and how far apart the commanded ones must be meanwhile."""
 KEPT_FOR_S = 2.5
+ANSWERED_S = 0.75
+"""Time in which even a soft and late mount has begun to answer a command."""
+AT_LIMIT_SHARE = 0.9
 FIRST = 8
 """Commands at the beginning of a stream of which a mount that takes edges takes one."""
 KEEPS_FIRST = (
@@ -173,6 +176,15 @@ class Watch:
             return False
         steps = list(self._window)[-(len(self._window) * 2 // 3) :]
         told = list(self._commanded)[-len(steps) :]
+        # What was commanded of late has not come out yet.
+        late_s = 0.0
+        for step in reversed(steps):
+            late_s += step[0]
+            told.pop()
+            if late_s >= ANSWERED_S:
+                break
+        if not told:
+            return False
         varied = max(_spread([step[axis] for step in told]) for axis in (1, 2))
         if varied < VARIED_DEG_S:
             return False
@@ -182,8 +194,11 @@ class Watch:
             rates.append(sum(seen) / len(seen))
             if _spread(seen) > STEADY_DEG_S + STEADY_SHARE * abs(rates[-1]):
                 return False
-        if abs(abs(SIDEREAL_RATE_DEG_S - rates[0]) - abs(rates[1])) < STEADY_SHARE * abs(rates[1]):
-            # Both at one rate may as well be at their limit.
+        fast = abs(SIDEREAL_RATE_DEG_S - rates[0]), abs(rates[1])
+        limits = (self._profile.ra.max_rate_deg_s, self._profile.dec.max_rate_deg_s)
+        at_limits = all(rate > AT_LIMIT_SHARE * most for rate, most in zip(fast, limits, strict=True))
+        if at_limits or abs(fast[0] - fast[1]) < STEADY_SHARE * fast[1]:
+            # Both at one rate may as well be at a limit that the profile does not know.
             return False
         return any(
             all(abs(a - b) <= STEADY_DEG_S + LIKE_SHARE * abs(b) for a, b in zip(rates, first, strict=True))
