@@ -49,8 +49,10 @@ class Candidate:
     """A pass that may be taken: POSIX seconds of UTC, degrees.
 
     `start_utc_s` to `end_utc_s` is all that may be followed of it; where it may be shortened it is entered
-    by `latest_start_utc_s` and left from `earliest_end_utc_s` on, its highest instant always within. `useful`
-    are the stretches that count. `lost` says why it is none, kind and words, None where it may be chosen.
+    by `latest_start_utc_s` and left from `earliest_end_utc_s` on. `culminate_utc_s` is its highest instant
+    between start and end. `useful` are the stretches that count. `lost` says why it is none, kind and words,
+    None where it may be chosen. One that `may_join` is entered late where the mount cannot be there at its
+    start from the plan's beginning; `late_s` is by how much.
     """
 
     number: int
@@ -68,6 +70,8 @@ class Candidate:
     magnitude: float | None = None
     lost: tuple[str, str] | None = None
     notes: tuple[str, ...] = ()
+    may_join: bool = False
+    late_s: float = 0.0
 
     @property
     def useful_s(self) -> float:

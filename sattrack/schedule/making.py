@@ -8,15 +8,19 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from sattrack.safety.route import slew_s
 from sattrack.schedule.candidates import INFEASIBLE, PIER
 from sattrack.schedule.detours import LedSlews
 from sattrack.schedule.gathering import Judge, gather
 from sattrack.schedule.nodes import (
     FEWEST_CUTS,
     cuts_for,
+    entered_at,
     finer,
+    first_s,
     first_slew_s,
     is_flexible,
+    joined,
     node_set,
     stand_of,
     way_of,
@@ -24,7 +28,8 @@ from sattrack.schedule.nodes import (
 )
 from sattrack.schedule.plan import Asked, LostPass, Plan, PlannedPass, Rehearsed
 from sattrack.schedule.planner import best_plan
-from sattrack.schedule.why import why_lost
+from sattrack.schedule.transitions import ROUNDING_S
+from sattrack.schedule.why import BEGINNING, why_lost
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -37,6 +42,9 @@ if TYPE_CHECKING:
 
     Rehearse = Callable[[Candidate, float, float], Rehearsed]
 
+MOST_JOININGS = 3
+WORTH_ANOTHER = 1e-4
+"""Times that what lies between passes is shared out anew, and the share of the value that is worth it."""
 SIDES = {False: "normal", True: "beyond_pole"}
 
 
@@ -97,17 +105,19 @@ class _Maker:
             for number, entry in enumerate(schedule.entries)
             if entry.conditions.most is not None
         }
+        self._stands: dict[Node, Stand] = {}
         for one in candidates:
             if one.lost is None:
                 way = self._ways[one.number] = way_of(one, situation.site, situation.profile)
                 candidates[one.number] = judge.coarsely(one, way)
                 self._check_side(one)
-        self._stands: dict[Node, Stand] = {}
+                self._enter(candidates[one.number])
         self._led = LedSlews(situation)
         self._extra_s: dict[tuple[int, int], float] = {}
         self._looked_at: set[tuple[int, int, float, float]] = set()
         self._set = self._nodes([])
         self._chosen: list[int] = []
+        self._value = 0.0
 
     def _check_side(self, one: Candidate) -> None:
         """Lose a candidate that is wanted on the side of the pier on which the mount does not take it."""
@@ -117,14 +127,39 @@ class _Maker:
             words = f"the mount takes it on the side {side}, not {wanted}"
             self._candidates[one.number] = replace(one, lost=(PIER, words))
 
+    def _enter(self, one: Candidate) -> None:
+        """Have a candidate begin when the mount can be there from the plan's beginning, or lose it."""
+        if one.lost is not None or not one.may_join:
+            return
+        begin, profile, terms = self._situation.span[0], self._situation.profile, self._terms[one.entry]
+        start = entered_at(one, lambda node: first_s(self._stand(node), profile), begin)
+        if start <= one.start_utc_s:
+            return
+        left_s, least_s = one.end_utc_s - start, min(terms.least_s, terms.longest_s or terms.least_s)
+        if left_s < least_s or one.useful_within(start, one.end_utc_s) <= 0.0:
+            words = f"{max(0.0, left_s):.0f} s of it are left when the mount can be there from the beginning"
+            self._candidates[one.number] = replace(one, lost=(BEGINNING, words))
+            return
+        past = start > one.culminate_utc_s
+        latest = one.end_utc_s - least_s if past and terms.shorten else max(start, one.latest_start_utc_s)
+        self._candidates[one.number] = replace(
+            one,
+            start_utc_s=start,
+            latest_start_utc_s=latest,
+            culminate_utc_s=max(start, one.culminate_utc_s),
+            max_alt_deg=self._ways[one.number].alt_at(start) if past else one.max_alt_deg,
+            late_s=start - one.start_utc_s,
+        )
+
+    def _stand(self, node: Node) -> Stand:
+        if node not in self._stands:
+            one = self._candidates[node.candidate]
+            way, terms = self._ways[one.number], self._terms[one.entry]
+            self._stands[node] = stand_of(node, way, terms, self._situation)
+        return self._stands[node]
+
     def _nodes(self, nodes: Sequence[Node]) -> NodeSet:
-        for node in nodes:
-            if node not in self._stands:
-                one = self._candidates[node.candidate]
-                self._stands[node] = stand_of(
-                    node, one, self._ways[one.number], self._terms[one.entry], self._situation
-                )
-        stands = [self._stands[node] for node in nodes]
+        stands = [self._stand(node) for node in nodes]
         return node_set(nodes, stands, self._candidates, self._situation, self._extra_s)
 
     def _least_s(self) -> list[float]:
@@ -184,15 +219,37 @@ class _Maker:
         cuts = most_cuts or cuts_for(sum(is_flexible(one) for one in able), len(able))
         coarse = whole_and_cut(able, cuts, least_s)
         self._set = self._nodes(coarse)
-        _, self._chosen = best_plan(self._set.problem, self._limits)
+        self._best()
         taken = [coarse[k] for k in self._chosen]
-        known = set(coarse)
         if most_cuts is not None:
             return
-        more = [node for node in finer(taken, self._candidates, cuts, least_s) if node not in known]
+        self._choose_among(coarse, finer(taken, self._candidates, cuts, least_s))
+        for _ in range(MOST_JOININGS):
+            taken = [self._set.nodes[k] for k in self._chosen]
+            if not any(is_flexible(self._candidates[node.candidate]) for node in taken):
+                break
+            before = self._value
+            self._choose_among(self._set.nodes, joined(taken, self._candidates, least_s, self._needed_s))
+            if self._value - before < WORTH_ANOTHER * before:
+                break
+
+    def _choose_among(self, nodes: Sequence[Node], others: Sequence[Node]) -> None:
+        """Make the best choice of nodes, and of others that may be new."""
+        known = set(nodes)
+        more = [node for node in others if node not in known]
         if more:
-            self._set = self._nodes([*coarse, *more])
-            _, self._chosen = best_plan(self._set.problem, self._limits)
+            self._set = self._nodes([*nodes, *more])
+            self._best()
+
+    def _best(self) -> None:
+        self._value, self._chosen = best_plan(self._set.problem, self._limits)
+
+    def _needed_s(self, before: Node, after: Node) -> float:
+        """Return the seconds from the end of one node to the start of another."""
+        leave, want = self._stand(before).after, self._stand(after)
+        slew = slew_s(leave.last, want.before.first, self._situation.profile)
+        extra = self._extra_s.get((before.candidate, after.candidate), 0.0)
+        return leave.seconds + slew + extra + want.before.seconds + want.settle_s + ROUNDING_S
 
     def rehearse(self, rehearse: Rehearse, progress: Progress | None) -> bool:
         """Rehearse what was chosen; tell whether some of it is lost by that."""
@@ -219,8 +276,16 @@ class _Maker:
         for place in range(len(self._chosen)):
             node = self._set.nodes[self._chosen[place]]
             leave = node.start_utc_s - self._needs(place)[1]
-            found.append(Chosen(self._candidates[node.candidate], node.start_utc_s, node.end_utc_s, leave))
+            found.append(Chosen(self._taken(node), node.start_utc_s, node.end_utc_s, leave))
         return found
+
+    def _taken(self, node: Node) -> Candidate:
+        """Return the candidate of a node with the highest instant that the node has."""
+        one = self._candidates[node.candidate]
+        top = min(max(one.culminate_utc_s, node.start_utc_s), node.end_utc_s)
+        if top == one.culminate_utc_s:
+            return one
+        return replace(one, culminate_utc_s=top, max_alt_deg=self._ways[one.number].alt_at(top))
 
     def _needs(self, place: int) -> tuple[float, float, float]:
         """Return of a chosen pass its slew, with that all it needs before its start, and from when it may."""
@@ -292,7 +357,7 @@ class _Maker:
     def _planned(self, place: int) -> PlannedPass:
         k = self._chosen[place]
         node, stand = self._set.nodes[k], self._set.stands[k]
-        one = self._candidates[node.candidate]
+        one = self._taken(node)
         entry, way = self._schedule.entries[one.entry], self._ways[one.number]
         slew, needs, ready = self._needs(place)
         useful = one.useful_within(node.start_utc_s, node.end_utc_s)
@@ -304,7 +369,8 @@ class _Maker:
             start_utc=_iso(node.start_utc_s),
             culminate_utc=_iso(one.culminate_utc_s),
             end_utc=_iso(node.end_utc_s),
-            shortened=(node.start_utc_s, node.end_utc_s) != (one.start_utc_s, one.end_utc_s),
+            shortened=one.late_s > 0.0
+            or (node.start_utc_s, node.end_utc_s) != (one.start_utc_s, one.end_utc_s),
             max_alt_deg=round(one.max_alt_deg, 3),
             start_az_deg=round(way.az_at(node.start_utc_s), 3),
             end_az_deg=round(way.az_at(node.end_utc_s), 3),
@@ -337,12 +403,9 @@ class _Maker:
         """Return those that are not in the plan, with the entry of each."""
         taken = {self._set.nodes[k].candidate for k in self._chosen}
         names = [self._candidates[self._set.nodes[k].candidate].elements.label for k in self._chosen]
-        whole = {
-            node.candidate: at
-            for at, node in reversed(list(enumerate(self._set.nodes)))
-            if node.start_utc_s == self._candidates[node.candidate].start_utc_s
-            and node.end_utc_s == self._candidates[node.candidate].end_utc_s
-        }
+        nodes_of: dict[int, list[int]] = {}
+        for at, node in enumerate(self._set.nodes):
+            nodes_of.setdefault(node.candidate, []).append(at)
         lost = []
         for one in self._candidates:
             if one.number in taken:
@@ -352,7 +415,7 @@ class _Maker:
                 kind, words = one.lost
             else:
                 kind, words, others = why_lost(
-                    whole[one.number], self._chosen, self._set, names, self._limits, self._same_as(one)
+                    nodes_of[one.number], self._chosen, self._set, names, self._limits, self._same_as(one)
                 )
             lost.append((one.entry, self._told_lost(one, kind, words, others)))
         return lost

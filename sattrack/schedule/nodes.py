@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,7 +18,7 @@ from tle.instants import Utc
 from tle.propagator import Propagator
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -32,6 +34,8 @@ FEWEST, MOST = 13, 400
 MOST_NODES = 4000
 MOST_CUTS, FEWEST_CUTS = 9, 2
 """Instants at which a pass that may be shortened is entered, and left: so many each."""
+MOST_ROUNDS = 50
+"""Rounds in which the instant is found at which a mount reaches a target that moves meanwhile."""
 MOST_FINER, FEWEST_FINER, MOST_FINER_SIDE = 2000, 5, 17
 """So many nodes more, for those that are shortened in a first plan; of one, so many instants each way."""
 
@@ -52,6 +56,7 @@ class Way:
     hour_angle_axis_deg: Array
     dec_axis_deg: Array
     az_deg: Array
+    alt_deg: Array
     beyond_pole: bool
 
     def at(self, utc_s: float) -> Place:
@@ -64,6 +69,10 @@ class Way:
     def az_at(self, utc_s: float) -> float:
         """Return the azimuth at an instant, 0 to below 360 degrees."""
         return float(np.interp(utc_s, self.utc_s, self.az_deg)) % 360.0
+
+    def alt_at(self, utc_s: float) -> float:
+        """Return the altitude at an instant, degrees."""
+        return float(np.interp(utc_s, self.utc_s, self.alt_deg))
 
 
 def way_of(candidate: Candidate, site: Site, profile: MountProfile) -> Way:
@@ -78,7 +87,14 @@ def way_of(candidate: Candidate, site: Site, profile: MountProfile) -> Way:
     beyond = abs(first.dec_deg) > 90.0
     axis_dec = math.copysign(180.0, site.latitude_deg) - dec if beyond else dec
     azimuth = np.degrees(np.unwrap(np.radians(np.asarray(seen.az_deg))))
-    return Way(utc_s, hour_angle - hour_angle[0] + first.ha_deg, axis_dec, azimuth, beyond)
+    return Way(
+        utc_s,
+        hour_angle - hour_angle[0] + first.ha_deg,
+        axis_dec,
+        azimuth,
+        np.asarray(seen.alt_deg, dtype=np.float64),
+        beyond,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,6 +152,72 @@ def finer(
     return list(found)
 
 
+def joined(
+    taken: Sequence[Node],
+    candidates: Sequence[Candidate],
+    least_s: Sequence[float],
+    needed_s: Callable[[Node, Node], float],
+) -> list[Node]:
+    """Return nodes of those taken that leave no time unused between two that follow one another.
+
+    The later one is entered as soon as the mount can be there, or the earlier one left as late as it may,
+    whichever way the time between two is shared. `needed_s` gives the seconds from one node to another.
+    """
+    starts = [{node.start_utc_s} for node in taken]
+    ends = [{node.end_utc_s} for node in taken]
+    for k, (before, after) in enumerate(pairwise(taken)):
+        one, other = candidates[before.candidate], candidates[after.candidate]
+        for end in {before.end_utc_s, one.earliest_end_utc_s, one.end_utc_s}:
+            ends[k].add(end)
+            left = before._replace(end_utc_s=end)
+            starts[k + 1].add(_earliest(other, after, partial(needed_s, left), end))
+        for start in {after.start_utc_s, other.latest_start_utc_s, other.start_utc_s}:
+            starts[k + 1].add(start)
+            ends[k].add(_latest(one, before, after._replace(start_utc_s=start), needed_s))
+    found: dict[Node, None] = {}
+    for node, begins, stops in zip(taken, starts, ends, strict=True):
+        one = candidates[node.candidate]
+        found |= dict.fromkeys(_grid(one, sorted(begins), sorted(stops), least_s[one.number]))
+    return list(found)
+
+
+def entered_at(one: Candidate, needed_s: Callable[[Node], float], from_utc_s: float) -> float:
+    """Return when the mount can be there at the earliest, at the candidate's start or later.
+
+    `needed_s` gives the seconds that a node needs before its start, from an instant on.
+    """
+    return _earliest(one, Node(one.number, one.start_utc_s, one.end_utc_s), needed_s, from_utc_s, math.inf)
+
+
+def _earliest(
+    one: Candidate,
+    node: Node,
+    needed_s: Callable[[Node], float],
+    free_utc_s: float,
+    latest_utc_s: float | None = None,
+) -> float:
+    """Return the first instant at which a node can be entered by a mount that is free from an instant on."""
+    latest = one.latest_start_utc_s if latest_utc_s is None else latest_utc_s
+    start = one.start_utc_s
+    for _ in range(MOST_ROUNDS):
+        ready = free_utc_s + needed_s(node._replace(start_utc_s=min(start, one.end_utc_s)))
+        if ready <= start or start > latest:
+            break
+        start = ready
+    return min(start, latest)
+
+
+def _latest(one: Candidate, node: Node, after: Node, needed_s: Callable[[Node, Node], float]) -> float:
+    """Return the last instant at which a node can be left so that the mount is at another in time."""
+    end = one.end_utc_s
+    for _ in range(MOST_ROUNDS):
+        last = after.start_utc_s - needed_s(node._replace(end_utc_s=end), after)
+        if last >= end or end < one.earliest_end_utc_s:
+            break
+        end = last
+    return max(end, one.earliest_end_utc_s)
+
+
 def _grid(one: Candidate, starts: list[float], ends: list[float], least_s: float) -> list[Node]:
     found: dict[Node, None] = {}
     for start in starts:
@@ -147,7 +229,7 @@ def _grid(one: Candidate, starts: list[float], ends: list[float], least_s: float
     return list(found)
 
 
-def stand_of(node: Node, one: Candidate, way: Way, asked: Terms, situation: Situation) -> Stand:
+def stand_of(node: Node, way: Way, asked: Terms, situation: Situation) -> Stand:
     """Return what a node needs around it."""
     site, profile = situation.site, situation.profile
     start, end = way.at(node.start_utc_s), way.at(node.end_utc_s)

@@ -253,6 +253,7 @@ class EntrySearch:
                 if float(a.unix_s) < span[1] and float(b.unix_s) > span[0]
             )
         top = min(max(float(one.seen.culminate_utc.unix_s), span[0]), span[1])
+        latest_start, earliest_end = self._shortest(span, top)
         made = Candidate(
             number=-1,
             entry=self._number,
@@ -260,13 +261,14 @@ class EntrySearch:
             start_utc_s=span[0],
             culminate_utc_s=top,
             end_utc_s=span[1],
-            latest_start_utc_s=top if terms.shorten else span[0],
-            earliest_end_utc_s=top if terms.shorten else span[1],
+            latest_start_utc_s=latest_start,
+            earliest_end_utc_s=earliest_end,
             max_alt_deg=float(one.seen.max_alt_deg),
             useful=useful,
             priority=terms.priority,
             sun_alt_deg=sun_deg,
             magnitude=None if facts is None else facts.magnitude,
+            may_join=terms.shorten or (entry.fixed is None and one.seen.rise_utc is None),
         )
         why = lost or next(self._reasons(made, facts, loaded), None)
         if why is None and terms.if_elements_old == "run":
@@ -278,6 +280,20 @@ class EntrySearch:
             self.found.dropped[why[0]] += 1
             return None
         return replace(made, lost=why)
+
+    def _shortest(self, span: Span, top_utc_s: float) -> Span:
+        """Return when a pass must be entered at the latest, and when it may be left at the earliest.
+
+        A culmination stays within; one that lies outside the time that there is for the pass does not count.
+        """
+        terms = self._entry.terms
+        if not terms.shorten:
+            return span
+        least_s = min(terms.least_s, span[1] - span[0])
+        return (
+            span[1] - least_s if top_utc_s <= span[0] else top_utc_s,
+            span[0] + least_s if top_utc_s >= span[1] else top_utc_s,
+        )
 
     def _reasons(self, one: Candidate, facts: PassFacts | None, loaded: Loaded) -> Iterator[tuple[str, str]]:
         """Yield why a pass is none, or is not what was asked for, the first thing first."""

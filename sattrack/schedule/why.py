@@ -25,44 +25,52 @@ class Reason(NamedTuple):
 
 
 def why_lost(
-    at: int,
+    cuts: Sequence[int],
     chosen: Sequence[int],
     nodes: NodeSet,
     names: Sequence[str],
     limits: Mapping[int, int],
     same: int | None,
 ) -> Reason:
-    """Return why the node `at` is not among the chosen ones.
+    """Return why none of the nodes of one pass, `cuts`, is among the chosen ones.
 
     Nodes are indices into `nodes`, the chosen in order of time; `names` are those of the chosen. `limits` are
     the most passes of each group. `same` is the place in the plan of the same satellite's pass at that time.
     """
     if same is not None:
         return Reason(SAME, f"the same pass as {same + 1}, which another entry asks for", (same,))
-    me = nodes.nodes[at]
-    meeting = [
-        k
-        for k, other in enumerate(chosen)
-        if nodes.nodes[other].start_utc_s < me.end_utc_s and nodes.nodes[other].end_utc_s > me.start_utc_s
-    ]
+    # Nothing is reached sooner by way of another pass than from the plan's beginning.
+    able = [at for at in cuts if bool(nodes.problem.first[at])]
+    if not able:
+        return Reason(BEGINNING, "no time to get there from the plan's beginning")
+    at = max(able, key=lambda k: nodes.nodes[k].end_utc_s - nodes.nodes[k].start_utc_s)
+    if any(not _meeting(cut, chosen, nodes) and not _tight(cut, chosen, nodes) for cut in able):
+        group = int(nodes.problem.group[at])
+        if group in limits and sum(int(nodes.problem.group[k]) == group for k in chosen) >= limits[group]:
+            return Reason(RULE_FULL, f"the rule has its {limits[group]} passes, worth more together")
+        return Reason(WORTH_LESS, "the plan without it is worth as much")
+    me, meeting = nodes.nodes[at], _meeting(at, chosen, nodes)
     if meeting:
         words = ", ".join(
             f"{k + 1} ({names[k]}, {_overlap_s(me, nodes.nodes[chosen[k]]):.0f} s)" for k in meeting
         )
         return Reason(CONFLICT, f"at the same time as {words}", tuple(meeting))
     tight = _tight(at, chosen, nodes)
-    if tight:
-        words = "; ".join(
-            f"{_needed(need)} {'from' if earlier else 'to'} {k + 1} ({names[k]}), {free:.0f} s there are"
-            for k, need, free, earlier in tight
-        )
-        return Reason(CONFLICT, f"no time between: {words}", tuple(k for k, *_ in tight))
-    group = int(nodes.problem.group[at])
-    if group in limits and sum(int(nodes.problem.group[k]) == group for k in chosen) >= limits[group]:
-        return Reason(RULE_FULL, f"the rule has its {limits[group]} passes, worth more together")
-    if not bool(nodes.problem.first[at]):
-        return Reason(BEGINNING, "no time to get there from the plan's beginning")
-    return Reason(WORTH_LESS, "the plan without it is worth as much")
+    words = "; ".join(
+        f"{_needed(need)} {'from' if earlier else 'to'} {k + 1} ({names[k]}), {free:.0f} s there are"
+        for k, need, free, earlier in tight
+    )
+    return Reason(CONFLICT, f"no time between: {words}", tuple(k for k, *_ in tight))
+
+
+def _meeting(at: int, chosen: Sequence[int], nodes: NodeSet) -> list[int]:
+    """Return the places of those in the plan that are followed at the same time."""
+    me = nodes.nodes[at]
+    return [
+        k
+        for k, other in enumerate(chosen)
+        if nodes.nodes[other].start_utc_s < me.end_utc_s and nodes.nodes[other].end_utc_s > me.start_utc_s
+    ]
 
 
 def _needed(seconds: float) -> str:

@@ -18,6 +18,7 @@ from sattrack.commands.icalendar import Event, calendar_text
 from sattrack.commands.run_plot import plot_plan
 from sattrack.mount import MountProfile
 from sattrack.safety.limits import SafetyLimits
+from sattrack.safety.route import axes_of, slew_s
 from sattrack.schedule import gathering
 from sattrack.schedule.candidates import Candidate, Loaded, Situation
 from sattrack.schedule.file import load_schedule
@@ -25,9 +26,12 @@ from sattrack.schedule.making import make_plan
 from sattrack.schedule.plan import Plan, Rehearsed
 from tle.formats.registry import write_elements
 from tle.instants import Utc
+from tle.propagator import Propagator
 from tle.site import Site
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from tle.elements import Elements
 
 LEIDEN = ("--site", "52.1541,4.4908,0")
@@ -562,3 +566,117 @@ def test_the_timeline_is_a_picture_with_the_plan_on_it(tmp_path: Path) -> None:
     columns = mount.any(axis=0)
     stretches = int(np.sum(np.diff(columns.astype(int)) == 1))
     assert stretches == len(plan.passes)
+
+
+def high_sky(seed: int, count: int, low_deg: float = 30.0) -> list[Elements]:
+    """Return satellites that are up for hours, below 40° as the plan begins, drawn at random."""
+    rng = np.random.default_rng(seed)
+    site, begin = Site(52.1541, 4.4908, 0.0), Utc.parse("2026-10-02T18:00:00Z")
+    found: list[Elements] = []
+    for one in random_sky(400, seed):
+        high = replace(one, mean_motion_rev_day=2.0056, inclination_deg=float(rng.uniform(50.0, 70.0)))
+        if low_deg < float(Propagator(high, site).at(begin).alt_deg) < 40.0:
+            found.append(high)
+    return found[:count]
+
+
+def stays_up(one: Elements, minutes: float) -> bool:
+    begin = utc_s("2026-10-02T18:00:00Z")
+    at = Utc(np.array([begin, begin + 60.0 * minutes]))
+    return bool(np.min(Propagator(one, Site(52.1541, 4.4908, 0.0)).at(at).alt_deg) > 30.0)
+
+
+def planned_of(folder: Path, text: str, sky: list[Elements], minutes: float) -> Plan:
+    schedule = load_schedule(Path(written(folder, text)))
+    begin = utc_s("2026-10-02T18:00:00Z")
+    span = (begin, begin + 60.0 * minutes)
+    situation = Situation(span, begin, Site(52.1541, 4.4908, 0.0), MountProfile(), SafetyLimits())
+    return make_plan(schedule, situation, lambda _: Loaded(sky, False, "sky"))
+
+
+JOINED = (
+    '[defaults]\nshorten = true\nsettle_s = 20\nif_sun_up = "run"\nif_infeasible = "run"\n'
+    'elements_oldest_days = 3000\n[[passes]]\nrule = "all, above 30°"\n'
+)
+
+
+def test_a_pass_that_is_past_its_culmination_as_the_plan_begins_is_joined_as_soon_as_it_can_be(
+    tmp_path: Path,
+) -> None:
+    joined = 0
+    for one in high_sky(5, 12):
+        plan = planned_of(tmp_path, JOINED, [one], 22.0)
+        assert not plan.lost
+        for taken in plan.passes:
+            up_s = utc_s(taken.end_utc) - utc_s(plan.from_utc)
+            if utc_s(taken.start_utc) - utc_s(plan.from_utc) < 60.0:
+                assert taken.value == pytest.approx(up_s - 20.0, abs=0.01)
+                assert taken.shortened
+                assert taken.idle_s == pytest.approx(0.0, abs=0.01)
+                joined += utc_s(taken.culminate_utc) == pytest.approx(utc_s(taken.start_utc), abs=0.01)
+    assert joined > 1
+
+
+def test_what_the_plan_cannot_reach_in_time_is_no_conflict(tmp_path: Path) -> None:
+    sky = high_sky(5, 12)
+    plan = planned_of(tmp_path, JOINED.replace("shorten = true", "least_s = 1310\nshorten = true"), sky, 22.0)
+    assert plan.lost
+    reasons = {one.reason for one in plan.lost}
+    assert "beginning" in reasons or len(plan.passes) == 0
+    for one in plan.lost:
+        if one.reason == "beginning":
+            assert "are left when the mount can be there from the beginning" in one.why
+
+
+def best_sharing(plan: Plan, sky: list[Elements], step_s: float) -> float:
+    """Return the largest worth of following two satellites or one, by trying all instants of change."""
+    site, profile = Site(52.1541, 4.4908, 0.0), MountProfile()
+    begin, end = utc_s(plan.from_utc), utc_s(plan.to_utc)
+    at = np.arange(begin, end + 0.5 * step_s, step_s)
+    seen = [Propagator(one, site).at(Utc(at)) for one in sky]
+    up = [np.asarray(one.alt_deg) >= 30.0 for one in seen]
+    tops = [int(np.argmax(one.alt_deg)) for one in seen]
+    places = [
+        [
+            axes_of(float(h), float(d), profile, site.latitude_deg)
+            for h, d in zip(one.ha_deg, one.dec_deg, strict=True)
+        ]
+        for one in seen
+    ]
+    worth = 0.0
+    for a in range(len(sky)):
+        rise, last = _stretch(up[a])
+        first = max(rise, int(np.ceil(20.0 / step_s)))
+        worth = max(worth, (last - first) * step_s)
+        for b in range(len(sky)):
+            if a == b:
+                continue
+            low, high = _stretch(up[b])
+            for leave in range(first + int(60.0 / step_s), last + 1):
+                if tops[a] not in (0, len(at) - 1) and tops[a] > leave:
+                    continue
+                for enter in range(max(low, leave), high - int(60.0 / step_s) + 1):
+                    needs = slew_s(places[a][leave], places[b][enter], profile) + 20.0
+                    if (enter - leave) * step_s >= needs:
+                        if tops[b] in (0, len(at) - 1) or enter <= tops[b]:
+                            worth = max(worth, (leave - first + high - enter) * step_s)
+                        break
+    return worth
+
+
+def _stretch(up: NDArray[np.bool_]) -> tuple[int, int]:
+    index = np.flatnonzero(up)
+    return (int(index[0]), int(index[-1])) if len(index) else (0, 0)
+
+
+def test_passes_that_are_joined_late_are_shared_out_as_well_as_by_trying_everything(tmp_path: Path) -> None:
+    several = 0
+    for seed in range(8):
+        sky = [one for one in high_sky(seed + 20, 30, 10.0) if not stays_up(one, 120.0)][:6]
+        plan = planned_of(tmp_path, JOINED, sky, 120.0)
+        assert plan.value >= best_sharing(plan, sky, 20.0) - 40.0
+        several += len(plan.passes) > 1
+        for before, after in pairwise(plan.passes):
+            assert after.idle_s >= -0.01
+            assert utc_s(after.leave_utc) >= utc_s(before.end_utc) - 0.01
+    assert several > 2
