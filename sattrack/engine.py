@@ -5,6 +5,7 @@ Live, a 20 Hz loop feeds it; in a test, a simulated mount in virtual time; in a 
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -17,7 +18,9 @@ from sattrack.mount import Hold, Motion, MoveAxes, SlewTo, StatusSample, Stop
 from sattrack.not_acquired import Attempt, AxisAttempt, why_not
 from sattrack.safety import ROWS, Safety, SafetyLimits
 from sattrack.safety.watch import KEEPS_FIRST
+from sattrack.stages import Doing, Situation, Stages
 from sattrack.tracker import FOLLOWING, Phase, Tracker, TrackPlan
+from sattrack.view import StageView
 from sattrack.xerxes.launches import seen_of
 from sattrack.xerxes.link import LinkState
 from sattrack.xerxes.session import Session
@@ -33,6 +36,8 @@ if TYPE_CHECKING:
 
 NO_ANSWER_AFTER_S = 3.0
 LONGEST_STEP_S = 0.5
+STAGES_TOLD = 16
+"""Views come more often than the stages of a run change so many times."""
 EDGES_TOLD_S, FALLEN = 5.0, (0.2, 0.8)
 """How long a mount that takes edges is watched before it was on target, and the share of the commanded motion
 that is left where its rates end with the flag."""
@@ -85,7 +90,9 @@ class Engine:
         self.paused_s = 0.0
         """Seconds for which the operator had the run paused."""
         self.rejoining_s = 0.0
-        """Seconds that it took to be on the target again after pauses."""
+        """Seconds that it took to be on the target again after pauses and limits."""
+        self.lost_peak_arcsec = 0.0
+        """Largest error while a limit held the mount, and on the way back."""
         self.message: str | None = None
         self.finished = False
         self.failed = False
@@ -94,6 +101,9 @@ class Engine:
         """Errors of both axes while the mount followed and had not been on target."""
         self._missed_s = self._clamped_s = 0.0
         """Seconds for which it did, and for which its rate limit was reached meanwhile."""
+        self.stages: deque[StageView] = deque(maxlen=STAGES_TOLD)
+        """What the run did, a stage after the other: the last ones."""
+        self._sorted = Stages(spec.plan, spec.profile)
         self._doing = Phase.WAITING
         """The phase before the run began to stop."""
         self._stop: StopWatch | None = None
@@ -163,19 +173,25 @@ class Engine:
     def _count(self, error: ErrorView, counter: int, seconds: float) -> None:
         """Take an error into the figures: everything from the first acquisition on, lost or not.
 
-        A pause, and the way back after it, are the operator's, and counted apart.
+        A pause, what a limit takes, and the way back after either are counted apart.
         """
-        following = self.tracker.phase in FOLLOWING
-        if following and self.safety.holding is not None:
-            self.held_s[self.safety.holding] = self.held_s.get(self.safety.holding, 0.0) + seconds
-            following = False
-        elif self.tracker.rest is not None:
+        now = self.situation(error)
+        doing, limit = self._sorted.take(now, error.utc_s, self.tracker.target)
+        stage = StageView(error.utc_s, doing.name.lower(), limit or None)
+        last = self.stages[-1] if self.stages else None
+        if last is None or (last.doing, last.held_by) != (stage.doing, stage.held_by):
+            self.stages.append(stage)
+        if doing is Doing.HELD:
+            self.held_s[limit] = self.held_s.get(limit, 0.0) + seconds
+        elif doing is Doing.PAUSED:
             self.paused_s += seconds
-        elif self.tracker.rejoining:
+        elif doing is Doing.REJOINING:
             self.rejoining_s += seconds
-        if following and self.tracker.acquired_utc_s is None:
+        elif doing is Doing.ACQUIRING:
             self._count_missed(error, seconds)
-        if not following or self.tracker.rejoining or self.tracker.acquired_utc_s is None:
+        if doing in (Doing.HELD, Doing.REJOINING) and now.acquired:
+            self.lost_peak_arcsec = max(self.lost_peak_arcsec, error.total_arcsec)
+        if doing is not Doing.FOLLOWING:
             self._recent.clear()
             return
         if self.spec.simulated:
@@ -184,6 +200,19 @@ class Engine:
         self._recent.add(error.utc_s, error.total_arcsec)
         if error.total_arcsec <= self.spec.plan.on_target_arcsec:
             self.on_target_s += seconds
+
+    def situation(self, error: ErrorView) -> Situation:
+        """Return what is known of the run at the status of an error."""
+        tracker = self.tracker
+        return Situation(
+            following=tracker.phase in FOLLOWING,
+            tracking=tracker.phase is Phase.TRACKING,
+            paused=tracker.rest is not None,
+            acquired=tracker.acquired_utc_s is not None,
+            ended=tracker.ended_by is not None,
+            holding=self.safety.holding,
+            error_arcsec=error.total_arcsec,
+        )
 
     def _count_missed(self, error: ErrorView, seconds: float) -> None:
         self._missed_s += seconds

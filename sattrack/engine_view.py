@@ -83,6 +83,7 @@ def view_of(engine: Engine, now_utc_s: float) -> TrackView:
         pause=_pause_view(engine),
         calibrated=spec.profile.calibration is not None,
         learnt=learnt_view(engine),
+        stages=tuple(engine.stages),
     )
 
 

@@ -5,6 +5,21 @@ from __future__ import annotations
 import msgspec
 
 
+class LostTo(msgspec.Struct, frozen=True):
+    """A stretch of a pass that a limit of the mount takes, as foretold: no part of its useful seconds.
+
+    Where an axis is too slow, as in the keyhole, `peak_rate_deg_s` is what is asked of it at most, and
+    `limit_rate_deg_s` what it can.
+    """
+
+    limit: str
+    from_utc: str
+    seconds: float
+    why: str
+    peak_rate_deg_s: float | None = None
+    limit_rate_deg_s: float | None = None
+
+
 class PassView(msgspec.Struct, frozen=True):
     """One pass of the night's plan, and what has become of it.
 
@@ -27,6 +42,13 @@ class PassView(msgspec.Struct, frozen=True):
     rms_arcsec: float | None = None
     parts: int = 0
     recordings: tuple[str, ...] = ()
+    lost_to: tuple[LostTo, ...] = ()
+    """What the mount's limits take of it, as the plan foretells."""
+    held_s: dict[str, float] = {}
+    """Seconds that each limit took; `rejoining_s` went on the way back."""
+    rejoining_s: float = 0.0
+    lost_peak_arcsec: float | None = None
+    """Largest error meanwhile."""
 
 
 class ScheduleView(msgspec.Struct, frozen=True, tag="schedule"):

@@ -68,8 +68,10 @@ def summary_lines(summary: Summary) -> list[str]:
     for name, seconds in summary.held_s.items():
         lines.append(f"  held {seconds:.1f} s at the {name} limit")
     if summary.paused_s:
-        again = f", {summary.rejoining_s:.1f} s to be on target again" if summary.rejoining_s else ""
-        lines.append(f"  paused for {summary.paused_s:.1f} s{again}")
+        lines.append(f"  paused for {summary.paused_s:.1f} s")
+    if summary.rejoining_s:
+        off = f", up to {summary.lost_peak_arcsec / 3600.0:.2g}° off" if summary.lost_peak_arcsec else ""
+        lines.append(f"  on the way back to the target {summary.rejoining_s:.1f} s{off}: not in the error")
     counts = summary.datagrams
     lines.append(
         f"  datagrams: {counts.sent} sent, {counts.received} received, {counts.lost} lost, "

@@ -127,9 +127,9 @@ class Tracker:
         """When the mount was last seen where nothing that is known leads."""
         self.rest: Rest | None = None
         """How the mount rests while the run is paused; None while it is not."""
-        self.rejoining = False
-        """Whether the mount is on its way back onto the target, after a pause."""
         self.error: ErrorView | None = None
+        self.target = Target(0.0, 0.0, 0.0, 0.0)
+        """Where the satellite was fed at the instant of the error."""
         self.rates = MoveAxes(0.0, 0.0)
 
     def use(self, propagator: Propagator) -> None:
@@ -185,7 +185,8 @@ class Tracker:
         if self.rest is not None:
             self.rest.see(sample)
         self._stand = Stand(sample.sidereal_h * 15.0, sample.ra_deg, sample.dec_deg, sample.beyond_pole)
-        self.error = sky_error(utc_s, sample.ra_deg, sample.dec_deg, self._foreseen(utc_s))
+        self.target = self._foreseen(utc_s)
+        self.error = sky_error(utc_s, sample.ra_deg, sample.dec_deg, self.target)
         if believed:
             self._judge(self.error)
         return self.error
@@ -299,7 +300,6 @@ class Tracker:
     def _leave(self, rest: Rest) -> None:
         """End a pause: the way onto the target is planned next, from where the mount stands."""
         self._moved_by_rates, self.rest = rest.streams, None
-        self.rejoining = self.acquired_utc_s is not None
         self.phase = Phase.WAITING
         if self._passage is not None:
             # It may have been left on the other side of the pole, of which a new way knows nothing.
@@ -450,7 +450,6 @@ class Tracker:
             self._near = self._near + 1 if error.total_arcsec <= self.plan.on_target_arcsec else 0
             if self._near >= ACQUIRED_AFTER_SAMPLES:
                 self.phase = Phase.TRACKING
-                self.rejoining = False
                 if self.acquired_utc_s is None:
                     self.acquired_utc_s = error.utc_s
                     self.learning.forget_rates()

@@ -142,6 +142,18 @@ class LearntView(msgspec.Struct, frozen=True):
     """How often the axes' filters contradicted what was seen, and began anew."""
 
 
+class StageView(msgspec.Struct, frozen=True):
+    """What the run does from a status on, by its instant (POSIX seconds of UTC), until the next stage.
+
+    `doing` is "following" where the error counts in the pass' figures; else "acquiring", "held" (by the limit
+    `held_by`), "paused", "rejoining" or "other".
+    """
+
+    utc_s: float
+    doing: str
+    held_by: str | None = None
+
+
 class TrackView(msgspec.Struct, frozen=True, tag="view"):
     """Everything about a run at one instant. Directions in degrees, true of date; UTC as POSIX seconds."""
 
@@ -192,6 +204,8 @@ class TrackView(msgspec.Struct, frozen=True, tag="view"):
     """Whether the mount's profile was measured; None where that was not recorded."""
     learnt: LearntView | None = None
     """None before the mount was followed with."""
+    stages: tuple[StageView, ...] = ()
+    """The last stages, the newest at the end."""
 
 
 class SkyPoint(msgspec.Struct, frozen=True, array_like=True):
@@ -298,11 +312,14 @@ class Summary(msgspec.Struct, frozen=True):
     bias_memory: str | None = None
     """What was kept for the next pass with the same elements, or why nothing was; null where nothing is."""
     held_s: dict[str, float] = {}
-    """Seconds for which each limit held the mount off its target while it followed."""
+    """Seconds for which each limit kept the mount off its target while it followed: limits of place, and
+    "keyhole" or "rate" where the target was faster than an axis can turn."""
     paused_s: float = 0.0
     """Seconds for which the operator had the run paused; they are in no other figure."""
     rejoining_s: float = 0.0
-    """Seconds that it took to be on the target again after pauses; nor are they."""
+    """Seconds that it took to be on the target again after pauses and limits; nor are they."""
+    lost_peak_arcsec: float | None = None
+    """Largest error while limits held the mount and on the way back; null where none did."""
     realtime_priority: bool | None = None
     """Whether the loop ran with real-time priority; null in virtual time."""
     calibrated: bool | None = None

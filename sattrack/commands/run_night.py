@@ -112,6 +112,7 @@ def _night_pass(
         asked_by=entry.label,
         source=entry.source,
         renewable=load(entry.source).renewable,
+        lost_to=one.lost_to,
     )
 
 

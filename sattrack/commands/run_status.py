@@ -11,6 +11,7 @@ from sattrack.commands.run_night import folder_of
 from sattrack.commands.run_text import duration
 from sattrack.errors import SattrackError
 from sattrack.runtime.night_files import read_status
+from sattrack.schedule.results import held_words
 from tle.errors import printable
 from tle.instants import Utc
 
@@ -66,6 +67,10 @@ def _line(one: PassView, view: ScheduleView) -> str:
     why = f": {one.cause}" + (f": {printable(one.words)}" if one.words else "") if one.cause else ""
     if one.on_target_s and one.rms_arcsec is not None:
         why = f"  {one.on_target_s:.0f} s, {one.rms_arcsec:.2f}″ RMS{why}"
+    held = held_words(one)
+    why += f"; {held}" if held else ""
+    if not one.on_target_s and one.lost_to:
+        why += "  foretold: " + ", ".join(f"{lost.seconds:.0f} s to the {lost.limit}" for lost in one.lost_to)
     if one.number == view.next_number and view.next_in_s is not None and view.next_in_s > 0.0:
         why += f"  in {duration(view.next_in_s)}"
     return (

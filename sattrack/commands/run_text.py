@@ -63,6 +63,7 @@ def _pass_lines(one: PlannedPass) -> list[str]:
     extra = [("before", list(one.before)), ("after", list(one.after))]
     if one.bias_along_s or one.bias_cross_deg:
         extra.append(("bias", [f"{one.bias_along_s:g} s along, {one.bias_cross_deg:g}° across"]))
+    extra.append(("lost", [f"{lost.seconds:.0f} s to the {lost.limit}: {lost.why}" for lost in one.lost_to]))
     if one.rehearsed is not None:
         extra.append(("rehearsed", [one.rehearsed.verdict]))
     extra.append(("note", list(one.notes)))

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from sattrack.planning.kinematics import Ability, why_not
+from sattrack.planning.kinematics import Ability, Loss, losses, why_not
 from sattrack.planning.path import axis_path
 from tle.bias import NO_BIAS
 from tle.propagator import Propagator
@@ -33,6 +33,13 @@ def ability_at(site: Site, profile: MountProfile, limits: SafetyLimits) -> Abili
     return Ability(profile, limits, site.latitude_deg, ON_TARGET_DEG, profile.through_pole)
 
 
+class Verdict(NamedTuple):
+    """Why a mount cannot follow a pass, in words, None where it can; and what it loses of it."""
+
+    why_not: str | None
+    lost: tuple[Loss, ...] = ()
+
+
 def why_not_feasible(
     elements: Elements,
     site: Site,
@@ -40,22 +47,34 @@ def why_not_feasible(
     ability: Ability,
     earth: EarthOrientation | None,
 ) -> str | None:
-    """Return in words why a mount cannot follow a pass, POSIX seconds of UTC; None where it can.
+    """Return in words why a mount cannot follow a pass; None where it can. See `verdict_on`."""
+    return verdict_on(elements, site, span, ability, earth).why_not
+
+
+def verdict_on(
+    elements: Elements,
+    site: Site,
+    span: tuple[float, float],
+    ability: Ability,
+    earth: EarthOrientation | None,
+) -> Verdict:
+    """Return the verdict on a pass, POSIX seconds of UTC.
 
     Where SGP4 fails within the span the reason says so. Raises TimeRangeError.
     """
     begin, end = span
     if not end > begin:
-        return "the pass has no duration"
+        return Verdict("the pass has no duration")
     propagator = Propagator(elements, site, earth=earth, refraction=Refraction.standard(site.height_m))
     path = axis_path(propagator, NO_BIAS, _instants(begin, end, STEP_S))
     dec = path.pointing.dec_axis_deg
     if not np.isfinite(dec).all():
-        return "the elements have it come down before the pass ends"
+        return Verdict("the elements have it come down before the pass ends")
     if _may_be_too_fast(path, ability.profile.ra):
         path = axis_path(propagator, NO_BIAS, _instants(begin, end, FINE_STEP_S))
     beyond = ability.profile.pier_rule == "hour_angle" and _is_west(path.pointing.hour_angle_axis_deg[0])
-    return why_not(path.seen_from(beyond, ability.latitude_deg), ability)
+    lost = losses(path.seen_from(beyond, ability.latitude_deg), ability)
+    return Verdict(why_not(lost, end - begin), tuple(lost))
 
 
 def _may_be_too_fast(path: AxisPath, can: AxisLimits) -> bool:

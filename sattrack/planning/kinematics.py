@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,8 +10,11 @@ import numpy as np
 from sattrack.mount import SIDEREAL_RATE_DEG_S
 from sattrack.planning.keyhole import find_keyholes
 from sattrack.planning.limits import margins_deg
+from sattrack.stages import KEYHOLE, RATE
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from sattrack.mount import MountProfile
@@ -47,12 +50,17 @@ class Ability:
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """A stretch that is lost: POSIX seconds of UTC, the limit's name, what is asked against what can be."""
+    """A stretch that is lost: POSIX seconds of UTC, the limit's name, what is asked against what can be.
+
+    Where an axis is too slow, `asked_deg_s` is the most that is asked of it, and `can_deg_s` what it can.
+    """
 
     begin_utc_s: float
     end_utc_s: float
     limit: str
     words: str
+    asked_deg_s: float | None = None
+    can_deg_s: float | None = None
 
     @property
     def seconds(self) -> float:
@@ -70,7 +78,7 @@ def losses(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None = No
     for loss in sorted([*outside(path, ability), *_too_fast(path, ability, keyholes)], key=_begin):
         begin = max([loss.begin_utc_s, *(other.end_utc_s for other in found)])
         if begin < loss.end_utc_s:
-            found.append(Loss(begin, loss.end_utc_s, loss.limit, loss.words))
+            found.append(replace(loss, begin_utc_s=begin))
     return found
 
 
@@ -112,9 +120,11 @@ def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) 
     found = [
         Loss(
             *_lost_span(k, ability.detours),
-            "keyhole",
+            KEYHOLE,
             f"{k.polar_distance_deg:.2f}° from the pole the hour angle turns {k.peak_rate_deg_s:.3g} °/s "
             f"of {profile.ra.max_rate_deg_s:.3g} °/s",
+            k.peak_rate_deg_s,
+            profile.ra.max_rate_deg_s,
         )
         for k in keyholes
         if begin_utc_s <= k.begin_utc_s < end_utc_s
@@ -141,7 +151,7 @@ def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) 
                 continue
             most = float(np.max(np.abs(rate[first : last + 1])))
             words = f"{axis} turns {most:.3g} °/s of {can.max_rate_deg_s:.3g} °/s"
-            found.append(Loss(begin, end, "rate", words))
+            found.append(Loss(begin, end, RATE, words, most, can.max_rate_deg_s))
     return sorted(found, key=lambda loss: loss.begin_utc_s)
 
 
@@ -177,10 +187,8 @@ def _stretches(mask: Bools) -> list[tuple[int, int]]:
     return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
-def why_not(path: AxisPath, ability: Ability) -> str | None:
-    """Return in words what keeps the mount from following enough of a path; None where it can."""
-    lost = losses(path, ability)
-    whole_s = float(path.utc_s[-1] - path.utc_s[0])
+def why_not(lost: Sequence[Loss], whole_s: float) -> str | None:
+    """Return in words what keeps the mount from following enough of so long a pass; None where it can."""
     lost_s = sum(loss.seconds for loss in lost)
     if lost_s <= (1.0 - LEAST_SHARE) * whole_s:
         return None

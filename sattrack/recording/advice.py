@@ -8,6 +8,7 @@ import numpy as np
 
 from sattrack.recording.mount_fit import SURE_SIGMAS
 from sattrack.safety import ROWS
+from sattrack.stages import KEYHOLE, RATE
 
 if TYPE_CHECKING:
     from sattrack.mount import MountProfile
@@ -157,8 +158,17 @@ def _off_words(run: Trace, times: TimeFigures) -> str:
 
 def _held_words(times: TimeFigures) -> list[str]:
     return [
-        f"the {name.replace('_', ' ')} limit held the mount off its target for {seconds:.0f} s "
-        f"({ROWS[name].bound} sets it): `sattrack rehearse` shows that beforehand"
+        f"{_held_by(name)} for {seconds:.0f} s: `sattrack rehearse` shows that beforehand"
         for name, seconds in times.held_s.items()
         if seconds > TOLD_S
     ]
+
+
+def _held_by(name: str) -> str:
+    if name == KEYHOLE:
+        return "the target was too fast for the hour angle axis near the pole (the keyhole)"
+    if name == RATE:
+        return "the target was too fast for the axes (max_rate_deg_s, max_acceleration_deg_s2)"
+    row = ROWS.get(name)
+    told = "" if row is None else f" ({row.bound} sets it)"
+    return f"the {name.replace('_', ' ')} limit held the mount off its target{told}"

@@ -21,7 +21,7 @@ from sattrack.recording.mount_fit import (
 )
 from sattrack.recording.observed import FRAMES, observations
 from sattrack.recording.smoothing import BiasFit, Said, fit_biases
-from sattrack.recording.trace import Doing
+from sattrack.stages import Doing
 from tle.errors import ObservationError
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -182,7 +182,7 @@ def make_report(recording: Recording, run: Trace) -> tuple[Report, BiasFit | Non
         dec=dec,
         advice=(),
         problems=tuple(recording.problems),
-        acquired=run.engine.tracker.acquired_utc_s is not None,
+        acquired=run.acquired,
         missed=missed,
         times=times,
     )
@@ -237,7 +237,7 @@ def _times(run: Trace) -> TimeFigures:
 def _missed(run: Trace) -> MissedFigures | None:
     """Return what was seen of a mount that was never on target; None where it was, or never followed."""
     tried = run.doing == Doing.ACQUIRING
-    if run.engine.tracker.acquired_utc_s is not None or not tried.any():
+    if run.acquired or not tried.any():
         return None
     profile = run.engine.spec.profile
     total = run.total[tried]
@@ -268,7 +268,7 @@ def _share(marked: NDArray[np.bool_]) -> float:
 
 
 def _axis(run: Trace, fit: AxisFit | Untold, axis: int) -> AxisFigures:
-    if run.engine.tracker.acquired_utc_s is None:
+    if not run.acquired:
         words = "gain, delay or what repeats: the mount was never on target"
         return AxisFigures(None, None, None, None, (), (words,))
     found = repeats(*repeating(run, axis))

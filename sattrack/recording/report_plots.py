@@ -10,7 +10,7 @@ from sattrack.recording.mount_fit import spectrum
 from sattrack.recording.plots import BAD, DEC, GOOD, INK, PALE, RA, label_times, new_figure, times
 from sattrack.recording.report import repeating
 from sattrack.recording.smoothing import Track, smooth_track
-from sattrack.recording.trace import Doing
+from sattrack.stages import Doing
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

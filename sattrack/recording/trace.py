@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
+import math
+import re
 from dataclasses import dataclass
-from enum import IntEnum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
+import msgspec
 import numpy as np
 
 from sattrack.control.biases import ON_SKY
-from sattrack.recording.format import COMMAND, STATUS
+from sattrack.engine_view import HOLDING
+from sattrack.recording.format import COMMAND, STATUS, VIEW
 from sattrack.recording.replay import Replay, replay
+from sattrack.stages import Doing, Situation, Stages
 from sattrack.tracker import FOLLOWING, Phase
+from sattrack.view import StageView
 from sattrack.xerxes.datagrams import DatagramError, decode_command
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import msgspec
     from numpy.typing import NDArray
 
     from sattrack.control.biases import Biases
+    from sattrack.control.sky_error import Target
     from sattrack.engine import Engine
     from sattrack.recording.reading import Entry, Recording
 
@@ -35,23 +40,14 @@ SETTLES_S = 2.0
 FIT_WITHIN = 5.0
 """Spans of SPAN_S whose median is so many times what counts as on target tell of no gain, delay or ripple."""
 SPAN_S = 20.0
+FOLLOWED = frozenset({HOLDING, *(phase.value for phase in FOLLOWING)})
+ACQUIRED = ("following", "rejoining")
+DENSE_S = 0.25
+"""Views that come so often tell what the run did between two, where the recording holds no stages."""
+UNKNOWN = "unknown"
+"""The name of a limit that a recording does not tell."""
 LONGEST_STEP_S = 0.5
 """A gap between samples that is longer counts for no time."""
-
-
-class Doing(IntEnum):
-    """What a run did at a sample; only FOLLOWING counts in the figures of the error."""
-
-    OTHER = 0
-    """It waited, slewed or stopped."""
-    ACQUIRING = 1
-    """It followed, and had never been on target yet."""
-    HELD = 2
-    """A limit kept it from following."""
-    PAUSED = 3
-    REJOINING = 4
-    """It was on its way back to the target, after a pause or a limit."""
-    FOLLOWING = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +74,8 @@ class Trace:
     doing: NDArray[np.int8]
     held: NDArray[np.str_]
     """The limit that held the mount at each sample, empty for none."""
+    acquired: bool
+    """Whether the mount was ever on target."""
     steady: NDArray[np.bool_]
     sent_utc_s: Array
     sent: Array
@@ -124,66 +122,119 @@ class Trace:
         return float(steps[counted].sum())
 
 
+class _Seen(msgspec.Struct):
+    """What a recorded view says of the run; `stages` is None in recordings that are older than those."""
+
+    phase: str
+    ended_by: str | None = None
+    pause: object | None = None
+    warnings: tuple[str, ...] = ()
+    stages: tuple[StageView, ...] | None = None
+
+    def situation(self, acquired: bool, error_arcsec: float) -> Situation:
+        """Return what was known of the run then."""
+        said = (re.match(r"held at the (\w+) limit", words) for words in self.warnings)
+        name = next((one[1] for one in said if one is not None), UNKNOWN)
+        return Situation(
+            following=self.phase in FOLLOWED,
+            tracking=self.phase == Phase.TRACKING,
+            paused=self.pause is not None,
+            acquired=acquired,
+            ended=self.ended_by is not None,
+            holding=name if self.phase == HOLDING else None,
+            error_arcsec=error_arcsec,
+        )
+
+
+class _Sample(NamedTuple):
+    """One status; `situation` is as today's code has it, for recordings that do not tell."""
+
+    columns: tuple[float, ...]
+    target: Target
+    sky: tuple[float, ...]
+    situation: Situation
+
+
 class _Columns:
-    """Gathers what a run shows while it is made again."""
+    """Gathers what a run shows while it is made again; what it did, later views tell."""
 
     def __init__(self) -> None:
-        self.samples: list[tuple[float, ...]] = []
+        self.samples: list[_Sample] = []
+        self.doing: list[Doing] = []
         self.held: list[str] = []
         self.sent: list[tuple[float, float, float]] = []
-        self.sky: list[tuple[float, float, float]] = []
         self.engine: Engine | None = None
-        self._rejoining = False
-        """Whether a limit held the mount, and it was not on target since."""
+        self.acquired = False
+        self._sorted: Stages | None = None
+        self._stages: dict[float, StageView] = {}
+        self._seen_utc_s = -math.inf
 
     def __call__(self, engine: Engine, entry: Entry) -> None:
         """Take one entry, handed to the engine already."""
         self.engine = engine
         if entry.topic == COMMAND:
             self._take_command(entry)
-        sample, error = engine.session.sample, engine.tracker.error
-        if entry.topic != STATUS or sample is None or error is None or engine.failed:
-            return
-        if self.samples and self.samples[-1][0] == error.utc_s:
-            return
-        doing = self._doing(engine, error.total_arcsec)
-        self.held.append(engine.safety.holding or "" if doing is Doing.HELD else "")
-        self.samples.append(
-            (
-                error.utc_s,
-                sample.arrival_utc_s,
-                error.total_arcsec,
-                error.along_arcsec,
-                error.across_arcsec,
-                error.ra_arcsec,
-                error.dec_arcsec,
-                sample.ra_deg,
-                sample.dec_deg,
-                sample.sidereal_h,
-                float(sample.counter),
-                float(doing),
-                float(_steady(engine.tracker.steering.biases, error.utc_s)),
-            )
-        )
-        if doing is Doing.FOLLOWING and (not self.sky or error.utc_s - self.sky[-1][0] >= SKY_EVERY_S):
-            target = engine.tracker.direction_at(error.utc_s)
-            self.sky.append((error.utc_s, float(target.alt_deg), float(target.az_deg)))
+        elif entry.topic == STATUS:
+            self._take_status(engine)
+        elif entry.topic == VIEW:
+            try:
+                seen = msgspec.json.decode(entry.data, type=_Seen)
+            except msgspec.MsgspecError:
+                return
+            near = entry.utc_s - self._seen_utc_s < DENSE_S
+            self._seen_utc_s = entry.utc_s
+            self.sort(engine, seen, near)
 
-    def _doing(self, engine: Engine, error_arcsec: float) -> Doing:
-        tracker = engine.tracker
-        if tracker.rest is not None:
-            return Doing.PAUSED
-        following = tracker.phase in FOLLOWING
-        if following and engine.safety.holding is not None:
-            self._rejoining = tracker.acquired_utc_s is not None
-            return Doing.HELD
-        if self._rejoining and tracker.phase is Phase.TRACKING:
-            self._rejoining = error_arcsec > engine.spec.plan.on_target_arcsec
-        if tracker.ended_by is None and (self._rejoining or tracker.rejoining):
-            return Doing.REJOINING
-        if not following:
-            return Doing.OTHER
-        return Doing.ACQUIRING if tracker.acquired_utc_s is None else Doing.FOLLOWING
+    def _take_status(self, engine: Engine) -> None:
+        sample, error = engine.session.sample, engine.tracker.error
+        if sample is None or error is None or engine.failed:
+            return
+        if self.samples and self.samples[-1].columns[0] == error.utc_s:
+            return
+        columns = (
+            error.utc_s,
+            sample.arrival_utc_s,
+            error.total_arcsec,
+            error.along_arcsec,
+            error.across_arcsec,
+            error.ra_arcsec,
+            error.dec_arcsec,
+            sample.ra_deg,
+            sample.dec_deg,
+            sample.sidereal_h,
+            float(sample.counter),
+            float(_steady(engine.tracker.steering.biases, error.utc_s)),
+        )
+        last_s = next((one.columns[0] for one in reversed(self.samples) if one.sky), -math.inf)
+        sky: tuple[float, ...] = ()
+        if error.utc_s - last_s >= SKY_EVERY_S:
+            known = engine.tracker.direction_at(error.utc_s)
+            sky = float(known.alt_deg), float(known.az_deg)
+        self.samples.append(_Sample(columns, engine.tracker.target, sky, engine.situation(error)))
+
+    def sort(self, engine: Engine, seen: _Seen | None, near: bool) -> None:
+        """Tell of the samples since the last view what the run did, by this one where it is near enough."""
+        if self._sorted is None:
+            self._sorted = Stages(engine.spec.plan, engine.spec.profile)
+        if seen is not None and seen.stages is not None:
+            self._stages |= {stage.utc_s: stage for stage in seen.stages}
+            self.acquired |= any(stage.doing in ACQUIRED for stage in seen.stages)
+        for one in self.samples[len(self.doing) :]:
+            if self._stages:
+                doing, held = self._told(one.columns[0])
+            else:
+                now = one.situation
+                if seen is not None and near:
+                    now = seen.situation(self.acquired or seen.phase == Phase.TRACKING, now.error_arcsec)
+                self.acquired |= now.acquired
+                doing, held = self._sorted.take(now, one.columns[0], one.target)
+            self.doing.append(doing)
+            self.held.append(held)
+
+    def _told(self, utc_s: float) -> tuple[Doing, str]:
+        """Return what the recording says that the run did at a status."""
+        last = next((one for one in reversed(self._stages.values()) if one.utc_s <= utc_s), None)
+        return (Doing.OTHER, "") if last is None else (Doing[last.doing.upper()], last.held_by or "")
 
     def _take_command(self, entry: Entry) -> None:
         try:
@@ -209,24 +260,34 @@ def trace(
     build: Callable[[msgspec.Raw], Engine],
     progress: Callable[[float], None] | None = None,
 ) -> Trace:
-    """Return a run made again; its errors follow from the inputs alone, whatever today's commands are."""
+    """Return a run made again; its errors follow from the inputs alone, whatever today's commands are.
+
+    What the run did meanwhile is what its recorded views say.
+    """
     columns = _Columns()
     result = replay(recording, build, watch=columns, progress=progress)
     engine = columns.engine or build(recording.header.spec)
-    samples = np.array(columns.samples).reshape(-1, 13).T
+    columns.sort(engine, None, near=False)
+    samples = np.array([one.columns for one in columns.samples]).reshape(-1, 12).T
+    doing = np.array(columns.doing, dtype=np.int8)
+    sky = [
+        (one.columns[0], *one.sky)
+        for one, what in zip(columns.samples, columns.doing, strict=True)
+        if one.sky and what is Doing.FOLLOWING
+    ]
     sent = np.array(columns.sent).reshape(-1, 3)
-    sky = np.array(columns.sky).reshape(-1, 3)
     errors = ("total", "along", "across", "ra_error", "dec_error")
     names = ("utc_s", "arrival_utc_s", *errors, "ra_deg", "dec_deg", "sidereal_h", "counter")
     return Trace(
         engine=engine,
         result=result,
-        doing=samples[11].astype(np.int8),
+        doing=doing,
         held=np.array(columns.held, dtype=str),
-        steady=samples[12] > 0.0,
+        acquired=columns.acquired,
+        steady=samples[11] > 0.0,
         sent_utc_s=sent[:, 0],
         sent=sent[:, 1:],
-        sky_utc_s=sky[:, 0],
-        sky=sky[:, 1:],
+        sky_utc_s=np.array(sky).reshape(-1, 3)[:, 0],
+        sky=np.array(sky).reshape(-1, 3)[:, 1:],
         **dict(zip(names, samples[:11], strict=True)),
     )

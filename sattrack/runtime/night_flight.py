@@ -122,6 +122,9 @@ class Airspace:
             rms_arcsec=_rounded(summary.reported_rms_arcsec),
             peak_arcsec=_rounded(summary.reported_peak_arcsec),
             words=summary.message,
+            held_s=summary.held_s,
+            rejoining_s=summary.rejoining_s,
+            lost_peak_arcsec=_rounded(summary.lost_peak_arcsec),
         )
 
     def go(self, procedure: Procedure, now_utc_s: float) -> tuple[Outcome | None, float]:

@@ -248,6 +248,9 @@ class Session:
             peak_arcsec=found.get("reported_peak_arcsec"),
             words=words,
             recording=self.recording,
+            held_s=found.get("held_s") or {},
+            rejoining_s=float(found.get("rejoining_s") or 0.0),
+            lost_peak_arcsec=found.get("lost_peak_arcsec"),
         )
 
 

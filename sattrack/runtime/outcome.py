@@ -89,6 +89,7 @@ def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
         held_s={name: round(seconds, 3) for name, seconds in engine.held_s.items()},
         paused_s=round(engine.paused_s, 3),
         rejoining_s=round(engine.rejoining_s, 3),
+        lost_peak_arcsec=engine.lost_peak_arcsec if engine.held_s and acquired is not None else None,
         calibrated=spec.profile.calibration is not None,
         learnt=learnt_view(engine),
         why_not_acquired=why,

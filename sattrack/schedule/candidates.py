@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from sattrack.mount import MountProfile
+    from sattrack.planning.kinematics import Loss
     from sattrack.safety.limits import SafetyLimits
     from tle.elements import Elements
     from tle.site import Site
@@ -72,6 +73,8 @@ class Candidate:
     notes: tuple[str, ...] = ()
     may_join: bool = False
     late_s: float = 0.0
+    foretold: tuple[Loss, ...] = ()
+    """What the mount's limits take of it; no part of `useful`, unless it is run though infeasible."""
 
     @property
     def useful_s(self) -> float:
@@ -82,6 +85,15 @@ class Candidate:
     def value(self) -> float:
         """Give the worth of the whole: priority times useful seconds."""
         return self.priority * self.useful_s
+
+    def without(self, lost: tuple[Loss, ...]) -> Candidate:
+        """Return the candidate without what the mount's limits take of it."""
+        useful = list(self.useful)
+        for loss in lost:
+            cut = ((a, min(b, loss.begin_utc_s)) for a, b in useful)
+            rest = ((max(a, loss.end_utc_s), b) for a, b in useful)
+            useful = sorted((a, b) for a, b in (*cut, *rest) if b > a)
+        return replace(self, useful=tuple(useful), foretold=lost)
 
     def useful_within(self, start_utc_s: float, end_utc_s: float) -> float:
         """Return the seconds that count between two instants."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sattrack.planning.feasibility import ability_at, why_not_feasible
+from sattrack.planning.feasibility import ability_at, verdict_on
 from sattrack.planning.limits import margins_deg
 from sattrack.planning.path import Pointing, body_place_deg
 from sattrack.schedule.candidates import CROWDED, INFEASIBLE
@@ -78,9 +78,10 @@ class Judge:
             return one
         self._known.add(one.number)
         span = (one.start_utc_s, one.end_utc_s)
-        why = why_not_feasible(one.elements, self._site, span, self._ability, None)
+        why, lost = verdict_on(one.elements, self._site, span, self._ability, None)
         if why is None:
-            return one
+            return one.without(lost)
+        one = replace(one, foretold=lost)
         if self._schedule.entries[one.entry].terms.if_infeasible == "run":
             return replace(one, notes=(*one.notes, f"infeasible, run all the same: {why}"))
         return replace(one, lost=(INFEASIBLE, why))

@@ -30,11 +30,13 @@ from sattrack.schedule.plan import Asked, LostPass, Plan, PlannedPass, Rehearsed
 from sattrack.schedule.planner import best_plan
 from sattrack.schedule.transitions import ROUNDING_S
 from sattrack.schedule.why import BEGINNING, why_lost
+from sattrack.schedule_view import LostTo
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from sattrack.planning.kinematics import Loss
     from sattrack.schedule.candidates import Candidate, Found, Loaded, Progress, Situation
     from sattrack.schedule.file import Schedule
     from sattrack.schedule.nodes import Node, NodeSet, Way
@@ -87,6 +89,7 @@ class Chosen(NamedTuple):
     start_utc_s: float
     end_utc_s: float
     leave_utc_s: float
+    lost_to: tuple[LostTo, ...] = ()
 
 
 class _Maker:
@@ -177,15 +180,17 @@ class _Maker:
         self._set = self._nodes(self._set.nodes)
 
     def _judge_chosen(self) -> bool:
-        """Judge what was chosen by the mount's limits; tell whether some of it is lost by that.
+        """Judge what was chosen by the mount's limits; tell whether some of it is worth less by that.
 
-        The best choice of all is the best of those that the mount can follow, once it can follow all of it.
+        What was not judged is worth no more than it seems: the best choice is the best of all, once all of it
+        was judged.
         """
         any_lost = False
         for k in self._chosen:
             number = self._set.nodes[k].candidate
-            one = self._candidates[number] = self._judge.judged(self._candidates[number])
-            any_lost |= one.lost is not None
+            before = self._candidates[number]
+            one = self._candidates[number] = self._judge.judged(before)
+            any_lost |= one.lost is not None or one.useful != before.useful
         return any_lost
 
     def _lead(self) -> bool:
@@ -276,7 +281,8 @@ class _Maker:
         for place in range(len(self._chosen)):
             node = self._set.nodes[self._chosen[place]]
             leave = node.start_utc_s - self._needs(place)[1]
-            found.append(Chosen(self._taken(node), node.start_utc_s, node.end_utc_s, leave))
+            one = self._taken(node)
+            found.append(Chosen(one, node.start_utc_s, node.end_utc_s, leave, _all_lost_to(one, node)))
         return found
 
     def _taken(self, node: Node) -> Candidate:
@@ -395,6 +401,7 @@ class _Maker:
             if_elements_old=entry.terms.if_elements_old,
             if_weather_unsafe=entry.terms.if_weather_unsafe,
             if_sun_up=entry.terms.if_sun_up,
+            lost_to=_all_lost_to(one, node),
             rehearsed=self._rehearsed.get(node),
             notes=one.notes,
         )
@@ -447,6 +454,22 @@ class _Maker:
             why=words,
             with_numbers=tuple(place + 1 for place in others),
         )
+
+
+def _all_lost_to(one: Candidate, node: Node) -> tuple[LostTo, ...]:
+    start, end = node.start_utc_s, node.end_utc_s
+    return tuple(_lost_to(loss) for loss in one.foretold if loss.begin_utc_s < end and loss.end_utc_s > start)
+
+
+def _lost_to(loss: Loss) -> LostTo:
+    return LostTo(
+        limit=loss.limit,
+        from_utc=_iso(loss.begin_utc_s),
+        seconds=round(loss.seconds, 3),
+        why=loss.words,
+        peak_rate_deg_s=None if loss.asked_deg_s is None else round(loss.asked_deg_s, 4),
+        limit_rate_deg_s=loss.can_deg_s,
+    )
 
 
 def _iso(utc_s: float) -> str:

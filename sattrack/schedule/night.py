@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.schedule.schema import Terms
+from sattrack.schedule_view import LostTo
 from tle.elements import Elements
 
 if TYPE_CHECKING:
@@ -69,6 +70,8 @@ class NightPass(msgspec.Struct, frozen=True):
     source: str | None = None
     """Where its elements came from, as the schedule names it; None for all that is set."""
     renewable: bool = False
+    lost_to: tuple[LostTo, ...] = ()
+    """What the mount's limits take of it, as the plan foretells."""
 
     @property
     def name(self) -> str:
@@ -89,6 +92,11 @@ class Result(msgspec.Struct, frozen=True):
     peak_arcsec: float | None = None
     parts: int = 0
     recordings: tuple[str, ...] = ()
+    held_s: dict[str, float] = {}
+    """Seconds that each limit took, as a run's summary has them."""
+    rejoining_s: float = 0.0
+    lost_peak_arcsec: float | None = None
+    """Largest error meanwhile, and on the way back."""
 
 
 class Go(msgspec.Struct, frozen=True):
@@ -101,6 +109,11 @@ class Go(msgspec.Struct, frozen=True):
     peak_arcsec: float | None = None
     words: str | None = None
     recording: str | None = None
+    held_s: dict[str, float] = {}
+    """Seconds that each limit took, as a run's summary has them."""
+    rejoining_s: float = 0.0
+    lost_peak_arcsec: float | None = None
+    """Largest error meanwhile, and on the way back."""
 
 
 class Ways(msgspec.Struct, frozen=True):

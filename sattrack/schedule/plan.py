@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import msgspec
 
+from sattrack.schedule_view import LostTo
+
 
 class Rehearsed(msgspec.Struct, frozen=True):
     """What the rehearsal said of a pass that was chosen."""
@@ -54,6 +56,7 @@ class PlannedPass(msgspec.Struct, frozen=True):
     if_elements_old: str
     if_weather_unsafe: str
     if_sun_up: str
+    lost_to: tuple[LostTo, ...] = ()
     rehearsed: Rehearsed | None = None
     notes: tuple[str, ...] = ()
 

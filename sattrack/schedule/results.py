@@ -3,10 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from sattrack.schedule.night import Followed, Go, Happening, NightPass, Result, Started
 
+if TYPE_CHECKING:
+    from sattrack.schedule_view import PassView
+
 DONE_SHARE = 0.9
+TOLD_S = 0.5
 
 
 def go_of(event: Happening) -> Go:
@@ -44,4 +49,26 @@ def result_of(one: NightPass, goes: tuple[Go, ...]) -> Result:
         peak_arcsec=max(peaks) if peaks else None,
         parts=len(goes),
         recordings=tuple(go.recording for go in goes if go.recording is not None),
+        held_s=_summed(goes),
+        rejoining_s=round(sum(go.rejoining_s for go in goes), 3),
+        lost_peak_arcsec=max((go.lost_peak_arcsec for go in goes if go.lost_peak_arcsec), default=None),
     )
+
+
+def _summed(goes: tuple[Go, ...]) -> dict[str, float]:
+    names = dict.fromkeys(name for go in goes for name in go.held_s)
+    return {name: round(sum(go.held_s.get(name, 0.0) for go in goes), 3) for name in names}
+
+
+def held_words(result: Result | PassView) -> str:
+    """Return what limits took of a pass, in words; empty for nothing that is worth a word."""
+    told = [
+        f"{seconds:.0f} s to the {name} limit" for name, seconds in result.held_s.items() if seconds >= TOLD_S
+    ]
+    if not told:
+        return ""
+    if result.rejoining_s >= TOLD_S:
+        told.append(f"{result.rejoining_s:.0f} s on the way back")
+    if result.lost_peak_arcsec is not None:
+        told.append(f"{result.lost_peak_arcsec / 3600.0:.2g}° off at most")
+    return ", ".join(told)

@@ -65,6 +65,10 @@ def _pass_view(one: NightPass, result: Result | None, current: bool, run: Run) -
         rms_arcsec=None if result is None else result.rms_arcsec,
         parts=run.part if in_progress else 0 if result is None else result.parts,
         recordings=() if result is None else result.recordings,
+        lost_to=one.lost_to,
+        held_s={} if result is None else result.held_s,
+        rejoining_s=0.0 if result is None else result.rejoining_s,
+        lost_peak_arcsec=None if result is None else result.lost_peak_arcsec,
     )
 
 

@@ -35,7 +35,7 @@ from sattrack.schedule.night import (
     Wait,
     WeatherTold,
 )
-from sattrack.schedule.results import go_of, result_of
+from sattrack.schedule.results import go_of, held_words, result_of
 
 TRY_PLAN_AGAIN_S = 600.0
 TRY_PARK_AGAIN_S = 60.0
@@ -364,6 +364,8 @@ def _with_result(run: Run, result: Result) -> Run:
         words += f", {result.cause}: {result.words or ''}".rstrip(": ")
     elif result.rms_arcsec is not None:
         words += f", {result.on_target_s:.0f} s on target, {result.rms_arcsec:.2f}″ RMS"
+    held = held_words(result)
+    words += f"; {held}" if held else ""
     return replace(run, results=(*run.results, result), told=words)
 
 

@@ -7,6 +7,7 @@ from html import escape
 from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.schedule.night import Mount
+from sattrack.schedule.results import held_words
 from tle.errors import printable
 from tle.instants import Utc
 
@@ -137,6 +138,8 @@ def _line(one: NightPass, result: Result | None) -> str:
     on_target = f"{result.on_target_s:.0f} of {whole_s:.0f}"
     why = f": {result.cause}" if result.cause else ""
     why += f": {printable(result.words)}" if result.words else ""
+    held = held_words(result)
+    why += f"; {held}" if held else ""
     return (
         f"{one.number:3d}  {start}   {result.state:<6}  {on_target:>11}  {rms:>6}  {printable(one.name)}{why}"
     )
@@ -146,6 +149,7 @@ def _row(one: NightPass, result: Result | None, recordings: str) -> str:
     state = "not reached" if result is None else result.state
     colour = COLOURS.get(state, "#777")
     why = "" if result is None or result.cause is None else escape(f": {result.cause}: {result.words or ''}")
+    why += f"; {escape(held_words(result))}" if result is not None and held_words(result) else ""
     cells = ["-", "-", "-"]
     links = ""
     if result is not None:

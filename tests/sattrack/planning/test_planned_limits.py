@@ -118,10 +118,10 @@ def test_what_is_beyond_a_limit_of_travel_is_lost_with_its_reason() -> None:
     assert first.limit == last.limit == "hour_angle"
     assert first.end_utc_s == pytest.approx(20.1, abs=0.11)
     assert last.begin_utc_s == pytest.approx(80.0 - 1.1, abs=0.11)
-    reason = why_not(path, ability(profile))
+    reason = why_not([first, last], 100.0)
     assert reason is not None
     assert reason.startswith("hour_angle: ")
-    assert why_not(path, ability(MountProfile())) is None
+    assert why_not(losses(path, ability(MountProfile())), 100.0) is None
 
 
 def test_a_target_that_stands_still_is_lost_while_the_sun_goes_by_and_no_longer() -> None:

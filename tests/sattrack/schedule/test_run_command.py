@@ -680,3 +680,41 @@ def test_passes_that_are_joined_late_are_shared_out_as_well_as_by_trying_everyth
             assert after.idle_s >= -0.01
             assert utc_s(after.leave_utc) >= utc_s(before.end_utc) - 0.01
     assert several > 2
+
+
+BY_THE_POLE = (
+    "BY THE POLE\n"
+    "1 70140U          26275.01380287  .00000000  00000+0  00000+0 0  9991\n"
+    "2 70140  83.0647 307.9046 0006946 211.9293 350.1330 14.07958838588316\n"
+)
+
+
+def test_what_the_keyhole_takes_is_told_beforehand_and_afterwards_and_is_worth_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    sky = tmp_path / "sky.tle"
+    sky.write_text(BY_THE_POLE)
+    span = "from = 2026-10-02T20:00:00Z\nto = 2026-10-02T20:15:00Z\n"
+    text = span + "[[passes]]\nsatellite = 'BY THE POLE'\nmin_altitude_deg = 40\npriority = 2\n"
+    (one,) = planned(capsys, tmp_path, text, str(sky))["passes"]
+    (lost,) = one["lost_to"]
+    assert (lost["limit"], lost["limit_rate_deg_s"]) == ("keyhole", 6.0)
+    assert lost["peak_rate_deg_s"] == pytest.approx(13.8, abs=0.2)
+    whole_s = utc_s(one["end_utc"]) - utc_s(one["start_utc"])
+    assert one["useful_s"] == pytest.approx(whole_s - lost["seconds"], abs=0.01)
+    assert one["value"] == pytest.approx(2.0 * one["useful_s"], abs=0.01)
+    folder = tmp_path / "folder"
+    options = ("--elements", str(sky), *LEIDEN, "--folder", str(folder), "--json")
+    file = written(tmp_path, text)
+    assert run(["run", file, "--virtual", "--mount", "sim", *options]) == 0
+    capsys.readouterr()
+    assert run(["run", file, "--status", "--folder", str(folder), "--json"]) == 0
+    (flown,) = json.loads(capsys.readouterr().out)["passes"]
+    assert flown["state"] == "done"
+    assert flown["lost_to"] == one["lost_to"]
+    assert flown["on_target_s"] == pytest.approx(one["useful_s"], abs=4.0)
+    assert flown["held_s"]["keyhole"] + flown["rejoining_s"] == pytest.approx(lost["seconds"], abs=4.0)
+    assert flown["rms_arcsec"] < 0.5
+    assert flown["lost_peak_arcsec"] > 3600.0
+    (summary,) = (folder / "summaries").glob("*.txt")
+    assert "s to the keyhole limit" in summary.read_text()
