@@ -47,7 +47,7 @@ LONGEST_PAUSE_S = 5.0
 
 
 @click.command("replay")
-@click.argument("file", type=click.Path(path_type=Path))
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--tui", is_flag=True, help="Show the run in the terminal UI: pause, step, wind; ? there tells the keys."
 )
@@ -63,8 +63,11 @@ LONGEST_PAUSE_S = 5.0
 @click.option("--law", type=click.Path(path_type=Path), metavar="FILE", help="Try the law of a TOML file.")
 @click.option("--part", default=1, show_default=True, help="Which, where a file holds several recordings.")
 @common_options
-def command(context: CommandContext, file: Path, **options: Any) -> int:
-    """Run the recorded inputs through today's code and compare every output; exit 1 where they differ.
+def command(context: CommandContext, files: tuple[Path, ...], **options: Any) -> int:
+    """Run recorded inputs through today's code and compare every output.
+
+    Each recording comes out the same to the last byte, equivalent with its largest difference, or not the
+    same: the exit code is 1 where one of them is not the same, else 0.
 
     Byte for byte where code, libraries and kind of processor are those of the recording; elsewhere commands
     may differ by 1e-9 °/s; for another version's code, figures are compared. With --set or --law nothing is
@@ -75,18 +78,34 @@ def command(context: CommandContext, file: Path, **options: Any) -> int:
     shown = options["tui"] or options["stream"]
     if speed is not None and not (shown and 0.0 < speed <= 1000.0):
         raise BadInputError("--speed: give a factor up to 1000, with --tui or --stream")
+    if len(files) > 1 and (shown or options["settings"] or options["law"]):
+        raise BadInputError("--tui, --stream, --set and --law take one recording at a time")
+    if len(files) > 1:
+        return max([_compare(context, file, options["part"], name=True) for file in files])
+    (file,) = files
     if options["tui"]:
         return _with_tui(file, context, options)
-    recording, facts = open_recording(file, options["part"])
-    for words in recording.problems:
-        tell(f"{file}: {words}")
+    if not (options["stream"] or options["settings"] or options["law"]):
+        return _compare(context, file, options["part"])
+    recording, facts = _opened(file, options["part"])
     if options["stream"] and options["at_once"]:
         fov_deg = facts.fov_deg if options["fov_deg"] is None else options["fov_deg"]
         return _give_all(recording, msgspec.structs.replace(facts, fov_deg=fov_deg))
     if options["stream"]:
         return _play(recording, _Player(speed or 1.0, options["control"]))
-    if options["settings"] or options["law"]:
-        return _try(context, recording, facts, read_law(options["law"], options["settings"], facts.plan.law))
+    return _try(context, recording, facts, read_law(options["law"], options["settings"], facts.plan.law))
+
+
+def _opened(file: Path, part: int) -> tuple[Recording, RunFacts]:
+    recording, facts = open_recording(file, part)
+    for words in recording.problems:
+        tell(f"{file}: {words}")
+    return recording, facts
+
+
+def _compare(context: CommandContext, file: Path, part: int, name: bool = False) -> int:
+    """Replay a recording and tell how it came out; return the exit code. Of several, each is named."""
+    recording, _ = _opened(file, part)
     began_s = time.perf_counter()
     result = replay(recording, engine_of, progress=_progress())
     took_s = time.perf_counter() - began_s
@@ -95,7 +114,10 @@ def command(context: CommandContext, file: Path, **options: Any) -> int:
         view = replay_view(str(file), result, recording.problems, took_s)
         click.echo(msgspec.json.encode(view).decode())
     else:
-        click.echo("\n".join(replay_lines(result, took_s)))
+        lines = replay_lines(result, took_s)
+        if name:
+            lines = [f"{file}: {lines[0]}", *(f"  {line}" for line in lines[1:])]
+        click.echo("\n".join(lines))
     return 0 if result.agrees else 1
 
 

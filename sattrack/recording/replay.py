@@ -84,6 +84,13 @@ class Replay:
         """Whether today's run is the recorded one, by the comparison that applies."""
         return not self.reasons
 
+    @property
+    def verdict(self) -> str:
+        """One word: "same" to the last byte, "equivalent" by the comparison that applies, or "different"."""
+        if self.reasons:
+            return "different"
+        return "equivalent" if self.differing else "same"
+
 
 def replay(
     recording: Recording,

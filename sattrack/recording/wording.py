@@ -20,6 +20,11 @@ MODES = {
     "rounding": "to 1e-9 °/s, and the rest byte for byte",
     "figures": "by figures",
 }
+VERDICTS = {
+    "same": "the same, to the last byte",
+    "equivalent": "equivalent",
+    "different": "NOT THE SAME",
+}
 MOST_FIELDS = 4
 
 
@@ -58,6 +63,9 @@ class ReplayView(msgspec.Struct, frozen=True):
     reasons: tuple[str, ...]
     problems: tuple[str, ...]
     faster_than_real_time: float | None = None
+    verdict: str = "same"
+    """"same": every command to the last byte; "equivalent": what differs is within what the comparison lets
+    pass; else "different", and `agrees` is false."""
 
 
 def replay_view(
@@ -81,6 +89,7 @@ def replay_view(
         reasons=tuple(result.reasons),
         problems=tuple(problems),
         faster_than_real_time=round(result.seconds / took_s, 1) if took_s else None,
+        verdict=result.verdict,
     )
 
 
@@ -92,19 +101,15 @@ def _divergence_view(found: Divergence) -> DivergenceView:
 def replay_lines(result: Replay, took_s: float | None = None) -> list[str]:
     """Return a replay's result in lines: the verdict, the comparison and why, the first divergence."""
     told = f"{result.ticks} commands from {result.statuses} statuses in {result.seconds:.0f} s of the run"
-    verdict = "NOT THE SAME"
-    if result.agrees:
-        verdict = "the same" if result.differing else "the same, to the last byte"
-    lines = [f"{verdict}: {told}", f"compared {MODES[result.choice.mode]}: {result.choice.why}"]
+    lines = [f"{VERDICTS[result.verdict]}{_differing(result)}: {told}"]
+    lines.append(f"compared {MODES[result.choice.mode]}: {result.choice.why}")
     lines += [f"  {reason}" for reason in result.reasons]
     if result.stopped_utc_s is not None:
         at = Utc(result.stopped_utc_s).isoformat("milliseconds")
         lines.append(f"compared up to {at}: messages are missing there")
     if result.divergence is not None:
         lines.append(divergence_line(result.divergence))
-    elif result.differing:
-        lines.append(f"{result.differing} commands differ, within what this comparison lets pass")
-    if result.differing:
+    if result.verdict == "different":
         lines.append(f"largest difference of a rate: {result.largest_rate_deg_s:.3g} °/s")
     lines.append(
         f"RMS {_arcsec(result.replayed.rms_arcsec)} (recorded {_arcsec(result.recorded.rms_arcsec)}), "
@@ -113,6 +118,12 @@ def replay_lines(result: Replay, took_s: float | None = None) -> list[str]:
     if took_s:
         lines.append(f"replayed in {took_s:.2f} s, {result.seconds / took_s:.0f} times as fast as it was")
     return lines
+
+
+def _differing(result: Replay) -> str:
+    if result.verdict != "equivalent":
+        return ""
+    return f", largest difference {result.largest_rate_deg_s:.3g} °/s, in {result.differing} commands"
 
 
 def divergence_line(found: Divergence) -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 from typing import TYPE_CHECKING
@@ -149,6 +150,38 @@ def again_with(tmp_path: Path, short: Path, changed: dict[int, bytes]) -> Replay
             recorder.write(entry.topic, entry.utc_s, data)
         recorder.close()
     return replay(Recording(copy), engine_of)
+
+
+def test_what_differs_within_bounds_is_equivalent_and_says_by_how_much(
+    short: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    recording = Recording(short)
+    for name, other_deg_s in (("near", 0.004), ("far", 0.5)):
+        with (tmp_path / f"{name}.mcap").open("wb") as stream:
+            header = msgspec.structs.replace(recording.header, fingerprint="another's")
+            recorder = Recorder(stream, recording.header.spec, header)
+            for number, entry in enumerate(recording.entries()):
+                data = entry.data
+                if entry.topic == COMMAND and 200 < number < 600:
+                    command = decode_command(data)
+                    turned = command.move_dec_rate_deg_s + other_deg_s
+                    data = encode_command(msgspec.structs.replace(command, move_dec_rate_deg_s=turned))
+                recorder.write(entry.topic, entry.utc_s, data)
+            recorder.close()
+    near, far = str(tmp_path / "near.mcap"), str(tmp_path / "far.mcap")
+    assert run(["replay", near]) == 0
+    told = capsys.readouterr().out
+    assert re.match(r"equivalent, largest difference 0.004 °/s, in \d+ commands: ", told)
+    assert "the same" not in told.splitlines()[0]
+    assert run(["replay", str(short), near, "--json"]) == 0
+    views = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
+    assert [view["verdict"] for view in views] == ["same", "equivalent"]
+    assert [view["agrees"] for view in views] == [True, True]
+    assert run(["replay", near, far, str(short)]) == 1
+    told = capsys.readouterr().out
+    assert f"{far}: NOT THE SAME" in told
+    assert "largest difference of a rate: 0.5 °/s" in told
+    assert run(["replay", near, far, "--stream"]) == 2
 
 
 def test_a_single_bit_in_one_command_is_found(short: Path, tmp_path: Path) -> None:
