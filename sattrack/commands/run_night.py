@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -74,11 +74,15 @@ class NightPlans:
     file: Path
     profile: ProfileFile
     rehearse: bool
+    journal: Journal | None = None
 
     def make(self, begin_utc_s: float, end_utc_s: float, now_utc_s: float) -> Planned:
         """Return the plan of a night. Raises BadInputError, SattrackError, TleError."""
         schedule = load_schedule(self.file)
         situation = situation_of(self.context, schedule, self.profile, (begin_utc_s, end_utc_s), now_utc_s)
+        once = any(entry.conditions.once_a_run for entry in schedule.entries)
+        if once and self.journal is not None:
+            situation = replace(situation, taken=self.journal.followed())
         rehearse = None
         if self.rehearse:
             from sattrack.commands.run_rehearse import rehearser
@@ -202,6 +206,7 @@ def _driven(
     plans = NightPlans(context, file, checked.profile, options["rehearse"])
     files = NightFiles(folder, str(file))
     taken = take_up(folder, float(context.now().unix_s), durable=not options["virtual"])
+    plans.journal = taken.journal
     told = Told(files, str(file), context.json, taken.journal, Service())
     errands: Errands | None = None
 

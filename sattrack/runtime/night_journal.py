@@ -255,6 +255,15 @@ class Journal:
                 found += [] if name is None else [(row[1], name)]
         return found
 
+    def followed(self) -> frozenset[int]:
+        """Return the catalogue numbers of the satellites that were followed so far."""
+        run, found = Run(), set[int]()
+        for entry in self.entries():
+            run, _ = machine.step(run, msgspec.json.decode(entry.event, type=Happening, dec_hook=decode_utc))
+            pairs = zip(run.passes, run.results, strict=False)
+            found |= {one.elements.catalog_number for one, result in pairs if result.on_target_s > 0.0}
+        return frozenset(found)
+
     def append(self, event: Happening, run: Run, doing: Doing) -> None:
         """Keep an event: on the disk when this returns, or in memory, and `trouble` says so."""
         self.count += 1

@@ -42,6 +42,8 @@ class Situation:
     profile: MountProfile
     limits: SafetyLimits
     magnitudes: Mapping[int, float] = field(default_factory=dict)
+    taken: frozenset[int] = frozenset()
+    """Catalogue numbers of satellites that were followed in the nights of the run before."""
     workers: int = 1
 
 

@@ -26,10 +26,11 @@ from sattrack.schedule.nodes import (
     way_of,
     whole_and_cut,
 )
+from sattrack.schedule.packing import Packing, best_packed
 from sattrack.schedule.plan import Asked, LostPass, Plan, PlannedPass, Rehearsed
-from sattrack.schedule.planner import best_plan
+from sattrack.schedule.quotas import TAKEN, packings_of
 from sattrack.schedule.transitions import ROUNDING_S
-from sattrack.schedule.why import BEGINNING, why_lost
+from sattrack.schedule.why import BEGINNING, RULE_FULL, SAME, Reason, why_lost
 from sattrack.schedule_view import LostTo
 from tle.instants import Utc
 
@@ -47,6 +48,8 @@ if TYPE_CHECKING:
 MOST_JOININGS = 3
 WORTH_ANOTHER = 1e-4
 """Times that what lies between passes is shared out anew, and the share of the value that is worth it."""
+BOUND_TOLD = 1e-6
+"""By what share more the best plan may be worth than the one that was found, until that is told."""
 SIDES = {False: "normal", True: "beyond_pole"}
 
 
@@ -100,6 +103,7 @@ class _Maker:
     ) -> None:
         self._schedule, self._situation = schedule, situation
         self._candidates, self._judge = candidates, judge
+        _leave_out_taken(schedule, candidates, situation.taken)
         self._terms = [entry.terms for entry in schedule.entries]
         self._ways: dict[int, Way] = {}
         self._rehearsed: dict[Node, Rehearsed] = {}
@@ -120,7 +124,8 @@ class _Maker:
         self._looked_at: set[tuple[int, int, float, float]] = set()
         self._set = self._nodes([])
         self._chosen: list[int] = []
-        self._value = 0.0
+        self._value = self._bound = 0.0
+        self._packings = packings_of(schedule, candidates, situation.site)
 
     def _check_side(self, one: Candidate) -> None:
         """Lose a candidate that is wanted on the side of the pier on which the mount does not take it."""
@@ -247,7 +252,16 @@ class _Maker:
             self._best()
 
     def _best(self) -> None:
-        self._value, self._chosen = best_plan(self._set.problem, self._limits)
+        of = np.array([node.candidate for node in self._set.nodes], dtype=np.intp)
+        able = frozenset(one.number for one in self._candidates if one.lost is None)
+        packings = [one for one in self._packings if len(one.members & able) > one.most]
+        packings += [
+            Packing(frozenset({one.number}), 1, SAME, "taken once")
+            for one in self._candidates
+            if one.lost is None and _may_split(one)
+        ]
+        best = best_packed(self._set.problem, self._limits, packings, of)
+        self._value, self._chosen, self._bound = best
 
     def _needed_s(self, before: Node, after: Node) -> float:
         """Return the seconds from the end of one node to the start of another."""
@@ -318,6 +332,7 @@ class _Maker:
             to_utc=_iso(span[1]),
             profile=self._situation.profile.name,
             value=round(sum(one.value for one in planned), 3),
+            value_bound=round(max(self._bound, self._value), 3),
             useful_s=round(sum(one.useful_s for one in planned), 3),
             slew_s=round(sum(one.slew_s for one in planned), 3),
             idle_s=round(sum(one.idle_s for one in planned), 3),
@@ -355,6 +370,11 @@ class _Maker:
             notes.append(
                 f"{unjudged} passes that lost to others were not judged by the mount's limits: some of them "
                 "may be infeasible as well"
+            )
+        if self._bound > self._value * (1.0 + BOUND_TOLD):
+            notes.append(
+                "more rules bind at once than could be weighed in all cases: the plan is worth "
+                f"{self._value:.0f}, the best there is {self._bound:.0f} at most"
             )
         if self._situation.profile.park is None:
             notes.append("the profile has no park position: the first slew is not reckoned")
@@ -422,10 +442,28 @@ class _Maker:
                 kind, words = one.lost
             else:
                 kind, words, others = why_lost(
-                    nodes_of[one.number], self._chosen, self._set, names, self._limits, self._same_as(one)
+                    nodes_of[one.number],
+                    self._chosen,
+                    self._set,
+                    names,
+                    self._full(one),
+                    self._same_as(one),
                 )
             lost.append((one.entry, self._told_lost(one, kind, words, others)))
         return lost
+
+    def _full(self, one: Candidate) -> Reason | None:
+        """Return which rule has all that it may take, so that a candidate cannot be added; None for none."""
+        taken = [self._candidates[self._set.nodes[k].candidate] for k in self._chosen]
+        for packing in self._packings:
+            others = [place for place, other in enumerate(taken) if other.number in packing.members]
+            if one.number in packing.members and len(others) >= packing.most:
+                places = ", ".join(str(place + 1) for place in others)
+                return Reason(packing.kind, f"{packing.words}: {places}", tuple(others))
+        most = self._limits.get(one.entry)
+        if most is not None and sum(other.entry == one.entry for other in taken) >= most:
+            return Reason(RULE_FULL, f"the rule has its {most} passes, worth more together")
+        return None
 
     def _same_as(self, one: Candidate) -> int | None:
         """Return the place in the plan of the same satellite at the same time, None where there is none."""
@@ -454,6 +492,19 @@ class _Maker:
             why=words,
             with_numbers=tuple(place + 1 for place in others),
         )
+
+
+def _may_split(one: Candidate) -> bool:
+    """Tell whether two parts of a candidate could be taken that have no instant in common."""
+    return one.latest_start_utc_s >= one.earliest_end_utc_s and is_flexible(one)
+
+
+def _leave_out_taken(schedule: Schedule, candidates: list[Candidate], taken: frozenset[int]) -> None:
+    """Lose those of rules that take each satellite once a run, of which it was followed already."""
+    for number, one in enumerate(candidates):
+        once = schedule.entries[one.entry].conditions.once_a_run
+        if once and one.lost is None and one.elements.catalog_number in taken:
+            candidates[number] = replace(one, lost=(TAKEN, "followed already in this run"))
 
 
 def _all_lost_to(one: Candidate, node: Node) -> tuple[LostTo, ...]:

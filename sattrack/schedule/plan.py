@@ -111,3 +111,5 @@ class Plan(msgspec.Struct, frozen=True):
     weather: str | None
     park_at_end: bool
     notes: tuple[str, ...]
+    value_bound: float | None = None
+    """What no plan is worth more than; `value` where the plan is proven to be the best."""

@@ -11,6 +11,10 @@ condition = "above" N ["°"]                  followed while so high
           | "rate <" N ["°/s"]               neither hour angle nor declination ever turns faster
           | "longer than" N ("s" | "min")    only passes with as many useful seconds
           | "named" GLOB                     only satellites whose names match
+          | "designator" GLOB                only those whose international designator matches: 1998-067*
+          | "launched" ["since" | "before"] YEAR   only those launched in, from or before a year
+          | "once a" ("night" | "run")       each satellite once
+          | "at most" N "an hour"            so many passes culminate within any 60 minutes, no more
           | "max" N                          no more than so many passes in the plan
 """
 
@@ -29,11 +33,14 @@ if TYPE_CHECKING:
     from sattrack.errors import BadInputError
     from sattrack.origin import Origin
 
+    _Take = Callable[["Conditions", re.Match[str]], "Conditions"]
+
 DARK_SUN_DEG = -6.0
 _NUMBER = r"([+\-]?\d+(?:\.\d*)?|[+\-]?\.\d+)"
 _DEG = r"\s*(?:°|deg|degrees)?"
 _WORDS = ("above", "culminates above", "sunlit", "dark", "sun below", "magnitude <", "rate <", "longer than")
-KNOWN = (*_WORDS, "named", "max")
+_ONCE = ("once a night", "once a run")
+KNOWN = (*_WORDS, "named", "designator", "launched", *_ONCE, "at most", "max")
 _BEGIN = ": begin with 'all' or 'all of SOURCE', as all of celestrak:visual"
 _EXAMPLES = {
     "above": "above 30°",
@@ -50,6 +57,15 @@ _EXAMPLES = {
     "longer than": "longer than 90 s",
     "longer": "longer than 90 s",
     "named": "named STARLINK*",
+    "designator": "designator 1998-067*",
+    "launched": "launched since 2024",
+    "launched since": "launched since 2024",
+    "launched before": "launched before 2000",
+    "once": "once a night",
+    "once a": "once a night",
+    "once per": "once a night",
+    "at": "at most 4 an hour",
+    "at most": "at most 4 an hour",
     "max": "max 12",
 }
 
@@ -67,6 +83,12 @@ class Conditions:
     longer_than_s: float | None = None
     named: str = ""
     most: int | None = None
+    designator: str = ""
+    launched_from: int | None = None
+    launched_before: int | None = None
+    once_a_night: bool = False
+    once_a_run: bool = False
+    most_an_hour: int | None = None
 
 
 NO_CONDITIONS = Conditions()
@@ -110,7 +132,8 @@ def _parts(text: str) -> list[tuple[int, str]]:
 
 
 def _conditions(parts: list[tuple[int, str]], origin: Origin) -> Conditions:
-    found, seen = Conditions(), set[str]()
+    found = Conditions()
+    seen: set[_Take] = set()
     for at, words in parts:
         here = origin.moved(at)
         if not words:
@@ -123,10 +146,9 @@ def _conditions(parts: list[tuple[int, str]], origin: Origin) -> Conditions:
                 changed = take(found, match)
             except ValueError as error:
                 raise here.moved(match.start(1)).wrong(f"{words!r}: {error}") from None
-            name = pattern.split("\\s")[0].lower()
-            if name in seen:
+            if take in seen:
                 raise here.wrong(f"{words!r}: that is said twice; keep one")
-            seen.add(name)
+            seen.add(take)
             found = changed
             break
         else:
@@ -199,7 +221,45 @@ def _most(c: Conditions, m: re.Match[str]) -> Conditions:
     return replace(c, most=int(_within(m[1], 1.0, 10_000.0, "numbers of passes")))
 
 
-_GRAMMAR: tuple[tuple[str, Callable[[Conditions, re.Match[str]], Conditions]], ...] = (
+def _designator(c: Conditions, m: re.Match[str]) -> Conditions:
+    if not re.match(r"\d{4}-|\d{0,4}[*?\[]", m[1]):
+        raise ValueError("a designator begins with the year of launch, as 1998-067A or 2024-*")
+    return replace(c, designator=m[1])
+
+
+def _year(text: str) -> int:
+    if not text.isdigit():
+        raise ValueError("elements tell the year of launch alone: give a year, as launched since 2024")
+    return int(_within(text, 1957.0, 2056.0, "years of launch"))
+
+
+def _launched(c: Conditions, m: re.Match[str]) -> Conditions:
+    if c.launched_from is not None or c.launched_before is not None:
+        raise ValueError("the launch is asked twice; keep one")
+    return replace(c, launched_from=_year(m[1]), launched_before=_year(m[1]) + 1)
+
+
+def _launched_since(c: Conditions, m: re.Match[str]) -> Conditions:
+    if c.launched_from is not None:
+        raise ValueError("the launch is asked twice; keep one")
+    return replace(c, launched_from=_year(m[1]))
+
+
+def _launched_before(c: Conditions, m: re.Match[str]) -> Conditions:
+    if c.launched_before is not None:
+        raise ValueError("the launch is asked twice; keep one")
+    return replace(c, launched_before=_year(m[1]))
+
+
+def _once(c: Conditions, m: re.Match[str]) -> Conditions:
+    return replace(c, once_a_night=True) if m[1].lower() == "night" else replace(c, once_a_run=True)
+
+
+def _an_hour(c: Conditions, m: re.Match[str]) -> Conditions:
+    return replace(c, most_an_hour=int(_within(m[1], 1.0, 1000.0, "passes an hour")))
+
+
+_GRAMMAR: tuple[tuple[str, _Take], ...] = (
     (rf"above\s+{_NUMBER}{_DEG}", _above),
     (rf"culminates\s+above\s+{_NUMBER}{_DEG}", _culminates),
     (r"(sunlit)", _sunlit),
@@ -210,4 +270,10 @@ _GRAMMAR: tuple[tuple[str, Callable[[Conditions, re.Match[str]], Conditions]], .
     (rf"longer\s+than\s+{_NUMBER}\s*(s|sec|seconds|min|minutes)", _longer),
     (r"named\s+(\S(?:.*\S)?)", _named),
     (r"max\s+(\d+)", _most),
+    (r"designator\s+(\S+)", _designator),
+    (r"launched\s+(\d[\d-]*)", _launched),
+    (r"launched\s+since\s+(\d[\d-]*)", _launched_since),
+    (r"launched\s+before\s+(\d[\d-]*)", _launched_before),
+    (r"once\s+a\s+(night|run)", _once),
+    (r"at\s+most\s+(\d+)\s+an\s+hour", _an_hour),
 )

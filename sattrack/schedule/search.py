@@ -116,8 +116,29 @@ class EntrySearch:
                 self.found.notes.append(
                     f"matches no object: {loaded.name} holds {len(loaded.elements)}, none{of}"
                 )
-            return matching
-        return named_by(entry, loaded)
+            return self._launched(matching)
+        return self._launched(named_by(entry, loaded))
+
+    def _launched(self, found: list[Elements]) -> list[Elements]:
+        """Return those of some satellites that were launched when and as what the conditions ask for."""
+        c = self._entry.conditions
+        if not (c.designator or c.launched_from or c.launched_before):
+            return found
+        low, high = c.launched_from or 0, c.launched_before or math.inf
+        kept = [
+            e
+            for e in found
+            if e.designator
+            and low <= int(e.designator[:4]) < high
+            and fnmatch.fnmatchcase(e.designator, c.designator.upper() or "*")
+        ]
+        if found and not kept:
+            unknown = sum(not e.designator for e in found)
+            self.found.notes.append(
+                f"none of {len(found)} objects has the launch or designator asked for"
+                + (f"; {unknown} have no designator" if unknown else "")
+            )
+        return kept
 
     def _passes(self, chosen: Sequence[Elements], span: Span) -> CataloguePasses:
         situation = self._situation

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from sattrack.schedule.nodes import Node, NodeSet
 
@@ -29,13 +29,13 @@ def why_lost(
     chosen: Sequence[int],
     nodes: NodeSet,
     names: Sequence[str],
-    limits: Mapping[int, int],
+    full: Reason | None,
     same: int | None,
 ) -> Reason:
     """Return why none of the nodes of one pass, `cuts`, is among the chosen ones.
 
-    Nodes are indices into `nodes`, the chosen in order of time; `names` are those of the chosen. `limits` are
-    the most passes of each group. `same` is the place in the plan of the same satellite's pass at that time.
+    Nodes are indices into `nodes`, the chosen in order of time; `names` are those of the chosen. `full` says
+    which rule takes no more. `same` is the place in the plan of the same satellite's pass at that time.
     """
     if same is not None:
         return Reason(SAME, f"the same pass as {same + 1}, which another entry asks for", (same,))
@@ -45,10 +45,7 @@ def why_lost(
         return Reason(BEGINNING, "no time to get there from the plan's beginning")
     at = max(able, key=lambda k: nodes.nodes[k].end_utc_s - nodes.nodes[k].start_utc_s)
     if any(not _meeting(cut, chosen, nodes) and not _tight(cut, chosen, nodes) for cut in able):
-        group = int(nodes.problem.group[at])
-        if group in limits and sum(int(nodes.problem.group[k]) == group for k in chosen) >= limits[group]:
-            return Reason(RULE_FULL, f"the rule has its {limits[group]} passes, worth more together")
-        return Reason(WORTH_LESS, "the plan without it is worth as much")
+        return full or Reason(WORTH_LESS, "the plan without it is worth as much")
     me, meeting = nodes.nodes[at], _meeting(at, chosen, nodes)
     if meeting:
         words = ", ".join(

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import time
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 from planning_nights import Tabled, brute_force, can_be_done, greedy, plain_loops, random_night, value_of
 
 from sattrack.errors import SattrackError
+from sattrack.schedule import packing
+from sattrack.schedule.packing import Packing, best_packed
 from sattrack.schedule.planner import Problem, best_plan
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 
 def test_small_nights_are_planned_as_well_as_by_trying_everything() -> None:
@@ -107,3 +113,63 @@ def test_the_value_and_the_speed_are_those_of_more_than_plain_loops() -> None:
         ratios.append(ours_s / (time.process_time() - began))
         assert total == pytest.approx(plain)
     assert min(ratios) < 0.7
+
+
+def packed_brute_force(night: Problem, packings: list[Packing], of: NDArray[np.intp]) -> float:
+    """Return the value of the best of all subsets that keep the packings."""
+    best = 0.0
+    by_time = np.argsort(night.start_s).tolist()
+    for mask in range(1 << len(by_time)):
+        chosen = [k for bit, k in enumerate(by_time) if mask >> bit & 1]
+        value = value_of(night, chosen)
+        kept = all(sum(int(of[k]) in one.members for k in chosen) <= one.most for one in packings)
+        if value > best and kept and can_be_done(night, chosen, {}):
+            best = value
+    return best
+
+
+def random_packings(rng: np.random.Generator, night: Problem, of: NDArray[np.intp]) -> list[Packing]:
+    """Return satellites that are taken once, and hours that take two, of passes dealt to satellites."""
+    passes = sorted(set(of.tolist()))
+    satellite = {key: int(rng.integers(0, 4)) for key in passes}
+    once = [frozenset(key for key in passes if satellite[key] == n) for n in range(4)]
+    start = {key: float(night.start_s[of.tolist().index(key)]) for key in passes}
+    hours = [
+        frozenset(key for key in passes if begin <= start[key] < begin + 3600.0) for begin in start.values()
+    ]
+    return [
+        *(Packing(members, 1, "once", "once") for members in once if members),
+        *(Packing(members, 2, "hour full", "two an hour") for members in hours),
+    ]
+
+
+def test_sets_of_which_few_are_taken_are_planned_as_well_as_by_trying_everything() -> None:
+    rng = np.random.default_rng(11)
+    binding = 0
+    for _ in range(120):
+        night = random_night(rng, 11, 4.0)
+        # Some passes may be taken in one of two ways, as those that may be shortened.
+        of = np.minimum(np.arange(11), 8) if rng.uniform() < 0.3 else np.arange(11)
+        packings = random_packings(rng, night, of)
+        value, chosen, bound = best_packed(night, {}, packings, of)
+        assert value == pytest.approx(packed_brute_force(night, packings, of))
+        assert bound == pytest.approx(value), "it is proven"
+        assert can_be_done(night, chosen, {})
+        assert value_of(night, chosen) == pytest.approx(value)
+        assert all(sum(int(of[k]) in one.members for k in chosen) <= one.most for one in packings)
+        binding += value < best_plan(night)[0] - 1e-6
+    assert binding > 60
+
+
+def test_a_bound_is_told_where_not_all_cases_could_be_weighed(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(12)
+    night, of = random_night(rng, 150, 12.0), np.arange(150)
+    packings = [Packing(frozenset(range(n, 150, 30)), 1, "once", "once") for n in range(30)]
+    proven = best_packed(night, {}, packings, of)
+    assert proven.bound == pytest.approx(proven.value)
+    monkeypatch.setattr(packing, "MOST_WORK", 0)
+    monkeypatch.setattr(packing, "FEWEST_SOLVED", 8)
+    quick = best_packed(night, {}, packings, of)
+    assert 0.8 * proven.value < quick.value <= proven.value + 1e-6
+    assert quick.bound >= proven.value - 1e-6
+    assert quick.bound > quick.value

@@ -718,3 +718,68 @@ def test_what_the_keyhole_takes_is_told_beforehand_and_afterwards_and_is_worth_n
     assert flown["lost_peak_arcsec"] > 3600.0
     (summary,) = (folder / "summaries").glob("*.txt")
     assert "s to the keyhole limit" in summary.read_text()
+
+
+def test_a_pass_is_not_taken_in_two_parts_about_a_better_one(tmp_path: Path) -> None:
+    high = next(one for one in high_sky(5, 12) if stays_up(one, 60.0))
+    fixed = (
+        "[[fixed]]\nsatellite = '70999'\npriority = 1000\nif_sun_up = 'run'\nif_infeasible = 'run'\n"
+        "start = 2026-10-02T18:15:00Z\nend = 2026-10-02T18:20:00Z\n"
+    )
+    better = replace(high_sky(6, 1)[0], name="BETTER", catalog_number=70999)
+    text = JOINED.replace("all, above 30°", "all, above 30°, named SAT*") + fixed
+    plan = planned_of(tmp_path, text, [high, better], 40.0)
+    assert sorted(one.name for one in plan.passes) == ["BETTER", high.name]
+
+
+def culminations(plan: dict[str, Any]) -> list[tuple[int, float]]:
+    return [(one["catalog_number"], utc_s(one["culminate_utc"])) for one in plan["passes"]]
+
+
+def test_each_satellite_once_and_so_many_an_hour_are_kept_and_said_why(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str
+) -> None:
+    rule = "all, above 15°, dark"
+    free = planned(capsys, tmp_path, SPAN + f'[[passes]]\nrule = "{rule}"\n', sky)
+    text = SPAN + f'[[passes]]\nrule = "{rule}, once a night, at most 2 an hour"\n'
+    plan = planned(capsys, tmp_path, text, sky)
+    numbers = [number for number, _ in culminations(plan)]
+    assert len(numbers) == len(set(numbers))
+    tops = [top for _, top in culminations(plan)]
+    assert all(later - first >= 3600.0 for first, later in zip(tops, tops[2:], strict=False))
+    assert plan["value_bound"] == pytest.approx(plan["value"], abs=0.01)
+    assert free["value"] > plan["value"]
+    reasons = {one["reason"]: one for one in plan["lost"]}
+    assert {"once", "hour full"} <= set(reasons)
+    once = reasons["once"]
+    assert once["why"].startswith("the rule takes each satellite once a night: ")
+    (place,) = once["with_numbers"]
+    assert plan["passes"][place - 1]["catalog_number"] == once["catalog_number"]
+    assert len(reasons["hour full"]["with_numbers"]) == 2
+
+
+def test_launch_and_designator_choose_the_satellites_of_a_rule(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    made = made_up_sky(24)
+    launched = [replace(one, designator=f"{1990 + k}-{k:03d}A") for k, one in enumerate(made, start=1)]
+    launched[-1] = replace(launched[-1], designator="")
+    sky = tmp_path / "sky.tle"
+    sky.write_text(write_elements(launched, "tle"))
+
+    def names(condition: str) -> set[str]:
+        text = SPAN + f'[[passes]]\nrule = "all, above 10°, {condition}"\nif_sun_up = "run"\n'
+        plan = planned(capsys, tmp_path, text, str(sky))
+        return {one["name"] for one in (*plan["passes"], *plan["lost"])}
+
+    year = {one.name: one.designator[:4] for one in launched}
+    every = names("longer than 1 s")
+    assert len(every) > 10
+    for condition, wanted in (
+        ("launched 2001", {name for name in every if year[name] == "2001"}),
+        ("launched since 2005", {name for name in every if year[name] >= "2005"}),
+        ("launched since 1995, launched before 2003", {n for n in every if "1995" <= year[n] < "2003"}),
+        ("designator 200?-*", {name for name in every if year[name][:3] == "200"}),
+        ("launched since 2030", set()),
+    ):
+        assert names(condition) == wanted, condition

@@ -37,6 +37,15 @@ HERE = Origin("n.toml", 3, 9)
             ),
         ),
         (
+            "all, designator 1998-067*, once a night, at most 4 an hour",
+            Rule(None, Conditions(designator="1998-067*", once_a_night=True, most_an_hour=4)),
+        ),
+        (
+            "all, launched since 2019, launched before 2024, once a run",
+            Rule(None, Conditions(launched_from=2019, launched_before=2024, once_a_run=True)),
+        ),
+        ("all, launched 2020", Rule(None, Conditions(launched_from=2020, launched_before=2021))),
+        (
             "all, magnitude<-1.5, longer than 90 s",
             Rule(None, Conditions(brighter_than=-1.5, longer_than_s=90.0)),
         ),
@@ -57,6 +66,21 @@ def test_a_rule_is_read_as_it_is_said(text: str, rule: Rule) -> None:
         ("all, magnitude 4", "n.toml:3:14: 'magnitude 4' is not understood: write it as 'magnitude < 4'"),
         ("all, sun above 3", "n.toml:3:14: 'sun above 3' is not understood: write it as 'sun below -12°'"),
         ("all, above 99", "n.toml:3:20: 'above 99': altitudes go from -5 to 89"),
+        (
+            "all, launched 2024-05-01",
+            "n.toml:3:23: 'launched 2024-05-01': elements tell the year of launch alone: give a year",
+        ),
+        ("all, launched 1900", "n.toml:3:23: 'launched 1900': years of launch go from 1957 to 2056"),
+        (
+            "all, launched 2020, launched since 2001",
+            "n.toml:3:44: 'launched since 2001': the launch is",
+        ),
+        ("all, launched late", "n.toml:3:14: 'launched late' is not understood: write it as 'launched since"),
+        ("all, designator ISS", "n.toml:3:25: 'designator ISS': a designator begins with the year of launch"),
+        ("all, once a week", "n.toml:3:14: 'once a week' is not understood: write it as 'once a night'"),
+        ("all, once a night, once a run", "n.toml:3:28: 'once a run': that is said twice; keep one"),
+        ("all, at most 0 an hour", "n.toml:3:22: 'at most 0 an hour': passes an hour go from 1 to 1000"),
+        ("all, at most 4", "n.toml:3:14: 'at most 4' is not understood: write it as 'at most 4 an hour'"),
         ("all, max 0", "n.toml:3:18: 'max 0': numbers of passes go from 1 to 10000"),
         ("all, max 1.5", "n.toml:3:14: 'max 1.5' is not understood: write it as 'max 12'"),
         ("all, sunlit, sunlit", "n.toml:3:22: 'sunlit': that is said twice; keep one"),
