@@ -13,15 +13,16 @@ import msgspec
 from sattrack.commands.common import CommandContext, common_options, tell
 from sattrack.errors import BadInputError, SattrackError
 from sattrack.recording.anonymous import random_shift_s, write_anonymous, write_as_it_is
-from sattrack.recording.columns import TABLES
-from sattrack.runtime.again import open_recording
+from sattrack.recording.columns import ERROR, TABLES, error_columns, table_of
+from sattrack.recording.trace import trace
+from sattrack.runtime.again import engine_of, open_recording
 
 if TYPE_CHECKING:
     from sattrack.recording.looking import RecordingView
     from sattrack.recording.reading import Recording
     from sattrack.runtime.facts import RunFacts
 
-FORMATS = ("mcap", "pcapng", "csv", "parquet", "tdm")
+FORMATS = ("mcap", "pcapng", "csv", "json", "parquet", "tdm")
 _part = click.option("--part", default=1, show_default=True, help="Which, where a file holds several.")
 
 
@@ -72,14 +73,15 @@ def _lines(view: RecordingView, facts: RunFacts, parts: int) -> list[str]:
 @click.argument("file", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option("--format", "kind", type=click.Choice(FORMATS), help="Else told by OUT's ending.")
-@click.option("--table", type=click.Choice(TABLES), default="status", show_default=True, help="CSV, Parquet.")
+@click.option("--table", type=click.Choice(TABLES), default="status", show_default=True, help="Of CSV, JSON.")
 @click.option("--anonymous", is_flag=True, help="Move site and time together, and leave names out.")
 @_part
 @common_options
 def export(context: CommandContext, file: Path, out: Path, **options: Any) -> int:
-    """Write a recording as pcapng (Wireshark), CSV, Parquet or CCSDS TDM, or what is readable of it as MCAP.
+    """Write a recording as pcapng (Wireshark), CSV, JSON, Parquet or CCSDS TDM, or what is readable as MCAP.
 
-    pcapng holds every datagram, TDM the observations that came in; CSV and Parquet hold one table.
+    pcapng holds every datagram, TDM the observations that came in; CSV, JSON and Parquet hold one table:
+    "error" is the error at every status, from which the figures of `sattrack report` can be made again.
     --anonymous takes the site to another longitude and all instants with it; the latitude stays, and whoever
     finds the orbit in a catalogue's history finds the rest.
     """
@@ -103,7 +105,7 @@ def export(context: CommandContext, file: Path, out: Path, **options: Any) -> in
 
 
 def _write(kind: str, recording: Recording, facts: RunFacts, out: Path, table: str) -> None:
-    from sattrack.recording.export import write_csv, write_parquet, write_pcapng
+    from sattrack.recording.export import write_csv, write_json, write_parquet, write_pcapng
 
     if kind == "mcap":
         try:
@@ -113,12 +115,11 @@ def _write(kind: str, recording: Recording, facts: RunFacts, out: Path, table: s
             raise BadInputError(f"{out}: cannot be written: {error.strerror}") from error
     elif kind == "pcapng":
         write_pcapng(recording, out)
-    elif kind == "csv":
-        write_csv(recording, out, table)
-    elif kind == "parquet":
-        write_parquet(recording, out, table)
-    else:
+    elif kind == "tdm":
         write_tdm(recording, facts, out)
+    else:
+        columns = error_columns(trace(recording, engine_of)) if table == ERROR else table_of(recording, table)
+        {"csv": write_csv, "json": write_json, "parquet": write_parquet}[kind](columns, out)
 
 
 def write_tdm(recording: Recording, facts: RunFacts, out: Path) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from sattrack.recording.format import COMMAND, OPERATOR, REPEAT, STATUS, VIEW
+from sattrack.stages import Doing
 from sattrack.xerxes.datagrams import (
     COMMAND_FIELDS,
     STATUS_FIELDS,
@@ -20,8 +21,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from sattrack.recording.reading import Recording
+    from sattrack.recording.trace import Trace
 
-TABLES = ("status", "command", "operator", "view")
+ERROR = "error"
+TABLES = ("status", "command", "operator", "view", ERROR)
 _STATUS = tuple(f.name for f in STATUS_FIELDS[1:])
 _COMMAND = tuple(f.name for f in COMMAND_FIELDS[1:])
 Row = dict[str, Any]
@@ -60,6 +63,26 @@ def flat(value: Row, prefix: str = "") -> Row:
         else:
             found[prefix + name] = item
     return found
+
+
+def error_columns(run: Trace) -> dict[str, list[Any]]:
+    """Return the error at every status, and what the run did then.
+
+    A report's figures count the rows in which `doing` is "following". Arcseconds on the sky; along is
+    positive where the mount leads, across to the left of the motion.
+    """
+    return {
+        "utc": [Utc(utc_s).isoformat("microseconds") for utc_s in run.utc_s.tolist()],
+        "utc_s": run.utc_s.tolist(),
+        "arrival_utc_s": run.arrival_utc_s.tolist(),
+        "total_arcsec": run.total.tolist(),
+        "along_arcsec": run.along.tolist(),
+        "across_arcsec": run.across.tolist(),
+        "ra_arcsec": run.ra_error.tolist(),
+        "dec_arcsec": run.dec_error.tolist(),
+        "doing": [Doing(what).name.lower() for what in run.doing.tolist()],
+        "held_by": run.held.tolist(),
+    }
 
 
 def table_of(recording: Recording, table: str) -> dict[str, list[Any]]:

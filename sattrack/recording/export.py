@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import csv
 import struct
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import msgspec
 
 from sattrack.errors import BadInputError, SattrackError
-from sattrack.recording.columns import table_of
 from sattrack.recording.format import COMMAND, OPERATOR, REPEAT, STATUS, to_ns
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from sattrack.recording.reading import Recording
+
+    Columns = dict[str, list[Any]]
 
 CLIENT, MOUNT = (bytes((192, 0, 2, 1)), 15001), (bytes((192, 0, 2, 2)), 15002)
 """Addresses for documentation (RFC 5737): a recording does not tell the real ones."""
@@ -72,9 +75,8 @@ def _udp(source: tuple[bytes, int], target: tuple[bytes, int], data: bytes) -> b
     return head[:10] + struct.pack(">H", ~(total + (total >> 16)) & 0xFFFF) + head[12:] + udp
 
 
-def write_csv(recording: Recording, path: Path, table: str) -> None:
-    """Write one table as CSV, numbers so that they come back as the same floats; raises BadInputError."""
-    columns = table_of(recording, table)
+def write_csv(columns: Columns, path: Path) -> None:
+    """Write a table as CSV, numbers so that they come back as the same floats; raises BadInputError."""
     try:
         with path.open("w", newline="", encoding="utf-8") as stream:
             writer = csv.writer(stream, lineterminator="\n")
@@ -84,15 +86,21 @@ def write_csv(recording: Recording, path: Path, table: str) -> None:
         raise BadInputError(f"{path}: cannot be written: {error.strerror}") from error
 
 
-def write_parquet(recording: Recording, path: Path, table: str) -> None:
-    """Write one table as Parquet; raises SattrackError where pyarrow is not there, BadInputError."""
+def write_json(columns: Columns, path: Path) -> None:
+    """Write a table as a JSON list of one object a row; raises BadInputError."""
+    rows = (dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True))
+    _write(path, b"[\n" + b",\n".join(msgspec.json.encode(row) for row in rows) + b"\n]\n")
+
+
+def write_parquet(columns: Columns, path: Path) -> None:
+    """Write a table as Parquet; raises SattrackError where pyarrow is not there, BadInputError."""
     try:
         import pyarrow
         from pyarrow import parquet
     except ImportError:
         raise SattrackError("Parquet needs pyarrow: pip install 'sattrack[parquet]'") from None
     try:
-        parquet.write_table(pyarrow.table(table_of(recording, table)), path)
+        parquet.write_table(pyarrow.table(columns), path)
     except OSError as error:
         raise BadInputError(f"{path}: cannot be written: {error.strerror or error}") from error
 

@@ -29,6 +29,7 @@ from sattrack.recording.format import (
     RunHeader,
     to_ns,
 )
+from sattrack.recording.schemas import ChannelSchema, channel_schemas
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -45,7 +46,6 @@ QUEUED_MOST = 20_000
 """Messages kept for a disk that is slow: eight minutes of a run, some ten megabytes."""
 CLOSE_PATIENCE_S = 10.0
 """How long a disk may take at the end before it is left to itself."""
-_JSON_SCHEMA = b'{"type":"object"}'
 
 
 class Sink(Protocol):
@@ -142,10 +142,12 @@ class Recorder:
 
     def _begin(self, header: bytes) -> None:
         self._writer.start(profile=PROFILE, library=f"sattrack {__version__}")
-        schema = self._writer.register_schema("json", "jsonschema", _JSON_SCHEMA)
+        schemas, known = channel_schemas(), dict[ChannelSchema, int]()
         for topic, encoding in CHANNELS.items():
-            number = self._writer.register_channel(topic, encoding, schema if encoding == "json" else 0)
-            self._channels[topic] = number
+            schema = schemas[topic]
+            if schema not in known:
+                known[schema] = self._writer.register_schema(*schema)
+            self._channels[topic] = self._writer.register_channel(topic, encoding, known[schema])
         self._add(RUN, 0.0, header)
         self._writer.flush()  # type: ignore[no-untyped-call]
 

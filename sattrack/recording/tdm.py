@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import groupby
 from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack import __version__
@@ -28,7 +29,11 @@ class Seen(NamedTuple):
 
 
 def tdm_text(seen: Sequence[Seen], elements: Elements, site: Site, created_utc_s: float, what: str) -> str:
-    """Return a message with a segment for each frame; `what` says in a comment what the directions are.
+    """Return a message; `what` says in a comment what the directions are.
+
+    Directions of one frame that follow one another with one sigma are a segment. The standard has no keyword
+    for the uncertainty of angles: a comment in the segment's metadata says it, SIGMA_ARCSEC, and
+    `tle.observations` reads it.
 
     Times are UTC of reception, angles degrees. The site is told in a comment, as the standard has no place
     for it.
@@ -36,22 +41,22 @@ def tdm_text(seen: Sequence[Seen], elements: Elements, site: Site, created_utc_s
     created = Utc(created_utc_s).isoformat("seconds").removesuffix("Z")
     lines = ["CCSDS_TDM_VERS = 2.0", f"CREATION_DATE = {created}", f"ORIGINATOR = SATTRACK {__version__}"]
     for frame in FRAMES:
-        part = sorted(one for one in seen if one.frame == frame)
-        if part:
-            lines += _segment(part, elements, site, frame, what)
+        of_frame = sorted((one for one in seen if one.frame == frame), key=lambda one: one.utc_s)
+        for _, part in groupby(of_frame, key=lambda one: one.sigma_arcsec):
+            lines += _segment(list(part), elements, site, frame, what)
     return "\n".join(lines) + "\n"
 
 
 def _segment(part: Sequence[Seen], elements: Elements, site: Site, frame: str, what: str) -> list[str]:
-    sigmas = {one.sigma_arcsec for one in part if one.sigma_arcsec is not None}
-    spread = [f"COMMENT one sigma {min(sigmas):g} to {max(sigmas):g} arcsec on the sky"] if sigmas else []
+    sigma = part[0].sigma_arcsec
+    told = [] if sigma is None else ["COMMENT one sigma on the sky", f"COMMENT SIGMA_ARCSEC = {sigma!r}"]
     where = f"{site.latitude_deg:.6f} {site.longitude_deg:.6f} deg, {site.height_m:.1f} m, WGS 84"
     lines = [
         "",
         "META_START",
         f"COMMENT {what}",
         f"COMMENT station at {where}",
-        *spread,
+        *told,
         "TIME_SYSTEM = UTC",
         f"START_TIME = {_time(part[0].utc_s)}",
         f"STOP_TIME = {_time(part[-1].utc_s)}",
@@ -68,7 +73,7 @@ def _segment(part: Sequence[Seen], elements: Elements, site: Site, frame: str, w
     ]
     for one in part:
         at = _time(one.utc_s)
-        lines += [f"ANGLE_1 = {at} {one.ra_deg % 360.0:.7f}", f"ANGLE_2 = {at} {one.dec_deg:.7f}"]
+        lines += [f"ANGLE_1 = {at} {one.ra_deg % 360.0:.12f}", f"ANGLE_2 = {at} {one.dec_deg:.12f}"]
     return [*lines, "DATA_STOP"]
 
 

@@ -258,8 +258,8 @@ class Journal:
     def followed(self) -> frozenset[int]:
         """Return the catalogue numbers of the satellites that were followed so far."""
         run, found = Run(), set[int]()
-        for entry in self.entries():
-            run, _ = machine.step(run, msgspec.json.decode(entry.event, type=Happening, dec_hook=decode_utc))
+        for row in (*self._entries(), *self._waiting):
+            run, _ = machine.step(run, msgspec.json.decode(row[2], type=Happening, dec_hook=decode_utc))
             pairs = zip(run.passes, run.results, strict=False)
             found |= {one.elements.catalog_number for one, result in pairs if result.on_target_s > 0.0}
         return frozenset(found)

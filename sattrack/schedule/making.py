@@ -26,7 +26,7 @@ from sattrack.schedule.nodes import (
     way_of,
     whole_and_cut,
 )
-from sattrack.schedule.packing import Packing, best_packed
+from sattrack.schedule.packing import MOST_WORK, Packing, best_packed
 from sattrack.schedule.plan import Asked, LostPass, Plan, PlannedPass, Rehearsed
 from sattrack.schedule.quotas import TAKEN, packings_of
 from sattrack.schedule.transitions import ROUNDING_S
@@ -228,39 +228,47 @@ class _Maker:
         able = [one for one in self._candidates if one.lost is None]
         cuts = most_cuts or cuts_for(sum(is_flexible(one) for one in able), len(able))
         coarse = whole_and_cut(able, cuts, least_s)
-        self._set = self._nodes(coarse)
-        self._best()
-        taken = [coarse[k] for k in self._chosen]
+        self._best(coarse, work=0 if most_cuts else MOST_WORK)
         if most_cuts is not None:
             return
-        self._choose_among(coarse, finer(taken, self._candidates, cuts, least_s))
+        more = finer(self._taken_nodes(), self._candidates, cuts, least_s)
+        if more:
+            self._best([*coarse, *more])
+        self._join(least_s)
+
+    def _join(self, least_s: list[float]) -> None:
+        """Share out what lies between the chosen passes, and choose once more with what comes of that."""
+        every, taken = self._set.nodes, self._taken_nodes()
+        numbers = {node.candidate for node in taken}
+        if not any(is_flexible(self._candidates[number]) for number in numbers):
+            return
+        few = [node for node in every if node.candidate in numbers]
         for _ in range(MOST_JOININGS):
-            taken = [self._set.nodes[k] for k in self._chosen]
-            if not any(is_flexible(self._candidates[node.candidate]) for node in taken):
-                break
             before = self._value
-            self._choose_among(self._set.nodes, joined(taken, self._candidates, least_s, self._needed_s))
+            few += joined(self._taken_nodes(), self._candidates, least_s, self._needed_s)
+            self._best(few, self._taken_nodes())
             if self._value - before < WORTH_ANOTHER * before:
                 break
+        self._best([*every, *self._taken_nodes()], self._taken_nodes())
 
-    def _choose_among(self, nodes: Sequence[Node], others: Sequence[Node]) -> None:
-        """Make the best choice of nodes, and of others that may be new."""
-        known = set(nodes)
-        more = [node for node in others if node not in known]
-        if more:
-            self._set = self._nodes([*nodes, *more])
-            self._best()
+    def _taken_nodes(self) -> list[Node]:
+        return [self._set.nodes[k] for k in self._chosen]
 
-    def _best(self) -> None:
-        of = np.array([node.candidate for node in self._set.nodes], dtype=np.intp)
-        able = frozenset(one.number for one in self._candidates if one.lost is None)
+    def _best(self, nodes: Sequence[Node], known: Sequence[Node] = (), work: int = MOST_WORK) -> None:
+        """Make the best choice of some nodes; `known` is one that can be made."""
+        nodes = list(dict.fromkeys(nodes))
+        self._set = self._nodes(nodes)
+        of = np.array([node.candidate for node in nodes], dtype=np.intp)
+        able = frozenset(of.tolist())
         packings = [one for one in self._packings if len(one.members & able) > one.most]
         packings += [
             Packing(frozenset({one.number}), 1, SAME, "taken once")
             for one in self._candidates
-            if one.lost is None and _may_split(one)
+            if one.number in able and _may_split(one)
         ]
-        best = best_packed(self._set.problem, self._limits, packings, of)
+        place = {node: k for k, node in enumerate(nodes)}
+        start = [place[node] for node in known]
+        best = best_packed(self._set.problem, self._limits, packings, of, start, work)
         self._value, self._chosen, self._bound = best
 
     def _needed_s(self, before: Node, after: Node) -> float:
@@ -456,8 +464,10 @@ class _Maker:
         """Return which rule has all that it may take, so that a candidate cannot be added; None for none."""
         taken = [self._candidates[self._set.nodes[k].candidate] for k in self._chosen]
         for packing in self._packings:
+            if one.number not in packing.members:
+                continue
             others = [place for place, other in enumerate(taken) if other.number in packing.members]
-            if one.number in packing.members and len(others) >= packing.most:
+            if len(others) >= packing.most:
                 places = ", ".join(str(place + 1) for place in others)
                 return Reason(packing.kind, f"{packing.words}: {places}", tuple(others))
         most = self._limits.get(one.entry)

@@ -29,9 +29,8 @@ if TYPE_CHECKING:
 
 PRICINGS = 25
 """Rounds in which prices are moved, for each case."""
-MOST_WORK = 400_000
+MOST_WORK = 60_000
 """Cases are weighed until so many nodes have been planned with; then the plan's bound is told."""
-FEWEST_SOLVED = 40
 MOST_REPAIRS = 20
 EQUAL = 1e-9
 LEAST_FALL, STALE = 1e-6, 4
@@ -59,13 +58,19 @@ class Packed(NamedTuple):
 
 
 def best_packed(
-    problem: Problem, limits: Mapping[int, int], packings: Sequence[Packing], of: Index
+    problem: Problem,
+    limits: Mapping[int, int],
+    packings: Sequence[Packing],
+    of: Index,
+    known: Sequence[int] = (),
+    work: int = MOST_WORK,
 ) -> Packed:
     """Return the best plan that keeps `limits` of groups and packings; `of` is each node's pass.
 
-    Raises SattrackError as `best_plan`.
+    `known` is a plan that keeps them, where there is one already. Cases are weighed until `work` nodes have
+    been planned with. Raises SattrackError as `best_plan`.
     """
-    return _Search(problem, limits, packings, of).run()
+    return _Search(problem, limits, packings, of, work).run(list(known))
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +83,12 @@ class _Case:
 
 class _Search:
     def __init__(
-        self, problem: Problem, limits: Mapping[int, int], packings: Sequence[Packing], of: Index
+        self,
+        problem: Problem,
+        limits: Mapping[int, int],
+        packings: Sequence[Packing],
+        of: Index,
+        work: int,
     ) -> None:
         self._problem, self._limits = problem, limits
         self._most = [packing.most for packing in packings]
@@ -89,11 +99,12 @@ class _Search:
         self._nodes = [
             frozenset(node for key in one.members for node in by_pass.get(key, ())) for one in packings
         ]
-        self._left = max(FEWEST_SOLVED, MOST_WORK // max(1, len(problem)))
+        self._left = work // max(1, len(problem))
         self._value, self._chosen = 0.0, list[int]()
 
-    def run(self) -> Packed:
+    def run(self, known: list[int]) -> Packed:
         order = count()
+        self._take(known)
         total, chosen = self._solve(frozenset(), {})
         if not self._too_many(chosen):
             return Packed(total, chosen, total)
@@ -141,7 +152,7 @@ class _Search:
     def _repair(self, forbidden: frozenset[int], chosen: list[int]) -> None:
         """Take the plan that comes of forbidding the least valuable of what is too many, again and again."""
         over = self._too_many(chosen)
-        for _ in range(MOST_REPAIRS):
+        while self._left > -MOST_REPAIRS:
             for number in over:
                 forbidden |= self._without(number, self._inside(number, chosen))
             chosen = self._solve(forbidden, {})[1]
@@ -155,7 +166,7 @@ class _Search:
         most = self._most[number]
         kept = {self._of[node] for node in inside[:most]}
         others = frozenset(node for node in self._nodes[number] if self._of[node] not in kept)
-        return others or frozenset(inside[most:])
+        return others | frozenset(inside[most:])
 
     def _priced(self, case: _Case, above: float) -> tuple[float, dict[int, float], list[int]]:
         """Return the lowest bound on a case that prices give, those prices, and a plan that breaks limits."""

@@ -1,4 +1,8 @@
-"""RA and Dec from a CCSDS Tracking Data Message (CCSDS 503.0-B-2), KVN or XML."""
+"""RA and Dec from a CCSDS Tracking Data Message (CCSDS 503.0-B-2), KVN or XML.
+
+The standard has no keyword for the uncertainty of angles. A comment in a segment's metadata says it for the
+whole segment, as sattrack writes it: `COMMENT SIGMA_ARCSEC = 20`, one sigma on the sky.
+"""
 
 from __future__ import annotations
 
@@ -22,6 +26,7 @@ _FRAMES: dict[str, Frame] = {
     "GCRF": "icrf",
     "TOD": "of_date",
 }
+_SIGMA = re.compile(r"SIGMA_ARCSEC\s*=\s*(\S+)")
 _DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})(T.*)?", re.ASCII)
 
 
@@ -31,6 +36,17 @@ class Segment:
 
     meta: dict[str, str] = field(default_factory=dict)
     data: list[tuple[int | None, str, str, str]] = field(default_factory=list)
+    sigma_arcsec: float | None = None
+
+    def take_comment(self, text: str, source: str, line: int | None) -> None:
+        """Take the uncertainty where a comment says one. Raises ObservationError where that is no number."""
+        match = _SIGMA.fullmatch(text.strip())
+        if match is None:
+            return
+        try:
+            self.sigma_arcsec = float(match[1])
+        except ValueError:
+            raise ObservationError(placed(source, line, f"SIGMA_ARCSEC is {match[1]!r}: no number")) from None
 
 
 def parse_text(text: str, stations: Stations, source: str) -> list[Observation]:
@@ -45,7 +61,11 @@ def _from_kvn(text: str, source: str) -> list[Segment]:
     part = "header"
     for number, raw in enumerate(text.splitlines(), start=1):
         line = raw.strip()
-        if not line or line.split()[0] == "COMMENT":
+        if not line:
+            continue
+        if line.split()[0] == "COMMENT":
+            if part == "META_START":
+                segments[-1].take_comment(line.removeprefix("COMMENT"), source, number)
             continue
         if line in ("META_START", "META_STOP", "DATA_START", "DATA_STOP"):
             part = line
@@ -74,6 +94,8 @@ def _from_xml(text: str, source: str) -> list[Segment]:
     for element in root.iter("segment"):
         meta = {child.tag: (child.text or "").strip() for child in element.iterfind("metadata/*")}
         segment = Segment(meta)
+        for comment in element.iterfind("metadata/COMMENT"):
+            segment.take_comment(comment.text or "", source, None)
         for observed in element.iterfind("data/observation"):
             epoch = (observed.findtext("EPOCH") or "").strip()
             segment.data += [
@@ -111,7 +133,19 @@ def _observations(segment: Segment, stations: Stations, source: str) -> list[Obs
         except (ValueError, TimeFormatError) as error:
             raise ObservationError(placed(source, line, str(error))) from None
         site = site_of(stations, station, source, line)
-        found.append(Observation(utc, ra_deg % 360.0, dec_deg, frame, site, seen, source=source, line=line))
+        found.append(
+            Observation(
+                utc,
+                ra_deg % 360.0,
+                dec_deg,
+                frame,
+                site,
+                seen,
+                sigma_arcsec=segment.sigma_arcsec,
+                source=source,
+                line=line,
+            )
+        )
     return found
 
 

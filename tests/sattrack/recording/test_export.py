@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 import struct
 import subprocess
 import sys
@@ -11,12 +12,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
+from mcap.reader import make_reader
 
+from sattrack import practice
 from sattrack.cli import run
 from sattrack.recording.format import COMMAND, OPERATOR, STATUS
 from sattrack.recording.looking import clock_steps
 from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import Recorder
+from sattrack.recording.tdm import Seen, tdm_text
+from tle.errors import ObservationError
 from tle.observations import Stations, read_observations
 from tle.site import Site
 
@@ -24,6 +29,7 @@ if TYPE_CHECKING:
     from collections import Counter
 
 SCRIPT = Path(__file__).resolve().parents[3] / "extras" / "wireshark" / "xerxes.lua"
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 SEEN = [
     '{"type":"observation","utc":"2026-10-02T13:05:20.250000Z","ra_deg":201.5,"dec_deg":31.25,'
     '"frame":"icrs","sigma_arcsec":20.0}',
@@ -132,6 +138,71 @@ def test_parquet_holds_what_csv_holds(short: Path, tmp_path: Path) -> None:
     entries = [e for e in Recording(short).entries() if e.topic == STATUS]
     assert table["utc_s"] == [e.utc_s for e in entries]
     assert table["dec_deg"] == [struct.unpack_from("<d", e.data, 24)[0] for e in entries]
+
+
+@pytest.mark.parametrize("ending", ["csv", "json"])
+def test_a_reports_figures_can_be_made_again_from_the_exported_errors(
+    ending: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, out = EXAMPLES / "passes" / "faults.mcap", tmp_path / f"errors.{ending}"
+    assert run(["recording", "export", str(source), str(out), "--table", "error"]) == 0
+    with out.open(newline="") as stream:
+        rows = list(csv.DictReader(stream)) if ending == "csv" else json.load(stream)
+    errors = [float(row["total_arcsec"]) for row in rows if row["doing"] == "following"]
+    rms = math.sqrt(sum(error * error for error in errors) / len(errors))
+    capsys.readouterr()
+    assert run(["report", str(source), "--bias-memory", "off"]) == 0
+    told = capsys.readouterr().out
+    assert f"{rms:.3f}″ RMS, {max(errors):.3f}″ peak" in told
+    assert f"{len(errors)} samples" in told
+    assert len(rows) > 1.5 * len(errors), "the way there is in it as well"
+
+
+def test_sigmas_of_a_tdm_come_back_each_with_its_own_observation(tmp_path: Path) -> None:
+    site = Site(52.1541, 4.4908, 0.0)
+    seen = [
+        Seen(1790946324.0 + k, 10.0 + 0.123456789012 * k, -20.0 + k / 7.0, frame, sigma)
+        for k, (frame, sigma) in enumerate(
+            [("icrs", 2.5), ("icrs", 20.0), ("icrs", 2.5), ("icrs", None), ("of_date", 0.1), ("of_date", 0.3)]
+        )
+    ]
+    out = tmp_path / "seen.tdm"
+    out.write_text(tdm_text(seen, practice.elements(), site, 1790946400.0, "made up"))
+    back = read_observations(out, Stations({}, site))
+    found = sorted((float(one.utc.unix_s), one.ra_deg, one.dec_deg, one.sigma_arcsec or -1.0) for one in back)
+    wanted = [(one.utc_s, one.ra_deg, one.dec_deg, one.sigma_arcsec or -1.0) for one in seen]
+    for got, was in zip(found, wanted, strict=True):
+        assert got == pytest.approx(was, abs=1e-9)
+    bad = out.read_text().replace("SIGMA_ARCSEC = 2.5", "SIGMA_ARCSEC = two")
+    out.write_text(bad)
+    with pytest.raises(ObservationError, match=r"seen.tdm:\d+: SIGMA_ARCSEC is 'two': no number"):
+        read_observations(out, Stations({}, site))
+
+
+def test_every_channel_is_described_to_other_tools(short: Path) -> None:
+    with short.open("rb") as stream:
+        summary = make_reader(stream).get_summary()
+        assert summary is not None
+        by_topic = {one.topic: summary.schemas[one.schema_id] for one in summary.channels.values()}
+        messages = {
+            channel.topic: message.data for _, channel, message in make_reader(stream).iter_messages()
+        }
+    for topic, schema in by_topic.items():
+        if schema.encoding == "jsonschema":
+            described = json.loads(schema.data)
+            assert described["type"] == "object"
+            assert "$ref" not in schema.data.decode()
+            if topic in messages:
+                assert set(json.loads(messages[topic])) <= set(described["properties"]), topic
+        else:
+            fields = list(csv.DictReader(schema.data.decode().splitlines()))
+            last = fields[-1]
+            end = int(last["offset"]) + struct.calcsize("<" + last["type"])
+            assert end == len(messages.get(topic, bytes(end))), topic
+    status = {one["name"]: one for one in csv.DictReader(by_topic["status"].data.decode().splitlines())}
+    place = status["site_latitude_deg"]
+    (latitude_deg,) = struct.unpack_from("<" + place["type"], messages["status"], int(place["offset"]))
+    assert latitude_deg == pytest.approx(52.1541)
 
 
 def test_a_tdm_gives_the_observations_back_to_a_reader_of_its_own(short: Path, tmp_path: Path) -> None:
