@@ -96,8 +96,15 @@ class Trace:
 
     @property
     def fit_for(self) -> NDArray[np.bool_]:
-        """The samples that tell of the mount: it followed on target, and no offset changed, for SETTLES_S."""
+        """The samples that tell of the mount: it followed on target, and no offset changed, for SETTLES_S.
+
+        After each disturbance the mount must have been on target again.
+        """
         good = self.following & self.steady
+        arrived, on_target = False, ~self.off_target
+        for k in range(len(good)):
+            arrived = bool(good[k]) and (arrived or bool(on_target[k]))
+            good[k] = arrived
         disturbed = self.utc_s[~good]
         if not len(disturbed):
             return self._near(good)
