@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -38,6 +39,8 @@ _STEP_S, _LONG_STEP_S, _LONG_S = 10.0, 60.0, 3600.0
 _CLOSE_S = 1e-2
 # The arrays of so many looks stay within a processor's cache.
 _LOOKS_A_CHUNK = 60000
+# Fewer passes are looked at sooner than threads start to pay.
+_FEWEST_TO_SHARE = 2000
 _SHORTEST_HALF_S = 1e-6
 # Parts of the step between looks at which least values are closed in on.
 _SHRINKS = (1.0 / 8.0, 1.0 / 64.0)
@@ -50,6 +53,8 @@ _SKY_TERMS, _DEEP_SKY_TERMS = 6, 14
 PLACE, VELOCITY, STRETCHED = slice(0, 3), slice(3, 6), slice(6, 9)
 SUN, MOON, SUN_STRETCHED = slice(9, 12), slice(12, 15), slice(15, 18)
 Interval = tuple[Utc, Utc]
+_Looked = tuple["list[Array]", "Intervals", "Intervals"]
+"""Numbers of some passes in the order of _NUMBERS, and when they are sunlit and in penumbra."""
 _NUMBERS = (
     "sun_alt_deg",
     "min_sun_separation_deg",
@@ -169,11 +174,13 @@ def fact_columns(
     magnitudes: Mapping[int, float] | None = None,
     progress: Callable[[int, int], None] | None = None,
     separations: bool = True,
+    workers: int = 1,
 ) -> FactColumns:
-    """Return the facts of passes by index, of all without one; those from Sun and Moon only if wanted.
+    """Return the facts of passes by index, of all without one; separations from Sun and Moon only if wanted.
 
     `magnitudes` are intrinsic ones by catalogue number; see `brightness`. `progress` is told, now and then,
-    how many passes are done and how many there are.
+    how many passes are done and how many there are. `workers` threads share very many passes: most of the
+    work is numpy's, which lets other threads run. The result is the same.
     """
     chosen = np.arange(len(passes)) if index is None else np.asarray(index, dtype=np.intp)
     search = CatalogueSearch(passes.task)
@@ -182,23 +189,44 @@ def fact_columns(
     known = np.zeros(len(chosen), dtype=bool)
     sunlit: list[Intervals] = []
     penumbra: list[Intervals] = []
-    done = 0
-    for part, is_deep, looks in _chunks(search, select(passes.found, chosen)):
+
+    def look(chunk: tuple[Index, bool, int]) -> tuple[Index, Index, _Looked | None]:
+        part, is_deep, looks = chunk
         arcs = _PassArcs(search, select(passes.found, chosen[part]), is_deep, looks, bodies)
-        if len(arcs.known):
-            names = part[arcs.known]
-            known[names] = True
-            numbers[:, names] = arcs.numbers(magnitudes or {}, separations)
-            whole, part_of_it = arcs.light()
-            sunlit.append(whole.renamed(names))
-            penumbra.append(part_of_it.renamed(names))
-        done += len(part)
-        if progress is not None:
-            progress(done, len(chosen))
+        names = part[arcs.known]
+        return (
+            part,
+            names,
+            (arcs.numbers(magnitudes or {}, separations), *arcs.light()) if len(names) else None,
+        )
+
+    done = 0
+    with _mapping(workers if len(chosen) >= _FEWEST_TO_SHARE else 1) as mapped:
+        for part, names, looked in mapped(look, list(_chunks(search, select(passes.found, chosen)))):
+            if looked is not None:
+                known[names] = True
+                numbers[:, names] = looked[0]
+                sunlit.append(looked[1].renamed(names))
+                penumbra.append(looked[2].renamed(names))
+            done += len(part)
+            if progress is not None:
+                progress(done, len(chosen))
     sun_alt, sun, moon, ha_rate, dec_rate, bright = numbers
     return FactColumns(
         known, sun_alt, sun, moon, ha_rate, dec_rate, bright, _joined(sunlit), _joined(penumbra)
     )
+
+
+@contextmanager
+def _mapping(workers: int) -> Iterator[Callable[..., Iterator[tuple[Index, Index, _Looked | None]]]]:
+    """Give `map`, or one that shares the work among threads and gives results in the same order."""
+    if workers <= 1:
+        yield map
+        return
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(workers) as pool:
+        yield pool.map
 
 
 def _chunks(search: CatalogueSearch, found: Crossings) -> Iterator[tuple[Index, bool, int]]:

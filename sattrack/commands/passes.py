@@ -262,7 +262,8 @@ def _table(
         # The Sun's altitude is known at once: what it rules out needs no other facts.
         index = np.flatnonzero(sun_altitudes_deg(passes) <= _DARK_SUN_DEG)
     progress = _progress("looked at {done} of {total} passes", len(index))
-    table = PassTable(passes, index, fact_columns(passes, index, known, progress, separations))
+    facts = fact_columns(passes, index, known, progress, separations, workers=os.cpu_count() or 1)
+    table = PassTable(passes, index, facts)
     keep = np.ones(len(table), dtype=bool)
     if options["sunlit"]:
         keep &= np.diff(table.facts.sunlit.starts(len(table))) > 0

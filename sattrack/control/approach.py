@@ -27,7 +27,8 @@ PATIENCE_S, PATIENCE_TIMES = 30.0, 3.0
 """A slew may take this, and so many times what its length asks for: it may go round what is in the way."""
 FAR_DEG = 5.0
 """An error on the sky from which on a slew ahead may be worth more than going on with rates."""
-FAR_FOR_S = 0.5
+FAR_FOR_S, FAR_AND_HELD_FOR_S = 0.5, 5.0
+"""How long it must be so: what holds a mount may be over sooner than the slew round it, which takes as long."""
 REFUSED_FOR_S = 2.0
 """Not sooner after a slew for which there was no way at all another one is asked for."""
 AGAIN_SHARE, LEAST_AGAIN_S, MOST_AGAIN_S = 0.5, 0.5, 20.0
@@ -159,7 +160,7 @@ class Approach:
             return False
         if self._far_since_utc_s is None:
             self._far_since_utc_s = now_utc_s
-        if now_utc_s - self._far_since_utc_s < FAR_FOR_S:
+        if now_utc_s - self._far_since_utc_s < (FAR_AND_HELD_FOR_S if held else FAR_FOR_S):
             return False
         self._far_since_utc_s = None
         ahead = self._plan(now_utc_s, now_utc_s, stand, True, held)

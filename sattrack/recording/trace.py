@@ -42,7 +42,7 @@ FIT_WITHIN = 5.0
 SPAN_S = 20.0
 FOLLOWED = frozenset({HOLDING, *(phase.value for phase in FOLLOWING)})
 ACQUIRED = ("following", "rejoining")
-DENSE_S = 0.25
+DENSE_S = 0.75
 """Views that come so often tell what the run did between two, where the recording holds no stages."""
 UNKNOWN = "unknown"
 """The name of a limit that a recording does not tell."""

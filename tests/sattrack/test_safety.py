@@ -276,7 +276,8 @@ def test_only_safety_makes_what_a_session_takes_and_nothing_else_composes_motion
     senders = {module for module, name, _ in every if name == "sendto"}
     mounts = {"xerxes/simulator/server.py", "alpaca_mount/gateway.py"}
     # The last answers who asks for Alpaca servers.
-    assert senders == {"xerxes/client.py", "runtime/alpaca_process.py", *mounts}
+    # One tells systemd how a run stands.
+    assert senders == {"xerxes/client.py", "runtime/alpaca_process.py", "runtime/service.py", *mounts}
 
 
 def test_whoever_lets_a_session_speak_has_a_gate_of_its_own() -> None:
