@@ -28,7 +28,7 @@ PATIENCE_S, PATIENCE_TIMES = 30.0, 3.0
 FAR_DEG = 5.0
 """An error on the sky from which on a slew ahead may be worth more than going on with rates."""
 FAR_FOR_S, FAR_AND_HELD_FOR_S = 0.5, 5.0
-"""How long it must be so: what holds a mount may be over sooner than the slew round it, which takes as long."""
+"""How long it must be so. What holds a mount may be over sooner than the slew round it, of some seconds."""
 REFUSED_FOR_S = 2.0
 """Not sooner after a slew for which there was no way at all another one is asked for."""
 AGAIN_SHARE, LEAST_AGAIN_S, MOST_AGAIN_S = 0.5, 0.5, 20.0
