@@ -921,7 +921,8 @@ class TestNoise:
             if isinstance(motion, (Hold, Stop)):
                 assert moving_flags(command) == []
         health = session.health
-        assert taken + health.late + health.duplicate + health.rejected == len(datagrams)
+        counted = health.late + health.duplicate + health.rejected + health.frozen
+        assert taken + counted == len(datagrams)
 
     @given(raw=st.binary(min_size=8, max_size=8), offset=st.sampled_from((32, 48, 104, 112, 120)))
     @settings(max_examples=100, deadline=None)
