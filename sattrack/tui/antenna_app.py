@@ -105,7 +105,7 @@ class AntennaApp(ThemedApp):
     def on_mount(self) -> None:
         """Set the look, and look at the feed from now on."""
         self.set_look()
-        self.set_interval(LOOK_EVERY_S, self.look)
+        self.every(LOOK_EVERY_S, self.look)
         self.look()
 
     def look(self) -> None:

@@ -176,8 +176,8 @@ class TrackApp(ScreenApp, RestKeys, PageKeys, TargetKeys):
         self.set_look()
         for name, title in look.TITLES.items():
             self.query_one(name).border_title = title
-        self.set_interval(LOOK_EVERY_S, self.look)
-        self.set_interval(PLOT_EVERY_S, self.plot)
+        self.every(LOOK_EVERY_S, self.look)
+        self.every(PLOT_EVERY_S, self.plot)
         self.look()
         self.call_after_refresh(self.plot)
 

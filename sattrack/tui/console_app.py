@@ -122,7 +122,7 @@ class ConsoleApp(ScreenApp):
         self.set_look()
         for name, title in TITLES.items():
             self.query_one(name).border_title = title
-        self.set_interval(LOOK_EVERY_S, self.look)
+        self.every(LOOK_EVERY_S, self.look)
         self.look()
 
     def look(self) -> None:

@@ -15,7 +15,7 @@ from sattrack.tui.plain import PlainFilter
 from sattrack.tui.scene import Tone
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from textual.content import Content
     from textual.events import Click
@@ -65,6 +65,10 @@ class ThemedApp(App[None]):
     def shapes(self) -> bool:
         """Whether lines must differ in shape, since colours do not tell them apart."""
         return self.no_color or (not self.is_headless and self.console.color_system in FEW_COLOURS)
+
+    def every(self, seconds: float, act: Callable[[], None]) -> None:
+        """Call a function again and again while there are screens; the application's timers outlive them."""
+        self.set_interval(seconds, lambda: act() if self.is_running else None)
 
     def set_look(self) -> None:
         """Set the theme."""

@@ -10,6 +10,7 @@ from antenna_setup import NOON_NS, SITE
 
 pytest.importorskip("textual")
 
+from textual._callback import invoke
 from textual.widgets import Static
 
 from sattrack.antenna_view import AntennaView, AxesView, ExchangeView, FocusView, RefusalView
@@ -159,5 +160,22 @@ def test_the_red_theme_is_red_and_t_goes_on_to_the_next() -> None:
             await pilot.pause()
             assert app.theme == "contrast"
             assert "#ff9c94" in colours_of(app), "what is bad is said in this theme's own colour"
+
+    asyncio.run(run())
+
+
+class LateApp(AntennaApp):
+    """Takes so long to end, once its screens are gone, that its timers come once more."""
+
+    async def _close_all(self) -> None:
+        await super()._close_all()
+        for timer in self._timers:
+            await invoke(timer._callback)
+
+
+def test_nothing_is_drawn_once_the_screens_are_taken_down() -> None:
+    async def run() -> None:
+        async with LateApp(FakeFeed()).run_test(size=(80, 24)) as pilot:
+            await pilot.pause()
 
     asyncio.run(run())
