@@ -54,8 +54,8 @@ PLACE, VELOCITY, STRETCHED = slice(0, 3), slice(3, 6), slice(6, 9)
 SUN, MOON, SUN_STRETCHED = slice(9, 12), slice(12, 15), slice(15, 18)
 Interval = tuple[Utc, Utc]
 _Looked = tuple["list[Array]", "Intervals", "Intervals"]
-"""Numbers of some passes in the order of _NUMBERS, and when they are sunlit and in penumbra."""
-_NUMBERS = (
+"""Numbers of some passes in the order of NUMBERS, and when they are sunlit and in penumbra."""
+NUMBERS = (
     "sun_alt_deg",
     "min_sun_separation_deg",
     "min_moon_separation_deg",
@@ -63,6 +63,7 @@ _NUMBERS = (
     "peak_dec_rate_deg_s",
     "magnitude",
 )
+"""The facts that are one number each, as `PassFacts` and `FactColumns` name them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -135,14 +136,14 @@ class FactColumns:
 
     def take(self, index: Index) -> FactColumns:
         """Return those of some passes, in their order."""
-        sun_alt, sun, moon, ha_rate, dec_rate, bright = (getattr(self, name)[index] for name in _NUMBERS)
+        sun_alt, sun, moon, ha_rate, dec_rate, bright = (getattr(self, name)[index] for name in NUMBERS)
         sunlit, penumbra = (spans.take(index, len(self)) for spans in (self.sunlit, self.penumbra))
         return FactColumns(self.known[index], sun_alt, sun, moon, ha_rate, dec_rate, bright, sunlit, penumbra)
 
     def items(self, start_s: float) -> list[PassFacts | None]:
         """Return the facts of each pass, by the search's start in POSIX seconds."""
         lit, part = (_as_utc(spans, len(self), start_s) for spans in (self.sunlit, self.penumbra))
-        numbers = zip(*(getattr(self, name).tolist() for name in _NUMBERS), strict=True)
+        numbers = zip(*(getattr(self, name).tolist() for name in NUMBERS), strict=True)
         return [
             PassFacts(
                 lit[k], part[k], sun_alt, sun, moon, ha_rate, dec_rate, None if math.isnan(bright) else bright
@@ -185,7 +186,7 @@ def fact_columns(
     chosen = np.arange(len(passes)) if index is None else np.asarray(index, dtype=np.intp)
     search = CatalogueSearch(passes.task)
     bodies = sun_and_moon(search.ground, search.earth, (search.start_s, search.span_s))
-    numbers = np.full((len(_NUMBERS), len(chosen)), np.nan)
+    numbers = np.full((len(NUMBERS), len(chosen)), np.nan)
     known = np.zeros(len(chosen), dtype=bool)
     sunlit: list[Intervals] = []
     penumbra: list[Intervals] = []
@@ -327,7 +328,7 @@ class _PassArcs:
         return rows
 
     def numbers(self, magnitudes: Mapping[int, float], separations: bool) -> list[Array]:
-        """Return the facts of each pass that is known, in the order of `_NUMBERS`."""
+        """Return the facts of each pass that is known, in the order of `NUMBERS`."""
         sun_alt_deg, _ = altaz_deg(self._sun.east_north_up(self._search.start_s + self._top_s))
         axis = self._search.ground.up_axis
         sun = moon = np.full(len(self.known), np.nan)

@@ -15,6 +15,7 @@ import numpy as np
 
 from tle.crossing_columns import select
 from tle.errors import printable
+from tle.facts import NUMBERS
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -53,14 +54,6 @@ _SINGLE = (
     "magnitude",
     "feasible",
     "why_not",
-)
-_FACTS = (
-    "peak_ha_rate_deg_s",
-    "peak_dec_rate_deg_s",
-    "sun_alt_deg",
-    "min_sun_separation_deg",
-    "min_moon_separation_deg",
-    "magnitude",
 )
 _FIELDS = (
     "name",
@@ -171,7 +164,7 @@ def write_json(table: PassTable, write: Callable[[str], object]) -> None:
     opening = "["
     for block in table.blocks():
         columns = _texts(block, _json_numbers, "null", '"')
-        columns["name"] = _of_objects(block, lambda one: json.dumps(one.name))
+        columns["name"] = _of_objects(block, lambda every: [json.dumps(one.name) for one in every])
         columns["feasible"] = _feasible(block, ("true", "false", "null"))
         columns["why_not"] = [json.dumps(why) for why in block.why_not] or ["null"] * len(block)
         columns.update(_lists(block))
@@ -188,7 +181,7 @@ def write_csv(table: PassTable, write: Callable[[str], object]) -> None:
     writer.writerow(_SINGLE)
     for block in table.blocks():
         columns = _texts(block, _numbers, "", "")
-        columns["name"] = _of_objects(block, lambda one: one.name)
+        columns["name"] = _of_objects(block, lambda every: [one.name for one in every])
         columns["feasible"] = _feasible(block, ("True", "False", ""))
         columns["why_not"] = [why or "" for why in block.why_not] or [""] * len(block)
         writer.writerows(zip(*(columns[key] for key in _SINGLE), strict=True))
@@ -207,6 +200,9 @@ def _texts(
     def instants(since_s: Array) -> list[str]:
         return _instants(start_s + since_s, none, quote)
 
+    def epochs(every: list[Elements]) -> list[str]:
+        return _instants(np.array([one.epoch.unix_s for one in every]), "", quote)
+
     starts = facts.sunlit.starts(len(block))
     some = starts[1:] > starts[:-1]
     lit_from, lit_to = np.full(len(block), np.nan), np.full(len(block), np.nan)
@@ -222,11 +218,11 @@ def _texts(
         **azimuths,
         "max_alt_deg": found.max_alt_deg[block.index],
         "culminate_az_deg": found.culminate_az_deg[block.index],
-        **{name: getattr(facts, name) for name in _FACTS},
+        **{name: getattr(facts, name) for name in NUMBERS},
     }
     return {
-        "catalog_number": _of_objects(block, lambda one: str(one.catalog_number)),
-        "elements_epoch": _epochs(block, quote),
+        "catalog_number": _of_objects(block, lambda every: [str(one.catalog_number) for one in every]),
+        "elements_epoch": _of_objects(block, epochs),
         "rise_utc": instants(found.rise_s[block.index]),
         "culminate_utc": instants(found.culminate_s[block.index]),
         "set_utc": instants(found.set_s[block.index]),
@@ -253,18 +249,11 @@ def _bracketed(items: list[str], starts: Index) -> list[str]:
     return [f"[{', '.join(items[low:high])}]" for low, high in pairwise(starts.tolist())]
 
 
-def _of_objects(block: PassTable, text: Callable[[Elements], str]) -> list[str]:
+def _of_objects(block: PassTable, texts: Callable[[list[Elements]], list[str]]) -> list[str]:
     """Return a text of each row's elements, made once for each object."""
     names, which = np.unique(block.passes.found.obj[block.index], return_inverse=True)
-    texts = [text(block.passes.elements[o]) for o in names.tolist()]
-    return [texts[k] for k in which.tolist()]
-
-
-def _epochs(block: PassTable, quote: str) -> list[str]:
-    names, which = np.unique(block.passes.found.obj[block.index], return_inverse=True)
-    epochs = np.array([block.passes.elements[o].epoch.unix_s for o in names.tolist()])
-    texts = _instants(epochs, "", quote)
-    return [texts[k] for k in which.tolist()]
+    made = texts([block.passes.elements[o] for o in names.tolist()])
+    return [made[k] for k in which.tolist()]
 
 
 def _instants(unix_s: Array, none: str, quote: str) -> list[str]:
@@ -314,7 +303,7 @@ def table_lines(table: PassTable, day: str) -> Iterator[str]:
         dates = [text[:10] for text in Utc(start_s + first_s).isoformats("seconds")]
         alts_deg = found.max_alt_deg[block.index].tolist()
         facts = block.facts.items(start_s)
-        labels = _of_objects(block, lambda one: one.label)
+        labels = _of_objects(block, lambda every: [one.label for one in every])
         why_not = block.why_not or (None,) * len(block)
         for date, rise, top, end, *rest in zip(
             dates, *moments, alts_deg, facts, labels, why_not, strict=True

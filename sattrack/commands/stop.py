@@ -106,7 +106,7 @@ class Mounts:
 
     def lines(self) -> list[str]:
         """Return a line for each."""
-        told = [f"{each.mount}  {each}{_note(each)}" for each in self.sessions]
+        told = [_line(each) for each in self.sessions]
         if self.unowned is not None:
             told.append(f"{self.unowned.name}  no session owns it")
         return [*told, *(f"{night.mount or 'sim'}  the schedule {night.schedule}" for night in self.idle)]
@@ -143,8 +143,8 @@ def is_simulated(owner: Owner) -> bool:
     return words[1:2] == ["demo"] or "--mount sim" in " ".join(words)
 
 
-def _note(owner: Owner) -> str:
-    return " (simulated)" if is_simulated(owner) else ""
+def _line(owner: Owner) -> str:
+    return f"{owner.mount}  {owner}{' (simulated)' if is_simulated(owner) else ''}"
 
 
 @click.command("stop")
@@ -235,9 +235,8 @@ def _chosen(mounts: Mounts, as_json: bool) -> Mounts:
     if len(mounts) <= 1:
         return mounts
     if len(mounts.real()) == 1:
-        for line in mounts.lines()[: len(mounts.sessions)]:
-            if line.endswith(" (simulated)"):
-                tell(f"goes on: {line}; `sattrack stop --all` stops it too")
+        for owner in filter(is_simulated, mounts.sessions):
+            tell(f"goes on: {_line(owner)}; `sattrack stop --all` stops it too")
         return mounts.real()
     for number, line in enumerate(mounts.lines(), start=1):
         click.echo(f"{number}  {line}", err=True)

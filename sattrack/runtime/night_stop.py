@@ -25,6 +25,7 @@ import msgspec
 from sattrack.errors import SattrackError
 from sattrack.runtime.night_journal import holder
 from sattrack.runtime.owner import this_command, this_user, utc_now
+from sattrack.runtime.signals import handling
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -194,19 +195,11 @@ def heeding_signals(requests: NightRequests) -> Iterator[None]:
         signal.SIGTERM: terminate,
         signal.SIGHUP: hang_up,
     }
-    ignored = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
-    before = {number: signal.getsignal(number) for number in (*handlers, *ignored)}
-    for number, handler in handlers.items():
-        # Whoever starts a program by nohup wants it to outlive its terminal.
-        if not (number == signal.SIGHUP and before[number] == signal.SIG_IGN):
-            signal.signal(number, lambda *_, handler=handler: handler())
-    for number in ignored:
-        signal.signal(number, signal.SIG_IGN)
-    try:
+    # Whoever starts a program by nohup wants it to outlive its terminal.
+    if signal.getsignal(signal.SIGHUP) == signal.SIG_IGN:
+        del handlers[signal.SIGHUP]
+    with handling(handlers):
         yield
-    finally:
-        for number, previous in before.items():
-            signal.signal(number, previous)
 
 
 def _list_folder(home: str | None = None) -> Path:

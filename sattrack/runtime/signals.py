@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
 STOPPING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 IGNORED_SIGNALS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
@@ -31,16 +31,23 @@ class StopRequest:
 @contextmanager
 def stopping(stop: StopRequest) -> Iterator[None]:
     """Have the signals that end programs ask for a stop, however often they come; suspending is ignored."""
-    before = {number: signal.getsignal(number) for number in (*STOPPING_SIGNALS, *IGNORED_SIGNALS)}
-    for number in STOPPING_SIGNALS:
-        signal.signal(number, lambda *_: stop.ask())
+    with handling(dict.fromkeys(STOPPING_SIGNALS, stop.ask)):
+        yield
+
+
+@contextmanager
+def handling(handlers: Mapping[signal.Signals, Callable[[], None]]) -> Iterator[None]:
+    """Have each signal call its handler, until the end; suspending is ignored."""
+    before = {number: signal.getsignal(number) for number in (*handlers, *IGNORED_SIGNALS)}
+    for number, handler in handlers.items():
+        signal.signal(number, lambda *_, handler=handler: handler())
     for number in IGNORED_SIGNALS:
         signal.signal(number, signal.SIG_IGN)
     try:
         yield
     finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+        for number, previous in before.items():
+            signal.signal(number, previous)
 
 
 def outlive() -> None:
