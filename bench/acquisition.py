@@ -21,14 +21,14 @@ from typing import TYPE_CHECKING, NamedTuple
 from feeder_harness import Scenario, World
 from feeder_passes import Ours, Subject, hardware
 
-from sattrack import practice
-from sattrack.mount import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile
+from sattrack.control.tracker import TrackPlan
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, mean_sidereal_deg
+from sattrack.mount.xerxes.datagrams import Command, encode_command
+from sattrack.runtime import practice
 from sattrack.runtime.facts import RunFacts
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
-from sattrack.tracker import TrackPlan
-from sattrack.xerxes.datagrams import Command, encode_command
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, mean_sidereal_deg
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.site import Site

@@ -13,26 +13,26 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from sattrack.alpaca_mount.address import AlpacaAddress
-from sattrack.alpaca_mount.bridge import Bridge
-from sattrack.alpaca_mount.device import DeviceFacts, Place, Span, Standing
-from sattrack.alpaca_simulator.telescope import Refused, Telescope
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.findings import Findings, conclude, dated_by_requests
 from sattrack.calibration.guard import Surroundings
 from sattrack.calibration.plan import Plan
 from sattrack.calibration.profile import bounded, calibrated
 from sattrack.control.sky_error import sky_error
-from sattrack.figures import RunningError
+from sattrack.core.figures import RunningError
+from sattrack.mount.alpaca.address import AlpacaAddress
+from sattrack.mount.alpaca.bridge import Bridge
+from sattrack.mount.alpaca.device import DeviceFacts, Place, Span, Standing
+from sattrack.mount.simulator.alpaca.telescope import Refused, Telescope
 from sattrack.runtime.facts import build_engine, suited_to
 from sattrack.runtime.prepare import RunRequest, prepare
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.alpaca_mount.orders import Order
-    from sattrack.alpaca_simulator.settings import TelescopeSettings
-    from sattrack.mount import MountProfile
+    from sattrack.mount.alpaca.orders import Order
+    from sattrack.mount.model import MountProfile
+    from sattrack.mount.simulator.alpaca.settings import TelescopeSettings
 
 TURN_JITTER_S = 0.001
 LOOPBACK_S = 0.0002

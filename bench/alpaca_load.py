@@ -21,7 +21,7 @@ from contextlib import ExitStack
 
 from door_load import CROWD, MANY, SETTLE_S, begin_asking, end_asking, open_door
 
-from sattrack.figures import quantile
+from sattrack.core.figures import quantile
 
 LOADS = {
     "none": [],

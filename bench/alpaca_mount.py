@@ -25,9 +25,9 @@ import msgspec
 from alpaca_harness import calibrate, follow
 from programs import satellite, simulated_telescope
 
-from sattrack.alpaca_simulator.settings import TelescopeSettings
 from sattrack.control.sky_error import sky_error
-from sattrack.figures import RunningError
+from sattrack.core.figures import RunningError
+from sattrack.mount.simulator.alpaca.settings import TelescopeSettings
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.refraction import Refraction
@@ -132,8 +132,8 @@ def requests() -> None:
     """Tell what one request takes by either library, and how many connections it makes."""
     from alpaca.telescope import Telescope
 
-    from sattrack.alpaca_mount.address import AlpacaAddress
-    from sattrack.alpaca_mount.client import AlpacaClient
+    from sattrack.mount.alpaca.address import AlpacaAddress
+    from sattrack.mount.alpaca.client import AlpacaClient
 
     quick = TelescopeSettings(latency_s=0.0, jitter_s=0.0)
     with simulated_telescope(msgspec.json.encode(quick)) as (_, port):

@@ -21,13 +21,13 @@ from typing import NamedTuple
 
 from antenna_harness import SITE, VirtualAntenna, rms, separation_arcsec
 
-from sattrack import practice
-from sattrack.antenna.antcn import Antcn, epoch_utc_s
-from sattrack.antenna.antcn_run import AntcnRun
-from sattrack.antenna.line import TCP_CHARACTER_TIME_OUT_S, encode
-from sattrack.antenna.position import Position, position_message
-from sattrack.antenna.trajectory import NS, AxisRange, AxisState
-from sattrack.clock import SystemClock
+from sattrack.core.clock import SystemClock
+from sattrack.runtime import practice
+from sattrack.servers.antenna.antcn import Antcn, epoch_utc_s
+from sattrack.servers.antenna.antcn_run import AntcnRun
+from sattrack.servers.antenna.line import TCP_CHARACTER_TIME_OUT_S, encode
+from sattrack.servers.antenna.position import Position, position_message
+from sattrack.servers.antenna.trajectory import NS, AxisRange, AxisState
 from tle.instants import Utc
 from tle.propagator import Propagator
 

@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 import msgspec
 from feeder_passes import KANOPUS, SCENARIOS, SETTLED_S, subjects, world
 
-from sattrack import practice
-from sattrack.antenna.equipment import Antenna
-from sattrack.antenna.line import encode
-from sattrack.antenna.sky import Sky
-from sattrack.antenna.station import Station, axis_range
+from sattrack.runtime import practice
+from sattrack.servers.antenna.equipment import Antenna
+from sattrack.servers.antenna.line import encode
+from sattrack.servers.antenna.sky import Sky
+from sattrack.servers.antenna.station import Station, axis_range
 
 if TYPE_CHECKING:
     from feeder_harness import Scenario

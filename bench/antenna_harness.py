@@ -7,21 +7,21 @@ from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any
 
-from sattrack import practice
-from sattrack.antenna.equipment import Antenna
-from sattrack.antenna.focus import SimulatedFocuser
-from sattrack.antenna.line import encode
-from sattrack.antenna.sky import Sky
-from sattrack.antenna.station import Station, axis_range
-from sattrack.mount import MountProfile
+from sattrack.mount.model import MountProfile
+from sattrack.mount.simulator.installation import Installation
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.runtime import practice
 from sattrack.safety import SafetyLimits
-from sattrack.xerxes.simulator.installation import Installation
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.servers.antenna.equipment import Antenna
+from sattrack.servers.antenna.focus import SimulatedFocuser
+from sattrack.servers.antenna.line import encode
+from sattrack.servers.antenna.sky import Sky
+from sattrack.servers.antenna.station import Station, axis_range
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.xerxes.simulator.mount import Truth
+    from sattrack.mount.simulator.mount import Truth
 
 MOUNT_PHASE_S = 0.0217
 SITE = practice.SITE.place()

@@ -18,11 +18,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sattrack import practice
 from sattrack.control.course import Course
 from sattrack.control.estimate import Estimator
-from sattrack.messages import Observation, decode_message, encode_message
+from sattrack.runtime import practice
 from sattrack.runtime.facts import choose_pass
+from sattrack.views.messages import Observation, decode_message, encode_message
 from tle.bias import NO_BIAS, Bias
 from tle.elements import Elements
 from tle.instants import Utc

@@ -36,8 +36,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from programs import free_port, satellite
 
-from sattrack.figures import quantile
-from sattrack.runtime.realtime import PRIORITY, VARIABLE
+from sattrack.core.figures import quantile
+from sattrack.core.realtime import PRIORITY, VARIABLE
 
 if TYPE_CHECKING:
     from collections.abc import Callable

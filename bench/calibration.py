@@ -25,12 +25,12 @@ import numpy as np
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.findings import Findings, conclude
 from sattrack.calibration.guard import CalibrationEndedError, Kind, Surroundings
-from sattrack.mount import AxisLimits, MountProfile
-from sattrack.xerxes.datagrams import Command, Readings, decode_status, encode_command
-from sattrack.xerxes.simulator import timer as simulator_timer
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.xerxes.simulator.settings import ServoSettings, SimulatorProfile
-from sattrack.xerxes.simulator.wire import Wire, WireLaw
+from sattrack.mount.model import AxisLimits, MountProfile
+from sattrack.mount.simulator import timer as simulator_timer
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.settings import ServoSettings, SimulatorProfile
+from sattrack.mount.simulator.wire import Wire, WireLaw
+from sattrack.mount.xerxes.datagrams import Command, Readings, decode_status, encode_command
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from programs import ended, free_port, sattrack
 
-from sattrack import practice
+from sattrack.runtime import practice
 
 if TYPE_CHECKING:
     from contextlib import ExitStack

@@ -25,16 +25,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from acquisition import NO_LIMITS, Moving, least_s
 from feeder_harness import Timer as WindowsTimer
 
-from sattrack import practice
 from sattrack.control.kalman import wrap180
 from sattrack.control.sky_error import Target, sky_error
-from sattrack.mount import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, mean_sidereal_deg
+from sattrack.control.tracker import TrackPlan
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, mean_sidereal_deg
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.settings import ServoSettings, SimulatorProfile
+from sattrack.mount.xerxes.repeats import REPEAT_AFTER_PERIODS
+from sattrack.runtime import practice
 from sattrack.runtime.facts import RunFacts, build_engine
 from sattrack.settings import SiteSettings
-from sattrack.tracker import TrackPlan
-from sattrack.xerxes.repeats import REPEAT_AFTER_PERIODS
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.xerxes.simulator.settings import ServoSettings, SimulatorProfile
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.site import Site

@@ -35,7 +35,7 @@ from feeder_passes import (
 )
 from feeder_rivals import Compensated, Oracle, Proportional
 
-from sattrack.messages import Nudge
+from sattrack.views.messages import Nudge
 from tle.bias import Bias
 from tle.instants import Utc
 

@@ -22,9 +22,9 @@ from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.findings import conclude
 from sattrack.calibration.guard import Kind, Surroundings
 from sattrack.calibration.profile import calibrated
-from sattrack.commands.running import announcement
-from sattrack.mount import MountProfile
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.cli.running import announcement
+from sattrack.mount.model import MountProfile
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from tle.instants import Utc
 
 if TYPE_CHECKING:

@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Any, Protocol
 import msgspec
 
 from sattrack.control.sky_error import sky_error
-from sattrack.xerxes.datagrams import Command, decode_command, encode_command
-from sattrack.xerxes.repeats import REPEAT_AFTER_PERIODS
+from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_command
+from sattrack.mount.xerxes.repeats import REPEAT_AFTER_PERIODS
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.mount import MountProfile
-    from sattrack.xerxes.simulator.mount import SimulatedMount
+    from sattrack.mount.model import MountProfile
+    from sattrack.mount.simulator.mount import SimulatedMount
     from tle.direction import Direction
     from tle.propagator import Propagator
 

@@ -7,13 +7,13 @@ import dataclasses
 import msgspec
 from feeder_harness import Link, Scenario, World
 
-from sattrack import practice
-from sattrack.mount import MountProfile
+from sattrack.mount.model import MountProfile
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, mean_sidereal_deg
+from sattrack.mount.simulator.settings import ServoSettings, SimulatorProfile
+from sattrack.runtime import practice
 from sattrack.runtime.facts import RunFacts, build_engine, choose_pass, plan_for
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, mean_sidereal_deg
-from sattrack.xerxes.simulator.settings import ServoSettings, SimulatorProfile
 from tle.elements import Elements
 from tle.instants import Utc
 from tle.propagator import Propagator

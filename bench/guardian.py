@@ -27,11 +27,11 @@ from typing import Any, NamedTuple
 
 from programs import PATIENCE_S, SITE, Mount, satellite, simulated_mount, speed_deg_s
 
-from sattrack.figures import quantile
-from sattrack.mount import MountProfile
+from sattrack.core.figures import quantile
+from sattrack.mount.model import MountProfile
+from sattrack.mount.xerxes.client import Address
+from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime.guard import owned
-from sattrack.xerxes.client import Address
-from sattrack.xerxes.datagrams import Command, encode_command
 
 AT_A_TIME = 4
 CULMINATES_AFTER_S = 21.0

@@ -20,7 +20,7 @@ import numpy as np
 
 from sattrack.control.feeder import Way, rate_deg_s
 from sattrack.control.response import SETTLED_S, Commanded, Step, expected, lag_of, rest_of
-from sattrack.mount import AxisLimits
+from sattrack.mount.model import AxisLimits
 
 INTERVALS_S = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)
 DEAD_TIMES_S = (0.0, 0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)

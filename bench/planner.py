@@ -20,7 +20,7 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "sattrack" / "schedule"))
 from planning_nights import brute_force, can_be_done, greedy, random_night, random_sky
 
-from sattrack.mount import AxesPosition, MountProfile
+from sattrack.mount.model import AxesPosition, MountProfile
 from sattrack.safety.limits import SafetyLimits
 from sattrack.schedule.candidates import Loaded, Situation
 from sattrack.schedule.file import load_schedule

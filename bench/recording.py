@@ -26,16 +26,15 @@ from pathlib import Path
 
 import msgspec
 
-from sattrack import practice
+from sattrack.core.realtime import undisturbed
 from sattrack.recording.format import COMMAND, VIEW
 from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import BackgroundRecorder, NoRecording, Recorder, Sink, create
 from sattrack.recording.replay import replay
-from sattrack.runtime import fly
+from sattrack.runtime import fly, practice
 from sattrack.runtime.again import engine_of
 from sattrack.runtime.prepare import Prepared, RunRequest, prepare
-from sattrack.runtime.realtime import undisturbed
-from sattrack.view import TrackView
+from sattrack.views.run import TrackView
 
 PERIOD_S = 0.05
 LONGEST_RUN_S = 1.2

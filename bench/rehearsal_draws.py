@@ -6,26 +6,26 @@ import random
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from sattrack import practice
-from sattrack.errors import SattrackError
-from sattrack.mount import AxisLimits
-from sattrack.profiles import ProfileFile
+from sattrack.control.tracker import FOLLOWING
+from sattrack.core.errors import SattrackError
+from sattrack.mount.model import AxisLimits
+from sattrack.mount.profiles import ProfileFile
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
+from sattrack.mount.simulator.settings import simulator_profile
+from sattrack.mount.xerxes.datagrams import DTICS_S_PER_DEG_S, decode_status
 from sattrack.recording.recorder import NoRecording
+from sattrack.runtime import practice
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.outcome import summarise
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.runtime.virtual import VirtualRun
-from sattrack.tracker import FOLLOWING
-from sattrack.xerxes.datagrams import DTICS_S_PER_DEG_S, decode_status
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite
-from sattrack.xerxes.simulator.settings import simulator_profile
 from tle.elements import Elements
 from tle.instants import Utc
 from tle.site import Site
 
 if TYPE_CHECKING:
     from sattrack.runtime.prepare import Prepared
-    from sattrack.view import Summary
+    from sattrack.views.run import Summary
 
 LONGEST_S = 600.0
 SHORTEST_S = 90.0

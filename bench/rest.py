@@ -24,12 +24,12 @@ if __name__ == "__main__":
 
 from strangers import planner, position_servo, velocity_servo
 
-from sattrack.figures import quantile
-from sattrack.halt import Halt
-from sattrack.mount import MountProfile, MoveAxes, Stop
+from sattrack.control.halt import Halt
+from sattrack.core.figures import quantile
+from sattrack.mount.model import MountProfile, MoveAxes, Stop
+from sattrack.mount.xerxes.session import Session
+from sattrack.mount.xerxes.standstill import REST_RATE_DEG_S, SIDEREAL_RATE_DEG_S
 from sattrack.safety import Cleared
-from sattrack.xerxes.session import Session
-from sattrack.xerxes.standstill import REST_RATE_DEG_S, SIDEREAL_RATE_DEG_S
 
 if TYPE_CHECKING:
     from types import ModuleType

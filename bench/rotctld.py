@@ -17,17 +17,17 @@ from antenna import peak_rate_deg_s
 from antenna_harness import SITE, rms, separation_arcsec
 from rotctld_harness import VirtualRotator
 
-from sattrack import practice
-from sattrack.rotctld import rotator as rotator_module
-from sattrack.rotctld.smoothing import SmoothedTrack
+from sattrack.runtime import practice
+from sattrack.servers.rotctld import rotator as rotator_module
+from sattrack.servers.rotctld.smoothing import SmoothedTrack
 from tle.instants import Utc
 from tle.propagator import Propagator
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.antenna.sky import AzEl
-    from sattrack.xerxes.simulator.mount import Truth
+    from sattrack.mount.simulator.mount import Truth
+    from sattrack.servers.antenna.sky import AzEl
 
 RISE_UTC_S = Utc.parse("2026-10-02T13:01:56Z").unix_s
 SET_UTC_S = Utc.parse("2026-10-02T13:08:54Z").unix_s

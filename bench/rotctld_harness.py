@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 from antenna_harness import VirtualAntenna
 
-from sattrack.antenna.sky import HaDec
-from sattrack.antenna.trajectory import to_ns
-from sattrack.rotctld.answers import Client
-from sattrack.rotctld.station import RotatorStation
+from sattrack.servers.antenna.sky import HaDec
+from sattrack.servers.antenna.trajectory import to_ns
+from sattrack.servers.rotctld.answers import Client
+from sattrack.servers.rotctld.station import RotatorStation
 
 if TYPE_CHECKING:
-    from sattrack.antenna.sky import AzEl
+    from sattrack.servers.antenna.sky import AzEl
 
 
 @dataclass

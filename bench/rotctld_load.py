@@ -18,7 +18,7 @@ from contextlib import ExitStack
 
 from door_load import CROWD, MANY, SETTLE_S, begin_asking, end_asking, open_door
 
-from sattrack.figures import quantile
+from sattrack.core.figures import quantile
 
 LOADS = {"one, 1,000 a second:": [MANY], "200, one a second each:": [CROWD], "both:": [MANY, CROWD]}
 

@@ -16,26 +16,26 @@ import erfa
 import msgspec
 from rehearsal_draws import BEGIN_UTC, orbit
 
-from sattrack.errors import SattrackError
-from sattrack.mount import AxisLimits, MountProfile, PierZone
-from sattrack.profiles import ProfileFile
+from sattrack.core.errors import SattrackError
+from sattrack.mount.model import AxisLimits, MountProfile, PierZone
+from sattrack.mount.profiles import ProfileFile
+from sattrack.mount.simulator.facts import SimulatedSite, StartPosition
+from sattrack.mount.simulator.mount import SimulatedMount
+from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.runtime.virtual import VirtualRun
 from sattrack.safety import SafetyLimits
-from sattrack.xerxes.simulator.facts import SimulatedSite, StartPosition
-from sattrack.xerxes.simulator.mount import SimulatedMount
-from sattrack.xerxes.simulator.settings import SimulatorProfile
 from tle.instants import Utc
 from tle.site import Site
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sattrack.mount.simulator.installation import Turn
+    from sattrack.mount.simulator.mount import Truth
     from sattrack.runtime.facts import RunFacts
-    from sattrack.xerxes.simulator.installation import Turn
-    from sattrack.xerxes.simulator.mount import Truth
 
 FREE_DEG = 300.0
 """The simulated mount's own limits: wider than any that is commanded, so that a violation shows."""

@@ -33,11 +33,11 @@ import msgspec
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "sattrack" / "schedule"))
 from planning_nights import random_sky
 
-from sattrack.cli import run as run_command
-from sattrack.runtime.night_flight import WatchedMount
-from sattrack.runtime.night_journal import FILE_NAME, Journal
+from sattrack.cli.main import run as run_command
 from sattrack.schedule import machine
 from sattrack.schedule.night import Happening, Mount, Run, Started, State
+from sattrack.schedule.night_flight import WatchedMount
+from sattrack.schedule.night_journal import FILE_NAME, Journal
 from tle.formats.registry import write_elements
 from tle.instants import Utc
 

@@ -10,8 +10,8 @@ import argparse
 import sys
 import time
 
-from sattrack.downloads import Downloads
-from sattrack.errors import SattrackError
+from sattrack.core.errors import SattrackError
+from sattrack.elements.downloads import Downloads
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import RunRequest, prepare
 from tle import Site, TleError, Utc, find, read_elements

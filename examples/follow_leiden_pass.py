@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sattrack.messages import Nudge
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.views.messages import Nudge
 from tle import Site, Utc, read_elements
 
 HERE = Path(__file__).parent

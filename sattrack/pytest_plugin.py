@@ -64,7 +64,7 @@ class PassItem(pytest.Item):
 
     def repr_failure(self, excinfo: pytest.ExceptionInfo[BaseException], style: Any = None) -> Any:
         """Say what differs, without a traceback of what only compares."""
-        from sattrack.errors import SattrackError
+        from sattrack.core.errors import SattrackError
 
         if isinstance(excinfo.value, PassDiffersError | SattrackError):
             return str(excinfo.value)
@@ -149,7 +149,7 @@ def _keep(path: Path, recording: Recording, result: Replay, outputs: list[Output
 
 def _plot(path: Path, config: pytest.Config, outputs: list[Output], result: Replay) -> str:
     """Save a picture of what differs; return a line that says where."""
-    from sattrack.errors import BadInputError
+    from sattrack.core.errors import BadInputError
     from sattrack.recording.plots import save_divergence
 
     cache = config.cache

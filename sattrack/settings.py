@@ -9,9 +9,9 @@ from typing import Literal
 
 import msgspec
 
-from sattrack.errors import BadInputError
-from sattrack.safety_settings import SafetySettings
-from sattrack.toml_file import line_of_key, read_toml
+from sattrack.core.errors import BadInputError
+from sattrack.core.toml_file import line_of_key, read_toml
+from sattrack.safety.settings import SafetySettings
 from tle.site import Site
 
 

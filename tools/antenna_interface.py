@@ -8,13 +8,13 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from sattrack.antenna.controller import Controller
-from sattrack.antenna.equipment import Antenna, Feedback
-from sattrack.antenna.focus import FocusAxis, SimulatedFocuser
-from sattrack.antenna.line import encode
-from sattrack.antenna.sky import Sky
-from sattrack.antenna.trajectory import NS, AxisRange, AxisState
-from sattrack.antenna.transactions import COMMANDS, NAK_MEANINGS, Command, Field
+from sattrack.servers.antenna.controller import Controller
+from sattrack.servers.antenna.equipment import Antenna, Feedback
+from sattrack.servers.antenna.focus import FocusAxis, SimulatedFocuser
+from sattrack.servers.antenna.line import encode
+from sattrack.servers.antenna.sky import Sky
+from sattrack.servers.antenna.trajectory import NS, AxisRange, AxisState
+from sattrack.servers.antenna.transactions import COMMANDS, NAK_MEANINGS, Command, Field
 from tle.instants import Utc
 from tle.site import Site
 from tools.protocol.regions import replace_region

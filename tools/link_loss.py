@@ -9,8 +9,8 @@ import math
 import sys
 from typing import TYPE_CHECKING
 
-from sattrack.link_loss import CONTRACT, Loss, standstill_after_s, standstill_s
-from sattrack.mount import MountProfile
+from sattrack.mount.link_loss import CONTRACT, Loss, standstill_after_s, standstill_s
+from sattrack.mount.model import MountProfile
 from tools.protocol.regions import replace_region
 from tools.writing import write_or_compare
 

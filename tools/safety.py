@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from sattrack.mount import MountProfile
+from sattrack.mount.model import MountProfile
 from sattrack.safety import INTERLOCKS, Interlock, SafetyLimits
 from sattrack.safety.table import Reaction, closing_promise_s, promise_s
 from tools import link_loss

@@ -183,7 +183,7 @@ local function is_finite(number)
   return number == number and number > -math.huge and number < math.huge
 end
 
--- The rule of `reading_of` in sattrack/xerxes/datagrams.py: as an int64, a double of ordinary size is huge.
+-- The rule of `reading_of` in sattrack/mount/xerxes/datagrams.py: as an int64, a double of ordinary size is huge.
 local function read_either(range)
   local low, high = range(0, 4):le_uint(), range(4, 4):le_uint()
   if low == 0 and high == 0 then

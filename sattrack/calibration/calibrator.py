@@ -9,7 +9,7 @@ from sattrack.calibration.guard import CalibrationEndedError, Guard, Kind, Surro
 from sattrack.calibration.plan import LARGEST_DURATION_S, Plan
 from sattrack.calibration.script import Observations, Script
 from sattrack.calibration.sender import Sender
-from sattrack.link_loss import STOP_LINGER_S, STOPS_MOVING_S, STOPS_SENT_S
+from sattrack.mount.link_loss import STOP_LINGER_S, STOPS_MOVING_S, STOPS_SENT_S
 
 if TYPE_CHECKING:
     from collections.abc import Generator

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Literal
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S
-from sattrack.xerxes.datagrams import DTICS_S_PER_DEG_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.xerxes.datagrams import DTICS_S_PER_DEG_S
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -15,7 +15,7 @@ from sattrack.calibration.motion import AxisName, AxisResponse, Stretch, axis_re
 from sattrack.calibration.round_trip import Bracket, RoundTrip, RoundTripEstimate, contradiction
 from sattrack.calibration.script import AXIS_WORDS, LegHeard, Observations
 from sattrack.calibration.transients import AxisMotion, axis_motion
-from sattrack.mount import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -12,12 +12,12 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from sattrack.calibration.plan import BOX_DEG, LARGEST_DISPLACEMENT_DEG, LARGEST_GAIN
-from sattrack.mount import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
+from sattrack.mount.xerxes.datagrams import Command, encode_command
+from sattrack.mount.xerxes.link import LOST_AFTER_S
+from sattrack.mount.xerxes.session import says_the_same
 from sattrack.safety import ROWS, altitude_deg, separation_deg
 from sattrack.safety.geometry import Box
-from sattrack.xerxes.datagrams import Command, encode_command
-from sattrack.xerxes.link import LOST_AFTER_S
-from sattrack.xerxes.session import says_the_same
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

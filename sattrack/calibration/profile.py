@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
-from sattrack.mount import AxisLimits, CalibrationRecord, MeasuredMotion, MountProfile
-from sattrack.profiles import profile_text
+from sattrack.mount.model import AxisLimits, CalibrationRecord, MeasuredMotion, MountProfile
+from sattrack.mount.profiles import profile_text
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from sattrack.calibration.motion import AxisResponse
     from sattrack.calibration.servo import Measured
     from sattrack.calibration.transients import AxisMotion
-    from sattrack.view import LearntView
+    from sattrack.views.run import LearntView
 
 
 RATE_FIELDS_WORDS: dict[RateFields | None, str] = {

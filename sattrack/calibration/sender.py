@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
-from sattrack.xerxes.datagrams import Command
+from sattrack.mount.xerxes.datagrams import Command
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

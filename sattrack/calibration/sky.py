@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 from tle.earth import EarthOrientation
 from tle.instants import Utc
 from tle.sun import sun_km

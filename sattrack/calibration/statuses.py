@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S
-from sattrack.xerxes.datagrams import DatagramError, Readings, Status, decode_status, status_readings
-from sattrack.xerxes.standstill import Positions
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.xerxes.datagrams import DatagramError, Readings, Status, decode_status, status_readings
+from sattrack.mount.xerxes.standstill import Positions
 
 SIDEREAL_SECONDS_PER_SECOND = 1.00273790935
 RESTART_COUNTS = 50

@@ -10,7 +10,7 @@ import numpy as np
 
 from sattrack.calibration.motion import AxisName, AxisResponse, Lag, Plateau, lag
 from sattrack.calibration.servo import FASTEST_SHARE, Braking, Measured, Transient, braking, measured
-from sattrack.mount import SIDEREAL_RATE_DEG_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

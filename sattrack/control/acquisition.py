@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.control.law import FeederLaw
-    from sattrack.mount import AxisLimits, MountProfile
+    from sattrack.mount.model import AxisLimits, MountProfile
 
 MARGIN_S = 1.5
 """Time that a plan made long beforehand keeps for a slew's handshake, its settling and the joining."""

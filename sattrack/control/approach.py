@@ -10,13 +10,13 @@ import msgspec
 
 from sattrack.control.acquisition import HANDSHAKE_S, RATES_WITHIN_DEG, Intercept, plan_intercept, slew_time_s
 from sattrack.control.kalman import wrap180
-from sattrack.mount import Motion, MoveAxes, SlewTo
+from sattrack.mount.model import Motion, MoveAxes, SlewTo
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.control.law import FeederLaw
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
     from tle.direction import Direction
 
 THERE_DEG = 0.1

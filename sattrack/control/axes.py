@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sattrack.control.history import CommandHistory
     from sattrack.control.kalman import Noise
     from sattrack.control.response import Array
-    from sattrack.mount import MountProfile, StatusSample
+    from sattrack.mount.model import MountProfile, StatusSample
 
 GATE_DEG = 0.1
 OUTLIERS_BELIEVED = 5

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from sattrack.control.course import AxisPace
     from sattrack.control.pattern import Pattern
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
     from tle.direction import Direction
     from tle.propagator import Propagator
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from sattrack.control.bias_filter import BiasFilter, BiasNoise
-from sattrack.messages import MOST_SIGMA_ARCSEC, Observation
+from sattrack.views.messages import MOST_SIGMA_ARCSEC, Observation
 from tle.bias import Bias
 from tle.instants import Utc
 from tle.places import apparent_unit

@@ -15,7 +15,7 @@ from sattrack.control.response import TURN_S
 
 if TYPE_CHECKING:
     from sattrack.control.kalman import AxisFilter
-    from sattrack.mount import AxisLimits
+    from sattrack.mount.model import AxisLimits
 
 LAW = FeederLaw()
 

@@ -12,7 +12,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from sattrack.control.stepped_clock import SteppedClock
-from sattrack.mount import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

@@ -11,7 +11,7 @@ from sattrack.control.kalman import wrap180
 if TYPE_CHECKING:
     from sattrack.control.axes import Axes
     from sattrack.control.law import FeederLaw
-    from sattrack.mount import StatusSample
+    from sattrack.mount.model import StatusSample
 
 REST_DEG_S = 3.0 / 3600.0
 """How fast an axis may move beside its commands, one sigma."""

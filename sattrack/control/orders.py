@@ -14,7 +14,7 @@ from sattrack.control.pattern import Pattern
 from sattrack.control.search import START_S, spiral_acceleration_deg_s2, spiral_lasts_s
 
 if TYPE_CHECKING:
-    from sattrack.messages import OffsetBy, Search
+    from sattrack.views.messages import OffsetBy, Search
 
 MOST_ALONG_S = 60.0
 MOST_CROSS_DEG = 5.0

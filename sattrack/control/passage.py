@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-from sattrack.mount import MoveAxes, StatusSample
+from sattrack.mount.model import MoveAxes, StatusSample
 
 if TYPE_CHECKING:
     from sattrack.control.detour import Detour

@@ -6,13 +6,13 @@ import math
 from typing import TYPE_CHECKING
 
 from sattrack.control.jogs import Jogs
-from sattrack.link_loss import STOP_LINGER_S
-from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, Motion, MoveAxes, Stop
-from sattrack.requests import MoveAxis, objection
+from sattrack.mount.link_loss import STOP_LINGER_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, Motion, MoveAxes, Stop
+from sattrack.mount.requests import MoveAxis, objection
 
 if TYPE_CHECKING:
-    from sattrack.messages import Jog
-    from sattrack.mount import MountProfile, StatusSample
+    from sattrack.mount.model import MountProfile, StatusSample
+    from sattrack.views.messages import Jog
 
 SETTLING_S = 0.5
 """After a jog the axes are told to rest for so long and for the time that they brake, before the stop: what

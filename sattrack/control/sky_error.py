@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.control.kalman import wrap180
-from sattrack.view import ErrorView
+from sattrack.views.run import ErrorView
 
 if TYPE_CHECKING:
     from tle.direction import Direction

@@ -9,13 +9,13 @@ import msgspec
 from sattrack.control import orders
 from sattrack.control.biases import Biases
 from sattrack.control.estimate import Estimator
-from sattrack.messages import ClearBias, DropRemembered, Nudge, Observation, OffsetBy, Search
+from sattrack.views.messages import ClearBias, DropRemembered, Nudge, Observation, OffsetBy, Search
 from tle.bias import Bias
 
 if TYPE_CHECKING:
-    from sattrack.messages import Message
-    from sattrack.mount import MountProfile
-    from sattrack.view import RememberedView
+    from sattrack.mount.model import MountProfile
+    from sattrack.views.messages import Message
+    from sattrack.views.run import RememberedView
     from tle.propagator import Propagator
 
 REACTION_PERIODS = 3.0

@@ -31,7 +31,7 @@ from tle.refraction import Refraction
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
 
     Array = NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from tle.propagator import Propagator
 from tle.refraction import Refraction
 
 if TYPE_CHECKING:
-    from sattrack.mount import AxisLimits, MountProfile
+    from sattrack.mount.model import AxisLimits, MountProfile
     from sattrack.planning.path import AxisPath
     from sattrack.safety.limits import SafetyLimits
     from tle.earth import EarthOrientation

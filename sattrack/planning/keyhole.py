@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sattrack.control.detour import Detour
-from sattrack.mount import SIDEREAL_RATE_DEG_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sattrack.mount import AxisLimits, MountProfile
+    from sattrack.mount.model import AxisLimits, MountProfile
     from sattrack.planning.path import AxisPath
 
     Array = NDArray[np.float64]

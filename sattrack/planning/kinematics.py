@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S
+from sattrack.control.stages import KEYHOLE, RATE
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.planning.keyhole import find_keyholes
 from sattrack.planning.limits import margins_deg
-from sattrack.stages import KEYHOLE, RATE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
     from sattrack.planning.keyhole import Keyhole
     from sattrack.planning.path import AxisPath
     from sattrack.safety.limits import SafetyLimits

@@ -15,7 +15,7 @@ from sattrack.safety.bounds import UP_DEG
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sattrack.mount import MountProfile, PierZone
+    from sattrack.mount.model import MountProfile, PierZone
     from sattrack.planning.path import Pointing
     from sattrack.safety.limits import SafetyLimits
 

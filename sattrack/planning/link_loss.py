@@ -13,7 +13,7 @@ from sattrack.planning.path import Pointing
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
     from sattrack.planning.path import AxisPath
     from sattrack.planning.trace import TraceArrays
     from sattrack.safety.limits import SafetyLimits

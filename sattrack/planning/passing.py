@@ -12,8 +12,8 @@ from sattrack.planning.path import axis_path
 
 if TYPE_CHECKING:
     from sattrack.control.detour import Detour
-    from sattrack.mount import MountProfile
-    from sattrack.tracker import TrackPlan
+    from sattrack.control.tracker import TrackPlan
+    from sattrack.mount.model import MountProfile
     from tle.bias import Bias
     from tle.propagator import Propagator
 

@@ -17,12 +17,12 @@ from tle.instants import Utc
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sattrack.mount import MountProfile
+    from sattrack.control.tracker import TrackPlan
+    from sattrack.mount.model import MountProfile
     from sattrack.planning.keyhole import Keyhole
     from sattrack.planning.link_loss import HeldWay, LinkLoss
     from sattrack.planning.path import AxisPath
     from sattrack.planning.trace import Performance
-    from sattrack.tracker import TrackPlan
 
     Bools = NDArray[np.bool_]
 

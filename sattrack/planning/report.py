@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from sattrack.mount import MountProfile
+from sattrack.mount.model import MountProfile
 from sattrack.planning.budget import Budget
 from sattrack.planning.sides import Sides
 

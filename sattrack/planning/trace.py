@@ -11,7 +11,7 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sattrack.tracker import TrackPlan
+    from sattrack.control.tracker import TrackPlan
 
     Array = NDArray[np.float64]
     Bools = NDArray[np.bool_]

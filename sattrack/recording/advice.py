@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sattrack.control.stages import KEYHOLE, RATE
 from sattrack.recording.mount_fit import SURE_SIGMAS
 from sattrack.safety import ROWS
-from sattrack.stages import KEYHOLE, RATE
 
 if TYPE_CHECKING:
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
     from sattrack.recording.report import AxisFigures, BiasFigures, MissedFigures, Report, TimeFigures
     from sattrack.recording.trace import Trace
 

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from sattrack.errors import BadInputError
+from sattrack.core.errors import BadInputError
+from sattrack.mount.xerxes.datagrams import STATUS_FIELDS, STATUS_LENGTH
 from sattrack.recording.format import COMMAND, FAILURE, OPERATOR, REPEAT, STATUS, SUMMARY, VIEW
 from sattrack.recording.observed import FRAMES
 from sattrack.recording.reading import GAP
 from sattrack.recording.recorder import Recorder
-from sattrack.xerxes.datagrams import STATUS_FIELDS, STATUS_LENGTH
 from tle.earth import EarthOrientation, to_tirs
 from tle.instants import Utc
 from tle.places import apparent_unit

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
-from sattrack.errors import SattrackError
+from sattrack.core.errors import SattrackError
 from tle.instants import DAY_S, Utc
 
 if TYPE_CHECKING:

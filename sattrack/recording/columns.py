@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from sattrack.recording.format import COMMAND, OPERATOR, REPEAT, STATUS, VIEW
-from sattrack.stages import Doing
-from sattrack.xerxes.datagrams import (
+from sattrack.control.stages import Doing
+from sattrack.mount.xerxes.datagrams import (
     COMMAND_FIELDS,
     STATUS_FIELDS,
     DatagramError,
     decode_command,
     decode_status,
 )
+from sattrack.recording.format import COMMAND, OPERATOR, REPEAT, STATUS, VIEW
 from tle.instants import Utc
 
 if TYPE_CHECKING:

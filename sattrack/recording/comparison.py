@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import msgspec
 
+from sattrack.mount.xerxes.datagrams import COMMAND_FIELDS, DatagramError, Kind, decode_command
 from sattrack.recording.environment import DATA, Environment
-from sattrack.xerxes.datagrams import COMMAND_FIELDS, DatagramError, Kind, decode_command
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -19,17 +19,16 @@ LIBRARIES = ("astropy-iers-data", "filterpy", "msgspec", "numpy", "pyerfa", "sci
 DATA = ("astropy-iers-data",)
 """Of those, the ones whose content and not only whose rounding changes from version to version."""
 NOT_COMPUTING = (
-    "alpaca",
-    "antenna",
     "calibration",
-    "commands",
+    "cli",
+    "elements",
+    "mount/simulator",
     "planning",
     "recording",
-    "rotctld",
     "runtime",
     "schedule",
+    "servers",
     "tui",
-    "xerxes/simulator",
 )
 """Folders of the package that no command datagram comes from."""
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from sattrack.errors import BadInputError, SattrackError
+from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.recording.format import COMMAND, OPERATOR, REPEAT, STATUS, to_ns
 
 if TYPE_CHECKING:

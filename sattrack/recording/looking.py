@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.xerxes.datagrams import DatagramError, decode_status
 from sattrack.recording.environment import Environment
 from sattrack.recording.format import COMMAND, REPEAT, STATUS, SUMMARY
-from sattrack.xerxes.datagrams import DatagramError, decode_status
 from tle.instants import Utc
 
 if TYPE_CHECKING:

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.messages import Observation, decode_message
 from sattrack.recording.format import OPERATOR
 from sattrack.recording.tdm import Seen
+from sattrack.views.messages import Observation, decode_message
 from tle.instants import Utc
 
 if TYPE_CHECKING:

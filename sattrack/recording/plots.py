@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sattrack.errors import BadInputError
-from sattrack.xerxes.datagrams import DatagramError, decode_command
+from sattrack.core.errors import BadInputError
+from sattrack.mount.xerxes.datagrams import DatagramError, decode_command
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

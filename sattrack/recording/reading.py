@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import msgspec
 import zstandard
 
-from sattrack.errors import BadInputError
+from sattrack.core.errors import BadInputError
 from sattrack.recording.format import FORMAT_VERSION, RUN, RunHeader, from_ns
 
 if TYPE_CHECKING:

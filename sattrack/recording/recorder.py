@@ -11,7 +11,7 @@ import msgspec
 from mcap.writer import CompressionType, Writer
 
 from sattrack import __version__
-from sattrack.errors import BadInputError
+from sattrack.core.errors import BadInputError
 from sattrack.recording.environment import fingerprint, here
 from sattrack.recording.format import (
     CHANNELS,
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from sattrack.messages import Message
-    from sattrack.view import Summary, TrackView
+    from sattrack.views.messages import Message
+    from sattrack.views.run import Summary, TrackView
 
     _Told = bytes | Message | TrackView | Summary | Failure
 

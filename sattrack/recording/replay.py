@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
-from sattrack.collector import without_collector
-from sattrack.messages import decode_message
+from sattrack.core.collector import without_collector
 from sattrack.recording.comparison import (
     RATES,
     Choice,
@@ -24,11 +23,12 @@ from sattrack.recording.comparison import (
 from sattrack.recording.environment import fingerprint, here
 from sattrack.recording.format import COMMAND, FAILURE, OPERATOR, REPEAT, STATUS, SUMMARY, VIEW, Failure
 from sattrack.recording.reading import GAP, Entry, Recording
+from sattrack.views.messages import decode_message
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from sattrack.engine import Engine
+    from sattrack.control.engine import Engine
 
 TELL_EVERY = 500
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from sattrack.messages import Nudge, OffsetBy, decode_message
+from sattrack.control.stages import Doing
 from sattrack.recording.advice import advice
 from sattrack.recording.format import OPERATOR
 from sattrack.recording.mount_fit import (
@@ -21,7 +21,7 @@ from sattrack.recording.mount_fit import (
 )
 from sattrack.recording.observed import FRAMES, observations
 from sattrack.recording.smoothing import BiasFit, Said, fit_biases
-from sattrack.stages import Doing
+from sattrack.views.messages import Nudge, OffsetBy, decode_message
 from tle.errors import ObservationError
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -30,10 +30,10 @@ from tle.residuals import bias_from_observation
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sattrack.messages import Observation
-    from sattrack.mount import AxisLimits
+    from sattrack.mount.model import AxisLimits
     from sattrack.recording.reading import Recording
     from sattrack.recording.trace import Trace
+    from sattrack.views.messages import Observation
 
 AT_LIMIT = 0.98
 """Of an axis' greatest rate, or acceleration, what counts as asking for all of it."""

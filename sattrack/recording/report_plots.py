@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sattrack.control.stages import Doing
 from sattrack.recording.mount_fit import spectrum
 from sattrack.recording.plots import BAD, DEC, GOOD, INK, PALE, RA, label_times, new_figure, times
 from sattrack.recording.report import repeating
 from sattrack.recording.smoothing import Track, smooth_track
-from sattrack.stages import Doing
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

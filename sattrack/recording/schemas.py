@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import msgspec
 
-from sattrack.messages import Message
+from sattrack.mount.xerxes.datagrams import COMMAND_FIELDS, STATUS_FIELDS
 from sattrack.recording.format import (
     COMMAND,
     FAILURE,
@@ -19,13 +19,13 @@ from sattrack.recording.format import (
     RunHeader,
 )
 from sattrack.recording.format import Failure as FailureMessage
-from sattrack.view import Summary, TrackView
-from sattrack.xerxes.datagrams import COMMAND_FIELDS, STATUS_FIELDS
+from sattrack.views.messages import Message
+from sattrack.views.run import Summary, TrackView
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sattrack.xerxes.datagrams import Field
+    from sattrack.mount.xerxes.datagrams import Field
 
 JSON_SCHEMA, LAYOUT = "jsonschema", "layout.csv"
 """Encodings of schemas: the well-known one, and our own, a line a field of a datagram."""

@@ -11,13 +11,13 @@ import msgspec
 import numpy as np
 
 from sattrack.control.biases import ON_SKY
-from sattrack.engine_view import HOLDING
+from sattrack.control.engine_view import HOLDING
+from sattrack.control.stages import Doing, Situation, Stages
+from sattrack.control.tracker import FOLLOWING, Phase
+from sattrack.mount.xerxes.datagrams import DatagramError, decode_command
 from sattrack.recording.format import COMMAND, STATUS, VIEW
 from sattrack.recording.replay import Replay, replay
-from sattrack.stages import Doing, Situation, Stages
-from sattrack.tracker import FOLLOWING, Phase
-from sattrack.view import StageView
-from sattrack.xerxes.datagrams import DatagramError, decode_command
+from sattrack.views.run import StageView
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.control.biases import Biases
+    from sattrack.control.engine import Engine
     from sattrack.control.sky_error import Target
-    from sattrack.engine import Engine
     from sattrack.recording.reading import Entry, Recording
 
     Array = NDArray[np.float64]

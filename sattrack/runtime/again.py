@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.errors import BadInputError
+from sattrack.core.errors import BadInputError
 from sattrack.recording.reading import Recording
 from sattrack.runtime.facts import RunFacts, build_engine, decode_facts
 from tle.errors import TleError
@@ -14,7 +14,7 @@ from tle.errors import TleError
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from sattrack.engine import Engine
+    from sattrack.control.engine import Engine
 
 
 def open_recording(path: Path, part: int = 1) -> tuple[Recording, RunFacts]:

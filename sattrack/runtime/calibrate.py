@@ -14,36 +14,36 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from sattrack import practice
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, Kind, Surroundings
 from sattrack.calibration.plan import Plan
 from sattrack.calibration.sender import PERIOD_S
 from sattrack.calibration.sky import sun_hour_angle_and_dec
-from sattrack.clock import SimulatedClock
-from sattrack.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
-from sattrack.profiles import ProfileFile, load_profile_file
+from sattrack.core.clock import SimulatedClock
+from sattrack.core.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
+from sattrack.mount.profiles import ProfileFile, load_profile_file
+from sattrack.mount.simulator.mount import SimulatedSite, StartPosition
+from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig
+from sattrack.mount.simulator.settings import simulator_profile
+from sattrack.mount.xerxes.client import Address
+from sattrack.mount.xerxes.datagrams import Command, encode_command
+from sattrack.runtime import practice
 from sattrack.runtime.embedded import start_embedded
 from sattrack.runtime.guard import Guard, owned
 from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.safety import SafetyLimits, altitude_deg, separation_deg
 from sattrack.safety.bounds import Bounds
-from sattrack.xerxes.client import Address
-from sattrack.xerxes.datagrams import Command, encode_command
-from sattrack.xerxes.simulator.mount import SimulatedSite, StartPosition
-from sattrack.xerxes.simulator.process import ClockSetting, SimulatorConfig
-from sattrack.xerxes.simulator.settings import simulator_profile
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from sattrack.calibration.calibrator import Ending
-    from sattrack.clock import Clock
-    from sattrack.mount import MountProfile
+    from sattrack.core.clock import Clock
+    from sattrack.mount.model import MountProfile
+    from sattrack.mount.xerxes.client import UdpLink
     from sattrack.runtime.embedded import EmbeddedMount
     from sattrack.runtime.mounts import MountAddress
-    from sattrack.xerxes.client import UdpLink
     from tle.site import Site
 
 SHOW_EVERY_S = 0.2

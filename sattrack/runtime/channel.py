@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.messages import Message, StopNow
 from sattrack.runtime.embedded import LineReader
-from sattrack.session_messages import decode_said
+from sattrack.views.messages import Message, StopNow
+from sattrack.views.session_messages import decode_said
 
 MOST_COMPLAINTS = 10
 ORDERS_A_TICK = 20
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sattrack.runtime.observers import Observers
-    from sattrack.session_messages import SessionMessage
+    from sattrack.views.session_messages import SessionMessage
 
 
 class StdinInbox:

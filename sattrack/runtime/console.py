@@ -12,33 +12,33 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
-from sattrack import practice
-from sattrack.clock import SimulatedClock
-from sattrack.console_messages import LeaveOrder, decode_order
-from sattrack.errors import SattrackError
+from sattrack.core.clock import SimulatedClock
+from sattrack.core.errors import SattrackError
+from sattrack.core.realtime import undisturbed
+from sattrack.mount.simulator.mount import SimulatedSite
+from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig
+from sattrack.mount.simulator.settings import simulator_profile
+from sattrack.mount.xerxes.client import Address, UdpLink, nobody_listens
+from sattrack.mount.xerxes.datagrams import Command, encode_command
+from sattrack.runtime import practice
 from sattrack.runtime.embedded import LineReader, start_embedded
 from sattrack.runtime.guard import Guard, Unguarded, owned
 from sattrack.runtime.links import heard
-from sattrack.runtime.realtime import undisturbed
 from sattrack.runtime.signals import StopRequest, stopping
-from sattrack.xerxes.client import Address, UdpLink, nobody_listens
-from sattrack.xerxes.datagrams import Command, encode_command
-from sattrack.xerxes.simulator.mount import SimulatedSite
-from sattrack.xerxes.simulator.process import ClockSetting, SimulatorConfig
-from sattrack.xerxes.simulator.settings import simulator_profile
+from sattrack.views.console_messages import LeaveOrder, decode_order
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from sattrack.alpaca_mount.device import DeviceFacts
-    from sattrack.clock import Clock
-    from sattrack.console_messages import ConsoleMessage
-    from sattrack.manual.console import Console
-    from sattrack.manual.sitting import Sitting
-    from sattrack.profiles import ProfileFile
+    from sattrack.control.manual.console import Console
+    from sattrack.control.manual.sitting import Sitting
+    from sattrack.core.clock import Clock
+    from sattrack.mount.alpaca.device import DeviceFacts
+    from sattrack.mount.profiles import ProfileFile
     from sattrack.runtime.embedded import EmbeddedMount
     from sattrack.runtime.mounts import MountAddress
     from sattrack.runtime.onlooker import OverheardLink
+    from sattrack.views.console_messages import ConsoleMessage
     from tle.site import Site
 
 LATE_ENOUGH_TO_SKIP_S = 0.5

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from sattrack.messages import Go, Message, Pause, StopNow
-from sattrack.session_messages import (
+from sattrack.views.messages import Go, Message, Pause, StopNow
+from sattrack.views.session import STARTER, Armed, SessionView, Watcher
+from sattrack.views.session_messages import (
     Arm,
     Disarm,
     LeaveRunning,
@@ -11,7 +12,6 @@ from sattrack.session_messages import (
     TakeControl,
     YieldControl,
 )
-from sattrack.session_view import STARTER, Armed, SessionView, Watcher
 
 MOST_ARMED = 12
 SAME_PASS_S = 120.0

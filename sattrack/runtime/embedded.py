@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.errors import SattrackError
-from sattrack.own_program import own_program
-from sattrack.xerxes.simulator.process import Ready, SimulatorConfig, TruthLine
+from sattrack.core.errors import SattrackError
+from sattrack.core.own_program import own_program
+from sattrack.mount.simulator.process import Ready, SimulatorConfig, TruthLine
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -77,7 +77,7 @@ class EmbeddedMount:
 def start_embedded(config: SimulatorConfig) -> EmbeddedMount:
     """Start a simulated mount; raises SattrackError where it does not come up."""
     process = subprocess.Popen(
-        [*own_program("sattrack.xerxes.simulator.process"), msgspec.json.encode(config).decode()],
+        [*own_program("sattrack.mount.simulator.process"), msgspec.json.encode(config).decode()],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         # A Ctrl-C for the tracker is not one for the mount.

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
-from sattrack.engine import Engine, RunSpec
-from sattrack.errors import SattrackError
-from sattrack.mount import MountProfile
-from sattrack.runtime.utc_json import decode_utc, encode_utc
+from sattrack.control.engine import Engine, RunSpec
+from sattrack.control.tracker import TrackPlan
+from sattrack.core.errors import SattrackError
+from sattrack.core.utc_json import decode_utc, encode_utc
+from sattrack.mount.model import MountProfile
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
-from sattrack.tracker import TrackPlan
-from sattrack.view import RememberedView
+from sattrack.views.run import RememberedView
 from tle.bias import Bias
 from tle.elements import Elements
 from tle.instants import Utc

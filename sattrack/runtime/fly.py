@@ -7,9 +7,13 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack import practice
-from sattrack.clock import SimulatedClock
+from sattrack.core.clock import SimulatedClock
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
+from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig
+from sattrack.mount.simulator.settings import simulator_profile
+from sattrack.mount.xerxes.client import Address
 from sattrack.recording.recorder import BackgroundRecorder, NoRecording, Recorder, Sink, create
+from sattrack.runtime import practice
 from sattrack.runtime.embedded import EmbeddedMount, start_embedded
 from sattrack.runtime.facts import build_engine, encode_facts
 from sattrack.runtime.guard import owned
@@ -20,23 +24,19 @@ from sattrack.runtime.remembering import keep
 from sattrack.runtime.screen import Screen
 from sattrack.runtime.signals import stopping
 from sattrack.runtime.virtual import VirtualRun
-from sattrack.xerxes.client import Address
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite
-from sattrack.xerxes.simulator.process import ClockSetting, SimulatorConfig
-from sattrack.xerxes.simulator.settings import simulator_profile
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from sattrack.messages import Message, Observation
     from sattrack.runtime.facts import RunFacts
     from sattrack.runtime.live import Inbox
     from sattrack.runtime.mounts import MountAddress
     from sattrack.runtime.observers import Observers
     from sattrack.runtime.prepare import Prepared
     from sattrack.runtime.signals import StopRequest
-    from sattrack.view import Summary, TrackView
+    from sattrack.views.messages import Message, Observation
+    from sattrack.views.run import Summary, TrackView
 
 
 def fly_virtual(

@@ -21,7 +21,7 @@ import msgspec
 
 from sattrack.runtime.gallery_words import FACTS, SESSION, SUMMARY, VIEW, GalleryTask, Heard
 from sattrack.runtime.signals import outlive
-from sattrack.session_view import Farewell, Welcome
+from sattrack.views.session import Farewell, Welcome
 
 PACKET_BYTES = 262144
 MOST_VISITORS = 64

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.own_program import own_program
+from sattrack.core.own_program import own_program
 from sattrack.runtime.facts import encode_facts
 from sattrack.runtime.gallery_words import (
     FACTS,
@@ -25,12 +25,12 @@ from sattrack.runtime.gallery_words import (
     name_for,
 )
 from sattrack.runtime.owner import this_command, this_user
-from sattrack.view import SummaryLine
+from sattrack.views.run import SummaryLine
 
 if TYPE_CHECKING:
     from sattrack.runtime.facts import RunFacts
-    from sattrack.session_view import SessionView
-    from sattrack.view import Summary, TrackView
+    from sattrack.views.run import Summary, TrackView
+    from sattrack.views.session import SessionView
 
 BACKLOG = 128
 HEARD_AT_ONCE = 20

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 
-from sattrack.errors import SattrackError
-from sattrack.own_program import own_program
+from sattrack.core.errors import SattrackError
+from sattrack.core.own_program import own_program
 from sattrack.runtime import guard_memory
 from sattrack.runtime.guard_memory import Release, Word
 from sattrack.runtime.guardian import GuardianTask
@@ -31,9 +31,9 @@ from sattrack.runtime.owner import Owner, claim, this_command, this_user, utc_no
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
+    from sattrack.mount.xerxes.client import UdpLink
     from sattrack.runtime.mounts import MountAddress
-    from sattrack.xerxes.client import UdpLink
 
 HANG_AFTER_S = 1.0
 """How long a feeder may stand still before its guardian takes the mount from it."""

@@ -19,9 +19,12 @@ from pathlib import Path
 
 import msgspec
 
-from sattrack.halt import Halt
-from sattrack.link_loss import STOPS_SLOW_FOR_S, STOPS_SLOW_S, STOPS_SLOWEST_S
-from sattrack.mount import MountProfile
+from sattrack.control.halt import Halt
+from sattrack.mount.link_loss import STOPS_SLOW_FOR_S, STOPS_SLOW_S, STOPS_SLOWEST_S
+from sattrack.mount.model import MountProfile
+from sattrack.mount.xerxes.client import Address, UdpLink, nobody_listens
+from sattrack.mount.xerxes.datagrams import Command, encode_command
+from sattrack.mount.xerxes.link import LinkState
 from sattrack.runtime import guard_memory
 from sattrack.runtime.guard_memory import Release, Word
 from sattrack.runtime.owner import (
@@ -36,9 +39,6 @@ from sattrack.runtime.owner import (
     utc_now,
 )
 from sattrack.runtime.signals import outlive
-from sattrack.xerxes.client import Address, UdpLink, nobody_listens
-from sattrack.xerxes.datagrams import Command, encode_command
-from sattrack.xerxes.link import LinkState
 
 POLL_S = 0.1
 WATCH_S = 0.02

@@ -8,8 +8,8 @@ from __future__ import annotations
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from sattrack.mount.xerxes.client import Address, UdpLink
 from sattrack.runtime.onlooker import OverheardLink, look_on
-from sattrack.xerxes.client import Address, UdpLink
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -27,7 +27,7 @@ def open_link(address: MountAddress) -> Iterator[UdpLink]:
         link = UdpLink(address)
     else:
         # HTTP's modules are many; without an Alpaca telescope they are not needed.
-        from sattrack.runtime.alpaca_link import open_gateway
+        from sattrack.mount.alpaca.link import open_gateway
 
         link = open_gateway(address)
     try:

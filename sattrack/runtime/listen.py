@@ -6,14 +6,14 @@ import select
 import time
 from typing import TYPE_CHECKING
 
-from sattrack.clock import SystemClock
+from sattrack.core.clock import SystemClock
+from sattrack.mount.xerxes.session import Session
 from sattrack.runtime.links import heard
-from sattrack.xerxes.session import Session
 
 if TYPE_CHECKING:
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
+    from sattrack.mount.xerxes.link import LinkHealth
     from sattrack.runtime.mounts import MountAddress
-    from sattrack.xerxes.link import LinkHealth
 
 LISTEN_S = 2.0
 

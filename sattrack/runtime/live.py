@@ -13,26 +13,26 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
-from sattrack.errors import SattrackError
-from sattrack.messages import Message, StopNow
+from sattrack.core.errors import SattrackError
+from sattrack.core.realtime import Grant, undisturbed
+from sattrack.mount.xerxes.repeats import REPEAT_AFTER_PERIODS
 from sattrack.runtime.guard import Guard, Unguarded
 from sattrack.runtime.outcome import Ledger
-from sattrack.runtime.realtime import Grant, undisturbed
-from sattrack.xerxes.repeats import REPEAT_AFTER_PERIODS
+from sattrack.views.messages import Message, StopNow
 from tle.errors import TleError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from sattrack.clock import Clock
-    from sattrack.engine import Engine
+    from sattrack.control.engine import Engine
+    from sattrack.core.clock import Clock
+    from sattrack.mount.xerxes.client import UdpLink
     from sattrack.recording.recorder import Sink
     from sattrack.runtime.embedded import EmbeddedMount
     from sattrack.runtime.observers import Observers
     from sattrack.runtime.screen import Screen
     from sattrack.runtime.signals import StopRequest
-    from sattrack.view import TrackView
-    from sattrack.xerxes.client import UdpLink
+    from sattrack.views.run import TrackView
 
 VIEW_EVERY_TICKS = 2
 RECORD_VIEW_EVERY_TICKS = 10

@@ -5,10 +5,10 @@ from __future__ import annotations
 import contextlib
 from typing import TYPE_CHECKING, TypeAlias
 
-from sattrack.alpaca_mount.address import AlpacaAddress, parse_alpaca
-from sattrack.errors import BadInputError
-from sattrack.mount import MountProfile
-from sattrack.xerxes.client import Address, parse_address
+from sattrack.core.errors import BadInputError
+from sattrack.mount.alpaca.address import AlpacaAddress, parse_alpaca
+from sattrack.mount.model import MountProfile
+from sattrack.mount.xerxes.client import Address, parse_address
 
 if TYPE_CHECKING:
     from sattrack.runtime.owner import Owner

@@ -13,14 +13,14 @@ from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 
-from sattrack.errors import BadInputError, SattrackError
-from sattrack.messages import decode_observation
+from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.runtime.embedded import LineReader
+from sattrack.views.messages import decode_observation
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from sattrack.messages import Observation
+    from sattrack.views.messages import Observation
 
 A_TICK = 2
 """Observations used a tick: an estimate takes under a millisecond."""

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from sattrack.mount.xerxes.client import Arrival
 from sattrack.runtime.owner import Overheard, door_to_watch
-from sattrack.xerxes.client import Arrival
 
 if TYPE_CHECKING:
     from sattrack.runtime.mounts import MountAddress

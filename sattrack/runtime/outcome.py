@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sattrack.bias_view import estimate_view, offset_views
-from sattrack.engine_view import learnt_view
-from sattrack.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
-from sattrack.figures import RunningError, quantile
-from sattrack.view import DatagramsView, PeriodView, Summary
+from sattrack.control.bias_view import estimate_view, offset_views
+from sattrack.control.engine_view import learnt_view
+from sattrack.core.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
+from sattrack.core.figures import RunningError, quantile
+from sattrack.views.run import DatagramsView, PeriodView, Summary
 from tle.instants import Utc
 
 if TYPE_CHECKING:
-    from sattrack.engine import Engine
+    from sattrack.control.engine import Engine
 
 
 @dataclass(slots=True)

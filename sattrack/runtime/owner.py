@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
-from sattrack.errors import SattrackError
+from sattrack.core.errors import SattrackError
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -12,7 +12,7 @@ from sattrack.planning.report import uncalibrated_words
 from sattrack.runtime.facts import SEARCH_HOURS, SIMULATED, build_engine, first_bias
 from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.safety.geometry import altitude_deg, azimuth_deg
-from sattrack.view import PassView, PathPoint, SkyPoint
+from sattrack.views.run import PassView, PathPoint, SkyPoint
 from tle.bias import Bias
 from tle.errors import TleError
 from tle.instants import Utc
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sattrack.engine import RunSpec
+    from sattrack.control.engine import RunSpec
     from sattrack.runtime.facts import RunFacts
     from sattrack.safety.bodies import Wanderer
     from tle.site import Site

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-from sattrack import practice
-from sattrack.clock import Clock, make_clock
 from sattrack.control.orders import MOST_ALONG_S, MOST_CROSS_DEG
-from sattrack.errors import BadInputError, SattrackError
-from sattrack.profiles import ProfileFile
+from sattrack.core.clock import Clock, make_clock
+from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.mount.profiles import ProfileFile
+from sattrack.runtime import practice
 from sattrack.runtime.facts import RunFacts, build_engine, choose_pass, first_bias, plan_for, suited_to
 from sattrack.runtime.mounts import mount_address
 from sattrack.runtime.remembering import MemoryMode, recall, uses_memory
@@ -25,10 +25,10 @@ from tle.sources import find
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from sattrack.mount import MountProfile
+    from sattrack.control.tracker import TrackPlan
+    from sattrack.mount.model import MountProfile
     from sattrack.runtime.mounts import MountAddress
-    from sattrack.tracker import TrackPlan
-    from sattrack.view import RememberedView
+    from sattrack.views.run import RememberedView
     from tle.elements import Elements
     from tle.site import Site
 

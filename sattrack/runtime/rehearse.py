@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 import numpy as np
 
-from sattrack import practice
 from sattrack.control.acquisition import slew_time_s
-from sattrack.errors import BadInputError, SattrackError
+from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.mount.simulator.mount import StartPosition
+from sattrack.mount.simulator.settings import simulator_profile
 from sattrack.planning.budget import Circumstances, error_budget
 from sattrack.planning.keyhole import find_keyholes
 from sattrack.planning.kinematics import Ability, losses, outside
@@ -34,13 +35,12 @@ from sattrack.planning.rehearsal import (
 )
 from sattrack.planning.report import LostStretch, Report, uncalibrated_words
 from sattrack.planning.sides import Lost, Sides, choose_sides, sides_of, with_flips
+from sattrack.runtime import practice
 from sattrack.runtime.facts import SEARCH_HOURS, build_engine, plan_for
 from sattrack.runtime.pass_scene import AT_FASTEST, fastest_deg_s
 from sattrack.runtime.prepare import with_detours
 from sattrack.runtime.rehearsed_run import FULL_PERIOD_S, SLOW_PERIOD_S, perform, rule_of
 from sattrack.safety.bounds import CONES
-from sattrack.xerxes.simulator.mount import StartPosition
-from sattrack.xerxes.simulator.settings import simulator_profile
 from tle.ground import Ground
 from tle.instants import Utc
 from tle.passes import find_passes
@@ -50,12 +50,12 @@ from tle.sky_bodies import sun_and_moon
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from sattrack.control.tracker import TrackPlan
     from sattrack.planning.keyhole import Keyhole
     from sattrack.planning.path import AxisPath
     from sattrack.planning.trace import Performance
     from sattrack.runtime.facts import RunFacts
     from sattrack.runtime.prepare import Prepared
-    from sattrack.tracker import TrackPlan
 
 SLOW_ERROR_SHARE = 0.1
 """A slow object's loop may leave so much of what counts as on target by holding its rates twice as long."""

@@ -12,21 +12,21 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from sattrack import practice
-from sattrack.collector import without_collector
-from sattrack.engine import Engine, safety_of
-from sattrack.mount import SIDEREAL_RATE_DEG_S
+from sattrack.control.engine import Engine, safety_of
+from sattrack.control.tracker import ACQUIRED_AFTER_SAMPLES, FOLLOWING, Phase
+from sattrack.core.collector import without_collector
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.settings import SimulatorProfile, simulator_profile
 from sattrack.planning.table import TabledPropagator
 from sattrack.planning.trace import Performance, Trace
 from sattrack.recording.recorder import NoRecording
+from sattrack.runtime import practice
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.virtual import VirtualRun
-from sattrack.tracker import ACQUIRED_AFTER_SAMPLES, FOLLOWING, Phase
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.xerxes.simulator.settings import SimulatorProfile, simulator_profile
 
 if TYPE_CHECKING:
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
     from sattrack.planning.sides import Rule
     from sattrack.runtime.facts import RunFacts
 

@@ -8,13 +8,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from sattrack.control.biases import ALONG, CROSS
-from sattrack.errors import SattrackError
+from sattrack.core.errors import SattrackError
 from sattrack.recording.bias_memory import BiasMemory, KeptBias, memory_file, told, worth_keeping
 from sattrack.runtime.facts import SIMULATED
-from sattrack.view import RememberedView
+from sattrack.views.run import RememberedView
 
 if TYPE_CHECKING:
-    from sattrack.engine import Engine
+    from sattrack.control.engine import Engine
     from sattrack.recording.smoothing import BiasFit
     from sattrack.runtime.facts import RunFacts
     from tle.elements import Elements

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.view import TrackView
+    from sattrack.views.run import TrackView
 
 LAST_VIEW_WITHIN_S = 1.0
 

@@ -6,17 +6,17 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.messages import Observation
-from sattrack.session_messages import decode_said
-from sattrack.session_view import STARTER
+from sattrack.views.messages import Observation
+from sattrack.views.session import STARTER
+from sattrack.views.session_messages import decode_said
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sattrack.messages import Message
     from sattrack.runtime.channel import StdinInbox
     from sattrack.runtime.desk import Desk
     from sattrack.runtime.gallery_link import GalleryLink
+    from sattrack.views.messages import Message
 
 
 class SessionInbox:

@@ -11,18 +11,18 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
-from sattrack.errors import SattrackError
-from sattrack.runtime.realtime import undisturbed
-from sattrack.xerxes.repeats import REPEAT_AFTER_PERIODS
+from sattrack.core.errors import SattrackError
+from sattrack.core.realtime import undisturbed
+from sattrack.mount.xerxes.repeats import REPEAT_AFTER_PERIODS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
+    from sattrack.mount.xerxes.session import Session
     from sattrack.runtime.console import Connection
     from sattrack.runtime.signals import StopRequest
     from sattrack.safety import Safety
-    from sattrack.xerxes.session import Session
 
 LATE_ENOUGH_TO_SKIP_S = 0.5
 LEAD_S = 0.0015

@@ -8,18 +8,18 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.errors import LinkLostError, SattrackError
-from sattrack.halt import Halt
+from sattrack.control.halt import Halt
+from sattrack.core.errors import LinkLostError, SattrackError
+from sattrack.mount.xerxes.client import nobody_listens
+from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime.guard import owned
 from sattrack.runtime.mounts import owned_address
 from sattrack.runtime.owner import GoesOn, Taken, ask_stop, owner_of, utc_now
-from sattrack.xerxes.client import nobody_listens
-from sattrack.xerxes.datagrams import Command, encode_command
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
     from sattrack.runtime.mounts import MountAddress
     from sattrack.runtime.owner import Owner
 

@@ -9,18 +9,18 @@ from dataclasses import dataclass, field
 from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any
 
+from sattrack.mount.simulator.installation import Installation
+from sattrack.mount.xerxes.repeats import REPEAT_AFTER_PERIODS
 from sattrack.runtime.outcome import Ledger
-from sattrack.xerxes.repeats import REPEAT_AFTER_PERIODS
-from sattrack.xerxes.simulator.installation import Installation
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.engine import Engine
-    from sattrack.messages import Message
+    from sattrack.control.engine import Engine
+    from sattrack.mount.simulator.mount import SimulatedMount
     from sattrack.recording.recorder import Sink
-    from sattrack.view import TrackView
-    from sattrack.xerxes.simulator.mount import SimulatedMount
+    from sattrack.views.messages import Message
+    from sattrack.views.run import TrackView
 
 RECORD_VIEW_EVERY_TICKS = 10
 MOUNT_PHASE_S = 0.0217

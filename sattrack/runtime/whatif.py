@@ -8,33 +8,33 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from sattrack import practice
 from sattrack.control.law import ControlLaw
-from sattrack.errors import BadInputError
-from sattrack.messages import decode_message
+from sattrack.core.errors import BadInputError
+from sattrack.core.toml_file import read_toml
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
+from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.recording.comparison import Figures
 from sattrack.recording.format import OPERATOR
 from sattrack.recording.mount_fit import AxisFit, fit_axes
 from sattrack.recording.recorder import NoRecording
 from sattrack.recording.replay import Replay, replay
 from sattrack.recording.trace import trace
+from sattrack.runtime import practice
 from sattrack.runtime.again import engine_of
 from sattrack.runtime.facts import RunFacts, build_engine, decode_facts
 from sattrack.runtime.virtual import VirtualRun
-from sattrack.toml_file import read_toml
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite
-from sattrack.xerxes.simulator.settings import SimulatorProfile
+from sattrack.views.messages import decode_message
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
-    from sattrack.engine import Engine
-    from sattrack.messages import Message
-    from sattrack.mount import MountProfile
+    from sattrack.control.engine import Engine
+    from sattrack.mount.model import MountProfile
     from sattrack.recording.comparison import Choice
     from sattrack.recording.reading import Recording
     from sattrack.recording.trace import Trace
+    from sattrack.views.messages import Message
 
 QUANTILES = (0.01, 0.5, 0.99)
 

@@ -11,7 +11,7 @@ from sattrack.safety.reach import AxisReach, Delays, latency_s
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
     from sattrack.safety.bounds import Bounds
     from sattrack.safety.geometry import Place
     from sattrack.safety.limits import SafetyLimits

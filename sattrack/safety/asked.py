@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S, MoveAxes, SlewTo
-from sattrack.requests import FindHome, FineRate, MoveAxis, Park, PulseGuide, Request, Slew, Sync
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MoveAxes, SlewTo
+from sattrack.mount.requests import FindHome, FineRate, MoveAxis, Park, PulseGuide, Request, Slew, Sync
 from sattrack.safety.ahead import Spot
 from sattrack.safety.geometry import Box, altitude_deg
 from sattrack.safety.standing import axis_rates
 from sattrack.safety.table import ROWS
 
 if TYPE_CHECKING:
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
     from sattrack.safety.ahead import Ahead
     from sattrack.safety.bounds import Bounds
     from sattrack.safety.limits import SafetyLimits

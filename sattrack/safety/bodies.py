@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import erfa
 
-from sattrack.mount import mean_sidereal_deg
+from sattrack.mount.model import mean_sidereal_deg
 from tle.instants import Utc
 from tle.moon import moon_km
 from tle.sun import sun_km, terrestrial_time

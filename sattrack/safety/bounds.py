@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.safety.geometry import Box, altitude_deg
 from sattrack.safety.regions import Cone, Region, fixed_regions
 from sattrack.safety.room import Memory
@@ -13,7 +13,7 @@ from sattrack.safety.room import Memory
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
     from sattrack.safety.bodies import Body, Wanderer
     from sattrack.safety.limits import SafetyLimits
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
-from sattrack.mount import MoveAxes
+from sattrack.mount.model import MoveAxes
 
 if TYPE_CHECKING:
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
     from sattrack.safety.geometry import Place
 
 PROOF = 3

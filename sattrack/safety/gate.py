@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S, Hold, Motion, MountProfile, MoveAxes, SlewTo, Stop
-from sattrack.requests import Abort, FineRate, Request, Slew, objection
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, Motion, MountProfile, MoveAxes, SlewTo, Stop
+from sattrack.mount.requests import Abort, FineRate, Request, Slew, objection
 from sattrack.safety.ahead import Ahead, Spot
 from sattrack.safety.asked import Asked
 from sattrack.safety.bounds import CONES, ESCAPE_NEAR_DEG, INSIDE_MARGIN_DEG, Bounds

@@ -10,7 +10,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
 
 PERIODS_UNTIL_OBEYED = 2.0
 """Ours until the next datagram goes out, and the mount's until its loop reads it."""

@@ -24,7 +24,7 @@ from sattrack.safety.geometry import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from sattrack.mount import MountProfile, PierZone
+    from sattrack.mount.model import MountProfile, PierZone
     from sattrack.safety.bodies import Body
     from sattrack.safety.limits import HorizonPoint
 

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.safety.geometry import Box, Place
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
 
     Array = NDArray[np.float64]
     Bools = NDArray[np.bool_]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile, SlewTo
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, SlewTo
 from sattrack.safety.geometry import Box, Place, separation_deg
 
 if TYPE_CHECKING:

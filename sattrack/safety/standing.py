@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.safety.geometry import Place
 
 if TYPE_CHECKING:
-    from sattrack.mount import MoveAxes
+    from sattrack.mount.model import MoveAxes
 
 
 class Stance(NamedTuple):

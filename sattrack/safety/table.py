@@ -17,7 +17,7 @@ from sattrack.safety.watch import (
 )
 
 if TYPE_CHECKING:
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
 
 STATUS_PERIOD_S = 0.05
 """The paper's: how often a mount tells how it stands."""

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.link_loss import STATUS_LOST_S
-from sattrack.mount import SIDEREAL_RATE_DEG_S, Motion, MoveAxes, mean_sidereal_deg
+from sattrack.mount.link_loss import STATUS_LOST_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Motion, MoveAxes, mean_sidereal_deg
 
 if TYPE_CHECKING:
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
 
 DISOBEDIENT_DEG_S = 0.5
 DISOBEDIENT_FOR_S = 1.0

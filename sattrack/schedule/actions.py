@@ -8,7 +8,7 @@ from urllib.parse import urlsplit
 
 import msgspec
 
-from sattrack.origin import meant
+from sattrack.core.origin import meant
 from sattrack.schedule.stars import STARS, find_star
 
 LONGEST_S = 86_400.0

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
     from sattrack.planning.kinematics import Loss
     from sattrack.safety.limits import SafetyLimits
     from tle.elements import Elements

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from sattrack.mount import SlewTo, mean_sidereal_deg
+from sattrack.mount.model import SlewTo, mean_sidereal_deg
 from sattrack.safety.bounds import HOLD_MARGIN_DEG, Bounds
 from sattrack.safety.regions import is_clear
 from sattrack.safety.route import axes_of, direction_of, slew_s

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.origin import Origin, meant
+from sattrack.core.origin import Origin, meant
+from sattrack.core.toml_text import Positions, read_typed
 from sattrack.schedule.moments import (
     daily_windows,
     find_zone,
@@ -19,7 +20,6 @@ from sattrack.schedule.moments import (
 from sattrack.schedule.rules import NO_CONDITIONS, Conditions, parse_conditions, parse_rule
 from sattrack.schedule.schema import FIXED_PRIORITY, ONLY_AT_THE_TOP, ScheduleText, Terms, Wishes, terms_of
 from sattrack.schedule.tables import FixedLine, read_list, read_table
-from sattrack.toml_text import Positions, read_typed
 from tle.instants import Utc
 from tle.sources import is_fetched
 

@@ -31,7 +31,7 @@ from sattrack.schedule.plan import Asked, LostPass, Plan, PlannedPass, Rehearsed
 from sattrack.schedule.quotas import TAKEN, packings_of
 from sattrack.schedule.transitions import ROUNDING_S
 from sattrack.schedule.why import BEGINNING, RULE_FULL, SAME, Reason, why_lost
-from sattrack.schedule_view import LostTo
+from sattrack.views.schedule import LostTo
 from tle.instants import Utc
 
 if TYPE_CHECKING:

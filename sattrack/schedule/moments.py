@@ -10,7 +10,7 @@ import re
 from datetime import UTC, date, datetime, time, timedelta, tzinfo
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
-from sattrack.origin import meant
+from sattrack.core.origin import meant
 from tle.errors import TimeFormatError
 from tle.instants import Utc
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.schedule.schema import Terms
-from sattrack.schedule_view import LostTo
+from sattrack.views.schedule import LostTo
 from tle.elements import Elements
 
 if TYPE_CHECKING:

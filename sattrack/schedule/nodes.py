@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
     from sattrack.schedule.candidates import Candidate, Situation
     from sattrack.schedule.schema import Terms
     from tle.site import Site

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import msgspec
 
-from sattrack.schedule_view import LostTo
+from sattrack.views.schedule import LostTo
 
 
 class Rehearsed(msgspec.Struct, frozen=True):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from sattrack.errors import SattrackError
+from sattrack.core.errors import SattrackError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from sattrack.schedule.night import Followed, Go, Happening, NightPass, Result, Started
 
 if TYPE_CHECKING:
-    from sattrack.schedule_view import PassView
+    from sattrack.views.schedule import PassView
 
 DONE_SHARE = 0.9
 TOLD_S = 0.5

@@ -25,13 +25,13 @@ import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from sattrack.origin import meant
+from sattrack.core.origin import meant
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.errors import BadInputError
-    from sattrack.origin import Origin
+    from sattrack.core.errors import BadInputError
+    from sattrack.core.origin import Origin
 
     _Take = Callable[["Conditions", re.Match[str]], "Conditions"]
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sattrack.origin import meant
+from sattrack.core.origin import meant
 from sattrack.safety.bodies import sun_over
 from sattrack.schedule.candidates import (
     CUT,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sattrack.schedule.night import Mount, State, Wait
-from sattrack.schedule_view import PassView, ScheduleView
+from sattrack.views.schedule import PassView, ScheduleView
 from tle.instants import Utc
 
 if TYPE_CHECKING:

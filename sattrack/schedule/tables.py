@@ -12,13 +12,13 @@ import csv
 import re
 from typing import TYPE_CHECKING, NamedTuple
 
-from sattrack.origin import meant
+from sattrack.core.origin import meant
 from sattrack.schedule.moments import parse_moment
 
 if TYPE_CHECKING:
     from datetime import tzinfo
 
-    from sattrack.origin import Origin
+    from sattrack.core.origin import Origin
 
 COLUMNS = ("satellite", "start", "end")
 OPTIONAL = ("priority", "name")

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from sattrack.mount import mean_sidereal_deg
-from sattrack.requests import Slew
+from sattrack.mount.model import mean_sidereal_deg
+from sattrack.mount.requests import Slew
 from sattrack.safety.route import HANDSHAKE_S, RAMP, axes_of, direction_of, slew_s
 from sattrack.schedule.actions import CommandAction, SlewAction
 from sattrack.schedule.stars import Star, find_star, hour_angle_and_dec_deg
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sattrack.mount import AxisLimits, MountProfile
+    from sattrack.mount.model import AxisLimits, MountProfile
     from sattrack.safety.geometry import Place
     from sattrack.schedule.actions import Action
     from tle.site import Site

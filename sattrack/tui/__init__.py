@@ -1,1 +1,1 @@
-"""Terminal screens: they see `sattrack.view`, send `sattrack.messages`, and hold no tracking logic."""
+"""Terminal screens: they show views, send messages, and hold no tracking logic."""

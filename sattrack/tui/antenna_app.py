@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
     from textual.app import ComposeResult
 
-    from sattrack.antenna_view import AntennaView, AxesView
     from sattrack.tui.antenna_child import AntennaFeed
     from sattrack.tui.appearance import Appearance
+    from sattrack.views.antenna import AntennaView, AxesView
 
 LOOK_EVERY_S = 0.2
 PATIENCE_S = 75.0

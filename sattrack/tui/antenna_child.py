@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from sattrack.antenna_view import AntennaView
 from sattrack.tui.latest_child import LatestProcess
+from sattrack.views.antenna import AntennaView
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

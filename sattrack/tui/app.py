@@ -8,9 +8,6 @@ from typing import TYPE_CHECKING, ClassVar
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal
 
-from sattrack.messages import StopNow
-from sattrack.session_messages import LeaveRunning, TakeControl, YieldControl
-from sattrack.session_view import STARTER
 from sattrack.tui import figures, look
 from sattrack.tui.bars import Cautions, HeadlineBar, TapeBar, TitleBar
 from sattrack.tui.bias_panel import BiasPanel
@@ -35,6 +32,9 @@ from sattrack.tui.sky_panel import NotesPanel, SkyPanel, chart_columns
 from sattrack.tui.target_keys import TargetKeys
 from sattrack.tui.themed import NIGHT_LOOK, TooSmall
 from sattrack.tui.tonight_page import TonightPage
+from sattrack.views.messages import StopNow
+from sattrack.views.session import STARTER
+from sattrack.views.session_messages import LeaveRunning, TakeControl, YieldControl
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,13 +42,13 @@ if TYPE_CHECKING:
     from textual.app import ComposeResult
     from textual.dom import DOMNode
 
-    from sattrack.messages import Message
-    from sattrack.session_messages import SessionMessage
-    from sattrack.session_view import SessionView
     from sattrack.tui.appearance import Appearance
     from sattrack.tui.beside import Aside
     from sattrack.tui.feed import Feed
-    from sattrack.view import PassView, Summary, TrackView
+    from sattrack.views.messages import Message
+    from sattrack.views.run import PassView, Summary, TrackView
+    from sattrack.views.session import SessionView
+    from sattrack.views.session_messages import SessionMessage
 
 LOOK_EVERY_S = 0.1
 PLOT_EVERY_S = 0.25

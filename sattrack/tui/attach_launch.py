@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sattrack.summary_text import summary_lines
 from sattrack.tui.attached import AttachedRun
 from sattrack.tui.beside import Aside
 from sattrack.tui.hangup import end_with_the_server, end_with_the_terminal
 from sattrack.tui.showing import INTERRUPTED, run_until_left
+from sattrack.views.summary_text import summary_lines
 
 if TYPE_CHECKING:
     from sattrack.runtime.facts import RunFacts
     from sattrack.tui.appearance import Appearance
     from sattrack.tui.beside import Beside
-    from sattrack.view import PassView
+    from sattrack.views.run import PassView
 
 SEEN_BY_BROWSER = "TEXTUAL_DRIVER"
 """Set where another program draws the screen, as a browser's server."""

@@ -10,23 +10,23 @@ from typing import TYPE_CHECKING, BinaryIO
 
 import msgspec
 
-from sattrack.errors import SattrackError
-from sattrack.messages import StopNow
+from sattrack.core.errors import SattrackError
 from sattrack.runtime.gallery_words import name_for
 from sattrack.runtime.owner import ask_stop, owners
-from sattrack.session_messages import encode_said
-from sattrack.session_view import Farewell, SessionView, Welcome
 from sattrack.tui.schedule_runs import LOOK_EVERY_S, goes_on, next_run, stop_schedule
 from sattrack.tui.seen_run import SeenRun
-from sattrack.view import PassView, TrackView
+from sattrack.views.messages import StopNow
+from sattrack.views.run import PassView, TrackView
+from sattrack.views.session import Farewell, SessionView, Welcome
+from sattrack.views.session_messages import encode_said
 from tle.errors import TleError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.messages import Message
     from sattrack.runtime.facts import RunFacts
-    from sattrack.session_messages import SessionMessage
+    from sattrack.views.messages import Message
+    from sattrack.views.session_messages import SessionMessage
 
 WELCOME_WITHIN_S = 5.0
 TRY_AGAIN_S = 0.02

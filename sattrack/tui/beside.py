@@ -12,12 +12,12 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.console_messages import LeaveOrder
-from sattrack.own_program import ending_with_us, own_program
+from sattrack.core.own_program import ending_with_us, own_program
 from sattrack.runtime.owner import owners
 from sattrack.tui.console_child import ConsoleProcess
 from sattrack.tui.console_feed import Latest
 from sattrack.tui.tonight import PassRow, read_passes
+from sattrack.views.console_messages import LeaveOrder
 from tle.instants import Utc
 
 if TYPE_CHECKING:

@@ -11,17 +11,17 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.messages import StopNow
-from sattrack.session_messages import encode_said
-from sattrack.session_view import SessionView
 from sattrack.tui.seen_run import SeenRun
-from sattrack.view import PassView, TrackView
+from sattrack.views.messages import StopNow
+from sattrack.views.run import PassView, TrackView
+from sattrack.views.session import SessionView
+from sattrack.views.session_messages import encode_said
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sattrack.messages import Message
-    from sattrack.session_messages import SessionMessage
+    from sattrack.views.messages import Message
+    from sattrack.views.session_messages import SessionMessage
 
 TOLD_CHARACTERS = 8000
 

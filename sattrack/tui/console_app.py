@@ -9,8 +9,15 @@ from typing import TYPE_CHECKING, ClassVar
 from textual.binding import Binding, BindingType
 from textual.containers import Container
 
-from sattrack import console_words
-from sattrack.console_messages import (
+from sattrack.tui import console_panels as panels
+from sattrack.tui import words
+from sattrack.tui.console_dialogs import HELP, Direction, DirectionDialog, Question
+from sattrack.tui.console_scene import FIRST_RATE, ConsoleScene, jog_rates_deg_s
+from sattrack.tui.help import HelpScreen
+from sattrack.tui.screen_app import ScreenApp
+from sattrack.tui.themed import NIGHT_LOOK, TooSmall
+from sattrack.views import console_words
+from sattrack.views.console_messages import (
     AbortOrder,
     HomeOrder,
     JogOrder,
@@ -20,13 +27,6 @@ from sattrack.console_messages import (
     SlewOrder,
     SyncOrder,
 )
-from sattrack.tui import console_panels as panels
-from sattrack.tui import words
-from sattrack.tui.console_dialogs import HELP, Direction, DirectionDialog, Question
-from sattrack.tui.console_scene import FIRST_RATE, ConsoleScene, jog_rates_deg_s
-from sattrack.tui.help import HelpScreen
-from sattrack.tui.screen_app import ScreenApp
-from sattrack.tui.themed import NIGHT_LOOK, TooSmall
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,10 +34,10 @@ if TYPE_CHECKING:
     from textual.app import ComposeResult
     from textual.dom import DOMNode
 
-    from sattrack.console_messages import ConsoleMessage
-    from sattrack.console_view import ConsoleView
     from sattrack.tui.appearance import Appearance
     from sattrack.tui.console_feed import ConsoleFeed
+    from sattrack.views.console import ConsoleView
+    from sattrack.views.console_messages import ConsoleMessage
 
 LOOK_EVERY_S = 0.1
 LAGGING_S = 0.5

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sattrack.console_messages import AbortOrder, LeaveOrder, encode_order
-from sattrack.console_view import ConsoleView
 from sattrack.tui.console_feed import Latest
 from sattrack.tui.latest_child import LatestProcess
+from sattrack.views.console import ConsoleView
+from sattrack.views.console_messages import AbortOrder, LeaveOrder, encode_order
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sattrack.console_messages import ConsoleMessage
+    from sattrack.views.console_messages import ConsoleMessage
 
 
 class ConsoleProcess(LatestProcess[ConsoleView]):

@@ -8,8 +8,8 @@ from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.widgets import Input, Label, Static
 
-from sattrack.coordinates import DEC_FORMS, RA_FORMS, parse_dec, parse_ra
-from sattrack.errors import BadInputError
+from sattrack.core.coordinates import DEC_FORMS, RA_FORMS, parse_dec, parse_ra
+from sattrack.core.errors import BadInputError
 from sattrack.tui.touch import Dialog
 
 if TYPE_CHECKING:

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sattrack.console_messages import LeaveOrder
 from sattrack.tui.appearance import Appearance
 from sattrack.tui.console_child import ConsoleProcess
 from sattrack.tui.hangup import end_with_the_terminal
 from sattrack.tui.showing import INTERRUPTED, run_until_left
+from sattrack.views.console_messages import LeaveOrder
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from sattrack.console_messages import ConsoleMessage
     from sattrack.tui.console_feed import ConsoleFeed
+    from sattrack.views.console_messages import ConsoleMessage
 
 NIGHT = Appearance()
 PATIENCE_S = 75.0

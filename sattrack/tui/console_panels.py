@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, ClassVar
 from rich.cells import cell_len
 from textual.content import Content
 
-from sattrack import console_words
-from sattrack.console_words import Group, Line, number
 from sattrack.tui import words
 from sattrack.tui.console_scene import ConsoleScene, cautions, headline, jog_rates_deg_s
 from sattrack.tui.look import DIM, PLATE, SPOKEN
 from sattrack.tui.panels import CautionsPanel, HeadlinePanel, Part, Row, ScenePanel, labelled, rows_content
 from sattrack.tui.scene import Caution, Headline, Tone
 from sattrack.tui.touch import Touch, TouchBar
+from sattrack.views import console_words
+from sattrack.views.console_words import Group, Line, number
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from sattrack.console_view import AskedView, ConsoleView, StatusView
+    from sattrack.views.console import AskedView, ConsoleView, StatusView
 
 LOUD = SPOKEN[Tone.NOTICE]
 ASKED_AT_MOST = 5

@@ -13,17 +13,17 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sattrack import practice
-from sattrack.console_messages import LeaveOrder, SlewOrder
-from sattrack.own_program import own_program
+from sattrack.core.own_program import own_program
+from sattrack.runtime import practice
 from sattrack.tui.console_app import ConsoleApp
 from sattrack.tui.console_child import ConsoleProcess
 from sattrack.tui.console_feed import Latest
 from sattrack.tui.picture import self_contained
+from sattrack.views.console_messages import LeaveOrder, SlewOrder
 
 if TYPE_CHECKING:
-    from sattrack.console_messages import ConsoleMessage
-    from sattrack.console_view import ConsoleView
+    from sattrack.views.console import ConsoleView
+    from sattrack.views.console_messages import ConsoleMessage
 
 COLUMNS, ROWS = 120, 40
 EAST_OF_MERIDIAN_DEG = 20.0

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sattrack.console_words import DTICS_S_PER_DEG_S, SIDEREAL_DTICS_S, number
 from sattrack.tui.scene import NO_NEWS_AFTER_S, STOP_UNHEARD_AFTER_S, Caution, Headline, Tone
+from sattrack.views.console_words import DTICS_S_PER_DEG_S, SIDEREAL_DTICS_S, number
 
 if TYPE_CHECKING:
-    from sattrack.console_view import ConsoleView, StatusView
+    from sattrack.views.console import ConsoleView, StatusView
 
 JOG_RATES_DEG_S = (0.02, 0.1, 0.5, 2.0)
 """Between the guide rate and the profile's limit."""

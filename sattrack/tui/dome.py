@@ -6,12 +6,12 @@ import math
 from bisect import bisect_right
 from typing import TYPE_CHECKING, NamedTuple
 
-from sattrack.mount import mean_sidereal_deg
+from sattrack.mount.model import mean_sidereal_deg
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from sattrack.view import SkyPoint
+    from sattrack.views.run import SkyPoint
 
 RIGHT_DEG = 90.0
 

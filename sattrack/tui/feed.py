@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from sattrack.session_view import STARTER
+from sattrack.views.session import STARTER
 
 if TYPE_CHECKING:
-    from sattrack.messages import Message
-    from sattrack.session_messages import SessionMessage
-    from sattrack.session_view import SessionView
-    from sattrack.view import PassView, Summary, TrackView
+    from sattrack.views.messages import Message
+    from sattrack.views.run import PassView, Summary, TrackView
+    from sattrack.views.session import SessionView
+    from sattrack.views.session_messages import SessionMessage
 
 
 @dataclass(frozen=True, slots=True)

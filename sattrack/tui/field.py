@@ -17,7 +17,7 @@ from sattrack.tui.look import DIM
 
 if TYPE_CHECKING:
     from sattrack.tui.panels import Row
-    from sattrack.view import PassView, TrackView
+    from sattrack.views.run import PassView, TrackView
 
 ARCSEC = 3600.0
 SIGMAS = 2.0

@@ -18,7 +18,7 @@ from sattrack.tui.scene import Scene, Tone, headline
 if TYPE_CHECKING:
     from textual.app import ComposeResult
 
-    from sattrack.view import LinkView
+    from sattrack.views.run import LinkView
 
 RATE_NEAR_LIMIT = 0.95
 FIELD_FIGURES_CELLS = 8

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sattrack.messages import ClearBias, Nudge, OffsetBy, Search
 from sattrack.tui.frames import FRAMES, TRACK
 from sattrack.tui.steps import FIRST_STEP, STEPS
+from sattrack.views.messages import ClearBias, Nudge, OffsetBy, Search
 
 if TYPE_CHECKING:
-    from sattrack.messages import Message
     from sattrack.tui.frames import Frame
     from sattrack.tui.steps import Step
-    from sattrack.view import TrackView
+    from sattrack.views.messages import Message
+    from sattrack.views.run import TrackView
 
 SPIRAL_STEPS = 10.0
 SPIRAL_ARMS_S = 0.5

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sattrack.view import TrackView
+    from sattrack.views.run import TrackView
 
 WINDOW_S = 180.0
 GAP_S = 1.2

@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sattrack.messages import StopNow
-from sattrack.summary_text import summary_lines
 from sattrack.tui.appearance import Appearance
 from sattrack.tui.beside import Aside
 from sattrack.tui.child import FeederProcess
 from sattrack.tui.hangup import end_with_the_terminal
 from sattrack.tui.showing import INTERRUPTED, run_until_left
+from sattrack.views.messages import StopNow
+from sattrack.views.summary_text import summary_lines
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

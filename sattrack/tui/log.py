@@ -9,8 +9,8 @@ from sattrack.tui import words
 from sattrack.tui.scene import Tone, why_ended
 
 if TYPE_CHECKING:
-    from sattrack.session_view import SessionView
-    from sattrack.view import Summary, TrackView
+    from sattrack.views.run import Summary, TrackView
+    from sattrack.views.session import SessionView
 
 MOST_LINES = 2000
 FILTERS = ("all", "warnings", "people")

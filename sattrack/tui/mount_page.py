@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 from textual.containers import Container, Vertical
 from textual.widgets import Static
 
-from sattrack import console_words
 from sattrack.tui import console_panels as panels
 from sattrack.tui.console_scene import FIRST_RATE, ConsoleScene
+from sattrack.views import console_words
 
 if TYPE_CHECKING:
     from textual.app import ComposeResult
 
-    from sattrack.console_view import ConsoleView
+    from sattrack.views.console import ConsoleView
 
 TITLES = {
     "#m-pointing": "pointing",

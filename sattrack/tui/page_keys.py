@@ -6,20 +6,20 @@ from typing import TYPE_CHECKING
 
 from textual.app import App
 
-from sattrack.session_messages import Arm
 from sattrack.tui import words
 from sattrack.tui.console_dialogs import Question
 from sattrack.tui.pages import TONIGHT
+from sattrack.views.session_messages import Arm
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from textual.dom import DOMNode
 
-    from sattrack.session_messages import SessionMessage
     from sattrack.tui.feed import Feed
     from sattrack.tui.scene import Scene
     from sattrack.tui.screens import Screens
+    from sattrack.views.session_messages import SessionMessage
 
 
 class PageKeys(App[None]):

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
-from sattrack import practice
+from sattrack.runtime import practice
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.pass_scene import pass_scene
 from sattrack.runtime.prepare import RunRequest, prepare
@@ -27,9 +27,9 @@ from sattrack.tui.tape import Tape
 from tle.elements import Elements
 
 if TYPE_CHECKING:
-    from sattrack.messages import Message
-    from sattrack.session_messages import SessionMessage
-    from sattrack.view import PassView, TrackView
+    from sattrack.views.messages import Message
+    from sattrack.views.run import PassView, TrackView
+    from sattrack.views.session_messages import SessionMessage
 
 COLUMNS, ROWS = 120, 40
 LOOK_EVERY_S = 0.05

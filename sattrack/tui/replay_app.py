@@ -16,12 +16,12 @@ from sattrack.tui.themed import NIGHT_LOOK
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.messages import Message
-    from sattrack.session_messages import SessionMessage
     from sattrack.tui.appearance import Appearance
     from sattrack.tui.feed import Feed
     from sattrack.tui.scene import Scene
     from sattrack.tui.tape import Tape
+    from sattrack.views.messages import Message
+    from sattrack.views.session_messages import SessionMessage
 
 SHORT_S, LONG_S = 10.0, 60.0
 NOTHING_MOVES = "this is a recording: there is no mount to stop; p pauses it"

@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sattrack.summary_text import summary_lines
 from sattrack.tui.child import FeederProcess
 from sattrack.tui.hangup import end_with_the_terminal
 from sattrack.tui.showing import INTERRUPTED, run_until_left
+from sattrack.views.summary_text import summary_lines
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -9,22 +9,22 @@ from typing import TYPE_CHECKING
 
 from textual.app import App, SuspendNotSupported
 
-from sattrack.messages import Go, Jog, Pause, StopNow
 from sattrack.tui.console_app import LAGGING_S
 from sattrack.tui.console_dialogs import Question
 from sattrack.tui.console_scene import FIRST_RATE, RATES, jog_rates_deg_s
 from sattrack.tui.pages import MOUNT
 from sattrack.tui.scene import PAUSED
+from sattrack.views.messages import Go, Jog, Pause, StopNow
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.messages import Message
-    from sattrack.session_messages import SessionMessage
     from sattrack.tui.appearance import Appearance
     from sattrack.tui.scene import Scene
     from sattrack.tui.screens import Screens
-    from sattrack.view import Summary, TrackView
+    from sattrack.views.messages import Message
+    from sattrack.views.run import Summary, TrackView
+    from sattrack.views.session_messages import SessionMessage
 
 PAUSE_FIRST = "by hand only while the pass is paused: p pauses it"
 PARK = (

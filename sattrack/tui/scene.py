@@ -6,17 +6,17 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
-from sattrack.session_view import STARTER
 from sattrack.tui import words
 from sattrack.tui.frames import TRACK
 from sattrack.tui.pages import LIVE
+from sattrack.views.session import STARTER
 
 if TYPE_CHECKING:
-    from sattrack.session_view import SessionView
     from sattrack.tui.frames import Frame
     from sattrack.tui.steps import Step
     from sattrack.tui.tape import TapeView
-    from sattrack.view import PassView, Summary, TrackView
+    from sattrack.views.run import PassView, Summary, TrackView
+    from sattrack.views.session import SessionView
 
 ON_TARGET_ARCSEC = 2.0
 NO_NEWS_AFTER_S = 1.5

@@ -13,7 +13,7 @@ from tle.instants import Utc
 if TYPE_CHECKING:
     from textual.content import Content
 
-    from sattrack.schedule_view import PassView, ScheduleView
+    from sattrack.views.schedule import PassView, ScheduleView
 
 NAME_CELLS, SHORT_NAME_CELLS = 24, 18
 ROOM_FOR_LONG_NAMES = 100

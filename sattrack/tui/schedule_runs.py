@@ -8,13 +8,13 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sattrack.errors import SattrackError
+from sattrack.core.errors import SattrackError
 from sattrack.runtime.gallery_words import feeders, started_by
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.schedule_view import ScheduleView
+    from sattrack.views.schedule import ScheduleView
 
 LOOK_EVERY_S = 0.5
 RUNNER_BACK_WITHIN_S = 15.0
@@ -24,7 +24,7 @@ OVER = frozenset({"ended", "stopped"})
 
 def schedule_in(folder: Path) -> ScheduleView | None:
     """Return what the runner of a schedule says in its folder; raises SattrackError, as `read_status`."""
-    from sattrack.runtime.night_files import read_status
+    from sattrack.schedule.night_files import read_status
 
     return read_status(folder)
 
@@ -65,7 +65,7 @@ def stop_schedule(recording: str | None) -> bool:
 
     It is an operator's stop: a restart follows nothing either.
     """
-    from sattrack.runtime.night_stop import keep_stop
+    from sattrack.schedule.night_stop import keep_stop
 
     view = _schedule_of(recording)
     if recording is None or view is None or view.pid is None:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.errors import SattrackError
+from sattrack.core.errors import SattrackError
 from sattrack.tui import words
 from sattrack.tui.log import LogBook
 from sattrack.tui.log_page import LogPage
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 
     from textual.dom import DOMNode
 
-    from sattrack.console_view import ConsoleView
-    from sattrack.schedule_view import ScheduleView
-    from sattrack.session_messages import SessionMessage
     from sattrack.tui.beside import Aside
     from sattrack.tui.feed import News
     from sattrack.tui.scene import Scene
     from sattrack.tui.tonight import PassRow
-    from sattrack.view import LearntView
+    from sattrack.views.console import ConsoleView
+    from sattrack.views.run import LearntView
+    from sattrack.views.schedule import ScheduleView
+    from sattrack.views.session_messages import SessionMessage
 
 SEARCH_AGAIN_S = 600.0
 READ_AGAIN_S = 2.0

@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.session_view import STARTER, SessionView
 from sattrack.tui.feed import News
-from sattrack.view import SummaryLine, TrackView
+from sattrack.views.run import SummaryLine, TrackView
+from sattrack.views.session import STARTER, SessionView
 
 if TYPE_CHECKING:
-    from sattrack.view import PassView, Summary
+    from sattrack.views.run import PassView, Summary
 
 _SUMMARY: msgspec.json.Decoder[SummaryLine] = msgspec.json.Decoder(SummaryLine)
 

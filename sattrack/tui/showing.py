@@ -6,7 +6,7 @@ import signal
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Protocol
 
-from sattrack.errors import SattrackError
+from sattrack.core.errors import SattrackError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -21,7 +21,7 @@ from sattrack.tui.look import DIM
 
 if TYPE_CHECKING:
     from sattrack.tui.panels import Row
-    from sattrack.view import PassView, PathPoint
+    from sattrack.views.run import PassView, PathPoint
 
 RINGS_DEG = (30.0, 60.0)
 AZIMUTH_STEPS = 360

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from sattrack.tui.dots import DotCanvas
     from sattrack.tui.scene import Scene
-    from sattrack.view import PassView
+    from sattrack.views.run import PassView
 
 NOTES_CELLS = 40
 """What stands beside the chart where there is so much room."""

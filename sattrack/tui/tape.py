@@ -11,7 +11,7 @@ from sattrack.tui.history import WINDOW_S
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from sattrack.view import TrackView
+    from sattrack.views.run import TrackView
 
 SPEEDS = (0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0)
 FASTEST, SLOWEST = SPEEDS[-1], SPEEDS[0]

@@ -6,19 +6,19 @@ from typing import TYPE_CHECKING
 
 from textual.app import App
 
-from sattrack.messages import DropRemembered
 from sattrack.tui.pages import LIVE, MOUNT
+from sattrack.views.messages import DropRemembered
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from textual.dom import DOMNode
 
-    from sattrack.messages import Message
-    from sattrack.session_messages import SessionMessage
     from sattrack.tui.hand import Hand
     from sattrack.tui.screens import Screens
-    from sattrack.view import TrackView
+    from sattrack.views.messages import Message
+    from sattrack.views.run import TrackView
+    from sattrack.views.session_messages import SessionMessage
 
 
 class TargetKeys(App[None]):

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
-from sattrack.session_messages import Arm, Disarm
+from sattrack.views.session_messages import Arm, Disarm
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from sattrack.session_messages import SessionMessage
-    from sattrack.session_view import Armed
+    from sattrack.views.session import Armed
+    from sattrack.views.session_messages import SessionMessage
 
 SAME_PASS_S = 120.0
 HIGH_DEG = 30.0

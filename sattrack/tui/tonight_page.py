@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 
     from textual.events import Click, MouseScrollDown, MouseScrollUp
 
-    from sattrack.session_view import Armed
     from sattrack.tui.scene import Scene
     from sattrack.tui.tonight import Night, PassRow
+    from sattrack.views.session import Armed
 
 NAME_CELLS = 24
 HEAD_ROWS = 2

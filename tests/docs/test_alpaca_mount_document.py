@@ -8,9 +8,9 @@ from pathlib import Path
 import alpaca_mount
 import pytest
 
-from sattrack.alpaca_mount import address, bridge, warden
-from sattrack.alpaca_mount.address import parse_alpaca
-from sattrack.mount import AxisLimits, MountProfile
+from sattrack.mount.alpaca import address, bridge, warden
+from sattrack.mount.alpaca.address import parse_alpaca
+from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.runtime import guard
 
 PAGE = (Path(__file__).parents[2] / "docs" / "alpaca-mount.md").read_text()

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
-TESTS = ROOT / "tests" / "sattrack" / "antenna"
+TESTS = ROOT / "tests" / "sattrack" / "servers" / "antenna"
 SENTENCES = {
     "3.0": 15,
     "4.0": 23,

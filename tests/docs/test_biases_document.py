@@ -8,9 +8,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from sattrack.messages import StopNow, decode_message
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.views.messages import StopNow, decode_message
 from tle.instants import Utc
 
 ROOT = Path(__file__).resolve().parents[2]

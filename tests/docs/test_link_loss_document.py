@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from sattrack.link_loss import CONTRACT
+from sattrack.mount.link_loss import CONTRACT
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "link-loss.md"

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.cli import run
-from sattrack.commands.run import command
-from sattrack.errors import InterruptedRunError, TerminatedRunError
-from sattrack.runtime.night_commands import as_environment, facts_of
+from sattrack.cli.main import run
+from sattrack.cli.run import command
+from sattrack.core.errors import InterruptedRunError, TerminatedRunError
 from sattrack.schedule import actions, machine
 from sattrack.schedule.conditions import BROKE_OFF
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.night import NightPass, Result, State
+from sattrack.schedule.night_commands import as_environment, facts_of
 from sattrack.schedule.schema import Terms
 
 if TYPE_CHECKING:
@@ -79,7 +79,7 @@ def test_every_option_of_a_run_and_every_variable_of_a_program_is_told() -> None
         for option in {*parameter.opts} - planning - common:
             if option.startswith("--"):
                 assert f"`{option}" in TEXT, option
-    from sattrack import practice
+    from sattrack.runtime import practice
 
     one = NightPass("k", 1, practice.elements(), 0.0, 1.0, 2.0, 0.0, 50.0, 1.0, 2.0, Terms(), "x")
     for name in as_environment(facts_of(one, "x", "after", Result("done"))):

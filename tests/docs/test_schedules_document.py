@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from sattrack.cli import run
+from sattrack.cli.main import run
 from sattrack.schedule import actions, rules, schema
 from sattrack.schedule.file import load_schedule
 

@@ -5,22 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sattrack.manual.console import Console
-from sattrack.manual.errand import Errand, Look
-from sattrack.manual.report import view_of
-from sattrack.mount import AxesPosition, MountProfile
+from sattrack.control.manual.console import Console
+from sattrack.control.manual.errand import Errand, Look
+from sattrack.control.manual.report import view_of
+from sattrack.mount.model import AxesPosition, MountProfile
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.settings import SimulatorProfile
+from sattrack.mount.xerxes.datagrams import Command, decode_command
 from sattrack.safety import SafetyLimits
-from sattrack.xerxes.datagrams import Command, decode_command
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.xerxes.simulator.settings import SimulatorProfile
 from tle.site import Site
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.manual.procedures import Procedure
-    from sattrack.manual.sitting import Sitting
-    from sattrack.xerxes.simulator.mount import Truth
+    from sattrack.control.manual.procedures import Procedure
+    from sattrack.control.manual.sitting import Sitting
+    from sattrack.mount.simulator.mount import Truth
 
 T0 = 1_790_000_000.0
 PERIOD_S = 0.05

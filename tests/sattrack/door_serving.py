@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING
 
 from programs import free_port
 
-from sattrack import practice
-from sattrack.cli import run
-from sattrack.mount import MountProfile
+from sattrack.cli.main import run
+from sattrack.mount.model import MountProfile
+from sattrack.mount.xerxes.client import Address
+from sattrack.runtime import practice
 from sattrack.runtime.guard import owned
-from sattrack.xerxes.client import Address
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 import erfa
 from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, NEVER, T0, Span, Stand, steadily
 
-from sattrack.mount import MountProfile, PierZone
+from sattrack.mount.model import MountProfile, PierZone
+from sattrack.mount.simulator.facts import StartPosition
 from sattrack.safety import SafetyLimits
-from sattrack.xerxes.simulator.facts import StartPosition
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.xerxes.simulator.mount import Truth
+    from sattrack.mount.simulator.mount import Truth
 
 DARK = SafetyLimits(optical=False)
 LATENCY_S = 0.2004

@@ -6,19 +6,19 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes, Stop
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes, Stop
+from sattrack.mount.simulator.facts import SimulatedSite, StartPosition
+from sattrack.mount.simulator.mount import SimulatedMount
+from sattrack.mount.simulator.settings import SimulatorProfile
+from sattrack.mount.xerxes.launches import seen_of
+from sattrack.mount.xerxes.session import Session
 from sattrack.safety import Safety, SafetyLimits
-from sattrack.xerxes.launches import seen_of
-from sattrack.xerxes.session import Session
-from sattrack.xerxes.simulator.facts import SimulatedSite, StartPosition
-from sattrack.xerxes.simulator.mount import SimulatedMount
-from sattrack.xerxes.simulator.settings import SimulatorProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.mount import Motion
-    from sattrack.xerxes.simulator.mount import Truth
+    from sattrack.mount.model import Motion
+    from sattrack.mount.simulator.mount import Truth
 
 T0 = 1_790_000_000.0
 """2026-09-21 14:13:20 UTC: the Sun stands in the south-west at the stand's site."""

@@ -8,31 +8,16 @@ from typing import TYPE_CHECKING, Any, Protocol
 import msgspec
 import pytest
 
-from sattrack import practice
-from sattrack.alpaca.messages import Asked, MoveOrder
-from sattrack.alpaca.station import TelescopeStation
-from sattrack.antenna.equipment import Antenna
-from sattrack.antenna.focus import SimulatedFocuser
-from sattrack.antenna.line import encode
-from sattrack.antenna.sky import Sky
-from sattrack.antenna.station import Station, axis_range
-from sattrack.antenna.trajectory import to_ns
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.guard import Surroundings
-from sattrack.console_messages import JogOrder
-from sattrack.manual.console import Console
-from sattrack.manual.errand import Errand
-from sattrack.manual.procedures import MoveFor
-from sattrack.manual.sitting import Sitting
-from sattrack.messages import StopNow
-from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile
-from sattrack.requests import MoveAxis
-from sattrack.rotctld.answers import Client
-from sattrack.rotctld.station import RotatorStation
-from sattrack.runtime.facts import build_engine
-from sattrack.runtime.prepare import RunRequest, prepare
-from sattrack.safety import SafetyLimits
-from sattrack.xerxes.datagrams import (
+from sattrack.control.manual.console import Console
+from sattrack.control.manual.errand import Errand
+from sattrack.control.manual.procedures import MoveFor
+from sattrack.control.manual.sitting import Sitting
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile
+from sattrack.mount.requests import MoveAxis
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.xerxes.datagrams import (
     DTICS_S_PER_DEG_S,
     Command,
     Status,
@@ -41,8 +26,23 @@ from sattrack.xerxes.datagrams import (
     encode_command,
     encode_status,
 )
-from sattrack.xerxes.link import LOST_AFTER_S
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.xerxes.link import LOST_AFTER_S
+from sattrack.runtime import practice
+from sattrack.runtime.facts import build_engine
+from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.safety import SafetyLimits
+from sattrack.servers.alpaca.messages import Asked, MoveOrder
+from sattrack.servers.alpaca.station import TelescopeStation
+from sattrack.servers.antenna.equipment import Antenna
+from sattrack.servers.antenna.focus import SimulatedFocuser
+from sattrack.servers.antenna.line import encode
+from sattrack.servers.antenna.sky import Sky
+from sattrack.servers.antenna.station import Station, axis_range
+from sattrack.servers.antenna.trajectory import to_ns
+from sattrack.servers.rotctld.answers import Client
+from sattrack.servers.rotctld.station import RotatorStation
+from sattrack.views.console_messages import JogOrder
+from sattrack.views.messages import StopNow
 from tle.instants import Utc
 
 if TYPE_CHECKING:

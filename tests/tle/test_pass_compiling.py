@@ -39,7 +39,7 @@ def test_a_numba_that_does_not_work_is_told_in_one_line_and_done_without(how: st
     code = f"""
 from tle import compiled_start
 compiled_start._WORTH = 0.0
-from sattrack.cli import run
+from sattrack.cli.main import run
 sys.exit(run({arguments!r}))
 """
     status, out, err = told_by(code, tmp_path)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sattrack.xerxes.datagrams import (
+from sattrack.mount.xerxes.datagrams import (
     COMMAND_FIELDS,
     STATUS_FIELDS,
     Command,
@@ -20,7 +20,7 @@ from tools.protocol.fields import SIZES
 from tools.protocol.figures import hex_bytes
 
 if TYPE_CHECKING:
-    from sattrack.xerxes.datagrams import Field
+    from sattrack.mount.xerxes.datagrams import Field
 
 SLEW = Command(counter=258, target_dec_deg=12.25, target_ra_h=5.25, slew=True)
 MOVE = Command(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sattrack.xerxes.datagrams import (
+from sattrack.mount.xerxes.datagrams import (
     COMMAND_FIELDS,
     COMMAND_HEADER,
     COMMAND_LENGTH,
@@ -16,7 +16,7 @@ from sattrack.xerxes.datagrams import (
 )
 
 if TYPE_CHECKING:
-    from sattrack.xerxes.datagrams import Field
+    from sattrack.mount.xerxes.datagrams import Field
 
 SIZES = {
     Kind.UINT64: 8,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import struct
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S
-from sattrack.xerxes import (
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.xerxes import (
     ack_watch,
     handshake,
     launches,
@@ -17,7 +17,7 @@ from sattrack.xerxes import (
     slewing,
     standstill,
 )
-from sattrack.xerxes.datagrams import DTICS_S_PER_DEG_S, TICS_PER_TURN, reading_of
+from sattrack.mount.xerxes.datagrams import DTICS_S_PER_DEG_S, TICS_PER_TURN, reading_of
 
 PERIOD_S = 0.05
 SAMPLES = (

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
-from sattrack.requests import SETTLED, TICKET_TRANSITIONS, TicketState
-from sattrack.xerxes.handshake import TRANSITIONS, Handshake
-from sattrack.xerxes.link import LINK_TRANSITIONS, LinkState
+from sattrack.mount.requests import SETTLED, TICKET_TRANSITIONS, TicketState
+from sattrack.mount.xerxes.handshake import TRANSITIONS, Handshake
+from sattrack.mount.xerxes.link import LINK_TRANSITIONS, LinkState
 from tools.protocol import svg
 
 if TYPE_CHECKING:

@@ -13,9 +13,9 @@ import pytest
 
 from sattrack.calibration.guard import Kind
 from sattrack.calibration.plan import Leg, Plan
-from sattrack.clock import SystemClock
-from sattrack.commands.mount_calibrate import command
-from sattrack.errors import BadInputError, InterruptedRunError, LinkLostError, SattrackError
+from sattrack.cli.mount_calibrate import command
+from sattrack.core.clock import SystemClock
+from sattrack.core.errors import BadInputError, InterruptedRunError, LinkLostError, SattrackError
 from sattrack.runtime.calibrate import calibrate_live, ending_error, start_practice_mount, surroundings
 from tle.site import Site
 
@@ -167,6 +167,6 @@ def test_any_key_stops_the_mount_and_the_terminal_is_as_it_was(
 
 
 def start_profile() -> object:
-    from sattrack.mount import MountProfile
+    from sattrack.mount.model import MountProfile
 
     return MountProfile()

@@ -13,8 +13,8 @@ from ramp_mount import RampMount
 from sattrack.calibration.findings import ClockTruth, Findings, conclude
 from sattrack.calibration.profile import calibrated
 from sattrack.calibration.sky import sun_hour_angle_and_dec, true_clocks
-from sattrack.mount import AxisLimits, MountProfile
-from sattrack.profiles import ProfileFile, load_profile, load_profile_file, profile_text
+from sattrack.mount.model import AxisLimits, MountProfile
+from sattrack.mount.profiles import ProfileFile, load_profile, load_profile_file, profile_text
 from tle.site import Site
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from sattrack.calibration.round_trip import Bracket, RoundTripEstimate, contradi
 from sattrack.calibration.servo import Transient, braking
 from sattrack.calibration.statuses import Heard, StatusLog
 from sattrack.calibration.turns import TurnForecast
-from sattrack.xerxes.datagrams import Status
+from sattrack.mount.xerxes.datagrams import Status
 
 SIDEREAL_DEG_S = 360.0 / 86164.0905
 
@@ -225,7 +225,7 @@ def plateaus(lag_s: float, sense: float) -> list[Plateau]:
 
 
 def test_the_log_counts_hours_across_midnight_and_turns_across_the_circle() -> None:
-    from sattrack.xerxes.datagrams import encode_status
+    from sattrack.mount.xerxes.datagrams import encode_status
 
     log = StatusLog()
     for n in range(4):

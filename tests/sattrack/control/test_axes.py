@@ -9,7 +9,7 @@ import pytest
 from sattrack.control.axes import OUTLIERS_BELIEVED, Axes
 from sattrack.control.history import CommandHistory, SentRates
 from sattrack.control.mount_loop import MountLoop
-from sattrack.mount import MountProfile, StatusSample
+from sattrack.mount.model import MountProfile, StatusSample
 
 PERIOD_S = 0.05
 ARCSEC = 1.0 / 3600.0

@@ -8,12 +8,12 @@ import erfa
 import numpy as np
 import pytest
 
-from sattrack import practice
 from sattrack.control import orders
 from sattrack.control.biases import Biases
 from sattrack.control.search import spiral
-from sattrack.messages import OffsetBy, Search
-from sattrack.mount import AxisLimits, MountProfile
+from sattrack.mount.model import AxisLimits, MountProfile
+from sattrack.runtime import practice
+from sattrack.views.messages import OffsetBy, Search
 from tle.bias import NO_BIAS, Bias
 from tle.instants import Utc
 from tle.propagator import Propagator

@@ -9,10 +9,10 @@ from dataclasses import replace
 import bias as bench
 import pytest
 
-from sattrack import practice
 from sattrack.control.course import Course
 from sattrack.control.estimate import ANEW_AFTER, Estimator
-from sattrack.messages import Observation
+from sattrack.runtime import practice
+from sattrack.views.messages import Observation
 from tle.bias import NO_BIAS, Bias
 from tle.instants import Utc
 from tle.propagator import Propagator

@@ -10,7 +10,7 @@ import pytest
 from sattrack.control.acquisition import plan_intercept, slew_time_s
 from sattrack.control.feeder import LAW, Way, correction_deg_s, ramped_deg_s, rate_deg_s, settling_s
 from sattrack.control.response import Lag
-from sattrack.mount import AxisLimits, MountProfile
+from sattrack.mount.model import AxisLimits, MountProfile
 
 AXIS = AxisLimits(max_rate_deg_s=6.0, max_acceleration_deg_s2=10.0)
 

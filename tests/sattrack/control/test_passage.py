@@ -6,7 +6,7 @@ import pytest
 
 from sattrack.control.detour import Detour
 from sattrack.control.passage import Passage
-from sattrack.mount import MoveAxes, StatusSample
+from sattrack.mount.model import MoveAxes, StatusSample
 
 
 def detour(pole_dec_deg: float = 90.0) -> Detour:

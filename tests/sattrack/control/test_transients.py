@@ -15,10 +15,10 @@ from sattrack.control.kalman import AxisFilter, wrap180
 from sattrack.control.latency import MountClock
 from sattrack.control.mount_loop import MountLoop
 from sattrack.control.response import Commanded, Step
-from sattrack.mount import MountProfile, StatusSample
+from sattrack.mount.model import MountProfile, StatusSample
+from sattrack.mount.xerxes.datagrams import decode_command, decode_status
 from sattrack.recording.format import COMMAND, STATUS
 from sattrack.recording.reading import Recording
-from sattrack.xerxes.datagrams import decode_command, decode_status
 
 LATCHED = Path(__file__).resolve().parents[4] / "shared" / "cases" / "latched"
 TURN_S, ARCSEC = 0.05, 1.0 / 3600.0

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from sattrack.cli import cli
+from sattrack.cli.main import cli
 
 ISS = str(Path(__file__).parents[3] / "examples" / "iss_leiden.tle")
 SEARCH = ("--elements", ISS, "--site", "52.1541,4.4908,0", "--from", "2026-10-02T00:00:00Z", "--hours", "48")

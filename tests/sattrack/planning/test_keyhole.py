@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from planning_builders import great_circle
 
-from sattrack.mount import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile
 from sattrack.planning.keyhole import cruise_deg_s, find_keyholes, reach_deg
 
 TOLERANCE_DEG = 2.0 / 3600.0

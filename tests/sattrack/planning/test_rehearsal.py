@@ -16,13 +16,13 @@ from click.testing import CliRunner
 from rehearsal import LOST_WITHIN_S, PEAKS_WITHIN, compare, within
 from rehearsal_draws import draw, fly, noisy
 
-from sattrack import practice
-from sattrack.cli import cli
-from sattrack.cli import run as run_cli
-from sattrack.errors import SattrackError
-from sattrack.mount import MountProfile
+from sattrack.cli.main import cli
+from sattrack.cli.main import run as run_cli
+from sattrack.core.errors import SattrackError
+from sattrack.mount.model import MountProfile
+from sattrack.mount.profiles import ProfileFile
 from sattrack.planning.budget import Circumstances, error_budget
-from sattrack.profiles import ProfileFile
+from sattrack.runtime import practice
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import Prepared, RunRequest, prepare
 from sattrack.runtime.rehearse import rehearse

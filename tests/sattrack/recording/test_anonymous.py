@@ -9,15 +9,15 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from sattrack.cli import run
-from sattrack.errors import BadInputError
+from sattrack.cli.main import run
+from sattrack.core.errors import BadInputError
+from sattrack.mount.xerxes.datagrams import decode_status
 from sattrack.recording.anonymous import LEAST_S, MOST_S, random_shift_s, write_anonymous
 from sattrack.recording.format import OPERATOR, STATUS
 from sattrack.recording.reading import GAP, Recording
 from sattrack.recording.recorder import Recorder
 from sattrack.recording.replay import replay
 from sattrack.runtime.again import engine_of, open_recording
-from sattrack.xerxes.datagrams import decode_status
 from tle.instants import Utc
 from tle.propagator import Propagator
 

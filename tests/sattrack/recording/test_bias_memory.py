@@ -15,17 +15,17 @@ from typing import TYPE_CHECKING
 import msgspec
 import pytest
 
-from sattrack import practice
-from sattrack.cli import run
-from sattrack.errors import SattrackError
-from sattrack.messages import ClearBias, DropRemembered, Message, Nudge
+from sattrack.cli.main import run
+from sattrack.core.errors import SattrackError
 from sattrack.recording.bias_memory import BiasMemory, KeptBias, memory_file, worth_keeping
 from sattrack.recording.replay import replay
+from sattrack.runtime import practice
 from sattrack.runtime.again import engine_of, open_recording
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import Prepared, RunRequest, prepare
 from sattrack.runtime.remembering import uses_memory
+from sattrack.views.messages import ClearBias, DropRemembered, Message, Nudge
 from tle.bias import Bias
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -33,7 +33,7 @@ from tle.propagator import Propagator
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.view import Summary, TrackView
+    from sattrack.views.run import Summary, TrackView
 
 ELEMENTS = practice.elements()
 SEEN_UTC_S = float(Utc.parse("2026-10-02T11:29:24Z").unix_s)

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sattrack.messages import Observation, decode_message
 from sattrack.recording.comparison import Tolerances
 from sattrack.recording.format import FORMAT_VERSION, OPERATOR, REPEAT
 from sattrack.recording.reading import Recording
 from sattrack.recording.replay import replay
 from sattrack.runtime.again import engine_of, open_recording
+from sattrack.views.messages import Observation, decode_message
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 import pytest
 from mcap.reader import make_reader
 
-from sattrack import practice
-from sattrack.cli import run
+from sattrack.cli.main import run
 from sattrack.recording.format import COMMAND, OPERATOR, STATUS
 from sattrack.recording.looking import clock_steps
 from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import Recorder
 from sattrack.recording.tdm import Seen, tdm_text
+from sattrack.runtime import practice
 from tle.errors import ObservationError
 from tle.observations import Stations, read_observations
 from tle.site import Site

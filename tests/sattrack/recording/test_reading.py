@@ -9,8 +9,8 @@ import msgspec
 import pytest
 from mcap.writer import Writer
 
-from sattrack.cli import run
-from sattrack.errors import BadInputError
+from sattrack.cli.main import run
+from sattrack.core.errors import BadInputError
 from sattrack.recording.format import CHANNELS, COMMAND, FORMAT_VERSION, RUN, SUMMARY
 from sattrack.recording.reading import GAP, Entry, Recording
 from sattrack.recording.recorder import Recorder

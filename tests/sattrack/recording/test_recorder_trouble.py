@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import pytest
 
-from sattrack.cli import run
+from sattrack.cli.main import run
 from sattrack.recording.format import COMMAND
 from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import BackgroundRecorder, Recorder

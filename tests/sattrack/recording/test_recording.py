@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 import msgspec
 import pytest
 
-from sattrack.cli import run
-from sattrack.errors import BadInputError
+from sattrack.cli.main import run
+from sattrack.core.errors import BadInputError
 from sattrack.recording.format import COMMAND, REPEAT, STATUS, from_ns, to_ns
 from sattrack.recording.reading import Recording
 from sattrack.recording.replay import Replay, replay
@@ -21,7 +21,7 @@ from sattrack.runtime.facts import build_engine, decode_facts, encode_facts
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from sattrack.engine import Engine
+    from sattrack.control.engine import Engine
 
 PASS = ["track", "25544", "--virtual", "--mount", "sim", "--json", "--min-alt", "70"]
 

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import msgspec
 import pytest
 
-from sattrack.cli import run
+from sattrack.cli.main import run
+from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_command
 from sattrack.recording.comparison import (
     Choice,
     Figures,
@@ -30,13 +31,12 @@ from sattrack.recording.replay import Replay, replay
 from sattrack.recording.wording import replay_lines
 from sattrack.runtime.again import engine_of
 from sattrack.runtime.facts import build_engine, decode_facts
-from sattrack.xerxes.datagrams import Command, decode_command, encode_command
 
 if TYPE_CHECKING:
     from collections import Counter
     from pathlib import Path
 
-    from sattrack.engine import Engine
+    from sattrack.control.engine import Engine
 
 LIBRARIES = {"numpy": "2.0", "astropy-iers-data": "0.2026"}
 THERE = Environment("x86_64", "Old 386", "3.11.1", LIBRARIES)

@@ -14,17 +14,17 @@ import msgspec
 import numpy as np
 import pytest
 
-from sattrack import practice
-from sattrack.cli import run
-from sattrack.messages import Go, Message, Nudge, Pause
-from sattrack.profiles import load_profile_file
+from sattrack.cli.main import run
+from sattrack.mount.profiles import load_profile_file
 from sattrack.recording.format import COMMAND, STATUS
 from sattrack.recording.mount_fit import Untold, lines, one_way, repeats, spectrum
 from sattrack.recording.reading import Recording
 from sattrack.recording.smoothing import Said, fit_biases, smooth_track
+from sattrack.runtime import practice
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.safety import SafetyLimits
+from sattrack.views.messages import Go, Message, Nudge, Pause
 from tle.bias import Bias
 from tle.instants import Utc
 from tle.observations import Stations, read_observations
@@ -33,7 +33,7 @@ from tle.residuals import bias_from_observation
 
 if TYPE_CHECKING:
     from sattrack.recording.smoothing import BiasFit
-    from sattrack.view import Summary
+    from sattrack.views.run import Summary
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLES = ROOT / "examples"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from sattrack import practice
-from sattrack.errors import SattrackError
+from sattrack.core.errors import SattrackError
+from sattrack.runtime import practice
 from sattrack.runtime.facts import choose_pass
 from tle.instants import Utc
 

@@ -8,17 +8,17 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from sattrack.clock import SystemClock
-from sattrack.console_messages import AbortOrder, LeaveOrder
-from sattrack.errors import SattrackError
-from sattrack.manual.console import Console
-from sattrack.mount import MountProfile
+from sattrack.control.manual.console import Console
+from sattrack.core.clock import SystemClock
+from sattrack.core.errors import SattrackError
+from sattrack.mount.model import MountProfile
+from sattrack.mount.xerxes.client import Address, UdpLink
+from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_command
 from sattrack.runtime import console as loop_module
 from sattrack.runtime.console import Connection, ConsoleLoop, OrderInbox
 from sattrack.runtime.signals import StopRequest
 from sattrack.safety import SafetyLimits
-from sattrack.xerxes.client import Address, UdpLink
-from sattrack.xerxes.datagrams import Command, decode_command, encode_command
+from sattrack.views.console_messages import AbortOrder, LeaveOrder
 
 QUICK = MountProfile(period_s=0.002)
 

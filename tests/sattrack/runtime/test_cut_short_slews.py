@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from rehearsal_draws import draw, noisy
 
-from sattrack import practice
+from sattrack.control.tracker import FOLLOWING, Phase
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
+from sattrack.mount.simulator.settings import simulator_profile
 from sattrack.recording.recorder import NoRecording
+from sattrack.runtime import practice
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.virtual import VirtualRun
-from sattrack.tracker import FOLLOWING, Phase
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite
-from sattrack.xerxes.simulator.settings import simulator_profile
 from tle.instants import Utc
 from tle.propagator import Propagator
 

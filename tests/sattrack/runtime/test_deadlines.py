@@ -11,12 +11,12 @@ from typing import Any
 
 import pytest
 
-from sattrack.clock import SimulatedClock
-from sattrack.messages import StopNow
+from sattrack.core.clock import SimulatedClock
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.guard import Unguarded
 from sattrack.runtime.live import LiveLoop
 from sattrack.runtime.signals import StopRequest
+from sattrack.views.messages import StopNow
 
 TICKS = 60
 PERIOD_S = 0.005

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from sattrack.messages import ClearBias, Go, Jog, Nudge, Observation, OffsetBy, Pause, Search, StopNow
 from sattrack.runtime.desk import NAMED, Desk
-from sattrack.session_messages import LeaveRunning, TakeControl, YieldControl
-from sattrack.session_view import STARTER
+from sattrack.views.messages import ClearBias, Go, Jog, Nudge, Observation, OffsetBy, Pause, Search, StopNow
+from sattrack.views.session import STARTER
+from sattrack.views.session_messages import LeaveRunning, TakeControl, YieldControl
 
 MOVING = [
     Nudge(along_s=0.1),

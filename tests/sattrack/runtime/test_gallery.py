@@ -13,19 +13,19 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import pytest
 
-from sattrack import practice
-from sattrack.messages import StopNow
+from sattrack.runtime import practice
 from sattrack.runtime.desk import Desk
 from sattrack.runtime.gallery import MOST_VISITORS, REMEMBERED_S, Gallery
 from sattrack.runtime.gallery_link import GalleryLink
 from sattrack.runtime.gallery_words import SUPPORTED, GalleryTask, feeders, name_for
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.runtime.session_inbox import SessionInbox
+from sattrack.views.messages import StopNow
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sattrack.view import TrackView
+    from sattrack.views.run import TrackView
 
 pytestmark = pytest.mark.skipif(not SUPPORTED, reason="abstract names are Linux's")
 PATIENCE_S = 60.0

@@ -16,13 +16,13 @@ import pytest
 from guardian import FAST_DEG_S, Feeder, gone, is_guardian, many, some_moves
 from programs import PATIENCE_S, SITE, simulated_mount
 
-from sattrack.mount import MountProfile
+from sattrack.mount.model import MountProfile
+from sattrack.mount.xerxes.client import Address
+from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_command
 from sattrack.runtime.guard import HANG_AFTER_S, LOOK_EVERY_BEATS, Guarded, owned
 from sattrack.runtime.guard_memory import Release, Word
 from sattrack.runtime.guardian import OBEY_WITHIN_S, POLL_S, Watch
 from sattrack.runtime.owner import Taken, ask_give_up, claim, owner_of
-from sattrack.xerxes.client import Address
-from sattrack.xerxes.datagrams import Command, decode_command, encode_command
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -174,9 +174,9 @@ def test_a_mount_that_is_not_known_at_rest_is_stopped_on_until_somebody_gives_up
 
 HANGING = """
 import signal, sys
-from sattrack.mount import MountProfile
+from sattrack.mount.model import MountProfile
 from sattrack.runtime.guard import owned
-from sattrack.xerxes.client import Address
+from sattrack.mount.xerxes.client import Address
 with owned(Address("127.0.0.1", int(sys.argv[1]), 0), MountProfile(), speed=10.0) as (_, guard):
     guard.beat(bytes.fromhex(sys.argv[2]))
     print(guard.pid, flush=True)

@@ -11,9 +11,9 @@ import pytest
 from live import site_on_the_path, track_arguments, until
 from programs import ended, free_port, sattrack, simulated_mount
 
-from sattrack.commands.demo import demo_request
-from sattrack.errors import SattrackError
-from sattrack.mount import SIDEREAL_RATE_DEG_S
+from sattrack.cli.demo import demo_request
+from sattrack.core.errors import SattrackError
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.runtime.fly import fly_live
 from sattrack.runtime.prepare import prepare
 from sattrack.runtime.signals import StopRequest
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import subprocess
     from pathlib import Path
 
-    from sattrack.view import TrackView
+    from sattrack.views.run import TrackView
 
 
 def result(process: subprocess.Popen[str]) -> tuple[int, dict[str, object], str]:

@@ -16,11 +16,11 @@ import pytest
 from live import until
 from programs import ended, free_port, sattrack
 
-from sattrack import practice
-from sattrack.messages import encode_message
 from sattrack.recording.format import OPERATOR, VIEW
 from sattrack.recording.replay import Recording, replay
+from sattrack.runtime import practice
 from sattrack.runtime.facts import build_engine, decode_facts
+from sattrack.views.messages import encode_message
 from tle.bias import Bias
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -224,7 +224,7 @@ def searching(run: subprocess.Popen[str]) -> dict[str, Any]:
 def test_options_that_make_no_sense_are_refused(
     options: list[str], words: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from sattrack.cli import run
+    from sattrack.cli.main import run
 
     assert run(["track", "25544", "--mount", "sim", "--headless", *options]) == 2
     err = capsys.readouterr().err

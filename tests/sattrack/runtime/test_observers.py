@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 from programs import free_port
 
-from sattrack.errors import BadInputError, SattrackError
-from sattrack.messages import Nudge, Observation, StopNow
+from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.runtime.channel import StdinInbox
 from sattrack.runtime.observers import (
     DATAGRAMS_A_TICK,
@@ -19,6 +18,7 @@ from sattrack.runtime.observers import (
     StdinLines,
     open_observers,
 )
+from sattrack.views.messages import Nudge, Observation, StopNow
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

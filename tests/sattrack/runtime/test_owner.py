@@ -14,7 +14,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sattrack.mount import MountProfile
+from sattrack.mount.model import MountProfile
+from sattrack.mount.xerxes.client import Address, Arrival
+from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime import guard_memory
 from sattrack.runtime import owner as owner_module
 from sattrack.runtime.guard import owned
@@ -22,8 +24,6 @@ from sattrack.runtime.guardian import MOST_VISITORS
 from sattrack.runtime.listen import listen
 from sattrack.runtime.onlooker import look_on
 from sattrack.runtime.owner import Taken, ask_stop, claim, owner_of, owners
-from sattrack.xerxes.client import Address, Arrival
-from sattrack.xerxes.datagrams import Command, encode_command
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -33,7 +33,7 @@ MOVING = encode_command(Command(7, move_ra=True, move_ra_rate_deg_s=1.0))
 HOLDER = """
 import sys, time
 from sattrack.runtime.owner import claim
-from sattrack.xerxes.client import Address
+from sattrack.mount.xerxes.client import Address
 held = claim(Address("127.0.0.1", int(sys.argv[1]), 0))
 print("held", flush=True)
 time.sleep(60)

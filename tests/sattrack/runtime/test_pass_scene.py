@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from skyfield.api import EarthSatellite, load, wgs84
 
-from sattrack import practice
-from sattrack.commands.running import announcement
-from sattrack.mount import CalibrationRecord, MountProfile
+from sattrack.cli.running import announcement
+from sattrack.mount.model import CalibrationRecord, MountProfile
+from sattrack.runtime import practice
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.outcome import Ledger, summarise
 from sattrack.runtime.pass_scene import keyhole_deg, pass_scene, uncalibrated
 from sattrack.runtime.prepare import RunRequest, prepare
-from sattrack.summary_text import summary_lines
+from sattrack.views.summary_text import summary_lines
 
 FACTS = prepare(
     RunRequest(

@@ -12,18 +12,10 @@ import msgspec
 import pytest
 from test_trouble import CULMINATION_S, Flown, TroubledRun, fly
 
-from sattrack.messages import (
-    ClearBias,
-    Go,
-    Jog,
-    Message,
-    Nudge,
-    OffsetBy,
-    Pause,
-    Search,
-    StopNow,
-)
-from sattrack.mount import SIDEREAL_RATE_DEG_S, MountProfile
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile
+from sattrack.mount.simulator.drives import Mode
+from sattrack.mount.simulator.facts import StartPosition
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
 from sattrack.recording.comparison import choose
 from sattrack.recording.environment import fingerprint, here
 from sattrack.recording.mount_fit import fit_axes
@@ -36,15 +28,23 @@ from sattrack.runtime.facts import build_engine
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.outcome import summarise
 from sattrack.runtime.prepare import RunRequest, prepare
-from sattrack.xerxes.simulator.drives import Mode
-from sattrack.xerxes.simulator.facts import StartPosition
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite
+from sattrack.views.messages import (
+    ClearBias,
+    Go,
+    Jog,
+    Message,
+    Nudge,
+    OffsetBy,
+    Pause,
+    Search,
+    StopNow,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+    from sattrack.mount.simulator.mount import Truth
     from sattrack.runtime.facts import RunFacts
-    from sattrack.xerxes.simulator.mount import Truth
 
 RESTS_WITHIN_S = 1.0
 """From the word to axes that stand: two datagrams, the handshake, and braking from 1.3 °/s."""

@@ -15,12 +15,12 @@ from pathlib import Path
 
 import pytest
 
-from sattrack.commands.json_lines import JsonLines
+from sattrack.cli.json_lines import JsonLines
+from sattrack.core.realtime import PRIORITY, how_to_grant, undisturbed, wanted
 from sattrack.recording.reading import Recording
 from sattrack.recording.replay import replay
 from sattrack.runtime import kernel_clock
 from sattrack.runtime.facts import build_engine, decode_facts
-from sattrack.runtime.realtime import PRIORITY, how_to_grant, undisturbed, wanted
 
 NEVER_IN_THE_FEEDER = ("textual", "rich", "matplotlib", "asyncio", "aiohttp", "skyfield")
 
@@ -62,7 +62,7 @@ def test_what_is_said_to_be_granted_is_in_force_for_this_thread_alone_and_given_
 def test_where_all_is_refused_the_run_goes_on_and_says_what_it_lacks() -> None:
     code = """
 import os, resource
-from sattrack.runtime.realtime import undisturbed
+from sattrack.core.realtime import undisturbed
 for limit in (resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK):
     resource.setrlimit(limit, (0, 0))
 if os.geteuid() == 0:
@@ -138,7 +138,7 @@ def test_a_run_is_light_says_that_it_has_no_priority_and_runs_again_to_the_same_
     path = tmp_path / "run.mcap"
     code = f"""
 import sys
-from sattrack.cli import run
+from sattrack.cli.main import run
 run(["demo", "--headless", "--json", "--seconds", "5", "--record", {str(path)!r}])
 print([name for name in {NEVER_IN_THE_FEEDER!r} if name in sys.modules])
 """

@@ -13,7 +13,7 @@ from sattrack.recording.recorder import QUEUED_MOST, BackgroundRecorder, Recorde
 from sattrack.runtime.screen import Screen
 
 if TYPE_CHECKING:
-    from sattrack.view import TrackView
+    from sattrack.views.run import TrackView
 
 
 def numbered(number: int) -> TrackView:

@@ -18,8 +18,8 @@ from guardian import Feeder, gone, is_guardian
 from programs import PATIENCE_S, SITE, ended, free_port, satellite, sattrack
 from strangers import planner
 
-from sattrack.cli import run
-from sattrack.commands import stop as stop_module
+from sattrack.cli import stop as stop_module
+from sattrack.cli.main import run
 from sattrack.runtime.owner import owner_of
 
 if TYPE_CHECKING:

@@ -9,15 +9,9 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import pytest
 
-from sattrack import practice
 from sattrack.control.sky_error import sky_error
-from sattrack.recording.recorder import NoRecording
-from sattrack.runtime.facts import build_engine
-from sattrack.runtime.outcome import summarise
-from sattrack.runtime.prepare import RunRequest, prepare
-from sattrack.runtime.virtual import VirtualRun
-from sattrack.safety.geometry import altitude_deg
-from sattrack.xerxes.datagrams import (
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, Truth
+from sattrack.mount.xerxes.datagrams import (
     Command,
     Status,
     decode_command,
@@ -25,13 +19,19 @@ from sattrack.xerxes.datagrams import (
     encode_command,
     encode_status,
 )
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, Truth
+from sattrack.recording.recorder import NoRecording
+from sattrack.runtime import practice
+from sattrack.runtime.facts import build_engine
+from sattrack.runtime.outcome import summarise
+from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.runtime.virtual import VirtualRun
+from sattrack.safety.geometry import altitude_deg
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.view import Summary, TrackView
+    from sattrack.views.run import Summary, TrackView
 
 CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
 

@@ -8,21 +8,21 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import pytest
 
-from sattrack import practice
-from sattrack.messages import Message, Nudge, StopNow
-from sattrack.mount import MountProfile
+from sattrack.mount.model import MountProfile
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, Truth
+from sattrack.mount.xerxes.datagrams import decode_status, encode_status
 from sattrack.recording.recorder import NoRecording
+from sattrack.runtime import practice
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.outcome import failure, summarise
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.runtime.virtual import VirtualRun
-from sattrack.xerxes.datagrams import decode_status, encode_status
-from sattrack.xerxes.simulator.mount import SimulatedMount, SimulatedSite, Truth
+from sattrack.views.messages import Message, Nudge, StopNow
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from sattrack.runtime.facts import RunFacts
-    from sattrack.view import Summary, TrackView
+    from sattrack.views.run import Summary, TrackView
 
 CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
 Span = tuple[float, float]

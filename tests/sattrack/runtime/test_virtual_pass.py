@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 import msgspec
 import pytest
 
-from sattrack import practice
-from sattrack.cli import run
-from sattrack.messages import ClearBias, Message, Nudge, StopNow
+from sattrack.cli.main import run
+from sattrack.runtime import practice
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import Prepared, RunRequest, prepare
+from sattrack.views.messages import ClearBias, Message, Nudge, StopNow
 from tle.elements import Elements
 from tle.instants import Utc
 from tle.site import Site
 
 if TYPE_CHECKING:
-    from sattrack.view import TrackView
+    from sattrack.views.run import TrackView
 
 CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
 

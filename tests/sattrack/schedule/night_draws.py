@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from random import Random
 
-from sattrack import practice
+from sattrack.runtime import practice
 from sattrack.schedule.actions import CommandAction, SlewAction, WebhookAction
 from sattrack.schedule.night import (
     AskWeather,

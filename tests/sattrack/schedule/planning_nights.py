@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sattrack import practice
+from sattrack.runtime import practice
 from sattrack.schedule.planner import Problem
 
 if TYPE_CHECKING:

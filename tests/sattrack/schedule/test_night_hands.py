@@ -18,26 +18,26 @@ import msgspec
 import pytest
 from element_server import element_server
 
-from sattrack import practice
-from sattrack.commands.common import CommandContext
-from sattrack.commands.run_live import renewer
-from sattrack.commands.run_plan import within_half_a_turn
-from sattrack.errors import SattrackError
-from sattrack.manual.procedures import ParkThere
-from sattrack.mount import AxesPosition
-from sattrack.profiles import ProfileFile, load_profile_file
-from sattrack.requests import TicketState
-from sattrack.runtime.night_commands import Errands, Notifier, as_environment, facts_of, post, run_program
-from sattrack.runtime.night_files import NightFiles, read_status
-from sattrack.runtime.night_flight import Airspace
-from sattrack.runtime.night_hands import Readings, jump_between
-from sattrack.runtime.night_journal import Journal, locked
-from sattrack.runtime.weather import WeatherWatch, ask_weather
+from sattrack.cli.common import CommandContext
+from sattrack.cli.run_live import renewer
+from sattrack.cli.run_plan import within_half_a_turn
+from sattrack.control.manual.procedures import ParkThere
+from sattrack.core.errors import SattrackError
+from sattrack.mount.model import AxesPosition
+from sattrack.mount.profiles import ProfileFile, load_profile_file
+from sattrack.mount.requests import TicketState
+from sattrack.runtime import practice
 from sattrack.safety import SafetyLimits
 from sattrack.schedule.actions import Notify, Weather
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.night import NightPass, Result
+from sattrack.schedule.night_commands import Errands, Notifier, as_environment, facts_of, post, run_program
+from sattrack.schedule.night_files import NightFiles, read_status
+from sattrack.schedule.night_flight import Airspace
+from sattrack.schedule.night_hands import Readings, jump_between
+from sattrack.schedule.night_journal import Journal, locked
 from sattrack.schedule.schema import Terms
+from sattrack.schedule.weather import WeatherWatch, ask_weather
 from sattrack.settings import Settings
 from tle.formats.registry import write_elements
 from tle.instants import Utc
@@ -322,7 +322,7 @@ def test_a_journal_that_is_none_or_another_versions_is_refused(tmp_path: Path) -
 
 def test_a_folder_is_free_again_once_its_runner_is_gone_however_it_went(tmp_path: Path) -> None:
     holds = (
-        "import sys, time; from pathlib import Path; from sattrack.runtime.night_journal import locked\n"
+        "import sys, time; from pathlib import Path; from sattrack.schedule.night_journal import locked\n"
         "with locked(Path(sys.argv[1])): print('mine', flush=True); time.sleep(600)"
     )
     process = subprocess.Popen([sys.executable, "-c", holds, str(tmp_path)], stdout=subprocess.PIPE)

@@ -20,16 +20,8 @@ from msgspec.structs import replace
 from night_draws import BEGIN, World, drawn_passes, ways
 from schedule_night import Plan, rows
 
-from sattrack.cli import run
-from sattrack.runtime import night_session
-from sattrack.runtime.night_drive import drive
-from sattrack.runtime.night_files import NightFiles, TakenUp, read_status, take_up
-from sattrack.runtime.night_hands import LiveHands
-from sattrack.runtime.night_journal import FILE_NAME, Beat, Journal, parts_of
-from sattrack.runtime.night_session import Session
-from sattrack.runtime.night_stop import NightRequests, keep_stop, stop_of
-from sattrack.runtime.service import Service
-from sattrack.schedule import machine
+from sattrack.cli.main import run
+from sattrack.schedule import machine, night_session
 from sattrack.schedule.actions import Recordings
 from sattrack.schedule.night import (
     Due,
@@ -50,6 +42,13 @@ from sattrack.schedule.night import (
     StopAsked,
     Wait,
 )
+from sattrack.schedule.night_drive import drive
+from sattrack.schedule.night_files import NightFiles, TakenUp, read_status, take_up
+from sattrack.schedule.night_hands import LiveHands
+from sattrack.schedule.night_journal import FILE_NAME, Beat, Journal, parts_of
+from sattrack.schedule.night_session import Session
+from sattrack.schedule.night_stop import NightRequests, keep_stop, stop_of
+from sattrack.schedule.service import Service
 from sattrack.schedule.showing import view_of
 from tle.formats.registry import write_elements
 
@@ -57,8 +56,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from sattrack.runtime.night_hands import Kit
     from sattrack.schedule.night import Doing, Happening
+    from sattrack.schedule.night_hands import Kit
 
 NIGHTS = 1.0
 
@@ -355,7 +354,7 @@ def test_a_status_on_a_full_disk_takes_the_place_of_the_last_and_leaves_nothing_
     def full(*_: Any, **__: Any) -> Any:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("sattrack.runtime.night_files.os.fdopen", full)
+    monkeypatch.setattr("sattrack.schedule.night_files.os.fdopen", full)
     with pytest.raises(Exception, match="No space left on device"):
         NightFiles(tmp_path, "night.toml").tell(view)
     monkeypatch.undo()
@@ -555,7 +554,7 @@ def test_a_view_older_than_three_seconds_is_shown_as_old(
     folder = tmp_path / "night.run"
     folder.mkdir()
     kept_run(folder, 20)
-    from sattrack.runtime.night_journal import locked
+    from sattrack.schedule.night_journal import locked
 
     def shown() -> tuple[str, dict[str, Any]]:
         assert run(["run", str(tmp_path / "night.toml"), "--status"]) == 0
@@ -712,7 +711,7 @@ def test_a_check_reads_all_that_a_run_needs_and_moves_and_writes_nothing(
     options: tuple[str, ...],
     words: str,
 ) -> None:
-    from sattrack import practice
+    from sattrack.runtime import practice
 
     monkeypatch.chdir(tmp_path)
     (tmp_path / "night.toml").write_text('park_at_end = false\n[[passes]]\nsatellite = "25544"\n')
@@ -737,7 +736,7 @@ def test_a_check_names_file_line_and_column_of_what_is_wrong(
 def test_a_hang_up_reloads_without_a_terminal_and_is_no_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from sattrack.runtime.night_stop import NightRequests, heeding_signals
+    from sattrack.schedule.night_stop import NightRequests, heeding_signals
 
     requests = NightRequests(tmp_path)
     monkeypatch.setattr(os, "isatty", lambda _: False)

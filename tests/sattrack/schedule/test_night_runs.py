@@ -15,9 +15,9 @@ import pytest
 import schedule_night
 from schedule_night import Margins, Plan, rows, told, watched
 
-from sattrack.cli import run
-from sattrack.runtime.night_journal import locked
+from sattrack.cli.main import run
 from sattrack.schedule.night import Mount
+from sattrack.schedule.night_journal import locked
 
 AROUND = (
     'before = [{ do = "slew", star = "Vega", wait_s = 3 },\n'
@@ -187,7 +187,7 @@ def test_a_schedule_that_is_changed_by_day_into_something_wrong_costs_nights_and
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan = small(tmp_path, nights=3, most=1)
-    from sattrack.runtime import night_virtual
+    from sattrack.schedule import night_virtual
 
     schedule, perform = tmp_path / "nights.toml", night_virtual.VirtualHands.perform
     good = schedule.read_text()

@@ -20,10 +20,11 @@ import pytest
 from programs import ended, satellite, sattrack, simulated_mount
 from schedule_night import Plan, told
 
-from sattrack.cli import run
-from sattrack.commands import stop as stop_module
-from sattrack.runtime import night_stop
-from sattrack.runtime.night_stop import (
+from sattrack.cli import stop as stop_module
+from sattrack.cli.main import run
+from sattrack.runtime.owner import owners
+from sattrack.schedule import night_stop
+from sattrack.schedule.night_stop import (
     NightRequests,
     keep_stop,
     list_night,
@@ -32,7 +33,6 @@ from sattrack.runtime.night_stop import (
     take_back_stop,
     unlist_night,
 )
-from sattrack.runtime.owner import owners
 from tle.instants import Utc
 
 if TYPE_CHECKING:

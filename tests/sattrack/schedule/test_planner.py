@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from planning_nights import Tabled, brute_force, can_be_done, greedy, plain_loops, random_night, value_of
 
-from sattrack.errors import SattrackError
+from sattrack.core.errors import SattrackError
 from sattrack.schedule.packing import Packing, best_packed
 from sattrack.schedule.planner import Problem, best_plan
 

@@ -12,11 +12,11 @@ import numpy as np
 import pytest
 from planning_nights import random_sky
 
-from sattrack import practice
-from sattrack.cli import run
-from sattrack.commands.icalendar import Event, calendar_text
-from sattrack.commands.run_plot import plot_plan
-from sattrack.mount import MountProfile
+from sattrack.cli.icalendar import Event, calendar_text
+from sattrack.cli.main import run
+from sattrack.cli.run_plot import plot_plan
+from sattrack.mount.model import MountProfile
+from sattrack.runtime import practice
 from sattrack.safety.limits import SafetyLimits
 from sattrack.safety.route import axes_of, slew_s
 from sattrack.schedule import gathering

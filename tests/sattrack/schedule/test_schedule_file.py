@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from sattrack.errors import BadInputError
+from sattrack.core.errors import BadInputError
 from sattrack.schedule.actions import SearchAction, SlewAction
 from sattrack.schedule.file import Schedule, load_schedule
 from tle.instants import Utc

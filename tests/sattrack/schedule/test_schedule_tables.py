@@ -6,8 +6,8 @@ from datetime import UTC
 
 import pytest
 
-from sattrack.errors import BadInputError
-from sattrack.origin import Origin
+from sattrack.core.errors import BadInputError
+from sattrack.core.origin import Origin
 from sattrack.schedule.moments import find_zone
 from sattrack.schedule.tables import read_list, read_table
 from tle.instants import Utc

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from sattrack.mount import AxisLimits, MountProfile
+from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.safety.geometry import Place
 from sattrack.safety.limits import SafetyLimits
 from sattrack.safety.route import HANDSHAKE_S, RAMP, slew_s

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from sattrack.console_view import AskedView, ConsoleView, ReadingsView, StatusView
 from sattrack.tui.console_feed import Latest
-from sattrack.view import LinkView
+from sattrack.views.console import AskedView, ConsoleView, ReadingsView, StatusView
+from sattrack.views.run import LinkView
 
 if TYPE_CHECKING:
-    from sattrack.console_messages import ConsoleMessage
+    from sattrack.views.console_messages import ConsoleMessage
 
 UTC_S = 1790946271.4
 GUIDE_DEG_S = 350.0 * 360.0 / 2**26

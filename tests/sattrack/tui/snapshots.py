@@ -20,12 +20,12 @@ from test_other_screens import FakeAside, schedule_view  # noqa: E402
 from test_screen import following  # noqa: E402
 from tui_builders import SKY, VIEW, FakeFeed, HandClock, changed  # noqa: E402
 
-from sattrack.session_view import STARTER, Armed, SessionView, Watcher  # noqa: E402
 from sattrack.tui.app import TrackApp  # noqa: E402
 from sattrack.tui.appearance import Appearance  # noqa: E402
 from sattrack.tui.feed import News  # noqa: E402
 from sattrack.tui.pages import PAGES  # noqa: E402
-from sattrack.view import PauseView  # noqa: E402
+from sattrack.views.run import PauseView  # noqa: E402
+from sattrack.views.session import STARTER, Armed, SessionView, Watcher  # noqa: E402
 
 if TYPE_CHECKING:
     from textual.strip import Strip

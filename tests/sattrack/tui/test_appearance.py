@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from rich.color import Color
     from rich.segment import Segment
 
-    from sattrack.view import TrackView
+    from sattrack.views.run import TrackView
 
 SMALL, LARGE, HUGE = (80, 24), (120, 40), (200, 60)
 FULL = changed(

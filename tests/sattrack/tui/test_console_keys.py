@@ -6,7 +6,10 @@ import pytest
 from console_tui_builders import GUIDE_DEG_S, VIEW, FakeConsole, console_view
 from tui_builders import HandClock, pressed
 
-from sattrack.console_messages import (
+from sattrack.tui.console_app import LAGGING_S, LEAVE_WITHIN_S, ConsoleApp
+from sattrack.tui.console_dialogs import DirectionDialog
+from sattrack.tui.console_feed import Latest
+from sattrack.views.console_messages import (
     AbortOrder,
     ConsoleMessage,
     HomeOrder,
@@ -17,9 +20,6 @@ from sattrack.console_messages import (
     SlewOrder,
     SyncOrder,
 )
-from sattrack.tui.console_app import LAGGING_S, LEAVE_WITHIN_S, ConsoleApp
-from sattrack.tui.console_dialogs import DirectionDialog
-from sattrack.tui.console_feed import Latest
 
 RA = ("5", "h")
 DEC = ("minus", "5")

@@ -12,10 +12,10 @@ import pytest
 from console_tui_builders import VIEW
 from test_terminal import Terminal, on_terminal
 
-from sattrack.console_messages import AbortOrder, JogOrder
-from sattrack.errors import SattrackError
+from sattrack.core.errors import SattrackError
 from sattrack.tui.console_child import ConsoleProcess
 from sattrack.tui.console_launch import watch_with_tui
+from sattrack.views.console_messages import AbortOrder, JogOrder
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -8,12 +8,12 @@ import pytest
 from console_tui_builders import STATUS, VIEW, FakeConsole, console_view
 from tui_builders import HandClock
 
-from sattrack.console_view import ConsoleView, ReadingsView
-from sattrack.console_words import clock_words, degrees, hours, number, status_groups, status_text
 from sattrack.tui.console_app import ConsoleApp
 from sattrack.tui.console_feed import Latest
 from sattrack.tui.console_picture import draw
 from sattrack.tui.console_scene import ConsoleScene, headline
+from sattrack.views.console import ConsoleView, ReadingsView
+from sattrack.views.console_words import clock_words, degrees, hours, number, status_groups, status_text
 
 SMALL, LARGE, HUGE = (80, 24), (120, 40), (200, 60)
 

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING
 import pytest
 from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed, press
 
-from sattrack.messages import ClearBias, DropRemembered, Nudge, StopNow
 from sattrack.tui.app import LEAVE_WITHIN_S, TrackApp
 from sattrack.tui.feed import News
 from sattrack.tui.help import HelpScreen
 from sattrack.tui.steps import FIRST_STEP, STEPS
+from sattrack.views.messages import ClearBias, DropRemembered, Nudge, StopNow
 
 if TYPE_CHECKING:
-    from sattrack.messages import Message
+    from sattrack.views.messages import Message
 
 
 @pytest.mark.parametrize(

@@ -9,10 +9,10 @@ import msgspec
 import pytest
 from tui_builders import SKY, SUMMARY, VIEW
 
-from sattrack.errors import SattrackError
-from sattrack.messages import ClearBias, Nudge, StopNow
+from sattrack.core.errors import SattrackError
 from sattrack.tui.child import FeederProcess
 from sattrack.tui.launch import fly_with_tui
+from sattrack.views.messages import ClearBias, Nudge, StopNow
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -9,14 +9,14 @@ import msgspec
 import pytest
 from tui_builders import FakeFeed, HandClock, changed
 
-from sattrack.messages import OffsetBy, Search
 from sattrack.tui.app import TrackApp
 from sattrack.tui.feed import News
-from sattrack.view import EstimateView, OffsetView, RememberedView, SearchView
+from sattrack.views.messages import OffsetBy, Search
+from sattrack.views.run import EstimateView, OffsetView, RememberedView, SearchView
 
 if TYPE_CHECKING:
-    from sattrack.messages import Message
-    from sattrack.view import TrackView
+    from sattrack.views.messages import Message
+    from sattrack.views.run import TrackView
 
 SEARCHING = SearchView("spiral", 12.3, 0.1, 0.02)
 ESTIMATE = EstimateView(3.0012, 0.0031, -0.0002, 0.00096, 12, 1, 0, 1790946270.0)

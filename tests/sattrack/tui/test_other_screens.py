@@ -13,12 +13,7 @@ from console_tui_builders import VIEW as MOUNT_VIEW
 from textual.events import MouseScrollUp
 from tui_builders import SUMMARY, UTC_S, VIEW, FakeFeed, HandClock, changed
 
-from sattrack.errors import SattrackError
-from sattrack.messages import StopNow
-from sattrack.schedule_view import PassView as SchedulePass
-from sattrack.schedule_view import ScheduleView
-from sattrack.session_messages import Arm, Disarm
-from sattrack.session_view import STARTER, Armed, SessionView
+from sattrack.core.errors import SattrackError
 from sattrack.tui.app import TrackApp
 from sattrack.tui.console_feed import Latest
 from sattrack.tui.feed import News
@@ -26,7 +21,12 @@ from sattrack.tui.log import MOST_LINES, LogBook
 from sattrack.tui.pages import PAGES
 from sattrack.tui.scene import Tone
 from sattrack.tui.tonight import Night, PassRow, read_passes
-from sattrack.view import LearntView
+from sattrack.views.messages import StopNow
+from sattrack.views.run import LearntView
+from sattrack.views.schedule import PassView as SchedulePass
+from sattrack.views.schedule import ScheduleView
+from sattrack.views.session import STARTER, Armed, SessionView
+from sattrack.views.session_messages import Arm, Disarm
 from tle.instants import Utc
 
 if TYPE_CHECKING:

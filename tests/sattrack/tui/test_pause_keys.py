@@ -13,9 +13,6 @@ from console_tui_builders import VIEW as MOUNT_VIEW
 from test_other_screens import FakeAside, on_screen, text_of
 from tui_builders import SKY, SUMMARY, UTC_S, VIEW, FakeFeed, HandClock, changed
 
-from sattrack.console_messages import ParkOrder
-from sattrack.messages import Go, Jog, Nudge, Pause, StopNow
-from sattrack.session_view import STARTER, SessionView, Watcher
 from sattrack.tui.app import TrackApp
 from sattrack.tui.console_app import ConsoleApp
 from sattrack.tui.console_feed import Latest
@@ -23,16 +20,19 @@ from sattrack.tui.feed import News
 from sattrack.tui.log import LogBook
 from sattrack.tui.rest_keys import RestHand
 from sattrack.tui.scene import headline
-from sattrack.view import PauseView
+from sattrack.views.console_messages import ParkOrder
+from sattrack.views.messages import Go, Jog, Nudge, Pause, StopNow
+from sattrack.views.run import PauseView
+from sattrack.views.session import STARTER, SessionView, Watcher
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from textual.pilot import Pilot
 
-    from sattrack.console_messages import ConsoleMessage
-    from sattrack.messages import Message
-    from sattrack.view import TrackView
+    from sattrack.views.console_messages import ConsoleMessage
+    from sattrack.views.messages import Message
+    from sattrack.views.run import TrackView
 
 HERE = SessionView(STARTER, (), 0, takes_others=True)
 ELSEWHERE = SessionView(3, (Watcher(3, "anna"),), 1)

@@ -14,13 +14,13 @@ import msgspec
 import pytest
 from tui_builders import SKY, SUMMARY, UTC_S, FakeFeed, HandClock, changed
 
-from sattrack.cli import run as run_program
+from sattrack.cli.main import run as run_program
 from sattrack.tui.appearance import Appearance
 from sattrack.tui.feed import News
 from sattrack.tui.replay_app import NOTHING_MOVES, ReplayApp, TapeFeed
 from sattrack.tui.replay_launch import replay_with_tui
 from sattrack.tui.tape import Tape
-from sattrack.view import PassView, TrackView
+from sattrack.views.run import PassView, TrackView
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,11 +11,21 @@ from test_other_screens import HERE, FakeAside, text_of
 from textual.events import Paste
 from tui_builders import SKY, UTC_S, VIEW, FakeFeed, HandClock, changed
 
-from sattrack.messages import ClearBias, DropRemembered, Go, Jog, Nudge, OffsetBy, Pause, Search, StopNow
-from sattrack.session_messages import Arm, Disarm, LeaveRunning, TakeControl, YieldControl
-from sattrack.session_view import SessionView
 from sattrack.tui.app import TrackApp
 from sattrack.tui.feed import News
+from sattrack.views.messages import (
+    ClearBias,
+    DropRemembered,
+    Go,
+    Jog,
+    Nudge,
+    OffsetBy,
+    Pause,
+    Search,
+    StopNow,
+)
+from sattrack.views.session import SessionView
+from sattrack.views.session_messages import Arm, Disarm, LeaveRunning, TakeControl, YieldControl
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -15,14 +15,14 @@ import pytest
 from test_other_screens import HERE, on_screen, schedule_view, text_of
 from tui_builders import SUMMARY, changed
 
-from sattrack.messages import StopNow
 from sattrack.runtime.gallery_words import SUPPORTED, name_for, started_by
-from sattrack.runtime.night_files import STATUS
-from sattrack.runtime.night_journal import locked
-from sattrack.session_view import Welcome
+from sattrack.schedule.night_files import STATUS
+from sattrack.schedule.night_journal import locked
 from sattrack.tui.attached import AttachedRun
 from sattrack.tui.feed import News
-from sattrack.view import SummaryLine
+from sattrack.views.messages import StopNow
+from sattrack.views.run import SummaryLine
+from sattrack.views.session import Welcome
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,8 +30,8 @@ if TYPE_CHECKING:
 
     from textual.pilot import Pilot
 
-    from sattrack.schedule_view import ScheduleView
     from sattrack.tui.app import TrackApp
+    from sattrack.views.schedule import ScheduleView
 
 pytestmark = pytest.mark.skipif(not SUPPORTED, reason="abstract names are Linux's")
 WAIT = [sys.executable, "-c", "import sys; sys.stdin.read()"]

@@ -7,13 +7,13 @@ import msgspec
 import pytest
 from tui_builders import ERROR, SKY, SUMMARY, UTC_S, VIEW, FakeFeed, HandClock, changed
 
-from sattrack.messages import StopNow
 from sattrack.tui.app import TrackApp
 from sattrack.tui.feed import News
-from sattrack.view import PauseView
+from sattrack.views.messages import StopNow
+from sattrack.views.run import PauseView
 
 if TYPE_CHECKING:
-    from sattrack.view import TrackView
+    from sattrack.views.run import TrackView
 
 SMALL, LARGE, HUGE = (80, 24), (120, 40), (200, 60)
 

@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING
 import pytest
 from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed, press
 
-from sattrack.messages import ClearBias, Nudge, OffsetBy, StopNow
-from sattrack.session_messages import LeaveRunning, TakeControl, YieldControl
-from sattrack.session_view import STARTER, SessionView, Watcher
 from sattrack.tui.app import TrackApp
 from sattrack.tui.feed import News
 from sattrack.tui.hand import SHOWN_AFTER_S, Hand
 from sattrack.tui.leave_dialog import LeaveDialog
-from sattrack.view import OffsetView
+from sattrack.views.messages import ClearBias, Nudge, OffsetBy, StopNow
+from sattrack.views.run import OffsetView
+from sattrack.views.session import STARTER, SessionView, Watcher
+from sattrack.views.session_messages import LeaveRunning, TakeControl, YieldControl
 
 if TYPE_CHECKING:
-    from sattrack.messages import Message
+    from sattrack.views.messages import Message
 
 ANNA = 3
 HERE = SessionView(STARTER, (), 0)

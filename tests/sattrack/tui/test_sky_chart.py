@@ -22,7 +22,7 @@ from sattrack.tui.dome import (
 )
 from sattrack.tui.dots import DotCanvas, Layer
 from sattrack.tui.sky_chart import BOTH, LAYERS, MOUNT, SATELLITE, Kind, Sky, chart, ground, legend, notes
-from sattrack.view import PassView, SkyPoint
+from sattrack.views.run import PassView, SkyPoint
 
 NOW = Sky(SKY, UTC_S, Spot(55.0, 235.0), Spot(20.0, 300.0))
 

@@ -10,7 +10,7 @@ from tui_builders import UTC_S, changed
 from sattrack.tui.tape import FASTEST, LONGEST_PAUSE_S, SLOWEST, SPEEDS, Tape
 
 if TYPE_CHECKING:
-    from sattrack.view import TrackView
+    from sattrack.views.run import TrackView
 
 
 def views(*seconds: float) -> list[TrackView]:

@@ -10,7 +10,7 @@ import msgspec
 
 from sattrack.tui.app import TrackApp
 from sattrack.tui.feed import News
-from sattrack.view import (
+from sattrack.views.run import (
     DatagramsView,
     ErrorView,
     LinkView,
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from textual.app import App
 
-    from sattrack.messages import Message
+    from sattrack.views.messages import Message
 
 AppT = TypeVar("AppT", bound="App[None]")
 UTC_S = 1790946271.4

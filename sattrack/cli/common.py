@@ -1,0 +1,255 @@
+"""The options of every command, and what they resolve to."""
+
+from __future__ import annotations
+
+import functools
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sattrack.cli.changed import SettingsWatch
+from sattrack.core.clock import Clock, make_clock
+from sattrack.core.errors import BadInputError
+from sattrack.settings import Settings, load_settings
+from tle.site import Site
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from sattrack.elements.downloads import Downloads
+    from sattrack.mount.profiles import ProfileFile
+    from sattrack.tui.appearance import Appearance
+    from tle.elements import Elements
+    from tle.instants import Utc
+    from tle.sources import ElementSets
+
+
+@dataclass(frozen=True, slots=True)
+class CommandContext:
+    """What the common options and the settings file say, options first."""
+
+    settings: Settings
+    site_option: str | None
+    element_sources: tuple[str, ...]
+    clock_option: str | None
+    json: bool
+    debug: bool
+
+    def has_site(self) -> bool:
+        """Tell whether a site was given anywhere."""
+        return self.site_option is not None or self.settings.site is not None
+
+    def site(self) -> Site:
+        """Return the site; raises BadInputError where none is set or it is out of range."""
+        if self.site_option is not None:
+            return Site.parse(self.site_option)
+        if self.settings.site is not None:
+            return self.settings.site.place()
+        raise BadInputError("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
+
+    def sources(self) -> tuple[str, ...]:
+        """Return the element sources: the options', else the settings file's."""
+        return self.element_sources or self.settings.elements
+
+    def elements(self) -> list[Elements]:
+        """Read all element sources, the newest epoch of an object winning.
+
+        Sets that are refused beside good ones are told on standard error. Raises BadInputError, TleError.
+        """
+        from tle.sources import newest
+
+        sources = self.sources()
+        if not sources:
+            raise BadInputError("no elements: give --elements FILE or set elements in sattrack.toml")
+        sets = self.load(sources)
+        if sets.rejected and not sets.accepted:
+            raise sets.rejected[0]
+        if sets.rejected:
+            first = str(sets.rejected[0]).splitlines()[0]
+            count = len(sets.rejected) + len(sets.accepted)
+            tell(f"{len(sets.rejected)} of {count} element sets refused, the first: {first}")
+        return newest(sets.accepted)
+
+    def load(self, sources: Sequence[str]) -> ElementSets:
+        """Read element sources, good sets and refused ones; what else is to know is told on standard error.
+
+        Files, folders, - for standard input, URLs, and the short names celestrak:... and spacetrack:...
+        Raises TleError, SattrackError.
+        """
+        from tle.sources import load_elements
+
+        sets = load_elements(*sources, fetch=_fetcher())
+        for note in sets.notes:
+            tell(note)
+        return sets
+
+    def profile(self, explicit: Path | None, mount_url: str | None = None) -> ProfileFile:
+        """Return the mount's profile: the option's, else the settings file's, else the usual one of its kind.
+
+        Raises BadInputError, naming file, line and key.
+        """
+        from sattrack.mount.profiles import load_profile_file, profile_file
+        from sattrack.runtime.mounts import usual_profile
+
+        configured = self.settings.mount.profile
+        path = explicit if explicit is not None or configured is None else Path(configured)
+        return profile_file(usual_profile(mount_url)) if path is None else load_profile_file(path)
+
+    def clock(self) -> Clock:
+        """Return the clock to run by, the simulated one started now."""
+        return make_clock(self.clock_option)[0]
+
+    def now(self) -> Utc:
+        """Return the instant that is now by the clock in force."""
+        return make_clock(self.clock_option)[1]
+
+
+def tell(words: str) -> None:
+    """Tell the user something on standard error, in one line."""
+    click.echo(f"sattrack: {words}", err=True)
+
+
+def _fetcher() -> Callable[[str], str]:
+    """Return what fetches URLs; the network's modules are imported when the first is asked for."""
+    downloads: list[Downloads] = []
+
+    def fetch(source: str) -> str:
+        from sattrack.elements.downloads import Downloads
+
+        if not downloads:
+            downloads.append(Downloads(tell, _show_progress if sys.stderr.isatty() else None))
+        return downloads[0].fetch(source)
+
+    return fetch
+
+
+def _show_progress(source: str, count: int | None) -> None:
+    """Show on the terminal how much of a download has come; None wipes it away."""
+    words = "" if count is None else f"{source}: {count / 1e6:.1f} MB"
+    click.echo(f"\r\x1b[K{words}", nl=False, err=True)
+
+
+def profile_option(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add `--profile FILE`, handed on as `profile`."""
+    return click.option(
+        "--profile", type=click.Path(path_type=Path), metavar="FILE", help="The mount's profile (TOML)."
+    )(function)
+
+
+def bias_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of a run about observations and the camera that makes them."""
+    function = click.option(
+        "--observations",
+        metavar="SOURCE",
+        help="Take the satellite's observed directions as JSON lines: udp:PORT (of this machine) or stdin.",
+    )(function)
+    function = click.option(
+        "--bias-memory",
+        type=click.Choice(("auto", "on", "nudge", "off")),
+        default="auto",
+        show_default=True,
+        help="Begin with the bias that earlier passes found for the same elements, and keep this one's: auto "
+        "with real mounts, on with simulated ones too, nudge with an operator's nudge also, or off.",
+    )(function)
+    return click.option(
+        "--camera-rotation",
+        default=0.0,
+        metavar="DEG",
+        help="Position angle of the camera's y axis, from north through east.",
+    )(function)
+
+
+def stream_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of a run that another program watches and leads."""
+    function = click.option(
+        "--control",
+        is_flag=True,
+        help="Take messages as JSON lines on standard input; its end stops the mount.",
+    )(function)
+    return click.option(
+        "--stream", is_flag=True, help="Views as JSON lines on standard output, ten a second."
+    )(function)
+
+
+def screen_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of the terminal's screen, of which `appearance` makes what the screen takes."""
+    function = click.option("--scene", is_flag=True, hidden=True)(function)
+    function = click.option(
+        "--ascii",
+        "plain",
+        is_flag=True,
+        help="Draw the screen with the characters of ASCII alone; without asking where there are no others.",
+    )(function)
+    return click.option(
+        "--theme",
+        type=click.Choice(("night", "red", "contrast")),
+        help="Colours of the screen: night, red (for eyes used to the dark) or contrast; t there changes it.",
+    )(function)
+
+
+def appearance(context: CommandContext, theme: str | None, plain: bool) -> Appearance:
+    """Return how the screen is to be drawn: by the options, else the settings, else as the terminal can."""
+    from sattrack.tui.appearance import Appearance, can_show
+
+    screen = context.settings.screen
+    return Appearance(theme or screen.theme, plain or screen.ascii or not can_show(sys.stdout.encoding))
+
+
+def fov_option(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add `--fov DEG`, handed on as `fov_deg`."""
+    return click.option(
+        "--fov",
+        "fov_deg",
+        type=float,
+        metavar="DEG",
+        help="Diameter of the camera's field of view, to show the error to expect beside it.",
+    )(function)
+
+
+def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of every command; the function's first argument becomes a CommandContext."""
+
+    @click.option("--config", type=click.Path(path_type=Path), help="Settings file.")
+    @click.option(
+        "--site", "site_option", metavar="LAT,LON,HEIGHT", help="Degrees north, degrees east, metres."
+    )
+    @click.option(
+        "--elements",
+        "element_sources",
+        multiple=True,
+        metavar="SRC",
+        help="File, folder or URL of elements, "
+        "celestrak:GROUP, celestrak:NUMBER, spacetrack:NUMBER or - (standard input).",
+    )
+    @click.option(
+        "--clock", "clock_option", metavar="UTC[xSPEED]", help="Run as if it were that instant now."
+    )
+    @click.option(
+        "--json", "as_json", is_flag=True, help="JSON on standard output, messages on standard error."
+    )
+    @click.option("--debug", is_flag=True, help="Show tracebacks.")
+    @functools.wraps(function)
+    def wrapper(
+        *,
+        config: Path | None,
+        site_option: str | None,
+        element_sources: tuple[str, ...],
+        clock_option: str | None,
+        as_json: bool,
+        debug: bool,
+        **rest: Any,
+    ) -> Any:
+        settings = load_settings(config)
+        context = CommandContext(settings, site_option, element_sources, clock_option, as_json, debug)
+        named = (settings.safety.horizon, settings.mount.profile, rest.get("profile"))
+        watch = SettingsWatch(config, [Path(path) for path in named if path is not None])
+        result = function(context, **rest)
+        words = watch.words()
+        if words is not None:
+            click.echo(f"sattrack: {words}", err=True)
+        return result
+
+    return wrapper

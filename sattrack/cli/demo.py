@@ -1,0 +1,100 @@
+"""`sattrack demo`: an embedded simulated mount follows a real pass over UDP on loopback."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from typing import Any
+
+import click
+
+from sattrack.cli.aside import beside
+from sattrack.cli.common import (
+    CommandContext,
+    appearance,
+    bias_options,
+    common_options,
+    fov_option,
+    profile_option,
+    screen_options,
+    stream_options,
+    tell,
+)
+from sattrack.cli.flying import fly_and_tell
+from sattrack.cli.running import (
+    Progress,
+    Stream,
+    check_observations,
+    finish,
+)
+from sattrack.cli.screened import tui_possible, with_tui
+from sattrack.core.errors import BadInputError
+from sattrack.mount.profiles import ProfileFile
+from sattrack.runtime import practice
+from sattrack.runtime.facts import choose_pass
+from sattrack.runtime.prepare import RunRequest, prepare
+from tle.instants import Utc
+
+STOPPING_TAKES_S = 0.7
+SHORTEST_S = 5.0
+
+
+@click.command("demo")
+@profile_option
+@click.option("--headless", is_flag=True, help="No terminal UI.")
+@click.option("--seconds", type=float, metavar="N", help="End after so many real seconds in all.")
+@click.option("--record", type=click.Path(), help="Write every input and output to a new MCAP file.")
+@stream_options
+@bias_options
+@fov_option
+@screen_options
+@common_options
+def command(context: CommandContext, seconds: float | None, **options: Any) -> int:
+    """Follow a real pass of the ISS with an embedded simulated mount, over UDP on loopback."""
+    begun_s = time.monotonic() - time.process_time()
+    if seconds is not None and not SHORTEST_S <= seconds < float("inf"):
+        raise BadInputError(f"--seconds {seconds:g}: give {SHORTEST_S:g} or more")
+    observations, control = options["observations"], options["control"]
+    check_observations(observations, control, ())
+    alone = options["headless"] or context.json or options["stream"] or control or observations == "stdin"
+    if not alone and tui_possible():
+        look = appearance(context, options["theme"], options["plain"])
+        return with_tui(look, seconds is None, beside(context, options["profile"], None, practising=True))
+    request = replace(
+        demo_request(context.clock_option, options["record"], context.profile(options["profile"])),
+        camera_rotation_deg=options["camera_rotation"],
+        fov_deg=context.settings.camera.fov_deg if options["fov_deg"] is None else options["fov_deg"],
+        memory=options["bias_memory"],
+    )
+    deadline_s = float("inf") if seconds is None else begun_s + seconds - STOPPING_TAKES_S
+    told = Stream(tells_session=options["scene"]) if options["stream"] else Progress(quiet_off_terminal=False)
+    prepared = prepare(request)
+    for words in prepared.notes:
+        tell(words)
+    if isinstance(told, Stream) and options["scene"]:
+        told.tell_scene(prepared.facts)
+    summary, interrupted = fly_and_tell(prepared, told, control, deadline_s, observations)
+    return finish(summary, interrupted, context.json or options["stream"])
+
+
+def demo_request(
+    clock_option: str | None, record: str | None, profile: ProfileFile | None = None
+) -> RunRequest:
+    """Return what the demonstration asks for; its clock starts shortly before the satellite is up."""
+    from pathlib import Path
+
+    elements, site = practice.elements(), practice.SITE.place()
+    if clock_option is None:
+        rise = choose_pass(elements, site, Utc.parse(practice.BEFORE_PASS), 10.0).rise_utc
+        assert rise is not None
+        clock_option = rise.plus(-practice.LEAD_S).isoformat()
+    return RunRequest(
+        satellite=str(elements.catalog_number),
+        mount_url="sim",
+        elements=[elements],
+        site=site,
+        clock_option=clock_option,
+        min_alt_deg=10.0,
+        record=None if record is None else Path(record),
+        profile=profile or ProfileFile(),
+    )

@@ -1,0 +1,282 @@
+"""`sattrack elements`: get element sets, show what they say, check that they are sound and fit."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sattrack.cli.common import CommandContext, common_options, tell
+from sattrack.core.errors import BadInputError, SattrackError
+from tle.errors import PropagationError, TleError
+from tle.formats.registry import WRITTEN, write_elements
+from tle.freshness import expected_along_arcsec, expected_along_s
+from tle.instants import Utc
+from tle.motion import Motion
+from tle.sources import find, newest
+
+if TYPE_CHECKING:
+    from tle.elements import Elements
+    from tle.observations import Observation
+    from tle.sources import ElementSets
+
+_DAY_S = 86400.0
+
+
+@click.group("elements")
+def command() -> None:
+    """Get element sets, show what they say, check whether they are sound."""
+
+
+@command.command("get")
+@click.argument("sources", nargs=-1)
+@click.option(
+    "--satellite", "satellites", multiple=True, metavar="SAT", help="Only this one; may be repeated."
+)
+@click.option(
+    "--format", "form", type=click.Choice(WRITTEN), help="What to write (csv, or json with --json)."
+)
+@click.option(
+    "--output", type=click.Path(path_type=Path, dir_okay=False), help="File to write, not standard output."
+)
+@common_options
+def get(
+    context: CommandContext,
+    sources: tuple[str, ...],
+    satellites: tuple[str, ...],
+    form: str | None,
+    output: Path | None,
+) -> int:
+    """Read the SOURCES (--elements if none is named) and write the newest set of each object, as OMM or TLE.
+
+    A source is a file, a folder, - (standard input), a URL, celestrak:GROUP, celestrak:NUMBER,
+    spacetrack:all or spacetrack:NUMBER. Ends with 1 where any set is refused.
+    """
+    sets = context.load(_places(context, sources))
+    if sets.rejected and not sets.accepted:
+        raise sets.rejected[0]
+    _tell_refused(sets)
+    chosen = newest(sets.accepted)
+    if satellites:
+        chosen = [find(chosen, key) for key in satellites]
+    text = write_elements(
+        chosen, form or ("json" if context.json else "csv"), _utc_now().isoformat("seconds"), "SATTRACK"
+    )
+    if output is None:
+        click.echo(text, nl=False)
+    else:
+        _write_file(output, text)
+        tell(f"{len(chosen)} element sets written to {output}")
+    return 1 if sets.rejected else 0
+
+
+@command.command("show")
+@click.argument("satellites", nargs=-1)
+@common_options
+def show(context: CommandContext, satellites: tuple[str, ...]) -> int:
+    """Tell what the elements of the SATELLITES say, and what their age means; a line each for all."""
+    elements = context.elements()
+    now = context.now()
+    chosen = [find(elements, key) for key in satellites] if satellites else elements
+    rows = [_described(one, now) for one in chosen]
+    if context.json:
+        click.echo(json.dumps(rows, allow_nan=False))
+    elif satellites:
+        click.echo("\n\n".join(_told(row) for row in rows))
+    else:
+        click.echo(f"{'number':>9}  {'designator':<11} {'epoch UTC':<24} {'age d':>8}  name")
+        for row in rows:
+            click.echo(
+                f"{row['catalog_number']:>9}  {row['designator'] or '-':<11} "
+                f"{row['epoch_utc'][:23] + 'Z':<24} {row['age_days']:>8.2f}  {row['name'] or '-'}"
+            )
+    return 0
+
+
+@command.command("check")
+@click.argument("sources", nargs=-1)
+@click.option(
+    "--observations",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="CSV, IOD or CCSDS TDM of RA and Dec: lists how far the satellites are from the elements.",
+)
+@click.option(
+    "--stations", type=click.Path(path_type=Path, dir_okay=False), help="List of the stations' places."
+)
+@common_options
+def check(
+    context: CommandContext, sources: tuple[str, ...], observations: Path | None, stations: Path | None
+) -> int:
+    """Read every set of the SOURCES (--elements if none is named) and tell which are refused, and why.
+
+    Ends with 1 where any is refused.
+    """
+    sets = context.load(_places(context, sources))
+    residuals = _residuals(context, sets, observations, stations) if observations else None
+    if context.json:
+        click.echo(json.dumps(_document(sets, residuals), allow_nan=False))
+    else:
+        for error in sets.rejected:
+            click.echo(str(error))
+        click.echo(f"{len(sets.accepted)} accepted, {len(sets.rejected)} rejected")
+        for row in residuals or []:
+            click.echo(_line(row))
+    return 1 if sets.rejected else 0
+
+
+def _places(context: CommandContext, sources: tuple[str, ...]) -> tuple[str, ...]:
+    places = sources or context.sources()
+    if not places:
+        raise BadInputError("no elements: name a file, folder, URL or celestrak:GROUP, or give --elements")
+    return places
+
+
+def _tell_refused(sets: ElementSets) -> None:
+    for error in sets.rejected:
+        tell(f"refused: {str(error).splitlines()[0]}")
+
+
+def _utc_now() -> Utc:
+    return Utc.of(time.time())
+
+
+def _write_file(path: Path, text: str) -> None:
+    """Put text into a file whole: a file that is read meanwhile, or was there, is never left half written."""
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        raise SattrackError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
+def _described(one: Elements, now: Utc) -> dict[str, Any]:
+    return {
+        "name": one.name,
+        "catalog_number": one.catalog_number,
+        "designator": one.designator or None,
+        "epoch_utc": one.epoch.isoformat(),
+        "age_days": one.age_s(now) / _DAY_S,
+        "period_min": one.period_s / 60.0,
+        "apogee_km": one.apogee_km,
+        "perigee_km": one.perigee_km,
+        "inclination_deg": one.inclination_deg,
+        "eccentricity": one.eccentricity,
+        "mean_motion_rev_day": one.mean_motion_rev_day,
+        "bstar_per_earth_radius": one.bstar_per_earth_radius,
+        "expected_along_s": expected_along_s(one, now),
+        "expected_along_arcsec": expected_along_arcsec(one, now),
+        "cannot_be_followed": _why_not(one, now),
+    }
+
+
+def _why_not(one: Elements, now: Utc) -> str | None:
+    """Return SGP4's reason where it cannot tell the object's place now."""
+    try:
+        Motion(one).at(now.unix_s, 0.0)
+    except PropagationError as error:
+        return str(error)
+    if one.perigee_km < 0.0:
+        return f"its perigee is {-one.perigee_km:.0f} km inside the Earth: it is sub-orbital"
+    return None
+
+
+def _told(row: dict[str, Any]) -> str:
+    """Return what a person wants to know of an object, several lines."""
+    epoch = row["epoch_utc"][:19].replace("T", " ")
+    age = f"{abs(row['age_days']):.2f} days {'old' if row['age_days'] >= 0.0 else 'to come'}"
+    lines = [
+        f"{row['name'] or 'no name'}   {row['catalog_number']}   {row['designator'] or '-'}",
+        f"  epoch        {epoch} UTC, {age}",
+        f"  period       {row['period_min']:.2f} min",
+        f"  apogee       {row['apogee_km']:.0f} km",
+        f"  perigee      {row['perigee_km']:.0f} km",
+        f"  inclination  {row['inclination_deg']:.4f}°",
+        f"  expect it    within about {row['expected_along_s']:.2g} s along its track: "
+        f"{row['expected_along_arcsec']:.0f}″ overhead, if it has not manoeuvred",
+    ]
+    if row["cannot_be_followed"]:
+        lines.append(f"  but          {row['cannot_be_followed']}")
+    return "\n".join(lines)
+
+
+def _document(sets: ElementSets, residuals: list[dict[str, Any]] | None) -> dict[str, Any]:
+    document: dict[str, Any] = {
+        "accepted": len(sets.accepted),
+        "rejected": [
+            {
+                "line": error.line,
+                "name": error.name or None,
+                "catalog_number": error.catalog_number,
+                "reason": f"{error.source}: {error.reason}" if error.source else error.reason,
+            }
+            for error in sets.rejected
+        ],
+    }
+    if residuals is not None:
+        document["residuals"] = residuals
+    return document
+
+
+def _residuals(
+    context: CommandContext, sets: ElementSets, observations: Path, stations: Path | None
+) -> list[dict[str, Any]]:
+    """Return one row for each observation: the biases that it implies, or the reason why it implies none."""
+    from tle.observations import Stations, read_observations, read_stations
+
+    site = context.site() if context.has_site() else None
+    known = read_stations(stations, site) if stations else Stations({}, site)
+    elements = newest(sets.accepted)
+    return [_residual(one, elements) for one in read_observations(observations, known)]
+
+
+def _residual(observation: Observation, elements: list[Elements]) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "line": observation.line,
+        "utc": observation.utc.isoformat(),
+        "name": None,
+        "catalog_number": None,
+        "along_s": None,
+        "along_sigma_s": None,
+        "cross_arcsec": None,
+        "cross_sigma_arcsec": None,
+        "separation_arcsec": None,
+        "reason": None,
+    }
+    try:
+        one = _object(observation, elements)
+        estimate = observation.residual(one)
+    except TleError as error:
+        row["reason"] = str(error).splitlines()[0]
+        return row
+    row.update(
+        name=one.name or None,
+        catalog_number=one.catalog_number,
+        along_s=estimate.along_s,
+        along_sigma_s=estimate.along_sigma_s,
+        cross_arcsec=estimate.cross_deg * 3600.0,
+        cross_sigma_arcsec=estimate.cross_sigma_deg * 3600.0,
+        separation_arcsec=estimate.separation_arcsec,
+    )
+    return row
+
+
+def _object(observation: Observation, elements: list[Elements]) -> Elements:
+    if observation.object_key:
+        return find(elements, observation.object_key)
+    if len(elements) == 1:
+        return elements[0]
+    raise observation.error(f"names no object, and there are {len(elements)}: name it in the observations")
+
+
+def _line(row: dict[str, Any]) -> str:
+    if row["reason"] is not None:
+        return f"{row['utc']}  -  {row['reason']}"
+    return (
+        f"{row['utc']}  {row['along_s']:+10.4f} s ± {row['along_sigma_s']:.4f}  "
+        f"{row['cross_arcsec']:+10.2f}″ ± {row['cross_sigma_arcsec']:.2f}  "
+        f"{row['separation_arcsec']:9.1f}″ away  {row['name'] or row['catalog_number']}"
+    )

@@ -1,0 +1,221 @@
+"""`sattrack ephemeris`: directions and rates of a satellite, as a table, CSV, JSON or a plot."""
+
+from __future__ import annotations
+
+import csv
+import json
+import sys
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from sattrack.cli.common import CommandContext, common_options
+from sattrack.core.errors import BadInputError
+from tle.bias import Bias
+from tle.errors import EarthOrientationWarning
+from tle.instants import Utc
+from tle.propagator import Propagator
+from tle.refraction import Refraction
+from tle.sources import find
+
+if TYPE_CHECKING:
+    from tle.direction import Direction
+    from tle.elements import Elements
+    from tle.site import Site
+
+_DEFAULT_SPAN_S = 600.0
+_OLD_DAYS = 7.0
+FIELDS = (
+    "ra_deg",
+    "dec_deg",
+    "ra_rate_deg_s",
+    "dec_rate_deg_s",
+    "ha_deg",
+    "ha_rate_deg_s",
+    "alt_deg",
+    "az_deg",
+    "alt_rate_deg_s",
+    "az_rate_deg_s",
+    "range_km",
+    "range_rate_km_s",
+    "sunlit",
+)
+# Column titles, widths and decimals of the table: fractions of an arcsecond, and of an arcsecond a second.
+_TABLE = (
+    ("ra_deg", "RA °", 12, 6),
+    ("dec_deg", "Dec °", 12, 6),
+    ("ra_rate_deg_s", "dRA °/s", 12, 7),
+    ("dec_rate_deg_s", "dDec °/s", 12, 7),
+    ("ha_deg", "HA °", 12, 6),
+    ("alt_deg", "Alt °", 11, 5),
+    ("az_deg", "Az °", 11, 5),
+    ("range_km", "Range km", 12, 3),
+    ("range_rate_km_s", "km/s", 10, 5),
+)
+
+
+@click.command("ephemeris")
+@click.argument("satellite")
+@click.option("--from", "start", metavar="UTC", help="First instant; now if not given.")
+@click.option("--to", "stop", metavar="UTC", help="Last instant; ten minutes after the first if not given.")
+@click.option("--step", "step_s", type=float, default=10.0, show_default=True, metavar="S", help="Seconds.")
+@click.option(
+    "--place",
+    type=click.Choice(["apparent", "geometric", "astrometric"]),
+    default="apparent",
+    show_default=True,
+    help="With light time and diurnal aberration, with neither, or in the ICRF as a plate solution gives it.",
+)
+@click.option("--bias-along", type=float, default=0.0, metavar="S", help="Seconds; positive leads.")
+@click.option(
+    "--bias-cross", type=float, default=0.0, metavar="DEG", help="Positive to the left, seen from below."
+)
+@click.option("--refraction", is_flag=True, help="Directions as the air raises them; airless if not given.")
+@click.option("--pressure", type=float, metavar="HPA", help="At the site; of its height if not given.")
+@click.option("--temperature", type=float, metavar="C", help="At the site; of its height if not given.")
+@click.option("--no-diurnal-aberration", is_flag=True, help="Leave this effect of up to 0.3″ out.")
+@click.option(
+    "--format", "style", type=click.Choice(["table", "csv", "json"]), default="table", show_default=True
+)
+@click.option(
+    "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Sky track and rates as an image."
+)
+@common_options
+def command(context: CommandContext, satellite: str, **options: Any) -> int:
+    """Give directions and rates of SATELLITE, a catalogue number, international designator or name."""
+    elements = find(context.elements(), satellite)
+    site = context.site()
+    start = Utc.parse(options["start"]) if options["start"] else context.now()
+    stop = Utc.parse(options["stop"]) if options["stop"] else start.plus(_DEFAULT_SPAN_S)
+    times = Utc.range(start, stop, options["step_s"])
+    propagator = Propagator(
+        elements,
+        site,
+        Bias(options["bias_along"], options["bias_cross"]),
+        refraction=_refraction(site, options),
+        place=options["place"],
+        diurnal_aberration=not options["no_diurnal_aberration"],
+    )
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", EarthOrientationWarning)
+        seen = propagator.at(times)
+    for warning in caught:
+        click.echo(f"sattrack: warning: {warning.message}", err=True)
+    _tell_about(elements, propagator, seen)
+    if options["plot"]:
+        _plot(options["plot"], elements, seen)
+    _print(seen, "json" if context.json else options["style"])
+    return 0
+
+
+def _refraction(site: Site, options: dict[str, Any]) -> Refraction | None:
+    """Return the air that the options describe, None for none."""
+    given = options["pressure"] is not None or options["temperature"] is not None
+    if not options["refraction"]:
+        if given:
+            raise BadInputError("--pressure and --temperature need --refraction")
+        return None
+    standard = Refraction.standard(site.height_m)
+    return Refraction(
+        standard.pressure_hpa if options["pressure"] is None else options["pressure"],
+        standard.temperature_c if options["temperature"] is None else options["temperature"],
+    )
+
+
+def _tell_about(elements: Elements, propagator: Propagator, seen: Direction) -> None:
+    """Say on standard error what a reader of the figures should know; raise where SGP4 gives none at all."""
+    failed = np.flatnonzero(seen.error)
+    if len(failed) == len(seen.utc):
+        propagator.at(seen.utc[0])
+    if len(failed):
+        first = seen.utc[int(failed[0])].isoformat("seconds")
+        click.echo(
+            f"sattrack: {elements.label}: {len(failed)} of {len(seen.utc)} instants have no position "
+            f"(SGP4 error {int(seen.error[failed[0]])}, the first at {first})",
+            err=True,
+        )
+    age_days = elements.age_s(seen.utc[0]) / 86400.0
+    if abs(age_days) > _OLD_DAYS:
+        side = "old at" if age_days > 0.0 else "ahead of"
+        click.echo(
+            f"sattrack: elements of {elements.label} are {abs(age_days):.1f} days {side} the first instant: "
+            "expect the satellite early or late",
+            err=True,
+        )
+
+
+def _columns(seen: Direction) -> dict[str, list[Any]]:
+    """Return every field as a list of numbers, None where there is none."""
+    columns = {}
+    for name in FIELDS:
+        values = getattr(seen, name)
+        columns[name] = [
+            None if error else value
+            for value, error in zip(values.tolist(), seen.error.tolist(), strict=True)
+        ]
+    return columns
+
+
+def _print(seen: Direction, style: str) -> None:
+    times = [seen.utc[i] for i in range(len(seen.utc))]
+    columns = _columns(seen)
+    rows = zip(*columns.values(), strict=True)
+    if style == "json":
+        document = [
+            {"utc": t.isoformat(), **dict(zip(FIELDS, row, strict=True))}
+            for t, row in zip(times, rows, strict=True)
+        ]
+        click.echo(json.dumps(document, allow_nan=False))
+    elif style == "csv":
+        writer = csv.writer(sys.stdout, lineterminator="\n")
+        writer.writerow(["utc", *FIELDS])
+        for t, row in zip(times, rows, strict=True):
+            writer.writerow([t.isoformat(), *("" if v is None else str(v).lower() for v in row)])
+    else:
+        _print_table(times, columns)
+
+
+def _print_table(times: list[Utc], columns: dict[str, list[Any]]) -> None:
+    click.echo("UTC".ljust(24) + "".join(title.rjust(width) for _, title, width, _ in _TABLE) + "  Sun")
+    for i, t in enumerate(times):
+        cells = []
+        for name, _, width, decimals in _TABLE:
+            value = columns[name][i]
+            cells.append(("-" if value is None else f"{value:.{decimals}f}").rjust(width))
+        lit = columns["sunlit"][i]
+        cells.append({None: "  -", True: "  lit", False: "  dark"}[lit])
+        click.echo(t.isoformat("milliseconds") + "".join(cells))
+
+
+def _plot(path: Path, elements: Elements, seen: Direction) -> None:
+    """Draw the track on the sky, and the rates against time. Raises BadInputError where that cannot be."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise BadInputError("--plot needs matplotlib: pip install 'sattrack[plot]'") from None
+    minutes = (seen.utc.unix_s - seen.utc.unix_s[0]) / 60.0
+    figure = Figure(figsize=(11.0, 5.0), layout="constrained")
+    sky: Any = figure.add_subplot(1, 2, 1, projection="polar")
+    rates = figure.add_subplot(1, 2, 2)
+    sky.set_theta_zero_location("N")
+    sky.set_theta_direction(1)
+    up = seen.alt_deg > 0.0
+    sky.plot(np.radians(seen.az_deg), np.where(up, 90.0 - seen.alt_deg, np.nan), color="tab:blue")
+    sky.set_rlim(0.0, 90.0)
+    sky.set_rticks([30.0, 60.0, 90.0], ["60°", "30°", "0°"])
+    sky.set_xticks(np.radians([0.0, 90.0, 180.0, 270.0]), ["N", "E", "S", "W"])
+    sky.set_title("Sky, seen from below")
+    rates.plot(minutes, seen.ha_rate_deg_s, label="hour angle")
+    rates.plot(minutes, seen.dec_rate_deg_s, label="declination")
+    rates.set_xlabel(f"minutes after {seen.utc[0].isoformat('seconds')}")
+    rates.set_ylabel("rate, °/s")
+    rates.legend()
+    rates.grid(visible=True, alpha=0.3)
+    figure.suptitle(f"{elements.label} ({elements.catalog_number})")
+    try:
+        figure.savefig(path)
+    except (OSError, ValueError) as error:
+        raise BadInputError(f"{path}: cannot write the plot: {error}") from None

@@ -1,0 +1,231 @@
+"""`sattrack mount calibrate`: find out what a mount does with commands, and write its profile."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import msgspec
+
+from sattrack import __version__
+from sattrack.cli.common import CommandContext, common_options
+from sattrack.cli.mount_option import mount_option
+from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
+from sattrack.runtime import practice
+
+if TYPE_CHECKING:
+    from sattrack.calibration.calibrator import Calibrator
+    from sattrack.calibration.findings import ClockTruth, Findings
+    from sattrack.core.clock import Clock
+    from sattrack.mount.model import MountProfile
+    from sattrack.mount.profiles import ProfileFile
+    from sattrack.runtime.mounts import MountAddress
+    from sattrack.safety import SafetyLimits
+    from tle.site import Site
+
+LARGEST_UNCERTAINTY_S = 1.0
+FILE = click.Path(path_type=Path)
+
+
+@click.command("calibrate")
+@mount_option
+@click.option("--out", type=FILE, metavar="FILE", help="The mount profile to write.")
+@click.option(
+    "--update", type=FILE, metavar="FILE", help="A profile to put the findings into; its other values stay."
+)
+@click.option("--name", metavar="NAME", help="The mount's name in the profile.")
+@click.option("--force", is_flag=True, help="Let --out replace a file.")
+@click.option("--yes", is_flag=True, help="Move without asking.")
+@click.option(
+    "--clock-true",
+    type=float,
+    metavar="SECONDS",
+    help="The mount's clock and ours are true to so many seconds: the delays are then told apart.",
+)
+@click.option(
+    "--sim-profile", type=FILE, metavar="FILE", help="With --mount sim: the mount that is to be found out."
+)
+@common_options
+def command(context: CommandContext, **options: Any) -> int:
+    """Find out what a mount does with commands, by small bounded motions, and write its profile.
+
+    Signs, gains, additive or absolute, held or edge, round trip, acceleration, the mount's clock. The mount
+    must stand clear, 20° high or more, and away from the Sun. Any key stops it.
+    """
+    from sattrack.calibration.profile import bounded
+    from sattrack.runtime.calibrate import ending_error
+    from sattrack.runtime.mounts import mount_address
+
+    url = options["mount_url"] or context.settings.mount.url
+    address = mount_address(url)
+    _check(context, options, address)
+    target = _target(options)
+    base = _base(options, url)
+    site = context.site() if context.has_site() else None
+    if site is None:
+        if address is not None:
+            raise BadInputError("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
+        site = practice.SITE.place()
+    if address is not None:
+        address = address.seen_from(site)
+    _ask(options["yes"], "sim" if address is None else str(address))
+    limits = context.settings.safety.limits()
+    calibrator = _fly(context.clock(), site, (base.mount, limits), address, options["sim_profile"])
+    assert calibrator.ending is not None
+    error = ending_error(calibrator.ending)
+    if error is not None:
+        raise error
+    dated = address is None or address.dates_itself
+    found = _conclude(calibrator, site, options["clock_true"], dated)
+    profile = _write(target, bounded(base, calibrator.largest_rates_deg_s), found, options["name"])
+    _tell(found, profile, target, context.json)
+    return 0
+
+
+def _check(context: CommandContext, options: dict[str, Any], address: MountAddress | None) -> None:
+    if address is not None and context.clock_option is not None:
+        raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
+    if address is not None and options["sim_profile"] is not None:
+        raise BadInputError("--sim-profile goes with --mount sim only; a real mount is what it is")
+    stated = options["clock_true"]
+    if stated is not None and not 0.0 <= stated <= LARGEST_UNCERTAINTY_S:
+        raise BadInputError(
+            f"--clock-true {stated:g}: give the uncertainty in seconds, 0 to {LARGEST_UNCERTAINTY_S:g}"
+        )
+
+
+def _target(options: dict[str, Any]) -> Path:
+    """Return the file to write; raises BadInputError, before anything moves, where it could not be."""
+    out, update = options["out"], options["update"]
+    target: Path | None = out or update
+    if target is None:
+        raise BadInputError("nowhere to write: give --out FILE, or --update FILE for a profile that is there")
+    if target.exists() and target != update and not options["force"]:
+        raise BadInputError(f"--out {target}: the file is there; give --force to replace it, or --update")
+    folder = target.parent
+    if target.is_dir() or not folder.is_dir() or not os.access(folder, os.W_OK):
+        raise BadInputError(f"{target}: cannot be written; give a file in a folder that is there and yours")
+    return target
+
+
+def _base(options: dict[str, Any], url: str | None) -> ProfileFile:
+    """Return the profile whose values stay where nothing is found; raises BadInputError."""
+    from sattrack.mount.profiles import load_profile_file, profile_file
+    from sattrack.runtime.mounts import usual_profile
+
+    if options["update"] is not None:
+        return load_profile_file(options["update"])
+    return profile_file(msgspec.structs.replace(usual_profile(url), name=Path(options["out"]).stem))
+
+
+def _ask(consented: bool, mount_name: str) -> None:
+    """Tell what will move, and go on only with the operator's consent."""
+    from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, SUN_CONE_DEG
+    from sattrack.calibration.plan import BOX_DEG, Plan
+
+    for words in Plan().words():
+        click.echo(f"sattrack: {words}", err=True)
+    click.echo(
+        f"sattrack: {mount_name} must stand clear, {FLOOR_ALTITUDE_DEG:g}° high and {SUN_CONE_DEG:g}° from "
+        f"the Sun wherever it may come within {BOX_DEG:g}°; any key stops it",
+        err=True,
+    )
+    if consented:
+        return
+    if not sys.stdin.isatty():
+        raise BadInputError("no consent: there is no terminal to ask on; give --yes if the mount may move")
+    if not click.confirm("May it move?", err=True):
+        raise InterruptedRunError("not begun; nothing was moved")
+
+
+def _fly(
+    clock: Clock,
+    site: Site,
+    described: tuple[MountProfile, SafetyLimits],
+    address: MountAddress | None,
+    sim_profile: Path | None,
+) -> Calibrator:
+    """Run the calibration, beside a simulated mount of its own where there is no other."""
+    from sattrack.runtime.calibrate import calibrate_live, surroundings
+
+    profile, limits = described
+    around = surroundings(site, profile, clock.utc_s(time.monotonic()), limits)
+    with ExitStack() as stack:
+        if address is None:
+            from sattrack.runtime.calibrate import start_practice_mount
+
+            simulated = start_practice_mount(around, site, clock, sim_profile)
+            stack.callback(simulated.close)
+            address = simulated.address
+        stack.callback(_wipe)
+        return calibrate_live(around, address, clock, _show, profile=profile)
+
+
+def _show(phase: str, part_done: float) -> None:
+    """Renew the line of progress on a terminal, unless that would have to wait for it."""
+    if not sys.stderr.isatty():
+        return
+    _, writable, _ = select.select([], [sys.stderr], [], 0.0)
+    if writable:
+        click.echo(f"\r\x1b[K{part_done:4.0%}  {phase}", nl=False, err=True)
+
+
+def _wipe() -> None:
+    if sys.stderr.isatty():
+        click.echo("\r\x1b[K", nl=False, err=True)
+
+
+def _conclude(calibrator: Calibrator, site: Site, stated_s: float | None, dates_itself: bool) -> Findings:
+    """Return the findings; raises SattrackError where the run contradicts itself."""
+    from sattrack.calibration.findings import conclude, dated_by_requests
+    from sattrack.calibration.guard import CalibrationEndedError
+
+    try:
+        truth = (
+            _clock_truth(calibrator, site, stated_s) if dates_itself else dated_by_requests(calibrator.seen)
+        )
+        return conclude(calibrator.seen, site.longitude_deg, truth)
+    except CalibrationEndedError as ended:
+        raise SattrackError(f"{ended.words}; nothing was written, the mount is at rest") from ended
+
+
+def _clock_truth(calibrator: Calibrator, site: Site, stated_s: float | None) -> ClockTruth | None:
+    from sattrack.calibration.findings import ClockTruth
+    from sattrack.calibration.sky import true_clocks
+
+    last = calibrator.seen.log.last
+    if stated_s is None or last is None:
+        return None
+    return ClockTruth(stated_s, true_clocks(last.arrival_utc_s, site))
+
+
+def _write(target: Path, base: ProfileFile, found: Findings, name: str | None) -> MountProfile:
+    """Write the profile, whole or not at all."""
+    from sattrack.calibration.profile import calibrated
+    from sattrack.mount.profiles import profile_text, write_profile
+
+    profile = calibrated(base, found, name, f"sattrack {__version__}")
+    write_profile(target, profile_text(profile))
+    return profile
+
+
+def _tell(found: Findings, profile: MountProfile, target: Path, as_json: bool) -> None:
+    from sattrack.calibration.profile import table
+
+    for note in found.notes:
+        click.echo(f"sattrack: {note}", err=True)
+    if as_json:
+        told = {"profile": profile, "out": str(target), "notes": found.notes}
+        click.echo(msgspec.json.encode({"calibration": told}).decode())
+        return
+    rows = table(found)
+    width = max(len(name) for name, _ in rows)
+    for name, value in rows:
+        click.echo(f"{name:<{width}}  {value}")
+    click.echo(f"sattrack: written to {target}", err=True)

@@ -1,0 +1,287 @@
+"""`sattrack passes`: coming passes of one satellite, of some, or of a whole catalogue."""
+
+from __future__ import annotations
+
+import fnmatch
+import math
+import os
+import sys
+import warnings
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+
+from sattrack.cli.common import CommandContext, common_options, profile_option
+from sattrack.core.errors import BadInputError, SattrackError
+from tle.errors import EarthOrientationWarning
+from tle.instants import DAY_S, Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from sattrack.cli.passes_rows import PassTable
+    from tle.catalogue_passes import CataloguePasses
+    from tle.elements import Elements
+    from tle.horizon import Horizon
+
+_DARK_SUN_DEG = -6.0
+_FEWEST_FOR_PROGRESS = 2000
+_OLD_DAYS = 14.0
+_LINES_AT_ONCE = 2000
+_SORTS = ("rise", "altitude", "magnitude", "rate", "name")
+
+
+@click.command("passes")
+@click.argument("satellites", nargs=-1, metavar="[SAT]...")
+@click.option("--from", "start", metavar="UTC", help="Begin of the search; now if not given.")
+@click.option("--hours", type=float, default=24.0, show_default=True, metavar="H", help="How far to look.")
+@click.option("--min-alt", "min_alt_deg", type=float, metavar="DEG", help="Least altitude; 10 if not set.")
+@click.option(
+    "--horizon",
+    "mask_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Skyline: azimuth and altitude in degrees on each line.",
+)
+@click.option("--sunlit", is_flag=True, help="Only passes with the satellite in full sunlight for a while.")
+@click.option("--dark", is_flag=True, help="Only while the Sun is 6° below the horizon or lower.")
+@click.option("--feasible", is_flag=True, help="Only passes that the mount can follow, by its limits.")
+@click.option("--judged", is_flag=True, help="Say of each pass whether the mount can follow it, and why not.")
+@profile_option
+@click.option(
+    "--max-rate",
+    "max_rate_deg_s",
+    type=float,
+    metavar="DEG/S",
+    help="Only where neither axis of an equatorial mount must turn faster.",
+)
+@click.option(
+    "--magnitude", "faintest", type=float, metavar="MAG", help="Only as bright; needs --magnitudes."
+)
+@click.option(
+    "--magnitudes",
+    "magnitudes_file",
+    type=click.Path(path_type=Path, dir_okay=False),
+    help="Catalogue number and intrinsic magnitude (at 1000 km, half lit) on each line.",
+)
+@click.option("--name", "pattern", metavar="GLOB", help="Only names that match, as 'STARLINK*'.")
+@click.option("--sort", type=click.Choice(_SORTS), default="rise", show_default=True, help="Order of passes.")
+@click.option("--csv", "as_csv", is_flag=True, help="Comma-separated values with the fields of --json.")
+@click.option("--ics", "as_ics", is_flag=True, help="A calendar (iCalendar), one event a pass.")
+@click.option(
+    "--plot", type=click.Path(path_type=Path, dir_okay=False), help="Sky chart of the passes as an image."
+)
+@common_options
+def command(context: CommandContext, satellites: tuple[str, ...], **options: Any) -> int:
+    """List coming passes of each SAT (catalogue number, designator or name), of all if none is named."""
+    _check(options, context.json)
+    chosen = _chosen(context.elements(), satellites, options["pattern"])
+    start = Utc.parse(options["start"]) if options["start"] else context.now()
+    known = _magnitudes(options)
+    if options["faintest"] is not None:
+        chosen = [e for e in chosen if e.catalog_number in known]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", EarthOrientationWarning)
+        passes = _search(context, chosen, start, options)
+    for words in dict.fromkeys(str(warning.message) for warning in caught):
+        click.echo(f"sattrack: warning: {words}", err=True)
+    _tell_age(passes)
+    _tell_failures(passes, bool(satellites))
+    separations = context.json or options["as_csv"]
+    table = _table(passes, known, separations, options).sorted(options["sort"])
+    table = _judged(context, table, options)
+    if options["plot"]:
+        from sattrack.cli.passes_plot import plot_passes
+
+        plot_passes(options["plot"], table)
+    _show_passes(table, context.json, options)
+    return 0
+
+
+def _show_passes(table: PassTable, as_json: bool, options: dict[str, Any]) -> None:
+    from sattrack.cli.passes_rows import table_lines, write_csv, write_json
+
+    if as_json:
+        write_json(table, sys.stdout.write)
+    elif options["as_csv"]:
+        write_csv(table, sys.stdout.write)
+    elif options["as_ics"]:
+        from sattrack.cli.passes_calendar import as_calendar
+
+        sys.stdout.write(as_calendar(table))
+    elif len(table):
+        # https://no-color.org: any value but an empty one; elsewhere click leaves colour to terminals.
+        colour = False if os.environ.get("NO_COLOR") else None
+        lines = table_lines(table, table.passes.start.isoformat("seconds")[:10])
+        for some in _batched(lines):
+            click.echo("\n".join(some), color=colour)
+    else:
+        click.echo("sattrack: no pass in this time meets what was asked for", err=True)
+
+
+def _batched(lines: Iterator[str]) -> Iterator[list[str]]:
+    """Yield lines many at a time."""
+    while some := list(islice(lines, _LINES_AT_ONCE)):
+        yield some
+
+
+def _check(options: dict[str, Any], as_json: bool) -> None:
+    """Raise BadInputError for options that do not go together or that no pass can meet."""
+    if as_json + options["as_csv"] + options["as_ics"] > 1:
+        raise BadInputError("--json, --csv and --ics are three forms of one list: give one of them")
+    if options["faintest"] is not None and options["magnitudes_file"] is None:
+        raise BadInputError(
+            "--magnitude needs --magnitudes FILE: element sets do not say how bright things are"
+        )
+    if options["faintest"] is not None and math.isnan(options["faintest"]):
+        raise BadInputError("--magnitude nan is none: give a number, as 4.5")
+    rate = options["max_rate_deg_s"]
+    if rate is not None and not rate > 0.0:
+        raise BadInputError(f"--max-rate {rate}: give degrees a second above 0")
+
+
+def _chosen(elements: list[Elements], keys: Sequence[str], pattern: str | None) -> list[Elements]:
+    """Return the elements of the satellites named, of all without names, that match the pattern."""
+    from tle.sources import find
+
+    chosen = [find(elements, key) for key in dict.fromkeys(keys)] if keys else elements
+    if pattern is None:
+        return chosen
+    matching = [e for e in chosen if fnmatch.fnmatchcase(e.name.casefold(), pattern.casefold())]
+    if not matching:
+        raise SattrackError(f"no satellite's name matches {pattern!r}: try a wider pattern, as '*{pattern}*'")
+    return matching
+
+
+def _search(
+    context: CommandContext, chosen: list[Elements], start: Utc, options: dict[str, Any]
+) -> CataloguePasses:
+    from tle.catalogue_passes import find_catalogue_passes
+
+    return find_catalogue_passes(
+        chosen,
+        context.site(),
+        start,
+        options["hours"],
+        _horizon(context, options),
+        workers=os.cpu_count() or 1,
+        progress=_progress("searched {done} of {total} objects", len(chosen)),
+        compiled=_may_compile(len(chosen), options["hours"]),
+    )
+
+
+def _may_compile(objects: int, hours: float) -> bool:
+    """Tell whether to search compiled; where numba does not work, that is told, and done without."""
+    from tle.compiled_start import NoCompilerError, is_compiled, is_worth_compiling, prepare
+
+    if not is_worth_compiling(objects, hours):
+        return False
+    is_slow = sys.stderr.isatty() and not is_compiled()
+    if is_slow:
+        _show("compiling the search: some ten seconds, the first time only")
+    try:
+        prepare()
+    except NoCompilerError as error:
+        problem: NoCompilerError | None = error
+    else:
+        problem = None
+    if is_slow:
+        _show("")
+    if problem is not None:
+        click.echo(f"sattrack: {problem}; searching without it", err=True)
+    return problem is None
+
+
+def _horizon(context: CommandContext, options: dict[str, Any]) -> Horizon:
+    from tle.horizon import Horizon, HorizonMask
+
+    least_deg = options["min_alt_deg"]
+    if least_deg is None:
+        least_deg = context.settings.min_altitude_deg
+    mask = HorizonMask.read(options["mask_file"]) if options["mask_file"] else None
+    return Horizon(least_deg, mask)
+
+
+def _progress(words: str, total: int) -> Callable[[int, int], None] | None:
+    """Return what shows on the terminal how far long work is, and wipes that at its end; else None."""
+    if total < _FEWEST_FOR_PROGRESS or not sys.stderr.isatty():
+        return None
+    return lambda done, all_: _show(words.format(done=done, total=all_) if done < all_ else "")
+
+
+def _show(words: str) -> None:
+    """Write a line on the terminal that the next one overwrites."""
+    click.echo(f"\r\x1b[K{words}", nl=False, err=True)
+
+
+def _tell_age(passes: CataloguePasses) -> None:
+    """Say where elements are too far from the search for its times to hold."""
+    old = [e for e in passes.elements if abs(passes.start - e.epoch) > _OLD_DAYS * DAY_S]
+    if not old:
+        return
+    days = (passes.start - old[0].epoch) / DAY_S
+    side = "before" if days > 0.0 else "after"
+    others = f" and {len(old) - 1} more" if old[1:] else ""
+    click.echo(
+        f"sattrack: the elements of {old[0].label} are from {abs(days):.0f} days {side} the search{others}: "
+        "expect passes early or late, or none as told",
+        err=True,
+    )
+
+
+def _tell_failures(passes: CataloguePasses, named: bool) -> None:
+    """Raise what SGP4 says of satellites asked for by name; of a catalogue's, tell how many there are."""
+    if not passes.failed:
+        return
+    if named:
+        raise passes.failed[0][1]
+    count, first = len(passes.failed), passes.failed[0][1]
+    click.echo(f"sattrack: {count} of {len(passes.elements)} objects left out, the first: {first}", err=True)
+
+
+def _magnitudes(options: dict[str, Any]) -> dict[int, float]:
+    """Return the intrinsic magnitudes of --magnitudes by catalogue number."""
+    if options["magnitudes_file"] is None:
+        return {}
+    from tle.brightness import read_magnitudes
+
+    return read_magnitudes(options["magnitudes_file"])
+
+
+def _table(
+    passes: CataloguePasses, known: dict[int, float], separations: bool, options: dict[str, Any]
+) -> PassTable:
+    """Return the passes with their facts that all filters let through."""
+    from sattrack.cli.passes_rows import PassTable
+    from tle.facts import fact_columns, sun_altitudes_deg
+
+    index = np.arange(len(passes))
+    if options["dark"]:
+        # The Sun's altitude is known at once: what it rules out needs no other facts.
+        index = np.flatnonzero(sun_altitudes_deg(passes) <= _DARK_SUN_DEG)
+    progress = _progress("looked at {done} of {total} passes", len(index))
+    facts = fact_columns(passes, index, known, progress, separations, workers=os.cpu_count() or 1)
+    table = PassTable(passes, index, facts)
+    keep = np.ones(len(table), dtype=bool)
+    if options["sunlit"]:
+        keep &= np.diff(table.facts.sunlit.starts(len(table))) > 0
+    if options["max_rate_deg_s"] is not None:
+        keep &= table.peak_rate_deg_s <= options["max_rate_deg_s"]
+    if options["faintest"] is not None:
+        keep &= table.magnitude <= options["faintest"]
+    return table.take(np.flatnonzero(keep))
+
+
+def _judged(context: CommandContext, table: PassTable, options: dict[str, Any]) -> PassTable:
+    """Return the rows with a verdict by the mount's limits where one was asked for, else as they are."""
+    if not (options["feasible"] or options["judged"]):
+        return table
+    from sattrack.cli.passes_feasible import judged_table
+
+    profile = context.profile(options["profile"]).mount
+    judged = judged_table(table, profile, context.settings.safety.limits())
+    if not options["feasible"]:
+        return judged
+    return judged.take(np.flatnonzero([why is None for why in judged.why_not]))

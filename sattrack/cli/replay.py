@@ -1,0 +1,250 @@
+"""`sattrack replay`: run a recording's inputs through today's code and compare every output."""
+
+from __future__ import annotations
+
+import contextlib
+import select
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import msgspec
+
+from sattrack.cli.common import (
+    CommandContext,
+    appearance,
+    common_options,
+    fov_option,
+    screen_options,
+    tell,
+)
+from sattrack.cli.json_lines import JsonLines
+from sattrack.cli.replay_views import LeftError, ViewsAtOnce
+from sattrack.cli.screened import can_draw_lines_anew, needed_terminal, tui_possible
+from sattrack.core.errors import BadInputError
+from sattrack.core.own_program import own_program
+from sattrack.recording.comparison import Choice
+from sattrack.recording.format import VIEW
+from sattrack.recording.replay import replay
+from sattrack.recording.wording import replay_lines, replay_view
+from sattrack.runtime.again import engine_of, open_recording
+from sattrack.runtime.outcome import Ledger, summarise
+from sattrack.runtime.whatif import read_law, what_if
+from sattrack.views.run import SummaryLine
+from tle.errors import TleError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sattrack.control.engine import Engine
+    from sattrack.control.law import ControlLaw
+    from sattrack.recording.reading import Entry, Recording
+    from sattrack.runtime.facts import RunFacts
+
+LONGEST_PAUSE_S = 5.0
+
+
+@click.command("replay")
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--tui", is_flag=True, help="Show the run in the terminal UI: pause, step, wind; ? there tells the keys."
+)
+@click.option("--stream", is_flag=True, help="Views as JSON lines on standard output, as they were recorded.")
+@click.option("--speed", type=float, metavar="X", help="With --tui or --stream: so many times as fast (1).")
+@click.option("--control", is_flag=True, hidden=True)
+@click.option("--at-once", is_flag=True, hidden=True)
+@fov_option
+@screen_options
+@click.option(
+    "--set", "settings", multiple=True, metavar="KEY=N", help="Try another law: feeder.settling_s=0.2."
+)
+@click.option("--law", type=click.Path(path_type=Path), metavar="FILE", help="Try the law of a TOML file.")
+@click.option("--part", default=1, show_default=True, help="Which, where a file holds several recordings.")
+@common_options
+def command(context: CommandContext, files: tuple[Path, ...], **options: Any) -> int:
+    """Run recorded inputs through today's code and compare every output.
+
+    Each recording comes out the same to the last byte, equivalent with its largest difference, or not the
+    same: the exit code is 1 where one of them is not the same, else 0.
+
+    Byte for byte where code, libraries and kind of processor are those of the recording; elsewhere commands
+    may differ by 1e-9 °/s; for another version's code, figures are compared. With --set or --law nothing is
+    judged: it is told what that control law would have commanded, and what the error would have been with the
+    mount simulated as the recording shows it.
+    """
+    speed = options["speed"]
+    shown = options["tui"] or options["stream"]
+    if speed is not None and not (shown and 0.0 < speed <= 1000.0):
+        raise BadInputError("--speed: give a factor up to 1000, with --tui or --stream")
+    if len(files) > 1 and (shown or options["settings"] or options["law"]):
+        raise BadInputError("--tui, --stream, --set and --law take one recording at a time")
+    if len(files) > 1:
+        return max([_compare(context, file, options["part"], name=True) for file in files])
+    (file,) = files
+    if options["tui"]:
+        return _with_tui(file, context, options)
+    if not (options["stream"] or options["settings"] or options["law"]):
+        return _compare(context, file, options["part"])
+    recording, facts = _opened(file, options["part"])
+    if options["stream"] and options["at_once"]:
+        fov_deg = facts.fov_deg if options["fov_deg"] is None else options["fov_deg"]
+        return _give_all(recording, msgspec.structs.replace(facts, fov_deg=fov_deg))
+    if options["stream"]:
+        return _play(recording, _Player(speed or 1.0, options["control"]))
+    return _try(context, recording, facts, read_law(options["law"], options["settings"], facts.plan.law))
+
+
+def _opened(file: Path, part: int) -> tuple[Recording, RunFacts]:
+    recording, facts = open_recording(file, part)
+    for words in recording.problems:
+        tell(f"{file}: {words}")
+    return recording, facts
+
+
+def _compare(context: CommandContext, file: Path, part: int, name: bool = False) -> int:
+    """Replay a recording and tell how it came out; return the exit code. Of several, each is named."""
+    recording, _ = _opened(file, part)
+    began_s = time.perf_counter()
+    result = replay(recording, engine_of, progress=_progress())
+    took_s = time.perf_counter() - began_s
+    _wipe()
+    if context.json:
+        view = replay_view(str(file), result, recording.problems, took_s)
+        click.echo(msgspec.json.encode(view).decode())
+    else:
+        lines = replay_lines(result, took_s)
+        if name:
+            lines = [f"{file}: {lines[0]}", *(f"  {line}" for line in lines[1:])]
+        click.echo("\n".join(lines))
+    return 0 if result.agrees else 1
+
+
+def _try(context: CommandContext, recording: Recording, facts: RunFacts, law: ControlLaw) -> int:
+    """Tell what another law would have done."""
+    choice = Choice("figures", "another control law was asked for")
+    found = what_if(recording, facts, law, choice, _progress())
+    _wipe()
+    gained = found.after[0] - found.before[0]
+    if context.json:
+        told = {
+            "recording": str(recording.path),
+            "commands_differing": found.replayed.differing,
+            "largest_rate_difference_deg_s": found.replayed.largest_rate_deg_s,
+            "simulated": {
+                "rms_arcsec": found.before[0],
+                "peak_arcsec": found.before[1],
+                "rms_with_law_arcsec": found.after[0],
+                "peak_with_law_arcsec": found.after[1],
+                "delta_rms_arcsec": gained,
+                "fitted": found.fitted,
+            },
+        }
+        click.echo(msgspec.json.encode(told).decode())
+        return 0
+    click.echo(
+        f"{found.replayed.differing} of {found.replayed.ticks} commands would have been others, "
+        f"by {found.replayed.largest_rate_deg_s:.3g} °/s at most\n"
+        f"simulated with the mount of the recording ({found.fitted}):\n"
+        f"  the recorded law: RMS {found.before[0]:.4f}″, peak {found.before[1]:.3f}″\n"
+        f"  this law:         RMS {found.after[0]:.4f}″, peak {found.after[1]:.3f}″\n"
+        f"  ΔRMS {gained:+.4f}″"
+    )
+    return 0
+
+
+def _give_all(recording: Recording, facts: RunFacts) -> int:
+    """Write all views for the screen, after what is to be known of the pass."""
+    from sattrack.runtime.pass_scene import pass_scene
+
+    told = ViewsAtOnce(recording)
+    with contextlib.suppress(TleError):
+        # Without it there is no chart; the run is shown all the same.
+        told.write_whole(pass_scene(facts))
+    with contextlib.suppress(LeftError):
+        result = replay(recording, engine_of, watch=told)
+        if not result.agrees:
+            tell("NOT the same as recorded: without --tui, the difference is told")
+    told.end()
+    if told.engine is not None:
+        summary = summarise(told.engine, Ledger(), told.utc_s)
+        click.echo(msgspec.json.encode(SummaryLine(summary)).decode())
+    return 0
+
+
+def _play(recording: Recording, player: _Player) -> int:
+    with contextlib.suppress(LeftError):
+        result = replay(recording, engine_of, watch=player)
+        if not result.agrees:
+            tell("NOT the same as recorded: without --stream, the difference is told")
+    player.finish()
+    return 0
+
+
+class _Player(JsonLines):
+    """Writes the views of a run being made again at the pace at which they were seen."""
+
+    def __init__(self, speed: float, control: bool) -> None:
+        super().__init__()
+        self._speed = speed
+        self._control = control
+        self._engine: Engine | None = None
+        self._utc_s: float | None = None
+        self._due_s = time.monotonic()
+
+    def __call__(self, engine: Engine, entry: Entry) -> None:
+        """Take one entry of the recording, handed to the engine already."""
+        if entry.topic != VIEW:
+            return
+        if self._utc_s is not None:
+            # A clock that was set in the middle of the run is no reason to wait for it.
+            self._due_s += max(0.0, min(LONGEST_PAUSE_S, entry.utc_s - self._utc_s)) / self._speed
+        self._engine, self._utc_s = engine, entry.utc_s
+        self._wait()
+        self.write(engine.view(entry.utc_s))
+
+    def _wait(self) -> None:
+        """Wait for the next view's time; raises LeftError where standard input says stop, or ends."""
+        while True:
+            left_s = max(0.0, self._due_s - time.monotonic())
+            heard, _, _ = select.select([sys.stdin] if self._control else [], [], [], left_s)
+            if not heard:
+                return
+            line = sys.stdin.buffer.readline()
+            if not line or b'"stop"' in line:
+                raise LeftError
+
+    def finish(self) -> None:
+        """Write what the run came to, as far as it was shown."""
+        self.end()
+        if self._engine is not None and self._utc_s is not None:
+            click.echo(
+                msgspec.json.encode(SummaryLine(summarise(self._engine, Ledger(), self._utc_s))).decode()
+            )
+
+
+def _with_tui(file: Path, context: CommandContext, options: dict[str, Any]) -> int:
+    from sattrack.tui.replay_launch import replay_with_tui
+    from sattrack.tui.tape import Tape
+
+    if not tui_possible():
+        raise BadInputError(f"--tui needs {needed_terminal()}, and textual: pip install 'sattrack[tui]'")
+    arguments = ["replay", str(file), "--stream", "--control", "--at-once", "--part", str(options["part"])]
+    fov_deg = context.settings.camera.fov_deg if options["fov_deg"] is None else options["fov_deg"]
+    if fov_deg is not None:
+        arguments += ["--fov", str(fov_deg)]
+    look = appearance(context, options["theme"], options["plain"])
+    tape = Tape(file.name, options["speed"] or 1.0)
+    return replay_with_tui([*own_program(), *arguments], tape, look)
+
+
+def _progress() -> Callable[[float], None] | None:
+    if not can_draw_lines_anew():
+        return None
+    return lambda share: click.echo(f"\r\x1b[K{100.0 * share:.0f} %", err=True, nl=False)
+
+
+def _wipe() -> None:
+    if can_draw_lines_anew():
+        click.echo("\r\x1b[K", err=True, nl=False)

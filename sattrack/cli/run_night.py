@@ -1,0 +1,330 @@
+"""`sattrack run FILE`: the schedule carried out, night after night, with a mount or in virtual time."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sattrack.cli.common import tell
+from sattrack.cli.run_plan import (
+    loader,
+    progress,
+    said_utc_s,
+    situation_of,
+    why_left,
+    within_half_a_turn,
+)
+from sattrack.cli.run_told import Told
+from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError, TerminatedRunError
+from sattrack.runtime import practice
+from sattrack.runtime.mounts import is_antenna, mount_address
+from sattrack.schedule.file import load_schedule
+from sattrack.schedule.making import make_plan_and_choice
+from sattrack.schedule.night import End, NightPass, Planned, Ways
+from sattrack.schedule.night_commands import Errands, Notifier
+from sattrack.schedule.night_drive import drive
+from sattrack.schedule.night_files import NightFiles, take_up
+from sattrack.schedule.night_flight import Airspace
+from sattrack.schedule.night_journal import locked
+from sattrack.schedule.night_stop import (
+    NightRequests,
+    heeding_signals,
+    list_night,
+    resume_command,
+    stop_of,
+    take_back_stop,
+    unlist_night,
+)
+from sattrack.schedule.night_troubles import Troubles
+from sattrack.schedule.night_virtual import VirtualHands
+from sattrack.schedule.search import named_by
+from sattrack.schedule.service import Service
+from tle.errors import TleError
+from tle.instants import Utc
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from sattrack.cli.common import CommandContext
+    from sattrack.mount.profiles import ProfileFile
+    from sattrack.runtime.mounts import MountAddress
+    from sattrack.schedule.candidates import Loaded
+    from sattrack.schedule.file import Schedule
+    from sattrack.schedule.making import Chosen
+    from sattrack.schedule.night import Run
+    from sattrack.schedule.night_drive import Hands
+    from sattrack.schedule.night_journal import Journal
+    from sattrack.schedule.night_stop import OperatorStop
+
+NOON_S, S_PER_DEG = 43200.0, 240.0
+VIRTUAL_DAYS = 1.0
+ERRANDS_WITHIN_S = 30.0
+"""How long those who are notified are waited for at the end."""
+
+
+@dataclass(slots=True)
+class NightPlans:
+    """Makes the plan of each night anew, of the schedule's file as it is then."""
+
+    context: CommandContext
+    file: Path
+    profile: ProfileFile
+    rehearse: bool
+    journal: Journal | None = None
+
+    def make(self, begin_utc_s: float, end_utc_s: float, now_utc_s: float) -> Planned:
+        """Return the plan of a night. Raises BadInputError, SattrackError, TleError."""
+        schedule = load_schedule(self.file)
+        situation = situation_of(self.context, schedule, self.profile, (begin_utc_s, end_utc_s), now_utc_s)
+        once = any(entry.conditions.once_a_run for entry in schedule.entries)
+        if once and self.journal is not None:
+            situation = replace(situation, taken=self.journal.followed())
+        rehearse = None
+        if self.rehearse:
+            from sattrack.cli.run_rehearse import rehearser
+
+            rehearse = rehearser(self.context, self.profile, schedule)
+        load = loader(self.context, schedule)
+        plan, chosen = make_plan_and_choice(schedule, situation, load, rehearse, progress())
+        passes = tuple(_night_pass(k + 1, one, schedule, load) for k, one in enumerate(chosen))
+        others = Counter(one.reason for one in plan.lost)
+        return Planned(utc_s=now_utc_s, passes=passes, others=dict(sorted(others.items())))
+
+
+def _night_pass(
+    number: int, one: Chosen, schedule: Schedule, load: Callable[[str | None], Loaded]
+) -> NightPass:
+    candidate = one.candidate
+    entry = schedule.entries[candidate.entry]
+    top = Utc(candidate.culminate_utc_s).isoformat("seconds")
+    return NightPass(
+        key=f"{candidate.elements.catalog_number}@{top}",
+        number=number,
+        elements=candidate.elements,
+        start_utc_s=round(one.start_utc_s, 3),
+        culminate_utc_s=round(candidate.culminate_utc_s, 3),
+        end_utc_s=round(one.end_utc_s, 3),
+        leave_utc_s=round(one.leave_utc_s, 3),
+        max_alt_deg=round(candidate.max_alt_deg, 3),
+        priority=candidate.priority,
+        useful_s=round(candidate.useful_within(one.start_utc_s, one.end_utc_s), 3),
+        terms=entry.terms,
+        asked_by=entry.label,
+        source=entry.source,
+        renewable=load(entry.source).renewable,
+        lost_to=one.lost_to,
+    )
+
+
+def folder_of(file: Path, given: Path | None) -> Path:
+    """Return where a schedule's run keeps its journal, status, summaries and recordings."""
+    return file.with_suffix(".run") if given is None else given
+
+
+@dataclass(frozen=True, slots=True)
+class Checked:
+    """A schedule with all that a run of it needs, read and found good."""
+
+    schedule: Schedule
+    mount_url: str
+    profile: ProfileFile
+    ways: Ways
+
+
+def check_schedule(context: CommandContext, file: Path, options: dict[str, Any]) -> Checked:
+    """Read a schedule, its settings, the mount's address and the elements; nothing is moved.
+
+    What is wrong is told now, and not in the evening. Raises BadInputError, SattrackError, TleError.
+    """
+    schedule = load_schedule(file)
+    mount_url = _mount_url(context, options)
+    profile = within_half_a_turn(context.profile(options["profile"], mount_url))
+    ways = _ways(context, schedule, profile, mount_address(mount_url), options)
+    situation_of(context, schedule, profile, (ways.from_utc_s, ways.from_utc_s + 1.0), ways.from_utc_s)
+    load = loader(context, schedule)
+    for entry in schedule.entries:
+        named_by(entry, load(entry.source))
+    return Checked(schedule, mount_url, profile, ways)
+
+
+def show_check(context: CommandContext, file: Path, options: dict[str, Any]) -> int:
+    """Check a schedule, and say in one line that it can be run. Raises BadInputError."""
+    try:
+        checked = check_schedule(context, file, options)
+    except (SattrackError, TleError) as error:
+        raise BadInputError(str(error).splitlines()[0]) from error
+    count = len(checked.schedule.entries)
+    click.echo(
+        f"{file}: {count} {'entry' if count == 1 else 'entries'}, mount {checked.mount_url}: can be run"
+    )
+    return 0
+
+
+def run_schedule(context: CommandContext, file: Path, options: dict[str, Any]) -> int:
+    """Run a schedule, or run it on, to its end. Raises the error whose exit code it ends with."""
+    checked = check_schedule(context, file, options)
+    folder = folder_of(file, options["folder"])
+    requests = NightRequests(folder)
+    with locked(folder), heeding_signals(requests):
+        if options["resume"]:
+            take_back(folder)
+        refuse_stopped(file, folder)
+        if not options["virtual"]:
+            address = mount_address(checked.mount_url)
+            wrong = list_night(folder, file, None if address is None else address.name)
+            if wrong is not None:
+                tell(wrong)
+        run, end, told = _driven(context, file, checked, requests, options)
+        if not requests.restarts:
+            unlist_night(folder)
+    return _finish(run, end, told, requests, file)
+
+
+def take_back(folder: Path) -> OperatorStop | None:
+    """Take an operator's stop back, and tell of it; None where none stood. Raises SattrackError."""
+    stop = take_back_stop(folder)
+    tell("no operator's stop stands" if stop is None else f"{stop}: taken back")
+    return stop
+
+
+def refuse_stopped(file: Path, folder: Path) -> None:
+    """Raise InterruptedRunError where an operator's stop stands."""
+    stop = stop_of(folder)
+    if stop is not None:
+        raise InterruptedRunError(f"{file}: {stop}; `{resume_command(str(file), folder)}` goes on")
+
+
+def _driven(
+    context: CommandContext, file: Path, checked: Checked, requests: NightRequests, options: dict[str, Any]
+) -> tuple[Run, End | None, Told]:
+    """Take the journal up and carry the schedule out; return how that ended."""
+    folder, schedule = requests.folder, checked.schedule
+    plans = NightPlans(context, file, checked.profile, options["rehearse"])
+    files = NightFiles(folder, str(file))
+    taken = take_up(folder, float(context.now().unix_s), durable=not options["virtual"])
+    plans.journal = taken.journal
+    told = Told(files, str(file), context.json, taken.journal, Service())
+    errands: Errands | None = None
+
+    def read_again() -> tuple[Schedule, Ways]:
+        again = check_schedule(context, file, options)
+        if told.notifier is not None and errands is not None:
+            told.notifier = Notifier(again.schedule.notify, file.absolute().parent, errands)
+        return again.schedule, again.ways
+
+    try:
+        hands: Hands
+        if options["virtual"]:
+            parts = (plans, files, taken.journal, requests)
+            hands = _virtual_hands(context, schedule, parts, options["seed"])
+            hands.now_utc_s = checked.ways.from_utc_s
+        else:
+            from sattrack.cli.run_live import live_hands
+
+            hands = live_hands(
+                *(context, schedule, checked.profile, checked.mount_url),
+                (plans, files, taken.journal, told, requests),
+                read_again,
+            )
+            errands = hands.kit.errands
+            told.notifier = Notifier(schedule.notify, file.absolute().parent, errands)
+        told.service.tell("READY=1")
+        run, end = drive(taken, hands, checked.ways, told.event)
+        told.service.tell("STOPPING=1")
+    finally:
+        told.close()
+        if errands is not None:
+            errands.finish(ERRANDS_WITHIN_S)
+        files.clear_memory()
+        taken.journal.close()
+    return run, end, told
+
+
+def _mount_url(context: CommandContext, options: dict[str, Any]) -> str:
+    """Return which mount is meant. Raises BadInputError where it cannot be, or does not go with the rest."""
+    url = options["mount_url"] or context.settings.mount.url
+    if is_antenna(url):
+        raise BadInputError(
+            f"--mount {url}: an antenna's controller runs no schedules; give its mount's address"
+        )
+    real = mount_address(url) is not None
+    if options["virtual"] and real:
+        raise BadInputError("--virtual goes with --mount sim only; a real mount needs real time")
+    if options["seed"] is not None and not options["virtual"]:
+        raise BadInputError("--seed draws troubles for --virtual only; a real mount has its own")
+    if real and context.clock_option is not None:
+        raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
+    return str(url)
+
+
+def _virtual_hands(
+    context: CommandContext,
+    schedule: Schedule,
+    parts: tuple[NightPlans, NightFiles, Journal, NightRequests],
+    seed: int | None,
+) -> VirtualHands:
+    plans, files, journal, requests = parts
+    start = practice.START
+    limits = context.settings.safety.limits()
+    air = Airspace(context.site(), plans.profile, limits, start.hour_angle_deg, start.dec_deg)
+    return VirtualHands(
+        air,
+        plans.make,
+        files.sum_up,
+        journal,
+        Troubles(seed),
+        weather_asked=schedule.weather is not None,
+        requests=requests,
+    )
+
+
+def _ways(
+    context: CommandContext,
+    schedule: Schedule,
+    profile: ProfileFile,
+    address: MountAddress | None,
+    options: dict[str, Any],
+) -> Ways:
+    virtual = options["virtual"]
+    begin = said_utc_s(options["start"], schedule.from_utc_s)
+    if begin is None:
+        begin = float(context.now().unix_s)
+    end = said_utc_s(options["end"], schedule.to_utc_s)
+    if end is None and virtual:
+        end = begin + VIRTUAL_DAYS * 86400.0
+    if end is not None and end <= begin:
+        raise BadInputError(
+            f"the run goes from {Utc(begin).isoformat('seconds')} to {Utc(end).isoformat('seconds')}: "
+            "give --from and --to in order"
+        )
+    now = float(context.now().unix_s)
+    if end is not None and not virtual and end <= now:
+        raise BadInputError(
+            f"the run would end at {Utc(end).isoformat('seconds')}, which is over: give another --to"
+        )
+    park = schedule.park_at_end
+    left = why_left(schedule, profile, address)
+    if left is not None:
+        tell(left)
+        park = False
+    return Ways(
+        from_utc_s=round(begin, 3),
+        to_utc_s=None if end is None else round(end, 3),
+        noon_s=(NOON_S - S_PER_DEG * context.site().longitude_deg) % 86400.0,
+        park=park,
+        weather_every_s=30.0 if schedule.weather is None else schedule.weather.every_s,
+    )
+
+
+def _finish(run: Run, end: End | None, told: Told, requests: NightRequests, file: Path) -> int:
+    if end is None:
+        raise TerminatedRunError("terminated; the mount is at rest, and a restart goes on where it was")
+    if end.interrupted:
+        refuse_stopped(file, requests.folder)
+        raise InterruptedRunError(f"{end.why}; run it again to go on with the passes to come")
+    told.end(run)
+    return 0

@@ -1,0 +1,162 @@
+"""`sattrack serve alpaca`: the mount as an ASCOM telescope for whatever speaks Alpaca."""
+
+from __future__ import annotations
+
+import platform
+from contextlib import ExitStack
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sattrack import __version__
+from sattrack.cli.common import CommandContext, common_options, profile_option, tell
+from sattrack.cli.json_lines import JsonLines
+from sattrack.cli.mount_option import mount_option
+from sattrack.cli.serve_log import Log
+from sattrack.cli.serving import (
+    caller_limits,
+    caller_options,
+    end_of_service,
+    reached_from_outside,
+    what_is_served,
+)
+from sattrack.core.clock import SimulatedClock
+from sattrack.core.errors import InterruptedRunError
+from sattrack.runtime import practice
+from sattrack.runtime.console import connected
+from sattrack.runtime.prepare import check_site
+from sattrack.runtime.signals import StopRequest, stopping
+from sattrack.servers.alpaca.abilities import abilities_of, refusals, within_its_rates, without_places
+from sattrack.servers.alpaca.door import open_door
+from sattrack.servers.alpaca.satellites import Satellites
+from sattrack.servers.alpaca.serve import PROGRAM, AlpacaLoop, discovery_sockets, engine_maker
+from sattrack.servers.alpaca.station import TelescopeStation
+from sattrack.servers.alpaca.task import AlpacaTask, ClockNumbers
+from sattrack.servers.antenna.door import listen
+from sattrack.servers.antenna.log_lines import spoken
+from sattrack.settings import SiteSettings
+
+if TYPE_CHECKING:
+    import socket
+
+    from sattrack.cli.serving import Served
+    from sattrack.servers.alpaca.device import Abilities
+    from tle.elements import Elements
+
+MOST_CLIENTS = 1000
+BACKLOG = 256
+
+
+@click.command("alpaca")
+@mount_option
+@profile_option
+@caller_options(11111, idle_s=300.0, requests_per_s=2000.0)
+@click.option(
+    "--discovery/--no-discovery", default=True, show_default=True, help="Answer discovery on UDP port 32227."
+)
+@click.option(
+    "--refraction",
+    type=click.Choice(("auto", "on", "off")),
+    default="auto",
+    show_default=True,
+    help="For satellites: raise directions by the air's refraction; auto where the mount does not.",
+)
+@click.option(
+    "--name",
+    "names",
+    multiple=True,
+    help="A name by which clients call this computer, beside its own; may be repeated.",
+)
+@common_options
+def command(context: CommandContext, **options: Any) -> int:
+    """Serve the mount as an ASCOM telescope (Alpaca, ITelescopeV4) over HTTP, until interrupted.
+
+    docs/alpaca.md tells what each member does, and of the actions TrackSatellite, Bias and Passes.
+    """
+    callers = caller_limits(options, MOST_CLIENTS)
+    served = what_is_served(context, options["mount_url"], options["profile"], "Alpaca's clients live")
+    check_site(served.described.mount, served.site)
+    limits = context.settings.safety.limits()
+    mount = "the simulated mount" if served.address is None else str(served.address)
+    stop, log = StopRequest(), Log(served.clock)
+    with ExitStack() as closing:
+        closing.callback(log.close)
+        listener = closing.enter_context(listen(options["host"], options["port"], BACKLOG))
+        port = int(listener.getsockname()[1])
+        sockets, trouble = discovery_sockets(options["host"]) if options["discovery"] else ((), None)
+        for one in sockets:
+            closing.callback(one.close)
+        connection = closing.enter_context(
+            connected(served.address, served.described, served.site, served.clock)
+        )
+        described = without_places(within_its_rates(served.described, connection), served.address)
+        served = replace(served, described=described)
+        abilities = abilities_of(connection, served.address, described.mount)
+        station = TelescopeStation(described.mount, limits, served.site, mount, engine_maker(limits))
+        door = open_door(_task(context, served, options, (listener, *sockets), mount, abilities))
+        closing.callback(door.close)
+        closing.enter_context(stopping(stop))
+        if context.json:
+            JsonLines().write({"listening": port, "host": options["host"]})
+        log.tell(
+            spoken(f"Alpaca is on {options['host']}:{port}; Ctrl-C stops the mount and ends it", PROGRAM)
+        )
+        if (refused := refusals(connection, served.address)) is not None:
+            tell(refused)
+        for words in (trouble, reached_from_outside(PROGRAM, options["host"], port, callers.allowed)):
+            if words is not None:
+                log.tell(spoken(words, PROGRAM))
+        AlpacaLoop(station, connection, door, stop, log.tell).run()
+    if stop.asked and station.was_asked and station.mount_stopped is None:
+        raise InterruptedRunError("interrupted; the mount was not moving, and goes on as it was")
+    return end_of_service(station.mount_stopped, stop)
+
+
+def _task(
+    context: CommandContext,
+    served: Served,
+    options: dict[str, Any],
+    sockets: tuple[socket.socket, ...],
+    mount: str,
+    abilities: Abilities,
+) -> AlpacaTask:
+    """Return what the process that clients talk to is told; the first socket is the one for HTTP."""
+    site = SiteSettings(served.site.latitude_deg, served.site.longitude_deg, served.site.height_m)
+    clock = served.clock
+    listener, *discovery = sockets
+    return AlpacaTask(
+        listener=listener.fileno(),
+        discovery=tuple(one.fileno() for one in discovery),
+        port=int(listener.getsockname()[1]),
+        profile=served.described.mount,
+        site=site,
+        mount=mount,
+        version=__version__,
+        host=platform.node(),
+        callers=options["clients"],
+        idle_s=options["idle"],
+        requests_per_s=options["requests"],
+        allowed=tuple(options["allow"]) or None,
+        names=options["names"],
+        satellites=Satellites(
+            elements=_elements(context, served),
+            site=site,
+            profile=served.described.mount,
+            limits=context.settings.safety.limits(),
+            min_alt_deg=context.settings.min_altitude_deg,
+            refraction=options["refraction"],
+            mount=mount,
+        ),
+        abilities=abilities,
+        clock=ClockNumbers(clock.start_utc_s, clock.anchor_s, clock.speed)
+        if isinstance(clock, SimulatedClock)
+        else None,
+    )
+
+
+def _elements(context: CommandContext, served: Served) -> list[Elements]:
+    """Return whose passes can be asked for: those set, for practice the practice satellite's, or none."""
+    if context.sources():
+        return context.elements()
+    return [practice.elements()] if served.address is None else []

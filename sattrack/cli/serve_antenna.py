@@ -1,0 +1,235 @@
+"""`sattrack serve antenna`: the mount as an antenna that a VLBI Field System can drive."""
+
+from __future__ import annotations
+
+import os
+import select
+import sys
+import time
+from contextlib import ExitStack
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sattrack.cli.common import (
+    CommandContext,
+    appearance,
+    common_options,
+    profile_option,
+    screen_options,
+)
+from sattrack.cli.json_lines import JsonLines
+from sattrack.cli.mount_option import mount_option
+from sattrack.cli.screened import tui_possible
+from sattrack.cli.serve_log import Log
+from sattrack.cli.serving import check_port, end_of_service, what_is_served
+from sattrack.core.errors import BadInputError
+from sattrack.core.own_program import own_program
+from sattrack.runtime.console import connected
+from sattrack.runtime.signals import StopRequest, stopping
+from sattrack.servers.antenna.antenna_focus import FORM, parse_focuser, start_focusers
+from sattrack.servers.antenna.door import BAUDS, DEFAULT_FRAMING, Door, SerialChannel, listen
+from sattrack.servers.antenna.equipment import Antenna
+from sattrack.servers.antenna.focus import FocusAxis, SimulatedFocuser
+from sattrack.servers.antenna.line import Check
+from sattrack.servers.antenna.log_lines import spoken
+from sattrack.servers.antenna.serve import LEAVE, AntennaLoop
+from sattrack.servers.antenna.sky import Sky
+from sattrack.servers.antenna.station import DEC_LIMIT_DEG, Station, axis_range
+from sattrack.servers.antenna.trajectory import to_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sattrack.mount.model import AxesPosition, MountProfile
+    from sattrack.servers.antenna.alpaca_focuser import FocuserConfig
+    from sattrack.servers.antenna.focuser import Focuser
+    from sattrack.servers.antenna.sky import AxisKind
+    from tle.site import Site
+
+DEFAULT_PORT = 7621
+READ_BYTES = 4096
+MOST_FOCUS_AXES = 3
+
+
+@click.command("antenna")
+@mount_option
+@profile_option
+@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen on.")
+@click.option("--port", default=DEFAULT_PORT, show_default=True, help="TCP port; 0 takes a free one.")
+@click.option(
+    "--idle",
+    default=60.0,
+    show_default=True,
+    help="Seconds of silence after which antcn makes room for a caller from another address.",
+)
+@click.option("--serial", "device", metavar="DEVICE", help="Serve a serial line instead, as /dev/ttyUSB0.")
+@click.option("--baud", type=click.Choice([str(b) for b in BAUDS]), default="9600", show_default=True)
+@click.option("--framing", default=DEFAULT_FRAMING, show_default=True, help="Bits, parity, stop bits.")
+@click.option("--crc", is_flag=True, help="CRC-16 (CCITT) in four digits, not the sum in two.")
+@click.option(
+    "--axes",
+    type=click.Choice(["hadec", "azel"]),
+    default="hadec",
+    show_default=True,
+    help="What positions are: hour angle and declination, the mount's own axes, or azimuth and elevation.",
+)
+@click.option("--local", is_flag=True, help="Begin in local: information only.")
+@click.option("--stow", metavar="FIRST,SECOND", help="Stow position; default: the profile's park.")
+@click.option("--service", metavar="FIRST,SECOND", help="Service position.")
+@click.option(
+    "--focus",
+    "focus",
+    multiple=True,
+    metavar="N|URL",
+    help=f"Axes of a simulated focuser, 1 to 3; or {FORM}, once for each axis.",
+)
+@click.option(
+    "--refraction",
+    type=click.Choice(["auto", "on", "off"]),
+    default="auto",
+    show_default=True,
+    help="For satellites by elements. What is sent as positions is taken as it is.",
+)
+@click.option("--console", is_flag=True, help="The controller's console, full screen.")
+@click.option("--stream", is_flag=True, help="Views as JSON lines on standard output, four a second.")
+@click.option(
+    "--control", is_flag=True, help="The end of standard input stops the mount and ends the service."
+)
+@screen_options
+@common_options
+def command(context: CommandContext, **options: Any) -> int:
+    """Serve the Field System's antenna interface, on TCP or on a serial line, until interrupted.
+
+    On standard input: local, remote, stop, reset, last (the last lines), leave; docs/antenna-interface.md
+    tells the commands.
+    """
+    if options["console"]:
+        return _with_console(context, options)
+    if options["stream"] and sys.stdout.isatty():
+        # A terminal that is held would hold up the loop that feeds the mount.
+        raise BadInputError("--stream is for programs, not for a terminal; leave it out, or pipe it on")
+    served = what_is_served(context, options["mount_url"], options["profile"], "antcn lives")
+    profile, clock = served.described.mount, served.clock
+    simulated, configs = _focusers(options["focus"])
+    door, where = _door(options)
+    stop, log = StopRequest(), Log(clock)
+    lines = JsonLines() if context.json or options["stream"] else None
+    with ExitStack() as closing:
+        closing.callback(log.close)
+        closing.callback(door.close)
+        focus = start_focusers(configs) if configs else None
+        if focus is not None:
+            closing.callback(focus.close)
+        antenna = _antenna(options, profile, served.site, simulated if focus is None else focus.focuser)
+        station = Station(antenna, profile, context.settings.safety.limits())
+        station.controller.switch(not options["local"], to_ns(clock.utc_s(time.monotonic())))
+        connection = closing.enter_context(connected(served.address, served.described, served.site, clock))
+        closing.enter_context(stopping(stop))
+        if lines is not None and context.json:
+            lines.write({"listening": door.port, "serial": options["device"]})
+        log.tell(spoken(f"the antenna interface is on {where}; Ctrl-C stops the mount and ends it"))
+        show = lines.write if lines is not None and options["stream"] else None
+        words = Words(options["control"]).typed
+        AntennaLoop(station, connection, door, stop, log.tell, words, where, show, focus).run()
+    return end_of_service(station.mount_stopped, stop)
+
+
+def _antenna(options: dict[str, Any], profile: MountProfile, site: Site, focuser: Focuser | None) -> Antenna:
+    """Return the antenna that the options describe. Raises BadInputError."""
+    axes: AxisKind = options["axes"]
+    return Antenna(
+        Sky(site),
+        axes,
+        axis_range(profile, axes),
+        stow=_place("--stow", options["stow"], axes) or _park(profile.park, axes),
+        service=_place("--service", options["service"], axes),
+        focuser=focuser,
+        refraction=options["refraction"],
+        check=Check.CRC16 if options["crc"] else Check.SUM,
+    )
+
+
+def _focusers(given: Sequence[str]) -> tuple[SimulatedFocuser | None, list[FocuserConfig]]:
+    """Return the simulated focuser, or the addresses of real ones. Raises BadInputError."""
+    if len(given) == 1 and given[0].isdecimal():
+        if not 0 <= int(given[0]) <= MOST_FOCUS_AXES:
+            raise BadInputError(f"--focus {given[0]}: a focuser has up to {MOST_FOCUS_AXES} axes")
+        axes = [FocusAxis() for _ in range(int(given[0]))]
+        return SimulatedFocuser(axes) if axes else None, []
+    if len(given) > MOST_FOCUS_AXES:
+        raise BadInputError(f"--focus: there are up to {MOST_FOCUS_AXES} axes, and {len(given)} were given")
+    return None, [parse_focuser(one) for one in given]
+
+
+def _with_console(context: CommandContext, options: dict[str, Any]) -> int:
+    """Run this very command line in a process of its own, and its console here on top of it."""
+    if options["stream"] or options["control"]:
+        raise BadInputError("--console is for people, --stream and --control are for programs: give either")
+    if not tui_possible():
+        raise BadInputError("--console needs a terminal, and textual: pip install 'sattrack[tui]'")
+    from sattrack.tui.antenna_app import serve_with_console
+
+    arguments = [one for one in sys.argv[1:] if one != "--console"]
+    look = appearance(context, options["theme"], options["plain"])
+    return serve_with_console([*own_program(), *arguments, "--stream", "--control"], look)
+
+
+def _door(options: dict[str, Any]) -> tuple[Door, str]:
+    device = options["device"]
+    if device is not None:
+
+        def reopen() -> SerialChannel:
+            return SerialChannel(device, int(options["baud"]), options["framing"])
+
+        return Door(
+            channel=reopen(), reopen=reopen
+        ), f"{device}, {options['baud']} baud, {options['framing']}"
+    check_port(options["port"])
+    if not options["idle"] >= 1.0:
+        raise BadInputError(f"--idle {options['idle']:g}: 1 or more")
+    door = Door(listen(options["host"], options["port"]), idle_s=options["idle"])
+    return door, f"{options['host']}:{door.port}"
+
+
+def _place(option: str, text: str | None, axes: str) -> tuple[float, float] | None:
+    if text is None:
+        return None
+    try:
+        first, second = (float(part) for part in text.split(","))
+    except ValueError as error:
+        raise BadInputError(f"{option} {text!r}: write two positions, degrees, as -45,10") from error
+    most = 90.0 if axes == "azel" else DEC_LIMIT_DEG
+    if not (abs(first) <= 360.0 and abs(second) <= most):
+        raise BadInputError(f"{option} {text}: the first goes to 360 degrees, the second to {most:g}")
+    return first, second
+
+
+def _park(park: AxesPosition | None, axes: str) -> tuple[float, float] | None:
+    return None if park is None or axes == "azel" else (park.hour_angle_deg, park.dec_deg)
+
+
+class Words:
+    """What is typed on standard input, a word a line, without ever waiting for it.
+
+    With `leave_at_end`, its end is the word to leave; else it ends nothing: a service may have none.
+    """
+
+    def __init__(self, leave_at_end: bool = False) -> None:
+        self._leave_at_end = leave_at_end
+        self._rest = b""
+        self._open = sys.stdin is not None and not sys.stdin.closed
+
+    def typed(self) -> Sequence[str]:
+        """Return the words of the lines that are complete now."""
+        try:
+            if not self._open or not select.select([sys.stdin], [], [], 0.0)[0]:
+                return ()
+            data = os.read(sys.stdin.fileno(), READ_BYTES)
+        except (OSError, ValueError):
+            data = b""
+        self._open = bool(data)
+        if not data:
+            return (LEAVE,) if self._leave_at_end else ()
+        *lines, self._rest = (self._rest + data)[-READ_BYTES:].split(b"\n")
+        return [line.decode("ascii", "replace").strip().lower() for line in lines]

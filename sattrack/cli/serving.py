@@ -1,0 +1,158 @@
+"""What every `sattrack serve DOOR` that moves the mount begins and ends with, and whom it lets in."""
+
+from __future__ import annotations
+
+import ipaddress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
+from sattrack.runtime import practice
+from sattrack.runtime.mounts import mount_address
+from sattrack.servers.callers import CallerLimits
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from sattrack.cli.common import CommandContext
+    from sattrack.core.clock import Clock
+    from sattrack.mount.profiles import ProfileFile
+    from sattrack.runtime.mounts import MountAddress
+    from sattrack.runtime.signals import StopRequest
+    from sattrack.servers.callers import Networks
+    from tle.site import Site
+
+Command = TypeVar("Command", bound="Callable[..., Any]")
+
+
+@dataclass(frozen=True, slots=True)
+class Served:
+    """The mount that a door leads to, where it stands, and the clock; no `address`: a simulated one."""
+
+    address: MountAddress | None
+    described: ProfileFile
+    site: Site
+    clock: Clock
+
+
+def what_is_served(
+    context: CommandContext, mount_url: str | None, profile: Path | None, lives_in_real_time: str
+) -> Served:
+    """Return what the options and the settings say of the mount behind a door.
+
+    `lives_in_real_time` names who does. A simulated mount without a site stands at the practice site. Raises
+    BadInputError.
+    """
+    url = mount_url or context.settings.mount.url
+    address = mount_address(url)
+    if address is not None and context.clock_option is not None:
+        raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
+    described = context.profile(profile, url)
+    practising = address is None and not context.has_site()
+    site = practice.SITE.place() if practising else context.site()
+    clock = context.clock()
+    if clock.speed != 1.0:
+        raise BadInputError(f"--clock: {lives_in_real_time} in real time; leave its speed out")
+    return Served(address if address is None else address.seen_from(site), described, site, clock)
+
+
+def end_of_service(mount_stopped: bool | None, stop: StopRequest) -> int:
+    """Return the exit code of a service that has ended.
+
+    Raises SattrackError where the mount did not confirm the stop, InterruptedRunError where it was
+    interrupted.
+    """
+    if mount_stopped is False:
+        raise SattrackError("THE MOUNT DID NOT CONFIRM THE STOP: stop it by hand")
+    if stop.asked:
+        ended = "the mount is stopped" if mount_stopped else "nothing was asked of the mount"
+        raise InterruptedRunError(f"interrupted; {ended}")
+    return 0
+
+
+def caller_options(port: int, idle_s: float, requests_per_s: float) -> Callable[[Command], Command]:
+    """Add the options of a door on TCP without authentication; the defaults are its own."""
+    options = (
+        click.option(
+            "--host",
+            default="127.0.0.1",
+            show_default=True,
+            help="Address to listen on. No authentication: whoever reaches it moves the mount.",
+        ),
+        click.option("--port", default=port, show_default=True, help="TCP port; 0 takes a free one."),
+        click.option(
+            "--allow",
+            multiple=True,
+            metavar="ADDRESS",
+            help="Serve this address or network alone, as 192.0.2.7 or 192.0.2.0/24; may be repeated.",
+        ),
+        click.option("--clients", default=256, show_default=True, help="How many clients at once."),
+        click.option(
+            "--idle",
+            default=idle_s,
+            show_default=True,
+            help="Seconds of silence after which a client is hung up on.",
+        ),
+        click.option(
+            "--requests",
+            default=requests_per_s,
+            show_default=True,
+            help="Requests a second of one client; the rest waits.",
+        ),
+    )
+
+    def add(function: Command) -> Command:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return add
+
+
+def caller_limits(options: dict[str, Any], most_clients: int) -> CallerLimits:
+    """Return what `caller_options` let callers take. Raises BadInputError."""
+    check_port(options["port"])
+    if not 1 <= options["clients"] <= most_clients:
+        raise BadInputError(f"--clients {options['clients']}: from 1 to {most_clients}")
+    for name in ("idle", "requests"):
+        if not options[name] >= 1.0:
+            raise BadInputError(f"--{name} {options[name]:g}: 1 or more")
+    allowed = _networks(options["allow"])
+    return CallerLimits(options["clients"], options["idle"], options["requests"], allowed)
+
+
+def check_port(port: int) -> None:
+    """Raise BadInputError for a number that is no port."""
+    if not 0 <= port <= 65535:
+        raise BadInputError(f"--port {port}: ports run to 65535; 0 takes a free one")
+
+
+def _networks(given: Sequence[str]) -> Networks | None:
+    """Return the addresses and networks of `--allow`; None lets everybody in. Raises BadInputError."""
+    networks = []
+    for text in given:
+        try:
+            networks.append(ipaddress.ip_network(text))
+        except ValueError as error:
+            raise BadInputError(f"--allow {text}: {error}; write 192.0.2.7 or 192.0.2.0/24") from error
+    return tuple(networks) or None
+
+
+def reached_from_outside(program: str, host: str, port: int, allowed: Networks | None) -> str | None:
+    """Return the warning that a door without authentication is open to others; None on loopback."""
+    if _is_loopback(host):
+        return None
+    words = f"WARNING: {program} has no authentication: whoever reaches {host}:{port} moves the mount"
+    if allowed is None:
+        return words + "; --allow ADDRESS names those who may"
+    return words + f", if its address is {', '.join(str(one) for one in allowed)}"
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"

@@ -1,0 +1,136 @@
+"""`sattrack sim`: the simulated mount alone, on UDP."""
+
+from __future__ import annotations
+
+import signal
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+import msgspec
+
+from sattrack.cli.common import CommandContext, common_options
+from sattrack.cli.json_lines import JsonLines
+from sattrack.core.clock import SimulatedClock
+from sattrack.core.errors import BadInputError
+from sattrack.mount.profiles import ProfileFile, load_profile_file
+from sattrack.mount.simulator.faults import GRAMMAR, parse_faults
+from sattrack.mount.simulator.mount import SimulatedSite
+from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig, TruthLine, make_server
+from sattrack.mount.simulator.settings import simulator_profile
+from sattrack.mount.xerxes.client import DEFAULT_PORT
+from sattrack.runtime import practice
+
+if TYPE_CHECKING:
+    from sattrack.mount.simulator.mount import Truth
+
+FAULTS_HELP = "\n".join(
+    (
+        "Faults, separated by commas; those with = are for one way alone as in loss-status=3%:",
+        *(f"{example:22}{meaning}" for example, meaning in GRAMMAR),
+    )
+)
+
+
+@click.command("sim", epilog=f"\b\n{FAULTS_HELP}")
+@click.option(
+    "--port",
+    type=int,
+    help=f"UDP port for commands, {DEFAULT_PORT} by default (with --alpaca TCP, 11111); 0 takes a free one.",
+)
+@click.option(
+    "--peer", type=int, metavar="PORT", help="Port to send statuses to; default: where commands come from."
+)
+@click.option(
+    "--profile",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="What mount it is: a mount profile; its table [simulator] says what only a simulated one needs.",
+)
+@click.option("--faults", metavar="FAULT,...", help="What goes wrong, and when; see below.")
+@click.option(
+    "--alpaca", is_flag=True, help="An ASCOM Alpaca telescope in its stead, for --mount alpaca://…."
+)
+@click.option(
+    "--telescope",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="With --alpaca: what telescope it is (TOML), as examples/alpaca_telescope.toml.",
+)
+@click.option("--seed", type=int, help="Seed of all that is random in it; default: the profile's.")
+@common_options
+def command(
+    context: CommandContext,
+    port: int | None,
+    peer: int | None,
+    profile: Path | None,
+    faults: str | None,
+    seed: int | None,
+    alpaca: bool,
+    telescope: Path | None,
+) -> int:
+    """Run the simulated mount alone, on UDP, until interrupted.
+
+    With --json, one line a status: where the axes really are, in the frame that the mount reports.
+    """
+    for number in (port, peer):
+        if number is not None and not 0 <= number <= 65535:
+            raise BadInputError(f"port {number}: ports run to 65535; 0 takes a free one")
+    if alpaca:
+        from sattrack.cli.sim_alpaca import simulate
+
+        if not (peer is None and profile is None and faults is None and seed is None):
+            raise BadInputError("--alpaca: --telescope FILE says what telescope it is; leave the others out")
+        return simulate(context, port, telescope)
+    if telescope is not None:
+        raise BadInputError(f"--telescope {telescope}: that goes with --alpaca")
+    where = context.site() if context.has_site() else None
+    site = SimulatedSite(practice.SITE.latitude_deg, practice.SITE.longitude_deg, practice.SITE.height_m)
+    if where is not None:
+        site = SimulatedSite(where.latitude_deg, where.longitude_deg, where.height_m)
+    described = ProfileFile() if profile is None else load_profile_file(profile)
+    hardware = simulator_profile(described.simulator, str(profile))
+    if seed is not None:
+        hardware = msgspec.structs.replace(hardware, seed=seed)
+    parse_faults(hardware.faults, f"{profile}, simulator.faults:")
+    config = SimulatorConfig(
+        site=site,
+        profile=described.mount,
+        start=practice.START,
+        port=DEFAULT_PORT if port is None else port,
+        peer_port=peer,
+        clock=_setting(context),
+        hardware=hardware,
+        faults=None if faults is None else parse_faults(faults),
+    )
+    server = make_server(config)
+    ended: list[int] = []
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda got, _: ended.append(got))
+    click.echo(f"simulated mount on 127.0.0.1:{server.port}; Ctrl-C ends it", err=True)
+    tell = _silent
+    if context.json:
+        lines = JsonLines()
+        lines.write({"listening": server.port})
+        tell = partial(_tell, lines)
+    try:
+        server.run(lambda: not ended, tell, [])
+    finally:
+        server.close()
+    return 130 if ended == [signal.SIGINT] else 0
+
+
+def _setting(context: CommandContext) -> ClockSetting | None:
+    clock = context.clock()
+    if not isinstance(clock, SimulatedClock):
+        return None
+    return ClockSetting(clock.start_utc_s, clock.anchor_s, clock.speed)
+
+
+def _silent(_: Truth) -> None:
+    """Tell nobody."""
+
+
+def _tell(lines: JsonLines, truth: Truth) -> None:
+    lines.write({name: getattr(truth, name) for name in TruthLine.__struct_fields__})

@@ -1,0 +1,366 @@
+"""`sattrack stop`: stop the mount from any terminal."""
+
+from __future__ import annotations
+
+import queue
+import select
+import sys
+import threading
+import time
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import click
+import msgspec
+
+from sattrack.cli.common import CommandContext, common_options, profile_option, tell
+from sattrack.cli.screened import can_draw_lines_anew
+from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.runtime.mounts import FORMS, mount_address
+from sattrack.runtime.owner import ask_give_up, owner_of, owners, this_user
+from sattrack.runtime.stopping import MountStop, stop_after, stop_directly, stop_session
+from sattrack.schedule.night_stop import NightStop, begin_stops, listed_nights
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from sattrack.mount.model import MountProfile
+    from sattrack.runtime.mounts import MountAddress
+    from sattrack.runtime.owner import Owner
+    from sattrack.schedule.night_stop import Night
+
+ANSWER_WITHIN_S = 10.0
+"""How long the question of which mounts to stop waits, before all of them are stopped."""
+SHOW_EVERY_S = 1.0
+LOOK_EVERY_S = 0.1
+SPECIAL_WORDS = {"": "all", "a": "all", "all": "all", "q": "none", "n": "none", "no": "none"}
+
+
+class StopDocument(msgspec.Struct, frozen=True):
+    """What scripts read."""
+
+    stopped: tuple[MountStop, ...]
+    errors: tuple[str, ...]
+    nights: tuple[NightStop, ...] = ()
+
+
+@dataclass(slots=True)
+class Progress:
+    """Says on standard error what is done, and on a terminal for how long it has been waited for."""
+
+    monotonic: Callable[[], float] = time.monotonic
+    _begun_s: float | None = None
+    _shown_s: float = 0.0
+    _shown: bool = False
+
+    def begin(self, mount: str, what: str) -> None:
+        """Say that a stop begins, before anything else is done."""
+        self.wipe()
+        tell(f"stopping {mount}{what}")
+        self._begun_s = self._begun_s or self.monotonic()
+
+    def show(self) -> None:
+        """Renew the line now and then."""
+        now_s = self.monotonic()
+        if self._begun_s is None or not can_draw_lines_anew() or now_s - self._shown_s < SHOW_EVERY_S:
+            return
+        self._shown, self._shown_s = True, now_s
+        words = f"told to stop {now_s - self._begun_s:.0f} s ago; waiting until the mount is seen at rest"
+        click.echo(f"\r\x1b[K{words}", nl=False, err=True)
+
+    def wipe(self) -> None:
+        """Take the line away."""
+        if self._shown:
+            self._shown = False
+            click.echo("\r\x1b[K", nl=False, err=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Mounts:
+    """What there is to stop: mounts of sessions, that of the settings if unowned, and schedules' runs."""
+
+    sessions: tuple[Owner, ...]
+    unowned: MountAddress | None
+    nights: tuple[Night, ...] = ()
+
+    def __len__(self) -> int:
+        """Return how many there are; a run counts with its mount."""
+        return len(self.sessions) + (self.unowned is not None) + len(self.idle)
+
+    @property
+    def idle(self) -> tuple[Night, ...]:
+        """The runs that go on with mounts that are none of the others.
+
+        One whose runner has died moves nothing, and is no reason for a question.
+        """
+        here = None if self.unowned is None else self.unowned.name
+        return tuple(
+            night
+            for night in self.nights
+            if night.runner is not None
+            and not any(_moves(night, owner) for owner in self.sessions)
+            and (here is None or night.mount != here)
+        )
+
+    def lines(self) -> list[str]:
+        """Return a line for each."""
+        told = [_line(each) for each in self.sessions]
+        if self.unowned is not None:
+            told.append(f"{self.unowned.name}  no session owns it")
+        return [*told, *(f"{night.mount or 'sim'}  the schedule {night.schedule}" for night in self.idle)]
+
+    def only(self, number: int) -> Mounts:
+        """Return one of them, counted from 0 in the order of the lines."""
+        if number < len(self.sessions):
+            owner = self.sessions[number]
+            return Mounts((owner,), None, tuple(night for night in self.nights if _moves(night, owner)))
+        number -= len(self.sessions)
+        if self.unowned is not None and number == 0:
+            return Mounts((), self.unowned, self._of(self.unowned.name))
+        return Mounts((), None, (self.idle[number - (self.unowned is not None)],))
+
+    def real(self) -> Mounts:
+        """Return those that are not known to be simulated."""
+        sessions = tuple(each for each in self.sessions if not is_simulated(each))
+        return Mounts(
+            sessions, self.unowned, tuple(night for night in self.nights if night.mount is not None)
+        )
+
+    def _of(self, mount: str) -> tuple[Night, ...]:
+        return tuple(night for night in self.nights if night.mount == mount)
+
+
+def _moves(night: Night, owner: Owner) -> bool:
+    """Tell whether a session may be one of a schedule's run; a simulated mount has no name before it runs."""
+    return night.mount == owner.mount or (night.mount is None and is_simulated(owner))
+
+
+def is_simulated(owner: Owner) -> bool:
+    """Tell whether a session's own command says that its mount is simulated; in doubt it is not."""
+    words = owner.command.replace("=", " ").split()
+    return words[1:2] == ["demo"] or "--mount sim" in " ".join(words)
+
+
+def _line(owner: Owner) -> str:
+    return f"{owner.mount}  {owner}{' (simulated)' if is_simulated(owner) else ''}"
+
+
+@click.command("stop")
+@click.option("--mount", "mount_url", metavar="URL", help=f"Only this mount: {FORMS}.")
+@click.option("--all", "every", is_flag=True, help="Every mount of yours on this machine, without asking.")
+@click.option(
+    "--give-up",
+    is_flag=True,
+    help="Stop nothing: end the guardians that still tell mounts to stop.",
+)
+@profile_option
+@common_options
+def command(
+    context: CommandContext, mount_url: str | None, every: bool, give_up: bool, profile: Path | None
+) -> int:
+    """Stop the mount, from any terminal, and wait until it is seen at rest; stop its schedule.
+
+    One mount is stopped at once: the one that a session of yours owns, or that of the settings. One real
+    mount beside simulated ones is stopped at once, too. Several mounts are listed: ENTER stops all of them,
+    a number stops that one, and after 10 s without an answer all are stopped. Without a terminal, nothing
+    is stopped then: give --mount URL or --all.
+
+    The session that owns a mount (track, demo, mount, serve) stops it and ends. If the session hangs, its
+    guardian stops the mount. A mount that no session owns is told directly. Until the mount is seen at rest,
+    a guardian goes on telling it to stop; --give-up ends that. A schedule's run ends and follows nothing
+    more, restarted or not, until a person says `sattrack run FILE --resume`.
+    """
+    if mount_url is not None and every:
+        raise BadInputError("--mount names one mount, --all stops every one: give one of them")
+    url = mount_url or context.settings.mount.url
+    mounts = _mounts(mount_url, _address(url))
+    if not (mounts or mounts.nights):
+        raise BadInputError(
+            "nothing to stop: no session of yours moves a mount on this machine; "
+            "--mount URL stops a mount directly"
+        )
+    if give_up:
+        return _give_up(context, mounts.sessions)
+    if not every:
+        mounts = _chosen(mounts, context.json)
+    progress = Progress()
+    # Before the mount is told: a runner that sees its session end must not begin it again.
+    nights = begin_stops(mounts.nights)
+    usual = context.profile(profile, url).mount
+    done, failed = _stop_all(mounts, usual, progress)
+    stopped = [night.finish(progress.show) for night in nights]
+    if nights:
+        later = _stop_all(_begun_since(mounts), usual, progress)
+        done, failed = done + later[0], failed + later[1]
+    failed += [SattrackError(night.words) for night in stopped if not night.kept]
+    progress.wipe()
+    _tell(done, stopped, failed, context.json)
+    if failed:
+        raise failed[0]
+    return 0
+
+
+def _begun_since(mounts: Mounts) -> Mounts:
+    """Return sessions that a schedule's run had just begun when we looked."""
+    known = {owner.pid for owner in mounts.sessions}
+    begun = [owner for owner in _own_sessions() if owner.pid not in known]
+    return Mounts(tuple(o for o in begun if any(_moves(night, o) for night in mounts.nights)), None)
+
+
+def _own_sessions() -> list[Owner]:
+    return [owner for owner in owners() if this_user() in (0, owner.user)]
+
+
+def _mounts(mount_url: str | None, address: MountAddress | None) -> Mounts:
+    """Return the mounts to stop: that of `--mount`, else every one of this user's, and the settings'."""
+    if mount_url is None:
+        sessions = sorted(_own_sessions(), key=is_simulated)
+        nights = listed_nights()
+    else:
+        owner = None if address is None else owner_of(address.name)
+        sessions = [] if owner is None else [owner]
+        nights = [night for night in listed_nights() if address is not None and night.mount == address.name]
+    owned = {owner.mount for owner in sessions}
+    unowned = None if address is None or address.name in owned else address
+    return Mounts(tuple(sessions), unowned, tuple(nights))
+
+
+def _chosen(mounts: Mounts, as_json: bool) -> Mounts:
+    """Return which of the mounts to stop: the only one, the only real one, else what is answered.
+
+    Raises BadInputError where nobody can be asked, SattrackError where the answer is none.
+    """
+    if len(mounts) <= 1:
+        return mounts
+    if len(mounts.real()) == 1:
+        for owner in filter(is_simulated, mounts.sessions):
+            tell(f"goes on: {_line(owner)}; `sattrack stop --all` stops it too")
+        return mounts.real()
+    for number, line in enumerate(mounts.lines(), start=1):
+        click.echo(f"{number}  {line}", err=True)
+    if as_json or not _somebody_there():
+        raise BadInputError(
+            f"{len(mounts)} mounts: nothing is stopped yet; "
+            "`sattrack stop --all` stops all of them, `sattrack stop --mount URL` one"
+        )
+    return _answered(mounts)
+
+
+def _somebody_there() -> bool:
+    return sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def _answered(mounts: Mounts) -> Mounts:
+    """Ask which mounts to stop. Who does not answer may be at the telescope: all of them, then."""
+    click.echo(
+        f"ENTER stops all of them, 1-{len(mounts)} that one, q none; all in {ANSWER_WITHIN_S:.0f} s: ",
+        nl=False,
+        err=True,
+    )
+    until_s = time.monotonic() + ANSWER_WITHIN_S
+    while select.select([sys.stdin], [], [], max(0.0, until_s - time.monotonic()))[0]:
+        line = sys.stdin.readline()
+        answer = SPECIAL_WORDS.get(line.strip().lower(), line.strip())
+        if answer == "none":
+            raise SattrackError("nothing was stopped")
+        if answer == "all" or not line:
+            return mounts
+        if answer.isdecimal() and 1 <= int(answer) <= len(mounts):
+            return mounts.only(int(answer) - 1)
+        click.echo(f"ENTER, q, or a number from 1 to {len(mounts)}: ", nl=False, err=True)
+    click.echo(err=True)
+    return mounts
+
+
+def _address(url: str | None) -> MountAddress | None:
+    """Return the mount that a URL names; None for simulated ones, which end with their sessions."""
+    return None if url is None else mount_address(url)
+
+
+def _give_up(context: CommandContext, sessions: tuple[Owner, ...]) -> int:
+    """End the guardians that go on, and tell of each."""
+    ended = [(owner, was) for owner in sessions if (was := ask_give_up(owner)) is not None]
+    if context.json:
+        given_up = [{"mount": owner.mount, "goes_on": was} for owner, was in ended]
+        click.echo(msgspec.json.encode({"given_up": given_up}).decode())
+    else:
+        for owner, was in ended:
+            click.echo(f"{owner.mount}: process {was.pid} gave up; {was.heard}; IT IS NOT KNOWN AT REST")
+    if not ended:
+        raise BadInputError("nothing to give up: no guardian goes on telling a mount to stop")
+    return 0
+
+
+def _stop_all(
+    mounts: Mounts, profile: MountProfile, progress: Progress
+) -> tuple[list[MountStop], list[SattrackError]]:
+    """Stop each mount. All sessions are asked at once: one that hangs keeps no other waiting."""
+    done: list[MountStop] = []
+    failed: list[SattrackError] = []
+    ended: queue.SimpleQueue[tuple[Owner, MountStop | SattrackError | None]] = queue.SimpleQueue()
+    for owner in mounts.sessions:
+        progress.begin(owner.mount, f": asking {owner}")
+        threading.Thread(target=_stop_one, args=(owner, ended), name="stop", daemon=True).start()
+
+    def keep(stop: Callable[[], MountStop]) -> None:
+        try:
+            done.append(stop())
+        except SattrackError as error:
+            failed.append(error)
+
+    if (address := mounts.unowned) is not None:
+        progress.begin(address.name, " directly: no session owns it")
+        keep(partial(stop_directly, address, profile, progress.show))
+    for owner, came in _as_they_come(ended, len(mounts.sessions), progress):
+        if came is None:
+            progress.begin(owner.mount, " directly: its session is gone")
+            keep(partial(stop_after, owner, profile, progress.show))
+        elif isinstance(came, SattrackError):
+            failed.append(came)
+        else:
+            done.append(came)
+    unsure = [stopped.error() for stopped in done]
+    failed.extend(error for error in unsure if error is not None)
+    return done, failed
+
+
+def _stop_one(owner: Owner, ended: queue.SimpleQueue[tuple[Owner, MountStop | SattrackError | None]]) -> None:
+    came: MountStop | SattrackError | None
+    try:
+        came = stop_session(owner, lambda: None)
+    except SattrackError as error:
+        came = error
+    except (OSError, msgspec.MsgspecError) as error:
+        came = SattrackError(f"{owner}: {error}")
+    ended.put((owner, came))
+
+
+def _as_they_come(
+    ended: queue.SimpleQueue[tuple[Owner, MountStop | SattrackError | None]], count: int, progress: Progress
+) -> Iterator[tuple[Owner, MountStop | SattrackError | None]]:
+    while count:
+        try:
+            came = ended.get(timeout=LOOK_EVERY_S)
+        except queue.Empty:
+            progress.show()
+            continue
+        count -= 1
+        yield came
+
+
+def _tell(done: list[MountStop], nights: list[NightStop], failed: list[SattrackError], as_json: bool) -> None:
+    """Tell what came of it; the first error is told by whoever catches it."""
+    if as_json:
+        document = StopDocument(tuple(done), tuple(str(error) for error in failed), tuple(nights))
+        click.echo(msgspec.json.encode(document).decode())
+    else:
+        for stopped in done:
+            if stopped.error() is None:
+                click.echo(f"{stopped.mount}: {stopped.words}")
+        for night in nights:
+            if night.kept:
+                click.echo(night.words)
+    for other in failed[1:]:
+        click.echo(f"sattrack: {other}", err=True)

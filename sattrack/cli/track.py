@@ -1,0 +1,83 @@
+"""`sattrack track`: follow the pass now in progress, else the next."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sattrack.cli.common import (
+    CommandContext,
+    appearance,
+    bias_options,
+    common_options,
+    fov_option,
+    profile_option,
+    screen_options,
+    stream_options,
+)
+from sattrack.cli.screened import tui_possible, with_tui
+
+
+@click.command("track")
+@click.argument("satellite")
+@click.option(
+    "--mount",
+    "mount_url",
+    metavar="URL",
+    help="sim, xerxes://HOST:PORT?listen=PORT, alpaca://HOST:PORT/DEVICE, or antenna://HOST:PORT.",
+)
+@profile_option
+@click.option("--headless", is_flag=True, help="No terminal UI.")
+@click.option(
+    "--record", type=click.Path(path_type=Path), help="Write every input and output to a new MCAP file."
+)
+@click.option(
+    "--learn-profile",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Write what the pass teaches of the mount as a new profile.",
+)
+@click.option("--refraction", type=click.Choice(("auto", "on", "off")), default="auto", show_default=True)
+@click.option("--bias-along", default=0.0, metavar="S", help="Seconds; positive leads.")
+@click.option(
+    "--bias-cross", default=0.0, metavar="DEG", help="Degrees; positive to the left, seen from below."
+)
+@click.option("--min-alt", type=float, metavar="DEG", help="Follow above this altitude (10, or as set).")
+@click.option("--from", "begin", metavar="UTC", help="Follow from then on: the pass that is up, or the next.")
+@click.option("--to", "end", metavar="UTC", help="Follow until then at the latest.")
+@click.option("--virtual", is_flag=True, help="With --mount sim: in virtual time, as fast as it goes.")
+@stream_options
+@bias_options
+@fov_option
+@screen_options
+@common_options
+def command(context: CommandContext, satellite: str, **options: Any) -> int:
+    """Follow the pass now in progress, else the next.
+
+    SATELLITE is a catalogue number, an international designator or a name.
+    """
+    url = options["mount_url"] or context.settings.mount.url
+    if _wants_screen(context, options, url) and tui_possible():
+        # Whatever is wrong with the rest, the feeder says, before there is a screen.
+        return _on_screen(context, options, url)
+    from sattrack.cli.track_flight import follow
+
+    return follow(context, satellite, options)
+
+
+def _wants_screen(context: CommandContext, options: dict[str, Any], url: str | None) -> bool:
+    streams = options["stream"] or options["control"] or options["observations"] == "stdin"
+    plain = options["headless"] or options["virtual"] or context.json or streams
+    # An antenna's controller has a screen of its own kind.
+    return not plain and not (url or "").startswith("antenna:")
+
+
+def _on_screen(context: CommandContext, options: dict[str, Any], url: str | None) -> int:
+    from sattrack.cli.aside import beside
+
+    practising = url == "sim" and not context.sources() and not context.has_site()
+    look = appearance(context, options["theme"], options["plain"])
+    started = beside(context, options["profile"], options["min_alt"], practising, url)
+    return with_tui(look, beside=started)

@@ -1,0 +1,390 @@
+"""Session, tracker and safety as one thing without I/O: datagrams, messages and instants in, datagrams out.
+
+Live, a 20 Hz loop feeds it; in a test, a simulated mount in virtual time; in a replay, a recording.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sattrack.control.engine_view import HOLDING, learnt_view, view_of
+from sattrack.control.halt import StopWatch
+from sattrack.control.not_acquired import Attempt, AxisAttempt, why_not
+from sattrack.control.sky_error import sky_error
+from sattrack.control.stages import Doing, Situation, Stages
+from sattrack.control.tracker import FOLLOWING, Phase, Tracker, TrackPlan
+from sattrack.core.figures import RunningError, WindowedError
+from sattrack.mount.model import Hold, Motion, MoveAxes, SlewTo, StatusSample, Stop
+from sattrack.mount.xerxes.launches import seen_of
+from sattrack.mount.xerxes.link import LinkState
+from sattrack.mount.xerxes.session import Session
+from sattrack.mount.xerxes.slewing import SlewState
+from sattrack.safety import ROWS, Safety, SafetyLimits
+from sattrack.safety.watch import KEEPS_FIRST
+from sattrack.views.messages import Jog
+from sattrack.views.run import StageView
+
+if TYPE_CHECKING:
+    from sattrack.mount.model import MountProfile
+    from sattrack.safety import Cleared
+    from sattrack.views.messages import Message
+    from sattrack.views.run import ErrorView, RememberedView, TrackView
+    from tle.bias import Bias
+    from tle.propagator import Propagator
+
+NO_ANSWER_AFTER_S = 3.0
+LONGEST_STEP_S = 0.5
+STAGES_TOLD = 16
+"""Views come more often than the stages of a run change so many times."""
+EDGES_TOLD_S, FALLEN = 5.0, (0.2, 0.8)
+"""How long a mount that takes edges is watched before it was on target, and the share of the commanded motion
+that is left where its rates end with the flag."""
+AXES = (("right ascension", "ra"), ("declination", "dec"))
+"""Their names, and how the profile's fields of each begin."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunSpec:
+    """What is followed, when, with what: everything that a replay needs besides the inputs."""
+
+    propagator: Propagator
+    """Gives the direction to feed to a mount that applies no refraction itself."""
+    if_mount_refracts: Propagator
+    """Gives the direction to feed to a mount that does."""
+    culminate_utc_s: float
+    max_alt_deg: float
+    plan: TrackPlan
+    profile: MountProfile
+    limits: SafetyLimits
+    bias: Bias
+    mount_name: str
+    started_utc_s: float
+    simulated: bool = False
+    recording: str | None = None
+    camera_rotation_deg: float = 0.0
+    """Position angle of the camera's y axis, from north through east."""
+    remembered: RememberedView | None = None
+    """The bias of an earlier pass with which this one begins."""
+
+
+class Engine:
+    """One run with one mount, from the first datagram to the mount seen at rest."""
+
+    def __init__(self, spec: RunSpec) -> None:
+        self.spec = spec
+        self.session = Session(spec.profile)
+        self.tracker = Tracker(
+            spec.propagator, spec.plan, spec.profile, spec.bias, spec.camera_rotation_deg, spec.remembered
+        )
+        self.malformed = 0
+        """Lines that came where observations or messages were expected, and were neither."""
+        self.dropped = 0
+        """Observations that came faster than they could be used."""
+        self.safety = safety_of(spec)
+        self.reported = RunningError()
+        self.on_target_s = 0.0
+        self.held_s: dict[str, float] = {}
+        """Seconds for which each limit held the mount off the target."""
+        self.paused_s = 0.0
+        """Seconds for which the operator had the run paused."""
+        self.rejoining_s = 0.0
+        """Seconds that it took to be on the target again after pauses and limits."""
+        self.lost_peak_arcsec = 0.0
+        """Largest error while a limit held the mount, and on the way back."""
+        self.message: str | None = None
+        self.finished = False
+        self.failed = False
+        self._recent = WindowedError()
+        self._missed = WindowedError(), WindowedError()
+        """Errors of both axes while the mount followed and had not been on target."""
+        self._missed_s = self._clamped_s = 0.0
+        """Seconds for which it did, and for which its rate limit was reached meanwhile."""
+        self.stages: deque[StageView] = deque(maxlen=STAGES_TOLD)
+        """What the run did, a stage after the other: the last ones."""
+        self._sorted = Stages(spec.plan, spec.profile)
+        self._doing = Phase.WAITING
+        """The phase before the run began to stop."""
+        self._stop: StopWatch | None = None
+        self._commanded: Motion = Hold()
+        self._in_force: Motion = Hold()
+        """What the mount was last told: a mount that takes rates by edges is not told each of them."""
+        self._link_state = LinkState.SILENT
+        self._counted: set[int] = set()
+        self._before: StatusSample | None = None
+
+    @property
+    def mount_stopped(self) -> bool | None:
+        """Whether the mount was told to stop and seen at rest; None where it was never heard."""
+        return None if self.session.sample is None else self.session.stopped
+
+    def receive(self, data: bytes, arrival_utc_s: float) -> None:
+        """Take one datagram from the mount."""
+        first = self.session.sample is None
+        sample = self.session.receive(data, arrival_utc_s)
+        if sample is None:
+            return
+        if first and sample.does_refraction:
+            self.tracker.use(self.spec.if_mount_refracts)
+        if self.failed:
+            return
+        before, was = self.tracker.error, self._before
+        error = self.tracker.take(sample)
+        seconds = 0.0 if before is None else error.utc_s - before.utc_s
+        self._before = sample
+        self._watch_profile()
+        if self.session.status is not None:
+            self.safety.watch(seen_of(self.session.status, arrival_utc_s), self._in_force)
+        if was is not None and 0.0 < seconds < LONGEST_STEP_S:
+            self._count(error, sample.counter, seconds)
+
+    def _watch_profile(self) -> None:
+        """Give up where statuses are not of the kind that the profile tells: it is another mount's."""
+        if self.tracker.ended_by is not None:
+            return
+        for name, told in self.spec.profile.readings.items():
+            shown = getattr(self.session.readings, name, None)
+            if shown is not None and shown != told:
+                self._give_up(
+                    "error",
+                    f"the profile {self.spec.profile.name!r} is another mount's: it says that {name} is "
+                    f"{told}, and {self.spec.mount_name} sends {shown}; give this mount's profile",
+                )
+                return
+
+    def _watch_edges(self) -> None:
+        """Give up where the mount takes rates by its flags in another way than the profile says."""
+        if self.tracker.ended_by is not None:
+            return
+        if self.safety.keeps_first:
+            self._give_up("error", f"{self.spec.mount_name} was told to stop: {KEEPS_FIRST}")
+        if self.spec.profile.move_axis != "edge" or self._missed_s < EDGES_TOLD_S:
+            return
+        low, high = FALLEN
+        known = [fit.ratio for fit in self.tracker.learning.fits if fit.ratio is not None]
+        if known and all(low < ratio < high for ratio in known):
+            self._give_up(
+                "error",
+                f"{self.spec.mount_name} moves only while the MoveAxis flag is up: move_axis is held, and "
+                "the profile says edge; it was told to stop",
+            )
+
+    def _count(self, error: ErrorView, counter: int, seconds: float) -> None:
+        """Take an error into the figures: everything from the first acquisition on, lost or not.
+
+        A pause, what a limit takes, and the way back after either are counted apart.
+        """
+        now = self.situation(error)
+        doing, limit = self._sorted.take(now, error.utc_s, self.tracker.target)
+        stage = StageView(error.utc_s, doing.name.lower(), limit or None)
+        last = self.stages[-1] if self.stages else None
+        if last is None or (last.doing, last.held_by) != (stage.doing, stage.held_by):
+            self.stages.append(stage)
+        if doing is Doing.HELD:
+            self.held_s[limit] = self.held_s.get(limit, 0.0) + seconds
+        elif doing is Doing.PAUSED:
+            self.paused_s += seconds
+        elif doing is Doing.REJOINING:
+            self.rejoining_s += seconds
+        elif doing is Doing.ACQUIRING:
+            self._count_missed(error, seconds)
+        if doing in (Doing.HELD, Doing.REJOINING) and now.acquired:
+            self.lost_peak_arcsec = max(self.lost_peak_arcsec, error.total_arcsec)
+        if doing is not Doing.FOLLOWING:
+            self._recent.clear()
+            return
+        if self.spec.simulated:
+            self._counted.add(counter)
+        self.reported.add(error.total_arcsec)
+        self._recent.add(error.utc_s, error.total_arcsec)
+        if error.total_arcsec <= self.spec.plan.on_target_arcsec:
+            self.on_target_s += seconds
+
+    def situation(self, error: ErrorView) -> Situation:
+        """Return what is known of the run at the status of an error."""
+        tracker = self.tracker
+        return Situation(
+            following=tracker.phase in FOLLOWING,
+            tracking=tracker.phase is Phase.TRACKING,
+            paused=tracker.rest is not None,
+            acquired=tracker.acquired_utc_s is not None,
+            ended=tracker.ended_by is not None,
+            holding=self.safety.holding,
+            error_arcsec=error.total_arcsec,
+        )
+
+    def _count_missed(self, error: ErrorView, seconds: float) -> None:
+        self._missed_s += seconds
+        self._clamped_s += seconds if self.safety.clamping else 0.0
+        self._watch_edges()
+        for window, arcsec in zip(self._missed, (error.ra_arcsec, error.dec_arcsec), strict=True):
+            window.add(error.utc_s, arcsec)
+
+    def why_not_acquired(self) -> str | None:
+        """Return why the mount was never on target, and what to do; None where it was, or nothing tells."""
+        tracker, profile = self.tracker, self.spec.profile
+        if tracker.acquired_utc_s is not None:
+            return None
+        if self.message is not None and tracker.ended_by not in {"set", "operator"}:
+            return self.message
+        ra, dec = (
+            AxisAttempt(*names, fit.ratio, fit.fastest_deg_s, fit.fastest_told_deg_s, window.rms_arcsec)
+            for names, fit, window in zip(AXES, tracker.learning.fits, self._missed, strict=True)
+        )
+        return why_not(
+            Attempt(
+                profile,
+                ra,
+                dec,
+                heard=self.session.sample is not None,
+                slewing=self._doing is Phase.SLEWING,
+                followed_s=self._missed_s,
+                clamped_s=self._clamped_s,
+                held_s=self.held_s,
+                learnt=learnt_view(self),
+                calibrated=profile.calibration is not None or self.spec.simulated,
+            )
+        )
+
+    def operate(self, message: Message, now_utc_s: float) -> None:
+        """Obey the operator."""
+        if isinstance(message, Jog) and self._link_state is not LinkState.UP:
+            words = "the mount is not heard: nothing is moved blindly"
+            self.tracker.steering.tell(words, now_utc_s)
+        else:
+            self.tracker.operate(message, now_utc_s)
+
+    def tick(self, now_utc_s: float) -> bytes:
+        """Return the datagram to send now; call once a period."""
+        if not self.failed:
+            self._watch_link(now_utc_s)
+        arrived = self.session.slew_state is SlewState.DONE and self.safety.on_last_leg
+        rest = self.tracker.rest
+        stopped = rest is not None and self.session.stopped
+        motion = self.tracker.step(now_utc_s, arrived, stopped, self.safety.holding is not None)
+        if self.tracker.phase is not Phase.STOPPING:
+            self._doing = self.tracker.phase
+        sample = self.session.sample
+        if sample is not None:
+            age_s = max(0.0, now_utc_s - sample.arrival_utc_s)
+            lst_deg = sample.sidereal_h * 15.0
+            cleared = self.safety.clear(motion, lst_deg, sample.ra_deg, sample.dec_deg, age_s, now_utc_s)
+            if rest is not None and rest.jogging and cleared.motion != motion:
+                cleared = self._end_jogs(cleared, now_utc_s)
+            self._commanded = cleared.motion
+            self.session.apply(cleared)
+            if self.safety.tripped is not None and self.tracker.ended_by is None:
+                self._give_up(f"limit:{self.safety.tripped}", self._limit_words())
+        elif self.tracker.phase is Phase.STOPPING:
+            self.session.apply(self.safety.clear(motion, 0.0, 0.0, 0.0))
+        if self.tracker.ended_by == "error" and self.message is None:
+            why = self.tracker.trouble or "did not do as it was told"
+            self.message = f"{self.spec.mount_name} {why}; it was told to stop"
+        self._watch_stop(now_utc_s)
+        datagram = self.session.compose()
+        # An edge mount takes new rates only now and then: what counts is what went out.
+        if not isinstance(self._commanded, MoveAxes):
+            self._in_force = self._commanded
+            self.tracker.note_sent(self._commanded, now_utc_s)
+        elif self.session.begun_move is not None:
+            self._in_force = self.session.begun_move
+            self.tracker.note_sent(self.session.begun_move, now_utc_s)
+        return datagram
+
+    def _end_jogs(self, cleared: Cleared, now_utc_s: float) -> Cleared:
+        """Stop what is jogged at a limit: unlike a stream, what is moved by hand is not led along it."""
+        name = self.safety.holding
+        if name is None:
+            return cleared
+        words = f"the jog was ended at the {name} limit ({ROWS[name].bound}): let the key go, and jog away"
+        self.tracker.end_jogs(words, now_utc_s)
+        return self.safety.clear(Stop(), 0.0, 0.0, 0.0)
+
+    def repeat(self) -> bytes | None:
+        """Return what to send once more, REPEAT_AFTER_PERIODS after the last datagram; None for nothing."""
+        return None if self.failed or self.tracker.ended_by is not None else self.session.repeat()
+
+    def expect_observations(self) -> None:
+        """Compute beforehand what the first observation needs: it would hold up a turn of the loop."""
+        self.tracker.steering.estimator.warm_up(self.tracker.steering.biases.course, self.spec.plan.end_utc_s)
+
+    def send_shift_s(self, now_utc_s: float) -> float:
+        """Return by how much later than a period from now the next `tick` had better come, seconds; UTC.
+
+        So the datagrams fall into step with the mount's loop, and it is not in doubt which turn reads one.
+        """
+        return 0.0 if self.failed else self.tracker.send_shift_s(now_utc_s)
+
+    def fail(self, words: str) -> None:
+        """Stop the mount and nothing else from now on: what computes directions is not to be relied on."""
+        self.failed = True
+        self._give_up("error", words)
+
+    def _watch_link(self, now_utc_s: float) -> None:
+        self._link_state = state = self.session.link_state(now_utc_s)
+        if self.tracker.ended_by is not None:
+            return
+        if state is LinkState.LOST:
+            words = f"{self.spec.mount_name} {self.session.health.did}; stop commands were sent"
+            self._give_up("link", words)
+        elif state is LinkState.SILENT and now_utc_s - self.spec.started_utc_s > NO_ANSWER_AFTER_S:
+            words = f"no status from {self.spec.mount_name} within {NO_ANSWER_AFTER_S:g} s"
+            self._give_up("link", f"{words}; is it on, and set to send here?")
+
+    def _watch_stop(self, now_utc_s: float) -> None:
+        if self.tracker.phase is not Phase.STOPPING or self.finished:
+            return
+        if self._stop is None:
+            self._stop = StopWatch(now_utc_s)
+        waited_s = self._stop.waited_s(now_utc_s)
+        never_heard = self.session.sample is None and waited_s > 4 * self.spec.profile.period_s
+        self.finished = self._stop.over(self.session, now_utc_s) or never_heard
+
+    def _give_up(self, why: str, words: str) -> None:
+        self.message = words
+        self.tracker.end(why)
+
+    def _limit_words(self) -> str:
+        row = ROWS[self.safety.tripped or ""]
+        if row.name == "obedience" and self.safety.cause is not None:
+            return f"safety stopped the mount at its {row.name} limit: {self.safety.cause}"
+        return f"safety stopped the mount at its {row.name} limit ({row.watches}); to go on: {row.way_out}"
+
+    def true_error(self, counter: int, utc_s: float, ra_deg: float, dec_deg: float) -> ErrorView | None:
+        """Return the error of a simulated mount's true axes; None outside the time that figures count."""
+        if self.failed or counter not in self._counted:
+            return None
+        self._counted.remove(counter)
+        return sky_error(utc_s, ra_deg, dec_deg, self.tracker.direction_at(utc_s))
+
+    @property
+    def phase(self) -> str:
+        """What goes on: the tracker's phase, or "holding" where a limit keeps the mount from following."""
+        following = self.tracker.phase in FOLLOWING
+        return HOLDING if following and self.safety.holding is not None else self.tracker.phase.value
+
+    @property
+    def link_state(self) -> LinkState:
+        """State of the link as of the last tick."""
+        return self._link_state
+
+    @property
+    def rms_10s_arcsec(self) -> float | None:
+        """RMS of the last errors that figures count."""
+        return self._recent.rms_arcsec
+
+    @property
+    def led_out(self) -> bool:
+        """Whether safety slews a paused mount, of which nothing is asked, out of a cone."""
+        return self.tracker.rest is not None and isinstance(self._commanded, SlewTo)
+
+    def view(self, now_utc_s: float) -> TrackView:
+        """Return what anyone who looks may see, as of an instant."""
+        return view_of(self, now_utc_s)
+
+
+def safety_of(spec: RunSpec) -> Safety:
+    """Return what clears a run's motions: held at limits, slews led round, out of the Sun by itself."""
+    site = spec.propagator.site
+    return Safety(spec.profile, spec.limits, site.latitude_deg, site.longitude_deg, holds=True, escapes=True)

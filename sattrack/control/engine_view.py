@@ -1,0 +1,262 @@
+"""What a run looks like to anyone who looks: its view, and what it warns of. Nothing of the run changes."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sattrack.control.bias_view import (
+    bias_fields,
+    estimate_view,
+    observation_warnings,
+    offset_views,
+    search_view,
+)
+from sattrack.control.kalman import wrap180
+from sattrack.control.learning import FREE_REST_DEG_S
+from sattrack.control.tracker import FOLLOWING, Phase
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
+from sattrack.mount.xerxes.link import STALE_AFTER_S, LinkState
+from sattrack.mount.xerxes.link_view import link_view
+from sattrack.safety import ROWS
+from sattrack.views.run import LearntView, PauseView, TrackView
+
+if TYPE_CHECKING:
+    from sattrack.control.engine import Engine
+    from sattrack.control.learning import Learnt
+    from sattrack.mount.model import StatusSample
+    from sattrack.views.run import ErrorView, LinkView
+
+HOLDING = "holding"
+"""The phase in which a limit keeps the mount off its target."""
+LOST_TOLD_S = 10.0
+"""For how long it is told that the mount was lost."""
+SITE_TOLERANCE_DEG = 0.1
+DRIFT_TOLERANCE_DEG_S, DRIFT_SIGMA_DEG_S = 2.0 / 3600.0, 4.0 / 3600.0
+"""How near to the sidereal rate a drift in right ascension must be, and how surely, to be taken for it."""
+LOOSE_FACTOR = 2.0
+"""How many times slower than at its tightest the loop may be run until that is told."""
+
+
+def view_of(engine: Engine, now_utc_s: float) -> TrackView:
+    """Return what anyone who looks may see of a run, as of an instant (UTC, POSIX seconds)."""
+    spec, tracker, sample = engine.spec, engine.tracker, engine.session.sample
+    error = tracker.error
+    fresh = error is not None and 0.0 <= now_utc_s - error.utc_s < STALE_AFTER_S
+    # Target and mount are shown for one instant: a tick apart they would seem to disagree.
+    target = tracker.direction_at(error.utc_s if error is not None and fresh else now_utc_s)
+    return TrackView(
+        utc_s=now_utc_s,
+        phase=engine.phase,
+        name=spec.propagator.elements.label,
+        catalog_number=spec.propagator.elements.catalog_number,
+        mount=spec.mount_name,
+        start_utc_s=spec.plan.start_utc_s,
+        culminate_utc_s=spec.culminate_utc_s,
+        end_utc_s=spec.plan.end_utc_s,
+        max_alt_deg=spec.max_alt_deg,
+        elements_age_s=now_utc_s - float(spec.propagator.elements.epoch.unix_s),
+        target_ra_deg=float(target.ra_deg),
+        target_dec_deg=float(target.dec_deg),
+        target_alt_deg=float(target.alt_deg),
+        target_az_deg=float(target.az_deg),
+        range_km=float(target.range_km),
+        mount_ra_deg=None if sample is None else sample.ra_deg,
+        mount_dec_deg=None if sample is None else sample.dec_deg,
+        error=error,
+        rms_10s_arcsec=engine.rms_10s_arcsec,
+        rms_pass_arcsec=engine.reported.rms_arcsec,
+        ra_rate_deg_s=tracker.rates.ra_rate_deg_s,
+        dec_rate_deg_s=tracker.rates.dec_rate_deg_s,
+        max_ra_rate_deg_s=spec.profile.ra.max_rate_deg_s,
+        max_dec_rate_deg_s=spec.profile.dec.max_rate_deg_s,
+        **bias_fields(tracker, now_utc_s),
+        offsets=offset_views(tracker, now_utc_s),
+        search=search_view(tracker, now_utc_s),
+        estimate=estimate_view(tracker, now_utc_s, engine.malformed + engine.dropped),
+        remembered=tracker.steering.remembered,
+        link=_link_view(engine, now_utc_s),
+        recording=spec.recording,
+        ended_by=tracker.ended_by,
+        warnings=_warnings(engine),
+        ra_rate_reached_deg_s=None if sample is None else SIDEREAL_RATE_DEG_S - sample.ra_drive_deg_s,
+        dec_rate_reached_deg_s=None if sample is None else _reported_dec_rate_deg_s(sample),
+        pause=_pause_view(engine),
+        calibrated=spec.profile.calibration is not None,
+        learnt=learnt_view(engine),
+        stages=tuple(engine.stages),
+    )
+
+
+def learnt_view(engine: Engine) -> LearntView | None:
+    """Return what the run has learnt of its mount; None before it was followed with."""
+    tracker, profile = engine.tracker, engine.spec.profile
+    known = tracker.learning.learnt()
+    settling_s = tracker.learning.settling_s(tracker.acting_s, engine.spec.plan.law.feeder)
+    if known is None or settling_s is None:
+        return None
+    ra, dec = known
+    ra_gain, ra_gain_sigma = _gain(ra, profile.ra_rate_gain)
+    dec_gain, dec_gain_sigma = _gain(dec, profile.dec_rate_gain)
+    return LearntView(
+        ra_lag_s=ra.lag_s,
+        ra_lag_sigma_s=ra.lag_sigma_s,
+        ra_gain=ra_gain,
+        ra_gain_sigma=ra_gain_sigma,
+        dec_lag_s=dec.lag_s,
+        dec_lag_sigma_s=dec.lag_sigma_s,
+        dec_gain=dec_gain,
+        dec_gain_sigma=dec_gain_sigma,
+        command_delay_s=tracker.command_delay_s,
+        settling_s=settling_s,
+        restarts=tracker.learning.times_begun_anew,
+    )
+
+
+def _gain(learnt: Learnt, told: float) -> tuple[float, float] | tuple[None, None]:
+    line = learnt.line
+    return (None, None) if line is None else (told * line.gain, told * line.gain_sigma)
+
+
+def _link_view(engine: Engine, now_utc_s: float) -> LinkView:
+    sample, error, health = engine.session.sample, engine.tracker.error, engine.session.health
+    delay_ms = clock_offset_s = None
+    if sample is not None and error is not None:
+        delay_ms = 1000.0 * (sample.arrival_utc_s - error.utc_s)
+        clock_offset_s = _clock_offset_s(engine, sample, error)
+    age_s = None if sample is None else now_utc_s - sample.arrival_utc_s
+    return link_view(health, engine.link_state, age_s, delay_ms, clock_offset_s)
+
+
+def _clock_offset_s(engine: Engine, sample: StatusSample, error: ErrorView) -> float:
+    """Return how far the mount's sidereal clock is ahead of mean sidereal time by our UTC, seconds."""
+    mean_deg = mean_sidereal_deg(error.utc_s, engine.spec.propagator.site.longitude_deg)
+    return wrap180(sample.sidereal_h * 15.0 - mean_deg) / SIDEREAL_RATE_DEG_S
+
+
+def _reported_dec_rate_deg_s(sample: StatusSample) -> float:
+    """Return the declination drive's rate as one of the reported declination, which turns past the pole."""
+    return -sample.dec_drive_deg_s if sample.beyond_pole else sample.dec_drive_deg_s
+
+
+def _pause_view(engine: Engine) -> PauseView | None:
+    rest = engine.tracker.rest
+    if rest is None:
+        return None
+    at_rest = rest.at_rest and not engine.led_out
+    return PauseView(rest.begun_utc_s, at_rest, rest.jogging, rest.going_on)
+
+
+def _warnings(engine: Engine) -> tuple[str, ...]:
+    tracker, session = engine.tracker, engine.session
+    warnings = []
+    if engine.link_state is LinkState.STALE:
+        warnings.append("no fresh status from the mount: following by prediction")
+    warnings.extend(_held_warnings(engine))
+    if engine.safety.clamping and tracker.phase in FOLLOWING:
+        warnings.append("the mount's rate limit is reached")
+    if tracker.phase is Phase.STOPPING and not engine.finished and not session.stopped:
+        warnings.append("the stop is not confirmed yet: it is being sent again and again")
+    if tracker.steering.refusal is not None:
+        warnings.append(tracker.steering.refusal)
+    warnings.extend(observation_warnings(tracker, engine.malformed, engine.dropped))
+    if session.intruder is not None:
+        warnings.append(session.intruder)
+    warnings.extend(session.ignored_fields)
+    warnings.extend(_clock_warnings(engine))
+    warnings.extend(_looseness_warnings(engine))
+    warnings.extend(_additive_warnings(engine))
+    heard_utc_s = 0.0 if session.sample is None else session.sample.arrival_utc_s
+    if tracker.lost_utc_s is not None and heard_utc_s - tracker.lost_utc_s < LOST_TOLD_S:
+        warnings.append("the mount was not where its commands lead: lost, and taken up where it is")
+    warnings.extend(_side_warnings(engine))
+    warnings.extend(_site_warnings(engine))
+    if engine.message:
+        warnings.append(engine.message)
+    return tuple(warnings)
+
+
+def _held_warnings(engine: Engine) -> list[str]:
+    """Say at which limit safety holds the mount, or that it moves one that rests."""
+    paused, name = engine.tracker.rest is not None, engine.safety.holding
+    if engine.led_out:
+        return ["the telescope is led out of the Sun's or the Moon's way"]
+    if name is None or not (paused or engine.phase == HOLDING):
+        return []
+    then = "it goes on when the satellite comes back"
+    if paused:
+        then = "the paused mount goes no farther"
+    return [f"held at the {ROWS[name].name} limit ({ROWS[name].bound}): {then}"]
+
+
+def _clock_warnings(engine: Engine) -> list[str]:
+    """Say where the mount's clock is not one to date its samples by."""
+    tracker, warnings = engine.tracker, []
+    if not tracker.clock_holds:
+        warnings.append("the mount's clock is not where the profile says: samples are dated by arrival")
+    elif not tracker.clock_runs:
+        warnings.append("the mount's clock does not run as ours: samples are dated by arrival")
+    if tracker.clock_step_s is not None:
+        step_ms = 1000.0 * tracker.clock_step_s
+        warnings.append(f"the mount's clock goes in steps of {step_ms:.1f} ms: samples are dated by its mean")
+    return warnings
+
+
+def _additive_warnings(engine: Engine) -> list[str]:
+    """Say that right ascension drifts by the sky's rate beside its commands."""
+    line = engine.tracker.learning.fits[0].line(FREE_REST_DEG_S)
+    if line is None or line.rest_sigma_deg_s > DRIFT_SIGMA_DEG_S:
+        return []
+    told = engine.spec.profile.additive
+    drift_deg_s = SIDEREAL_RATE_DEG_S if told else -SIDEREAL_RATE_DEG_S
+    if abs(line.rest_deg_s - drift_deg_s) > DRIFT_TOLERANCE_DEG_S:
+        return []
+    does, so = ("replace", "false") if told else ("add to", "true")
+    return [
+        f"the mount's rates in right ascension {does} sidereal tracking: set additive = {so} in the profile"
+    ]
+
+
+def _looseness_warnings(engine: Engine) -> list[str]:
+    """Say that errors are taken out slowly, because the servo answers late or is not known well."""
+    tracker, law = engine.tracker, engine.spec.plan.law.feeder
+    settling_s = tracker.learning.settling_s(tracker.acting_s, law)
+    known = tracker.learning.learnt()
+    tightest_s = max(law.settling_s, law.intervals * tracker.acting_s)
+    if tracker.phase is not Phase.TRACKING or settling_s is None or known is None:
+        return []
+    if settling_s <= LOOSE_FACTOR * tightest_s:
+        return []
+    lag_s, sigma_s = max(one.lag_s for one in known), max(one.lag_sigma_s for one in known)
+    why = f"the servo answers {1000.0 * lag_s:.0f} ms late"
+    if law.lag_sigmas * sigma_s > law.lags * lag_s:
+        why = f"the servo's lag is known to {1000.0 * sigma_s:.0f} ms only"
+    return [
+        f"{why}: an error is taken out in {settling_s:.2f} s instead of {tightest_s:.2f} s, so gusts and "
+        "nudges take as much longer"
+    ]
+
+
+def _side_warnings(engine: Engine) -> list[str]:
+    """Say that the mount is on a side of the pier for which its signs were never measured."""
+    status, record = engine.session.status, engine.spec.profile.calibration
+    if status is None or record is None:
+        return []
+    beyond = status.side_of_pier
+    measured = record.both_sides or (record.side_of_pier == "beyond_pole") == beyond
+    words = "this side of the pier is not in the mount's profile: its rates may go the other way"
+    return [] if measured else [words]
+
+
+def _site_warnings(engine: Engine) -> list[str]:
+    """Say where the mount believes it stands, if that is somewhere else."""
+    status, site = engine.session.status, engine.spec.propagator.site
+    if status is None or (status.site_latitude_deg == 0.0 and status.site_longitude_deg == 0.0):
+        return []
+    apart = (
+        abs(status.site_latitude_deg - site.latitude_deg),
+        abs(wrap180(status.site_longitude_deg - site.longitude_deg)),
+    )
+    if max(apart) < SITE_TOLERANCE_DEG:
+        return []
+    where = f"{status.site_latitude_deg:.2f}, {status.site_longitude_deg:.2f}"
+    return [f"the mount believes it stands at {where}: check the site on both sides"]

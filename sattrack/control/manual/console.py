@@ -1,0 +1,401 @@
+"""A mount operated by hand, without I/O: requests, jogs and instants in, datagrams and views out.
+
+Everything that moves passes `safety`, when it is asked for and again every period. A jog is kept going only
+by being asked for again: silence ends it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sattrack.control.jogs import Jogs
+from sattrack.control.manual.procedures import Outcome, Procedure, Refusal, procedure_for, refused
+from sattrack.control.manual.wording import limit_words
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, MoveAxes, SlewTo, Stop, mean_sidereal_deg
+from sattrack.mount.requests import (
+    Abort,
+    FindHome,
+    FineRate,
+    MoveAxis,
+    Park,
+    Request,
+    Slew,
+    Sync,
+    Ticket,
+    objection,
+)
+from sattrack.mount.xerxes.launches import seen_of
+from sattrack.mount.xerxes.link import LinkState
+from sattrack.mount.xerxes.session import Session
+from sattrack.safety import Safety
+
+if TYPE_CHECKING:
+    from sattrack.mount.model import Motion, MountProfile, StatusSample
+    from sattrack.mount.xerxes.datagrams import Status
+    from sattrack.safety import SafetyLimits
+    from tle.site import Site
+
+LINGER_S = 0.5
+REMEMBERED = 5
+OFFSETS = 100
+END_WITHIN_TICKS = 20
+"""Datagrams, a second, within which the end of a MoveAxis must be seen; else the mount is stopped."""
+NEED_SITE = (Slew, Sync, MoveAxis, FindHome, Park)
+"""What is judged by its altitude."""
+
+
+@dataclass(slots=True)
+class Asked:
+    """One thing that was asked of the mount, its ticket, and when."""
+
+    number: int
+    ticket: Ticket
+    utc_s: float
+
+
+class Console:
+    """One mount under manual operation.
+
+    `site` None: nothing that altitude decides about can be asked for. `stranger_hosts` and the count in
+    `session.health.strangers` are told by whoever has the socket.
+    """
+
+    def __init__(
+        self, profile: MountProfile, limits: SafetyLimits, site: Site | None, mount_name: str
+    ) -> None:
+        self.profile = profile
+        self.session = Session(profile)
+        self.mount_name = mount_name
+        self.outcome: Outcome | None = None
+        """How the last procedure ended; None while one is under way."""
+        self.trouble: str | None = None
+        """What brought the mount to a stop unasked: "link", "restart" or "limit:NAME"; a new request
+        clears it."""
+        self.stranger_hosts: tuple[str, ...] = ()
+        self.way_trouble: str | None = None
+        """What the way to the mount says is the matter, in words; None where nothing is."""
+        self.failed: str | None = None
+        self.limits, self.site = limits, site
+        self.safety = self._new_safety()
+        self.procedure: Procedure | None = None
+        self.jogs = Jogs()
+        self.asked: deque[Asked] = deque(maxlen=REMEMBERED)
+        self._count = 0
+        self.refusal: str | None = None
+        self._move_begun = False
+        self._ending_ticks = 0
+        """Datagrams that ask for the end of a MoveAxis, without its being seen."""
+        self._rest_since_utc_s: float | None = None
+        self.stopping_since_utc_s: float | None = None
+        """Since when a stop has been asked for; None where none is."""
+        self.link_state = LinkState.SILENT
+        self._offsets: deque[float] = deque(maxlen=OFFSETS)
+        self.tracking_reading: str | None = None
+
+    @property
+    def status(self) -> Status | None:
+        """The mount's last status."""
+        return self.session.status
+
+    @property
+    def sample(self) -> StatusSample | None:
+        """The same, as the tracker sees it."""
+        return self.session.sample
+
+    @property
+    def stands(self) -> bool:
+        """Whether the mount's positions say standstill, sidereal tracking not counted as such."""
+        stance = self.session.stance
+        return stance is not None and stance.drives_at_rest
+
+    @property
+    def move_begun(self) -> bool:
+        """Whether a datagram that begins MoveAxis has gone out since the last request."""
+        return self._move_begun
+
+    @property
+    def stopping(self) -> bool:
+        """Whether a stop is asked for and not yet seen through."""
+        return isinstance(self.session.wanted, Stop)
+
+    @property
+    def moving(self) -> bool:
+        """Whether anything of ours is under way that leaving would leave moving."""
+        wanted = self.session.wanted
+        ours = isinstance(wanted, MoveAxes | SlewTo) or not self.session.move_over
+        return self.procedure is not None or self.session.busy or ours
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the mount stands, as far as it is known; sidereal tracking counts as standing."""
+        return self.session.at_rest
+
+    def receive(self, data: bytes, arrival_utc_s: float) -> None:
+        """Take one datagram from the mount."""
+        restarts = self.session.health.restarts
+        sample = self.session.receive(data, arrival_utc_s)
+        if sample is None:
+            return
+        if self.session.health.restarts > restarts and isinstance(self.session.wanted, MoveAxes):
+            self._stop("restart", "the mount restarted meanwhile: it is not set going again unasked")
+        if self.session.status is not None:
+            self.safety.watch(seen_of(self.session.status, arrival_utc_s), self.session.wanted)
+        longitude_deg = self._longitude_deg()
+        if longitude_deg is not None:
+            ours_deg = mean_sidereal_deg(arrival_utc_s, longitude_deg)
+            self._offsets.append(
+                math.remainder(sample.sidereal_h * 15.0 - ours_deg, 360.0) / SIDEREAL_RATE_DEG_S
+            )
+        if not sample.slewing and not isinstance(self.session.wanted, MoveAxes):
+            self._move_begun = False
+        status = self.session.status
+        if status is not None and status.slewing:
+            self.tracking_reading = "always true" if status.tracking else "the opposite of slewing"
+
+    def request(self, request: Request, now_utc_s: float) -> Refusal | None:
+        """Have a request carried out; return why not, where it is refused."""
+        if self.procedure is not None and not isinstance(request, Abort | Slew | Park):
+            return self._refuse(Refusal("something is under way: SPACE stops it"))
+        return self.begin(procedure_for(request, self.profile), now_utc_s)
+
+    def begin(self, procedure: Procedure, now_utc_s: float) -> Refusal | None:
+        """Carry out a procedure, in place of whatever is under way; return why not, where it is refused."""
+        if self.jogs:
+            # A jog lives by its key alone: nothing else may carry its motion on.
+            self.jogs.clear()
+            self._apply(Hold(), now_utc_s)
+        refusal = procedure.begin(self, now_utc_s)
+        if refusal is not None:
+            return self._refuse(refusal)
+        self.procedure, self.outcome, self.trouble, self.refusal = procedure, None, None, None
+        self.jogs.clear()
+        return None
+
+    def submit(self, request: Request, now_utc_s: float) -> Ticket | Refusal:
+        """Ask for one thing, if safety and the mount's state let it."""
+        refusal = self._objection(request)
+        if refusal is not None:
+            return refusal
+        status = self.session.status
+        cleared = self.safety.clear_request(request, self.session.stance, now_utc_s)
+        if isinstance(cleared, str):
+            return Refusal(cleared, by_safety=status is not None)
+        if isinstance(request, Abort):
+            self.jogs.blocked = True
+        self._move_begun = False
+        ticket = self.session.submit(cleared)
+        self._count += 1
+        self.asked.append(Asked(self._count, ticket, now_utc_s))
+        return ticket
+
+    def jog(
+        self, ra_rate_deg_s: float | None, dec_rate_deg_s: float | None, now_utc_s: float
+    ) -> Refusal | None:
+        """Move for a short time, or for longer where an axis is being jogged at that rate already.
+
+        Rates are those of the reported right ascension (positive east) and declination (positive north).
+        """
+        fresh = self.jogs.is_fresh(now_utc_s)
+        refusal = self._jog_objection(MoveAxis(ra_rate_deg_s, dec_rate_deg_s), fresh, now_utc_s)
+        if refusal is not None:
+            return self._refuse(refusal)
+        self.refusal, self.trouble = None, None
+        self.jogs.move(ra_rate_deg_s, dec_rate_deg_s, now_utc_s)
+        self._apply(self._jogged(), now_utc_s)
+        return None
+
+    def abort(self, now_utc_s: float) -> None:
+        """Stop everything; said again, it is sent again."""
+        self.jogs.clear()
+        self.begin(procedure_for(Abort(), self.profile), now_utc_s)
+
+    def reset(self) -> Refusal | None:
+        """Let the mount move again after a safety limit has stopped it; refused until it is at rest."""
+        if self.safety.tripped is not None and not self.at_rest:
+            return self._refuse(Refusal("the mount is not at rest yet"))
+        fresh = self._new_safety()
+        fresh.follow_on(self.safety)
+        self.safety, self.trouble, self.refusal = fresh, None, None
+        return None
+
+    def fail(self, words: str) -> None:
+        """Stop the mount and nothing else from now on: something here is not to be relied on."""
+        self.failed = words
+        self._stop("error", words)
+
+    def tick(self, now_utc_s: float) -> bytes:
+        """Return the datagram to send now; call once a period."""
+        self._watch_link(now_utc_s)
+        if self.failed is None:
+            self._end_jogs(now_utc_s)
+            self._step(now_utc_s)
+            self._end_orphans(now_utc_s)
+            self._clear_again(now_utc_s)
+            self._watch_drift(now_utc_s)
+            self._let_go(now_utc_s)
+        if not self.stopping:
+            self.stopping_since_utc_s = None
+        elif self.stopping_since_utc_s is None:
+            self.stopping_since_utc_s = now_utc_s
+        datagram = self.session.compose()
+        self._move_begun = self._move_begun or self.session.begun_move is not None
+        return datagram
+
+    def _longitude_deg(self) -> float | None:
+        """Return the longitude that the mount's clock is for: what it tells itself, else the site's."""
+        status = self.session.status
+        if status is not None and math.isfinite(status.site_longitude_deg) and status.site_longitude_deg:
+            return status.site_longitude_deg
+        return None if self.site is None else self.site.longitude_deg
+
+    def _refuse(self, refusal: Refusal) -> Refusal:
+        self.refusal = refusal.words
+        return refusal
+
+    def _new_safety(self) -> Safety:
+        if self.site is None:
+            return Safety(self.profile, self.limits, 0.0)
+        return Safety(self.profile, self.limits, self.site.latitude_deg, self.site.longitude_deg)
+
+    def way_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | Refusal:
+        """Return the slews that lead to a direction past whatever is in the way."""
+        refusal = self._objection(request)
+        if refusal is not None:
+            return refusal
+        words = objection(request, self.profile)
+        stance = self.session.stance
+        if words is not None or stance is None:
+            return (request,)
+        ways = self.safety.way_to(request, stance, now_utc_s)
+        return Refusal(ways, by_safety=True) if isinstance(ways, str) else ways
+
+    def _objection(self, request: Request) -> Refusal | None:
+        status = self.session.status
+        if self.site is None and isinstance(request, NEED_SITE):
+            return Refusal("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
+        if self.link_state is LinkState.LOST and not isinstance(request, Abort):
+            return Refusal("the mount is silent: nothing is moved blindly")
+        moving = isinstance(self.session.wanted, MoveAxes | SlewTo) or (status is not None and status.slewing)
+        if isinstance(request, Sync) and moving:
+            return Refusal("the mount moves: sync once it stands, or what it reports would be wrong for good")
+        if isinstance(request, MoveAxis) and status is not None and status.slewing and not self._ours():
+            return Refusal("the mount is slewing: stop that first")
+        return None
+
+    def _ours(self) -> bool:
+        """Tell whether it is a MoveAxis of ours that makes the mount say that it slews."""
+        return isinstance(self.session.wanted, MoveAxes) or self._move_begun
+
+    def _jog_objection(self, move: MoveAxis, fresh: bool, now_utc_s: float) -> Refusal | None:
+        if self.failed is not None:
+            return Refusal(self.failed)
+        if self.jogs.blocked and (self.stopping or not fresh):
+            return Refusal("stopped: let the key go, and jog once the mount is at rest")
+        if isinstance(self.session.wanted, SlewTo) or self.procedure is not None:
+            return Refusal("something is under way: SPACE stops it, then jog")
+        if self.link_state is not LinkState.UP:
+            return Refusal("the mount is not heard: nothing is moved blindly")
+        refusal = self._objection(move)
+        if refusal is not None:
+            return refusal
+        cleared = self.safety.clear_request(move, self.session.stance, now_utc_s)
+        return Refusal(cleared, by_safety=True) if isinstance(cleared, str) else None
+
+    def _jogged(self) -> Motion:
+        return MoveAxes(*self.jogs.rates_deg_s) if self.jogs else Hold()
+
+    def _end_jogs(self, now_utc_s: float) -> None:
+        if self.jogs.end_over(now_utc_s):
+            self._apply(self._jogged(), now_utc_s)
+
+    def _step(self, now_utc_s: float) -> None:
+        if self.procedure is None:
+            return
+        outcome = self.procedure.step(self, now_utc_s)
+        if outcome is not None:
+            self._settle(outcome)
+
+    def _settle(self, outcome: Outcome) -> None:
+        self.procedure, self.outcome = None, outcome
+        if isinstance(self.session.wanted, SlewTo):
+            # It tracks there by itself; what it does later by other hands is not for us to undo.
+            self._apply(Hold(), 0.0)
+
+    def _end_orphans(self, now_utc_s: float) -> None:
+        """End a motion that neither a key nor a procedure stands for."""
+        orphan = isinstance(self.session.wanted, MoveAxes) and not self.jogs and self.procedure is None
+        if orphan:
+            self._apply(Hold(), now_utc_s)
+        ending = isinstance(self.session.wanted, Hold) and not self.session.move_over
+        self._ending_ticks = self._ending_ticks + 1 if ending else 0
+        if self._ending_ticks > END_WITHIN_TICKS:
+            self._ending_ticks = 0
+            self._stop("move", "the end of the move was not acknowledged: the mount is being stopped")
+
+    def _clear_again(self, now_utc_s: float) -> None:
+        wanted = self.session.wanted
+        if isinstance(wanted, MoveAxes | SlewTo):
+            self._apply(wanted, now_utc_s)
+
+    def _watch_drift(self, now_utc_s: float) -> None:
+        """End fine rates of ours that lead to a limit."""
+        fine, stance = self.session.fine_rate, self.session.stance
+        if stance is None or fine == FineRate() or isinstance(self.session.wanted, Stop):
+            return
+        name = self.safety.drift_objection(fine, stance, now_utc_s)
+        if name is None:
+            return
+        self._stop(f"limit:{name}", limit_words(name))
+        cleared = self.safety.clear_request(Abort(), stance, now_utc_s)
+        if not isinstance(cleared, str):
+            self.session.submit(cleared)
+
+    def _apply(self, motion: Motion, now_utc_s: float) -> None:
+        """Make a motion the wanted one as far as safety clears it."""
+        sample = self.session.sample
+        if sample is None:
+            cleared = self.safety.clear(motion if isinstance(motion, Hold) else Stop(), 0.0, 0.0, 0.0)
+        else:
+            age_s = max(0.0, now_utc_s - sample.arrival_utc_s)
+            lst_deg = sample.sidereal_h * 15.0
+            cleared = self.safety.clear(motion, lst_deg, sample.ra_deg, sample.dec_deg, age_s, now_utc_s)
+        if cleared.motion != self.session.wanted:
+            self.session.apply(cleared)
+        tripped = self.safety.tripped
+        if tripped is not None and isinstance(motion, MoveAxes | SlewTo):
+            self._stop(f"limit:{tripped}", limit_words(tripped))
+
+    def _stop(self, why: str, words: str) -> None:
+        """Bring the mount to rest unasked."""
+        self.trouble = why
+        self.refusal = words
+        self.jogs.block()
+        self.session.apply(self.safety.clear(Stop(), 0.0, 0.0, 0.0))
+        if self.procedure is not None:
+            self.procedure, self.outcome = None, refused(Refusal(words, by_safety=why.startswith("limit:")))
+
+    def _watch_link(self, now_utc_s: float) -> None:
+        before, self.link_state = self.link_state, self.session.link_state(now_utc_s)
+        lost = self.link_state is LinkState.LOST and before is not LinkState.LOST
+        if lost and self.moving and not self.stopping:
+            self._stop("link", f"{self.mount_name} {self.session.health.did}; stop commands are being sent")
+
+    def _let_go(self, now_utc_s: float) -> None:
+        """After a stop that was seen through, leave the mount to whoever moves it next."""
+        if not (self.stopping and self.session.stopped):
+            self._rest_since_utc_s = None
+        elif self._rest_since_utc_s is None:
+            self._rest_since_utc_s = now_utc_s
+        elif now_utc_s - self._rest_since_utc_s >= LINGER_S and self.procedure is None:
+            self._rest_since_utc_s = None
+            if self.trouble == "link":
+                self.refusal = f"{self.mount_name} was silent for a while; it was stopped"
+            self.session.apply(self.safety.clear(Hold(), 0.0, 0.0, 0.0))
+
+    @property
+    def clock_offset_s(self) -> float | None:
+        """The mount's sidereal clock ahead of local mean sidereal time by UTC, by its fastest datagrams."""
+        return max(self._offsets) if self._offsets else None

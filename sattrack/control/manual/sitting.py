@@ -1,0 +1,159 @@
+"""A console with an operator before it, without I/O: obeys orders until the operator leaves.
+
+Where it hears the mount obey somebody else, and nothing was asked of it from here, it keeps silent until it
+is told to stop the mount.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from sattrack.control.halt import StopWatch
+from sattrack.control.manual.errand import LISTEN_S, LISTEN_STATUSES, acknowledged
+from sattrack.control.manual.report import view_of
+from sattrack.mount.link_loss import STOP_LINGER_S
+from sattrack.mount.requests import FindHome, Park, Slew, Sync
+from sattrack.views.console_messages import (
+    AbortOrder,
+    ConsoleMessage,
+    HomeOrder,
+    JogOrder,
+    LeaveOrder,
+    ParkOrder,
+    ResetOrder,
+    SlewOrder,
+    SyncOrder,
+)
+
+if TYPE_CHECKING:
+    from sattrack.control.manual.console import Console
+    from sattrack.views.console import ConsoleView
+
+OWNED = "looking on; SPACE has the mount's owner stop it and end: {}"
+NOT_ALONE = "another program drives this mount: nothing is sent from here, unless you stop the mount"
+
+
+class Sitting:
+    """One operator's time with one mount; call `tick` once a period until `finished`.
+
+    With `owner`, whoever owns the mount in words, the operator looks on: nothing is sent, and a stop is only
+    noted in `stop_wanted`.
+    """
+
+    def __init__(self, console: Console, started_utc_s: float, owner: str | None = None) -> None:
+        self.console = console
+        self.finished = False
+        self.mount_stopped: bool | None = None
+        """Whether the stop at the end was seen through; None where none was needed."""
+        self.stop_wanted = False
+        """Whether one who looks on wants the owner to stop the mount."""
+        self._owner = owner
+        self._started_utc_s = started_utc_s
+        self._asked = False
+        """Whether the operator has asked for anything."""
+        self._heard = 0
+        self._others: set[str] = set()
+        self._leaving_utc_s: float | None = None
+        self._stopping = False
+        self._stop = StopWatch(started_utc_s)
+
+    @property
+    def leaving(self) -> bool:
+        """Whether the operator has left."""
+        return self._leaving_utc_s is not None
+
+    def receive(self, data: bytes, arrival_utc_s: float) -> None:
+        """Take one datagram from the mount."""
+        received = self.console.session.health.received
+        self.console.receive(data, arrival_utc_s)
+        if not self._asked and self.console.session.health.received > received:
+            self._heard += 1
+            self._others |= acknowledged(data)
+
+    def obey(self, order: ConsoleMessage, now_utc_s: float) -> None:
+        """Do what the operator says; why not, where it is refused, stands in the view."""
+        console = self.console
+        if isinstance(order, LeaveOrder):
+            self.interrupt(now_utc_s)
+            return
+        if self.leaving:
+            return
+        if self._owner is not None:
+            self.stop_wanted = self.stop_wanted or isinstance(order, AbortOrder)
+            if not isinstance(order, AbortOrder):
+                console.refusal = "this mount has another owner"
+            return
+        if self._others and not self._asked and not isinstance(order, AbortOrder):
+            # A key that is touched by accident must not mix with what somebody else does.
+            console.refusal = "another program drives this mount"
+            return
+        self._asked = True
+        match order:
+            case AbortOrder():
+                console.abort(now_utc_s)
+            case JogOrder():
+                console.jog(order.ra_rate_deg_s, order.dec_rate_deg_s, now_utc_s)
+            case SlewOrder():
+                console.request(Slew(order.ra_deg, order.dec_deg), now_utc_s)
+            case SyncOrder():
+                console.request(Sync(order.ra_deg, order.dec_deg), now_utc_s)
+            case ParkOrder():
+                console.request(Park(), now_utc_s)
+            case HomeOrder():
+                console.request(FindHome(), now_utc_s)
+            case ResetOrder():
+                console.reset()
+
+    def interrupt(self, now_utc_s: float) -> None:
+        """Leave: stop what was begun from here, and end."""
+        if self.leaving:
+            return
+        self._leaving_utc_s = now_utc_s
+        self._stop.renew(now_utc_s)
+        self._stopping = self._owner is None and (self.console.moving or self.console.stopping)
+        if self._stopping:
+            self.console.abort(now_utc_s)
+
+    def fail(self, words: str, now_utc_s: float) -> None:
+        """Stop the mount and leave: something here is not to be relied on."""
+        if self._leaving_utc_s is None:
+            self._leaving_utc_s = now_utc_s
+            self._stop.renew(now_utc_s)
+        self._stopping = self._asked
+        self.console.fail(words)
+
+    def tick(self, now_utc_s: float) -> bytes | None:
+        """Return the datagram to send now, None while nothing is to be sent; call once a period."""
+        if self._owner is not None:
+            self.finished = self.leaving
+            return None
+        if not self._asked:
+            listened = self._heard >= LISTEN_STATUSES or now_utc_s - self._started_utc_s >= LISTEN_S
+            if self._others or not listened:
+                self.finished = self.leaving
+                return None
+        datagram = self.console.tick(now_utc_s)
+        if self._leaving_utc_s is not None:
+            self._watch_end(now_utc_s, now_utc_s - self._leaving_utc_s)
+        return datagram
+
+    def view(self, now_utc_s: float) -> ConsoleView:
+        """Return what the operator is to see."""
+        view = view_of(self.console, now_utc_s)
+        if self._owner is not None:
+            return msgspec.structs.replace(view, warnings=(OWNED.format(self._owner), *view.warnings))
+        if self._others and not self._asked:
+            return msgspec.structs.replace(view, warnings=(NOT_ALONE, *view.warnings))
+        return view
+
+    def _watch_end(self, now_utc_s: float, waited_s: float) -> None:
+        console = self.console
+        if not self._stopping:
+            self.finished = waited_s >= STOP_LINGER_S
+            return
+        never_heard = console.sample is None and waited_s >= STOP_LINGER_S
+        if self._stop.over(console.session, now_utc_s) or never_heard:
+            self.finished = True
+            self.mount_stopped = None if console.sample is None else self._stop.rested

@@ -1,0 +1,211 @@
+"""TOML text to a typed value, every error with line and column and what was meant."""
+
+from __future__ import annotations
+
+import re
+import tomllib
+from datetime import date, datetime, time
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import msgspec
+
+from sattrack.core.origin import Origin, meant
+from sattrack.core.toml_positions import toml_positions
+
+if TYPE_CHECKING:
+    from sattrack.core.errors import BadInputError
+    from sattrack.core.toml_positions import Path, Spot
+
+T = TypeVar("T")
+_AT = re.compile(r" - at `\$([^`]*)`$")
+_STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]")
+_SYNTAX = re.compile(r"^(.*?) \(at (?:line (\d+), column (\d+)|end of document)\)$")
+_UNKNOWN = re.compile(r"Object contains unknown field `(.*)`")
+_TAG = re.compile(r"Invalid value '(.*)'")
+
+
+class Positions:
+    """Where the keys and values of one file stand."""
+
+    def __init__(self, file: str, spots: dict[Path, Spot], columns: bool = True) -> None:
+        """Keep what the scanner found; without `columns`, lines are told alone."""
+        self.file = file
+        self._spots = spots
+        self.columns = columns
+
+    def key(self, *path: str | int) -> Origin:
+        """Return where a key stands, or else the nearest table round it."""
+        for length in range(len(path), 0, -1):
+            spot = self._spots.get(path[:length])
+            if spot is not None:
+                return self._origin(spot.line, spot.column)
+        return Origin(self.file)
+
+    def value(self, *path: str | int) -> Origin:
+        """Return where a value stands, of text its first character; else where its key does."""
+        spot = self._spots.get(path)
+        if spot is None:
+            return self.key(*path)
+        return self._origin(spot.value_line, spot.value_column)
+
+    def inside(self, *path: str | int) -> Origin:
+        """Return where text begins in which columns can be counted; without a column where they cannot."""
+        spot = self._spots.get(path)
+        origin = self.value(*path)
+        return origin if spot is None or spot.plain else origin._replace(column=0)
+
+    def _origin(self, line: int, column: int) -> Origin:
+        return Origin(self.file, line, column if self.columns else 0)
+
+    def has(self, *path: str | int) -> bool:
+        """Tell whether a key stands in the file."""
+        return path in self._spots
+
+
+def read_typed(text: str, file: str, kind: type[T], columns: bool = True) -> tuple[T, Positions]:
+    """Return what a text says, and where.
+
+    Raises BadInputError with file, line and column; without `columns`, with file, line and table.
+    """
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise _syntax(str(error), text, file) from None
+    positions = Positions(file, toml_positions(text), columns)
+    try:
+        return msgspec.convert(_without_times(document), kind), positions
+    except msgspec.ValidationError as error:
+        raise _told(str(error), document, positions, kind) from None
+
+
+def _syntax(message: str, text: str, file: str) -> BadInputError:
+    match = _SYNTAX.match(message)
+    if match is None:
+        return Origin(file).wrong(f"not a TOML file: {message}")
+    lines = text.split("\n")
+    line, column = (int(match[2]), int(match[3])) if match[2] else (len(lines), len(lines[-1]) + 1)
+    hint = ""
+    row = lines[line - 1] if 0 < line <= len(lines) else ""
+    if match[1] == "Invalid value" and re.match(r"\s*[A-Za-z_-]+\s*=\s*[A-Za-z]", row):
+        hint = "; text stands in quotes"
+    return Origin(file, line, column).wrong(f"not a TOML file: {match[1]}{hint}")
+
+
+def _without_times(value: Any) -> Any:
+    """Return a document with its dates and times as text: a zone is theirs only where one was written."""
+    if isinstance(value, dict):
+        return {key: _without_times(one) for key, one in value.items()}
+    if isinstance(value, list):
+        return [_without_times(one) for one in value]
+    if isinstance(value, datetime):
+        return value.isoformat().replace("+00:00", "Z")
+    return value.isoformat() if isinstance(value, date | time) else value
+
+
+def _told(message: str, document: Any, positions: Positions, kind: type) -> BadInputError:
+    """Return the decoder's refusal as an error that names place, key, and what was meant."""
+    found = _AT.search(message)
+    path: Path = ()
+    if found is not None:
+        path = tuple(int(number) if number else name for name, number in _STEP.findall(found[1]))
+        message = message[: found.start()]
+    table = ".".join(str(part) for part in path if isinstance(part, str))
+    where = "" if positions.columns or not table else f" in [{table}]"
+    unknown, tag = _UNKNOWN.fullmatch(message), _TAG.fullmatch(message)
+    if unknown is not None:
+        keys = _keys_at(kind, path, document)
+        hint = meant(unknown[1], keys) or f"; there are {', '.join(keys)}"
+        return positions.key(*path, unknown[1]).wrong(f"unknown key {unknown[1]!r}{where}{hint}")
+    name = next((str(part) for part in reversed(path) if isinstance(part, str)), "the file")
+    if tag is not None or message.startswith("Invalid enum value"):
+        given = _value_at(document, path)
+        choices = _choices(kind, path, document)
+        hint = meant(str(given), choices) or f"; give one of {', '.join(choices)}"
+        return positions.value(*path).wrong(f"{name} is {given!r}{hint}")
+    said = re.match(r"([a-z_.]+) (?:is |and |does )", message)
+    named = () if said is None else tuple(said[1].split("."))
+    place = positions.key(*path)
+    if named and positions.has(*path, *named):
+        place = positions.value(*path, *named)
+    if message.startswith("Expected"):
+        place = positions.value(*path)
+        given = _value_at(document, path)
+        message = f"{name} is {_shown(given)}; {message[0].lower()}{message[1:].replace('`', '')}"
+        message = re.sub(r", got .*$", "", message).replace(" | null", "")
+        choices = _choices(kind, path, document)
+        if choices:
+            message = f"{name} is {_shown(given)}; give one of {', '.join(choices)}"
+        for word, plain in _PLAIN_WORDS.items():
+            message = re.sub(rf"expected {word}\b", f"give {plain}", message)
+    missing = re.fullmatch(r"Object missing required field `(.*)`", message)
+    if missing is not None:
+        message = f"{missing[1]} is missing{where}"
+    return place.wrong(message)
+
+
+_PLAIN_WORDS = {
+    "str": "text in quotes",
+    "float": "a number",
+    "int": "a whole number",
+    "bool": "true or false",
+    "array": "a list in [ ]",
+    "object": "a table",
+}
+
+
+def _shown(value: Any) -> str:
+    text = "true" if value is True else "false" if value is False else repr(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _value_at(document: Any, path: Path) -> Any:
+    for part in path:
+        try:
+            document = document[part]
+        except (KeyError, IndexError, TypeError):
+            return None
+    return document
+
+
+def _types_at(kind: Any, path: Path, document: Any) -> list[Any]:
+    """Return the types that may stand at a path; of several kinds of table those of the tag there."""
+    info: list[Any] = [msgspec.inspect.type_info(kind)]
+    for part in path:
+        document = _value_at(document, (part,))
+        info = [inner for one in info for inner in _inner(one, part)]
+        tagged = [one for one in info if isinstance(one, msgspec.inspect.StructType) and one.tag_field]
+        if isinstance(document, dict) and tagged:
+            info = [one for one in tagged if document.get(one.tag_field or "") == one.tag] or tagged
+    return info
+
+
+def _inner(info: Any, part: str | int) -> list[Any]:
+    kinds = msgspec.inspect
+    if isinstance(info, kinds.StructType):
+        if part == info.tag_field:
+            return [info]
+        found = [field.type for field in info.fields if field.encode_name == part]
+    elif isinstance(info, kinds.VarTupleType | kinds.ListType):
+        found = [info.item_type]
+    else:
+        found = []
+    return [inner for one in found for inner in (one.types if isinstance(one, kinds.UnionType) else [one])]
+
+
+def _keys_at(kind: Any, path: Path, document: Any) -> list[str]:
+    found: dict[str, None] = {}
+    for info in _types_at(kind, path, document):
+        if isinstance(info, msgspec.inspect.StructType):
+            found |= dict.fromkeys([info.tag_field] if info.tag_field else [])
+            found |= dict.fromkeys(field.encode_name for field in info.fields)
+    return list(found)
+
+
+def _choices(kind: Any, path: Path, document: Any) -> list[str]:
+    found: dict[str, None] = {}
+    for info in _types_at(kind, path, document):
+        if isinstance(info, msgspec.inspect.StructType):
+            found[str(info.tag)] = None
+        elif isinstance(info, msgspec.inspect.LiteralType):
+            found |= dict.fromkeys(str(value) for value in info.values)
+    return list(found)

@@ -1,0 +1,1 @@
+"""Element sets from the network, kept with their age."""

@@ -1,0 +1,422 @@
+"""Between a session's datagrams and an Alpaca telescope, without I/O: commands and readings in, orders and
+statuses out.
+
+Rules:
+
+1. Once a turn the newest datagram is read, and what it wants is ordered; that turn's status acknowledges.
+2. A fall of a MoveAxis flag is a MoveAxis of 0, which gives tracking back, as the ASCOM standard has it.
+3. A stop is AbortSlew and a MoveAxis of 0 on both axes, and is repeated until the telescope is seen at rest;
+   then tracking is set as it was before anything was asked.
+4. Where the session is silent for DEADMAN_S while something of its is in force, the telescope is stopped.
+5. What the telescope refuses is not acknowledged, and asked for again as long as it is wanted.
+
+Instants are UTC as POSIX seconds (`_utc_s`), or of our monotonic clock (`_s`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from sattrack.mount.alpaca.device import (
+    J2000_SYSTEM,
+    DeviceFacts,
+    Place,
+    Standing,
+    nearest_rate,
+)
+from sattrack.mount.alpaca.equinox import Equinox
+from sattrack.mount.alpaca.lateness import Lateness
+from sattrack.mount.alpaca.orders import AXIS_LANES, Order, move_order, pulse_orders, tracking_order
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
+from sattrack.mount.xerxes.datagrams import (
+    DTICS_S_PER_DEG_S,
+    Command,
+    DatagramError,
+    Status,
+    decode_command,
+    encode_status,
+)
+
+DEADMAN_S = 1.0
+STOP_AGAIN_S = 0.5
+SAME_RATE_DEG_S = 1e-8
+RATE_OVER_S = 0.35
+"""The span over which the axes' rates are taken from places."""
+MOVES_DEG_S = 0.5 * SIDEREAL_RATE_DEG_S
+LONGEST_SHIFT_S = 0.5
+OLD_PLACES_PROOF = 4
+OLD_AT_MOST_S = 0.5
+"""For how long a place that stays the same is taken for an old one: no driver keeps one for longer."""
+GUIDED_LATELY_S = 1.0
+"""For how long after a guide pulse the rates that places show are still its own."""
+TRACKING_AGAIN_S = 1.0
+MOST_TRACKING_TRIES = 5
+ONE_SHOTS = ("abort", "slew", "sync", "pulse_guide")
+HALT_NAMES = frozenset({"abortslew"})
+
+
+class _Seen(NamedTuple):
+    utc_s: float
+    hour_angle_deg: float
+    ra_deg: float
+    dec_deg: float
+
+
+@dataclass(slots=True)
+class _Axis:
+    """What one axis was told: `told` None where that is not known, after a refusal."""
+
+    told_deg_s: float | None = 0.0
+    refused: bool = False
+
+
+@dataclass(slots=True)
+class Bridge:
+    """One telescope and one session; `longitude_deg` is that of the site whose sidereal time dates places.
+
+    `latitude_deg` is that of the site, which altitudes are reckoned by where the telescope tells none.
+    """
+
+    facts: DeviceFacts
+    longitude_deg: float
+    latitude_deg: float | None = None
+    words: str | None = None
+    """What the telescope said when it last refused; None once it obeys."""
+    counter: int = 0
+    _mail: list[Command] = field(default_factory=list)
+    _command: Command = field(default_factory=Command)
+    _heard_s: float | None = None
+    _axes: tuple[_Axis, _Axis] = field(default_factory=lambda: (_Axis(), _Axis()))
+    _refused: set[str] = field(default_factory=set)
+    """One-shots of the flags that stand that the telescope has refused."""
+    _standing: Standing = field(default_factory=lambda: Standing(-math.inf))
+    _guided_s: float = -math.inf
+    """When it was last asked whether it guides, and did."""
+    _trail: deque[_Seen] = field(default_factory=lambda: deque(maxlen=64))
+    _rates_deg_s: tuple[float, float] = (SIDEREAL_RATE_DEG_S, 0.0)
+    _last: Place | None = None
+    _old_places: int = 0
+    """Places that came again though an axis moved."""
+    _oldest_s: float = 0.0
+    _lateness: Lateness = field(default_factory=Lateness)
+    _equinox: Equinox = field(default_factory=Equinox)
+    _in_force: bool = False
+    """Whether something of ours may have the telescope moving."""
+    _stop_s: float | None = None
+    """When the last stop was ordered; None unless one is being seen through."""
+    _slew_ordered: bool = False
+    _slew_answered_s: float = -math.inf
+    _tracked_before: bool | None = None
+    """Whether it tracked before anything was asked; None before that."""
+    _tracking_tries: int = 0
+    _tracking_asked_s: float = -math.inf
+
+    @property
+    def doubt(self) -> str | None:
+        """What is doubtful of the places that the telescope tells, in words; None for nothing."""
+        if self._old_places < OLD_PLACES_PROOF:
+            return None
+        return (
+            f"the driver tells places that are {1000.0 * self._oldest_s:.0f} ms old or more: the telescope "
+            "is off by what it moves in that time, and the reported error does not show it"
+        )
+
+    @property
+    def in_force(self) -> bool:
+        """Whether something of ours may have the telescope moving, or a stop is not seen through."""
+        return self._in_force or self._stop_s is not None
+
+    def hear(self, data: bytes, now_s: float) -> None:
+        """Take a datagram of the session; what is none is left alone."""
+        try:
+            command = decode_command(data)
+        except DatagramError:
+            return
+        self._heard_s = now_s
+        self._mail.append(command)
+
+    def turn(self, now_s: float) -> list[Order]:
+        """Read the mailbox; return what the telescope is to be told now."""
+        orders: list[Order] = []
+        for command in self._mail:
+            orders += self._rising(command, now_s)
+            self._command = command
+        self._mail.clear()
+        silent = self._heard_s is not None and now_s - self._heard_s > DEADMAN_S
+        if silent and self._in_force and self._stop_s is None:
+            # Nobody wants any of it any more, whatever was said last.
+            self._command = Command()
+            orders += self._stop(now_s)
+        if self._stop_s is not None:
+            orders += self._see_stop_through(now_s)
+        if self._stop_s is None or self._wants_move():
+            orders += self._move(now_s)
+        if self._stop_s is None and not self._goes():
+            self._in_force = False
+        return orders
+
+    def answered(self, order: Order, refusal: str | None, now_s: float) -> None:
+        """Take the telescope's answer to an order: None where it obeys, else its words."""
+        if order.member == "slewtocoordinatesasync":
+            self._slew_answered_s, self._slew_ordered = now_s, False
+        name = {"slewtocoordinatesasync": "slew", "synctocoordinates": "sync", "pulseguide": "pulse_guide"}
+        if refusal is None:
+            self.words = None if order.member not in HALT_NAMES else self.words
+            if order.member == "moveaxis":
+                self._axes[AXIS_LANES.index(order.lane)].refused = False
+            return
+        if order.member not in HALT_NAMES:
+            # A telescope that cannot abort, or need not, is stopped by its axes.
+            self.words = f"the telescope refuses {order.member}: {refusal}"
+        if order.member == "moveaxis":
+            axis = self._axes[AXIS_LANES.index(order.lane)]
+            axis.told_deg_s, axis.refused = None, True
+        elif order.member in name:
+            self._refused.add(name[order.member])
+
+    def stand(self, standing: Standing) -> None:
+        """Take how the telescope stands."""
+        self._standing = standing
+        if standing.pulse_guiding:
+            self._guided_s = standing.began_s
+
+    @property
+    def standing(self) -> Standing:
+        """How the telescope stood last."""
+        return self._standing
+
+    def see(self, place: Place) -> bytes | None:
+        """Take a place that was read in this turn; return the status to send.
+
+        None where the request took so long that its instant is in doubt, and where the place is the last one
+        though an axis moves: the driver tells an old one.
+        """
+        self.counter += 1
+        if self._lateness.is_late(place.took_s):
+            return None
+        if self._last is not None and self._is_old(place):
+            self._old_places += 1
+            self._oldest_s = max(self._oldest_s, place.ra_utc_s - self._last.ra_utc_s)
+            return None
+        self._last = place
+        seen = self._seen(place)
+        self._take_rates(seen)
+        return encode_status(self._status(seen))
+
+    def _rising(self, command: Command, now_s: float) -> list[Order]:
+        orders: list[Order] = []
+        for flag in ONE_SHOTS:
+            was, wanted = getattr(self._command, flag), getattr(command, flag)
+            if not wanted:
+                self._refused.discard(flag)
+            elif not was:
+                orders += self._launch(flag, command, now_s)
+        return orders
+
+    def _launch(self, flag: str, command: Command, now_s: float) -> list[Order]:
+        can = {
+            "slew": self.facts.can_slew,
+            "sync": self.facts.can_sync,
+            "pulse_guide": self.facts.can_pulse_guide,
+        }
+        if not can.get(flag, True):
+            self.words = f"the telescope has no {flag.replace('_', ' ')}"
+            self._refused.add(flag)
+            return []
+        if flag == "abort":
+            return self._stop(now_s)
+        if self.facts.objection() is not None:
+            self._refused.add(flag)
+            return []
+        if flag == "pulse_guide":
+            return pulse_orders(command.pulse_ra_ms, command.pulse_dec_ms)
+        target = self._target(command)
+        if flag == "sync":
+            return [Order("rest", "synctocoordinates", target)]
+        self._begin()
+        self._slew_ordered = True
+        return [*self._tracking_first(now_s), Order("rest", "slewtocoordinatesasync", target)]
+
+    def _target(self, command: Command) -> tuple[tuple[str, str], ...]:
+        ra_deg, dec_deg = command.target_ra_h * 15.0 % 360.0, command.target_dec_deg
+        if self.facts.equatorial_system == J2000_SYSTEM and self._last is not None:
+            ra_deg, dec_deg = self._equinox.j2000(ra_deg, dec_deg, self._last.ra_utc_s)
+        # Rounded first: 24 h is no right ascension.
+        hours = round(ra_deg / 15.0, 10) % 24.0
+        return ("RightAscension", f"{hours:.10f}"), ("Declination", f"{dec_deg:.9f}")
+
+    def _begin(self) -> None:
+        """Something is about to be asked that moves the telescope."""
+        self._in_force, self._stop_s = True, None
+        if self._tracked_before is None:
+            self._tracked_before = self._standing.tracking
+
+    def _tracking_first(self, now_s: float) -> list[Order]:
+        """Have tracking on before a motion, so that the same rate always means the same."""
+        if self._standing.tracking or not self.facts.can_set_tracking:
+            return []
+        if now_s - self._tracking_asked_s < TRACKING_AGAIN_S:
+            return []
+        self._tracking_asked_s = now_s
+        return [tracking_order(True)]
+
+    def _wants_move(self) -> bool:
+        command = self._command
+        moves = (command.move_ra or command.move_dec) and not command.abort
+        return moves and self.facts.objection() is None
+
+    def _move(self, now_s: float) -> list[Order]:
+        command = self._command
+        moves = self._wants_move()
+        if moves and (not self._in_force or self._stop_s is not None):
+            self._begin()
+        if moves and (first := self._tracking_first(now_s)):
+            return first
+        wishes = (
+            command.move_ra_rate_deg_s if moves and command.move_ra else 0.0,
+            command.move_dec_rate_deg_s if moves and command.move_dec else 0.0,
+        )
+        orders = []
+        for number, wish in enumerate(wishes):
+            axis = self._axes[number]
+            rate = nearest_rate(wish, self.facts.rates(number))
+            if axis.told_deg_s is None or abs(rate - axis.told_deg_s) > SAME_RATE_DEG_S:
+                orders.append(move_order(number, rate))
+                axis.told_deg_s = rate
+        return orders
+
+    def _stop(self, now_s: float) -> list[Order]:
+        self._stop_s = now_s
+        self._slew_ordered = False
+        for axis in self._axes:
+            axis.told_deg_s = 0.0
+        return [Order("rest", "abortslew"), move_order(0, 0.0), move_order(1, 0.0)]
+
+    def _see_stop_through(self, now_s: float) -> list[Order]:
+        assert self._stop_s is not None
+        if now_s - self._stop_s < STOP_AGAIN_S:
+            return []
+        refused = any(axis.refused for axis in self._axes) and not self._standing.at_park
+        if self._moving() or refused:
+            return self._stop(now_s)
+        if self._standing.began_s < self._stop_s:
+            return []
+        before, self._in_force = self._tracked_before, False
+        differs = before is not None and before != self._standing.tracking
+        if not differs or not self.facts.can_set_tracking or self._tracking_tries >= MOST_TRACKING_TRIES:
+            self._stop_s = self._tracked_before = None
+            self._tracking_tries = 0
+            return []
+        if now_s - self._tracking_asked_s < TRACKING_AGAIN_S:
+            return []
+        self._tracking_asked_s = now_s
+        self._tracking_tries += 1
+        return [tracking_order(before is True)]
+
+    def _moving(self) -> bool:
+        """Whether the telescope moves otherwise than with the sky, by what it says or by its places."""
+        hour_angle, dec = self._rates_deg_s
+        off = min(abs(hour_angle), abs(hour_angle - SIDEREAL_RATE_DEG_S))
+        return self._slews or max(off, abs(dec)) > MOVES_DEG_S
+
+    @property
+    def _slews(self) -> bool:
+        return self._standing.slewing and not self._standing.at_park
+
+    def _goes(self) -> bool:
+        """Whether what was asked may still have the telescope moving."""
+        told = any(axis.told_deg_s != 0.0 for axis in self._axes)
+        # A parked telescope refuses whatever it is told, and stands.
+        guided = self._standing.began_s - self._guided_s < GUIDED_LATELY_S
+        moves = self._slews if guided else self._moving()
+        return (told and not self._standing.at_park) or self._slew_awaited or moves
+
+    @property
+    def _slew_awaited(self) -> bool:
+        """Whether a slew was ordered of which what the telescope says of itself knows nothing yet."""
+        return self._slew_ordered or self._standing.began_s < self._slew_answered_s
+
+    def _is_old(self, place: Place) -> bool:
+        last = self._last
+        if last is None or (place.ra_deg, place.dec_deg) != (last.ra_deg, last.dec_deg):
+            return False
+        told = any(abs(axis.told_deg_s or 0.0) > MOVES_DEG_S for axis in self._axes)
+        hour_angle, dec = self._rates_deg_s
+        moves = max(abs(SIDEREAL_RATE_DEG_S - hour_angle), abs(dec)) > MOVES_DEG_S
+        return told and moves and place.ra_utc_s - last.ra_utc_s < OLD_AT_MOST_S
+
+    def _seen(self, place: Place) -> _Seen:
+        """Return a place for one instant, that of its right ascension, in the equinox of date."""
+        shift_s = place.ra_utc_s - place.dec_utc_s
+        dec_deg = place.dec_deg
+        if abs(shift_s) < LONGEST_SHIFT_S:
+            dec_deg += self._rates_deg_s[1] * shift_s
+        ra_deg, dec_deg = place.ra_deg, max(-90.0, min(90.0, dec_deg))
+        if self.facts.equatorial_system == J2000_SYSTEM:
+            ra_deg, dec_deg = self._equinox.of_date(ra_deg, dec_deg, place.ra_utc_s)
+        sidereal_deg = mean_sidereal_deg(place.ra_utc_s, self.longitude_deg)
+        return _Seen(place.ra_utc_s, math.remainder(sidereal_deg - ra_deg, 360.0), ra_deg, dec_deg)
+
+    def _take_rates(self, seen: _Seen) -> None:
+        self._trail.append(seen)
+        while len(self._trail) > 2 and seen.utc_s - self._trail[1].utc_s >= RATE_OVER_S:
+            self._trail.popleft()
+        first = self._trail[0]
+        seconds = seen.utc_s - first.utc_s
+        if seconds > 0.0:
+            self._rates_deg_s = (
+                math.remainder(seen.hour_angle_deg - first.hour_angle_deg, 360.0) / seconds,
+                (seen.dec_deg - first.dec_deg) / seconds,
+            )
+
+    def _status(self, seen: _Seen) -> Status:
+        facts, standing, command = self.facts, self._standing, self._command
+        hour_angle_rate, dec_rate = self._rates_deg_s
+        latitude_deg = self.latitude_deg if facts.latitude_deg is None else facts.latitude_deg
+        altitude_deg, azimuth_deg = _horizontal(seen, latitude_deg or 0.0)
+        primary, secondary = self._axes
+        ra_guide_rate, dec_guide_rate = facts.guide_rates_deg_s or (0.0, 0.0)
+        return Status(
+            altitude_deg=altitude_deg,
+            azimuth_deg=azimuth_deg,
+            dec_deg=seen.dec_deg,
+            dec_guide_rate_dtics_s=dec_guide_rate * DTICS_S_PER_DEG_S,
+            dec_rate_dtics_s=(-dec_rate if standing.beyond_pole else dec_rate) * DTICS_S_PER_DEG_S,
+            ra_guide_rate_dtics_s=ra_guide_rate * DTICS_S_PER_DEG_S,
+            ra_h=seen.ra_deg / 15.0,
+            ra_rate_dtics_s=hour_angle_rate * DTICS_S_PER_DEG_S,
+            sidereal_h=mean_sidereal_deg(seen.utc_s, self.longitude_deg) / 15.0,
+            site_height_m=facts.height_m,
+            site_latitude_deg=facts.latitude_deg or 0.0,
+            site_longitude_deg=facts.longitude_deg or 0.0,
+            target_dec_deg=command.target_dec_deg,
+            target_ra_h=command.target_ra_h,
+            counter=self.counter,
+            at_home=standing.at_home,
+            at_park=standing.at_park,
+            does_refraction=facts.does_refraction,
+            pulse_guiding=standing.pulse_guiding,
+            side_of_pier=standing.beyond_pole,
+            slewing=self._goes(),
+            tracking=standing.tracking,
+            ack_move_ra=command.move_ra and not primary.refused,
+            ack_move_dec=command.move_dec and not secondary.refused,
+            ack_abort=command.abort,
+            ack_sync=command.sync and "sync" not in self._refused,
+            ack_pulse_guide=command.pulse_guide and "pulse_guide" not in self._refused,
+            ack_slew=command.slew and "slew" not in self._refused,
+        )
+
+
+def _horizontal(seen: _Seen, latitude_deg: float) -> tuple[float, float]:
+    """Return altitude and azimuth, degrees, azimuth from north through east."""
+    hour_angle, dec, latitude = (
+        math.radians(angle) for angle in (seen.hour_angle_deg, seen.dec_deg, latitude_deg)
+    )
+    east = -math.cos(dec) * math.sin(hour_angle)
+    north = math.sin(dec) * math.cos(latitude) - math.cos(dec) * math.sin(latitude) * math.cos(hour_angle)
+    up = math.sin(dec) * math.sin(latitude) + math.cos(dec) * math.cos(latitude) * math.cos(hour_angle)
+    return math.degrees(math.asin(max(-1.0, min(1.0, up)))), math.degrees(math.atan2(east, north)) % 360.0

@@ -1,0 +1,121 @@
+"""An Alpaca telescope's gateway, started and ended: the way to it is a socket on loopback."""
+
+from __future__ import annotations
+
+import contextlib
+import socket
+import subprocess
+import sys
+import time
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from sattrack.core.errors import LinkLostError, SattrackError
+from sattrack.core.own_program import own_program
+from sattrack.mount.alpaca.channel import GatewayConfig, News, Ready, Refused
+from sattrack.mount.xerxes.client import Address, UdpLink, bind
+
+if TYPE_CHECKING:
+    from sattrack.mount.alpaca.address import AlpacaAddress
+    from sattrack.mount.alpaca.device import DeviceFacts
+
+START_WITHIN_S = 30.0
+END_WITHIN_S = 5.0
+LONGEST_LINE = 65536
+_News = msgspec.json.Decoder(News)
+
+
+class GatewayLink(UdpLink):
+    """The socket towards a gateway, and what the gateway says of its telescope in words."""
+
+    def __init__(
+        self,
+        address: Address,
+        bound: socket.socket,
+        process: subprocess.Popen[bytes],
+        channel: socket.socket,
+        facts: DeviceFacts,
+    ) -> None:
+        super().__init__(address, bound)
+        self.facts = facts
+        self.largest_rates_deg_s = facts.fastest_deg_s(0), facts.fastest_deg_s(1)
+        self._process = process
+        self._channel = channel
+        self._rest = b""
+        self._trouble: str | None = None
+        channel.setblocking(False)
+
+    @property
+    def trouble(self) -> str | None:
+        """What is the matter with the telescope, as the gateway told last; None where nothing is."""
+        self._hear_news()
+        return self._trouble
+
+    def close(self) -> None:
+        """Give the port back; the gateway ends once the telescope rests, or is in its guardian's hands."""
+        with contextlib.suppress(OSError):
+            self._channel.setblocking(True)
+            self._channel.sendall(b"bye\n")
+        self._channel.close()
+        super().close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_WITHIN_S)
+
+    def _hear_news(self) -> None:
+        try:
+            data = self._channel.recv(LONGEST_LINE)
+        except OSError:
+            return
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        for line in lines:
+            with contextlib.suppress(msgspec.MsgspecError):
+                self._trouble = _News.decode(line).words
+
+
+def open_gateway(address: AlpacaAddress) -> GatewayLink:
+    """Start a gateway and return the socket towards it.
+
+    Raises LinkLostError where no telescope answers, SattrackError where it cannot be driven.
+    """
+    bound = bind("127.0.0.1", 0)
+    ours, theirs = socket.socketpair()
+    config = GatewayConfig(address, int(bound.getsockname()[1]), theirs.fileno())
+    with theirs:
+        process = subprocess.Popen(
+            [*own_program("sattrack.mount.alpaca.gateway_process"), msgspec.json.encode(config).decode()],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            pass_fds=[theirs.fileno()],
+            # Whatever ends the session must not take the way to the telescope away before it is stopped.
+            start_new_session=True,
+        )
+    try:
+        ready = _first_word(ours, address)
+    except SattrackError:
+        ours.close()
+        bound.close()
+        process.kill()
+        process.wait()
+        raise
+    return GatewayLink(Address("127.0.0.1", ready.port, config.peer_port), bound, process, ours, ready.facts)
+
+
+def _first_word(channel: socket.socket, address: AlpacaAddress) -> Ready:
+    until_s, data = time.monotonic() + START_WITHIN_S, b""
+    while not data.endswith(b"\n"):
+        channel.settimeout(max(0.01, until_s - time.monotonic()))
+        try:
+            more = channel.recv(LONGEST_LINE)
+        except TimeoutError as error:
+            raise LinkLostError(f"{address}: no answer within {START_WITHIN_S:g} s") from error
+        if not more:
+            raise SattrackError(
+                f"{address}: the gateway did not start; "
+                f"`{sys.executable} -m sattrack.mount.alpaca.gateway_process` shows why"
+            )
+        data += more
+    word = msgspec.json.decode(data, type=Ready | Refused)
+    if isinstance(word, Refused):
+        raise (LinkLostError if word.link else SattrackError)(word.words)
+    return word

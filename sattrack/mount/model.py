@@ -1,0 +1,338 @@
+"""What the tracker needs of a mount: its profile, what it reports, and what it can be told.
+
+Directions are right ascension and declination in the frame that the mount reports (JNow, its own sidereal
+clock), rates are derivatives of those: a right ascension rate of 0 leaves the mount on its sidereal tracking.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import msgspec
+
+SIDEREAL_RATE_DEG_S = 360.0 / 86164.0905
+"""Rate of the hour angle of a fixed direction, degrees per second of UTC."""
+
+
+UNIX_EPOCH_DAYS_FROM_J2000 = -10957.5
+TURN_DEG = 360.0
+LEAST_SURE_PART = 0.5
+"""Of a measured acceleration at least so much counts, however large its sigma is."""
+
+
+def mean_sidereal_deg(utc_s: float, longitude_deg: float) -> float:
+    """Return local mean sidereal time at an instant of UTC (POSIX seconds), degrees, UT1 taken as UTC.
+
+    Linear part of the IAU 1982 expression (Aoki et al. 1982). It differs from apparent sidereal time by up to
+    18 arcseconds, which is 1.2 s of a clock: an offset that was measured against it holds for it alone.
+    """
+    days = utc_s / 86400.0 + UNIX_EPOCH_DAYS_FROM_J2000
+    whole = math.floor(days)
+    turns = (days - whole) * 360.0 + 0.98564736629 * days + 280.46061837
+    return (turns + longitude_deg) % 360.0
+
+
+class AxisLimits(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What one axis can do."""
+
+    max_rate_deg_s: float = 6.0
+    max_acceleration_deg_s2: float = 10.0
+    slew_rate_deg_s: float = 10.0
+    max_current_a: float | None = None
+    """Drive current above which something is in the way, amperes; None where nothing is known of it."""
+    lag_s: float = 0.0
+    """Mean delay of the axis' rate behind the commanded one, seconds, beyond command_delay_s and the wait for
+    the mount's loop."""
+
+
+class AxesPosition(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How the axes stand: hour angle and declination of the direction reported there, degrees."""
+
+    hour_angle_deg: float
+    dec_deg: float
+
+
+class SitePlace(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A place on the Earth, degrees north and east."""
+
+    latitude_deg: float
+    longitude_deg: float
+
+
+class PierZone(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Where tube or counterweight would meet the pier: a polygon of hour angle and declination, degrees.
+
+    Corners are directions as the mount reports them while it stands on `side` of the pier, joined by straight
+    lines, the last to the first; hour angles may pass ±180 so that the polygon is in one piece. Raises
+    ValueError for fewer than three corners, or one that is no direction.
+    """
+
+    name: str
+    corners: tuple[tuple[float, float], ...]
+    side: Literal["normal", "beyond_pole", "both"] = "both"
+
+    def __post_init__(self) -> None:
+        """Check the corners."""
+        if len(self.corners) < 3:
+            raise ValueError(f"corners is of {len(self.corners)} in {self.name!r}; a zone needs three")
+        for hour_angle, dec in self.corners:
+            if not (abs(hour_angle) <= 360.0 and abs(dec) <= 90.0):
+                raise ValueError(
+                    f"corners is {hour_angle:g}, {dec:g} at one point of {self.name!r}; hour angles go from "
+                    "-360 to 360, declinations from -90 to 90"
+                )
+
+
+class MeasuredMotion(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How an axis took up a rate from rest, or came to rest from it, since the mount read the command.
+
+    `seconds` passed until the rate stayed within 2 % of the step. `deg` is the farthest that the axis fell
+    behind a motion that began at once, or that it went on after the command to stop.
+    """
+
+    rate_deg_s: float
+    seconds: float
+    seconds_sigma: float
+    deg: float
+    deg_sigma: float
+
+
+class CalibrationRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a calibration run found beside the profile's own values, and how sure it was.
+
+    Intervals are (lowest, highest) and hold the truth as far as the run could tell; `clock_offset_s` is the
+    mount's sidereal clock, as a UTC instant by the profile's site, minus ours. `both_sides` where the signs
+    of the other side of the pier were measured too, by an earlier run. An acceleration's sigma is None where
+    the axis stopped too quickly for it to be seen, a lag's where it could not be told. An acceleration is the
+    axis' limit where `limit_reached`, else what its stop from the fastest rate amounts to. `fastest_deg_s` is
+    the fastest rate seen: the axis can do at least that, or no more where `rate_limit_reached`.
+    `rate_fields` tells whether RightAscensionRate and DeclinationRate follow the axes; `slewing_field` is
+    "true" where Slewing is up while an axis moves, "quiet" where it falls before the axis rests. What was not
+    looked at is None.
+    """
+
+    utc: str
+    program: str
+    side_of_pier: Literal["normal", "beyond_pole"]
+    ra_gain_sigma: float
+    dec_gain_sigma: float
+    round_trip_s: float
+    round_trip_sigma_s: float
+    command_delay_interval_s: tuple[float, float]
+    status_delay_interval_s: tuple[float, float]
+    clock_offset_interval_s: tuple[float, float]
+    clock_drift_ppm: float
+    clock_drift_sigma_ppm: float
+    status_period_s: float
+    status_period_jitter_s: float
+    both_sides: bool = False
+    ra_acceleration_sigma_deg_s2: float | None = None
+    dec_acceleration_sigma_deg_s2: float | None = None
+    ra_limit_reached: bool | None = None
+    dec_limit_reached: bool | None = None
+    ra_starting: MeasuredMotion | None = None
+    dec_starting: MeasuredMotion | None = None
+    ra_braking: MeasuredMotion | None = None
+    dec_braking: MeasuredMotion | None = None
+    ra_lag_sigma_s: float | None = None
+    dec_lag_sigma_s: float | None = None
+    ra_fastest_deg_s: float | None = None
+    dec_fastest_deg_s: float | None = None
+    ra_rate_limit_reached: bool | None = None
+    dec_rate_limit_reached: bool | None = None
+    rate_fields: Literal["true", "meaningless"] | None = None
+    slewing_field: Literal["true", "quiet", "meaningless"] | None = None
+
+
+class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What is known of one mount. Signs, delays and semantics are measured, never assumed for good.
+
+    `ra_rate_sign` is +1 where a positive MoveAxisRateRA increases the hour angle, `dec_rate_sign` +1 where a
+    positive MoveAxisRateDec increases the reported declination; those `_beyond_pole` hold while SideOfPier
+    says so, None where that side was never measured and is taken to be like the other. A gain is the rate
+    that comes of a commanded one, divided by it. `additive` where MoveAxis rates add to sidereal tracking.
+    `move_axis` is "held" where the latest rates act while the flag is up, and "edge" where they are read as
+    the flag rises and stay in force after its fall. Delays are seconds: the mean one from our send call to
+    the mount's mailbox, and the shortest one from its sample to our socket, as samples are dated by the
+    fastest arrivals. `watchdog_s` is the silence after which the mount stops by itself, None where it never
+    does. `readings` are the types of the doubtful fields of a status. `repeat_rates` tells when rates go
+    out twice in a period (`sattrack.mount.xerxes.repeats`): "when_lossy" while statuses are lost, as commands
+    then are too; a copy helps nowhere else, so a good link carries the paper's 20 datagrams a second.
+    """
+
+    name: str = "xerxes-default"
+    ra: AxisLimits = AxisLimits()
+    dec: AxisLimits = AxisLimits()
+    ra_rate_sign: Literal[-1, 1] = 1
+    dec_rate_sign: Literal[-1, 1] = 1
+    ra_rate_sign_beyond_pole: Literal[-1, 1] | None = None
+    dec_rate_sign_beyond_pole: Literal[-1, 1] | None = None
+    ra_rate_gain: float = 1.0
+    dec_rate_gain: float = 1.0
+    additive: bool = True
+    move_axis: Literal["held", "edge"] = "held"
+    hour_angle_limit_deg: float = 200.0
+    """How far the hour angle axis may turn either way of the meridian, the cables counted."""
+    dec_axis_limits_deg: tuple[float, float] = (-190.0, 190.0)
+    """How far the declination axis may turn; beyond 90° either way it stands past a pole."""
+    pier_rule: Literal["never", "hour_angle"] = "never"
+    """Where a slew ends: always on the normal side, or beyond the pole for an hour angle above 0."""
+    slew_path: Literal["any", "together"] = "any"
+    """How the axes go in a slew: each in its own time, or on a straight line so that they arrive together."""
+    pier_zones: tuple[PierZone, ...] = ()
+    stands_at: SitePlace | None = None
+    """The site that the profile was made at; None for a profile that may be used anywhere."""
+    through_pole: bool = False
+    """Whether following may go through the celestial pole, on to the other side of the pier."""
+    period_s: float = 0.05
+    command_delay_s: float = 0.0003
+    status_delay_s: float = 0.0001
+    clock_offset_s: float | None = None
+    """The mount's sidereal clock ahead of local mean sidereal time by UTC at the site, seconds; None where it
+    is not known, and arrivals must tell when a status was sampled."""
+    encoder_tics: int = 2**26
+    watchdog_s: float | None = None
+    repeat_rates: Literal["never", "when_lossy", "always"] = "when_lossy"
+    park: AxesPosition | None = None
+    home: AxesPosition | None = None
+    readings: dict[str, Literal["int64", "double"]] = {}
+    calibration: CalibrationRecord | None = None
+
+    @property
+    def dated_within_s(self) -> float | None:
+        """By how much the instants of samples may be off, as the calibration tells; None without one."""
+        record = self.calibration
+        if record is None:
+            return None
+        if self.clock_offset_s is not None:
+            (low, high), taken = record.clock_offset_interval_s, self.clock_offset_s
+        else:
+            (low, high), taken = record.status_delay_interval_s, self.status_delay_s
+        return max(high - taken, taken - low)
+
+    @property
+    def braking_deg_s2(self) -> tuple[float, float]:
+        """Accelerations that stops are foretold with, right ascension first: measured ones less two sigma."""
+        record = self.calibration
+        ra, dec = self.ra.max_acceleration_deg_s2, self.dec.max_acceleration_deg_s2
+        if record is None:
+            return ra, dec
+        return (
+            _surely(ra, record.ra_acceleration_sigma_deg_s2),
+            _surely(dec, record.dec_acceleration_sigma_deg_s2),
+        )
+
+    def signs(self, beyond_pole: bool) -> tuple[int, int]:
+        """Return the signs of the two axes' rates, right ascension first, on one side of the pier."""
+        if not beyond_pole:
+            return self.ra_rate_sign, self.dec_rate_sign
+        return (
+            self.ra_rate_sign_beyond_pole or self.ra_rate_sign,
+            self.dec_rate_sign_beyond_pole or self.dec_rate_sign,
+        )
+
+    def __post_init__(self) -> None:
+        """Raise ValueError, naming the field, where a number cannot be one of a mount."""
+        positive = {
+            "ra.max_rate_deg_s": self.ra.max_rate_deg_s,
+            "ra.max_acceleration_deg_s2": self.ra.max_acceleration_deg_s2,
+            "ra.slew_rate_deg_s": self.ra.slew_rate_deg_s,
+            "dec.max_rate_deg_s": self.dec.max_rate_deg_s,
+            "dec.max_acceleration_deg_s2": self.dec.max_acceleration_deg_s2,
+            "dec.slew_rate_deg_s": self.dec.slew_rate_deg_s,
+            "ra_rate_gain": self.ra_rate_gain,
+            "dec_rate_gain": self.dec_rate_gain,
+            "period_s": self.period_s,
+            "hour_angle_limit_deg": self.hour_angle_limit_deg,
+            "encoder_tics": self.encoder_tics,
+        }
+        if self.watchdog_s is not None:
+            positive["watchdog_s"] = self.watchdog_s
+        for name, value in positive.items():
+            if not (math.isfinite(value) and value > 0.0):
+                raise ValueError(f"{name} is {value:g}; it must be above 0")
+        delays = {
+            "command_delay_s": self.command_delay_s,
+            "status_delay_s": self.status_delay_s,
+            "ra.lag_s": self.ra.lag_s,
+            "dec.lag_s": self.dec.lag_s,
+        }
+        for name, value in delays.items():
+            if not 0.0 <= value < 5.0:
+                raise ValueError(f"{name} is {value:g}; delays are 0 s or more, and below 5 s")
+        self._check_travel()
+
+    def _check_travel(self) -> None:
+        low, high = self.dec_axis_limits_deg
+        if not (-TURN_DEG < low < high < TURN_DEG and low < 90.0 and high > -90.0):
+            raise ValueError(
+                f"dec_axis_limits_deg is {low:g} to {high:g}; give a lower and a higher angle that "
+                "leave some of -90 to 90"
+            )
+        currents = {"ra.max_current_a": self.ra.max_current_a, "dec.max_current_a": self.dec.max_current_a}
+        for name, limit in currents.items():
+            if limit is not None and not (math.isfinite(limit) and limit > 0.0):
+                raise ValueError(f"{name} is {limit:g}; it must be above 0")
+        for name, place in (("park", self.park), ("home", self.home)):
+            if place is None:
+                continue
+            if not abs(math.remainder(place.hour_angle_deg, TURN_DEG)) <= self.hour_angle_limit_deg:
+                raise ValueError(
+                    f"{name} is at hour angle {place.hour_angle_deg:g}, beyond hour_angle_limit_deg, "
+                    f"{self.hour_angle_limit_deg:g}"
+                )
+            if not low <= place.dec_deg <= high:
+                raise ValueError(
+                    f"{name} is at declination {place.dec_deg:g}, "
+                    f"outside dec_axis_limits_deg, {low:g} to {high:g}"
+                )
+
+
+def _surely(value: float, sigma: float | None) -> float:
+    return value if sigma is None else max(value - 2.0 * sigma, LEAST_SURE_PART * value)
+
+
+class StatusSample(msgspec.Struct, frozen=True, gc=False):
+    """One accepted status of the mount.
+
+    `arrival_utc_s` is ours, `sidereal_h` the mount's own date of the sample (local sidereal hours); the drive
+    rates are those of the axes themselves, sidereal tracking included, as the mount tells them. Where its
+    rate fields or Slewing mean nothing, they say what its positions do.
+    """
+
+    counter: int
+    arrival_utc_s: float
+    sidereal_h: float
+    ra_deg: float
+    dec_deg: float
+    slewing: bool
+    does_refraction: bool
+    ra_drive_deg_s: float
+    dec_drive_deg_s: float
+    beyond_pole: bool = False
+
+
+class Hold(msgspec.Struct, frozen=True, gc=False):
+    """Ask for nothing: the mount goes on with what it does by itself, at rest after a stop."""
+
+
+class SlewTo(msgspec.Struct, frozen=True, gc=False):
+    """Go to a direction and track the sky there."""
+
+    ra_deg: float
+    dec_deg: float
+
+
+class MoveAxes(msgspec.Struct, frozen=True, gc=False):
+    """Move at these rates of the reported right ascension (not times cos Dec) and declination."""
+
+    ra_rate_deg_s: float
+    dec_rate_deg_s: float
+
+
+class Stop(msgspec.Struct, frozen=True, gc=False):
+    """Bring both axes to rest, whatever they do."""
+
+
+Motion = Hold | SlewTo | MoveAxes | Stop

@@ -1,0 +1,73 @@
+"""Mount profile files: one TOML file describes one mount, to the tracker and to the simulator alike."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from sattrack.core.errors import SattrackError
+from sattrack.core.toml_file import read_toml
+from sattrack.mount.model import MountProfile
+
+
+class ProfileFile(MountProfile, frozen=True, forbid_unknown_fields=True):
+    """A profile as it stands in a file; the table `[simulator]` says what only a simulated mount needs."""
+
+    simulator: dict[str, Any] = msgspec.field(default_factory=dict)
+
+    @property
+    def mount(self) -> MountProfile:
+        """The part that is true of real mounts too."""
+        return MountProfile(**{name: getattr(self, name) for name in MountProfile.__struct_fields__})
+
+
+def profile_file(profile: MountProfile) -> ProfileFile:
+    """Return a profile as it would stand in a file."""
+    return ProfileFile(**{name: getattr(profile, name) for name in MountProfile.__struct_fields__})
+
+
+def load_profile_file(path: Path) -> ProfileFile:
+    """Return what a profile file says. Raises BadInputError, naming file, line and key."""
+    return read_toml(path, ProfileFile, "the mount profile")
+
+
+def load_profile(path: Path) -> MountProfile:
+    """Return the mount's part of a profile file. Raises BadInputError, naming file, line and key."""
+    return load_profile_file(path).mount
+
+
+def profile_text(profile: MountProfile) -> str:
+    """Return a profile as TOML; what is not known, or empty, is left out."""
+    import tomli_w
+
+    values = msgspec.to_builtins(profile)
+    return tomli_w.dumps(_without_nothing(values))
+
+
+def write_profile(target: Path, text: str) -> None:
+    """Write a profile's text, whole or not at all. Raises SattrackError."""
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", encoding="utf-8", dir=target.parent, prefix=f".{target.name}.", delete=False
+        ) as file:
+            file.write(text)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(file.name).chmod(0o644)
+        Path(file.name).replace(target)
+    except OSError as error:
+        raise SattrackError(f"{target}: cannot be written: {error.strerror}") from error
+
+
+def _without_nothing(table: dict[str, Any]) -> dict[str, Any]:
+    kept = {}
+    for name, value in table.items():
+        if isinstance(value, dict):
+            value = _without_nothing(value)  # noqa: PLW2901
+        if value is not None and value != {}:
+            kept[name] = value
+    return kept

@@ -1,0 +1,393 @@
+"""The simulated mount's logic: mailbox, flags, two axes, its own clock; a status at each turn of its loop.
+
+Source: "Xerxes Mount Control Protocol", Theory of Operation. A loop of about 50 ms reads the latest command
+in the mailbox, services one flag of it (see `flags`) and packs a snapshot of everything.
+Where the paper is silent:
+
+* MoveAxis *held*: the latest rates act while the flag is up; its fall gives the axis back to the sky.
+  *Edge*: each axis' rate is read as its flag rises and stays in force after its fall, until a new edge or an
+  abort; an edge with rate 0 gives the axis back to sidereal tracking. An unchanged rate keeps its axis going
+  the same way where it passes a pole; signs are those of the side on which a rate first came.
+* Slewing is told during a slew and while any axis is in MoveAxis. A slew, sync, home or pulse that comes
+  then, or in the loop in which that ends, is ignored.
+* Fine rates add to sidereal tracking, and so to MoveAxis where that is additive.
+* A pulse adds 3500 (tics/s x 10) to its axis for its duration, exactly; negative is east and south, in the
+  sky. Both axes' timers start anew with a new pulse, and end with a slew, an abort, a park or a home.
+* A sync shifts the reported coordinates; axes, altitude, azimuth and cable wrap stay with the encoders.
+* A slew that ends past either axis' travel is ignored. At the end of its travel and a margin an axis brakes
+  to rest whatever it was told, and moves away again when told so.
+* An abort ends everything and leaves the axes at rest, drives on, until a slew, home or MoveAxis.
+* Park cuts the drives' power: the axes coast until friction stops them, and obey nothing until a restart.
+* Home is a slew to the profile's home position, which is the encoders' and needs no sidereal time; the axes
+  rest there. Without one in the profile, it does nothing.
+* After `watchdog_s` without a command the mailbox counts as empty, and both axes come to rest.
+* A drive fault cuts the power of its axis alone. After a restart the mount tracks the sky, its counter begins
+  anew, syncs are forgotten, and encoders read within half a turn of their zero: cable wrap told from them may
+  be a turn off.
+* Refraction, where the mount does it: axes point to where the air bends the light to, reported coordinates
+  are those without air. MoveAxis rates are the axes'.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from operator import attrgetter
+
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, mean_sidereal_deg
+from sattrack.mount.simulator.axis import Axis
+from sattrack.mount.simulator.drives import GUIDE_RATE_DTICS_S, DrivenAxis, Encoder, Mode
+from sattrack.mount.simulator.facts import SimulatedSite, StartPosition, Truth
+from sattrack.mount.simulator.flags import FlagWatch, highest
+from sattrack.mount.simulator.packing import drive_current_10ma, drive_rate_dtics_s, packed_readings
+from sattrack.mount.simulator.pointing import direction, horizontal, is_beyond_pole
+from sattrack.mount.simulator.settings import SimulatorProfile
+from sattrack.mount.simulator.sky import Sky
+from sattrack.mount.xerxes.datagrams import (
+    DTICS_S_PER_DEG_S,
+    Command,
+    DatagramError,
+    Readings,
+    Status,
+    decode_command,
+    encode_status,
+)
+
+__all__ = ["SimulatedMount", "SimulatedSite", "StartPosition", "Truth", "mean_sidereal_deg"]
+
+AT_PLACE_DEG = 0.001
+BUSY = (Mode.GOING, Mode.MOVING)
+_numbers = attrgetter("move_ra_rate_deg_s", "move_dec_rate_deg_s", "target_ra_h", "target_dec_deg")
+
+
+@dataclass(slots=True)
+class SimulatedMount:
+    """A mount with two axes; `receive` fills its mailbox, `tick` runs its loop once.
+
+    Time is told to it, UTC as POSIX seconds; the same calls give the same bytes. Raises BadInputError where
+    the profile's readings name a field that is not in doubt.
+    """
+
+    profile: MountProfile
+    site: SimulatedSite
+    start: StartPosition = field(default_factory=StartPosition)
+    hardware: SimulatorProfile = field(default_factory=SimulatorProfile)
+    counter: int = 0
+    refused: int = 0
+    """Command datagrams that were no such thing."""
+    _ra: DrivenAxis = field(init=False)
+    _dec: DrivenAxis = field(init=False)
+    _sky: Sky = field(init=False)
+    _readings: Readings = field(init=False)
+    _flags: FlagWatch = field(default_factory=FlagWatch)
+    _mailbox: Command = field(default_factory=Command)
+    _heard: bool = False
+    _heard_s: float | None = None
+    _now_s: float | None = None
+    _target: tuple[float, float] = (0.0, 0.0)
+    _parked: bool = False
+    _going_home: bool = False
+
+    def __post_init__(self) -> None:
+        """Power up: the axes at their start position, tracking the sky."""
+        profile, hardware = self.profile, self.hardware
+        self._readings = packed_readings(profile)
+        offset_s = hardware.clock_offset_s
+        offset_s = (profile.clock_offset_s or 0.0) if offset_s is None else offset_s
+        self._sky = Sky(self.site.latitude_deg, self.site.longitude_deg, hardware, offset_s)
+        self._ra, self._dec = (
+            DrivenAxis(
+                Axis(
+                    limits,
+                    hardware,
+                    (low_deg - hardware.hard_margin_deg, high_deg + hardware.hard_margin_deg),
+                ),
+                Encoder(
+                    profile.encoder_tics, zero_deg, hardware.encoder_noise_tics, f"{name} {hardware.seed}"
+                ),
+                sky_rate_deg_s,
+                profile.additive,
+                limits.slew_rate_deg_s,
+            )
+            for name, limits, (low_deg, high_deg), zero_deg, sky_rate_deg_s in (
+                ("ra", profile.ra, self._ha_travel_deg, hardware.ra_encoder_zero_deg, SIDEREAL_RATE_DEG_S),
+                ("dec", profile.dec, profile.dec_axis_limits_deg, hardware.dec_encoder_zero_deg, 0.0),
+            )
+        )
+        self._ra.power_up(self.start.hour_angle_deg)
+        self._dec.power_up(self.start.dec_deg)
+
+    @property
+    def _ha_travel_deg(self) -> tuple[float, float]:
+        return -self.profile.hour_angle_limit_deg, self.profile.hour_angle_limit_deg
+
+    @property
+    def slewing(self) -> bool:
+        """Whether a slew, a home or MoveAxis goes on."""
+        return self._ra.mode in BUSY or self._dec.mode in BUSY
+
+    def receive(self, data: bytes) -> bool:
+        """Put a command datagram into the mailbox; whatever was there is gone. False where it is refused."""
+        try:
+            command = decode_command(data)
+        except DatagramError:
+            self.refused += 1
+            return False
+        aimed = not (command.slew or command.sync)
+        aimed = aimed or _is_direction(command.target_ra_h, command.target_dec_deg)
+        if not aimed or not all(map(math.isfinite, _numbers(command))):
+            if not command.abort:
+                self.refused += 1
+                return False
+            # Whatever else it says, a stop is a stop.
+            command = Command(command.counter, abort=True)
+        self._mailbox = command
+        self._heard = True
+        return True
+
+    def tick(self, now_utc_s: float) -> tuple[bytes, Truth]:
+        """Run the loop once at an instant: let the axes move up to it, obey the mailbox, pack a status."""
+        self.tick_unsaid(now_utc_s)
+        return self._pack(), self._truth(now_utc_s)
+
+    def tick_unsaid(self, now_utc_s: float) -> None:
+        """Run the loop once as `tick` does, where nobody is to hear the status."""
+        self._advance(now_utc_s)
+        self.counter += 1
+        self._watch_silence(now_utc_s)
+        self._obey(self._mailbox, now_utc_s)
+
+    def crash(self, now_utc_s: float) -> None:
+        """Let the mount's program end, to be restarted; the drives do as `hardware` says."""
+        self._advance(now_utc_s)
+        if self.hardware.crashed_drives == "stop":
+            self._rest()
+            self._ra.obey()
+            self._dec.obey()
+
+    def restart(self, now_utc_s: float) -> None:
+        """Start the program and the drives anew, wherever the axes are."""
+        self._advance(now_utc_s)
+        self.counter = 0
+        self._flags = FlagWatch()
+        self._mailbox = Command()
+        self._heard, self._heard_s = False, None
+        self._target = (0.0, 0.0)
+        self._parked = self._going_home = False
+        self._sky.forget_sync()
+        for driven in (self._ra, self._dec):
+            driven.restart()
+
+    def fail_drives(self, names: tuple[str, ...], now_utc_s: float) -> None:
+        """Let drives, "ra" or "dec", lose their power until a restart."""
+        self._advance(now_utc_s)
+        for name in names:
+            (self._ra if name == "ra" else self._dec).power_off()
+
+    def step_clock(self, seconds: float) -> None:
+        """Set the mount's clock ahead, or back, by so much."""
+        self._sky.offset_s += seconds
+
+    def _advance(self, now_utc_s: float) -> None:
+        if self._now_s is not None and now_utc_s > self._now_s:
+            self._ra.advance(self._now_s, now_utc_s)
+            self._dec.advance(self._now_s, now_utc_s)
+        self._now_s = now_utc_s
+        self._sky.set_clock(now_utc_s)
+
+    def _watch_silence(self, now_utc_s: float) -> None:
+        if self._heard:
+            self._heard, self._heard_s = False, now_utc_s
+        watchdog_s = self.profile.watchdog_s
+        if watchdog_s is None or self._heard_s is None or now_utc_s - self._heard_s < watchdog_s:
+            return
+        self._heard_s = None
+        self._mailbox = Command()
+        self._rest()
+
+    def _obey(self, command: Command, now_utc_s: float) -> None:
+        slewing = self.slewing
+        for name in self._flags.release(command):
+            if self.profile.move_axis == "held" and name in ("move_ra", "move_dec"):
+                self._give_back(self._ra if name == "move_ra" else self._dec)
+        if not self._parked:
+            self._ra.fine_deg_s = command.ra_fine_rate_dtics_s / DTICS_S_PER_DEG_S
+            self._dec.fine_deg_s = command.dec_fine_rate_dtics_s / DTICS_S_PER_DEG_S
+        what = highest(command)
+        if what == "move":
+            self._move(command)
+        elif what is not None and self._flags.rises(command, what):
+            self._flags.acknowledge(what)
+            self._launch(what, command, now_utc_s, slewing)
+        self._ra.obey()
+        self._dec.obey()
+        self._arrive()
+
+    def _launch(self, what: str, command: Command, now_utc_s: float, slewing: bool) -> None:
+        """Act on a rising edge, or ignore it."""
+        match what:
+            case "abort":
+                self._rest()
+            case "park":
+                self._park()
+            case "sync" if not slewing:
+                self._sync(command)
+            case _ if slewing or self._parked:
+                return
+            case "slew":
+                self._start_slew(command)
+            case "find_home":
+                self._go_home()
+            case "pulse_guide":
+                side = -1 if is_beyond_pole(self._dec.axis.position_deg) else 1
+                self._ra.pulse(command.pulse_ra_ms, 1, now_utc_s)
+                self._dec.pulse(command.pulse_dec_ms, side, now_utc_s)
+
+    def _rest(self) -> None:
+        """Brake both axes to rest; axes without power stay without."""
+        for driven in (self._ra, self._dec):
+            driven.end_pulse()
+            if driven.mode is not Mode.OFF:
+                driven.mode = Mode.RESTING
+
+    def _park(self) -> None:
+        self._parked = True
+        for driven in (self._ra, self._dec):
+            driven.power_off()
+
+    def _start_slew(self, command: Command) -> None:
+        hour_angle_deg, dec_deg = self._sky.axes(command.target_ra_h * 15.0, command.target_dec_deg)
+        axes = ((hour_angle_deg, self._ha_travel_deg), (dec_deg, self.profile.dec_axis_limits_deg))
+        if not all(low <= axis_deg <= high for axis_deg, (low, high) in axes):
+            return
+        self._target = (command.target_ra_h, command.target_dec_deg)
+        self._ra.go(hour_angle_deg, SIDEREAL_RATE_DEG_S)
+        self._dec.go(dec_deg, 0.0)
+        self._going_home = False
+
+    def _go_home(self) -> None:
+        home = self.profile.home
+        if home is None:
+            return
+        self._ra.go(home.hour_angle_deg, 0.0)
+        self._dec.go(home.dec_deg, 0.0)
+        self._going_home = True
+
+    def _sync(self, command: Command) -> None:
+        self._target = (command.target_ra_h, command.target_dec_deg)
+        self._sky.sync(
+            command.target_ra_h * 15.0, command.target_dec_deg, self._ra.known_deg(), self._dec.known_deg()
+        )
+
+    def _move(self, command: Command) -> None:
+        if self._parked or Mode.GOING in (self._ra.mode, self._dec.mode):
+            return
+        beyond = is_beyond_pole(self._dec.axis.position_deg)
+        ra_sign, dec_sign = self.profile.signs(beyond)
+        # Signs are those of the direction; past a pole, the declination axis turns the other way for it.
+        dec_sense = -dec_sign if beyond else dec_sign
+        for name, driven, sense, gain, rate_deg_s in (
+            ("move_ra", self._ra, ra_sign, self.profile.ra_rate_gain, command.move_ra_rate_deg_s),
+            ("move_dec", self._dec, dec_sense, self.profile.dec_rate_gain, command.move_dec_rate_deg_s),
+        ):
+            risen = self._flags.rises(command, name)
+            if driven.mode is Mode.RESTING and (risen or not getattr(command, name)):
+                # MoveAxis on either axis puts both under way.
+                driven.mode = Mode.TRACKING
+            if risen:
+                self._flags.acknowledge(name)
+            self._set_rate(driven, rate_deg_s, sense * gain, name in self._flags.acknowledged, risen)
+
+    def _set_rate(self, driven: DrivenAxis, rate_deg_s: float, gain: float, up: bool, risen: bool) -> None:
+        if driven.mode is Mode.OFF:
+            return
+        if self.profile.move_axis == "held":
+            if risen or (up and driven.mode is Mode.MOVING):
+                driven.move(rate_deg_s, rate_deg_s * gain)
+        elif risen and rate_deg_s:
+            driven.move(rate_deg_s, rate_deg_s * gain)
+        elif risen:
+            driven.mode = Mode.TRACKING
+
+    def _give_back(self, driven: DrivenAxis) -> None:
+        if driven.mode is Mode.MOVING:
+            driven.mode = Mode.TRACKING
+
+    def _arrive(self) -> None:
+        going = [driven for driven in (self._ra, self._dec) if driven.mode is Mode.GOING]
+        if going and not any(driven.axis.going for driven in going):
+            for driven in going:
+                driven.mode = Mode.RESTING if self._going_home else Mode.TRACKING
+
+    def _truth(self, now_utc_s: float) -> Truth:
+        ra, dec = self._ra.axis, self._dec.axis
+        ra_axis_deg, dec_axis_deg, dec_rate_deg_s = ra.position_deg, dec.position_deg, dec.velocity_deg_s
+        beyond = is_beyond_pole(dec_axis_deg)
+        ra_deg, dec_deg = self._sky.reported(ra_axis_deg + ra.swing_deg, dec_axis_deg + dec.swing_deg)
+        return Truth(
+            counter=self.counter,
+            utc_s=now_utc_s,
+            ra_deg=ra_deg,
+            dec_deg=dec_deg,
+            ra_rate_deg_s=SIDEREAL_RATE_DEG_S - ra.velocity_deg_s,
+            dec_rate_deg_s=-dec_rate_deg_s if beyond else dec_rate_deg_s,
+            hour_angle_axis_deg=ra_axis_deg + self._ra.turns_deg,
+            dec_axis_deg=dec_axis_deg + self._dec.turns_deg,
+            beyond_pole=beyond,
+            at_limit=ra.reference.limited or dec.reference.limited,
+        )
+
+    def _at_home(self, ra_axis_deg: float, dec_axis_deg: float) -> bool:
+        home = self.profile.home
+        if home is None or self._ra.turns or self._dec.turns:
+            return False
+        off_deg = (ra_axis_deg - home.hour_angle_deg, dec_axis_deg - home.dec_deg)
+        return all(abs(math.remainder(off, 360.0)) < AT_PLACE_DEG for off in off_deg)
+
+    def _pack(self) -> bytes:
+        ra_axis_deg, dec_axis_deg = self._ra.known_deg(), self._dec.known_deg()
+        hour_angle_deg, dec_deg = direction(ra_axis_deg, dec_axis_deg)
+        altitude_deg, azimuth_deg = horizontal(hour_angle_deg, dec_deg, self.site.latitude_deg)
+        ra_deg, dec_deg = self._sky.reported(ra_axis_deg, dec_axis_deg)
+        acks, slewing = self._flags.acknowledged, self.slewing
+        tells_places = self.hardware.reports_home_and_park
+        return encode_status(
+            Status(
+                altitude_deg=altitude_deg,
+                azimuth_deg=azimuth_deg,
+                dec_deg=dec_deg,
+                dec_rate_dtics_s=drive_rate_dtics_s(self._dec.axis),
+                ra_h=ra_deg / 15.0,
+                ra_rate_dtics_s=drive_rate_dtics_s(self._ra.axis),
+                sidereal_h=self._sky.sidereal_deg / 15.0,
+                site_height_m=self.site.height_m,
+                site_latitude_deg=self.site.latitude_deg,
+                site_longitude_deg=self.site.longitude_deg,
+                target_ra_h=self._target[0],
+                target_dec_deg=self._target[1],
+                counter=self.counter,
+                dec_guide_rate_dtics_s=GUIDE_RATE_DTICS_S,
+                ra_guide_rate_dtics_s=GUIDE_RATE_DTICS_S,
+                ra_current_10ma=drive_current_10ma(self._ra.axis),
+                dec_current_10ma=drive_current_10ma(self._dec.axis),
+                at_home=tells_places and self._at_home(ra_axis_deg, dec_axis_deg),
+                at_park=tells_places and self._parked and not (self._ra.turns or self._dec.turns),
+                does_refraction=self.hardware.does_refraction,
+                pulse_guiding=self._ra.pulsing or self._dec.pulsing,
+                side_of_pier=is_beyond_pole(dec_axis_deg),
+                slewing=slewing,
+                tracking=not slewing,
+                ack_move_ra="move_ra" in acks,
+                ack_move_dec="move_dec" in acks,
+                ack_abort="abort" in acks,
+                ack_sync="sync" in acks,
+                ack_pulse_guide="pulse_guide" in acks,
+                ack_slew="slew" in acks,
+            ),
+            self._readings,
+        )
+
+
+def _is_direction(ra_h: float, dec_deg: float) -> bool:
+    """Tell whether a target is one: "verify RA is 0 to 24 and dec is -90 to 90"."""
+    return 0.0 <= ra_h <= 24.0 and -90.0 <= dec_deg <= 90.0

@@ -1,0 +1,582 @@
+"""The client's side of the Xerxes protocol as a state machine without I/O: bytes and instants in, bytes out.
+
+Rules, from "Xerxes Mount Control Protocol", Details and Theory of Operation:
+
+1. A datagram goes out every period, whether or not anything changed.
+2. A one-shot flag rises once, is held until its acknowledgement is seen, falls, and may not rise again before
+   the acknowledgement has fallen.
+3. MoveAxis flags follow the profile: held up for as long as motion is wanted, or an edge for every change.
+4. A slew is ignored while Slewing is true, and MoveAxis makes it true: end MoveAxis, see it fall, then slew.
+5. "Not slewing" counts only in a status that came after the slew's acknowledgement.
+6. An abort outranks everything: no other flag is up beside it.
+
+The paper leaves the order of priorities open. So that it never matters, one flag is up at a time (both of
+MoveAxis count as one), and between two one-shots nothing is up for QUIET_TICKS: a datagram that comes late
+then repeats a request that the mount has just obeyed, not one that something else has replaced.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from operator import attrgetter
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+
+from sattrack.mount.model import (
+    SIDEREAL_RATE_DEG_S,
+    Hold,
+    Motion,
+    MountProfile,
+    MoveAxes,
+    SlewTo,
+    StatusSample,
+    Stop,
+)
+from sattrack.mount.requests import (
+    Abort,
+    EndMove,
+    FindHome,
+    FineRate,
+    MoveAxis,
+    Park,
+    PulseGuide,
+    Request,
+    Slew,
+    Sync,
+    Ticket,
+    TicketState,
+)
+from sattrack.mount.xerxes.ack_watch import AckWatch
+from sattrack.mount.xerxes.datagrams import (
+    DTICS_S_PER_DEG_S,
+    Command,
+    DatagramError,
+    Readings,
+    Status,
+    decode_status,
+    encode_command,
+    status_readings,
+)
+from sattrack.mount.xerxes.handshake import QUIET_STATUSES, Handshake, OneShot
+from sattrack.mount.xerxes.launches import Launchable, Launches, stance_of
+from sattrack.mount.xerxes.link import LinkHealth, LinkState
+from sattrack.mount.xerxes.motion_ticket import MotionTicket, Seen
+from sattrack.mount.xerxes.move_axis import NO_RATES, AxisRates, EdgeMove, HeldMove, MoveAxisRule
+from sattrack.mount.xerxes.repeats import Repeats
+from sattrack.mount.xerxes.sequence import StatusSequence
+from sattrack.mount.xerxes.slewing import Slewing, SlewState
+from sattrack.mount.xerxes.standstill import Standstill
+
+if TYPE_CHECKING:
+    from sattrack.safety import Cleared, ClearedRequest, Stance
+
+ABORT_AGAIN_TICKS = 8
+MISSED_TICKS = 24
+DIP_TICKS = 3
+"""Of so many statuses without the abort's acknowledgement its flag is down for the last few: a mount that has
+missed the edge sees another."""
+QUIET_TICKS = 4
+STILL_MOVING_STATUSES = 20
+READINGS_EVERY = 20
+_others = attrgetter("abort", "sync", "pulse_guide", "park", "find_home", "move_ra", "move_dec")
+NEVER_ZERO_DEG_S = 1e-9
+"""What an edge mount with absolute rates is sent to stand still: 0 would end MoveAxis."""
+
+
+@dataclass(slots=True)
+class Session:
+    """One client's conversation with one mount; `profile` settles what the paper leaves open."""
+
+    profile: MountProfile
+    health: LinkHealth = field(default_factory=LinkHealth)
+    status: Status | None = None
+    """The last accepted status; of fields that mean nothing (`ignored_fields`), what positions say."""
+    sample: StatusSample | None = None
+    readings: Readings = field(default_factory=lambda: Readings(None, None, None, None, None))
+    """Types of the doubtful fields, as far as statuses have shown them."""
+    begun_move: MoveAxes | None = None
+    """The MoveAxis motion that the last datagram began, None where it began none."""
+    _sequence: StatusSequence = field(init=False)
+    _acks: AckWatch = field(init=False)
+    _move: MoveAxisRule = field(init=False)
+    _launches: Launches = field(init=False)
+    _repeats: Repeats = field(init=False)
+    _wanted: Motion = field(default_factory=Hold)
+    _move_axes: tuple[bool, bool] = (True, True)
+    """Which axes' flags MoveAxis uses."""
+    _abort: OneShot = field(default_factory=OneShot)
+    _slew_flag: OneShot = field(default_factory=OneShot)
+    _slew: Slewing | None = None
+    _asked_target: SlewTo | None = None
+    _launched_utc_s: float = 0.0
+    """When the slew was seen acknowledged."""
+    _aborted: bool = False
+    _stop_heard: bool = False
+    """Whether any abort of the stop in force was: one that is sent again may go without an answer."""
+    _stop_ticks: int = 0
+    """Datagrams since the stop was asked for."""
+    _raised_ticks: int = 0
+    """Datagrams since the abort's flag rose, 0 while it is down."""
+    _blind_left: int = 0
+    """Datagrams left of an abort of which no acknowledgement can tell, because one stands already."""
+    _standstill: Standstill = field(default_factory=Standstill)
+    _still_moving: int = 0
+    """Statuses in a row with Slewing though nothing of ours should make the mount move."""
+    _ack_stands: int = 0
+    """Statuses in a row that acknowledge an abort which we have not sent."""
+    _motion_ticket: MotionTicket | None = None
+    _motion_sent: bool = False
+    _moved: bool = False
+    """Whether the mount may still be in a MoveAxis of ours: nobody else's motion is ended."""
+    _since_slew_ticks: int = QUIET_TICKS
+    _since_other_ticks: int = QUIET_TICKS
+
+    def __post_init__(self) -> None:
+        """Begin to count statuses."""
+        self._sequence = StatusSequence(self.health)
+        self._acks = AckWatch(self.health)
+        self._launches = Launches(self.profile)
+        self._repeats = Repeats(self.profile)
+        self._move = self._make_move()
+
+    def _make_move(self) -> MoveAxisRule:
+        return EdgeMove() if self.profile.move_axis == "edge" else HeldMove()
+
+    def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
+        """Take one datagram; return its sample, or None where it was refused and counted."""
+        try:
+            status = decode_status(data)
+        except DatagramError:
+            self.health.rejected += 1
+            return None
+        if not _plausible(status):
+            self.health.rejected += 1
+            return None
+        if self._is_frozen(status):
+            self.health.freeze()
+            return None
+        restarts = self.health.restarts
+        if not self._sequence.is_news(status.counter, arrival_utc_s):
+            return None
+        if self.health.restarts > restarts:
+            self._begin_anew()
+        if self.health.received % READINGS_EVERY == 0:
+            self._read_types(data)
+        self.health.received += 1
+        self._repeats.see(arrival_utc_s, self.health.lost)
+        sample = StatusSample(
+            counter=status.counter,
+            arrival_utc_s=arrival_utc_s,
+            sidereal_h=status.sidereal_h,
+            ra_deg=status.ra_h * 15.0,
+            dec_deg=status.dec_deg,
+            slewing=status.slewing,
+            does_refraction=status.does_refraction,
+            ra_drive_deg_s=status.ra_rate_dtics_s / DTICS_S_PER_DEG_S,
+            dec_drive_deg_s=status.dec_rate_dtics_s / DTICS_S_PER_DEG_S,
+            beyond_pole=status.side_of_pier,
+        )
+        may_move = not self._move.over or status.ack_move_ra or status.ack_move_dec
+        self.sample = self._standstill.see(sample, self._aborted, may_move)
+        self.status = _made_good(status, sample, self.sample)
+        self._follow_acknowledgements(self.status, arrival_utc_s)
+        return self.sample
+
+    def _is_frozen(self, status: Status) -> bool:
+        """Tell whether a mount in motion sends the same again: that is no news of where it is.
+
+        A moving axis and a clock that runs never give the same three numbers twice. Once they do, the end of
+        the motion makes no news of them either.
+        """
+        last = self.status
+        moves = isinstance(self._wanted, MoveAxes) or self.health.froze
+        return last is not None and moves and says_the_same(status, last)
+
+    def apply(self, cleared: Cleared) -> None:
+        """Make a motion that safety has cleared the one that is wanted from the next datagram on."""
+        motion = cleared.motion
+        if self._motion_ticket is not None and type(motion) is not type(self._wanted):
+            self._supersede("another motion was asked for")
+        if not isinstance(motion, Hold):
+            self._launches.supersede("a motion was asked for")
+        if not (isinstance(motion, MoveAxes) and isinstance(self._wanted, MoveAxes)):
+            self._move_axes = (True, True)
+        self._want(motion)
+
+    def submit(self, cleared: ClearedRequest) -> Ticket:
+        """Take one request that safety has cleared; return its ticket, which follows what becomes of it."""
+        ticket = Ticket(cleared.request)
+        motion = self._motion_of(cleared.request)
+        if motion is None:
+            self._launches.submit(ticket)
+            return ticket
+        self._supersede("another motion was asked for")
+        if not isinstance(cleared.request, EndMove):
+            self._launches.supersede("a motion was asked for")
+        self._motion_ticket, self._motion_sent = MotionTicket(ticket), False
+        self._want(motion)
+        return ticket
+
+    def compose(self) -> bytes:
+        """Return the next datagram to send."""
+        self.health.sent += 1
+        self.begun_move = None
+        self._launches.tick()
+        self._make_way()
+        command = self._next_command()
+        self._acks.sent(command)
+        self._since_other_ticks = 0 if True in _others(command) else self._since_other_ticks + 1
+        self._since_slew_ticks = 0 if command.slew else self._since_slew_ticks + 1
+        if self._motion_ticket is not None and self._motion_ticket.tick(self._seen()):
+            # Given up: nothing of it may go on being asked for behind the caller's back.
+            self._want(Hold() if not isinstance(self._wanted, Stop) else self._wanted)
+        datagram = encode_command(command)
+        self._repeats.sent(command, datagram)
+        return datagram
+
+    def repeat(self) -> bytes | None:
+        """Return the last datagram where it is to go out once more before the next, else None."""
+        copy = self._repeats.copy(self.health.lost) if isinstance(self._wanted, MoveAxes) else None
+        self.health.repeated += copy is not None
+        return copy
+
+    def link_state(self, now_utc_s: float) -> LinkState:
+        """Return the state of the link at an instant."""
+        return self.health.look(now_utc_s)
+
+    @property
+    def slew_state(self) -> SlewState:
+        """Where the slew last asked for stands; NONE once anything else was asked for."""
+        return SlewState.NONE if self._slew is None else self._slew.state
+
+    @property
+    def wanted(self) -> Motion:
+        """The motion that is wanted."""
+        return self._wanted
+
+    @property
+    def move_over(self) -> bool:
+        """Whether the mount no longer moves by MoveAxis, as far as statuses tell."""
+        return self._move.over
+
+    @property
+    def fine_rate(self) -> FineRate:
+        """The fine rates that every datagram asks for."""
+        return self._launches.fine_rate
+
+    @property
+    def busy(self) -> bool:
+        """Whether a request waits or is under way."""
+        motion = self._motion_ticket
+        return self._launches.busy or (motion is not None and not motion.ticket.settled)
+
+    @property
+    def intruder(self) -> str | None:
+        """What to tell of another sender to the same mount, in words; None without a sign of one."""
+        return self._acks.intruder
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the stop asked for was acknowledged, and positions have shown rest since."""
+        acknowledged = self._stop_heard or self._ack_stands >= QUIET_STATUSES
+        return acknowledged and isinstance(self._wanted, Stop) and self._standstill.stopped
+
+    @property
+    def at_rest(self) -> bool:
+        """Whether the mount stands or follows the sky, by its positions."""
+        return self._standstill.at_rest
+
+    @property
+    def stance(self) -> Stance | None:
+        """How the mount stands, as safety wants to know it; None before the first status."""
+        return None if self.status is None else stance_of(self.status, self._standstill.stands)
+
+    @property
+    def ignored_fields(self) -> tuple[str, ...]:
+        """Which fields of the status are not used because positions contradict them, and why, in words."""
+        ignored = self._standstill.fields.ignored
+        return tuple(f"the mount's {name} {why}: positions are used instead" for name, why in ignored.items())
+
+    def _want(self, motion: Motion) -> None:
+        if isinstance(motion, SlewTo) and (self._slew is None or self._slew.target != motion):
+            self._slew = Slewing(motion)
+        if isinstance(motion, Stop) and not isinstance(self._wanted, Stop):
+            self._aborted = self._stop_heard = False
+            self._stop_ticks = 0
+            self._standstill.asked()
+        if not isinstance(motion, SlewTo):
+            self._slew = None
+        self._wanted = motion
+
+    def _motion_of(self, request: Request) -> Motion | None:
+        """Return the motion that a request makes the wanted one; None for those that are launched beside."""
+        match request:
+            case Slew():
+                # A new slew to the same place is one all the same.
+                self._slew = None
+                return SlewTo(request.ra_deg, request.dec_deg)
+            case Abort():
+                # Asked for again, it is sent again; and nothing that moves an axis outlasts it.
+                self._aborted = self._stop_heard = False
+                self._stop_ticks = 0
+                self._launches.fine_rate = FineRate()
+                return Stop()
+            case MoveAxis():
+                self._move.renew()
+                return self._joined(request)
+            case EndMove():
+                return Hold()
+        return None
+
+    def _joined(self, request: MoveAxis) -> MoveAxes:
+        """Return a request's rates with those in force on the axis that it leaves alone."""
+        before, axes = MoveAxes(0.0, 0.0), (False, False)
+        if isinstance(self._wanted, MoveAxes):
+            before, axes = self._wanted, self._move_axes
+        ra, dec = request.ra_rate_deg_s, request.dec_rate_deg_s
+        self._move_axes = (axes[0] or ra is not None, axes[1] or dec is not None)
+        return MoveAxes(
+            before.ra_rate_deg_s if ra is None else ra, before.dec_rate_deg_s if dec is None else dec
+        )
+
+    def _supersede(self, reason: str) -> None:
+        if self._motion_ticket is not None and not self._motion_ticket.ticket.settled:
+            self._motion_ticket.ticket.become(TicketState.SUPERSEDED, reason)
+        self._motion_ticket = None
+
+    def _begin_anew(self) -> None:
+        """Forget what a mount that has restarted cannot know of."""
+        self._abort, self._slew_flag, self._move = OneShot(), OneShot(), self._make_move()
+        self._aborted = self._stop_heard = False
+        self._launches.begin_anew()
+        self._acks.forget()
+        if self._slew is not None:
+            self._slew = Slewing(self._slew.target)
+        motion = self._motion_ticket
+        if motion is not None and motion.ticket.state in {TicketState.RAISED, TicketState.ACKNOWLEDGED}:
+            motion.ticket.become(TicketState.FAILED, "the mount restarted meanwhile")
+            if not isinstance(self._wanted, Stop):
+                self._want(Hold())
+
+    def _make_way(self) -> None:
+        """Let go of a motion that is done where another request waits for the mount."""
+        if not self._launches.busy or self._abort.up:
+            return
+        if self.stopped or self.slew_state is SlewState.DONE:
+            self._want(Hold())
+
+    def _next_command(self) -> Command:
+        if self._abort.up or self._blind_left or isinstance(self._wanted, Stop):
+            # An abort that is on its way is seen through, whatever is wanted by now.
+            self._move.hush()
+            return self._compose_stop()
+        if isinstance(self._wanted, MoveAxes):
+            self._slew_flag.happen("withdraw")
+            return self._compose_move(self._wire_rates(self._wanted), self._wanted)
+        ending = self._compose_move(NO_RATES, MoveAxes(0.0, 0.0))
+        if ending.move_ra or ending.move_dec:
+            return ending
+        if isinstance(self._wanted, SlewTo):
+            return self._compose_slew(self._wanted)
+        self._slew_flag.happen("withdraw")
+        self._motion_sent = True
+        return self._compose_launch()
+
+    def _command(self, **fields: Any) -> Command:
+        fine = self._launches.fine_rate
+        return Command(
+            counter=self.health.sent,
+            ra_fine_rate_dtics_s=round(fine.ra_deg_s * DTICS_S_PER_DEG_S),
+            dec_fine_rate_dtics_s=round(fine.dec_deg_s * DTICS_S_PER_DEG_S),
+            tracking_rate=self._launches.tracking_rate,
+            **fields,
+        )
+
+    def _compose_stop(self) -> Command:
+        self._slew_flag.happen("withdraw")
+        status = self.status
+        stuck = self._abort.state is Handshake.RELEASING and self._abort.statuses > QUIET_STATUSES
+        if (self._abort.state is Handshake.IDLE or stuck) and self._standstill.goes_again:
+            self._aborted = False
+            self._standstill.again(0.0 if self.sample is None else self.sample.arrival_utc_s)
+        if not self._aborted and (status is None or not status.ack_abort):
+            self._abort.happen("request")
+        # An acknowledgement that stands, ours or another's, must not keep a stop from going out, statuses or
+        # none: the flag then rises by the count of datagrams.
+        standing = not self._aborted and not self._abort.up
+        if standing and self._stop_ticks % ABORT_AGAIN_TICKS == 0:
+            self._blind_left = ABORT_AGAIN_TICKS // 2
+        again = standing and self._blind_left > 0
+        self._blind_left = max(0, self._blind_left - 1) if standing else 0
+        self._stop_ticks += 1
+        self._motion_sent = self._motion_sent or self._abort.up or again
+        # Counted in datagrams: in a silence no status must be needed for the flag to rise again.
+        self._raised_ticks = self._raised_ticks + 1 if self._abort.up else 0
+        dips = self._raised_ticks % MISSED_TICKS >= MISSED_TICKS - DIP_TICKS
+        return self._command(abort=(self._abort.up and not dips) or again)
+
+    def _compose_move(self, wish: AxisRates, meant: MoveAxes) -> Command:
+        rates, begins = self._move.compose(wish)
+        self._moved = self._moved or rates != NO_RATES
+        if begins:
+            self.begun_move = meant
+            self._motion_sent = True
+        return self._command(
+            move_ra=rates.ra is not None,
+            move_dec=rates.dec is not None,
+            move_ra_rate_deg_s=rates.ra or 0.0,
+            move_dec_rate_deg_s=rates.dec or 0.0,
+        )
+
+    def _wire_rates(self, move: MoveAxes) -> AxisRates:
+        profile = self.profile
+        ra_sign, dec_sign = profile.signs(self.status is not None and self.status.side_of_pier)
+        westward = (0.0 if profile.additive else SIDEREAL_RATE_DEG_S) - move.ra_rate_deg_s
+        ra = ra_sign * westward / profile.ra_rate_gain
+        dec = dec_sign * move.dec_rate_deg_s / profile.dec_rate_gain
+        if profile.move_axis == "edge" and not profile.additive:
+            ra = ra or NEVER_ZERO_DEG_S
+        return AxisRates(ra if self._move_axes[0] else None, dec if self._move_axes[1] else None)
+
+    def _compose_slew(self, wanted: SlewTo) -> Command:
+        slew, status = self._slew, self.status
+        # A late slew does not hurt another: the mount ignores it while it slews.
+        if slew is not None and status is not None and self._since_other_ticks >= QUIET_TICKS:
+            standing = self._move.over and not status.slewing and not status.ack_slew
+            if standing and slew.ask(self._slew_flag):
+                self._asked_target = wanted
+        self._motion_sent = self._motion_sent or self._slew_flag.up
+        # The target stays with its flag: another one wanted meanwhile needs an edge of its own.
+        target = self._asked_target if self._slew_flag.up and self._asked_target is not None else wanted
+        return self._command(
+            slew=self._slew_flag.up,
+            target_ra_h=target.ra_deg % 360.0 / 15.0,
+            target_dec_deg=target.dec_deg,
+        )
+
+    def _compose_launch(self) -> Command:
+        status = self.status
+        idle = self._abort.state is Handshake.IDLE and self._slew_flag.state is Handshake.IDLE
+        standing = status is not None and not status.slewing and self._move.over
+        quiet = min(self._since_slew_ticks, self._since_other_ticks) >= QUIET_TICKS
+        clear = idle and standing and quiet
+        return self._command(**_launch_fields(self._launches.compose(clear, status, self._standstill.stands)))
+
+    def _watch_motion(self, status: Status) -> None:
+        """Take notice of a mount that moves on after the end of MoveAxis."""
+        self._moved = self._moved and not (self._move.over and not status.slewing)
+        goes_on = status.slewing and not self._standstill.slowing
+        if goes_on and (self.slew_state is SlewState.WAITING or isinstance(self._wanted, Hold)):
+            self._still_moving += 1
+        else:
+            self._still_moving = 0
+        if self._still_moving >= STILL_MOVING_STATUSES and self._moved:
+            self._still_moving = 0
+            self._move.insist()
+
+    def _read_types(self, data: bytes) -> None:
+        seen = status_readings(data)
+        self.readings = Readings(
+            *(getattr(seen, name) or getattr(self.readings, name) for name in Readings.__slots__)
+        )
+
+    def _seen(self) -> Seen:
+        status, wanted = self.status, self._wanted
+        ra, dec = self._move_axes
+        moving = isinstance(wanted, MoveAxes) and status is not None
+        # Fine rates that the mount was given keep it from rest, and the end of a move does not end them.
+        rests = self.at_rest or self.fine_rate != FineRate()
+        off = None
+        if isinstance(wanted, SlewTo) and status is not None:
+            off = _off_target_deg(wanted, status)
+        return Seen(
+            sent=self._motion_sent,
+            slew_state=self.slew_state,
+            aborted=self._aborted,
+            stopped=self.stopped,
+            moving=moving and status is not None and self._acknowledges(status, ra, dec),
+            move_over=self._move.over and status is not None and not status.slewing and rests,
+            off_target_deg=off,
+        )
+
+    @staticmethod
+    def _acknowledges(status: Status, ra: bool, dec: bool) -> bool:
+        return (status.ack_move_ra or not ra) and (status.ack_move_dec or not dec)
+
+    def _follow_acknowledgements(self, status: Status, arrival_utc_s: float) -> None:
+        self._acks.see(status)
+        self._watch_motion(status)
+        self._move.see(status)
+        if self._abort.see(status.ack_abort):
+            self._aborted = self._stop_heard = True
+            self._standstill.acknowledged(arrival_utc_s)
+            self._move.stopped()
+        wanted = isinstance(self._wanted, Stop) and not self._aborted
+        self._ack_stands = self._ack_stands + 1 if wanted and status.ack_abort else 0
+        if self._ack_stands == 1:
+            self._standstill.acknowledged(arrival_utc_s)
+        launched = self._slew_flag.see(status.ack_slew)
+        if self._slew is not None:
+            self._slew.see(status, self._slew_flag, launched)
+            if launched:
+                self._launched_utc_s = arrival_utc_s
+            if self._standstill.rests_since(self._launched_utc_s):
+                self._slew.rests(_off_target_deg(self._slew.target, status))
+        self._launches.see(status)
+        if self._motion_ticket is not None:
+            self._motion_ticket.see(self._seen())
+
+
+def _launch_fields(request: Launchable | None) -> dict[str, float | bool]:
+    match request:
+        case Sync():
+            return {"sync": True, "target_ra_h": request.ra_deg / 15.0, "target_dec_deg": request.dec_deg}
+        case PulseGuide():
+            return {"pulse_guide": True, "pulse_ra_ms": request.ra_ms, "pulse_dec_ms": request.dec_ms}
+        case FindHome():
+            return {"find_home": True}
+        case Park():
+            return {"park": True}
+    # Fine rates and the tracking rate are levels, in every datagram.
+    return {}
+
+
+def separation_deg(ra1_deg: float, dec1_deg: float, ra2_deg: float, dec2_deg: float) -> float:
+    """Return the angle between two directions, degrees; haversine, good at any size."""
+    d1, d2 = math.radians(dec1_deg), math.radians(dec2_deg)
+    half_ra, half_dec = math.radians(ra2_deg - ra1_deg) / 2.0, (d2 - d1) / 2.0
+    chord = math.sin(half_dec) ** 2 + math.cos(d1) * math.cos(d2) * math.sin(half_ra) ** 2
+    return 2.0 * math.degrees(math.asin(min(1.0, math.sqrt(chord))))
+
+
+def _off_target_deg(target: SlewTo, status: Status) -> float:
+    return separation_deg(target.ra_deg, target.dec_deg, status.ra_h * 15.0, status.dec_deg)
+
+
+def says_the_same(status: Status, last: Status) -> bool:
+    """Tell whether a new status repeats the clock and the place of the last one."""
+    return (
+        status.sidereal_h == last.sidereal_h
+        and status.ra_h == last.ra_h
+        and status.dec_deg == last.dec_deg
+        and status.counter != last.counter
+    )
+
+
+def _plausible(status: Status) -> bool:
+    """Tell whether the numbers that decide anything are finite and within their ranges."""
+    return 0.0 <= status.ra_h <= 24.0 and -90.0 <= status.dec_deg <= 90.0 and 0.0 <= status.sidereal_h <= 24.0
+
+
+def _made_good(status: Status, told: StatusSample, believed: StatusSample) -> Status:
+    """Return a status with what is believed in place of fields that mean nothing."""
+    if believed is told:
+        return status
+    return msgspec.structs.replace(
+        status,
+        ra_rate_dtics_s=believed.ra_drive_deg_s * DTICS_S_PER_DEG_S,
+        dec_rate_dtics_s=believed.dec_drive_deg_s * DTICS_S_PER_DEG_S,
+        slewing=believed.slewing,
+    )

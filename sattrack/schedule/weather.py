@@ -1,0 +1,104 @@
+"""Whether the weather is safe, by whom a schedule names: a file, a program, an Alpaca SafetyMonitor.
+
+What cannot be asked, or does not answer as it should, is unsafe.
+"""
+
+from __future__ import annotations
+
+import http.client
+import json
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+from urllib.parse import urlsplit
+
+from sattrack.schedule.night_commands import run_program
+from tle.errors import printable
+
+if TYPE_CHECKING:
+    from sattrack.schedule.actions import Weather
+
+MOST_BYTES = 4096
+CLIENT_ID = 7711
+
+
+class Told(NamedTuple):
+    """Whether it is safe, and why not."""
+
+    safe: bool
+    words: str | None = None
+
+
+def ask_weather(weather: Weather, folder: Path) -> Told:
+    """Ask, within the time that the schedule gives for an answer; programs run in `folder`."""
+    if weather.file is not None:
+        return _by_file(Path(weather.file), weather.oldest_s)
+    if weather.command is not None:
+        words = run_program(weather.command, weather.timeout_s, folder, {})
+        return Told(words is None, None if words is None else f"{weather.command[0]}: {words}")
+    return _by_alpaca(str(weather.alpaca), weather.timeout_s)
+
+
+def _by_file(path: Path, oldest_s: float) -> Told:
+    try:
+        age_s = time.time() - path.stat().st_mtime
+        with path.open("rb") as file:
+            said = file.read(MOST_BYTES).decode("utf-8", errors="replace").split()
+    except OSError as error:
+        return Told(False, f"{path}: {error.strerror}")
+    if age_s > oldest_s:
+        return Told(False, f"{path} was last written {age_s:.0f} s ago, {oldest_s:g} s are allowed")
+    word = said[0].casefold() if said else ""
+    if word == "safe":
+        return Told(True)
+    if word == "unsafe":
+        return Told(False, printable(" ".join(said[1:]))[:200] or "unsafe")
+    return Told(False, f"{path} says {printable(word)[:40]!r}: its first word must be safe or unsafe")
+
+
+def _by_alpaca(address: str, timeout_s: float) -> Told:
+    parts = urlsplit(address)
+    path = f"/api/v1/safetymonitor/{parts.path[1:]}/issafe?ClientID={CLIENT_ID}&ClientTransactionID=1"
+    link = http.client.HTTPConnection(str(parts.hostname), parts.port, timeout=timeout_s)
+    try:
+        link.request("GET", path)
+        answer = link.getresponse()
+        body = answer.read(MOST_BYTES)
+        if answer.status != 200:
+            return Told(False, f"{address} answered {answer.status} {printable(answer.reason)}")
+        found = json.loads(body)
+        if found.get("ErrorNumber", 0):
+            return Told(False, f"{address}: {printable(str(found.get('ErrorMessage')))[:200]}")
+        if not isinstance(found.get("Value"), bool):
+            return Told(False, f"{address} gave no Value that is true or false")
+        return Told(found["Value"], None if found["Value"] else "the SafetyMonitor says unsafe")
+    except (OSError, http.client.HTTPException) as error:
+        return Told(False, f"{address} does not answer: {error or type(error).__name__}")
+    except (ValueError, AttributeError):
+        return Told(False, f"{address} answered what is no Alpaca answer")
+    finally:
+        link.close()
+
+
+class WeatherWatch:
+    """Asks again and again beside whatever else goes on; `unsafe` says why, once it is."""
+
+    def __init__(self, weather: Weather, folder: Path) -> None:
+        """Begin to ask."""
+        self.unsafe: str | None = None
+        self._weather, self._folder = weather, folder
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._ask, name="weather", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Ask no more."""
+        self._over.set()
+
+    def _ask(self) -> None:
+        while not self._over.wait(self._weather.every_s):
+            told = ask_weather(self._weather, self._folder)
+            if not told.safe:
+                self.unsafe = told.words or "unsafe"
+                return

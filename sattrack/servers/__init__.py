@@ -1,0 +1,1 @@
+"""The mount for other programs: each server with its protocol, its process and its loop."""

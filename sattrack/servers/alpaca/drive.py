@@ -1,0 +1,167 @@
+"""Procedures that ASCOM's clients need and an operator does not: MoveAxis until told, slews in mid-slew.
+
+MoveAxis as ASCOM means it: rates of the axes themselves, in force until other ones are told.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from sattrack.control.manual.procedures import MoveFor, Once, Outcome, Refusal, outcome_of, refused
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.requests import Abort, EndMove, MoveAxis, Ticket, TicketState
+
+if TYPE_CHECKING:
+    from sattrack.control.manual.procedures import Desk, Procedure
+
+PRIMARY = 0
+SECONDARY = 1
+MOVE_S = 0.1
+LEAST_DEG_S = 1e-6
+"""As good as none; 0 would be no edge to a mount that takes rates by edges."""
+SURE_AFTER_S = 0.15
+SEEN_WITHIN_S = 3.0
+"""How long a mount's positions must show what was asked for, and within what time they must."""
+
+
+def as_request(axis: int, rate_deg_s: float) -> MoveAxis:
+    """Return the request that turns an axis at a rate of its own, westward or northward.
+
+    The primary axis' rate stands in place of sidereal tracking; what a Xerxes mount is told adds to it. Rate
+    0 is no standstill: it gives the axis back to what it did before, which is the sky.
+    """
+    if axis == SECONDARY:
+        return MoveAxis(dec_rate_deg_s=rate_deg_s)
+    return MoveAxis(ra_rate_deg_s=SIDEREAL_RATE_DEG_S - rate_deg_s if rate_deg_s else 0.0)
+
+
+class Drive:
+    """A MoveAxis of one axis or both, a procedure of the console, until both are told to end."""
+
+    doing = "moving by MoveAxis"
+
+    def __init__(self, axis: int, rate_deg_s: float) -> None:
+        self._rates = {axis: rate_deg_s}
+        self._ticket: Ticket | None = None
+        self._ending: Ticket | None = None
+
+    @property
+    def moves(self) -> bool:
+        """Whether an axis is to move, as far as it was told."""
+        return any(self._rates.values())
+
+    def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+        """See Procedure."""
+        (axis, rate_deg_s) = next(iter(self._rates.items()))
+        return self._ask(desk, as_request(axis, rate_deg_s), now_utc_s)
+
+    def change(self, desk: Desk, axis: int, rate_deg_s: float, now_utc_s: float) -> Refusal | None:
+        """Turn an axis at another rate; what the other one does stays."""
+        after = {**self._rates, axis: rate_deg_s}
+        if not any(after.values()):
+            self._rates = after
+            return self._end(desk, now_utc_s)
+        refusal = self._ask(desk, as_request(axis, rate_deg_s), now_utc_s)
+        if refusal is None:
+            self._rates, self._ending = after, None
+        return refusal
+
+    def step(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+        """See Procedure."""
+        del desk, now_utc_s
+        if self._ending is not None:
+            return outcome_of(self._ending)
+        ticket = self._ticket
+        if ticket is None or not ticket.settled or ticket.state is TicketState.COMPLETE:
+            return None
+        return outcome_of(ticket)
+
+    def _ask(self, desk: Desk, request: MoveAxis, now_utc_s: float) -> Refusal | None:
+        asked = desk.submit(request, now_utc_s)
+        if isinstance(asked, Refusal):
+            return asked
+        self._ticket = asked
+        return None
+
+    def _end(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+        if self._ending is not None:
+            return None
+        asked = desk.submit(EndMove(), now_utc_s)
+        if isinstance(asked, Refusal):
+            return asked
+        self._ending = asked
+        return None
+
+
+class AfterStop:
+    """A stop, seen through, and then another procedure: the mount ignores a slew while it slews.
+
+    Nor is a way sought while the mount moves: that may take longer than the next datagram can wait.
+    """
+
+    def __init__(self, then: Procedure) -> None:
+        self._then = then
+        self._stop: Ticket | None = None
+        self._begun = False
+
+    @property
+    def doing(self) -> str:
+        """What is under way, in words."""
+        return self._then.doing if self._begun else "stopping before it slews elsewhere"
+
+    def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+        """See Procedure."""
+        asked = desk.submit(Abort(), now_utc_s)
+        if isinstance(asked, Refusal):
+            return asked
+        self._stop = asked
+        return None
+
+    def step(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+        """See Procedure."""
+        if self._begun:
+            return self._then.step(desk, now_utc_s)
+        assert self._stop is not None
+        if not self._stop.settled:
+            return None
+        if self._stop.state is not TicketState.COMPLETE:
+            return outcome_of(self._stop)
+        self._begun = True
+        refusal = self._then.begin(desk, now_utc_s)
+        return None if refusal is None else refused(refusal)
+
+
+class SetTracking:
+    """Have a mount at rest follow the sky, by a MoveAxis and its end; or stand, by a stop.
+
+    The protocol has no other way, and acknowledges neither: the mount's positions tell what came of it.
+    """
+
+    def __init__(self, on: bool) -> None:
+        self.doing = "taking up tracking" if on else "ending tracking"
+        self._on = on
+        self._first: Procedure = MoveFor(MoveAxis(LEAST_DEG_S), MOVE_S) if on else Once(Abort(), "stopping")
+        self._begun_utc_s: float | None = None
+        self._so_since_utc_s: float | None = None
+
+    def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+        """See Procedure."""
+        return self._first.begin(desk, now_utc_s)
+
+    def step(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+        """See Procedure."""
+        if self._begun_utc_s is None:
+            outcome = self._first.step(desk, now_utc_s)
+            if outcome is None or outcome.state not in {TicketState.COMPLETE, TicketState.UNCONFIRMED}:
+                return outcome
+            self._begun_utc_s = now_utc_s
+        if not desk.at_rest or desk.stands is self._on:
+            self._so_since_utc_s = None
+        elif self._so_since_utc_s is None:
+            self._so_since_utc_s = now_utc_s
+        if self._so_since_utc_s is not None and now_utc_s - self._so_since_utc_s >= SURE_AFTER_S:
+            return Outcome(TicketState.COMPLETE, True)
+        if now_utc_s - self._begun_utc_s < SEEN_WITHIN_S:
+            return None
+        words = "the mount did not take up tracking" if self._on else "the mount goes on tracking by itself"
+        return Outcome(TicketState.FAILED, True, words)

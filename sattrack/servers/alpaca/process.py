@@ -1,0 +1,309 @@
+"""The process that Alpaca's clients talk to: HTTP and discovery. It never touches the mount.
+
+Reads are answered from the mount's newest state, which the feeding process pushes; orders go there and are
+answered from there. So however many ask, and whatever they ask, the mount's datagrams are computed elsewhere.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import gc
+import logging
+import os
+import socket
+import sys
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, cast
+
+from aiohttp import ClientPayloadError, http_exceptions, web
+
+from sattrack.core.clock import SimulatedClock, SystemClock
+from sattrack.servers.alpaca.action_runner import Actions
+from sattrack.servers.alpaca.actions import Bias, Passes, TrackSatellite
+from sattrack.servers.alpaca.device import Device
+from sattrack.servers.alpaca.discovery import Discovery
+from sattrack.servers.alpaca.faults import Fault, Number
+from sattrack.servers.alpaca.gate import REQUEST_WITHIN_S, Doorkeeper, Gate
+from sattrack.servers.alpaca.messages import AbortOrder, Answered, Asked, SlewOrder, Told, decode_news, encode
+from sattrack.servers.alpaca.server import Pending, Reply, Server
+from sattrack.servers.alpaca.task import READY, decode_task
+from sattrack.servers.alpaca.telescope import Telescope
+from sattrack.servers.callers import HostNames
+
+if TYPE_CHECKING:
+    from sattrack.core.clock import Clock
+    from sattrack.servers.alpaca.messages import Order
+    from sattrack.servers.alpaca.task import AlpacaTask
+    from sattrack.servers.callers import CallerLimits
+
+MOST_BODY_BYTES = 16384
+MOST_LINE_BYTES = 8190
+MOST_WAITING = 64
+"""Orders that may wait for their end; a stop is never too many."""
+ANSWER_WITHIN_S = 8.0
+SLEW_WITHIN_S = 600.0
+TEND_EVERY_S = 1.0
+TELL_EVERY_S = 10.0
+BROKEN_OFF = (
+    web.RequestPayloadError,
+    ClientPayloadError,
+    http_exceptions.HttpProcessingError,
+    ConnectionError,
+)
+BEHIND_THE_FEEDER = 5
+"""How much nicer than the feeding process this one is."""
+LONGEST_TASK = 1 << 28
+"""Bytes: a whole catalogue's elements come with the task."""
+
+
+@dataclass(slots=True)
+class Channel:
+    """The line to the feeding process: orders go out, states and answers come in."""
+
+    reader: asyncio.StreamReader
+    writer: asyncio.StreamWriter
+    telescope: Telescope
+    _count: int = 0
+    _waiting: dict[int, asyncio.Future[Answered]] = field(default_factory=dict)
+
+    async def listen(self) -> None:
+        """Take what comes, until the other end is gone."""
+        while line := await self.reader.readline():
+            news = decode_news(line)
+            if not isinstance(news, Answered):
+                self.telescope.state = news
+                continue
+            waiting = self._waiting.get(news.number)
+            if waiting is not None and not waiting.done():
+                waiting.set_result(news)
+
+    async def order(self, order: Order) -> None:
+        """Have an order carried out; raises Fault where it is not."""
+        if len(self._waiting) >= MOST_WAITING and not isinstance(order, AbortOrder):
+            words = f"{len(self._waiting)} commands wait already: too many at once"
+            raise Fault(Number.INVALID_OPERATION, words)
+        self._count += 1
+        number = self._count
+        waiting = self._waiting[number] = asyncio.get_running_loop().create_future()
+        waits = isinstance(order, SlewOrder) and order.wait
+        try:
+            self.writer.write(encode(Asked(number, order)))
+            async with asyncio.timeout(SLEW_WITHIN_S if waits else ANSWER_WITHIN_S):
+                answer = await waiting
+        except TimeoutError:
+            raise Fault(Number.DRIVER, "the mount gave no answer in time") from None
+        finally:
+            del self._waiting[number]
+        if answer.fault:
+            raise Fault(Number(answer.fault), answer.words)
+
+    def tell(self, words: str) -> None:
+        """Have a line logged."""
+        self.writer.write(encode(Told(words)))
+
+
+@dataclass(slots=True)
+class Pace:
+    """How fast one connection may ask: what is too fast waits for its answer."""
+
+    rate: float
+    free_s: float = 0.0
+
+    def wait_s(self, now_s: float) -> float:
+        """Count one request; return how long it is to wait."""
+        self.free_s = max(self.free_s, now_s - 0.2) + 1.0 / self.rate
+        return self.free_s - now_s
+
+
+@dataclass(slots=True)
+class Front:
+    """Serves HTTP requests; `server` knows what they mean."""
+
+    server: Server
+    channel: Channel
+    actions: Actions
+    clock: Clock
+    keeper: Doorkeeper
+    requests_per_s: float
+    names: HostNames = field(default_factory=HostNames)
+    _paces: dict[asyncio.BaseTransport, Pace] = field(default_factory=dict)
+
+    async def handle(self, request: web.BaseRequest) -> web.StreamResponse:
+        """Answer one request."""
+        transport = request.transport
+        gate = None if transport is None else self.keeper.gates.get(transport)
+        if transport is None or gate is None:
+            return web.Response(status=503)
+        gate.begins()
+        try:
+            if request.method != "GET" and "Origin" in request.headers:
+                return _hung_up(403, "a web page is not obeyed: only programs send no Origin")
+            host = request.headers.get("Host")
+            if host is not None and not self.names.hold(host, transport.get_extra_info("sockname")):
+                return _hung_up(403, f"this server is not called {host[:60]!r}: --name adds a name")
+            pace = self._paces.setdefault(transport, Pace(self.requests_per_s))
+            now_s = asyncio.get_running_loop().time()
+            if (wait_s := pace.wait_s(now_s)) > 0.0:
+                await asyncio.sleep(wait_s)
+            return await self._answer(request)
+        except Exception as error:  # noqa: BLE001 - one request that breaks something is no end of the others
+            self.channel.tell(f"a defect of sattrack: {error!r} in {request.method} {request.path[:60]!r}")
+            return _hung_up(500, "a defect of sattrack, told in its log")
+        finally:
+            gate.ends()
+
+    async def _answer(self, request: web.BaseRequest) -> web.StreamResponse:
+        body = await _body(request)
+        if isinstance(body, web.Response):
+            return body
+        path, _, query = request.raw_path.partition("?")
+        now_utc_s = self.clock.utc_s(time.monotonic())
+        asked = self.server.answer(request.method, path, query.encode("utf-8", "replace"), body, now_utc_s)
+        if isinstance(asked, Reply):
+            return _response(asked)
+        return _response(await self._finish(asked))
+
+    async def _finish(self, pending: Pending) -> Reply:
+        try:
+            if isinstance(pending.order, Bias | Passes | TrackSatellite):
+                value = await self.actions.do(pending.order, self.channel.order)
+                return self.server.finish(pending, value)
+            await self.channel.order(pending.order)
+        except Fault as fault:
+            return self.server.finish(pending, fault=fault)
+        return self.server.finish(pending)
+
+    async def tend(self) -> None:
+        """Look after connections, for ever; tell of those that were refused, but not of each."""
+        told, told_s = (0, 0), -TELL_EVERY_S
+        loop = asyncio.get_running_loop()
+        while True:
+            await asyncio.sleep(TEND_EVERY_S)
+            self.keeper.tend(loop.time())
+            gates = self.keeper.gates
+            self._paces = {line: pace for line, pace in self._paces.items() if line in gates}
+            counts = (self.keeper.refused, self.keeper.cut)
+            if counts != told and loop.time() - told_s >= TELL_EVERY_S:
+                new = (counts[0] - told[0], counts[1] - told[1])
+                self.channel.tell(
+                    f"{new[0]} connections were refused, {new[1]} were silent or halting too long"
+                )
+                told, told_s = counts, loop.time()
+
+
+class DiscoveryProtocol(asyncio.DatagramProtocol):
+    """Answers discovery's questions from those who may connect."""
+
+    def __init__(self, discovery: Discovery, limits: CallerLimits) -> None:
+        self._discovery, self._limits = discovery, limits
+        self._transport: asyncio.DatagramTransport | None = None
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """See asyncio.DatagramProtocol."""
+        self._transport = cast("asyncio.DatagramTransport", transport)
+
+    def datagram_received(self, data: bytes, addr: tuple[str | Any, int]) -> None:
+        """See asyncio.DatagramProtocol."""
+        if self._transport is None or not self._limits.allow(addr[0]):
+            return
+        answer = self._discovery.answer(data, addr[0], time.monotonic())
+        if answer is not None:
+            self._transport.sendto(answer, addr)
+
+    def error_received(self, exc: Exception) -> None:
+        """See asyncio.DatagramProtocol: who asked is gone already, and that is all."""
+
+
+async def _body(request: web.BaseRequest) -> bytes | web.Response:
+    """Return a request's body, or the answer to one that is too large or too slow."""
+    if (request.content_length or 0) > MOST_BODY_BYTES:
+        return _hung_up(413, f"a body has {MOST_BODY_BYTES} bytes at most")
+    data = b""
+    try:
+        async with asyncio.timeout(REQUEST_WITHIN_S):
+            while piece := await request.content.readany():
+                data += piece
+                if len(data) > MOST_BODY_BYTES:
+                    return _hung_up(413, f"a body has {MOST_BODY_BYTES} bytes at most")
+    except BROKEN_OFF:
+        return _hung_up(400, "the request broke off, or its body is not what its headers say")
+    except TimeoutError:
+        return _hung_up(408, f"a request must be whole within {REQUEST_WITHIN_S:g} s")
+    return data
+
+
+def _hung_up(status: int, words: str) -> web.Response:
+    response = web.Response(status=status, text=words + "\n")
+    response.force_close()
+    return response
+
+
+def _response(reply: Reply) -> web.Response:
+    return web.Response(status=reply.status, body=reply.body, content_type=reply.kind, charset="utf-8")
+
+
+async def serve(task: AlpacaTask, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    """Serve until the feeding process is gone."""
+    device = Device(task.profile, task.site.place(), task.mount, task.version, task.host, task.abilities)
+    setting = task.clock
+    clock: Clock = SystemClock()
+    if setting is not None:
+        clock = SimulatedClock(setting.start_utc_s, setting.anchor_s, setting.speed)
+    telescope = Telescope(device)
+    site = task.site
+    server = Server(telescope, f"{site.latitude_deg:.4f}, {site.longitude_deg:.4f}, {site.height_m:g} m")
+    limits = task.limits()
+    channel, keeper = Channel(reader, writer, telescope), Doorkeeper(limits)
+    actions = Actions(task.satellites, telescope, clock)
+    front = Front(
+        server, channel, actions, clock, keeper, task.requests_per_s, HostNames.of(task.host, task.names)
+    )
+    http = web.Server(
+        front.handle,
+        access_log=None,
+        max_line_size=MOST_LINE_BYTES,
+        max_field_size=MOST_LINE_BYTES,
+        keepalive_timeout=task.idle_s,
+    )
+    loop = asyncio.get_running_loop()
+    listener = socket.socket(fileno=task.listener)
+    door = await loop.create_server(lambda: Gate(keeper, http), sock=listener, backlog=256)
+    for number in task.discovery:
+        answers = Discovery(task.port)
+        await loop.create_datagram_endpoint(
+            lambda answers=answers: DiscoveryProtocol(answers, limits),  # type: ignore[misc]
+            sock=socket.socket(fileno=number),
+        )
+    aside = [loop.create_task(front.tend()), loop.create_task(actions.prepare())]
+    # What connections leave behind is then looked for among what they made, before it is megabytes.
+    gc.freeze()
+    channel.tell(READY)
+    try:
+        await channel.listen()
+    finally:
+        for task_aside in aside:
+            task_aside.cancel()
+        door.close()
+
+
+async def _main(number: int) -> None:
+    line = socket.socket(fileno=number)
+    reader, writer = await asyncio.open_connection(sock=line, limit=LONGEST_TASK)
+    task = decode_task(await reader.readline())
+    with contextlib.suppress(ConnectionError):
+        await serve(task, reader, writer)
+
+
+def main() -> None:
+    """Serve on the descriptors of the task that comes on the one given."""
+    logging.getLogger("aiohttp").addHandler(logging.NullHandler())
+    logging.getLogger("aiohttp").propagate = False
+    with contextlib.suppress(OSError):
+        os.nice(BEHIND_THE_FEEDER)
+    asyncio.run(_main(int(sys.argv[1])))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,238 @@
+"""A telescope as its clients see it: values out of the mount's last state, orders out of their requests.
+
+What clients share is here: the target, and which of them are connected. Instants are UTC as POSIX seconds.
+"""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from typing import TYPE_CHECKING, Any
+
+from sattrack.mount.requests import LARGEST_FINE_RATE_DEG_S
+from sattrack.servers.alpaca.actions import read_action
+from sattrack.servers.alpaca.device import FINE_RATES
+from sattrack.servers.alpaca.faults import BadRequest, Fault, Number
+from sattrack.servers.alpaca.members import BY_PATH
+from sattrack.servers.alpaca.messages import (
+    AbortOrder,
+    FineOrder,
+    HomeOrder,
+    MoveOrder,
+    ParkOrder,
+    PulseOrder,
+    SlewOrder,
+    SyncOrder,
+    TrackOrder,
+)
+from sattrack.servers.alpaca.readings import DEG_A_TIME_SECOND, SIDEREAL_A_SECOND, fixed_value, told_value
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from sattrack.servers.alpaca.actions import CustomAction
+    from sattrack.servers.alpaca.device import Device
+    from sattrack.servers.alpaca.members import Member
+    from sattrack.servers.alpaca.messages import Order, TelescopeState
+    from sattrack.servers.alpaca.parameters import Form, Value
+
+MOST_CONNECTED = 4096
+NORTH, SOUTH, EAST, WEST = range(4)
+OLDEST_STATE_S = 2.5
+"""A state older than this tells nothing of the mount."""
+
+
+class Telescope:
+    """One telescope; `state` is what its mount said last, None before it said anything."""
+
+    def __init__(self, device: Device) -> None:
+        self.device = device
+        self.state: TelescopeState | None = None
+        self._connected: OrderedDict[int, None] = OrderedDict()
+        self._target_ra_h: float | None = None
+        self._target_dec_deg: float | None = None
+
+    @property
+    def clients(self) -> int:
+        """How many clients are connected."""
+        return len(self._connected)
+
+    def get(self, path: str, form: Form, client: int, now_utc_s: float) -> Any:
+        """Return what a member's GET gives. Raises BadRequest, Fault."""
+        member = self._member(path, "GET")
+        takes = member.takes if member.write == "no" else ()
+        values = form.values(takes)
+        if member.read == "absent":
+            raise Fault(Number.NOT_IMPLEMENTED, f"{member.name} is not implemented: {member.does}")
+        if member.name not in FINE_RATES:
+            # A rate that cannot be set can be read, and is 0.
+            self._demand_able(member)
+        self._demand_connected(member)
+        for parameter in takes:
+            parameter.check(values[parameter.name])
+        if member.name == "Connected":
+            return client in self._connected
+        if member.path.startswith("target"):
+            return self._target(member.name)
+        if member.heard:
+            return told_value(self._heard(now_utc_s), self.device, member.name, values)
+        return fixed_value(self.state, self.device, member.name, values, now_utc_s)
+
+    def put(self, path: str, form: Form, client: int, now_utc_s: float) -> Order | CustomAction | None:
+        """Return what a member's PUT asks of the mount, None where it is done. Raises BadRequest, Fault."""
+        member = self._member(path, "PUT")
+        values = form.values(member.takes)
+        if member.write == "absent":
+            raise Fault(Number.NOT_IMPLEMENTED, f"{member.name} cannot be done by this mount")
+        self._demand_able(member)
+        self._demand_connected(member)
+        for parameter in member.takes:
+            parameter.check(values[parameter.name])
+        if member.path in {"connect", "connected", "disconnect"}:
+            self._connect(client, member.path == "connect" or values.get("Connected") is True, now_utc_s)
+            return None
+        if member.unparked and self._is_parked(member, now_utc_s):
+            raise Fault(Number.PARKED, f"{member.name}: the mount is parked, and is woken at its own console")
+        return self._order(member.name, values, now_utc_s)
+
+    def _member(self, path: str, verb: str) -> Member:
+        member = BY_PATH.get(path)
+        if member is None:
+            raise BadRequest(f"no member {path[:40]!r}: names are those of ITelescopeV4 in lower case")
+        if (member.read if verb == "GET" else member.write) == "no":
+            raise BadRequest(f"{member.name} has no {verb}")
+        return member
+
+    def _demand_able(self, member: Member) -> None:
+        lack = self.device.abilities.lack(member.name)
+        if lack is not None:
+            raise Fault(
+                Number.NOT_IMPLEMENTED,
+                f"{member.name} is not implemented: for clients the mount at {self.device.mount} has {lack}",
+            )
+
+    def _demand_connected(self, member: Member) -> None:
+        if member.connected and not self._connected:
+            raise Fault(Number.NOT_CONNECTED, f"{member.name}: no client is connected")
+
+    def _heard(self, now_utc_s: float) -> TelescopeState:
+        """Return the mount's state; raises Fault where it is not heard."""
+        state = self.state
+        if state is None or not state.heard or abs(now_utc_s - state.utc_s) > OLDEST_STATE_S:
+            raise Fault(
+                Number.DRIVER,
+                f"the mount at {self.device.mount} is not heard: is it on, and set to send here?",
+            )
+        return state
+
+    def _is_parked(self, member: Member, now_utc_s: float) -> bool:
+        """Tell whether the mount is parked; raises Fault where it is not heard, but for a stop."""
+        state = self.state if member.name == "AbortSlew" else self._heard(now_utc_s)
+        return state is not None and state.at_park
+
+    def _target(self, name: str) -> float:
+        target = self._target_ra_h if name == "TargetRightAscension" else self._target_dec_deg
+        if target is None:
+            raise Fault(Number.VALUE_NOT_SET, f"{name} was not set yet")
+        return target
+
+    def _connect(self, client: int, connects: bool, now_utc_s: float) -> None:
+        if not connects:
+            self._connected.pop(client, None)
+            return
+        self._heard(now_utc_s)
+        self._connected[client] = None
+        self._connected.move_to_end(client)
+        if len(self._connected) > MOST_CONNECTED:
+            self._connected.popitem(last=False)
+
+    def _order(  # noqa: PLR0911 - one for each kind of request
+        self, name: str, values: Mapping[str, Value], now_utc_s: float
+    ) -> Order | CustomAction | None:
+        match name:
+            case "Action":
+                return read_action(str(values["Action"]), str(values["Parameters"]))
+            case "TargetRightAscension":
+                self._target_ra_h = float(values[name])
+            case "TargetDeclination":
+                self._target_dec_deg = float(values[name])
+            case "RightAscensionRate" | "DeclinationRate":
+                return self._fine(name, float(values[name]), now_utc_s)
+            case "Tracking":
+                return self._track(bool(values[name]), now_utc_s)
+            case "AbortSlew":
+                return AbortOrder()
+            case "FindHome" | "Park":
+                return self._place(name, now_utc_s)
+            case "MoveAxis":
+                return self._move(int(values["Axis"]), float(values["Rate"]))
+            case "PulseGuide":
+                return self._pulse(int(values["Direction"]), int(values["Duration"]), now_utc_s)
+            case "SlewToCoordinates" | "SlewToCoordinatesAsync" | "SyncToCoordinates":
+                self._target_ra_h = float(values["RightAscension"])
+                self._target_dec_deg = float(values["Declination"])
+                return self._to_target(name, now_utc_s)
+            case "SlewToTarget" | "SlewToTargetAsync" | "SyncToTarget":
+                return self._to_target(name, now_utc_s)
+        return None
+
+    def _track(self, on: bool, now_utc_s: float) -> TrackOrder | None:
+        if not self.device.abilities.sets_tracking:
+            raise Fault(Number.NOT_IMPLEMENTED, "Tracking is as the telescope's own programs set it")
+        state = self._heard(now_utc_s)
+        if on and state.at_park:
+            raise Fault(Number.PARKED, "Tracking: the mount is parked, and is woken at its own console")
+        return None if on == state.tracking else TrackOrder(on)
+
+    def _fine(self, name: str, value: float, now_utc_s: float) -> FineOrder:
+        if value and not self._heard(now_utc_s).tracking:
+            words = f"{name} is an offset to tracking, and the mount is not tracking: set Tracking first"
+            raise Fault(Number.INVALID_OPERATION, words)
+        of_ra = name == "RightAscensionRate"
+        asked = -value * DEG_A_TIME_SECOND * SIDEREAL_A_SECOND if of_ra else value / 3600.0
+        if not abs(asked) <= LARGEST_FINE_RATE_DEG_S:
+            words = f"{name} is {value:g}; at most {LARGEST_FINE_RATE_DEG_S:g}° a second: MoveAxis is faster"
+            raise Fault(Number.INVALID_VALUE, words)
+        # No -0, which would be read back as it is.
+        return FineOrder(ra_deg_s=asked + 0.0) if of_ra else FineOrder(dec_deg_s=asked + 0.0)
+
+    def _place(self, name: str, now_utc_s: float) -> HomeOrder | ParkOrder | None:
+        profile = self.device.profile
+        if (profile.home if name == "FindHome" else profile.park) is None:
+            place = "home" if name == "FindHome" else "park"
+            raise Fault(Number.NOT_IMPLEMENTED, f"{name}: the mount's profile has no {place} position")
+        if name == "FindHome":
+            return HomeOrder()
+        return None if self._heard(now_utc_s).at_park else ParkOrder()
+
+    def _move(self, axis: int, rate_deg_s: float) -> MoveOrder:
+        spans = self.device.axis_rates_deg_s(axis)
+        if not spans:
+            raise Fault(Number.NOT_IMPLEMENTED, f"MoveAxis: the mount has no axis {axis}")
+        if rate_deg_s and not any(low <= abs(rate_deg_s) <= high for low, high in spans):
+            borne = " and ".join(f"{low:g} to {high:g}" for low, high in spans)
+            words = f"Rate is {rate_deg_s:g} °/s; axis {axis} turns at {borne} °/s"
+            raise Fault(Number.INVALID_VALUE, words)
+        return MoveOrder(axis, rate_deg_s)
+
+    def _pulse(self, direction: int, duration_ms: int, now_utc_s: float) -> PulseOrder | None:
+        state = self._heard(now_utc_s)
+        if state.slewing or not state.tracking or state.pulse_guiding:
+            why = "slews" if state.slewing else "guides already" if state.tracking else "is not tracking"
+            raise Fault(Number.INVALID_OPERATION, f"PulseGuide: the mount {why}")
+        if duration_ms == 0:
+            return None
+        signed = -duration_ms if direction in (EAST, SOUTH) else duration_ms
+        return PulseOrder(ra_ms=signed) if direction in (EAST, WEST) else PulseOrder(dec_ms=signed)
+
+    def _to_target(self, name: str, now_utc_s: float) -> SlewOrder | SyncOrder:
+        ra_h, dec_deg = self._target_ra_h, self._target_dec_deg
+        if ra_h is None or dec_deg is None:
+            raise Fault(Number.VALUE_NOT_SET, f"{name}: set TargetRightAscension and TargetDeclination first")
+        ra_deg = ra_h * 15.0 % 360.0
+        if name.startswith("Slew"):
+            return SlewOrder(ra_deg, dec_deg, wait=not name.endswith("Async"))
+        if not self._heard(now_utc_s).tracking:
+            raise Fault(
+                Number.INVALID_OPERATION, f"{name}: the mount is not tracking; a slew sets it tracking"
+            )
+        return SyncOrder(ra_deg, dec_deg)

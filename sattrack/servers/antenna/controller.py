@@ -1,0 +1,346 @@
+"""The controller: what antcn says in, what it answers and where the antenna is to be out. No I/O, no clock.
+
+"Ideal Field System Antenna Interface", sections 4.0 to 8.0. It never speaks but to answer, answers once, and
+never waits for what was asked to be done.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from decimal import Decimal
+from enum import StrEnum
+from typing import TYPE_CHECKING, Literal
+
+from sattrack.servers.antenna import focus_orders, sky_orders
+from sattrack.servers.antenna.equipment import Antenna, Feedback
+from sattrack.servers.antenna.line import Framer, Line, LineFault, Synchronised, encode
+from sattrack.servers.antenna.position import Position, position_message
+from sattrack.servers.antenna.reckoning import Reckoning
+from sattrack.servers.antenna.trajectory import (
+    MOST_EPOCH_DISTANCE_S,
+    NS,
+    AxisState,
+    ExactState,
+    Path,
+    Straight,
+    day_start_ns,
+    resolve_epoch,
+    second_of_day,
+)
+from sattrack.servers.antenna.transactions import (
+    OMITTED,
+    Nak,
+    Refusal,
+    Request,
+    acknowledge,
+    parse,
+    word_of,
+)
+from tle.errors import TleError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sattrack.servers.antenna.celestial import SkyPath
+
+REMEMBERED_LINES = 50
+REMEMBERED_REFUSALS = 20
+MOST_TIME_STEP_S = 86400
+
+
+class Doing(StrEnum):
+    """What the antenna was last told to do."""
+
+    IDLE = "IDLE"
+    FOLLOWING = "FOLLOWING"
+    STOW = "STOW"
+    SERVICE = "SERVICE"
+
+
+@dataclass(frozen=True, slots=True)
+class Exchange:
+    """One line that came, and what was answered."""
+
+    utc_ns: int
+    received: str
+    answered: str
+    refused: Nak | None = None
+
+
+@dataclass(slots=True)
+class Controller:
+    """One antenna's controller; `path` is the trajectory in force, None where there is none."""
+
+    antenna: Antenna
+    feedback: Feedback = field(default_factory=Feedback)
+    remote: bool = True
+    doing: Doing = Doing.IDLE
+    path: Path | None = None
+    reset_asked: bool = False
+    """Set by RESET; whoever owns the interlocks takes it back."""
+    time_step_ns: int = 0
+    """By how much TIME has set the controller's clock; whoever keeps the clock takes it back."""
+    refused: int = 0
+    last_refusal: Nak | None = None
+    exchanges: deque[Exchange] = field(default_factory=lambda: deque(maxlen=REMEMBERED_LINES))
+    refusals: deque[Exchange] = field(default_factory=lambda: deque(maxlen=REMEMBERED_REFUSALS))
+    """Those of the lines that were refused, longer."""
+    _framer: Framer = field(init=False)
+    reckoning: Reckoning = field(init=False)
+    held: SkyPath | None = None
+    """The satellite's way, while SATOFF holds the antenna."""
+
+    def __post_init__(self) -> None:
+        """Begin with no offsets."""
+        self._framer = Framer(self.antenna.check)
+        self.reckoning = Reckoning(self.antenna.sky, self.antenna.axes)
+
+    def receive(self, data: bytes, now_ns: int) -> tuple[bytes, bool]:
+        """Take bytes that came at an instant; return what to send, and whether to drop what waits to be sent.
+
+        What a position status tells is latched at `now_ns`, the arrival of the line-feed.
+        """
+        answers: list[bytes] = []
+        synchronised = False
+        for event in self._framer.receive(data):
+            if isinstance(event, Synchronised):
+                answers.clear()
+                synchronised = True
+            else:
+                answers.append(self._answer(event, now_ns))
+        return b"".join(answers), synchronised
+
+    def hang_up(self) -> None:
+        """Forget half a line: whoever sent it is gone. The trajectory stays in force."""
+        self._framer.reset()
+
+    def switch(self, remote: bool, now_ns: int) -> None:
+        """Put the controller in remote or in local; local ends the trajectory and stops the focus."""
+        self.remote = remote
+        if not remote:
+            self.stop(now_ns)
+
+    def stop(self, now_ns: int) -> None:
+        """End the trajectory and stop the focus, for the operator at the controller."""
+        self._rest()
+        if self.antenna.focuser is not None:
+            self.antenna.focuser.stop(now_ns)
+
+    def reset(self) -> None:
+        """Have what an interlock has stopped made ready again, as RESET does, whoever asks."""
+        self._rest()
+        self.reset_asked = True
+
+    def _answer(self, line: Line, now_ns: int) -> bytes:
+        if line.fault is not None:
+            fault = Nak.TRANSMISSION if line.fault is LineFault.TRANSMISSION else Nak.TOO_LONG
+            result: str | Refusal = Refusal(word_of(line.message), fault)
+        else:
+            result = self._obey(line.message, now_ns)
+        why = None
+        if isinstance(result, Refusal):
+            self.refused += 1
+            why = self.last_refusal = result.why
+            result = result.message
+        exchange = Exchange(now_ns, line.message, result, why)
+        self.exchanges.append(exchange)
+        if why is not None:
+            self.refusals.append(exchange)
+        return encode(result, self.antenna.check)
+
+    def _obey(self, message: str, now_ns: int) -> str | Refusal:
+        request = parse(message)
+        if isinstance(request, Refusal):
+            return request
+        word = request.command.word
+        if request.command.commands_antenna and not self.remote:
+            return Refusal(word, Nak.LOCAL)
+        handler = _HANDLERS.get(word)
+        try:
+            answer = Nak.NOT_AVAILABLE if handler is None else handler(self, request, now_ns)
+        except TleError:
+            # The elements of what is followed, or is to be, have come to their end.
+            answer = Nak.ELEMENTS_USELESS
+        if answer is None:
+            return acknowledge(word)
+        return Refusal(word, answer) if isinstance(answer, Nak) else answer
+
+    # Each of these obeys one command: None acknowledges, a Nak refuses, text answers.
+
+    def _designate(self, request: Request, now_ns: int) -> Nak | None:
+        epoch_ns = self.epoch_asked(request, now_ns)
+        if isinstance(epoch_ns, Nak):
+            return epoch_ns
+        names = ("first", "second", "first_rate", "second_rate")
+        straight = Straight(ExactState(*(request.exact(name) for name in names)), epoch_ns)
+        # A wrap is that of the position at its epoch; the shortest way is from here to where it is by now.
+        shortest = request.text("wrap", "S") == "S"
+        first_deg = straight.at(now_ns if shortest else epoch_ns).first_deg
+        return self.take_up(straight.turned(self.turns_asked(request, first_deg, now_ns)))
+
+    def epoch_asked(self, request: Request, now_ns: int) -> int | Nak:
+        """Return the instant that a command names, or the line-feed's."""
+        seconds = request.values["epoch"]
+        if seconds is None or isinstance(seconds, str):
+            return now_ns
+        try:
+            epoch_ns = resolve_epoch(seconds, now_ns)
+        except ValueError:
+            return Nak.RANGE
+        return epoch_ns if abs(epoch_ns - now_ns) <= MOST_EPOCH_DISTANCE_S * NS else Nak.EPOCH
+
+    def turns_asked(self, request: Request, first_deg: float, now_ns: int) -> int:
+        """Return by how many turns to move a position of the first axis for the wrap that is asked for."""
+        wrap = request.text("wrap", "S")
+        if wrap != "S":
+            return self.antenna.range.turns_to(first_deg, int(wrap))
+        return self.antenna.range.shortest_turns(first_deg, self._where(now_ns))
+
+    def _where(self, now_ns: int) -> float:
+        """Return the place of the first axis from which ways are short: its own, else its trajectory's."""
+        actual = self.feedback.actual(now_ns)
+        if actual is not None:
+            return actual.first_deg
+        return 0.0 if self.path is None else self.path.at(now_ns).first_deg
+
+    def take_up(self, path: Path, doing: Doing = Doing.FOLLOWING) -> Nak | None:
+        """Put a trajectory in force, unless the antenna is stowed."""
+        if self.doing is Doing.STOW and doing is not Doing.STOW:
+            return Nak.STATE
+        self.path, self.doing, self.held = path, doing, None
+        return None
+
+    def _rest(self) -> None:
+        self.path = self.held = None
+        if self.doing is not Doing.STOW:
+            self.doing = Doing.IDLE
+
+    def _stop(self, request: Request, now_ns: int) -> None:
+        del request, now_ns
+        self._rest()
+
+    def _reset(self, request: Request, now_ns: int) -> None:
+        del request, now_ns
+        self.reset()
+
+    def commanded(self, utc_ns: int) -> AxisState | None:
+        """Return where the trajectory is at an instant; None without one. A satellite that ends ends it."""
+        if self.path is None:
+            return None
+        try:
+            return self.path.at(utc_ns)
+        except TleError:
+            self._rest()
+            return None
+
+    @property
+    def servo(self) -> Literal["IDLE", "SLEWING", "TRACKING"]:
+        """What the antenna does about its trajectory, as position status tells it."""
+        if self.path is None or self.feedback.tripped is not None:
+            return "IDLE"
+        return "TRACKING" if self.feedback.on_trajectory else "SLEWING"
+
+    def _position(self, request: Request, now_ns: int) -> str:
+        del request
+        commanded: AxisState | ExactState | None = self.commanded(now_ns)
+        if isinstance(self.path, Straight):
+            commanded = self.path.exact(now_ns)
+        told = Position(
+            commanded, self.feedback.actual(now_ns), second_of_day(now_ns), self.remote, self.servo
+        )
+        return position_message(told, self.antenna.range)
+
+    def _status(self, request: Request, now_ns: int) -> str:
+        del request, now_ns
+        feedback = self.feedback
+        return " ".join(
+            (
+                "STATUS",
+                "REMOTE" if self.remote else "LOCAL",
+                self.doing.value,
+                "LINK-UP" if feedback.link_up else "LINK-DOWN",
+                "OK" if feedback.tripped is None else feedback.tripped,
+                "1" if feedback.outside_limits else "0",
+                str(0 if self.last_refusal is None else self.last_refusal.value),
+            )
+        )
+
+    def _sensors(self, request: Request, now_ns: int) -> str | Nak:
+        sensors = self.feedback.sensors
+        if sensors is None:
+            return Nak.NOT_AVAILABLE
+        values = (OMITTED if value is None else f"{value:.4f}" for value in sensors)
+        return " ".join((request.command.word, *values, f"{second_of_day(now_ns):.6f}"))
+
+    def _time(self, request: Request, now_ns: int) -> str | Nak | None:
+        given = [value is not None for value in request.values.values()]
+        if any(given):
+            return self._set_time(request, now_ns) if all(given) else Nak.FIELDS
+        days = day_start_ns(now_ns) // (86400 * NS)
+        return f"TIME {days} {second_of_day(now_ns):.6f}"
+
+    def _set_time(self, request: Request, now_ns: int) -> Nak | None:
+        if not self.remote:
+            return Nak.LOCAL
+        if self.path is not None:
+            return Nak.STATE
+        day, seconds = request.values["day"], request.values["seconds"]
+        assert isinstance(day, Decimal)
+        assert isinstance(seconds, Decimal)
+        step_ns = int(((day * 86400 + seconds) * NS).to_integral_value()) - now_ns
+        if abs(step_ns) > MOST_TIME_STEP_S * NS:
+            return Nak.RANGE
+        self.time_step_ns = step_ns
+        return None
+
+    def _stow(self, request: Request, now_ns: int) -> Nak | None:
+        del request
+        return self._stand(self.antenna.stow, Doing.STOW, now_ns)
+
+    def _service(self, request: Request, now_ns: int) -> Nak | None:
+        del request
+        return self._stand(self.antenna.service, Doing.SERVICE, now_ns)
+
+    def _stand(self, place: tuple[float, float] | None, doing: Doing, now_ns: int) -> Nak | None:
+        if place is None:
+            return Nak.NOT_AVAILABLE
+        return self.take_up(Straight.standing(*place, now_ns), doing)
+
+    def _unstow(self, request: Request, now_ns: int) -> Nak | None:
+        del request, now_ns
+        if self.antenna.stow is None:
+            return Nak.NOT_AVAILABLE
+        if self.doing is Doing.STOW:
+            self.doing = Doing.IDLE
+            self._rest()
+        return None
+
+    def _fixed(self, request: Request, now_ns: int) -> Nak | None:
+        zero = Decimal(0)
+        there = Straight(ExactState(request.exact("first"), request.exact("second"), zero, zero), now_ns)
+        return self.take_up(there.turned(self.turns_asked(request, request.number("first"), now_ns)))
+
+    def _focus(self, request: Request, now_ns: int) -> str | Nak | None:
+        return focus_orders.obey(self.antenna.focuser, request, now_ns)
+
+
+_HANDLERS: dict[str, Callable[[Controller, Request, int], str | Nak | None]] = {
+    "TD": Controller._designate,
+    "PS": Controller._position,
+    "STATUS": Controller._status,
+    "STOP": Controller._stop,
+    "STOW": Controller._stow,
+    "UNSTOW": Controller._unstow,
+    "SERVICE": Controller._service,
+    "RESET": Controller._reset,
+    "SENSORS": Controller._sensors,
+    "TIME": Controller._time,
+    "FOCUS": Controller._focus,
+    "FOCSWEEP": Controller._focus,
+    "FOCSTOP": Controller._focus,
+    "FOCPS": Controller._focus,
+    "FIXED": Controller._fixed,
+    **sky_orders.HANDLERS,
+}
+"""What obeys each command; those that are not here are not available: pins and brakes."""

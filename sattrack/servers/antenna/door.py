@@ -1,0 +1,326 @@
+"""Where antcn comes in: a TCP port or a serial line, one caller at a time.
+
+The door never speaks first. A second caller on TCP is hung up on before a byte is sent, so that two Field
+Systems cannot drive one antenna, unless the first has fallen silent; a serial line has one caller by its
+nature.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import re
+import socket
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol
+
+from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.servers.callers import BUSY_S, Opening
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+READ_BYTES = 256
+"""So few that a flood of commands holds up the mount's next datagram by a few milliseconds at most."""
+REOPEN_EVERY_S = 2.0
+EMPTY_READS = 10
+"""A line that has something to read, again and again, and nothing is there, is gone."""
+MOST_WAITING_BYTES = 65536
+"""A caller that asks and does not read is hung up on when so much waits for it."""
+BAUDS = (9600, 19200, 38400, 57600, 115200)
+DEFAULT_FRAMING = "7E1"
+_FRAMING = re.compile(r"([5-8])([NEOMS])(1|1\.5|2)")
+Answer = tuple[bytes, bool]
+"""What to send, and whether to drop what still waits to be sent."""
+
+
+class Channel(Protocol):
+    """One caller's bytes."""
+
+    def fileno(self) -> int:
+        """Give the descriptor to wait on."""
+
+    def read(self) -> bytes | None:
+        """Return what has come, without waiting; None where the caller is gone."""
+
+    def write(self, data: bytes) -> int:
+        """Send what can be sent without waiting; return how many bytes were."""
+
+    def drop_output(self) -> None:
+        """Drop what the system has taken and not sent yet, where that can be done."""
+
+    def close(self) -> None:
+        """Hang up."""
+
+
+class TcpChannel:
+    """A caller on TCP."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        connection.setblocking(False)
+        # A response is one small packet, and is wanted now.
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3)):
+            if hasattr(socket, option):
+                connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+        self._connection = connection
+
+    def fileno(self) -> int:
+        """See Channel."""
+        return self._connection.fileno()
+
+    def read(self) -> bytes | None:
+        """See Channel."""
+        try:
+            return self._connection.recv(READ_BYTES) or None
+        except BlockingIOError:
+            return b""
+        except OSError:
+            return None
+
+    def write(self, data: bytes) -> int:
+        """See Channel."""
+        try:
+            return self._connection.send(data)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            return len(data)
+
+    def drop_output(self) -> None:
+        """See Channel: what TCP has taken, it delivers."""
+
+    def close(self) -> None:
+        """See Channel."""
+        self._connection.close()
+
+
+class SerialChannel:
+    """A serial line, or anything that is a terminal to the system.
+
+    Raises BadInputError where pyserial is not installed or the settings are none, SattrackError where the
+    line cannot be opened.
+    """
+
+    def __init__(self, device: str, baud: int, framing: str = DEFAULT_FRAMING) -> None:
+        try:
+            import serial
+        except ImportError as error:
+            raise BadInputError(
+                "serial lines need pyserial: install it with `pip install 'sattrack[serial]'`"
+            ) from error
+        found = _FRAMING.fullmatch(framing)
+        if found is None:
+            raise BadInputError(f"framing {framing!r}: write bits, parity, stop bits, as 7E1 or 8N1")
+        bits, parity, stops = found.groups()
+        try:
+            self._line: Any = serial.Serial(
+                device, baud, int(bits), parity, float(stops), timeout=0, write_timeout=0, exclusive=True
+            )
+        except ValueError as error:
+            raise BadInputError(f"{device}: {error}") from error
+        except serial.SerialException as error:
+            raise SattrackError(f"{device} cannot be opened: {_reason(error)}; is it another's?") from error
+        self._empty = 0
+        self._check_parity(parity)
+
+    def _check_parity(self, parity: str) -> None:
+        """Have characters with a wrong parity come as a zero byte, which no message holds."""
+        if parity == "N":
+            return
+        try:
+            import termios
+        except ImportError:
+            return
+        with contextlib.suppress(termios.error):
+            state = termios.tcgetattr(self._line.fileno())
+            state[0] = (state[0] | termios.INPCK) & ~(termios.IGNPAR | termios.PARMRK)
+            termios.tcsetattr(self._line.fileno(), termios.TCSANOW, state)
+
+    def fileno(self) -> int:
+        """See Channel."""
+        number: int = self._line.fileno()
+        return number
+
+    def read(self) -> bytes | None:
+        """See Channel."""
+        try:
+            data = os.read(self.fileno(), READ_BYTES)
+        except BlockingIOError:
+            return b""
+        except OSError:
+            return None
+        self._empty = 0 if data else self._empty + 1
+        return data if self._empty < EMPTY_READS else None
+
+    def write(self, data: bytes) -> int:
+        """See Channel."""
+        try:
+            return os.write(self.fileno(), data)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            return len(data)
+
+    def drop_output(self) -> None:
+        """See Channel."""
+        with contextlib.suppress(OSError):
+            self._line.reset_output_buffer()
+
+    def close(self) -> None:
+        """See Channel."""
+        self._line.close()
+
+
+def _reason(error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    return str(error) if number is None else os.strerror(number)
+
+
+def listen(host: str, port: int, backlog: int = 4) -> socket.socket:
+    """Return a listening TCP socket. Raises SattrackError, naming address and port, where there is none."""
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listener.setblocking(False)
+    try:
+        listener.bind((host, port))
+        listener.listen(backlog)
+    except OSError as error:
+        listener.close()
+        raise SattrackError(
+            f"TCP port {port} on {host} cannot be had: {error.strerror}; choose another with --port"
+        ) from error
+    return listener
+
+
+@dataclass(slots=True)
+class Seat:
+    """The one caller on TCP: its address, its first line, and when it spoke last (`time.monotonic`)."""
+
+    address: str
+    opening: Opening = field(default_factory=lambda: Opening(by_lines=True))
+    spoke_s: float | None = None
+
+    def gives_way(self, address: str, now_s: float, idle_s: float) -> bool:
+        """Tell whether it makes room for a caller from an address: one of its own needs no long silence."""
+        silence_s = BUSY_S if address == self.address else idle_s
+        return self.spoke_s is None or now_s - self.spoke_s > silence_s
+
+
+@dataclass(slots=True)
+class Door:
+    """A listening socket with its caller, or a serial line."""
+
+    listener: socket.socket | None = None
+    channel: Channel | None = None
+    reopen: Callable[[], Channel] | None = None
+    """Opens the serial line anew where it was lost."""
+    idle_s: float = 60.0
+    """A caller that was silent for so long makes room for one from elsewhere."""
+    hung_up_on: int = 0
+    """Callers that were refused because there was one already."""
+    foreign: int = 0
+    """Callers that were hung up on because they spoke HTTP or TLS."""
+    _seat: Seat | None = None
+    """None on a serial line."""
+    _next_try_s: float = 0.0
+    _waiting: bytes = b""
+
+    @property
+    def port(self) -> int | None:
+        """The TCP port; None on a serial line."""
+        return None if self.listener is None else int(self.listener.getsockname()[1])
+
+    def readers(self) -> list[Any]:
+        """Return what to wait for."""
+        return [part for part in (self.listener, self.channel) if part is not None]
+
+    def writers(self) -> list[Any]:
+        """Return what to wait for to take more."""
+        return [self.channel] if self.channel is not None and self._waiting else []
+
+    def serve(
+        self, ready: list[Any], now: Callable[[], float], answer: Callable[[bytes, float], Answer]
+    ) -> bool:
+        """Do what is to be done with what is ready; tell whether the caller has gone meanwhile.
+
+        `now` is read as soon as the bytes are here: that is the instant at which their line-feed came.
+        """
+        gone = False
+        if self.channel is not None and self.channel in ready:
+            data = self._read(self.channel)
+            came_s = now()
+            if data is None:
+                gone = True
+                self._hang_up()
+            elif data:
+                self._send(*answer(data, came_s))
+        if self.listener is not None and self.listener in ready:
+            gone = self._accept(self.listener) or gone
+        return gone
+
+    def flush(self) -> None:
+        """Send what waits, as far as it can be sent now."""
+        if self.channel is not None and self._waiting:
+            self._waiting = self._waiting[self.channel.write(self._waiting) :]
+
+    def close(self) -> None:
+        """Close everything."""
+        for part in (self.channel, self.listener):
+            if part is not None:
+                part.close()
+        self.channel = self.listener = None
+
+    def _send(self, data: bytes, drop: bool) -> None:
+        if drop and self.channel is not None:
+            self._waiting = b""
+            self.channel.drop_output()
+        self._waiting += data
+        self.flush()
+        if len(self._waiting) > MOST_WAITING_BYTES:
+            self._hang_up()
+
+    def _read(self, channel: Channel) -> bytes | None:
+        """Return what may be obeyed of what has come; None where the caller is gone, or is to be."""
+        data = channel.read()
+        if not data or self._seat is None:
+            return data
+        self._seat.spoke_s = time.monotonic()
+        told = self._seat.opening.take(data)
+        self.foreign += told is None
+        return told
+
+    def _accept(self, listener: socket.socket) -> bool:
+        """Let a caller in where there is room; tell whether another had to make it."""
+        try:
+            connection, (address, *_) = listener.accept()
+        except OSError:
+            return False
+        taken, seat = self.channel is not None, self._seat
+        if taken and not (seat is not None and seat.gives_way(address, time.monotonic(), self.idle_s)):
+            self.hung_up_on += 1
+            connection.close()
+            return False
+        if taken:
+            self._hang_up()
+        self.channel, self._seat = TcpChannel(connection), Seat(address)
+        return taken
+
+    def _hang_up(self) -> None:
+        assert self.channel is not None
+        self.channel.close()
+        self._waiting = b""
+        self.channel = self._seat = None
+
+    def mend(self, monotonic_s: float) -> bool:
+        """Open a serial line that was lost anew, now and then; tell whether it is there again."""
+        if self.channel is not None or self.reopen is None or monotonic_s < self._next_try_s:
+            return False
+        self._next_try_s = monotonic_s + REOPEN_EVERY_S
+        try:
+            self.channel = self.reopen()
+        except SattrackError:
+            return False
+        return True

@@ -1,0 +1,274 @@
+"""A mount led along a way of positions: the follower, safety and the mount's session as one, without I/O.
+
+Datagrams from the mount go in with their instants, datagrams for it come out. Every motion goes through
+safety, which holds the axes at a limit while the way leads beyond it.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Protocol
+
+from sattrack.control.halt import StopWatch
+from sattrack.mount.model import Hold, Motion, MoveAxes, Stop
+from sattrack.mount.xerxes.launches import seen_of
+from sattrack.mount.xerxes.link import LinkState
+from sattrack.mount.xerxes.session import Session
+from sattrack.safety import Safety
+from sattrack.servers.antenna.equipment import Feedback, Sensors
+from sattrack.servers.antenna.follower import Follower
+from sattrack.servers.antenna.sky import AxisKind, AzEl, HaDec, Sky
+from sattrack.servers.antenna.trajectory import AxisRange, AxisState, Path, to_ns
+
+if TYPE_CHECKING:
+    from sattrack.mount.model import MountProfile
+    from sattrack.safety import SafetyLimits
+    from sattrack.servers.antenna.follower import Wanted
+
+ON_TRAJECTORY_DEG = 10.0 / 3600.0
+SAMPLES_ON_TRAJECTORY = 4
+DEC_LIMIT_DEG = 89.9
+"""No command tells a Xerxes mount to go past the pole, and at the pole its right ascension jumps."""
+RATE_STEP_S = 0.05
+AMPERES = 0.01
+"""A unit of the currents that the mount tells."""
+
+
+def axis_range(profile: MountProfile, kind: str) -> AxisRange:
+    """Return how far a mount's axes turn, as the antenna interface counts them.
+
+    Where positions are azimuths there is no such axis: they are of wrap 0.
+    """
+    if kind == "azel":
+        return AxisRange(0.0, 0.0, 360.0, 0.0, 90.0)
+    limit = profile.hour_angle_limit_deg
+    low, high = profile.dec_axis_limits_deg
+    return AxisRange(-180.0, -limit, limit, max(low, -DEC_LIMIT_DEG), min(high, DEC_LIMIT_DEG))
+
+
+class Leader(Protocol):
+    """Who says where the axes are to be."""
+
+    path: Path | None
+    """The way in force; None where nothing is asked of the mount but rest."""
+    reset_asked: bool
+    """Whether what an interlock has stopped is to be made ready again; taken back when it is."""
+
+    def commanded(self, utc_ns: int) -> AxisState | None:
+        """Return where the way is at an instant; None without one, or where it has come to its end."""
+
+
+class LedMount(Feedback):
+    """One mount behind a leader, until it is told to end and the mount is seen at rest.
+
+    `kind` says what the leader's positions are.
+    """
+
+    def __init__(
+        self, leader: Leader, sky: Sky, kind: AxisKind, profile: MountProfile, limits: SafetyLimits
+    ) -> None:
+        self.profile = profile
+        self.session = Session(profile)
+        self.follower = Follower(profile, sky)
+        self._leader = leader
+        self._sky = sky
+        self._kind = kind
+        self._limits = limits
+        self.safety = self._make_safety()
+        self._hour_angles = axis_range(profile, "hadec")
+        self._commanded: Motion = Hold()
+        self._moved = False
+        self._near = 0
+        self._beyond = False
+        self._wanted_ha_deg: float | None = None
+        self._last_wanted: Wanted = (0.0, 0.0)
+        self._path: Path | None = None
+        self._ending_since_s: float | None = None
+        self._stop: StopWatch | None = None
+        self.finished = False
+        self.clock_ahead_s = 0.0
+        """By how much the antenna's clock was set ahead of the computer's."""
+        self.link = LinkState.SILENT
+
+    def _make_safety(self) -> Safety:
+        site = self._sky.site
+        return Safety(self.profile, self._limits, site.latitude_deg, site.longitude_deg, holds=True)
+
+    # What the leader hears of the axes.
+
+    @property
+    def link_up(self) -> bool:  # type: ignore[override]
+        """Whether the mount is heard."""
+        return self.link in {LinkState.UP, LinkState.STALE}
+
+    @property
+    def on_trajectory(self) -> bool:  # type: ignore[override]
+        """Whether the mount is heard, follows the trajectory, and was within 10″ of it of late."""
+        return self._near >= SAMPLES_ON_TRAJECTORY and self.link_up and self.tripped is None
+
+    @property
+    def outside_limits(self) -> bool:  # type: ignore[override]
+        """Whether a limit keeps the axes off the trajectory."""
+        return self._beyond or self.safety.holding is not None
+
+    @property
+    def tripped(self) -> str | None:  # type: ignore[override]
+        """Name of the interlock that stopped the mount."""
+        return self.safety.tripped
+
+    @property
+    def does_refraction(self) -> bool:  # type: ignore[override]
+        """Whether the mount raises directions itself."""
+        return self.session.sample is not None and self.session.sample.does_refraction
+
+    @property
+    def sensors(self) -> Sensors | None:  # type: ignore[override]
+        """What the mount measures of itself, while it is heard: the currents of its drives."""
+        status = self.session.status
+        if status is None or not self.link_up:
+            return None
+        return Sensors(None, None, status.ra_current_10ma * AMPERES, status.dec_current_10ma * AMPERES)
+
+    def actual(self, utc_ns: int) -> AxisState | None:
+        """Return where the axes are, as positions of the antenna's kind."""
+        utc_s = utc_ns / 1e9
+        stand = self.follower.stand(utc_s)
+        if stand is None:
+            return None
+        if self._kind == "hadec":
+            return AxisState(*stand)
+        sky = self._sky
+        here = sky.horizontal(HaDec(stand.ha_deg, stand.dec_deg), utc_s)
+        later = sky.horizontal(
+            HaDec(
+                stand.ha_deg + stand.ha_rate_deg_s * RATE_STEP_S,
+                stand.dec_deg + stand.dec_rate_deg_s * RATE_STEP_S,
+            ),
+            utc_s,
+        )
+        turning = math.remainder(later.az_deg - here.az_deg, 360.0) / RATE_STEP_S
+        return AxisState(here.az_deg, here.el_deg, turning, (later.el_deg - here.el_deg) / RATE_STEP_S)
+
+    # What comes in, and what goes out.
+
+    def receive_status(self, data: bytes, arrival_utc_s: float) -> None:
+        """Take one datagram from the mount."""
+        arrival_utc_s += self.clock_ahead_s
+        sample = self.session.receive(data, arrival_utc_s)
+        if sample is None or self.session.status is None:
+            return
+        utc_s = self.follower.take(sample)
+        self.safety.watch(seen_of(self.session.status, arrival_utc_s), self._commanded)
+        self._judge(utc_s)
+
+    def tick(self, now_utc_s: float) -> bytes:
+        """Return the datagram to send to the mount now; call once a period."""
+        now_utc_s += self.clock_ahead_s
+        self.link = self.session.link_state(now_utc_s)
+        self._reset()
+        motion = self._motion(now_utc_s)
+        sample = self.session.sample
+        if sample is not None:
+            age_s = max(0.0, now_utc_s - sample.arrival_utc_s)
+            cleared = self.safety.clear(
+                motion, sample.sidereal_h * 15.0, sample.ra_deg, sample.dec_deg, age_s, now_utc_s
+            )
+            self._commanded = cleared.motion
+            self.session.apply(cleared)
+        elif self._ending_since_s is not None:
+            self.session.apply(self.safety.clear(Stop(), 0.0, 0.0, 0.0))
+        self._watch_end(now_utc_s)
+        datagram = self.session.compose()
+        # An edge mount takes new rates only now and then: what counts is what went out.
+        if not isinstance(self._commanded, MoveAxes):
+            self.follower.note_sent(self._commanded, now_utc_s)
+        elif self.session.begun_move is not None:
+            self.follower.note_sent(self.session.begun_move, now_utc_s)
+        return datagram
+
+    def repeat(self) -> bytes | None:
+        """Return what to send once more before the next datagram, None for nothing."""
+        return None if self._ending_since_s is not None else self.session.repeat()
+
+    def send_shift_s(self, now_utc_s: float) -> float:
+        """Return by how much later than a period from now the next `tick` had better come, seconds."""
+        return self.follower.send_shift_s(now_utc_s + self.clock_ahead_s)
+
+    def end(self, now_utc_s: float) -> None:
+        """Bring the mount to rest, and be finished when it is seen there."""
+        if self._ending_since_s is None:
+            self._ending_since_s = now_utc_s + self.clock_ahead_s
+
+    @property
+    def mount_stopped(self) -> bool | None:
+        """Whether the mount was told to stop and seen at rest; None where nothing was asked or heard."""
+        if self.session.sample is None or not self._moved:
+            return None
+        return self.session.stopped
+
+    def _motion(self, now_utc_s: float) -> Motion:
+        path = self._leader.path
+        if self._ending_since_s is not None or self._leader.commanded(to_ns(now_utc_s)) is None:
+            self._near, self._beyond, self._path = 0, False, None
+            return Stop() if self._moved else Hold()
+        if path is not self._path:
+            self._path, self._wanted_ha_deg = path, None
+        motion = self.follower.follow(now_utc_s, self._wanted)
+        if motion is None:
+            return Hold()
+        self._moved = True
+        return motion
+
+    def _wanted(self, utc_s: float) -> Wanted:
+        """Return hour angle and declination of the trajectory at an instant, as near as the axes can turn."""
+        state = self._leader.commanded(to_ns(utc_s))
+        if state is None:
+            # The satellite has ended on the way: stand where it was, until the next turn stops the mount.
+            return self._last_wanted
+        ha_deg, dec_deg = state.first_deg, state.second_deg
+        if self._kind == "azel":
+            place = self._sky.equatorial(AzEl(ha_deg, dec_deg), utc_s)
+            near_deg = self._wanted_ha_deg
+            if near_deg is None:
+                stand = self.follower.stand(utc_s)
+                near_deg = 0.0 if stand is None else stand.ha_deg
+            ha_deg = place.ha_deg + 360.0 * self._hour_angles.shortest_turns(place.ha_deg, near_deg)
+            dec_deg, self._wanted_ha_deg = place.dec_deg, ha_deg
+        axes = self._hour_angles
+        within = (
+            max(axes.first_least_deg, min(axes.first_most_deg, ha_deg)),
+            max(axes.second_least_deg, min(axes.second_most_deg, dec_deg)),
+        )
+        self._beyond = within != (ha_deg, dec_deg)
+        self._last_wanted = within
+        return within
+
+    def _judge(self, utc_s: float) -> None:
+        """See whether the axes are on the trajectory."""
+        stand = self.follower.stand(utc_s)
+        if stand is None or self._leader.path is None:
+            self._near = 0
+            return
+        ha_deg, dec_deg = self._wanted(utc_s)
+        off_deg = math.hypot(
+            (stand.ha_deg - ha_deg) * math.cos(math.radians(dec_deg)), stand.dec_deg - dec_deg
+        )
+        near = off_deg <= ON_TRAJECTORY_DEG and not self._beyond
+        self._near = self._near + 1 if near else 0
+
+    def _reset(self) -> None:
+        if not self._leader.reset_asked:
+            return
+        if self.safety.tripped is None:
+            self._leader.reset_asked = False
+        elif self.session.stopped:
+            former, self.safety = self.safety, self._make_safety()
+            self.safety.follow_on(former)
+            self._leader.reset_asked = False
+
+    def _watch_end(self, now_utc_s: float) -> None:
+        if self._ending_since_s is None or self.finished:
+            return
+        if self._stop is None:
+            self._stop = StopWatch(self._ending_since_s)
+        self.finished = not self._moved or self._stop.over(self.session, now_utc_s)

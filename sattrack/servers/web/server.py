@@ -1,0 +1,255 @@
+"""The page and the connections behind it. It is no part of the run: each visitor's screen looks on."""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import shlex
+import signal
+from contextlib import suppress
+from html import escape
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import textual_serve
+from aiohttp import web
+from textual_serve.app_service import AppService
+from textual_serve.server import Server
+
+from sattrack.core.errors import SattrackError
+from sattrack.servers.web.addresses import machine_addresses
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from aiohttp.typedefs import Handler
+    from textual_serve.download_manager import DownloadManager
+
+    from sattrack.servers.web.visit import Visit
+
+MOST_VISITORS = 8
+"""Each has a process of its own here."""
+FONT_SIZES = range(8, 41)
+USUAL_FONT_SIZE = 16
+LOOK_AGAIN_S = 3
+HEARTBEAT_S = 15.0
+LEAVE_WITHIN_S = 2.0
+"""How long a visitor's screen may take to end at each request, before the next one is less polite."""
+READ_WITHIN_S = 10.0
+"""How long a visitor's screen may leave its input unread."""
+HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; script-src 'self' 'unsafe-inline'; style-src 'self' "
+    "'unsafe-inline'; img-src 'self' data:; connect-src 'self' ws: wss:; frame-ancestors 'none'",
+    "X-Frame-Options": "DENY",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+STATIC = Path(textual_serve.__file__).parent / "static"
+PAGE = Path(__file__).parent / "templates" / "index.html"
+LIST = Path(__file__).parent / "templates" / "list.html"
+NO_RUN = "No run goes on that can be looked at. This page looks again by itself."
+
+
+class VisitorScreen(AppService):
+    """The process that draws one visitor's screen. It is gone once `stop` has returned."""
+
+    def __init__(self, command: str, websocket: web.WebSocketResponse, downloads: DownloadManager) -> None:
+        async def close() -> None:
+            await websocket.close()
+
+        async def write_bytes(data: bytes) -> None:
+            # A visitor who has gone: what the process still draws is read, so that it is not stuck with it.
+            with suppress(ConnectionError):
+                await websocket.send_bytes(data)
+
+        async def write_str(text: str) -> None:
+            with suppress(ConnectionError):
+                await websocket.send_str(text)
+
+        super().__init__(
+            command, write_bytes=write_bytes, write_str=write_str, close=close, download_manager=downloads
+        )
+
+    async def send_bytes(self, data: bytes) -> bool:
+        """Hand input over. Raises TimeoutError where the process does not read it."""
+        async with asyncio.timeout(READ_WITHIN_S):
+            return await super().send_bytes(data)
+
+    async def send_meta(self, data: dict[str, str | int | bool | None]) -> bool:
+        """Tell of a size, a focus or the end. Raises TimeoutError where the process does not read it."""
+        async with asyncio.timeout(READ_WITHIN_S):
+            return await super().send_meta(data)
+
+    async def run(self) -> None:
+        """Pass on what the process draws; its end closes the visitor's connection."""
+        try:
+            await super().run()
+        finally:
+            await self.remote_close()
+
+    async def stop(self) -> None:
+        """End the process: ask it, then terminate it, then kill it."""
+        process = self._process
+        if process is None:
+            return
+        with suppress(TimeoutError):
+            async with asyncio.timeout(LEAVE_WITHIN_S):
+                await self.send_meta({"type": "quit"})
+                await process.wait()
+        for end in (process.terminate, process.kill):
+            if process.returncode is None:
+                with suppress(ProcessLookupError):
+                    end()
+                with suppress(TimeoutError):
+                    async with asyncio.timeout(LEAVE_WITHIN_S):
+                        await process.wait()
+
+
+class RunServer(Server):
+    """Serves the screens. `runs` finds what there is to look at: each run's process, and the run in words."""
+
+    def __init__(self, visit: Visit, runs: Callable[[], Mapping[int, str]]) -> None:
+        super().__init__(shlex.join(visit.command), visit.host, visit.port, title="sattrack")
+        self._visit, self._runs = visit, runs
+        self._visitors = 0
+        self._screens: set[VisitorScreen] = set()
+
+    def application(self) -> web.Application:
+        """Make the application."""
+
+        @web.middleware
+        async def let_in(request: web.Request, handler: Handler) -> web.StreamResponse:
+            return await self._let_in(request, handler)
+
+        app = web.Application(middlewares=[let_in])
+        app.on_shutdown.append(self._see_off)
+        app.add_routes(
+            [
+                web.get("/", self._index),
+                web.get("/run/{run:[0-9]+}", self._index),
+                web.get("/ws", self.handle_websocket),
+                web.get("/ws/{run:[0-9]+}", self.handle_websocket),
+                web.static("/static", STATIC),
+            ]
+        )
+        return app
+
+    async def _see_off(self, _: web.Application) -> None:
+        """Have every visitor's screen end with the page."""
+        await asyncio.gather(*(screen.stop() for screen in tuple(self._screens)))
+
+    async def _let_in(self, request: web.Request, go_on: Handler) -> web.StreamResponse:
+        origin = request.headers.get("Origin")
+        why = self._visit.refusal(request.host, origin, request.query, request.cookies)
+        if why is not None:
+            return web.Response(status=403, text=f"{why}\n", headers=HEADERS)
+        response = await go_on(request)
+        if not response.prepared:
+            response.headers.update(HEADERS)
+        return response
+
+    async def _index(self, request: web.Request) -> web.StreamResponse:
+        token = self._visit.token
+        if token is not None and "token" in request.query:
+            # The token is to stand neither in the address nor in the browser's history.
+            moved = web.Response(status=303, headers={"Location": request.path})
+            moved.set_cookie(self._visit.cookie, token, httponly=True, samesite="Lax")
+            return moved
+        runs, run = await self._run_of(request)
+        if run is None:
+            text, refresh = listed(runs), {"Refresh": f"{LOOK_AGAIN_S}; url=/"}
+            return web.Response(text=text, content_type="text/html", headers=refresh)
+        asked = request.query.get("fontsize", "")
+        size = int(asked) if asked.isascii() and asked.isdecimal() else USUAL_FONT_SIZE
+        scheme = "wss" if request.secure else "ws"
+        page = PAGE.read_text(encoding="utf-8")
+        # The host was let in above: it is one that leads here, and has no character that could end the text.
+        page = page.replace("{{ websocket_url }}", f"{scheme}://{request.url.authority}/ws/{run}")
+        page = page.replace("{{ font_size }}", str(size if size in FONT_SIZES else USUAL_FONT_SIZE))
+        return web.Response(text=page, content_type="text/html")
+
+    async def _run_of(self, request: web.Request) -> tuple[Mapping[int, str], int | None]:
+        """Return the runs, and the one that is asked for: the only one where none is named."""
+        runs = await asyncio.to_thread(self._runs)
+        named = request.match_info.get("run")
+        if named is None:
+            return runs, next(iter(runs)) if len(runs) == 1 else None
+        return runs, int(named) if int(named) in runs else None
+
+    async def handle_websocket(self, request: web.Request) -> web.WebSocketResponse:
+        """Give a visitor a screen of their own, until either side ends."""
+        _, run = await self._run_of(request)
+        if run is None:
+            raise web.HTTPNotFound(text=f"{NO_RUN}\n")
+        if self._visitors >= MOST_VISITORS:
+            raise web.HTTPServiceUnavailable(text=f"{MOST_VISITORS} visitors are here already\n")
+        websocket = web.WebSocketResponse(heartbeat=HEARTBEAT_S)
+        self._visitors += 1
+        screen = VisitorScreen(
+            f"exec {self.command} --run {run} --as {shlex.quote(f'browser at {request.remote}')}",
+            websocket,
+            self.download_manager,
+        )
+        self._screens.add(screen)
+        try:
+            await websocket.prepare(request)
+            await screen.start(_cells(request, "width", 80), _cells(request, "height", 24))
+            await self._process_messages(websocket, screen)
+        except (OSError, ValueError, KeyError, IndexError, TypeError, AssertionError):
+            # What came was no message of the page's, or nobody read it: this visitor's screen ends, and
+            # nothing else.
+            pass
+        finally:
+            self._visitors -= 1
+            try:
+                await screen.stop()
+            finally:
+                self._screens.discard(screen)
+        return websocket
+
+
+def listed(runs: Mapping[int, str]) -> str:
+    """Return the page that links to each run, or says that there is none."""
+    links = "".join(f'<p><a href="/run/{pid}">{escape(words)}</a></p>\n' for pid, words in runs.items())
+    words = f"{len(runs)} runs go on:" if runs else NO_RUN
+    return LIST.read_text(encoding="utf-8").replace("{{ words }}", words).replace("{{ links }}", links)
+
+
+def _cells(request: web.Request, name: str, usual: int) -> int:
+    text = request.query.get(name, "")
+    return min(500, max(1, int(text))) if text.isascii() and text.isdecimal() else usual
+
+
+def serve(
+    visit: Visit, runs: Callable[[], Mapping[int, str]], tell: Callable[[tuple[str, ...]], None]
+) -> None:
+    """Serve until a signal ends it; `tell` is handed the addresses that can be opened.
+
+    Raises SattrackError where the port is taken.
+    """
+    # It calls a visitor who left before the screen was drawn an application that failed to start.
+    logging.getLogger("textual-serve").setLevel(logging.CRITICAL)
+    asyncio.run(_serve(visit, runs, tell))
+
+
+async def _serve(
+    visit: Visit, runs: Callable[[], Mapping[int, str]], tell: Callable[[tuple[str, ...]], None]
+) -> None:
+    runner = web.AppRunner(RunServer(visit, runs).application(), access_log=None)
+    await runner.setup()
+    ended = asyncio.Event()
+    loop = asyncio.get_running_loop()
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        loop.add_signal_handler(number, ended.set)
+    try:
+        site = web.TCPSite(runner, visit.host, visit.port, shutdown_timeout=1.0)
+        try:
+            await site.start()
+        except OSError as error:
+            raise SattrackError(
+                f"cannot listen on {visit.host} port {visit.port}: {error.strerror}"
+            ) from None
+        tell(visit.urls(runner.addresses[0][1], machine_addresses()))
+        await ended.wait()
+    finally:
+        await runner.cleanup()

@@ -1,0 +1,253 @@
+"""`sattrack elements get|show|check`, and every format of elements in the commands that follow satellites."""
+
+from __future__ import annotations
+
+import io
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from element_server import CSV, LINES, ElementServer, element_server
+
+from sattrack.cli.main import run
+from tle.elements import Elements
+from tle.formats.registry import WRITTEN, parse_elements, write_elements
+from tle.sources import load_elements
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+NOW = ("--clock", "2026-10-03T00:00:00Z")
+SITE = ("--site", "52.1541,4.4908,0")
+STARLINK = "100534"
+# Vallado et al. 2006, verification set: a rocket body whose perigee is inside the Earth.
+SUB_ORBITAL = (
+    "1 28872U 05037B   05333.02012661  .25992681  00000-0  24476-3 0  1534",
+    "2 28872  96.4736 157.9986 0303955 244.0492 110.6523 16.46015938 10708",
+)
+
+
+@pytest.fixture
+def server(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[ElementServer]:
+    with element_server() as found:
+        monkeypatch.setenv("SATTRACK_CELESTRAK_URL", found.url)
+        monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+        yield found
+
+
+@pytest.fixture
+def csv_file(tmp_path: Path) -> str:
+    path = tmp_path / "elements"
+    path.write_text(CSV)
+    return str(path)
+
+
+def ran(capsys: pytest.CaptureFixture[str], *arguments: str, code: int = 0) -> tuple[str, str]:
+    assert run(list(arguments)) == code
+    out, err = capsys.readouterr()
+    assert "Traceback" not in err
+    return out, err
+
+
+def test_show_tells_what_a_person_wants_to_know(csv_file, capsys):
+    out, err = ran(capsys, "elements", "show", "iss", "--elements", csv_file, *NOW)
+    lines = out.splitlines()
+    assert lines[0] == "ISS (ZARYA)   25544   1998-067A"
+    assert lines[1] == "  epoch        2026-10-02 00:19:52 UTC, 0.99 days old"
+    # 1440 / 15.48707684 minutes; by hand, n = 1.126255e-3 rad/s, a = 6798.6 km, over 6378.135 km.
+    assert lines[2] == "  period       92.98 min"
+    assert lines[3] == "  apogee       425 km"
+    assert lines[4] == "  perigee      416 km"
+    assert lines[5] == "  inclination  51.6312°"
+    assert lines[6].startswith("  expect it    within about 0.077 s along its track: ")
+    assert err == ""
+
+
+def test_show_as_json_has_no_made_up_numbers(csv_file, capsys):
+    out, _ = ran(capsys, "elements", "show", STARLINK, "--json", "--elements", csv_file, *NOW)
+    (row,) = json.loads(out)
+    assert row["catalog_number"] == 100534
+    assert row["designator"] == "2026-200A"
+    assert row["period_min"] == pytest.approx(1440.0 / 15.7759124)
+    assert row["age_days"] == pytest.approx(1.0754, abs=1e-4)
+    assert row["expected_along_s"] > 0.05
+    assert row["expected_along_arcsec"] > row["expected_along_s"]
+    assert row["cannot_be_followed"] is None
+
+
+def test_show_lists_all(csv_file, capsys):
+    out, _ = ran(capsys, "elements", "show", "--elements", csv_file, *NOW)
+    assert [line.split()[0] for line in out.splitlines()[1:]] == ["25544", STARLINK]
+
+
+def test_show_says_that_an_object_cannot_be_followed(tmp_path, capsys):
+    path = tmp_path / "x"
+    path.write_text("\n".join(line[:68] + str(checksum(line)) for line in SUB_ORBITAL))
+    # The mean anomaly of 110.6523° leaves 60.6 of its 87.48 minutes to the perigee.
+    show = ("elements", "show", "28872", "--elements", str(path), "--clock")
+    at_perigee, _ = ran(capsys, *show, "2005-11-29T01:29:34Z")
+    assert "is below the ground at 2005-11-29T01:29:34Z: it is sub-orbital" in at_perigee
+    later, _ = ran(capsys, *show, "2005-11-29T00:30:00Z")
+    assert "km inside the Earth: it is sub-orbital" in later
+
+
+def checksum(line: str) -> int:
+    return sum(int(c) if c.isdigit() else c == "-" for c in line[:68]) % 10
+
+
+def test_check_lists_every_refusal_and_ends_with_one(tmp_path, capsys):
+    path = tmp_path / "mixed.csv"
+    path.write_text(CSV.replace(".00032284", "1.0") + CSV.splitlines()[1][:50] + "\n")
+    out, _ = ran(capsys, "elements", "check", str(path), code=1)
+    first, second, last = out.splitlines()
+    assert first.startswith(f"{path}:3: ECCENTRICITY '1.0' is outside 0 to below 1")
+    assert second.startswith(f"{path}:4: ")
+    assert last == "1 accepted, 2 rejected"
+    out, _ = ran(capsys, "elements", "check", str(path), "--json", code=1)
+    document = json.loads(out)
+    assert document["accepted"] == 1
+    assert [(r["line"], r["name"], r["catalog_number"]) for r in document["rejected"]] == [
+        (3, "STARLINK-38244", 100534),
+        (4, "ISS (ZARYA)", None),
+    ]
+    assert all(set(r) == {"line", "name", "catalog_number", "reason"} for r in document["rejected"])
+
+
+def test_check_ends_with_nought_where_all_is_well(csv_file, capsys):
+    assert ran(capsys, "elements", "check", csv_file)[0] == "2 accepted, 0 rejected\n"
+
+
+def test_check_of_nothing_is_bad_usage(capsys, tmp_path):
+    _, err = ran(capsys, "elements", "check", code=2)
+    assert "name a file, folder, URL or celestrak:GROUP" in err
+    assert "No such file" in ran(capsys, "elements", "check", str(tmp_path / "none"), code=2)[1]
+
+
+@pytest.mark.parametrize("form", WRITTEN)
+def test_get_writes_every_format(csv_file, tmp_path, form, capsys):
+    target = tmp_path / "written"
+    out, err = ran(capsys, "elements", "get", csv_file, "--format", form, "--output", str(target))
+    assert out == ""
+    assert "2 element sets written" in err
+    wanted = load_elements(csv_file).accepted
+    found = load_elements(target).accepted
+    if form in ("tle", "2le"):
+        wanted = [item for item in parse_elements(write_elements(wanted, form)) if isinstance(item, Elements)]
+    assert found == wanted
+    assert [one.catalog_number for one in found] == [25544, 100534]
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["elements", "written"]
+
+
+def test_get_takes_standard_input_and_one_satellite(monkeypatch, capsys):
+    monkeypatch.setattr("sys.stdin", io.StringIO("\n".join(LINES)))
+    out, _ = ran(capsys, "elements", "get", "-", "--satellite", "1998-067A", "--json")
+    (row,) = json.loads(out)
+    assert row["NORAD_CAT_ID"] == 25544
+
+
+def test_get_says_what_a_tle_cannot_hold(tmp_path, capsys):
+    path = tmp_path / "x"
+    path.write_text(CSV.replace("100534", "999999999"))
+    out, err = ran(capsys, "elements", "get", str(path), "--format", "tle", code=2)
+    assert out == ""
+    assert "catalogue number 999999999 does not fit a TLE: Alpha-5 ends at 339999: write an OMM" in err
+
+
+def test_get_fetches_keeps_and_tells_the_age(server, capsys):
+    assert load_elements(ran(capsys, "elements", "get", "celestrak:active")[0]).accepted
+    out, err = ran(capsys, "elements", "get", "celestrak:active", "celestrak:active")
+    assert load_elements(out).accepted
+    assert "sattrack: celestrak:active: using what was fetched" in err
+    assert server.asked == ["GROUP=active&FORMAT=csv"]
+
+
+def test_a_truncated_list_is_told(server, capsys):
+    server.manner = "tle"
+    url = f"{server.url}/NORAD/elements/gp.php?GROUP=active&FORMAT=tle"
+    _, err = ran(capsys, "elements", "check", url)
+    assert "is truncated: a list in TLE format lacks every object numbered 100000 and above" in err
+
+
+def test_what_the_network_refuses_is_one_line_and_ends_with_one(server, capsys):
+    where = ("--elements", "celestrak:nowhere", *SITE, "--mount", "sim")
+    out, err = ran(capsys, "track", "25544", *where, code=1)
+    assert out == ""
+    assert err.startswith("sattrack: celestrak:nowhere: the server sent no element sets: Invalid query")
+    assert err.count("\n") == 1
+
+
+def test_sets_refused_beside_good_ones_are_told_and_do_not_stop_a_command(tmp_path, capsys):
+    path = tmp_path / "mixed.csv"
+    path.write_text(CSV.replace(".00032284", "1.0"))
+    span = ("--from", "2026-10-02T13:05:00Z", "--to", "2026-10-02T13:05:00Z", "--step", "1", "--json")
+    out, err = ran(capsys, "ephemeris", "25544", "--elements", str(path), *SITE, *span)
+    assert json.loads(out)
+    assert "1 of 2 element sets refused, the first: " in err
+    assert (
+        "no satellite '100534'"
+        in ran(capsys, "ephemeris", STARLINK, "--elements", str(path), *SITE, *span, code=2)[1]
+    )
+
+
+@pytest.mark.parametrize("form", WRITTEN)
+def test_100534_is_followed_from_every_format(tmp_path, form, capsys):
+    path = tmp_path / "elements"
+    path.write_text(write_elements(load_elements(CSV).accepted, form))
+    rest = ("--elements", str(path), *SITE, "--json")
+    span = ("--from", "2026-10-02T06:00:00Z", "--to", "2026-10-02T06:00:30Z", "--step", "10")
+    out, _ = ran(capsys, "ephemeris", STARLINK, *rest, *span)
+    assert len(json.loads(out)) == 4
+    summary = followed(capsys, *rest, "--clock", "2026-10-02T00:00:00Z")
+    assert summary["catalog_number"] == 100534
+    assert summary["ended_by"] == "set"
+    assert summary["true_rms_arcsec"] < 1.0
+
+
+def followed(capsys: pytest.CaptureFixture[str], *arguments: str) -> Any:
+    out, _ = ran(capsys, "track", STARLINK, "--mount", "sim", "--virtual", "--min-alt", "30", *arguments)
+    return json.loads(out.splitlines()[-1])["summary"]
+
+
+def test_track_takes_a_group_by_its_short_name(server, capsys):
+    clock = ("--clock", "2026-10-02T00:00:00Z")
+    summary = followed(capsys, "--elements", "celestrak:active", *SITE, "--json", *clock)
+    assert summary["catalog_number"] == 100534
+    assert server.asked == ["GROUP=active&FORMAT=csv"]
+
+
+def test_progress_is_shown_on_a_terminal_only(server, capsys, monkeypatch):
+    assert ran(capsys, "elements", "get", "celestrak:active")[1] == ""
+    monkeypatch.setattr("sys.stderr.isatty", lambda: True)
+    _, err = ran(capsys, "elements", "get", "celestrak:stations")
+    assert "celestrak:stations: 0.0 MB" in err
+    assert err.endswith("\r\x1b[K")
+
+
+def test_the_example_follows_a_group_that_is_fetched_once(server, tmp_path):
+    example = Path(__file__).parents[3] / "examples" / "follow_celestrak_group.py"
+    said = []
+    for _ in range(2):
+        done = subprocess.run(
+            [sys.executable, str(example), "stations", "ISS (ZARYA)", "2026-10-02T13:00:00Z"],
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        said.append(done.stdout)
+        assert "on target for" in done.stdout
+    assert server.asked == ["GROUP=stations&FORMAT=csv"]
+    assert said[0] == said[1]
+    assert "using what was fetched" in done.stderr
+    assert list((tmp_path / "cache" / "sattrack" / "elements").glob("*.elements"))
+
+
+def test_the_network_is_imported_only_for_what_needs_it(csv_file):
+    code = (
+        "import sys; from sattrack.cli.main import run;"
+        f"run(['elements', 'check', {csv_file!r}]); print('aiohttp' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "False"

@@ -1,0 +1,29 @@
+"""The example of the pass over Leiden runs as written, and says what the built-in pass says."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+from sattrack.runtime import practice
+from sattrack.settings import load_settings
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+
+
+def test_it_follows_the_pass() -> None:
+    script = EXAMPLES / "follow_leiden_pass.py"
+    done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=True)
+    assert done.stdout.startswith("ISS (ZARYA): on target for 408 s, then ended by set\n")
+
+
+def test_its_facts_are_those_of_the_built_in_pass() -> None:
+    assert (EXAMPLES / "iss_leiden.tle").read_text().splitlines()[-3:] == [
+        practice.NAME,
+        practice.LINE_1,
+        practice.LINE_2,
+    ]
+    settings = load_settings(EXAMPLES / "sattrack.toml")
+    assert settings.site == practice.SITE
+    assert settings.elements == (str(EXAMPLES / "iss_leiden.tle"),)

@@ -1,0 +1,95 @@
+"""What starting costs: help must not import what only some commands need."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+HEAVY = ("scipy", "matplotlib", "textual", "skyfield", "filterpy", "numpy", "mcap")
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["--version"]])
+def test_help_is_light(arguments: list[str]) -> None:
+    code = f"""
+import sys
+from sattrack.cli.main import run
+assert run({arguments!r}) == 0
+print("imported:", [name for name in {HEAVY!r} if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "imported: []"
+
+
+OPTIONS = ("--config", "--site", "--elements", "--clock", "--json", "--debug")
+
+
+HELP_OF_ALL = """
+import contextlib, io, json, runpy, sys
+
+def help_of(line):
+    # No command finds anything of ours loaded that another one has asked for, as in a process of its own.
+    for name in [name for name in sys.modules if name.partition(".")[0] in ("sattrack", "tle")]:
+        del sys.modules[name]
+    sys.argv = ["sattrack", *line, "--help"]
+    with contextlib.redirect_stdout(io.StringIO()) as told:
+        try:
+            runpy.run_module("sattrack", run_name="__main__")
+        except SystemExit as end:
+            assert end.code == 0, (line, end.code)
+    return told.getvalue()
+
+for line in sys.stdin:
+    print(json.dumps(help_of(json.loads(line))), flush=True)
+"""
+
+
+def test_every_command_has_help_and_the_options_of_every_command() -> None:
+    from sattrack.cli.main import COMMANDS
+
+    asked = [sys.executable, "-c", HELP_OF_ALL]
+    lines: list[tuple[str, ...]] = []
+    with subprocess.Popen(asked, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        helps = {(name,): help_of(process, name) for name in COMMANDS}
+        for (name,), text in helps.items():
+            lines += [(name, verb) for verb in verbs_in(text)] or [(name,)]
+        assert len(lines) > len(COMMANDS)
+        for line in lines:
+            text = helps.get(line) or help_of(process, *line)
+            assert [option for option in OPTIONS if option not in text] == [], line
+
+
+def help_of(process: subprocess.Popen[str], *line: str) -> str:
+    assert process.stdin is not None
+    assert process.stdout is not None
+    process.stdin.write(json.dumps(line) + "\n")
+    process.stdin.flush()
+    return str(json.loads(process.stdout.readline()))
+
+
+def verbs_in(text: str) -> list[str]:
+    """Return the verbs that a command's help lists: indented by two, each before what it does."""
+    _, _, listed = text.partition("\nCommands:\n")
+    return [line.split()[0] for line in listed.splitlines() if line[:2] == "  " and line[2:3].strip()]
+
+
+def test_what_lies_in_the_current_folder_stands_in_for_no_part_of_a_run(tmp_path: Path) -> None:
+    for name in ("click", "msgspec", "random", "select"):
+        (tmp_path / f"{name}.py").write_text("raise SystemExit('a file of the user, and none of ours')\n")
+    done = subprocess.run(
+        # As an installed `sattrack` is run: the current folder is not on its path.
+        [sys.executable, "-P", "-m", "sattrack", "demo", "--headless", "--json", "--seconds", "5"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["summary"]["mount_stopped"] is True
+    assert "a file of the user" not in done.stderr

@@ -1,0 +1,313 @@
+"""`sattrack stop`: whatever moves a mount, and in whatever state it is, the mount comes to rest."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from programs import SITE, Mount, ended, free_port, sattrack, simulated_mount
+
+from sattrack.cli import stop as stop_module
+from sattrack.cli.main import run
+from sattrack.core.errors import SattrackError
+from sattrack.runtime.owner import Owner, owner_of
+from sattrack.runtime.stopping import MountStop
+
+if TYPE_CHECKING:
+    import subprocess
+    from collections.abc import Callable
+
+
+@pytest.fixture(autouse=True)
+def alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Find no settings, and no sessions but those of the test: others may run on this machine."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.setattr(stop_module, "owners", list)
+
+
+def moving(mount: Mount) -> subprocess.Popen[str]:
+    return sattrack(
+        *("mount", "move", "--ra-rate", "-1", "--seconds", "60", "--mount", mount.url, *SITE, "--json")
+    )
+
+
+def owner(mount: Mount) -> Owner:
+    found = owner_of(mount.url.removeprefix("xerxes://").partition("?")[0])
+    assert found is not None
+    return found
+
+
+def document(capsys: pytest.CaptureFixture[str]) -> dict[str, Any]:
+    read: dict[str, Any] = json.loads(capsys.readouterr().out)
+    return read
+
+
+def test_a_session_stops_its_mount_and_ends(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    with simulated_mount() as mount, ended(moving(mount)) as session:
+        mount.wait_until_moving(True)
+        first = owner(mount)
+        assert first.pid == session.pid
+        assert "mount move --ra-rate -1" in first.command
+
+        assert run(["mount", "slew", "5h", "10", "--mount", mount.url, *SITE]) == 1
+        assert f"process {session.pid}, since" in capsys.readouterr().err
+        assert run(["mount", "status", "--mount", mount.url, "--json"]) == 0
+        out, err = capsys.readouterr()
+        assert err.startswith("sattrack: as its owner hears it: `sattrack mount move --ra-rate -1")
+        told = json.loads(out)
+        assert told["status"]["ack_move_ra"]
+        assert told["link"]["received"] >= 15
+        assert told["link"]["lost"] == 0
+        assert told["link"]["rate_hz"] == pytest.approx(20.0, rel=0.2)
+        assert session.poll() is None
+
+        monkeypatch.setattr(stop_module, "owners", lambda: [first])
+        assert run(["stop", "--json"]) == 0
+        mount.wait_until_moving(False)
+        out, _ = session.communicate(timeout=30.0)
+        assert session.returncode == 130
+        assert json.loads(out)["mount_stopped"] is True
+    (stopped,) = document(capsys)["stopped"]
+    assert (stopped["by"], stopped["at_rest"], stopped["pid"]) == ("session", True, session.pid)
+
+
+def test_where_the_session_hangs_its_guardian_stops_the_mount_and_ends_it(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with simulated_mount() as mount, ended(moving(mount)) as session:
+        mount.wait_until_moving(True)
+        session.send_signal(signal.SIGSTOP)
+        assert run(["stop", "--mount", mount.url]) == 0
+        mount.wait_until_moving(False)
+        assert session.wait(30.0) == -signal.SIGKILL
+    out = capsys.readouterr().out
+    assert "stopped and seen at rest" in out
+    assert "its guardian saw to it" in out
+
+
+def test_a_mount_whose_session_and_guardian_were_killed_is_stopped_directly(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with simulated_mount() as mount, ended(moving(mount)) as session:
+        mount.wait_until_moving(True)
+        children = Path(f"/proc/{session.pid}/task/{session.pid}/children").read_text().split()
+        session.send_signal(signal.SIGSTOP)
+        for pid in children:
+            os.kill(int(pid), signal.SIGKILL)
+        session.kill()
+        session.wait(30.0)
+        told = len(mount.truths)
+        assert run(["stop", "--mount", mount.url, "--json"]) == 0
+        mount.wait_until_moving(False)
+        # Nothing but the stop ended the motion.
+        assert len(mount.truths) > told
+        (stopped,) = document(capsys)["stopped"]
+        assert (stopped["by"], stopped["at_rest"], stopped["pid"]) == ("direct", True, None)
+
+        assert run(["stop", "--mount", mount.url]) == 0
+        assert capsys.readouterr().out.endswith(": stopped and seen at rest\n")
+
+
+def test_an_abort_goes_through_the_session_too(capsys: pytest.CaptureFixture[str]) -> None:
+    with simulated_mount() as mount, ended(moving(mount)) as session:
+        mount.wait_until_moving(True)
+        assert run(["mount", "abort", "--mount", mount.url]) == 0
+        mount.wait_until_moving(False)
+        assert session.wait(30.0) == 130
+    out, err = capsys.readouterr()
+    assert out.startswith("abort: complete, acknowledged\n")
+    assert "stopped and seen at rest" in err
+
+
+def test_nothing_to_stop_and_nobody_there(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["stop"]) == 2
+    assert capsys.readouterr().err == (
+        "sattrack: nothing to stop: no session of yours moves a mount on this machine; "
+        "--mount URL stops a mount directly\n"
+    )
+    assert run(["stop", "--mount", "telescope://127.0.0.1:1/0"]) == 2
+    port = free_port()
+    assert run(["stop", "--mount", f"xerxes://127.0.0.1:{port}?listen={free_port()}", "--json"]) == 4
+    out, err = capsys.readouterr()
+    assert json.loads(out)["stopped"][0]["at_rest"] is None
+    assert err.endswith(f"sattrack: 127.0.0.1:{port}: nothing listens there\n")
+
+
+def session_of(mount: str, command: str) -> Owner:
+    return Owner(1, os.getuid(), f"sattrack {command}", "2026-03-01T00:00:00Z", mount, 15002)
+
+
+DOME = session_of("192.0.2.7:15001", "track 25544 --mount xerxes://192.0.2.7:15001?listen=15002")
+YARD = session_of("192.0.2.8:15001", "run night.toml")
+DEMO = session_of("127.0.0.1:40001", "demo --headless")
+PRACTICE = session_of("127.0.0.1:40002", "track 25544 --mount=sim")
+
+
+@pytest.fixture
+def stopped(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Collect the mounts whose sessions are asked to stop; nobody is there to be asked which."""
+    mounts: list[str] = []
+
+    def stop(owner: Owner, _: Callable[[], None]) -> MountStop:
+        mounts.append(owner.mount)
+        return MountStop(owner.mount, "session", True, owner.pid, owner.command, "stopped and seen at rest")
+
+    monkeypatch.setattr(stop_module, "stop_session", stop)
+    return mounts
+
+
+@pytest.mark.parametrize(
+    ("sessions", "options", "expected"),
+    [
+        ([DOME], [], [DOME]),
+        ([DEMO], [], [DEMO]),
+        ([DEMO, DOME, PRACTICE], [], [DOME]),
+        ([DEMO, DOME, PRACTICE], ["--all"], [DEMO, DOME, PRACTICE]),
+        ([DOME, YARD], ["--all"], [DOME, YARD]),
+    ],
+)
+def test_the_only_mount_the_only_real_one_and_all_of_them_are_stopped_at_once(
+    sessions: list[Owner],
+    options: list[str],
+    expected: list[Owner],
+    stopped: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(stop_module, "owners", lambda: list(sessions))
+    assert run(["stop", *options]) == 0
+    assert sorted(stopped) == sorted(each.mount for each in expected)
+    out, err = capsys.readouterr()
+    for each in sessions:
+        assert (f"stopping {each.mount}: asking `{each.command}`" in err) == (each in expected)
+        assert (f"goes on: {each.mount}" in err) == (each not in expected)
+    assert out.count("stopped and seen at rest") == len(expected)
+
+
+@pytest.mark.parametrize("sessions", [[DOME, YARD], [DEMO, PRACTICE]])
+def test_of_several_none_is_stopped_where_nobody_can_say_which(
+    sessions: list[Owner],
+    stopped: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(stop_module, "owners", lambda: list(sessions))
+    assert run(["stop"]) == 2
+    err = capsys.readouterr().err
+    assert not stopped
+    for each in sessions:
+        assert f"{each.mount}  `{each.command}`, process 1" in err
+    assert "`sattrack stop --all` stops all of them, `sattrack stop --mount URL` one" in err
+
+
+@pytest.mark.parametrize(
+    ("typed", "expected"),
+    [
+        ("\n", [DOME, YARD, DEMO]),
+        ("a\n", [DOME, YARD, DEMO]),
+        (" \n", [DOME, YARD, DEMO]),
+        ("2\n", [YARD]),
+        ("9\n3\n", [DEMO]),
+        ("help\nq\n", []),
+        ("", [DOME, YARD, DEMO]),
+        (None, [DOME, YARD, DEMO]),
+    ],
+    ids=["enter", "a", "space", "second", "wrong, third", "none", "input ended", "no answer"],
+)
+def test_on_a_terminal_the_operator_says_which_and_no_answer_stops_all(
+    typed: str | None,
+    expected: list[Owner],
+    stopped: list[str],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr(stop_module, "owners", lambda: [DEMO, DOME, YARD])
+    monkeypatch.setattr(stop_module, "_somebody_there", lambda: True)
+    ends = socket.socketpair()
+    with ends[0] as terminal, ends[1] as keys, terminal.makefile("r") as stdin:
+        monkeypatch.setattr("sys.stdin", stdin)
+        if typed is None:
+            monkeypatch.setattr(stop_module, "ANSWER_WITHIN_S", 0.0)
+        else:
+            keys.sendall(typed.encode())
+            keys.shutdown(socket.SHUT_WR)
+        assert run(["stop"]) == (0 if expected else 1)
+    assert sorted(stopped) == sorted(each.mount for each in expected)
+    assert "ENTER stops all of them, 1-3 that one, q none" in capsys.readouterr().err
+
+
+def test_a_session_that_hangs_keeps_no_other_from_being_stopped(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other_stopped = threading.Event()
+
+    def stop(owner: Owner, _: Callable[[], None]) -> MountStop:
+        if owner is DOME:
+            assert other_stopped.wait(60.0)
+            raise SattrackError("it does not answer")
+        other_stopped.set()
+        return MountStop(owner.mount, "session", True, owner.pid, owner.command, "stopped")
+
+    monkeypatch.setattr(stop_module, "stop_session", stop)
+    monkeypatch.setattr(stop_module, "owners", lambda: [DOME, YARD])
+    assert run(["stop", "--all", "--json"]) == 1
+    told = document(capsys)
+    assert [each["mount"] for each in told["stopped"]] == [YARD.mount]
+    assert told["errors"] == ["it does not answer"]
+
+
+@pytest.mark.parametrize(
+    ("by", "at_rest", "code"),
+    [
+        ("session", True, 0),
+        ("guardian", True, 0),
+        ("direct", False, 1),
+        ("direct", None, 4),
+        ("gone", None, 0),
+    ],
+)
+def test_only_a_mount_seen_at_rest_counts_as_stopped(by: str, at_rest: bool | None, code: int) -> None:
+    error = MountStop("192.0.2.7:15001", by, at_rest, None, None, "so").error()
+    assert (0 if error is None else error.exit_code) == code
+
+
+def test_a_console_beside_an_owner_looks_on_and_its_stop_goes_through_the_owner() -> None:
+    with simulated_mount() as mount, ended(moving(mount)) as session:
+        mount.wait_until_moving(True)
+        arguments = ("watch", "--stream", "--control", "--mount", mount.url, *SITE)
+        with ended(sattrack("mount", *arguments)) as console:
+            assert console.stdin is not None
+            assert console.stdout is not None
+            for line in console.stdout:
+                view = json.loads(line)
+                if view["status"] is not None and view["link"]["received"] > 10:
+                    break
+            assert view["status"]["ack_move_ra"]
+            assert view["warnings"][0].startswith("looking on; SPACE has the mount's owner stop it")
+            console.stdin.write('{"type":"jog","dec_rate_deg_s":1.0}\n')
+            console.stdin.flush()
+            for line in console.stdout:
+                view = json.loads(line)
+                if view["refusal"] is not None:
+                    break
+            assert view["refusal"] == "this mount has another owner"
+            assert session.poll() is None
+            console.stdin.write('{"type":"abort"}\n')
+            console.stdin.flush()
+            mount.wait_until_moving(False)
+            out, _ = session.communicate(timeout=30.0)
+            assert session.returncode == 130
+            assert json.loads(out)["mount_stopped"] is True
+            console.stdin.close()
+            console.stdout.read()
+            assert console.wait(30.0) == 0

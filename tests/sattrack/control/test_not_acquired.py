@@ -1,0 +1,156 @@
+"""Why a mount was never on target: each reason by made-up figures, and runs with mounts of others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import family
+import msgspec
+import pytest
+
+from sattrack.control.not_acquired import Attempt, AxisAttempt, why_not
+from sattrack.mount.model import AxisLimits, MountProfile
+from sattrack.runtime.outcome import Ledger, failure, summarise
+from sattrack.views.run import LearntView
+from tle.instants import Utc
+from tle.propagator import Propagator
+
+RA = AxisAttempt("right ascension", "ra", 1.0, 1.0, 1.0, 3.0)
+DEC = AxisAttempt("declination", "dec", 1.0, 1.0, 1.0, 4.0)
+LEARNT = LearntView(0.05, 0.01, 1.0, 0.001, 0.05, 0.01, 1.0, 0.001, 0.02, 0.1, 0)
+PROFILE = MountProfile(command_delay_s=0.02)
+QUIET = Attempt(PROFILE, RA, DEC, followed_s=60.0, learnt=LEARNT)
+
+
+def why(**changes: Any) -> str:
+    return why_not(QUIET._replace(**changes)) or ""
+
+
+def learnt(**changes: Any) -> LearntView:
+    return msgspec.structs.replace(LEARNT, **changes)
+
+
+def test_nothing_is_said_where_nothing_tells() -> None:
+    assert why_not(QUIET) is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"heard": False}, "never heard"),
+        ({"held_s": {"sun": 40.0}}, "the sun limit held it for 40 s"),
+        ({"slewing": True}, "still slewing"),
+        ({"clamped_s": 30.0}, "faster than the axes may turn (max_rate_deg_s, 6 and 6 °/s) for 30 of 60 s"),
+        ({"dec": DEC._replace(ratio=0.02)}, "declination did not move as commanded"),
+        ({"ra": RA._replace(ratio=-0.9)}, "right ascension turned the other way: change ra_rate_sign"),
+        (
+            {"ra": RA._replace(ratio=0.6, fastest_deg_s=0.5, fastest_told_deg_s=1.2)},
+            "right ascension came to 0.50 °/s where 1.20 °/s was commanded: set ra.max_rate_deg_s",
+        ),
+        ({"learnt": learnt(dec_lag_s=0.35)}, "declination answers 350 ms later"),
+        ({"learnt": learnt(command_delay_s=-0.01)}, "at least 30 ms sooner"),
+        ({"dec": DEC._replace(ratio=1.08)}, "declination moved +8 % against what was commanded"),
+        (
+            {"learnt": learnt(restarts=5)},
+            "the filters began anew 5 times; it was off by 3″ in right ascension and 4″ in declination",
+        ),
+        ({"followed_s": 0.0}, "it followed for 0.0 s only"),
+    ],
+)
+def test_each_reason_is_told_by_its_figures(changes: dict[str, Any], words: str) -> None:
+    assert words in why(**changes)
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"held_s": {"sun": 5.0}},
+        {"clamped_s": 5.0},
+        {"ra": RA._replace(ratio=0.97)},
+        {"ra": RA._replace(ratio=None)},
+        {"learnt": learnt(dec_lag_s=0.35, dec_lag_sigma_s=0.1)},
+        {"learnt": learnt(dec_lag_s=0.10)},
+        {"learnt": learnt(restarts=2)},
+        {"learnt": None},
+    ],
+)
+def test_a_figure_that_is_small_or_unsure_is_no_reason(changes: dict[str, Any]) -> None:
+    assert why(**changes) == ""
+
+
+def test_the_first_reason_that_holds_is_told() -> None:
+    assert "never heard" in why(heard=False, slewing=True, clamped_s=50.0)
+    assert "still slewing" in why(slewing=True, clamped_s=50.0)
+    short = DEC._replace(ratio=0.05, fastest_deg_s=0.3, fastest_told_deg_s=3.0)
+    assert "declination came to 0.30" in why(dec=short)
+    assert "declination did not move" in why(dec=short._replace(fastest_deg_s=0.004))
+
+
+def test_a_lag_that_the_profile_tells_is_no_reason() -> None:
+    slow = msgspec.structs.replace(PROFILE, dec=AxisLimits(lag_s=0.33))
+    assert why(profile=slow, learnt=learnt(dec_lag_s=0.35)) == ""
+
+
+def test_that_a_mount_is_not_calibrated_is_appended_once() -> None:
+    assert why(slewing=True, calibrated=False).endswith(
+        "(the mount is not calibrated: run `sattrack mount calibrate`)"
+    )
+    late = why(learnt=learnt(dec_lag_s=0.35), calibrated=False)
+    assert late.count("calibrate`") == 1
+    assert "calibrate" not in why(heard=False, calibrated=False)
+
+
+def fly(profile: dict[str, Any], seconds: float, number: int = 4, **hardware: Any) -> family.Run:
+    """Follow with a velocity servo until `seconds` after the start."""
+    drawn = family.draw(number, ("velocity_servo",))
+    quiet = {"move_axis": "held", "additive": True, "signs": (1, 1), "jitter_s": 0.0, "loss": 0.0}
+    quiet |= {"stiction": 0.0, "ripple": 0.0, "bandwidth_hz": 3.0, "acceleration_deg_s2": 8.0}
+    quiet |= {"command_delay_s": 0.02, "status_delay_s": 0.02, "gains": (1.0, 1.0)}
+    quiet |= {"told_command_s": 0.02, "told_status_s": 0.02, "told_acceleration_deg_s2": 8.0}
+    hard = replace(drawn.hardware, **(quiet | hardware))
+    propagator = Propagator(drawn.elements, drawn.site)
+    start_s = drawn.begin_s + family.RISES_AFTER_S
+    where = family.Target.at(propagator.at(Utc(start_s)))
+    stands = family._hour_angle(propagator, start_s), where.dec_deg
+    drawn = replace(drawn, joined=False, start_s=start_s, stands=stands, hardware=hard)
+    run = family.Run(drawn, profile=msgspec.structs.replace(family.profile_of(hard, "default"), **profile))
+
+    def end(run: family.Run, now_s: float) -> None:
+        if now_s > drawn.start_s + seconds:
+            run.engine.tracker.end("set")
+
+    return run.run(end)
+
+
+def test_a_delay_that_is_told_300_ms_too_long_is_named() -> None:
+    run = fly({"command_delay_s": 0.32}, 3.0)
+    summary = summarise(run.engine, Ledger(), run.errors[-1].utc_s)
+    assert summary.ended_by == "set"
+    assert summary.acquired_after_s is None
+    assert "command_delay_s is too large" in (summary.why_not_acquired or "")
+    assert summary.message == (
+        f"the pass ended before the mount was on the satellite: {summary.why_not_acquired}"
+    )
+    assert summary.why_not_acquired in str(failure(summary, interrupted=False))
+
+
+def test_a_mount_slower_than_its_profile_says_is_named() -> None:
+    run = fly({}, 9.0, number=12, max_rate_deg_s=0.5)
+    why = run.engine.why_not_acquired() or ""
+    assert "declination came to 0.5" in why
+    assert "max_rate_deg_s to what the axis can do" in why
+
+
+def test_a_target_faster_than_the_profile_allows_is_named() -> None:
+    slow = AxisLimits(max_rate_deg_s=0.05, slew_rate_deg_s=6.0, max_acceleration_deg_s2=8.0)
+    run = fly({"ra": slow, "dec": slow}, 9.0, max_rate_deg_s=6.0)
+    assert "faster than the axes may turn (max_rate_deg_s, 0.05 and 0.05 °/s)" in (
+        run.engine.why_not_acquired() or ""
+    )
+
+
+def test_a_gain_that_is_told_wrong_is_no_reason_once_the_mount_is_on_target() -> None:
+    run = fly({}, 9.0, gains=(1.08, 0.92))
+    assert run.engine.tracker.acquired_utc_s is not None
+    assert run.engine.why_not_acquired() is None

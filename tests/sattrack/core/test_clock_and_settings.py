@@ -1,0 +1,133 @@
+"""Clocks against each other, and settings as a user writes them."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+from sattrack.core.clock import SimulatedClock, SystemClock, parse_clock
+from sattrack.core.errors import BadInputError
+from sattrack.settings import Settings, load_settings
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def test_a_simulated_clock_runs_at_its_speed() -> None:
+    clock = SimulatedClock(start_utc_s=1000.0, anchor_s=50.0, speed=10.0)
+    assert clock.utc_s(50.0) == 1000.0
+    assert clock.utc_s(52.0) == 1020.0
+
+
+def test_the_system_clock_is_the_systems() -> None:
+    before = time.time()
+    told = SystemClock().utc_s(time.monotonic())
+    assert before - 1e-3 <= told <= time.time() + 1e-3
+
+
+@pytest.mark.parametrize("step_s", [-3600.0, -0.2, 0.2, 3600.0])
+def test_the_system_clock_does_not_step_where_the_machines_is_set(
+    step_s: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    instants = {"monotonic": 100.0, "utc": 1_790_000_000.0}
+    monkeypatch.setattr(time, "monotonic", lambda: instants["monotonic"])
+    monkeypatch.setattr(time, "time", lambda: instants["utc"])
+    clock = SystemClock()
+    before_s = clock.utc_s(100.0)
+    instants["utc"] += step_s
+    for _ in range(200):
+        instants = {name: value + 0.05 for name, value in instants.items()}
+        now_s = clock.utc_s(instants["monotonic"])
+        # Half a millisecond a second, to the side that the machine was set to.
+        assert -1e-6 <= math.copysign(1.0, step_s) * (now_s - before_s - 0.05) <= 0.05 * 5e-4 + 1e-6
+        before_s = now_s
+
+
+@pytest.mark.parametrize(
+    ("text", "start_s", "speed"),
+    [
+        ("1970-01-01T00:01:00Z", 60.0, 1.0),
+        ("1970-01-02", 86400.0, 1.0),
+        ("1970-01-01T00:00:00Zx10", 0.0, 10.0),
+        ("1970-01-01T01:00:00+01:00x0.5", 0.0, 0.5),
+    ],
+)
+def test_a_clock_as_a_user_writes_it(text: str, start_s: float, speed: float) -> None:
+    start, parsed_speed = parse_clock(text)
+    assert start.unix_s == start_s
+    assert parsed_speed == speed
+
+
+def test_a_speed_that_no_loop_could_keep_points_to_virtual_time() -> None:
+    with pytest.raises(BadInputError, match="--virtual"):
+        parse_clock("2026-01-01T00:00:00Zx1000")
+
+
+def test_settings_are_found_here_first_then_in_the_users_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    home, here = tmp_path / "home", tmp_path / "here"
+    (home / "sattrack").mkdir(parents=True)
+    here.mkdir()
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(home))
+    monkeypatch.chdir(here)
+    assert load_settings() == Settings()
+    (home / "sattrack" / "sattrack.toml").write_text("min_altitude_deg = 20\n")
+    assert load_settings().min_altitude_deg == 20.0
+    (here / "sattrack.toml").write_text(
+        'elements = ["mine.tle"]\n[site]\nlatitude_deg = 1\nlongitude_deg = 2\n'
+    )
+    settings = load_settings()
+    assert settings.min_altitude_deg == 10.0
+    assert settings.site is not None
+    assert (settings.site.latitude_deg, settings.site.longitude_deg, settings.site.height_m) == (
+        1.0,
+        2.0,
+        0.0,
+    )
+
+
+def test_element_files_are_beside_the_settings_that_name_them(tmp_path: Path) -> None:
+    (tmp_path / "other.toml").write_text(
+        'elements = ["mine.tle", "https://example.org/x", "celestrak:active", "-"]\n'
+    )
+    settings = load_settings(tmp_path / "other.toml")
+    assert settings.elements == (
+        str(tmp_path / "mine.tle"),
+        "https://example.org/x",
+        "celestrak:active",
+        "-",
+    )
+
+
+def test_the_screens_look_and_the_camera_are_settings_and_options_win(tmp_path: Path) -> None:
+    from sattrack.cli.common import CommandContext, appearance
+
+    path = tmp_path / "red.toml"
+    path.write_text('[screen]\ntheme = "red"\nascii = true\n[camera]\nfov_deg = 0.25\n')
+    settings = load_settings(path)
+    assert settings.camera.fov_deg == 0.25
+    context = CommandContext(settings, None, (), None, False, False)
+    assert (appearance(context, None, False).theme, appearance(context, None, False).plain) == ("red", True)
+    assert appearance(context, "contrast", False).theme == "contrast"
+    usual = CommandContext(Settings(), None, (), None, False, False)
+    assert (appearance(usual, None, True).theme, appearance(usual, None, True).plain) == ("night", True)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ('[screen]\ntheme = "green"\n', "theme"),
+        ("[camera]\nfov_deg = 0\n", "fov_deg is 0"),
+        ("[camera]\nfov_deg = 181\n", "fov_deg is 181"),
+    ],
+)
+def test_a_look_or_a_field_that_cannot_be_names_file_and_key(tmp_path: Path, text: str, words: str) -> None:
+    path = tmp_path / "odd.toml"
+    path.write_text(text)
+    with pytest.raises(BadInputError, match=r"odd\.toml") as raised:
+        load_settings(path)
+    assert words in str(raised.value)

@@ -1,0 +1,140 @@
+"""Calibrated tracking on simulated Alpaca telescopes in virtual time, held to the simulated axes' truth."""
+
+from __future__ import annotations
+
+import math
+from datetime import UTC, datetime
+
+import pytest
+from alpaca_harness import calibrate, follow
+from skyfield.api import load
+
+from sattrack.calibration.guard import CalibrationEndedError
+from sattrack.calibration.plan import Leg, Plan
+from sattrack.mount.simulator.alpaca.settings import TelescopeSettings
+from sattrack.mount.simulator.alpaca.telescope import Place, Telescope
+
+BOUND_ARCSEC = 10.0
+LASTS_S = 150.0
+"""From the slew to a minute and a half into the pass."""
+SHORT = Plan(
+    toggles=10,
+    most_toggles=14,
+    toggles_after=4,
+    legs=(Leg(-0.8, 2.4), Leg(0.8, 2.4), Leg(0.4, 3.6), Leg(-0.4, 3.6), Leg(0.2, 4.0)),
+)
+VARIANTS = {
+    "as the standard": TelescopeSettings(),
+    "additive, both turned": TelescopeSettings(additive=True, ra_sign=-1, dec_sign=-1),
+    "J2000, gains, soft": TelescopeSettings(
+        system="j2000", ra_sign=-1, ra_gain=1.03, dec_gain=0.96, servo_hz=2.0, acceleration_deg_s2=4.0
+    ),
+    "additive, without tracking": TelescopeSettings(additive=True, dec_sign=-1, tracking=False),
+}
+LEFT_OUT = {"as the standard", "additive, both turned"}
+"""What the others have in them, too."""
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.soak if name in LEFT_OUT else ()) for name in VARIANTS]
+)
+def test_what_a_telescope_does_with_moveaxis_is_found_out_and_a_pass_followed_within_the_bound(
+    name: str,
+) -> None:
+    settings = VARIANTS[name]
+    profile, found = calibrate(settings, plan=SHORT)
+    assert (profile.ra_rate_sign, profile.dec_rate_sign) == (settings.ra_sign, settings.dec_sign)
+    assert profile.additive is settings.additive
+    assert profile.move_axis == "held"
+    assert profile.ra_rate_gain == pytest.approx(settings.ra_gain, abs=0.003)
+    assert profile.dec_rate_gain == pytest.approx(settings.dec_gain, abs=0.003)
+    assert profile.ra.max_rate_deg_s == 6.0
+    # Both ways together, of which the middle is taken.
+    assert found.delays.round_trip.seconds == pytest.approx(settings.latency_s, abs=0.006)
+    assert profile.clock_offset_s == 0.0
+    assert profile.dated_within_s == pytest.approx(settings.latency_s / 2.0, abs=0.004)
+    result = follow(settings, profile, seconds=LASTS_S)
+    assert result.message is None
+    assert result.ended_by == "operator"
+    assert result.stopped
+    assert len(result.errors) > 3000
+    assert result.true.rms_arcsec is not None
+    assert result.true.rms_arcsec < BOUND_ARCSEC
+
+
+def test_a_wrong_sign_is_stopped_by_the_obedience_limit() -> None:
+    profile, _ = calibrate(TelescopeSettings(), plan=SHORT)
+    result = follow(TelescopeSettings(ra_sign=-1, dec_sign=-1), profile)
+    assert result.ended_by == "limit:obedience"
+    assert result.stopped
+
+
+@pytest.mark.parametrize(
+    ("settings", "hz"),
+    [
+        pytest.param(TelescopeSettings(), 5.0, marks=pytest.mark.soak),
+        (TelescopeSettings(move_interval_s=0.25), 3.5),
+        pytest.param(TelescopeSettings(rates_deg_s=((0.001, 1.5),)), 10.0, marks=pytest.mark.soak),
+    ],
+)
+def test_at_the_rate_that_a_telescope_bears_the_bound_is_kept_too(
+    settings: TelescopeSettings, hz: float
+) -> None:
+    profile, _ = calibrate(settings, hz, SHORT)
+    result = follow(settings, profile, hz, LASTS_S)
+    assert result.refusals == []
+    assert result.stopped
+    assert result.true.rms_arcsec is not None
+    assert result.true.rms_arcsec < BOUND_ARCSEC
+
+
+def test_a_simulated_alt_azimuth_telescope_follows_the_sky_and_slews() -> None:
+    settings = TelescopeSettings(alignment="altaz", hour_angle_deg=-40.0, dec_deg=30.0)
+    scope = Telescope(settings, 1.79e9)
+    begun = scope.truth(1.79e9 + 5.0)
+    later = scope.truth(1.79e9 + 65.0)
+    assert later.ra_deg == pytest.approx(begun.ra_deg, abs=1e-3)
+    assert later.dec_deg == pytest.approx(begun.dec_deg, abs=1e-3)
+    scope.slew(begun.ra_deg + 10.0, 50.0, 1.79e9 + 65.0)
+    there = scope.truth(1.79e9 + 80.0)
+    assert there.ra_deg == pytest.approx(begun.ra_deg + 10.0, abs=1e-3)
+    assert there.dec_deg == pytest.approx(50.0, abs=1e-3)
+    scope.move_axis(1, 1.0, 1.79e9 + 80.0)
+    altitudes = [altitude_of(scope.truth(1.79e9 + t), settings) for t in (82.0, 87.0)]
+    assert altitudes[1] - altitudes[0] == pytest.approx(5.0, abs=0.01)
+
+
+def altitude_of(place: Place, settings: TelescopeSettings) -> float:
+    """By another library."""
+    ts = load.timescale(builtin=True)
+    at = ts.from_datetime(datetime.fromtimestamp(place.utc_s, UTC))
+    hour_angle = math.radians(at.gast * 15.0 + settings.longitude_deg - place.ra_deg)
+    dec, latitude = math.radians(place.dec_deg), math.radians(settings.latitude_deg)
+    sine = math.sin(latitude) * math.sin(dec) + math.cos(latitude) * math.cos(dec) * math.cos(hour_angle)
+    return math.degrees(math.asin(sine))
+
+
+def test_calibration_refuses_axes_that_are_not_those_of_an_equatorial_mount() -> None:
+    settings = TelescopeSettings(alignment="altaz", hour_angle_deg=30.0, dec_deg=20.0)
+    with pytest.raises(CalibrationEndedError, match="is it an alt-azimuth mount"):
+        calibrate(settings, plan=SHORT)
+
+
+@pytest.mark.parametrize("gain", [0.71, 0.96, 1.04])
+def test_calibration_warns_of_a_gain_that_no_equatorial_mount_has(gain: float) -> None:
+    _, found = calibrate(TelescopeSettings(ra_gain=gain), plan=SHORT)
+    (note,) = found.notes
+    assert note.startswith("WARNING: the right ascension axis moves")
+    assert found.ra.gain == pytest.approx(gain, rel=1e-3)
+    _, well = calibrate(TelescopeSettings(ra_gain=1.02, dec_gain=0.98), plan=SHORT)
+    assert well.notes == ()
+
+
+def test_calibration_warns_of_an_alt_azimuth_telescope_on_the_meridian() -> None:
+    """There azimuth moves the hour angle alone: by cos altitude / cos declination."""
+    settings = TelescopeSettings(alignment="altaz", hour_angle_deg=0.0, dec_deg=7.0)
+    _, found = calibrate(settings, plan=SHORT)
+    altitude_deg = 90.0 - settings.latitude_deg + 7.0
+    gain = math.cos(math.radians(altitude_deg)) / math.cos(math.radians(7.0))
+    assert found.ra.gain == pytest.approx(gain, rel=0.02)
+    assert any(note.startswith("WARNING: the right ascension axis") for note in found.notes)

@@ -1,0 +1,942 @@
+"""The client's end of the Xerxes protocol, told by hand what the mount says.
+
+Source: Van Deventer, "Xerxes Mount Control Protocol": Details (the six steps of a slew, the warning about a
+stale "not slewing", the rising edge), the command table (flags, units, 50 ms) and the status table
+(acknowledgements, Slewing during MoveAxis).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import random
+import struct
+from typing import TYPE_CHECKING, Any, Literal
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from xerxes_builders import (
+    PERIOD_S,
+    SIDEREAL_DEG_S,
+    SIDEREAL_DTICS_S,
+    T0,
+    TIC_DEG,
+    dtics,
+    moving_flags,
+    overwritten,
+    spoilt,
+    unused_flags,
+    want,
+)
+
+from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, SlewTo, StatusSample, Stop
+from sattrack.mount.xerxes.datagrams import Command, Readings, Status, decode_command, encode_status
+from sattrack.mount.xerxes.session import LinkState, Session, SlewState
+from sattrack.mount.xerxes.slewing import LATEST_BEGIN_STATUSES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+TRACKING = Status(
+    altitude_deg=50.0,
+    azimuth_deg=180.0,
+    dec_deg=20.0,
+    ra_h=10.0,
+    sidereal_h=9.0,
+    ra_rate_dtics_s=SIDEREAL_DTICS_S,
+    site_latitude_deg=48.0,
+    site_longitude_deg=11.0,
+)
+SEEN_AT_REST_STATUSES = 12
+"""Half a second of positions, and one more."""
+A = SlewTo(78.75, 12.25)
+B = SlewTo(150.0, -33.375)
+MOVE = MoveAxes(-1.25, -0.75)
+
+
+class Client:
+    """A session between statuses made by hand and datagrams read by eye."""
+
+    def __init__(self, profile: MountProfile | None = None) -> None:
+        self.session = Session(profile or MountProfile())
+        self.now = T0
+        self.counter = 0
+        self.turned_deg = 0.0
+        """How far the hour angle axis has turned."""
+
+    def status(self, counter: int | None = None, readings: Readings | None = None, **fields: Any) -> bytes:
+        self.counter = self.counter + 1 if counter is None else counter
+        gone_deg = (self.now - T0) * SIDEREAL_DEG_S
+        fields.setdefault("sidereal_h", TRACKING.sidereal_h + gone_deg / 15.0)
+        fields.setdefault("ra_h", TRACKING.ra_h + (gone_deg - self.turned_deg) / 15.0)
+        return encode_status(msgspec.structs.replace(TRACKING, counter=self.counter, **fields), readings)
+
+    def hear(self, **fields: Any) -> StatusSample | None:
+        """Give the session the mount's next status."""
+        self.now += PERIOD_S
+        self.turned_deg += fields.get("ra_rate_dtics_s", SIDEREAL_DTICS_S) / 10 * TIC_DEG * PERIOD_S
+        return self.session.receive(self.status(**fields), self.now)
+
+    def rest(self, **fields: Any) -> None:
+        """Have the mount's positions show rest for as long as it takes to be seen."""
+        for _ in range(SEEN_AT_REST_STATUSES):
+            self.hear(**{"ra_rate_dtics_s": 0} | fields)
+
+    def send(self) -> Command:
+        """Take the session's next datagram."""
+        data = self.session.compose()
+        assert len(data) == 82
+        return decode_command(data)
+
+    def slew_state(self) -> SlewState:
+        return self.session.slew_state
+
+    def asks(self, motion: Motion) -> Command:
+        want(self.session, motion)
+        return self.send()
+
+    def stopped_by_abort(self) -> None:
+        """Have a stop asked for, acknowledged and finished."""
+        assert self.asks(Stop()).abort
+        self.hear(ack_abort=True, ra_rate_dtics_s=0)
+        assert not self.send().abort
+        assert not self.session.stopped
+        self.rest()
+        assert self.session.stopped
+
+
+@pytest.fixture
+def client() -> Client:
+    """One that has heard the mount track the sky."""
+    client = Client()
+    for _ in range(3):
+        client.hear()
+        client.send()
+    return client
+
+
+class TestDatagrams:
+    def test_nothing_asked_is_header_counter_and_no_flag(self) -> None:
+        data = Session(MountProfile()).compose()
+        assert len(data) == 82
+        assert data[:8] == bytes.fromhex("AA AA 55 55 00 00 00 00")
+        assert data[73:] == bytes(9)
+
+    def test_the_counter_rises_by_one_a_datagram_heard_or_not(self, client: Client) -> None:
+        counters = []
+        for motion in (Hold(), A, Stop(), MOVE):
+            want(client.session, motion)
+            for heard in (False, True):
+                if heard:
+                    client.hear()
+                counters.append(client.send().counter)
+        assert counters == list(range(counters[0], counters[0] + 8))
+        assert client.session.health.sent == 11
+
+    def test_a_slew_byte_by_byte(self, client: Client) -> None:
+        want(client.session, A)
+        data = client.session.compose()
+        assert data[16:32] == bytes.fromhex(
+            "00 00 00 00 00 80 28 40 00 00 00 00 00 00 15 40"
+        )  # 12.25°, 5.25 h
+        assert data[73:] == bytes.fromhex("00 00 00 00 00 00 FF 00 00")
+
+    def test_a_move_byte_by_byte(self, client: Client) -> None:
+        """Reported right ascension falling at 1.25°/s is the axis going west: positive."""
+        want(client.session, MOVE)
+        data = client.session.compose()
+        assert data[32:48] == bytes.fromhex("00 00 00 00 00 00 E8 BF 00 00 00 00 00 00 F4 3F")
+        assert data[73:] == bytes.fromhex("00 00 FF FF 00 00 00 00 00")
+
+    def test_an_abort_byte_by_byte(self, client: Client) -> None:
+        want(client.session, Stop())
+        assert client.session.compose()[73:] == bytes.fromhex("FF 00 00 00 00 00 00 00 00")
+
+
+class TestSlew:
+    def test_the_six_steps_of_the_paper(self, client: Client) -> None:
+        assert client.slew_state() is SlewState.NONE
+        asked = client.asks(A)
+        assert asked.slew
+        assert client.slew_state() is SlewState.ASKED
+        client.hear(ack_slew=True, slewing=True)
+        assert client.slew_state() is SlewState.UNDER_WAY
+        assert not client.send().slew
+        client.hear(slewing=True)
+        assert client.slew_state() is SlewState.UNDER_WAY
+        assert not client.send().slew
+        client.hear()
+        assert client.slew_state() is SlewState.UNDER_WAY
+        client.rest(ra_rate_dtics_s=SIDEREAL_DTICS_S)
+        assert client.slew_state() is SlewState.DONE
+        assert not client.send().slew
+
+    def test_flag_and_target_stay_until_the_acknowledgement_is_seen(self, client: Client) -> None:
+        want(client.session, A)
+        for heard in (False, True, True, False, True):
+            if heard:
+                client.hear()
+            command = client.send()
+            assert (command.slew, command.target_ra_h, command.target_dec_deg) == (True, 5.25, 12.25)
+
+    def test_a_stale_not_slewing_does_not_end_the_slew(self, client: Client) -> None:
+        """The paper: an older datagram "may fool the client into thinking that the slew is complete"."""
+        assert client.asks(A).slew
+        for _ in range(5):
+            client.hear(slewing=False, ack_slew=False)
+            assert client.slew_state() is SlewState.ASKED
+            assert client.send().slew
+
+    def test_a_status_overtaken_by_the_acknowledgement_does_not_end_the_slew(self, client: Client) -> None:
+        assert client.asks(A).slew
+        overtaken = client.status(slewing=False)
+        client.hear(ack_slew=True, slewing=True)
+        assert client.session.receive(overtaken, client.now) is None
+        assert client.slew_state() is SlewState.UNDER_WAY
+
+    def test_a_slew_that_ends_before_the_acknowledgement_falls_is_done(self, client: Client) -> None:
+        there = {"ra_h": A.ra_deg / 15.0, "dec_deg": A.dec_deg}
+        assert client.asks(A).slew
+        client.hear(ack_slew=True, slewing=False, **there)
+        assert not client.send().slew
+        assert client.slew_state() is not SlewState.DONE
+        for _ in range(40):
+            client.hear(**there)
+            assert not client.send().slew
+        assert client.slew_state() is SlewState.DONE
+
+    def test_a_slew_that_begins_late_is_not_done_before_it_begins(self, client: Client) -> None:
+        assert client.asks(A).slew
+        client.hear(ack_slew=True, slewing=False)
+        for _ in range(LATEST_BEGIN_STATUSES - 10):
+            client.send()
+            client.hear()
+            assert client.slew_state() is SlewState.UNDER_WAY
+        for _ in range(20):
+            client.send()
+            client.hear()
+        assert client.slew_state() is SlewState.DONE
+
+    def test_asking_for_the_same_every_period_launches_once(self, client: Client) -> None:
+        rises, before = 0, False
+        for turn in range(60):
+            command = client.asks(A)
+            rises += command.slew and not before
+            before = command.slew
+            client.hear(ack_slew=2 <= turn < 5, slewing=2 <= turn < 30)
+        assert rises == 1
+        assert client.slew_state() is SlewState.DONE
+
+    @pytest.mark.parametrize("moving", [{"ack_move_ra": True}, {}])
+    def test_a_slew_waits_for_standstill(self, client: Client, moving: dict[str, bool]) -> None:
+        """The command table: "Ignore if still slewing"."""
+        client.hear(slewing=True, **moving)
+        for _ in range(4):
+            assert not client.asks(A).slew
+            assert client.slew_state() is SlewState.WAITING
+            client.hear(slewing=True, **moving)
+        client.hear(slewing=False)
+        assert client.send().slew
+        assert client.slew_state() is SlewState.ASKED
+
+    def test_a_slew_out_of_moveaxis_first_ends_moveaxis(self, client: Client) -> None:
+        assert moving_flags(client.asks(MOVE)) == ["move_ra", "move_dec"]
+        client.hear(slewing=True, ack_move_ra=True, ack_move_dec=True)
+        client.send()
+        assert moving_flags(client.asks(A)) == []
+        client.hear(slewing=True)
+        assert moving_flags(client.send()) == []
+        client.hear(slewing=False)
+        # After a few datagrams' distance: a late one with MoveAxis must not launch over the slew.
+        sent = [moving_flags(client.send()) for _ in range(4)]
+        assert sent[-1] == ["slew"]
+        assert all(flags in ([], ["slew"]) for flags in sent)
+
+    def test_the_flag_rises_again_only_after_the_acknowledgement_fell(self, client: Client) -> None:
+        assert client.asks(A).slew
+        client.hear(ack_slew=True, slewing=True)
+        assert not client.send().slew
+        for _ in range(4):
+            client.hear(ack_slew=True, slewing=False)
+            assert not client.asks(B).slew
+        client.hear(ack_slew=False, slewing=False)
+        again = client.send()
+        assert again.slew
+        assert (again.target_ra_h, again.target_dec_deg) == (10.0, -33.375)
+
+    def test_an_acknowledgement_left_by_another_client_is_not_ours(self) -> None:
+        """The mount saw no rising edge of ours; its acknowledgement is of a flag still in its mailbox."""
+        client = Client()
+        client.hear(ack_slew=True)
+        for _ in range(4):
+            assert not client.asks(A).slew
+            client.hear(ack_slew=True)
+            assert client.slew_state() not in (SlewState.UNDER_WAY, SlewState.DONE)
+        client.hear(ack_slew=False)
+        assert client.send().slew
+
+    def test_another_target_before_the_acknowledgement_is_asked_for_by_itself(self, client: Client) -> None:
+        """The mount read the first target on the edge; the second needs an edge of its own."""
+        assert client.asks(A).slew
+        client.asks(B)
+        client.hear(ack_slew=True, slewing=True)
+        client.send()
+        client.hear(slewing=True)
+        client.send()
+        client.hear(slewing=False)
+        assert client.slew_state() is not SlewState.DONE
+        second = client.send()
+        assert second.slew
+        assert (second.target_ra_h, second.target_dec_deg) == (10.0, -33.375)
+
+    def test_another_target_under_way_waits_for_its_turn(self, client: Client) -> None:
+        assert client.asks(A).slew
+        client.hear(ack_slew=True, slewing=True)
+        client.send()
+        client.hear(slewing=True)
+        for _ in range(4):
+            assert not client.asks(B).slew
+            client.hear(slewing=True)
+            assert client.slew_state() is SlewState.WAITING
+        client.hear(slewing=False)
+        second = client.send()
+        assert second.slew
+        assert (second.target_ra_h, second.target_dec_deg) == (10.0, -33.375)
+
+    @pytest.mark.parametrize("other", [Hold(), MOVE, Stop()])
+    def test_the_state_is_none_once_anything_else_is_asked_for(self, client: Client, other: Motion) -> None:
+        client.asks(A)
+        client.hear(ack_slew=True, slewing=True)
+        client.send()
+        client.rest(ra_rate_dtics_s=SIDEREAL_DTICS_S)
+        assert client.slew_state() is SlewState.DONE
+        client.asks(other)
+        assert client.slew_state() is SlewState.NONE
+
+    @pytest.mark.parametrize(
+        ("ra_deg", "hours"), [(0.0, 0.0), (359.0, 359.0 / 15), (-15.0, 23.0), (360.0, 0.0), (735.0, 1.0)]
+    )
+    def test_right_ascension_goes_out_in_hours_0_to_24(
+        self, client: Client, ra_deg: float, hours: float
+    ) -> None:
+        assert client.asks(SlewTo(ra_deg, 0.0)).target_ra_h == pytest.approx(hours, abs=1e-12)
+
+    @given(ra_deg=st.floats(-1e4, 1e4), dec_deg=st.floats(-90, 90))
+    @settings(max_examples=60, deadline=None)
+    def test_any_target_goes_out_in_range(self, ra_deg: float, dec_deg: float) -> None:
+        client = Client()
+        client.hear()
+        command = client.asks(SlewTo(ra_deg, dec_deg))
+        assert 0.0 <= command.target_ra_h <= 24.0
+        assert math.remainder(command.target_ra_h * 15 - ra_deg, 360.0) == pytest.approx(0.0, abs=1e-8)
+        assert command.target_dec_deg == dec_deg
+
+
+class TestMoveAxis:
+    def test_flags_stay_up_through_the_acknowledgement_with_the_latest_rates(self, client: Client) -> None:
+        for turn in range(20):
+            command = client.asks(MoveAxes(0.01 * (turn + 1), -0.02 * (turn + 1)))
+            assert moving_flags(command) == ["move_ra", "move_dec"]
+            assert command.move_ra_rate_deg_s == pytest.approx(-0.01 * (turn + 1))
+            assert command.move_dec_rate_deg_s == pytest.approx(-0.02 * (turn + 1))
+            client.hear(slewing=turn > 2, ack_move_ra=turn > 2, ack_move_dec=turn > 2)
+
+    def test_flags_stay_up_without_being_asked_again_and_unheard(self, client: Client) -> None:
+        want(client.session, MOVE)
+        for _ in range(50):
+            command = client.send()
+            assert moving_flags(command) == ["move_ra", "move_dec"]
+            assert (command.move_ra_rate_deg_s, command.move_dec_rate_deg_s) == (1.25, -0.75)
+
+    def test_hold_takes_the_flags_down_at_once(self, client: Client) -> None:
+        client.asks(MOVE)
+        client.hear(slewing=True, ack_move_ra=True, ack_move_dec=True)
+        assert moving_flags(client.asks(Hold())) == []
+
+    @pytest.mark.parametrize("ra_sign", [-1, 1])
+    @pytest.mark.parametrize("dec_sign", [-1, 1])
+    @pytest.mark.parametrize("additive", [True, False])
+    def test_signs_and_additivity_follow_the_profile(
+        self, ra_sign: Literal[-1, 1], dec_sign: Literal[-1, 1], additive: bool
+    ) -> None:
+        """The axis turns by the sky's rate less the wanted one; an additive mount adds the sky's itself."""
+        profile = MountProfile(ra_rate_sign=ra_sign, dec_rate_sign=dec_sign, additive=additive)
+        client = Client(profile)
+        client.hear()
+        command = client.asks(MoveAxes(0.3, 0.2))
+        axis_rate = -0.3 + (0.0 if additive else SIDEREAL_DEG_S)
+        assert command.move_ra_rate_deg_s == pytest.approx(ra_sign * axis_rate, abs=1e-9)
+        assert command.move_dec_rate_deg_s == pytest.approx(dec_sign * 0.2, abs=1e-9)
+
+
+class TestAbort:
+    def test_it_is_alone_held_until_acknowledged_and_falls(self, client: Client) -> None:
+        want(client.session, Stop())
+        for _ in range(4):
+            client.hear()
+            command = client.send()
+            assert command.abort
+            assert moving_flags(command) == []
+        client.hear(ack_abort=True)
+        assert not client.send().abort
+
+    def test_it_goes_out_before_anything_was_heard(self) -> None:
+        assert Client().asks(Stop()).abort
+
+    @pytest.mark.parametrize("before", [A, MOVE])
+    @pytest.mark.parametrize("heard", [{}, {"slewing": True}, {"slewing": True, "ack_slew": True}])
+    def test_it_takes_every_other_flag_down(
+        self, client: Client, before: Motion, heard: dict[str, bool]
+    ) -> None:
+        client.asks(before)
+        client.hear(**heard)
+        command = client.asks(Stop())
+        assert command.abort
+        assert moving_flags(command) == []
+
+    def test_it_rises_once(self, client: Client) -> None:
+        client.stopped_by_abort()
+        for _ in range(100):
+            assert not client.asks(Stop()).abort
+            client.hear(ra_rate_dtics_s=0)
+        assert client.session.stopped
+
+    @pytest.mark.parametrize("then", [Hold(), MOVE, A])
+    def test_it_is_held_until_acknowledged_though_something_else_is_wanted(
+        self, client: Client, then: Motion
+    ) -> None:
+        client.asks(Stop())
+        want(client.session, then)
+        for _ in range(4):
+            client.hear()
+            command = client.send()
+            assert command.abort
+            assert moving_flags(command) == []
+        client.hear(ack_abort=True)
+        assert not client.send().abort
+
+    @pytest.mark.parametrize(("then", "flags"), [(MOVE, ["move_ra", "move_dec"]), (A, ["slew"])])
+    def test_motion_resumes_after_it(self, client: Client, then: Motion, flags: list[str]) -> None:
+        client.stopped_by_abort()
+        want(client.session, then)
+        sent = []
+        # One-shots keep a few datagrams' distance, so that a late abort does not hit the slew.
+        for _ in range(6):
+            sent.append(client.send())
+            client.hear(ra_rate_dtics_s=0)
+        assert [moving_flags(command) for command in sent][-1] == flags
+        assert not any(command.abort for command in sent)
+
+    def test_a_second_stop_is_a_second_abort(self, client: Client) -> None:
+        client.stopped_by_abort()
+        client.asks(MOVE)
+        client.hear(slewing=True, ack_move_ra=True, ack_move_dec=True, ra_rate_dtics_s=dtics(1.25))
+        want(client.session, Stop())
+        assert not client.session.stopped
+        command = client.send()
+        assert command.abort
+        assert moving_flags(command) == []
+
+    def test_a_mount_set_going_again_by_a_late_datagram_is_stopped_again(self, client: Client) -> None:
+        """The mount ignores the counter: a late slew is a second rising edge, after the abort's end too."""
+        client.stopped_by_abort()
+        for _ in range(3):
+            client.hear(slewing=True, ra_rate_dtics_s=dtics(5.0))
+        assert not client.session.stopped
+        assert client.send().abort
+
+    def test_axes_that_stood_and_turn_with_the_sky_by_a_late_datagram_are_stopped_again(
+        self, client: Client
+    ) -> None:
+        """A late MoveAxis acts though the abort came later, and gives the axis back to the sky at its end."""
+        client.stopped_by_abort()
+        for _ in range(3):
+            client.hear(ra_rate_dtics_s=SIDEREAL_DTICS_S)
+        assert not client.session.stopped
+        assert client.send().abort
+        client.hear(ack_abort=True, ra_rate_dtics_s=0)
+        client.send()
+        client.rest()
+        assert client.session.stopped
+
+    def test_a_mount_that_takes_to_the_sky_by_itself_counts_as_stopped_in_the_end(
+        self, client: Client
+    ) -> None:
+        client.stopped_by_abort()
+        aborts = 0
+        for _ in range(40):
+            client.hear(ra_rate_dtics_s=SIDEREAL_DTICS_S)
+            if client.send().abort:
+                aborts += 1
+                client.hear(ack_abort=True, ra_rate_dtics_s=0)
+                client.send()
+                client.hear(ra_rate_dtics_s=0)
+                client.send()
+        assert 1 <= aborts <= 3
+        assert client.session.stopped
+
+    def test_an_acknowledgement_left_by_another_client_is_not_ours(self) -> None:
+        client = Client()
+        client.hear(ack_abort=True, ra_rate_dtics_s=0)
+        want(client.session, Stop())
+        for _ in range(3):
+            assert not client.session.stopped
+            client.send()
+            client.hear(ack_abort=True, ra_rate_dtics_s=0)
+        client.hear(ack_abort=False, ra_rate_dtics_s=0)
+        assert client.send().abort
+
+
+class TestStopped:
+    def test_not_before_the_acknowledgement(self, client: Client) -> None:
+        assert not client.session.stopped
+        client.asks(Stop())
+        for _ in range(3):
+            client.hear(ra_rate_dtics_s=0)
+            assert not client.session.stopped
+
+    @pytest.mark.parametrize("ra_dtics", [0, SIDEREAL_DTICS_S, 7788, 7790])
+    def test_at_rest_or_on_the_sky(self, client: Client, ra_dtics: int) -> None:
+        client.asks(Stop())
+        client.hear(ack_abort=True, ra_rate_dtics_s=ra_dtics)
+        client.send()
+        client.rest(ra_rate_dtics_s=ra_dtics)
+        assert client.session.stopped
+
+    @pytest.mark.parametrize(
+        "fields",
+        [
+            {"slewing": True},
+            {"ra_rate_dtics_s": dtics(0.1)},
+            {"ra_rate_dtics_s": dtics(-0.1)},
+            {"ra_rate_dtics_s": -SIDEREAL_DTICS_S},
+            {"dec_rate_dtics_s": dtics(0.1)},
+            {"dec_rate_dtics_s": dtics(-0.1)},
+            {"dec_rate_dtics_s": SIDEREAL_DTICS_S},
+        ],
+    )
+    def test_not_while_it_moves(self, client: Client, fields: dict[str, Any]) -> None:
+        doubles = Readings(dec_rate_dtics_s="double", ra_rate_dtics_s="double")
+        client.asks(Stop())
+        client.hear(ack_abort=True, readings=doubles, **fields)
+        assert not client.session.stopped
+        for _ in range(SEEN_AT_REST_STATUSES):
+            client.send()
+            client.hear(readings=doubles, **fields)
+            assert not client.session.stopped
+
+    @pytest.mark.parametrize("number", [math.nan, math.inf])
+    def test_rates_that_are_no_numbers_are_named_and_positions_used(
+        self, client: Client, number: float
+    ) -> None:
+        doubles = Readings(dec_rate_dtics_s="double", ra_rate_dtics_s="double")
+        client.asks(Stop())
+        for _ in range(SEEN_AT_REST_STATUSES + 1):
+            client.now += PERIOD_S
+            fields = {"ra_rate_dtics_s": number, "dec_rate_dtics_s": number}
+            assert client.session.receive(
+                client.status(ack_abort=True, readings=doubles, **fields), client.now
+            )
+        assert client.session.stopped
+        assert client.session.sample is not None
+        assert client.session.sample.ra_drive_deg_s == pytest.approx(0.0, abs=1e-6)
+        assert client.session.ignored_fields == (
+            "the mount's RightAscensionRate is no number: positions are used instead",
+            "the mount's DeclinationRate is no number: positions are used instead",
+        )
+
+    def test_not_once_something_else_is_wanted(self, client: Client) -> None:
+        client.stopped_by_abort()
+        want(client.session, MOVE)
+        assert not client.session.stopped
+
+
+class TestSamples:
+    @pytest.mark.parametrize("reading", ["int64", "double"])
+    def test_units(self, client: Client, reading: Any) -> None:
+        sample = client.hear(
+            counter=77,
+            readings=Readings(dec_rate_dtics_s=reading, ra_rate_dtics_s=reading, counter=reading),
+            ra_h=5.25,
+            dec_deg=-12.5,
+            sidereal_h=6.75,
+            slewing=True,
+            does_refraction=True,
+            ra_rate_dtics_s=7789,
+            dec_rate_dtics_s=-(2**26) // 36 * 10,
+        )
+        assert sample is not None
+        assert sample == client.session.sample
+        assert (sample.counter, sample.arrival_utc_s) == (77, client.now)
+        assert (sample.ra_deg, sample.dec_deg, sample.sidereal_h) == (78.75, -12.5, 6.75)
+        assert (sample.slewing, sample.does_refraction) == (True, True)
+        assert sample.ra_drive_deg_s == pytest.approx(SIDEREAL_DEG_S, rel=1e-4)
+        assert sample.dec_drive_deg_s == pytest.approx(-10.0, rel=1e-5)
+        assert client.session.status is not None
+        assert client.session.status.ra_h == 5.25
+
+    @pytest.mark.parametrize(
+        ("field", "value"), [("ra_h", 0.0), ("ra_h", 24.0), ("dec_deg", -90.0), ("dec_deg", 90.0)]
+    )
+    def test_the_ends_of_the_ranges_are_in(self, client: Client, field: str, value: float) -> None:
+        assert client.hear(**{field: value}) is not None
+
+    @pytest.mark.parametrize(
+        ("field", "value"),
+        [
+            *(
+                (field, bad)
+                for field in ("ra_h", "dec_deg", "sidereal_h")
+                for bad in (math.nan, math.inf, -math.inf)
+            ),
+            ("ra_h", -0.001),
+            ("ra_h", 24.001),
+            ("ra_h", 1e300),
+            ("dec_deg", 90.001),
+            ("dec_deg", -90.001),
+        ],
+    )
+    def test_impossible_coordinates_are_refused_and_counted(
+        self, client: Client, field: str, value: float
+    ) -> None:
+        sample, status = client.session.sample, client.session.status
+        assert client.hear(**{field: value}) is None
+        assert client.session.health.rejected == 1
+        assert (client.session.sample, client.session.status) == (sample, status)
+        assert client.hear() is not None
+
+
+class TestCounters:
+    def test_none_missing(self, client: Client) -> None:
+        health = client.session.health
+        assert (health.received, health.lost, health.late, health.duplicate) == (3, 0, 0, 0)
+        assert (health.rejected, health.restarts) == (0, 0)
+
+    def test_the_first_status_may_have_any_counter(self) -> None:
+        client = Client()
+        assert client.hear(counter=123456) is not None
+        assert client.session.health.lost == 0
+
+    def test_a_gap_is_counted_and_the_status_taken(self, client: Client) -> None:
+        assert client.hear(counter=8) is not None
+        assert client.session.health.lost == 4
+
+    def test_a_duplicate_is_refused(self, client: Client) -> None:
+        sample = client.session.sample
+        assert client.hear(counter=3, dec_deg=-5.0) is None
+        assert client.session.health.duplicate == 1
+        assert client.session.sample == sample
+
+    def test_an_old_one_is_refused(self, client: Client) -> None:
+        sample = client.session.sample
+        assert client.hear(counter=2, dec_deg=-5.0) is None
+        assert client.session.health.late == 1
+        assert client.session.sample == sample
+        assert client.hear(counter=4) is not None
+
+    def test_a_restarted_mount_is_taken_after_three(self) -> None:
+        client = Client()
+        client.hear(counter=5000)
+        assert client.hear(counter=1) is None
+        assert client.hear(counter=2) is None
+        assert client.session.health.restarts == 0
+        assert client.hear(counter=3) is not None
+        assert client.hear(counter=4) is not None
+        assert client.session.health.restarts == 1
+        assert client.session.health.lost == 0
+
+    @pytest.mark.parametrize("seed", range(5))
+    def test_a_restarted_mount_is_taken_though_statuses_are_lost(self, seed: int) -> None:
+        client = Client()
+        client.hear(counter=5000)
+        rng = random.Random(seed)
+        taken = [client.hear(counter=counter) for counter in range(1, 60) if rng.random() > 0.3]
+        assert taken[-1] is not None
+        assert client.session.health.restarts == 1
+
+    def test_latecomers_between_fresh_ones_are_no_restart(self) -> None:
+        client = Client()
+        client.hear(counter=1000)
+        for turn in range(1, 20):
+            assert client.hear(counter=100 + turn) is None
+            assert client.hear(counter=1000 + turn) is not None
+        assert client.session.health.restarts == 0
+
+    def test_one_latecomer_repeated_is_no_restart(self) -> None:
+        client = Client()
+        client.hear(counter=1000)
+        assert [client.hear(counter=990) for _ in range(10)] == [None] * 10
+        assert client.hear(counter=1001) is not None
+        assert client.session.health.restarts == 0
+
+    def test_latecomers_and_a_duplicate_of_the_newest_are_no_restart(self) -> None:
+        client = Client()
+        client.hear(counter=1000)
+        assert [client.hear(counter=counter) for counter in (998, 999, 1000)] == [None] * 3
+        assert client.session.health.restarts == 0
+
+    def test_an_outage_is_no_restart(self) -> None:
+        """A restarted mount's counter goes back, this one's went on for 30 s unheard."""
+        client = Client()
+        client.hear(counter=1000)
+        client.now += 30.0
+        taken = [client.hear(counter=1600 + turn) is not None for turn in range(10)]
+        assert taken[-1]
+        assert client.session.health.restarts == 0
+
+    def test_latecomers_falling_back_are_no_restart(self) -> None:
+        client = Client()
+        client.hear(counter=1000)
+        assert [client.hear(counter=999 - turn) for turn in range(10)] == [None] * 10
+        assert client.session.health.restarts == 0
+
+    def test_one_status_from_far_ahead_does_not_deafen_for_long(self) -> None:
+        client = Client()
+        client.hear(counter=1000)
+        client.hear(counter=2**50)
+        taken = [client.hear(counter=1000 + turn) is not None for turn in range(1, 10)]
+        assert taken[-1]
+
+
+class TestLink:
+    def test_silent_up_stale_lost(self) -> None:
+        client = Client()
+        assert client.session.link_state(T0) is LinkState.SILENT
+        assert client.session.link_state(T0 + 100) is LinkState.SILENT
+        client.hear()
+        for age, state in (
+            (0.0, LinkState.UP),
+            (0.29, LinkState.UP),
+            (0.31, LinkState.STALE),
+            (1.99, LinkState.STALE),
+            (2.01, LinkState.LOST),
+            (1e6, LinkState.LOST),
+        ):
+            assert client.session.link_state(client.now + age) is state
+        client.now += 10
+        client.hear()
+        assert client.session.link_state(client.now) is LinkState.UP
+
+    def test_only_what_was_accepted_keeps_it_up(self, client: Client) -> None:
+        for _ in range(60):
+            client.hear(counter=3)
+            client.hear(dec_deg=math.nan)
+            client.session.receive(b"", client.now)
+        assert client.session.link_state(client.now) is LinkState.LOST
+
+
+@dataclasses.dataclass(frozen=True)
+class Heard:
+    """A status of some mount, likely or not."""
+
+    ack_slew: bool
+    ack_abort: bool
+    slewing: bool
+    step: int
+
+
+STEPS = st.lists(
+    st.one_of(
+        st.sampled_from((Hold(), A, B, MOVE, Stop())),
+        st.builds(Heard, st.booleans(), st.booleans(), st.booleans(), st.sampled_from((0, 1, 1, 1, 1, 2))),
+        st.just("send"),
+    ),
+    min_size=5,
+    max_size=60,
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Turn:
+    """One datagram sent: what was wanted, the one before it, and the statuses accepted by then."""
+
+    wanted: Motion
+    before: Command
+    command: Command
+    heard: tuple[Heard, ...]
+    """Since the one before."""
+    last: Heard
+
+    @property
+    def rises(self) -> list[str]:
+        return [n for n in ("abort", "slew") if getattr(self.command, n) and not getattr(self.before, n)]
+
+
+def played(steps: list[Motion | Heard | str]) -> Iterator[Turn]:
+    client = Client()
+    last = Heard(ack_slew=False, ack_abort=False, slewing=False, step=1)
+    wanted: Motion = Hold()
+    before = client.send()
+    heard: list[Heard] = []
+    for step in steps:
+        if isinstance(step, Heard):
+            fields = {"ack_slew": step.ack_slew, "ack_abort": step.ack_abort, "slewing": step.slewing}
+            if client.hear(counter=client.counter + step.step, **fields):
+                last = step
+                heard.append(step)
+            continue
+        if not isinstance(step, str):
+            wanted = step
+            want(client.session, wanted)
+        command = client.send()
+        yield Turn(wanted, before, command, tuple(heard), last)
+        before = command
+        heard.clear()
+
+
+class TestAnySequence:
+    @given(steps=STEPS)
+    @settings(max_examples=100, deadline=None)
+    def test_counters_and_flags_that_are_none_of_ours(self, steps: list[Motion | Heard | str]) -> None:
+        for turn in played(steps):
+            assert turn.command.counter == turn.before.counter + 1
+            assert unused_flags(turn.command) == []
+
+    @given(steps=STEPS)
+    @settings(max_examples=100, deadline=None)
+    def test_no_flag_is_up_beside_an_abort_or_a_slew(self, steps: list[Motion | Heard | str]) -> None:
+        for turn in played(steps):
+            if turn.command.abort:
+                assert moving_flags(turn.command) == []
+            if turn.command.slew:
+                assert moving_flags(turn.command) == ["slew"]
+
+    @given(steps=STEPS)
+    @settings(max_examples=100, deadline=None)
+    def test_no_slew_rises_while_its_acknowledgement_stands(self, steps: list[Motion | Heard | str]) -> None:
+        for turn in played(steps):
+            assert not ("slew" in turn.rises and turn.last.ack_slew)
+
+    @pytest.mark.parametrize("heard", [True, False])
+    def test_a_stop_goes_out_at_once_whatever_acknowledgement_stands(self, heard: bool) -> None:
+        """A stop is one call away from every state; another sender may have caused an acknowledgement."""
+        client = Client()
+        for _ in range(5):
+            client.hear(ack_abort=True)
+            client.send()
+        assert client.asks(Stop()).abort or client.send().abort
+        client.asks(MOVE)
+        for _ in range(3):
+            if heard:
+                client.hear(ack_abort=True, slewing=True)
+            client.send()
+        assert client.asks(Stop()).abort or client.send().abort
+
+    @given(steps=STEPS)
+    @settings(max_examples=100, deadline=None)
+    def test_no_slew_is_begun_while_the_mount_reports_slewing(
+        self, steps: list[Motion | Heard | str]
+    ) -> None:
+        for turn in played(steps):
+            assert not ("slew" in turn.rises and turn.last.slewing)
+
+    @given(steps=STEPS)
+    @settings(max_examples=100, deadline=None)
+    def test_an_abort_falls_only_on_its_acknowledgement(self, steps: list[Motion | Heard | str]) -> None:
+        """Where one stands already it tells nothing: the abort then stays up for four datagrams at least."""
+        untold = 0
+        for turn in played(steps):
+            if turn.before.abort and not turn.command.abort:
+                assert any(heard.ack_abort for heard in turn.heard) or untold >= 4
+            untold = untold + 1 if turn.command.abort and turn.last.ack_abort else 0
+
+    @given(steps=STEPS)
+    @settings(max_examples=100, deadline=None)
+    def test_nothing_moves_beside_a_wanted_stop_or_hold(self, steps: list[Motion | Heard | str]) -> None:
+        for turn in played(steps):
+            if isinstance(turn.wanted, Stop):
+                assert moving_flags(turn.command) == []
+            if isinstance(turn.wanted, Hold):
+                assert not turn.command.move_ra
+                assert not turn.command.move_dec
+
+    @given(steps=STEPS)
+    @settings(max_examples=100, deadline=None)
+    def test_a_stop_is_in_the_next_datagram_from_every_state(self, steps: list[Motion | Heard | str]) -> None:
+        """But for the one that follows an abort whose acknowledgement still stands: it may not rise yet."""
+        wanted_before: Motion = Hold()
+        for turn in played(steps):
+            newly = isinstance(turn.wanted, Stop) and not isinstance(wanted_before, Stop)
+            if newly and not turn.last.ack_abort:
+                assert turn.command.abort
+            wanted_before = turn.wanted
+
+    @given(steps=STEPS)
+    @settings(max_examples=60, deadline=None)
+    def test_the_same_inputs_give_the_same_bytes(self, steps: list[Motion | Heard | str]) -> None:
+        clients = (Client(), Client())
+        for step in steps:
+            sent = []
+            for client in clients:
+                if isinstance(step, Heard):
+                    client.hear(ack_slew=step.ack_slew, ack_abort=step.ack_abort, slewing=step.slewing)
+                elif not isinstance(step, str):
+                    want(client.session, step)
+                sent.append(client.session.compose())
+            assert sent[0] == sent[1]
+
+
+VALID = encode_status(msgspec.structs.replace(TRACKING, counter=500))
+
+
+class TestNoise:
+    @given(noise=st.lists(spoilt(VALID), min_size=1, max_size=8))
+    @settings(max_examples=100, deadline=None)
+    def test_what_is_no_status_is_counted_and_changes_nothing(self, noise: list[bytes]) -> None:
+        client = Client()
+        client.hear()
+        client.asks(A)
+        session = client.session
+        before = (session.sample, session.status, session.slew_state, session.stopped)
+        for data in noise:
+            assert session.receive(data, client.now + 0.01) is None
+        assert session.health.rejected == len(noise)
+        assert (session.sample, session.status, session.slew_state, session.stopped) == before
+        assert session.link_state(client.now + 0.305) is LinkState.STALE
+        assert client.send().slew
+
+    @given(
+        datagrams=st.lists(overwritten(VALID), min_size=1, max_size=8),
+        motion=st.sampled_from((Hold(), A, MOVE, Stop())),
+    )
+    @settings(max_examples=100, deadline=None)
+    def test_any_body_is_taken_or_counted(self, datagrams: list[bytes], motion: Motion) -> None:
+        client = Client()
+        session = client.session
+        want(session, motion)
+        taken = 0
+        for data in datagrams:
+            sample = session.receive(data, client.now)
+            if sample is not None:
+                taken += 1
+                assert 0.0 <= sample.ra_deg <= 360.0
+                assert -90.0 <= sample.dec_deg <= 90.0
+                assert math.isfinite(sample.sidereal_h)
+            assert isinstance(session.slew_state, SlewState)
+            assert isinstance(session.stopped, bool)
+            command = client.send()
+            assert unused_flags(command) == []
+            if isinstance(motion, (Hold, Stop)):
+                assert moving_flags(command) == []
+        health = session.health
+        counted = health.late + health.duplicate + health.rejected + health.frozen
+        assert taken + counted == len(datagrams)
+
+    @given(raw=st.binary(min_size=8, max_size=8), offset=st.sampled_from((32, 48, 104, 112, 120)))
+    @settings(max_examples=100, deadline=None)
+    def test_any_bits_in_the_fields_of_two_types(self, raw: bytes, offset: int) -> None:
+        client = Client()
+        client.hear()
+        data = VALID[:offset] + raw + VALID[offset + 8 :]
+        sample = client.session.receive(data, client.now)
+        health = client.session.health
+        assert (sample is not None) + health.late + health.duplicate + health.rejected == 1
+
+    @pytest.mark.parametrize("wire", ["nan", "inf", "-inf", "1e300"])
+    def test_a_counter_that_is_no_counter_is_refused_or_survived(self, client: Client, wire: str) -> None:
+        data = VALID[:104] + struct.pack("<d", float(wire)) + VALID[112:]
+        client.session.receive(data, client.now)
+        taken = [client.hear() is not None for _ in range(5)]
+        assert taken[-1]

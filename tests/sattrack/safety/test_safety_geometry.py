@@ -1,0 +1,246 @@
+"""Bounds over boxes of axis angles against the worst of what they hold, by ERFA and by vectors."""
+
+from __future__ import annotations
+
+import math
+import random
+from itertools import pairwise
+
+import erfa
+import numpy as np
+import pytest
+
+from sattrack.mount.model import MountProfile, PierZone
+from sattrack.safety.bodies import moon_over, sun_over
+from sattrack.safety.geometry import (
+    Box,
+    Place,
+    azimuth_deg,
+    lowest_altitude_deg,
+    meets_polygon,
+    nearest_deg,
+    separation_deg,
+)
+from sattrack.safety.regions import Cone, Floor, PierCollision, Skyline, Travel, is_clear
+from sattrack.safety.route import find_route
+
+
+def vector(ha_deg: float, dec_deg: float) -> np.ndarray:
+    h, d = math.radians(ha_deg), math.radians(dec_deg)
+    return np.array([math.cos(d) * math.cos(h), math.cos(d) * math.sin(h), math.sin(d)])
+
+
+def angle_deg(one: np.ndarray, other: np.ndarray) -> float:
+    return math.degrees(math.atan2(float(np.linalg.norm(np.cross(one, other))), float(one @ other)))
+
+
+def farthest_deg(direction: np.ndarray, places: list[tuple[float, float]]) -> float:
+    """The largest angle between a direction and one of many places."""
+    h, d = np.radians(places).T
+    cosines = np.array([np.cos(d) * np.cos(h), np.cos(d) * np.sin(h), np.sin(d)]).T @ direction
+    return math.degrees(math.acos(max(-1.0, min(1.0, float(cosines.min())))))
+
+
+def boxes(count: int) -> list[tuple[Box, list[tuple[float, float]]]]:
+    """Random boxes of axis angles, past the poles and round the turn too, with places in each."""
+    rng = random.Random(8)
+    made = []
+    for _ in range(count):
+        ha, dec = rng.uniform(-300.0, 300.0), rng.uniform(-200.0, 200.0)
+        box = Box(ha, ha + rng.choice([0.0, 1.0, 20.0, 200.0]), dec, dec + rng.choice([0.0, 0.5, 15.0, 90.0]))
+        has = np.linspace(box.ha_low_deg, box.ha_high_deg, 25)
+        decs = np.linspace(box.dec_low_deg, box.dec_high_deg, 25)
+        made.append((box, [(float(h), float(d)) for h in has for d in decs]))
+    return made
+
+
+def test_no_place_in_a_box_is_farther_from_its_middle_than_its_radius() -> None:
+    for box, places in boxes(150):
+        *middle, radius_deg = box.circle
+        assert farthest_deg(np.array(middle), places) <= radius_deg + 1e-5
+
+
+def test_no_place_in_a_box_is_lower_than_its_lowest_altitude() -> None:
+    for latitude in (-33.0, 0.0, 52.0, 90.0):
+        zenith = vector(0.0, latitude)
+        for box, places in boxes(100):
+            lowest = 90.0 - farthest_deg(zenith, places)
+            told = lowest_altitude_deg(box, latitude)
+            assert told <= lowest + 1e-5
+            if box.widest_deg <= 20.0:
+                assert told >= lowest - 0.3
+
+
+def test_the_place_in_a_box_that_is_nearest_to_a_direction_is_as_far_as_told() -> None:
+    rng = random.Random(9)
+    for box, places in boxes(300):
+        ha, dec = rng.uniform(-400.0, 400.0), rng.uniform(-90.0, 90.0)
+        if rng.random() < 0.3:
+            # Beside the box, and inside of it.
+            ha, dec = box.ha_low_deg + rng.uniform(-3.0, 3.0), box.dec_low_deg + rng.uniform(-3.0, 3.0)
+        nearest = 180.0 - farthest_deg(-vector(ha, dec), places)
+        told = nearest_deg(box, ha, dec)
+        assert told <= nearest + 1e-5
+        step = max(box.ha_high_deg - box.ha_low_deg, box.dec_high_deg - box.dec_low_deg) / 24.0
+        assert told >= nearest - 0.75 * step - 1e-5
+
+
+def test_azimuths_are_those_of_erfa() -> None:
+    for ha, dec in ((-170.0, 10.0), (30.0, -20.0), (0.0, 80.0), (100.0, 89.0)):
+        azimuth, _ = erfa.hd2ae(math.radians(ha), math.radians(dec), math.radians(52.0))
+        assert azimuth_deg(ha, dec, 52.0) == pytest.approx(math.degrees(azimuth) % 360.0, abs=1e-9)
+
+
+def test_separations_are_those_of_vectors() -> None:
+    for _, places in boxes(20):
+        assert separation_deg(*places[0], *places[-1]) == pytest.approx(
+            angle_deg(vector(*places[0]), vector(*places[-1])), abs=1e-9
+        )
+
+
+SQUARE = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (0.0, 10.0))
+HOOK = ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0), (8.0, 10.0), (8.0, 2.0), (0.0, 2.0))
+
+
+@pytest.mark.parametrize(
+    ("box", "zone", "meets"),
+    [
+        (Box(2.0, 3.0, 2.0, 3.0), SQUARE, True),
+        (Box(-5.0, 20.0, -5.0, 20.0), SQUARE, True),
+        (Box(-5.0, 20.0, 4.0, 5.0), SQUARE, True),
+        (Box(11.0, 20.0, 4.0, 5.0), SQUARE, False),
+        (Box(1.0, 7.0, 3.0, 9.0), HOOK, False),
+        (Box(1.0, 9.0, 3.0, 9.0), HOOK, True),
+        (Box(1.0, 1.0, 1.0, 1.0), HOOK, True),
+        (Box(-1.0, 2.0, 9.0, 12.0), ((0.0, 0.0), (10.0, 0.0), (10.0, 10.0)), False),
+    ],
+)
+def test_a_box_meets_a_polygon_that_shares_a_point_with_it(
+    box: Box, zone: tuple[tuple[float, float], ...], meets: bool
+) -> None:
+    assert meets_polygon(box, zone) is meets
+
+
+def almanac_sun(days: float) -> np.ndarray:
+    """The Astronomical Almanac's low-precision Sun, good to 0.01°: unit vector, equator of date."""
+    mean, anomaly = 280.460 + 0.9856474 * days, math.radians(357.528 + 0.9856003 * days)
+    longitude = math.radians(mean + 1.915 * math.sin(anomaly) + 0.020 * math.sin(2.0 * anomaly))
+    return turned_to_equator(longitude, 0.0, days)
+
+
+def almanac_moon(days: float) -> np.ndarray:
+    """The Almanac's low-precision Moon, good to 0.3°: Earth radii, equator of date."""
+    t = days / 36525.0
+
+    def sine(amplitude: float, phase: float, rate: float) -> float:
+        return amplitude * math.sin(math.radians(phase + rate * t))
+
+    longitude = 218.32 + 481267.881 * t + sine(6.29, 135.0, 477198.87) - sine(1.27, 259.3, -413335.36)
+    longitude += sine(0.66, 235.7, 890534.22) + sine(0.21, 269.9, 954397.74)
+    longitude += -sine(0.19, 357.5, 35999.05) - sine(0.11, 186.5, 966404.03)
+    latitude = sine(5.13, 93.3, 483202.02) + sine(0.28, 228.2, 960400.89)
+    latitude += -sine(0.28, 318.3, 6003.15) - sine(0.17, 217.6, -407332.21)
+    parallax = 0.9508 + sine(0.0518, 225.0, 477198.87) + sine(0.0095, 349.3, -413335.36)
+    parallax += sine(0.0078, 325.7, 890534.22) + sine(0.0028, 359.9, 954397.74)
+    distance = 1.0 / math.sin(math.radians(parallax))
+    return distance * turned_to_equator(math.radians(longitude), math.radians(latitude), days)
+
+
+def turned_to_equator(longitude: float, latitude: float, days: float) -> np.ndarray:
+    obliquity = math.radians(23.439 - 0.0000004 * days)
+    x = math.cos(latitude) * math.cos(longitude)
+    y = math.cos(latitude) * math.sin(longitude)
+    z = math.sin(latitude)
+    cosine, sine = math.cos(obliquity), math.sin(obliquity)
+    return np.array([x, cosine * y - sine * z, sine * y + cosine * z])
+
+
+@pytest.mark.parametrize("unix_s", [1772337600.0, 1782043200.0, 1798999200.0, 1948690800.0])
+@pytest.mark.parametrize("site", [(52.15, 4.49), (-33.9, 18.4), (0.0, -120.0)])
+def test_sun_and_moon_stand_where_the_almanac_has_them(unix_s: float, site: tuple[float, float]) -> None:
+    days = unix_s / 86400.0 - 10957.5
+    sidereal = erfa.gmst06(2451545.0, days, 2451545.0, days + 69.2 / 86400.0) + math.radians(site[1])
+    place = np.array(
+        [
+            math.cos(math.radians(site[0])) * math.cos(sidereal),
+            math.cos(math.radians(site[0])) * math.sin(sidereal),
+            math.sin(math.radians(site[0])),
+        ]
+    )
+    for wanderer, seen, within in (
+        (sun_over(*site), almanac_sun(days), 0.025),
+        (moon_over(*site), almanac_moon(days) - place, 0.5),
+    ):
+        body = wanderer.at(unix_s)
+        ra = math.radians(math.degrees(sidereal) - body.hour_angle_deg)
+        d = math.radians(body.dec_deg)
+        told = np.array([math.cos(d) * math.cos(ra), math.cos(d) * math.sin(ra), math.sin(d)])
+        assert angle_deg(told, seen) < within
+        np.testing.assert_allclose([body.x, body.y, body.z], vector(body.hour_angle_deg, body.dec_deg))
+
+
+@pytest.mark.parametrize("above_deg", [-0.5, -0.05, 0.0, 0.05, 0.09, 0.5, 1.5])
+def test_a_skyline_is_no_wall_where_it_is_low(above_deg: float) -> None:
+    """On the meridian to the south the altitude is 90° less what the declination is below the latitude."""
+    skyline = Skyline(((0.0, 60.0), (120.0, 5.0), (240.0, 5.0)), 52.0)
+    dec = 52.0 - (90.0 - 60.0 - above_deg)
+    assert is_clear(skyline, Box(0.0, 0.0, dec, dec), 1.0)
+    assert is_clear(skyline, Box(-0.5, 0.5, dec, dec + 0.5), 1.0)
+    assert skyline.clearance(Box(0.0, 0.0, dec, dec)).some_deg == pytest.approx(55.0 + above_deg)
+
+
+def test_a_skyline_is_a_wall_where_it_is_high() -> None:
+    skyline = Skyline(((0.0, 60.0), (120.0, 5.0), (240.0, 5.0)), 52.0)
+    for above_deg, clear in ((0.95, False), (1.05, True)):
+        # To the north, above the pole.
+        dec = 52.0 + 90.0 - 60.0 - above_deg
+        assert is_clear(skyline, Box(0.0, 0.0, dec, dec), 1.0) is clear
+
+
+@pytest.mark.parametrize("margin_deg", [-2.0, 0.0, 0.01, 0.05, 0.1, 1.5, 3.0])
+def test_regions_are_judged_by_a_margin_as_their_clearance_tells(margin_deg: float) -> None:
+    """Closed forms of what is asked most often, against the clearance that they stand for."""
+    zone = PierZone("l", ((-30.0, 10.0), (40.0, 20.0), (0.0, 50.0), (-10.0, 25.0)))
+    sun = sun_over(52.0, 4.5).at(1_790_000_000.0)
+    regions = (
+        PierCollision(zone, 0.5),
+        Travel("hour_angle", -60.0, 60.0),
+        Travel("declination", -40.0, 80.0),
+        Floor(10.0, 52.0),
+        Cone("sun", sun, 15.0),
+    )
+    rng, found = random.Random(4), set()
+    for _ in range(1500):
+        ha, dec = rng.uniform(-45.0, 65.0) + rng.choice((0.0, 0.0, 360.0)), rng.uniform(-45.0, 100.0)
+        box = Box(ha, ha + rng.choice((0.0, rng.uniform(0.0, 4.0))), dec, dec + rng.uniform(0.0, 4.0))
+        for region in regions:
+            clear = region.clearance(box).least_deg >= margin_deg
+            assert is_clear(region, box, margin_deg) is clear, (region.name, box)
+            found.add((region.name, clear))
+    assert len(found) >= 2 * len(regions) - 2
+
+
+def in_the_way(ha_deg: float, dec_deg: float) -> bool:
+    """A wall two degrees thick that slants, and ends at 44° of declination."""
+    return dec_deg < 44.0 and abs(ha_deg + 38.0 - 0.8 * (dec_deg - 38.0)) < 2.0
+
+
+def meets_the_wall(box: Box, seconds: float) -> str | None:
+    del seconds
+    has = np.linspace(box.ha_low_deg, box.ha_high_deg, 60)
+    decs = np.linspace(box.dec_low_deg, box.dec_high_deg, 60)
+    return "horizon" if any(in_the_way(float(h), float(d)) for h in has for d in decs) else None
+
+
+def test_a_way_is_found_past_the_end_of_a_wall_from_close_beside_it() -> None:
+    start, goal = Place(-35.5, 38.0), Place(-42.5, 37.0)
+    route = find_route(start, goal, MountProfile(), meets_the_wall, meets_the_wall, 52.0)
+    assert route.blocked_by is None
+    assert route.legs[-1] == goal
+    rng = random.Random(3)
+    for one, other in pairwise((start, *route.legs)):
+        for _ in range(2000):
+            # Each axis in its own time: the mount may be anywhere in the box of both places.
+            ha_deg = rng.uniform(min(one[0], other[0]), max(one[0], other[0]))
+            dec_deg = rng.uniform(min(one[1], other[1]), max(one[1], other[1]))
+            assert not in_the_way(ha_deg, dec_deg)

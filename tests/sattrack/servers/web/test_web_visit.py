@@ -1,0 +1,96 @@
+"""Who is let in to the page, and who is not."""
+
+from __future__ import annotations
+
+import pytest
+
+from sattrack.servers.web.addresses import addresses_in
+from sattrack.servers.web.visit import Visit, needs_token, new_token
+
+TOKEN = "correct-horse-battery"
+HERE = Visit("127.0.0.1", 8137, None, ("sattrack",))
+ABROAD = Visit("0.0.0.0", 8137, TOKEN, ("sattrack",))
+
+
+@pytest.mark.parametrize("host", ["127.0.0.1:8137", "localhost:8137", "[::1]:8137", "127.0.0.1"])
+def test_this_machine_needs_nothing(host: str) -> None:
+    assert HERE.refusal(host, None, {}, {}) is None
+    assert HERE.refusal(host, f"http://{host}", {}, {}) is None
+
+
+@pytest.mark.parametrize(
+    "host", ["evil.example:8137", "", "127.0.0.1.evil.example", "192.0.2.1:8137", "[::1"]
+)
+def test_a_name_that_was_led_here_from_elsewhere_is_refused(host: str) -> None:
+    try:
+        assert HERE.refusal(host, None, {}, {}) is not None
+    except ValueError:
+        pytest.fail("a strange header is refused, and breaks nothing")
+
+
+@pytest.mark.parametrize(
+    "origin", ["http://evil.example", "null", "http://localhost:80", "https://127.0.0.1:8138", "http://[", ""]
+)
+@pytest.mark.parametrize("visit", [HERE, ABROAD])
+def test_another_page_s_scripts_are_refused_whatever_they_bring(visit: Visit, origin: str) -> None:
+    assert visit.refusal("127.0.0.1:8137", origin, {"token": TOKEN}, {visit.cookie: TOKEN}) is not None
+
+
+def test_elsewhere_only_who_brings_the_token_comes_in() -> None:
+    host = "telescope.example:8137"
+    assert ABROAD.refusal(host, None, {"token": TOKEN}, {}) is None
+    assert ABROAD.refusal(host, f"http://{host}", {}, {ABROAD.cookie: TOKEN}) is None
+    for query, cookies in (
+        ({}, {}),
+        ({"token": TOKEN[:-1]}, {}),
+        ({"token": ""}, {}),
+        ({}, {"other": TOKEN}),
+    ):
+        assert ABROAD.refusal(host, None, query, cookies) is not None
+    assert ABROAD.refusal(host, None, {"token": "ключ"}, {}) is not None
+
+
+def test_a_token_is_needed_off_this_machine_and_is_not_guessed() -> None:
+    assert [needs_token(host) for host in ("127.0.0.1", "::1", "localhost", "0.0.0.0", "192.0.2.1")] == [
+        False, False, False, True, True
+    ]  # fmt: skip
+    made = {new_token() for _ in range(50)}
+    assert len(made) == 50
+    assert min(len(token) for token in made) >= 24
+
+
+FIB_TRIE = """\
+Main:
+  +-- 0.0.0.0/0 3 0 5
+           |-- 127.0.0.1
+              /32 host LOCAL
+           |-- 192.0.2.0
+              /24 link UNICAST
+           |-- 192.0.2.7
+              /32 host LOCAL
+        |-- 192.0.2.255
+           /32 link BROADCAST
+Local:
+           |-- 192.0.2.7
+              /32 host LOCAL
+           |-- 198.51.100.9
+              /32 host LOCAL
+"""
+IF_INET6 = """\
+20010db8000000000000000000000007 02 40 00 80     eth0
+fe800000000000000042acfffe110002 02 40 20 80     eth0
+00000000000000000000000000000001 01 80 10 80       lo
+"""
+
+
+def test_the_addresses_that_are_shown_are_those_that_another_computer_can_open() -> None:
+    machine = addresses_in(FIB_TRIE, IF_INET6)
+    assert machine == ("192.0.2.7", "198.51.100.9", "2001:db8::7")
+    query = f"?token={TOKEN}"
+    assert ABROAD.urls(8137, machine) == (
+        f"http://192.0.2.7:8137/{query}",
+        f"http://198.51.100.9:8137/{query}",
+    )
+    assert Visit("::", 0, None, ()).urls(81, machine)[2] == "http://[2001:db8::7]:81/"
+    assert HERE.urls(8137, machine) == ("http://127.0.0.1:8137/",)
+    assert ABROAD.urls(8137, addresses_in("", "")) == (f"http://127.0.0.1:8137/{query}",)
