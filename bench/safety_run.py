@@ -22,10 +22,10 @@ import msgspec
 from safety_draws import LONGEST_S, Judged, draw, fly
 
 from sattrack.safety import ahead, bounds
-from sattrack.safety.reach import AxisReach
+from sattrack.safety.ahead import AxisReach
 
 if TYPE_CHECKING:
-    from sattrack.safety.reach import Delays
+    from sattrack.safety.ahead import Delays
 
 QUANTILES = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75)
 LIMITS = ("hour_angle", "declination", "altitude", "horizon", "pier", "sun")

@@ -11,8 +11,7 @@ from sattrack.mount.profiles import profile_text
 from tle.instants import Utc
 
 if TYPE_CHECKING:
-    from sattrack.calibration.fields import RateFields, SlewingField
-    from sattrack.calibration.findings import Findings, Interval
+    from sattrack.calibration.findings import Findings, Interval, RateFields, SlewingField
     from sattrack.calibration.motion import AxisResponse
     from sattrack.calibration.servo import Measured
     from sattrack.calibration.transients import AxisMotion

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sattrack.calibration.clocks import Bracket, RoundTripEstimate
 from sattrack.calibration.guard import CalibrationEndedError, Kind
 from sattrack.calibration.plan import (
     CENTRED_WITHIN_DEG,
@@ -22,10 +23,8 @@ from sattrack.calibration.plan import (
     STEP_RATES_DEG_S,
     Plan,
 )
-from sattrack.calibration.round_trip import Bracket, RoundTripEstimate
 from sattrack.calibration.sender import PERIOD_S
-from sattrack.calibration.statuses import Heard, StatusLog
-from sattrack.calibration.turns import TurnForecast
+from sattrack.calibration.statuses import Heard, StatusLog, TurnForecast
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator

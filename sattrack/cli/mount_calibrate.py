@@ -197,7 +197,7 @@ def _conclude(calibrator: Calibrator, site: Site, stated_s: float | None, dates_
 
 def _clock_truth(calibrator: Calibrator, site: Site, stated_s: float | None) -> ClockTruth | None:
     from sattrack.calibration.findings import ClockTruth
-    from sattrack.calibration.sky import true_clocks
+    from sattrack.calibration.plan import true_clocks
 
     last = calibrator.seen.log.last
     if stated_s is None or last is None:

@@ -11,8 +11,8 @@ from sattrack.control.bias_view import (
     offset_views,
     search_view,
 )
+from sattrack.control.feeder import FREE_REST_DEG_S
 from sattrack.control.kalman import wrap180
-from sattrack.control.learning import FREE_REST_DEG_S
 from sattrack.control.tracker import FOLLOWING, Phase
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 from sattrack.mount.xerxes.link import STALE_AFTER_S, LinkState
@@ -22,7 +22,7 @@ from sattrack.views.run import LearntView, PauseView, TrackView
 
 if TYPE_CHECKING:
     from sattrack.control.engine import Engine
-    from sattrack.control.learning import Learnt
+    from sattrack.control.feeder import Learnt
     from sattrack.mount.model import StatusSample
     from sattrack.views.run import ErrorView, LinkView
 

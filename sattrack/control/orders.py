@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 from sattrack.control.biases import ALONG, CROSS, GENTLE_SHARE, Biases
 from sattrack.control.offset import Bounds, State, added
-from sattrack.control.pattern import Pattern
-from sattrack.control.search import START_S, spiral_acceleration_deg_s2, spiral_lasts_s
+from sattrack.control.pattern import START_S, Pattern, spiral_acceleration_deg_s2, spiral_lasts_s
 
 if TYPE_CHECKING:
     from sattrack.views.messages import OffsetBy, Search

@@ -14,15 +14,12 @@ import msgspec
 
 from sattrack.control.approach import Approach, Stand, Step
 from sattrack.control.axes import Axes
-from sattrack.control.detour import Detour
-from sattrack.control.feeder import Way, ramped_deg_s, rate_deg_s
-from sattrack.control.history import CommandHistory, SentRates
+from sattrack.control.detour import Detour, Passage, Place
+from sattrack.control.feeder import Learning, Way, ramped_deg_s, rate_deg_s
+from sattrack.control.history import CommandHistory, MountLoop, SentRates
 from sattrack.control.kalman import wrap180
 from sattrack.control.latency import KnownClock, MountClock
 from sattrack.control.law import ControlLaw
-from sattrack.control.learning import Learning
-from sattrack.control.mount_loop import MountLoop
-from sattrack.control.passage import Passage, Place
 from sattrack.control.rest import Rest
 from sattrack.control.sky_error import Target, sky_error
 from sattrack.control.steering import Steering

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import msgspec
 import numpy as np
 
-from sattrack.control.acquisition import MARGIN_S, slew_time_s
+from sattrack.control.approach import MARGIN_S, slew_time_s
 from sattrack.planning.kinematics import NEAR_DEG, NO_WAY_ROUND, losses
 from sattrack.planning.limits import margins_deg
 from tle.instants import Utc

@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING
 
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, Kind, Surroundings
-from sattrack.calibration.plan import Plan
+from sattrack.calibration.plan import Plan, sun_hour_angle_and_dec
 from sattrack.calibration.sender import PERIOD_S
-from sattrack.calibration.sky import sun_hour_angle_and_dec
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
 from sattrack.mount.profiles import ProfileFile, load_profile_file

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 import numpy as np
 
-from sattrack.control.acquisition import slew_time_s
+from sattrack.control.approach import slew_time_s
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.mount.simulator.settings import simulator_profile

@@ -1,4 +1,10 @@
-"""Which limit rates may pass before a stop can hold the axes."""
+"""Which limit rates may pass before a stop can hold the axes.
+
+How far an axis may come before a stop can hold it: closed forms, degrees and seconds; pure.
+
+The mount keeps the last rate that it got. So from a rate that goes out now, an axis may go on as it does
+until that rate arrives, then at that rate for as long as nothing else arrives, and then it brakes.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +12,6 @@ import math
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias
 
 from sattrack.safety.geometry import Box
-from sattrack.safety.reach import AxisReach, Delays, latency_s
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -15,6 +20,87 @@ if TYPE_CHECKING:
     from sattrack.safety.bounds import Bounds
     from sattrack.safety.geometry import Place
     from sattrack.safety.limits import SafetyLimits
+
+PERIODS_UNTIL_OBEYED = 2.0
+"""Ours until the next datagram goes out, and the mount's until its loop reads it."""
+EDGE_PERIODS = 6.0
+"""How long the handshake of a mount that takes rates by edges may hold back a new rate."""
+JITTER_S = 0.1
+CREEP_DEG_S = 0.1
+"""Slower than this towards its limit, a stream that is held counts as closed up to it."""
+BRAKING_SHARE = 0.8
+"""Of the acceleration that the profile has, so much is counted on to brake."""
+
+
+class Delays(NamedTuple):
+    """How old what was seen is, how long until a command acts, and how long no other may arrive; seconds."""
+
+    age_s: float
+    latency_s: float
+    fault_s: float
+
+
+class AxisReach:
+    """How far one axis may come from where it was seen, for one rate asked for after another.
+
+    `now_deg_s` are the least and the greatest rate at which it may be going since.
+    """
+
+    def __init__(
+        self,
+        position_deg: float,
+        now_deg_s: tuple[float, float],
+        delays: Delays,
+        acceleration_deg_s2: float,
+    ) -> None:
+        self._position_deg = position_deg
+        self._age_s, self._latency_s, self._fault_s = delays
+        self._twice_braking = 2.0 * BRAKING_SHARE * acceleration_deg_s2
+        low, high = now_deg_s
+        self._upward = high if high > 0.0 else 0.0
+        self._downward = -low if low < 0.0 else 0.0
+        self._least_up = self._ahead_deg(self._upward, 0.0)
+        self._least_down = self._ahead_deg(self._downward, 0.0)
+
+    def deg(self, rate_deg_s: float) -> tuple[float, float]:
+        """Return the least and the greatest angle at which the axis may be until it has stopped."""
+        if rate_deg_s >= 0.0:
+            up, down = self._ahead_deg(self._upward, rate_deg_s), self._least_down
+        else:
+            up, down = self._least_up, self._ahead_deg(self._downward, -rate_deg_s)
+        return self._position_deg - down, self._position_deg + up
+
+    def _ahead_deg(self, going: float, asked: float) -> float:
+        """Return how far an axis comes in a direction, at rates that are not below nought."""
+        until_obeyed = going * self._age_s + (asked if asked > going else going) * self._latency_s
+        ahead = until_obeyed + asked * self._fault_s + asked * asked / self._twice_braking
+        if going > asked:
+            ahead += (going - asked) ** 2 / self._twice_braking
+        return ahead
+
+
+def latency_s(profile: MountProfile) -> float:
+    """Return how long it takes until a mount acts on what is decided now, no datagram lost, seconds."""
+    edge_s = EDGE_PERIODS * profile.period_s if profile.move_axis == "edge" else 0.0
+    delay_s = profile.command_delay_s + profile.status_delay_s + max(profile.ra.lag_s, profile.dec.lag_s)
+    return PERIODS_UNTIL_OBEYED * profile.period_s + JITTER_S + delay_s + edge_s
+
+
+def standstill_s(rate_deg_s: float, latency_s: float, acceleration_deg_s2: float) -> float:
+    """Return within what time an axis stands after a stop is asked for, a lost datagram not counted."""
+    return latency_s + abs(rate_deg_s) / (BRAKING_SHARE * acceleration_deg_s2)
+
+
+def closing_s(rate_deg_s: float, delays: Delays, acceleration_deg_s2: float) -> float:
+    """Return within what time a stream that is held at a limit has closed up to it from a rate.
+
+    What may still be gone grows with the rate, by latency and longest fault: so the rate falls by an e-th
+    in that time, to CREEP_DEG_S.
+    """
+    decay_s = delays.latency_s + delays.fault_s
+    falls_s = decay_s * math.log(max(1.0, abs(rate_deg_s) / CREEP_DEG_S))
+    return falls_s + standstill_s(rate_deg_s, delays.latency_s, acceleration_deg_s2)
+
 
 NOTHING_NEAR: Mapping[str, float] = {}
 RateRanges: TypeAlias = "tuple[tuple[float, float], tuple[float, float]]"

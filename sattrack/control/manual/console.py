@@ -11,9 +11,9 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sattrack.control.jogs import Jogs
 from sattrack.control.manual.procedures import Outcome, Procedure, Refusal, procedure_for, refused
 from sattrack.control.manual.wording import limit_words
+from sattrack.control.rest import Jogs
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, MoveAxes, SlewTo, Stop, mean_sidereal_deg
 from sattrack.mount.requests import (
     Abort,

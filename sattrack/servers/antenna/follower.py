@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.control.axes import Axes
 from sattrack.control.feeder import Way, ramped_deg_s, rate_deg_s
-from sattrack.control.history import CommandHistory, SentRates
+from sattrack.control.history import CommandHistory, MountLoop, SentRates
 from sattrack.control.latency import KnownClock, MountClock
-from sattrack.control.mount_loop import MountLoop
 from sattrack.mount.model import Motion, MountProfile, MoveAxes, StatusSample
 
 if TYPE_CHECKING:

@@ -9,12 +9,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sattrack.calibration.clocks import clock_line, status_period
+from sattrack.calibration.clocks import Bracket, RoundTripEstimate, clock_line, contradiction, status_period
 from sattrack.calibration.motion import AxisResponse, Plateau, Stretch, axis_response, lag, steady_part
-from sattrack.calibration.round_trip import Bracket, RoundTripEstimate, contradiction
 from sattrack.calibration.servo import Transient, braking
-from sattrack.calibration.statuses import Heard, StatusLog
-from sattrack.calibration.turns import TurnForecast
+from sattrack.calibration.statuses import Heard, StatusLog, TurnForecast
 from sattrack.mount.xerxes.datagrams import Status
 
 SIDEREAL_DEG_S = 360.0 / 86164.0905

@@ -13,7 +13,7 @@ from calibration import Network
 from calibration_builders import BEGIN, CLEAR, SHORT, run
 from ramp_mount import RampMount
 
-from sattrack.calibration.fields import slewing_field
+from sattrack.calibration.findings import slewing_field
 from sattrack.calibration.guard import CalibrationEndedError, Guard, Kind
 from sattrack.mount.xerxes.datagrams import Command
 from sattrack.safety import separation_deg

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from sattrack.control.acquisition import chase_time_s, plan_intercept
+from sattrack.control.approach import chase_time_s, plan_intercept
 from sattrack.control.feeder import correction_deg_s
 from sattrack.control.law import FeederLaw
 from sattrack.mount.model import AxisLimits, MountProfile

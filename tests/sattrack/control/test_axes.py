@@ -7,8 +7,7 @@ import random
 import pytest
 
 from sattrack.control.axes import OUTLIERS_BELIEVED, Axes
-from sattrack.control.history import CommandHistory, SentRates
-from sattrack.control.mount_loop import MountLoop
+from sattrack.control.history import CommandHistory, MountLoop, SentRates
 from sattrack.mount.model import MountProfile, StatusSample
 
 PERIOD_S = 0.05

@@ -10,7 +10,7 @@ import pytest
 
 from sattrack.control import orders
 from sattrack.control.biases import Biases
-from sattrack.control.search import spiral
+from sattrack.control.pattern import spiral
 from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.runtime import practice
 from sattrack.views.messages import OffsetBy, Search

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sattrack.control.history import SOONEST_S, CommandHistory, SentRates
-from sattrack.control.mount_loop import MountLoop
+from sattrack.control.history import SOONEST_S, CommandHistory, MountLoop, SentRates
 
 
 def history(*sent: tuple[float, float], delay_s: float = 0.010) -> CommandHistory:

@@ -11,12 +11,12 @@ import pytest
 from console_builders import PERIOD_S, PROFILE, SITE, T0, Bench
 from msgspec.structs import replace
 
-from sattrack.control.jogs import FIRST_JOG_S, NEXT_JOG_S
 from sattrack.control.manual.console import Console
 from sattrack.control.manual.errand import Errand, Look
 from sattrack.control.manual.procedures import MoveFor, Refusal, procedure_for
 from sattrack.control.manual.report import view_of
 from sattrack.control.manual.sitting import NOT_ALONE, Sitting
+from sattrack.control.rest import FIRST_JOG_S, NEXT_JOG_S
 from sattrack.mount.model import MountProfile
 from sattrack.mount.requests import (
     Abort,

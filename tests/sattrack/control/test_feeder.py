@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from sattrack.control.acquisition import plan_intercept, slew_time_s
+from sattrack.control.approach import plan_intercept, slew_time_s
 from sattrack.control.feeder import LAW, Way, correction_deg_s, ramped_deg_s, rate_deg_s, settling_s
 from sattrack.control.response import Lag
 from sattrack.mount.model import AxisLimits, MountProfile

@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from sattrack.control.mount_loop import MountLoop
+from sattrack.control.history import MountLoop
 
 GRAIN_S = 1.0 / 64.0
 

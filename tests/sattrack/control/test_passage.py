@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sattrack.control.detour import Detour
-from sattrack.control.passage import Passage
+from sattrack.control.detour import Detour, Passage
 from sattrack.mount.model import MoveAxes, StatusSample
 
 

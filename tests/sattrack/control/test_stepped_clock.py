@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from sattrack.control.stepped_clock import SteppedClock
+from sattrack.control.latency import SteppedClock
 
 BEGIN_S = 1_790_000_000.0
 DELAY_S = 0.003

@@ -10,10 +10,9 @@ from typing import NamedTuple
 import pytest
 
 from sattrack.control.axes import Axes
-from sattrack.control.history import CommandHistory, SentRates
+from sattrack.control.history import CommandHistory, MountLoop, SentRates
 from sattrack.control.kalman import AxisFilter, wrap180
 from sattrack.control.latency import MountClock
-from sattrack.control.mount_loop import MountLoop
 from sattrack.control.response import Commanded, Step
 from sattrack.mount.model import MountProfile, StatusSample
 from sattrack.mount.xerxes.datagrams import decode_command, decode_status

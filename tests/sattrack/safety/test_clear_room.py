@@ -9,10 +9,9 @@ import pytest
 
 from sattrack.mount.model import MountProfile, PierZone
 from sattrack.safety import SafetyLimits
-from sattrack.safety.bounds import HOLD_MARGIN_DEG, Bounds
+from sattrack.safety.bounds import HOLD_MARGIN_DEG, TRY_EVERY, Bounds, ClearRoom
 from sattrack.safety.geometry import Box
 from sattrack.safety.regions import Floor, Region, Travel
-from sattrack.safety.room import TRY_EVERY, ClearRoom
 
 NOON_UTC_S = 1_782_043_200.0  # 2026-06-21T12:00:00Z
 LATITUDE_DEG, LONGITUDE_DEG = 52.0, 4.5
