@@ -44,7 +44,7 @@ def parts(folder: str) -> list[str]:
 def purpose(folder: str) -> str:
     """Return the first sentence of a package's docstring."""
     tree = ast.parse((ROOT / folder / "__init__.py").read_text(encoding="utf-8"))
-    return (ast.get_docstring(tree) or "").partition("\n")[0]
+    return (ast.get_docstring(tree) or "").partition("\n")[0].replace("`", "")
 
 
 def drawn() -> str:
@@ -69,7 +69,7 @@ def drawn() -> str:
             for line, words in enumerate(lines):
                 shapes.append(text(left + 6.0, top + 32.0 + LINE * line, words, 11, "start"))
         top += high + GAP
-    return picture(WIDTH, top - GAP + MARGIN, "The folders of sattrack; each imports only those below it", shapes)
+    return picture(WIDTH, top - GAP + MARGIN, "Folders; each imports only those below it", shapes)
 
 
 def generated(_root: Path) -> str:

@@ -83,19 +83,19 @@ def _tells_rate(seen: Observations, leg: LegHeard, place: int) -> bool:
     before, here = heard[place - 4], heard[place]
     seconds = here.mount_s - before.mount_s
     if leg.axis == "dec":
-        told, moved = status.dec_rate_dtics_s, here.dec_deg - before.dec_deg
+        reported, moved = status.dec_rate_dtics_s, here.dec_deg - before.dec_deg
     else:
-        told, moved = status.ra_rate_dtics_s, here.hour_angle_deg - before.hour_angle_deg
+        reported, moved = status.ra_rate_dtics_s, here.hour_angle_deg - before.hour_angle_deg
     within = max(RATE_WITHIN * abs(leg.rate_deg_s), 0.5 * SIDEREAL_RATE_DEG_S)
     # Beyond the pole, and by a convention of the mount's own, an axis' rate may have the other sign.
-    return abs(abs(told) / DTICS_S_PER_DEG_S - abs(moved) / seconds) < within
+    return abs(abs(reported) / DTICS_S_PER_DEG_S - abs(moved) / seconds) < within
 
 
 FEWEST_BRACKETS = 10
 PLAUSIBLE_GAIN = 0.03
-"""How far from 1 the gain of an axis may be before that is told."""
+"""How far from 1 the gain of an axis may be before it is reported."""
 DOUBTFUL_GAIN = (
-    "WARNING: the {axis} axis moves {gain:.4f}° for each degree that it is told: is it an equatorial mount, "
+    "WARNING: the {axis} axis moves {gain:.4f}° for each degree commanded: is it an equatorial mount, "
     "and are its gear ratio or steps a turn set right?"
 )
 OTHER_AXIS_MOST = 0.1

@@ -72,7 +72,7 @@ class AxisResponse:
     fastest_deg_s: float
     """The fastest steady rate seen, either way."""
     rate_limit_reached: bool
-    """Whether the axis went no faster than that when it was told to."""
+    """Whether the axis went no faster than that when commanded to."""
     steady: tuple[Steady, ...]
 
     @property
@@ -165,17 +165,17 @@ def _free(parts: Sequence[Steady]) -> list[Steady]:
         slower, fastest = (
             [p for p in kept if (abs(p.commanded_deg_s) > top) == is_top] for is_top in (False, True)
         )
-        told = _line_through(slower)
-        if told is None or not all(_falls_short(p, told) for p in fastest):
+        line = _line_through(slower)
+        if line is None or not all(_falls_short(p, line) for p in fastest):
             break
         kept = slower
     return kept
 
 
-def _falls_short(part: Steady, told: AxisResponse) -> bool:
-    foretold = told.rate_deg_s(part.commanded_deg_s)
-    missing = abs(foretold) - abs(part.rate_deg_s)
-    return missing > max(FALLS_SHORT * abs(foretold), 5.0 * part.sigma_deg_s)
+def _falls_short(part: Steady, line: AxisResponse) -> bool:
+    expected = line.rate_deg_s(part.commanded_deg_s)
+    missing = abs(expected) - abs(part.rate_deg_s)
+    return missing > max(FALLS_SHORT * abs(expected), 5.0 * part.sigma_deg_s)
 
 
 def _line_through(parts: Sequence[Steady]) -> AxisResponse | None:
@@ -208,7 +208,7 @@ def _line_through(parts: Sequence[Steady]) -> AxisResponse | None:
 
 
 def lag(motions: Sequence[Sequence[Plateau]]) -> Lag | None:
-    """Return an axis' lag from motions whose rate changed by small steps; None where it cannot be told.
+    """Return an axis' lag from motions whose rate changed by small steps; None where it cannot be measured.
 
     The lines through two plateaus meet later than the mount read the new rate: by the lag, whatever the servo
     does in between.

@@ -67,7 +67,7 @@ USUAL_STATUS_PERIOD_S = 0.1
 """Where statuses come more rarely, motions take longer and are slower by as much."""
 SILENT_PERIODS = 10.0
 LARGEST_GAIN = 1.5
-"""An axis that goes faster than this times what it was told is stopped."""
+"""An axis that goes faster than this times its command is stopped."""
 REACTION_S = 0.45
 """What a round trip, a turn of the mount's loop and braking may add to each motion."""
 LARGEST_DISPLACEMENT_DEG = 3.0

@@ -76,33 +76,33 @@ def with_learnt(base: Profile, learnt: LearntView, name: str) -> tuple[Profile, 
     """Return a profile with what a pass has taught well enough, and what was changed, in words."""
     changes: dict[str, Any] = {"name": name}
     sigmas: dict[str, float] = {}
-    told = []
+    lines = []
     for axis, words in (("ra", "right ascension"), ("dec", "declination")):
         found_s, lag_sigma_s = getattr(learnt, f"{axis}_lag_s"), getattr(learnt, f"{axis}_lag_sigma_s")
         if lag_sigma_s <= LEARNT_LAG_SIGMA_S and learnt.restarts == 0:
             lag_s = max(LEAST_LAG_S, round(found_s, 4))
             changes[axis] = msgspec.structs.replace(getattr(base, axis), lag_s=lag_s)
             sigmas[f"{axis}_lag_sigma_s"] = lag_sigma_s
-            told.append(f"lag in {words} {found_s * 1e3:.1f} ± {lag_sigma_s * 1e3:.1f} ms")
+            lines.append(f"lag in {words} {found_s * 1e3:.1f} ± {lag_sigma_s * 1e3:.1f} ms")
         gain, gain_sigma = getattr(learnt, f"{axis}_gain"), getattr(learnt, f"{axis}_gain_sigma")
         if gain is not None and gain_sigma <= LEARNT_GAIN_SIGMA:
             changes[f"{axis}_rate_gain"] = round(gain, 6)
             sigmas[f"{axis}_gain_sigma"] = gain_sigma
-            told.append(f"gain in {words} {gain:.5f} ± {gain_sigma:.5f}")
+            lines.append(f"gain in {words} {gain:.5f} ± {gain_sigma:.5f}")
     if learnt.command_delay_s < base.command_delay_s:
         changes["command_delay_s"] = round(learnt.command_delay_s, 5)
-        told.append(f"command delay {learnt.command_delay_s * 1e3:.1f} ms")
+        lines.append(f"command delay {learnt.command_delay_s * 1e3:.1f} ms")
     if base.calibration is not None:
         changes["calibration"] = msgspec.structs.replace(base.calibration, **sigmas)
-    return msgspec.structs.replace(base, **changes), told
+    return msgspec.structs.replace(base, **changes), lines
 
 
-def learnt_text(profile: MountProfile, told: list[str], base_name: str, when: str) -> str:
+def learnt_text(profile: MountProfile, lines: list[str], base_name: str, when: str) -> str:
     """Return a learnt profile as TOML, with what it is at its top; `when` names the pass."""
     lines = [
         f"Learnt while following {when}, from one pass: not calibrated.",
         f"What is not named here is of the profile {base_name!r}. Sigmas are the filters' own:",
-        *told,
+        *lines,
     ]
     return "".join(f"# {line}\n" for line in lines) + "\n" + profile_text(profile)
 

@@ -98,7 +98,7 @@ class StepHeard:
 
 @dataclass(frozen=True, slots=True)
 class SemanticsHeard:
-    """What an axis did: rates while told the first, while told the second, and with the flag down."""
+    """What an axis did: its rates under the first command, under the second, and with the flag down."""
 
     axis: AxisName
     first_deg_s: float

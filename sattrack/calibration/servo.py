@@ -103,7 +103,7 @@ class Braking:
     """How an axis stops from a rate, counted from the mount's reading of the command.
 
     `acceleration_deg_s2` is what stops may be foretold with: the axis' limit where `limited`, else
-    rate^2 / (2 distance), which is lower. Both are None where it stops too quickly to be told.
+    rate^2 / (2 distance), which is lower. Both are None where it stops too quickly to be measured.
     """
 
     stop: Measured
@@ -357,7 +357,7 @@ def _simulated(at: Array, samples: _Samples, model: Model) -> tuple[Array, Array
 
 
 def _wanted_deg(seconds: Array, begin: Array, ramp: Array | None, smooth_s: Array) -> Array:
-    """Return where the axis is to be: a rate that ends at once or in a ramp, averaged over `smooth_s`."""
+    """Return where the axis should be: a rate that ends at once or in a ramp, averaged over `smooth_s`."""
     smooth = smooth_s[None]
     t = seconds[:, None, None]
 

@@ -3,7 +3,7 @@
 When the mount's loop will turn next, from when it has turned lately.
 
 A Windows timer of 50 ms fires at interrupts that come every 15.6 ms: its turns are uneven, but they come
-again in the same rhythm. So turns are foretold from those a whole rhythm before, whatever its length is.
+again in the same rhythm. So turns are predicted from those a whole rhythm before, of any length.
 """
 
 from __future__ import annotations

@@ -30,7 +30,7 @@ STEADY_WITHIN = 0.01
 
 @dataclass(frozen=True, slots=True)
 class AxisMotion:
-    """How one axis starts, stops and follows; None for what could not be told."""
+    """How one axis starts, stops and follows; None for what could not be measured."""
 
     starting: Measured | None
     braking: Braking | None
@@ -97,7 +97,7 @@ def _stop(log: _Log, leg: LegHeard, response: AxisResponse, axis: AxisName) -> T
 
 
 def _start(log: _Log, leg: LegHeard, response: AxisResponse, axis: AxisName) -> Transient | None:
-    """Return by how much an axis stayed behind a rate; None where a status was lost there."""
+    """Return how far an axis stayed behind a rate; None where a status was lost there."""
     if not log.unbroken(leg.first):
         return None
     began_s = log.seconds[leg.first]

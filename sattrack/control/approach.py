@@ -1,6 +1,6 @@
-"""The way onto the target as it goes: slews are judged by where they end, tried again, and given up.
+"""How to get onto a moving target: by rates or by a slew, where to wait for it, and when to begin.
 
-How to get onto a moving target: by rates or by a slew, where to wait for it, and when to begin.
+Slews are judged by where they end, tried again, and given up.
 """
 
 from __future__ import annotations
@@ -137,7 +137,7 @@ missing: sooner, it would hardly lead any nearer."""
 
 
 class Step(Enum):
-    """What is to be done next on the way."""
+    """The next step of the approach."""
 
     SLEW = "slew to the intercept, or wait there"
     FOLLOW = "follow by rates"

@@ -36,12 +36,12 @@ OTHERS = (-1, 1, -2)
 
 
 EARLY, EARLY_SIGMAS = 0.25, 3.0
-"""A share of commands that are read early, from which on they are taken to arrive earlier than told."""
+"""The share of commands read early from which on they count as arriving earlier than the profile says."""
 ANSWERED_S = 0.3
 """Time in which a change of rate has mostly come out."""
 UNSTRAINED_SHARE = 0.5
-"""Share of the told acceleration up to which a change of rate comes out as the servo's answer. What is asked
-for beyond it the drive limits, and it says nothing of the servo."""
+"""Share of the profile's acceleration up to which a change of rate comes out as the servo's answer. Beyond it
+the drive limits the motion, which says nothing of the servo."""
 
 
 @dataclass(slots=True)
@@ -66,7 +66,7 @@ class Axes:
     foretold_deg: tuple[float, float] = (0.0, 0.0)
     """How far the commands were to move the axes between the last two samples."""
     turned_over_s: float = 0.0
-    """The time between those two; 0 where no commands told the motion."""
+    """The time between those two; 0 where no commands explain the motion."""
     misread: int = 0
     """Samples that were explained by another command than the expected one."""
 
@@ -151,7 +151,7 @@ class Axes:
         return moved[0], moved[1]
 
     def _strain(self, number: int, jolt_deg_s: float, gives_deg_s: float) -> float:
-        """Return by how much an axis may lag behind its rate, after a change of that."""
+        """Return how far an axis may lag behind its rate after a change of it."""
         strain = self._strain_deg_s[number] + jolt_deg_s
         left = math.copysign(max(0.0, abs(strain) - gives_deg_s), strain)
         self._strain_deg_s[number] = left

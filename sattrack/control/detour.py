@@ -8,7 +8,7 @@ Following through the celestial pole: coordinates that go on past 90° of declin
 
 A mount reports a direction and takes rates of it. Past the pole the declination that it reports falls as its
 axis goes on, and the right ascension is half a turn from the axis'. Within a plan with detours everything
-that steers is told in the axes' sense: as on the side of the pier on which following began.
+that steers uses the axes' sense: as on the side of the pier on which following began.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from sattrack.mount.model import MoveAxes, StatusSample
 
 
 class Place(NamedTuple):
-    """Where the axes are to be, degrees; past 90° of declination, right ascension by half a turn."""
+    """Where the axes must be, degrees; past 90° of declination, right ascension is half a turn away."""
 
     ra_deg: float
     dec_deg: float
@@ -67,7 +67,7 @@ class Passage:
         )
 
     def place(self, utc_s: float, ra_deg: float, dec_deg: float) -> Place:
-        """Return where the axes are to be at an instant, for a target seen in a direction."""
+        """Return where the axes must be at an instant, for a target seen in a direction."""
         across = False
         for detour in self._detours:
             if utc_s >= detour.end_utc_s:
@@ -128,7 +128,7 @@ class Detour(msgspec.Struct, frozen=True):
         return ra
 
     def axes_at(self, utc_s: float, target_ra_deg: float, target_dec_deg: float) -> tuple[float, float]:
-        """Return where the axes are to be: right ascension as `ra_at`, declination past 90° beyond the pole.
+        """Return where the axes must be: right ascension as `ra_at`, declination past 90° beyond the pole.
 
         Of all declinations that the axis can have with that right ascension it is the nearest to the target.
         """

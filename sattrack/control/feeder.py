@@ -114,7 +114,7 @@ class Learning:
         self._before: tuple[float, float, float] | None = None
 
     def anew(self) -> None:
-        """Note that the filters contradict what is seen, and are told to begin anew."""
+        """Note that the filters contradict what is seen and must begin anew."""
         self.restarts += 1
 
     @property

@@ -3,10 +3,10 @@
 The mount reads its mailbox once a loop, at the instant of its status. A command therefore acts from the first
 such instant after it arrived, until the first one after its successor arrived.
 
-When the mount's loop runs: its instants foretold from those that its statuses told.
+When the mount's loop runs: its coming turns predicted from those that its statuses show.
 
 The mount reads its mailbox once a loop. Its timer is imprecise from one turn to the next and even over many,
-so turns are foretold by the mean of the last ones, and not by the last alone.
+so turns are predicted by the mean of the last ones, and not by the last alone.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ class MountLoop:
         return mean_s + (counter - self._numbers / count) * self.mean_period_s
 
     def shift_s(self, arrival_utc_s: float) -> float:
-        """Return by how much later than at this instant datagrams had better arrive, seconds.
+        """Return the delay at which datagrams should arrive, after this instant, seconds.
 
         Halfway between two turns, neither timer nor network make it uncertain which of them reads a datagram.
         """
@@ -116,7 +116,7 @@ class CommandHistory:
     _told_s: float = field(init=False)
 
     def __post_init__(self) -> None:
-        """Begin with what is told."""
+        """Begin with the profile's values."""
         self._told_s = self.delay_s
 
     def add(self, sent: SentRates) -> None:
@@ -128,7 +128,7 @@ class CommandHistory:
         self._sent.clear()
 
     def arrives_early(self) -> None:
-        """Take notice that commands are read earlier than expected: they take less time than told."""
+        """Note that commands are read earlier than expected: they take less time than the profile says."""
         self.delay_s = max(0.0, self._told_s - SOONEST_S, self.delay_s - SOONER_S)
 
     def acting(self, tick_utc_s: float) -> SentRates:

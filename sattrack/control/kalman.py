@@ -262,7 +262,7 @@ class AxisFilter:
         """Predict over an interval in which the axis moved by `displacement_deg` and by commands' effects.
 
         Where there are none, what was moved is what was seen, and says nothing of the response. `rough_deg`
-        is by how much more than usual the motion may be off, one sigma.
+        is the additional uncertainty of the motion, one sigma.
         """
         self._seconds = seconds
         # White noise in rate and in its derivative, integrated over the interval.
@@ -353,7 +353,7 @@ class AxisFilter:
         self._rough_share = max(1.0, min(LARGEST_ROUGH_SHARE, rough))
 
     def _weigh_surprise(self, surprise_deg: float, expected: float, rate_deg_s: float) -> float:
-        """Return by how much to distrust a surprising measurement, as a variance.
+        """Return the variance to add to a surprising measurement.
 
         A single one may be a glitch, and is believed only as far as a large but ordinary one would be; a
         second one to the same side is a rate that has set in, which the filter then learns at once; of an

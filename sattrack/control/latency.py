@@ -33,7 +33,7 @@ BEGINS_ABOVE, ENDS_BELOW = 0.6, 0.3
 SURE_WITHIN = 0.15
 """How well that must be known, one sigma: delays that vary say nothing of steps that are finer."""
 FINE_S = 0.00015
-"""Scatter, one sigma, that no clock is to be called coarse for."""
+"""Scatter, one sigma, below which no clock is called coarse."""
 LONGEST_DELAY_S = 0.02
 """Delays beyond the mean one that say nothing more."""
 ASTRAY_S = 0.1

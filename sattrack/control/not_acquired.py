@@ -17,7 +17,7 @@ LEAST_FOLLOWED_S = 2.0
 MOSTLY = 0.3
 """Share of the time for which a limit must have been in the way to be the reason."""
 LATE_S, SOONER_S = 0.15, 0.025
-"""How much later, and how much sooner, than told an answer must come to be the reason."""
+"""How much later, or sooner, than the profile says an answer must come to be the reason."""
 STILL, TURNED, OFF = 0.1, -0.5, 0.05
 """Motion over commanded motion of an axis that stands still, or turns; and how far off a gain is."""
 FALLS_SHORT, MOVES_DEG_S = 0.8, 0.02

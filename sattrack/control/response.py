@@ -1,6 +1,6 @@
 """How an axis answers commands: how much of a change of rate has come out so long after it began to act.
 
-The answer is told as shares of the change, one for each of the lags between KNOTS_S (the first at once): a
+The answer is given as shares of the change, one for each of the lags between KNOTS_S (the first at once): a
 finite impulse response. So a servo of any kind is described by numbers in which the motion is linear, and
 which a Kalman filter can learn: velocity loops, position loops that catch up, planners that come a turn late.
 """

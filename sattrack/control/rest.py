@@ -86,7 +86,7 @@ class Jogs:
 
 
 SETTLING_S = 0.5
-"""After a jog the axes are told to rest for so long and for the time that they brake, before the stop: what
+"""After a jog the axes are commanded to rest for so long and while they brake, before the stop: what
 comes next, another jog or going on, is then judged with the motion that is still there."""
 STOPPING = "the mount is coming to rest: jog once it stands"
 GOING_ON = "the run is about to go on"
@@ -99,7 +99,7 @@ class Rest:
     """One pause, from the word to bring the mount to rest.
 
     A jog adds to what the axes do at rest. Those of most mounts stand; one that takes to the sky by itself
-    is told to do just that, period by period, so that safety judges where it leads.
+    is commanded to do just that, period by period, so that safety judges where it leads.
     """
 
     def __init__(self, begun_utc_s: float, profile: MountProfile) -> None:
@@ -111,7 +111,7 @@ class Rest:
             axis.max_rate_deg_s / axis.max_acceleration_deg_s2 for axis in (profile.ra, profile.dec)
         )
         self._settled_utc_s = -math.inf
-        """Until when the axes are told to rest after a jog."""
+        """Until when the axes are commanded to rest after a jog."""
         self.at_rest = False
         """Whether the mount was seen at rest since it was last told to stop."""
         self._stands = False
@@ -129,7 +129,7 @@ class Rest:
 
     @property
     def streams(self) -> bool:
-        """Whether a mount at rest is told rates, period by period."""
+        """Whether a mount at rest is sent rates, period by period."""
         return self.at_rest and self._at_rest_rates is WITH_THE_SKY
 
     def see(self, sample: StatusSample) -> None:

@@ -58,25 +58,25 @@ class Steering:
 
     def obey(self, message: Message, now_utc_s: float) -> None:
         """Do what a message says of offsets; others are none of its business."""
-        begins_s, told = self._begins_s(now_utc_s), None
+        begins_s, answer = self._begins_s(now_utc_s), None
         match message:
             case Observation():
                 self._observe(message, now_utc_s, begins_s)
                 return
             case Nudge():
-                told = orders.nudge(self.biases, message.along_s, message.cross_deg, begins_s)
+                answer = orders.nudge(self.biases, message.along_s, message.cross_deg, begins_s)
             case OffsetBy():
-                told = orders.offset(self.biases, message, begins_s)
+                answer = orders.offset(self.biases, message, begins_s)
             case Search():
-                told = orders.search(self.biases, message, begins_s)
+                answer = orders.search(self.biases, message, begins_s)
             case DropRemembered():
-                told = self._drop_remembered(begins_s)
+                answer = self._drop_remembered(begins_s)
             case ClearBias():
                 self._end_remembered("cleared")
                 self.estimator.forget()
                 self._estimated = self._following_estimate = False
                 orders.clear(self.biases, begins_s)
-        self.tell(told, now_utc_s)
+        self.tell(answer, now_utc_s)
 
     def keep_search(self, now_utc_s: float) -> None:
         """End a search that runs, keeping where it is."""

@@ -273,7 +273,7 @@ class Tracker:
         return motion
 
     def _pause(self, now_utc_s: float) -> None:
-        """Bring the mount to rest, whatever it does for the pass; a search ends where it is."""
+        """Bring the mount to rest from any phase of the pass; a search ends where it is."""
         if self.phase is Phase.STOPPING:
             return
         self.steering.refusal = None
@@ -304,8 +304,8 @@ class Tracker:
 
     def _jog(self, order: Jog, now_utc_s: float) -> None:
         why = "the run is not paused: pause it first"
-        told = why if self.rest is None else self.rest.jog(order, now_utc_s)
-        self.steering.tell(told, now_utc_s)
+        refusal = why if self.rest is None else self.rest.jog(order, now_utc_s)
+        self.steering.tell(refusal, now_utc_s)
 
     def end_jogs(self, words: str, now_utc_s: float) -> None:
         """End what is jogged, and tell why."""
@@ -394,7 +394,7 @@ class Tracker:
         )
 
     def _ends(self, acts_utc_s: float, interval_s: float) -> tuple[Target | Place, Direction | Place]:
-        """Return where the axes are to be at both ends of the interval in which a command acts."""
+        """Return where the axes must be at both ends of the interval in which a command acts."""
         begin = self._foreseen(acts_utc_s)
         ends_utc_s = acts_utc_s + interval_s
         end = self.direction_at(ends_utc_s)
@@ -418,7 +418,7 @@ class Tracker:
         return Target.at(self.direction_at(utc_s))
 
     def send_shift_s(self, now_utc_s: float) -> float:
-        """Return by how much later than a period from now the next datagram had better go, seconds."""
+        """Return the delay of the next datagram beyond one period from now, seconds."""
         shift_s = self._loop.shift_s(now_utc_s + self._history.delay_s)
         if self.phase not in FOLLOWING:
             return max(-IDLE_SHIFT_S, min(IDLE_SHIFT_S, IDLE_SHIFT_SHARE * shift_s))

@@ -1,4 +1,4 @@
-"""Where in a file something stands that a person wrote, and how that is told when it is wrong."""
+"""The place in a file of something that a person wrote, and how an error names it."""
 
 from __future__ import annotations
 

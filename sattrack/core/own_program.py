@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 STARTER = "SATTRACK_STARTER"
-"""Names the process with which a program of ours ends, whatever ends it."""
+"""Names the process with which a program of ours ends, however that ends."""
 _PR_SET_PDEATHSIG = 1
 
 

@@ -48,7 +48,7 @@ class Grant:
 
 
 def wanted(environment: Mapping[str, str]) -> bool:
-    """Tell whether priority and locked memory are to be asked for."""
+    """Tell whether to ask for priority and locked memory."""
     return environment.get(VARIABLE, "1") != "0"
 
 

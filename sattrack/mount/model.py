@@ -1,4 +1,4 @@
-"""What the tracker needs of a mount: its profile, what it reports, and what it can be told.
+"""What every mount is to the program: its profile, what it reports, and what it can be sent.
 
 Directions are right ascension and declination in the frame that the mount reports (JNow, its own sidereal
 clock), rates are derivatives of those: a right ascension rate of 0 leaves the mount on its sidereal tracking.
@@ -104,7 +104,7 @@ class CalibrationRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     Intervals are (lowest, highest) and hold the truth as far as the run could tell; `clock_offset_s` is the
     mount's sidereal clock, as a UTC instant by the profile's site, minus ours. `both_sides` where the signs
     of the other side of the pier were measured too, by an earlier run. An acceleration's sigma is None where
-    the axis stopped too quickly for it to be seen, a lag's where it could not be told. An acceleration is the
+    the axis stopped too quickly for it to be seen, a lag's where none was measured. An acceleration is the
     axis' limit where `limit_reached`, else what its stop from the fastest rate amounts to. `fastest_deg_s` is
     the fastest rate seen: the axis can do at least that, or no more where `rate_limit_reached`.
     `rate_fields` tells whether RightAscensionRate and DeclinationRate follow the axes; `slewing_field` is
@@ -332,7 +332,7 @@ class MoveAxes(msgspec.Struct, frozen=True, gc=False):
 
 
 class Stop(msgspec.Struct, frozen=True, gc=False):
-    """Bring both axes to rest, whatever they do."""
+    """Bring both axes to rest."""
 
 
 Motion = Hold | SlewTo | MoveAxes | Stop

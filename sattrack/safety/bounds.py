@@ -150,7 +150,7 @@ class Bounds:
         """The instant of the last look that found the Sun, POSIX seconds."""
 
     def look(self, utc_s: float | None, clock_gap_deg: float) -> bool:
-        """Put Sun and Moon where they stand; False where they matter and cannot be told.
+        """Put Sun and Moon where they stand; False where they matter and are unknown.
 
         A mount's clock that is off by an angle makes its directions off by as much: cones grow by it.
         """
@@ -311,7 +311,7 @@ def _beside(way: tuple[float, float], place: tuple[float, float]) -> list[tuple[
 
 
 def _gain_deg(cone: Cone, place: tuple[float, float], axis: int) -> float:
-    """Return by how much farther from a cone an axis gets by two steps."""
+    """Return how much farther from a cone an axis gets by two steps."""
     clear = []
     for step in (-RETREAT_STEP_DEG, RETREAT_STEP_DEG):
         there = (place[0] + step, place[1]) if axis == 0 else (place[0], place[1] + step)

@@ -209,7 +209,7 @@ class Safety:
     def _unfit(
         self, motion: MoveAxes | SlewTo, mount: tuple[float, float, float], age_s: float, utc_s: float | None
     ) -> str | None:
-        """Return the row by which nothing may be moved, whatever it is; `mount` is what its status tells."""
+        """Return the row by which nothing at all may be moved; `mount` is what its status says."""
         if isinstance(motion, MoveAxes):
             one, other = motion.ra_rate_deg_s, motion.dec_rate_deg_s
         else:
@@ -281,7 +281,7 @@ class Safety:
             refused = self._asked.objection(request, stance, utc_s)
             former = self._doubt.former
             if refused is None and former is not None:
-                # The axes may be where they were, whatever one status says.
+                # The axes may be where they were: one status alone proves nothing.
                 refused = self._asked.objection(request, standing_at(stance, former.place), utc_s)
         return ClearedRequest(request) if refused is None else refused
 
@@ -354,7 +354,7 @@ class Safety:
 
         A wish comes with the room that there is for the next command's rates, a stand with the rates that are
         in force. What moves by itself towards axes that stand, the Sun or the Moon, is given way to; and axes
-        that are `inside` of its cone make for its edge, whatever is wanted.
+        that are `inside` of its cone make for its edge, no matter what is wanted.
         """
         held, (spots, now) = REST, stand
         place = spots[0].place

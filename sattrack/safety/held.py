@@ -64,7 +64,7 @@ class _Search:
         return way[0] / self._cos_dec, way[1]
 
     def gain(self, way: Vector) -> float:
-        """Return by how much a way comes nearer to the wish than rest does, in squares."""
+        """Return how much nearer to the wish a rate is than rest, as a difference of squares."""
         wish = self.wish
         return 2.0 * (wish[0] * way[0] + wish[1] * way[1]) - way[0] ** 2 - way[1] ** 2
 

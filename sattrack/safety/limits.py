@@ -8,7 +8,7 @@ from itertools import pairwise
 import msgspec
 
 SUN_CONE_DEG = 15.0
-"""How near to the Sun's centre a telescope with optics may point unless told otherwise."""
+"""How near to the Sun's centre a telescope with optics may point unless the settings say otherwise."""
 WIDEST_GAP_DEG = 90.0
 """A horizon with a wider gap between two of its azimuths says nothing of what stands there."""
 MOST_FAULT_S = 10.0

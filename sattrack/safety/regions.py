@@ -170,7 +170,7 @@ class PierCollision:
         ]
 
     def clearance(self, box: Box) -> Clearance:
-        """See Region: told is whether the zone is met, what is left of its margin, or that all of it is."""
+        """See Region: whether the zone is met, what is left of its margin, or all of it."""
         m = self._margin_deg
         if not self._meets(box.grown(m, m, m, m)):
             return APART
@@ -265,7 +265,7 @@ EXACT = (Travel, Floor, PierCollision, Cone)
 
 
 def is_clear(region: Region, box: Box, margin_deg: float) -> bool:
-    """Tell whether everything in a box is clear of a region by a margin; what cannot be told is not."""
+    """Tell whether everything in a box is clear of a region by a margin; doubtful boxes are not."""
     if isinstance(region, EXACT):
         return region.is_clear(box, margin_deg)
     whole = region.clearance(box)

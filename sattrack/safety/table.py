@@ -27,7 +27,7 @@ class Reaction(StrEnum):
     """What an interlock does when its bound is reached.
 
     A stream of rates that would pass a limit is held: cut down to what keeps inside and comes nearest, and
-    given free again when it leads away. What is moved by hand, and whatever is past a limit, is stopped; but
+    given free again when it leads away. What is moved by hand, and anything past a limit, is stopped; but
     out of the cone about the Sun or the Moon a stream is led, and a mount that nothing is asked of is slewed.
     """
 

@@ -1,4 +1,4 @@
-"""What statuses tell of a mount that does not do what it is told: obedience, clocks, drive currents.
+"""What statuses show of a mount that does not do what it is commanded: obedience, clocks, drive currents.
 
 Rates are those of the reported right ascension and declination.
 """
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 DISOBEDIENT_DEG_S = 0.5
 DISOBEDIENT_FOR_S = 1.0
 RUNAWAY_DEG_S = 1.0
-"""A mount that moves faster than twice what it was told, and this, for so long, does not obey either."""
+"""A mount that moves faster than twice its command, and this, for so long, does not obey either."""
 WINDOW_S = 3.0
 LOOSE_DEG_S = 0.1
 LOOSE_SHARE = 0.5
@@ -153,12 +153,12 @@ class Watch:
     def _likely_cause(self) -> str | None:
         """Return why the mount does not obey, as its last seconds' motion tells; None where it does not."""
         beyond = "_beyond_pole" if self._before is not None and self._before.beyond_pole else ""
-        told = list(self._commanded)[-len(self._window) :]
+        commanded = list(self._commanded)[-len(self._window) :]
         if self.keeps_first:
             return KEEPS_FIRST
         still = 0
         for axis, name, field in ((1, "right ascension", "ra"), (2, "declination", "dec")):
-            pairs = [(c[axis], m[axis] / m[0]) for c, m in zip(told, self._window, strict=True)]
+            pairs = [(c[axis], m[axis] / m[0]) for c, m in zip(commanded, self._window, strict=True)]
             square = sum([c * c for c, _ in pairs])
             if square < len(pairs) * LEAST_TOLD_DEG_S**2:
                 continue
@@ -175,17 +175,17 @@ class Watch:
         if self._profile.move_axis != "held" or self._window_s < KEPT_FOR_S:
             return False
         steps = list(self._window)[-(len(self._window) * 2 // 3) :]
-        told = list(self._commanded)[-len(steps) :]
+        commanded = list(self._commanded)[-len(steps) :]
         # What was commanded of late has not come out yet.
         late_s = 0.0
         for step in reversed(steps):
             late_s += step[0]
-            told.pop()
+            commanded.pop()
             if late_s >= ANSWERED_S:
                 break
-        if not told:
+        if not commanded:
             return False
-        varied = max(_spread([step[axis] for step in told]) for axis in (1, 2))
+        varied = max(_spread([step[axis] for step in commanded]) for axis in (1, 2))
         if varied < VARIED_DEG_S:
             return False
         rates = []
@@ -280,7 +280,7 @@ def _spread(values: list[float]) -> float:
 
 
 def _disobeys(commanded_deg_s: float, moved_deg_s: float) -> bool:
-    """Tell whether one axis does not go where it is told, or goes faster than that explains."""
-    told, went = abs(commanded_deg_s), abs(moved_deg_s)
-    stays = told > DISOBEDIENT_DEG_S and moved_deg_s * commanded_deg_s < 0.05 * told * told
-    return stays or went > 2.0 * told + RUNAWAY_DEG_S
+    """Tell whether one axis does not follow its command, or goes faster than that explains."""
+    commanded, went = abs(commanded_deg_s), abs(moved_deg_s)
+    stays = commanded > DISOBEDIENT_DEG_S and moved_deg_s * commanded_deg_s < 0.05 * commanded * commanded
+    return stays or went > 2.0 * commanded + RUNAWAY_DEG_S
