@@ -30,9 +30,9 @@ from sattrack.runtime.prepare import RunRequest, prepare
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.mount.alpaca.orders import Order
+    from sattrack.mount.alpaca.bridge import Order
     from sattrack.mount.model import MountProfile
-    from sattrack.mount.simulator.alpaca.settings import TelescopeSettings
+    from sattrack.mount.simulator.alpaca.telescope import TelescopeSettings
 
 TURN_JITTER_S = 0.001
 LOOPBACK_S = 0.0002

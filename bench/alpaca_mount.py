@@ -27,7 +27,7 @@ from programs import satellite, simulated_telescope
 
 from sattrack.control.sky_error import sky_error
 from sattrack.core.figures import RunningError
-from sattrack.mount.simulator.alpaca.settings import TelescopeSettings
+from sattrack.mount.simulator.alpaca.telescope import TelescopeSettings
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.refraction import Refraction

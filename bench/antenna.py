@@ -25,8 +25,8 @@ from sattrack.core.clock import SystemClock
 from sattrack.runtime import practice
 from sattrack.servers.antenna.antcn import Antcn, epoch_utc_s
 from sattrack.servers.antenna.antcn_run import AntcnRun
+from sattrack.servers.antenna.controller import Position, position_message
 from sattrack.servers.antenna.line import TCP_CHARACTER_TIME_OUT_S, encode
-from sattrack.servers.antenna.position import Position, position_message
 from sattrack.servers.antenna.trajectory import NS, AxisRange, AxisState
 from tle.instants import Utc
 from tle.propagator import Propagator

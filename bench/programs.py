@@ -169,7 +169,7 @@ def simulated_mount(*options: str, site: str = WHERE) -> Iterator[Mount]:
 @contextmanager
 def simulated_telescope(settings: bytes) -> Iterator[tuple[subprocess.Popen[str], int]]:
     """Run a simulated Alpaca telescope, set by JSON, until the end; give its process and its port."""
-    command = [sys.executable, "-m", "sattrack.mount.simulator.alpaca", settings.decode()]
+    command = [sys.executable, "-m", "sattrack.mount.simulator.alpaca.server", settings.decode()]
     pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
     with ended(subprocess.Popen(command, text=True, **pipes)) as process:
         assert process.stdout is not None

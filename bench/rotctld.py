@@ -19,7 +19,7 @@ from rotctld_harness import VirtualRotator
 
 from sattrack.runtime import practice
 from sattrack.servers.rotctld import rotator as rotator_module
-from sattrack.servers.rotctld.smoothing import SmoothedTrack
+from sattrack.servers.rotctld.rotator import SmoothedTrack
 from tle.instants import Utc
 from tle.propagator import Propagator
 

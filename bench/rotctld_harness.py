@@ -10,7 +10,7 @@ from antenna_harness import VirtualAntenna
 from sattrack.servers.antenna.sky import HaDec
 from sattrack.servers.antenna.trajectory import to_ns
 from sattrack.servers.rotctld.answers import Client
-from sattrack.servers.rotctld.station import RotatorStation
+from sattrack.servers.rotctld.rotator import RotatorStation
 
 if TYPE_CHECKING:
     from sattrack.servers.antenna.sky import AzEl

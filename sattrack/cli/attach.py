@@ -13,7 +13,7 @@ from sattrack.cli.aside import beside
 from sattrack.cli.common import CommandContext, appearance, common_options, screen_options
 from sattrack.cli.screened import needed_terminal, tui_possible
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.runtime.gallery_words import SUPPORTED, feeders
+from sattrack.runtime.gallery import SUPPORTED, feeders
 
 if TYPE_CHECKING:
     from sattrack.views.session import Welcome

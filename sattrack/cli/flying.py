@@ -11,12 +11,10 @@ import click
 
 from sattrack.cli.running import Stream, tell_malformed
 from sattrack.core.errors import SattrackError
-from sattrack.runtime.channel import StdinInbox
-from sattrack.runtime.desk import Desk
+from sattrack.runtime.desk import Desk, SessionInbox, StdinInbox
 from sattrack.runtime.fly import fly_live
 from sattrack.runtime.gallery_link import GalleryLink, open_gallery
 from sattrack.runtime.observers import open_observers
-from sattrack.runtime.session_inbox import SessionInbox
 from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.views.run import SummaryLine
 from tle.errors import TleError

@@ -21,8 +21,7 @@ from sattrack.cli.common import (
 from sattrack.cli.json_lines import JsonLines
 from sattrack.cli.mount_option import mount_option
 from sattrack.cli.screened import tui_possible
-from sattrack.cli.serve_log import Log
-from sattrack.cli.serving import check_port, end_of_service, what_is_served
+from sattrack.cli.serving import Log, check_port, end_of_service, what_is_served
 from sattrack.core.errors import BadInputError
 from sattrack.core.own_program import own_program
 from sattrack.runtime.console import connected
@@ -42,8 +41,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sattrack.mount.model import AxesPosition, MountProfile
-    from sattrack.servers.antenna.alpaca_focuser import FocuserConfig
-    from sattrack.servers.antenna.focuser import Focuser
+    from sattrack.servers.antenna.antenna_focus import FocuserConfig
+    from sattrack.servers.antenna.equipment import Focuser
     from sattrack.servers.antenna.sky import AxisKind
     from tle.site import Site
 

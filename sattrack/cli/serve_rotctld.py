@@ -11,8 +11,8 @@ from sattrack import __version__
 from sattrack.cli.common import CommandContext, common_options, profile_option
 from sattrack.cli.json_lines import JsonLines
 from sattrack.cli.mount_option import mount_option
-from sattrack.cli.serve_log import Log
 from sattrack.cli.serving import (
+    Log,
     caller_limits,
     caller_options,
     end_of_service,
@@ -25,8 +25,8 @@ from sattrack.servers.antenna.door import listen
 from sattrack.servers.antenna.log_lines import spoken
 from sattrack.servers.antenna.sky import Sky
 from sattrack.servers.rotctld.door import RotctldDoor
+from sattrack.servers.rotctld.rotator import RotatorStation
 from sattrack.servers.rotctld.serve import PROGRAM, RotctldLoop, client_maker
-from sattrack.servers.rotctld.station import RotatorStation
 
 MOST_CLIENTS = 500
 BACKLOG = 128

@@ -14,7 +14,7 @@ from sattrack.cli.attach import welcome_of
 from sattrack.cli.common import CommandContext, common_options, screen_options, tell
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.own_program import own_program
-from sattrack.runtime.gallery_words import feeders
+from sattrack.runtime.gallery import feeders
 
 PORT = 8137
 FEWEST_CHARACTERS = 16
@@ -58,8 +58,7 @@ def command(
         raise SattrackError("the browser's screen needs textual-serve: pip install 'sattrack[web]'")
     if token is not None and len(token) < FEWEST_CHARACTERS:
         raise BadInputError(f"--token: {len(token)} characters; give {FEWEST_CHARACTERS} or more")
-    from sattrack.servers.web.server import serve
-    from sattrack.servers.web.visit import Visit, needs_token, new_token
+    from sattrack.servers.web.server import Visit, needs_token, new_token, serve
 
     if token is None and needs_token(host):
         token = new_token()

@@ -1,8 +1,11 @@
-"""What every `sattrack serve DOOR` that moves the mount begins and ends with, and whom it lets in."""
+"""What every `sattrack serve` that moves the mount shares: begin and end, whom it lets in, its log."""
 
 from __future__ import annotations
 
 import ipaddress
+import queue
+import threading
+import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -11,6 +14,7 @@ import click
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
 from sattrack.runtime import practice
 from sattrack.runtime.mounts import mount_address
+from sattrack.servers.antenna.log_lines import stamp
 from sattrack.servers.callers import CallerLimits
 
 if TYPE_CHECKING:
@@ -26,6 +30,7 @@ if TYPE_CHECKING:
     from tle.site import Site
 
 Command = TypeVar("Command", bound="Callable[..., Any]")
+LAST_LINES_WITHIN_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,3 +161,29 @@ def _is_loopback(host: str) -> bool:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:
         return host == "localhost"
+
+
+class Log:
+    """Lines on standard error in the Field System's style, each with its instant.
+
+    They are written by a thread of their own: a terminal that is held holds nothing else up.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._write, name="log", daemon=True)
+        self._thread.start()
+
+    def tell(self, words: str) -> None:
+        """Tell one line, without waiting."""
+        self._lines.put(stamp(self._clock.utc_s(time.monotonic())) + words)
+
+    def close(self) -> None:
+        """Have the last lines written, if that does not take long."""
+        self._lines.put(None)
+        self._thread.join(LAST_LINES_WITHIN_S)
+
+    def _write(self) -> None:
+        while (line := self._lines.get()) is not None:
+            click.echo(line, err=True)

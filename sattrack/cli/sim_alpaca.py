@@ -14,7 +14,7 @@ from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.toml_file import read_toml
 from sattrack.mount.alpaca.address import DEFAULT_PORT
 from sattrack.mount.simulator.alpaca.server import serve
-from sattrack.mount.simulator.alpaca.settings import TelescopeSettings
+from sattrack.mount.simulator.alpaca.telescope import TelescopeSettings
 from sattrack.runtime import practice
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ from sattrack.cli.common import tell
 from sattrack.cli.running import finish
 from sattrack.core.errors import BadInputError
 from sattrack.runtime.signals import StopRequest
+from sattrack.servers.antenna.door import parse_antenna_url
 from sattrack.servers.antenna.track import AntennaFlight, prepare_pass
-from sattrack.servers.antenna.url import parse_antenna_url
 from tle.instants import Utc
 
 if TYPE_CHECKING:

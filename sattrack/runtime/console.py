@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from sattrack.mount.profiles import ProfileFile
     from sattrack.runtime.embedded import EmbeddedMount
     from sattrack.runtime.mounts import MountAddress
-    from sattrack.runtime.onlooker import OverheardLink
+    from sattrack.runtime.owner import OverheardLink
     from sattrack.views.console_messages import ConsoleMessage
     from tle.site import Site
 

@@ -1,8 +1,19 @@
-"""Who may say what to a run: one at a time has control, anybody may stop. No I/O."""
+"""Who may command a run: one at a time has control, anybody may stop. And how their messages come in.
+
+Whoever started the run speaks to it on a channel of JSON lines. The end of that channel stops the mount, as
+whoever held the stop key is gone; unless a message before has asked that the run go on without.
+"""
 
 from __future__ import annotations
 
-from sattrack.views.messages import Go, Message, Pause, StopNow
+import sys
+from collections import deque
+from typing import TYPE_CHECKING
+
+import msgspec
+
+from sattrack.runtime.embedded import LineReader
+from sattrack.views.messages import Go, Message, Observation, Pause, StopNow
 from sattrack.views.session import STARTER, Armed, SessionView, Watcher
 from sattrack.views.session_messages import (
     Arm,
@@ -11,13 +22,24 @@ from sattrack.views.session_messages import (
     SessionMessage,
     TakeControl,
     YieldControl,
+    decode_said,
 )
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from sattrack.runtime.gallery_link import GalleryLink
+    from sattrack.runtime.observers import Observers
 
 MOST_ARMED = 12
 SAME_PASS_S = 120.0
 LONGEST_NAME = 24
 NAMED = 8
 """So many of those who look on are named in a view, which has to stay small."""
+MOST_COMPLAINTS = 10
+ORDERS_A_TICK = 20
+"""A change of an offset takes some tens of microseconds, of which a turn of the loop has few to spare."""
+_OBSERVATION = b'"observation"'
 
 
 class Desk:
@@ -169,3 +191,94 @@ def _same(one: Armed, other: Armed) -> bool:
     """Tell whether two name the same pass."""
     near = abs(one.culminate_utc_s - other.culminate_utc_s) < SAME_PASS_S
     return one.catalog_number == other.catalog_number and near
+
+
+class StdinInbox:
+    """Messages from standard input; a line that is none does nothing but to be kept in `ignored`.
+
+    Observations go to `observers`, to be used when there is time.
+    """
+
+    def __init__(self, observers: Observers, descriptor: int | None = None) -> None:
+        self._reader = LineReader(sys.stdin.fileno() if descriptor is None else descriptor)
+        self._observers = observers
+        self._ended = False
+        self.stops_at_end = True
+        """Whether the end of the channel is a stop."""
+        self._waiting: deque[Message | SessionMessage] = deque()
+        self.malformed = 0
+        self.ignored: list[str] = []
+
+    @property
+    def ended(self) -> bool:
+        """Whether the channel has come to its end."""
+        return self._ended
+
+    def said(self) -> Sequence[Message | SessionMessage]:
+        """Return what has come, without waiting; a stop once the channel has ended."""
+        if self._ended:
+            return ()
+        for line in self._reader.lines():
+            if _OBSERVATION in line:
+                self._observers.put(line)
+                continue
+            try:
+                self._waiting.append(decode_said(line))
+            except (msgspec.MsgspecError, RecursionError) as error:
+                self.malformed += 1
+                if len(self.ignored) < MOST_COMPLAINTS:
+                    self.ignored.append(f"a control line was ignored: {error}")
+        self._ended = self._reader.ended
+        messages = [self._waiting.popleft() for _ in range(min(ORDERS_A_TICK, len(self._waiting)))]
+        if (self._ended and self.stops_at_end) or any(isinstance(one, StopNow) for one in self._waiting):
+            # Nothing that still waits may hold up a stop.
+            self._waiting.clear()
+            messages.append(StopNow())
+        return messages
+
+
+class SessionInbox:
+    """Messages that the run is to obey, of whoever may say them. `stdin` None: nobody speaks directly."""
+
+    def __init__(self, desk: Desk, stdin: StdinInbox | None, gallery: GalleryLink | None) -> None:
+        self._desk, self._stdin, self._gallery = desk, stdin, gallery
+        self._strange = 0
+
+    @property
+    def malformed(self) -> int:
+        """How many lines were none."""
+        return self._strange + (0 if self._stdin is None else self._stdin.malformed)
+
+    @property
+    def ended(self) -> bool:
+        """Whether whoever speaks directly has gone."""
+        return self._stdin is None or self._stdin.ended
+
+    def messages(self) -> Sequence[Message]:
+        """Return what has come, without waiting."""
+        obeyed: list[Message] = []
+        if self._stdin is not None:
+            for message in self._stdin.said():
+                obeyed += self._heard(STARTER, message)
+            self._stdin.stops_at_end = not self._desk.left_running
+        for heard in () if self._gallery is None else self._gallery.heard():
+            if heard.what == "came":
+                self._desk.came(heard.number, heard.text)
+            elif heard.what == "gone":
+                self._desk.gone(heard.number)
+            else:
+                obeyed += self._read(heard.number, heard.text)
+        return obeyed
+
+    def _read(self, number: int, line: str) -> list[Message]:
+        try:
+            message = decode_said(line)
+        except (msgspec.MsgspecError, RecursionError):
+            self._strange += 1
+            return []
+        # Observations take longer than a turn has; they have a door of their own.
+        return [] if isinstance(message, Observation) else self._heard(number, message)
+
+    def _heard(self, number: int, message: object) -> list[Message]:
+        obeyed = self._desk.hear(number, message)  # type: ignore[arg-type]
+        return [] if obeyed is None else [obeyed]

@@ -1,4 +1,7 @@
-"""The feeder's end of its gallery: show what there is to see, hear what is said, wait for neither."""
+"""The feeder's end of its view server: show views, hear messages, wait for neither.
+
+Each message between the two is one packet over a pair of sockets.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ import msgspec
 
 from sattrack.core.own_program import own_program
 from sattrack.runtime.facts import encode_facts
-from sattrack.runtime.gallery_words import (
+from sattrack.runtime.gallery import (
     FACTS,
     SESSION,
     SUMMARY,

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from sattrack.mount.xerxes.client import Address, UdpLink
-from sattrack.runtime.onlooker import OverheardLink, look_on
+from sattrack.runtime.owner import OverheardLink, look_on
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

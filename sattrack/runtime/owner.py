@@ -4,7 +4,8 @@ The name is that of a Unix socket in Linux's abstract namespace, made of the mou
 binding to it, freed by the kernel when the last process that holds the socket is gone, however that went, and
 leaves no file behind that could be stale; a recycled process number means nothing to it. It counts for all
 users of a machine (of a network namespace). The same socket is the session's door: whoever connects can ask
-who owns the mount, and ask for a stop; the session's guardian answers, also where the session hangs.
+who owns the mount, ask for a stop, or look on at the statuses that the session hears; the session's guardian
+answers, also where the session hangs.
 
 Two machines, or two containers, know nothing of one another's names: there, only acknowledgements that are
 not ours tell of another sender (see `xerxes.ack_watch`).
@@ -24,6 +25,7 @@ from typing import TYPE_CHECKING, Literal
 import msgspec
 
 from sattrack.core.errors import SattrackError
+from sattrack.mount.xerxes.client import Arrival
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,6 +41,7 @@ BACKLOG = 16
 TRY_AGAIN_S = 0.02
 STOP_OR_GIVE_UP = "`sattrack stop` tries again, `sattrack stop --give-up` ends that"
 _CREDENTIALS = struct.Struct("3i")
+READ_BYTES = 65536
 
 
 class Owner(msgspec.Struct, frozen=True):
@@ -310,3 +313,61 @@ def this_user() -> int:
 def utc_now() -> str:
     """Return this instant for people, to the second."""
     return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
+
+
+class OverheardLink:
+    """In place of a `UdpLink`: the same datagrams with the same arrivals; what is sent goes nowhere."""
+
+    def __init__(self, address: MountAddress, door: socket.socket) -> None:
+        self.address = address
+        self.strangers = self.unsent = 0
+        self.stranger_hosts: list[str] = []
+        self.trouble: str | None = None
+        self.ended = False
+        """Whether the session has ended, and nothing more is to be heard."""
+        self._door = door
+        self._nobody: socket.socket | None = None
+        self._rest = b""
+        self._decoder = msgspec.json.Decoder(Overheard)
+
+    def fileno(self) -> int:
+        """Give the descriptor to wait on."""
+        return self._door.fileno()
+
+    def send(self, data: bytes) -> None:
+        """Send nothing, and count it."""
+        del data
+        self.unsent += 1
+
+    def receive(self) -> list[Arrival]:
+        """Return what the owner has heard meanwhile, in order."""
+        try:
+            data = self._door.recv(READ_BYTES)
+        except BlockingIOError:
+            return []
+        except OSError:
+            data = b""
+        if not data:
+            self._end()
+        *lines, self._rest = (self._rest + data).split(b"\n")
+        overheard = [self._decoder.decode(line) for line in lines]
+        return [Arrival(heard.data, heard.monotonic_s) for heard in overheard]
+
+    def close(self) -> None:
+        """Look away."""
+        self._door.close()
+        if self._nobody is not None:
+            self._nobody.close()
+
+    def _end(self) -> None:
+        """Put a door that stays silent in place of one that says again and again that it is closed."""
+        self.ended = True
+        self._door.close()
+        self._door, self._nobody = socket.socketpair()
+        self._door.setblocking(False)
+
+
+def look_on(address: MountAddress) -> OverheardLink | None:
+    """Return what to look on by; None where nobody on this machine owns the mount."""
+    door = door_to_watch(address.name)
+    return None if door is None else OverheardLink(address, door)

@@ -12,7 +12,7 @@ from textual.binding import Binding, BindingType
 from textual.widgets import Static
 
 from sattrack.tui import look, words
-from sattrack.tui.antenna_child import AntennaProcess
+from sattrack.tui.child import AntennaProcess
 from sattrack.tui.hangup import end_with_the_terminal
 from sattrack.tui.scene import Tone
 from sattrack.tui.themed import NIGHT_LOOK, ThemedApp, TooSmall
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 
     from textual.app import ComposeResult
 
-    from sattrack.tui.antenna_child import AntennaFeed
     from sattrack.tui.appearance import Appearance
+    from sattrack.tui.child import AntennaFeed
     from sattrack.views.antenna import AntennaView, AxesView
 
 LOOK_EVERY_S = 0.2

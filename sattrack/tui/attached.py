@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, BinaryIO
 import msgspec
 
 from sattrack.core.errors import SattrackError
-from sattrack.runtime.gallery_words import name_for
+from sattrack.runtime.gallery import name_for
 from sattrack.runtime.owner import ask_stop, owners
 from sattrack.tui.schedule_runs import LOOK_EVERY_S, goes_on, next_run, stop_schedule
 from sattrack.tui.seen_run import SeenRun

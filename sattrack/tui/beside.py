@@ -14,7 +14,7 @@ import msgspec
 
 from sattrack.core.own_program import ending_with_us, own_program
 from sattrack.runtime.owner import owners
-from sattrack.tui.console_child import ConsoleProcess
+from sattrack.tui.child import ConsoleProcess
 from sattrack.tui.console_feed import Latest
 from sattrack.tui.tonight import PassRow, read_passes
 from sattrack.views.console_messages import LeaveOrder

@@ -1,4 +1,7 @@
-"""The feeder's process as seen from here: a thread reads its views, messages go to its standard input."""
+"""A process started by a screen: a thread reads its views, messages go to its standard input.
+
+The end of its standard input makes it stop the mount and leave.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,16 @@ import signal
 import subprocess
 import tempfile
 import threading
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import msgspec
 
+from sattrack.tui.console_feed import Latest
 from sattrack.tui.seen_run import SeenRun
+from sattrack.views.antenna import AntennaView
+from sattrack.views.console import ConsoleView
+from sattrack.views.console_messages import AbortOrder, LeaveOrder, encode_order
 from sattrack.views.messages import StopNow
 from sattrack.views.run import PassView, TrackView
 from sattrack.views.session import SessionView
@@ -20,14 +28,14 @@ from sattrack.views.session_messages import encode_said
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from sattrack.views.console_messages import ConsoleMessage
     from sattrack.views.messages import Message
     from sattrack.views.session_messages import SessionMessage
 
 TOLD_CHARACTERS = 8000
-
-
 _Told = TrackView | PassView | SessionView
 _TOLD: msgspec.json.Decoder[_Told] = msgspec.json.Decoder(_Told)
+ViewT = TypeVar("ViewT")
 
 
 class FeederProcess(SeenRun):
@@ -142,3 +150,80 @@ class FeederProcess(SeenRun):
             self._begin_anew()
         else:
             self._see(told)
+
+
+class LatestProcess(FeederProcess, Generic[ViewT]):
+    """Started by us. The end of its standard input makes it stop the mount and leave."""
+
+    def __init__(self, command: Sequence[str], view: type[ViewT]) -> None:
+        self._newest: ViewT | None = None
+        self._decoder = msgspec.json.Decoder(view)
+        super().__init__(command)
+
+    def _take_newest(self) -> tuple[ViewT | None, bool]:
+        """Return the view that has come since the last call, if any, and whether nothing more will come."""
+        with self._changed:
+            view, self._newest = self._newest, None
+            return view, self._ended
+
+    def _take(self, line: bytes) -> None:
+        try:
+            self._newest = self._decoder.decode(line)
+        except msgspec.MsgspecError:
+            # Something that this screen does not know: a later program may say more.
+            return
+        self.viewed = True
+
+
+class ConsoleProcess(LatestProcess[ConsoleView]):
+    """A console started by us. The end of its standard input makes it stop the mount and leave."""
+
+    def __init__(self, command: Sequence[str]) -> None:
+        super().__init__(command, ConsoleView)
+
+    def latest(self) -> Latest:
+        """See ConsoleFeed."""
+        return Latest(*self._take_newest())
+
+    def tell(self, order: ConsoleMessage) -> bool:
+        """See ConsoleFeed. A stop that cannot be written is said by closing the channel instead."""
+        told = self._write(encode_order(order))
+        if not told and isinstance(order, AbortOrder | LeaveOrder):
+            self.close_input()
+        return told
+
+
+@dataclass(frozen=True, slots=True)
+class LatestAntenna:
+    """What has come since the last look."""
+
+    view: AntennaView | None = None
+    """The newest; None where none has come."""
+    ended: bool = False
+    """Whether nothing more will come."""
+
+
+class AntennaFeed(Protocol):
+    """One antenna, seen from outside. Neither method ever waits."""
+
+    def latest(self) -> LatestAntenna:
+        """Return what has come since the last call."""
+
+    def tell(self, word: str) -> None:
+        """Hand a word over to the controller's console."""
+
+
+class AntennaProcess(LatestProcess[AntennaView]):
+    """An antenna's service started by us. The end of its standard input makes it stop the mount and end."""
+
+    def __init__(self, command: Sequence[str]) -> None:
+        super().__init__(command, AntennaView)
+
+    def latest(self) -> LatestAntenna:
+        """See AntennaFeed."""
+        return LatestAntenna(*self._take_newest())
+
+    def tell(self, word: str) -> None:
+        """See AntennaFeed. What cannot be written is said by closing the channel, which stops the mount."""
+        if not self._write(word.encode() + b"\n"):
+            self.close_input()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from sattrack.tui.appearance import Appearance
-from sattrack.tui.console_child import ConsoleProcess
+from sattrack.tui.child import ConsoleProcess
 from sattrack.tui.hangup import end_with_the_terminal
 from sattrack.tui.showing import INTERRUPTED, run_until_left
 from sattrack.views.console_messages import LeaveOrder

@@ -15,8 +15,8 @@ import click
 
 from sattrack.core.own_program import own_program
 from sattrack.runtime import practice
+from sattrack.tui.child import ConsoleProcess
 from sattrack.tui.console_app import ConsoleApp
-from sattrack.tui.console_child import ConsoleProcess
 from sattrack.tui.console_feed import Latest
 from sattrack.tui.picture import self_contained
 from sattrack.views.console_messages import LeaveOrder, SlewOrder

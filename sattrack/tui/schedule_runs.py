@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sattrack.core.errors import SattrackError
-from sattrack.runtime.gallery_words import feeders, started_by
+from sattrack.runtime.gallery import feeders, started_by
 
 if TYPE_CHECKING:
     from collections.abc import Callable

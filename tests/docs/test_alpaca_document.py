@@ -7,11 +7,9 @@ import subprocess
 import sys
 from pathlib import Path
 
-from sattrack.servers.alpaca.actions import ACTIONS, read_action
-from sattrack.servers.alpaca.faults import Number
-from sattrack.servers.alpaca.gate import REQUEST_WITHIN_S
 from sattrack.servers.alpaca.members import MEMBERS
-from sattrack.servers.alpaca.process import MOST_BODY_BYTES, MOST_LINE_BYTES, MOST_WAITING
+from sattrack.servers.alpaca.messages import ACTIONS, Number, read_action
+from sattrack.servers.alpaca.process import MOST_BODY_BYTES, MOST_LINE_BYTES, MOST_WAITING, REQUEST_WITHIN_S
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = ROOT / "docs" / "alpaca.md"

@@ -40,7 +40,7 @@ from sattrack.servers.antenna.sky import Sky
 from sattrack.servers.antenna.station import Station, axis_range
 from sattrack.servers.antenna.trajectory import to_ns
 from sattrack.servers.rotctld.answers import Client
-from sattrack.servers.rotctld.station import RotatorStation
+from sattrack.servers.rotctld.rotator import RotatorStation
 from sattrack.views.console_messages import JogOrder
 from sattrack.views.messages import StopNow
 from tle.instants import Utc

@@ -10,6 +10,10 @@ Rules:
 4. Where the session is silent for DEADMAN_S while something of its is in force, the telescope is stopped.
 5. What the telescope refuses is not acknowledged, and asked for again as long as it is wanted.
 
+Mounts are steered in the equinox of date; some drivers speak J2000. Between the two the axes are turned by
+precession, nutation and frame bias (IAU 2006/2000A, ERFA), without aberration: the satellite's direction is
+topocentric already, and what a driver adds on its own is the same within a field.
+
 Instants are UTC as POSIX seconds (`_utc_s`), or of our monotonic clock (`_s`).
 """
 
@@ -18,7 +22,9 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, field
-from typing import NamedTuple
+from typing import Any, Literal, NamedTuple
+
+import erfa
 
 from sattrack.mount.alpaca.device import (
     J2000_SYSTEM,
@@ -27,9 +33,6 @@ from sattrack.mount.alpaca.device import (
     Standing,
     nearest_rate,
 )
-from sattrack.mount.alpaca.equinox import Equinox
-from sattrack.mount.alpaca.lateness import Lateness
-from sattrack.mount.alpaca.orders import AXIS_LANES, Order, move_order, pulse_orders, tracking_order
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 from sattrack.mount.xerxes.datagrams import (
     DTICS_S_PER_DEG_S,
@@ -40,6 +43,21 @@ from sattrack.mount.xerxes.datagrams import (
     encode_status,
 )
 
+NORTH, SOUTH, EAST, WEST = range(4)
+"""Alpaca's GuideDirections."""
+Lane = Literal["ra", "dec", "rest"]
+AXIS_LANES: tuple[Lane, Lane] = ("ra", "dec")
+REMEMBERED = 100
+FEWEST = 10
+LEAST_EXCESS_S = 0.003
+EXCESSES = 2.0
+MOST_IN_A_ROW = 3
+"""A way that has become longer for good is believed after so many."""
+ANEW_AFTER_S = 600.0
+"""The equinox moves by 3 milliarcseconds in that time."""
+MJD_ZERO = 2400000.5
+MJD_OF_UNIX_EPOCH = 40587.0
+TT_LESS_UTC_S = 69.184
 DEADMAN_S = 1.0
 STOP_AGAIN_S = 0.5
 SAME_RATE_DEG_S = 1e-8
@@ -56,6 +74,90 @@ TRACKING_AGAIN_S = 1.0
 MOST_TRACKING_TRIES = 5
 ONE_SHOTS = ("abort", "slew", "sync", "pulse_guide")
 HALT_NAMES = frozenset({"abortslew"})
+
+
+class Order(NamedTuple):
+    """Something to tell the telescope: a PUT of one member.
+
+    On the lanes `ra` and `dec` a newer order takes the place of one that waits; on `rest` they queue up.
+    """
+
+    lane: Lane
+    member: str
+    fields: tuple[tuple[str, str], ...] = ()
+    rate_deg_s: float = 0.0
+    """Of a MoveAxis."""
+
+
+def move_order(axis: int, rate_deg_s: float) -> Order:
+    """Return the MoveAxis of one axis, 0 right ascension, 1 declination; degrees a second."""
+    told = ("Axis", str(axis)), ("Rate", f"{rate_deg_s:.9f}")
+    return Order(AXIS_LANES[axis], "moveaxis", told, rate_deg_s)
+
+
+def tracking_order(on: bool) -> Order:
+    """Return the order that puts tracking on or off."""
+    return Order("rest", "tracking", (("Tracking", "true" if on else "false"),))
+
+
+def pulse_orders(ra_ms: int, dec_ms: int) -> list[Order]:
+    """Return the guide pulses of so many milliseconds; negative is east, and south."""
+    orders = []
+    for milliseconds, onward, back in ((ra_ms, WEST, EAST), (dec_ms, NORTH, SOUTH)):
+        if milliseconds:
+            direction = onward if milliseconds > 0 else back
+            told = ("Direction", str(direction)), ("Duration", str(abs(milliseconds)))
+            orders.append(Order("rest", "pulseguide", told))
+    return orders
+
+
+@dataclass(slots=True)
+class Lateness:
+    """Follows how long requests take, seconds."""
+
+    _took: deque[float] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
+    _in_a_row: int = 0
+
+    def is_late(self, took_s: float) -> bool:
+        """Take one; tell whether it took longer than the median by more than its lead over the fastest."""
+        late = len(self._took) >= FEWEST and took_s > self._limit_s()
+        self._took.append(took_s)
+        self._in_a_row = self._in_a_row + 1 if late else 0
+        return 0 < self._in_a_row <= MOST_IN_A_ROW
+
+    def _limit_s(self) -> float:
+        ordered = sorted(self._took)
+        median = ordered[len(ordered) // 2]
+        return median + max(LEAST_EXCESS_S, EXCESSES * (median - ordered[0]))
+
+
+@dataclass(slots=True)
+class Equinox:
+    """Turns directions, degrees, at instants of UTC (POSIX seconds)."""
+
+    _matrix: Any = None
+    _made_utc_s: float = 0.0
+
+    def of_date(self, ra_deg: float, dec_deg: float, utc_s: float) -> tuple[float, float]:
+        """Return a J2000 direction in the equinox of date."""
+        return self._turned(self._rotation(utc_s), ra_deg, dec_deg)
+
+    def j2000(self, ra_deg: float, dec_deg: float, utc_s: float) -> tuple[float, float]:
+        """Return a direction of date in J2000."""
+        return self._turned(self._rotation(utc_s).T, ra_deg, dec_deg)
+
+    def _rotation(self, utc_s: float) -> Any:
+        if self._matrix is None or abs(utc_s - self._made_utc_s) > ANEW_AFTER_S:
+            tt = (utc_s + TT_LESS_UTC_S) / 86400.0 + MJD_OF_UNIX_EPOCH
+            self._matrix, self._made_utc_s = erfa.pnm06a(MJD_ZERO, tt), utc_s
+        return self._matrix
+
+    @staticmethod
+    def _turned(matrix: Any, ra_deg: float, dec_deg: float) -> tuple[float, float]:
+        ra, dec = math.radians(ra_deg), math.radians(dec_deg)
+        unit = (math.cos(dec) * math.cos(ra), math.cos(dec) * math.sin(ra), math.sin(dec))
+        x, y, z = (float(v) for v in matrix @ unit)
+        return math.degrees(math.atan2(y, x)) % 360.0, math.degrees(math.atan2(z, math.hypot(x, y)))
 
 
 class _Seen(NamedTuple):

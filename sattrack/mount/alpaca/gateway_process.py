@@ -1,12 +1,384 @@
-"""The process of an Alpaca telescope's gateway: what it reads is dated, so it goes before other programs."""
+"""The gateway's process: the session's datagrams on one side, an Alpaca telescope on the other.
+
+Its argument is a `GatewayConfig` as JSON. One descriptor is a channel to whoever started it: the first
+message is `Ready`, or `Refused` with the reason; later ones are `News` of the telescope. The end of that
+channel is the end of the session. Then the gateway stays for as long as a guardian sends, or the telescope
+moves.
+
+It has real-time priority, since it dates what it reads. Its warden, a process of its own, stops the telescope
+where the gateway is gone or hangs.
+"""
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
+import os
+import signal
+import socket
+import subprocess
 import sys
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
+import msgspec
+
+from sattrack.core.clock import Clock, SystemClock
+from sattrack.core.errors import SattrackError
+from sattrack.core.own_program import own_program
 from sattrack.core.realtime import go_before_others
-from sattrack.mount.alpaca import gateway
+from sattrack.mount.alpaca.bridge import Bridge
+from sattrack.mount.alpaca.client import NOT_CONNECTED, AlpacaClient, Refusal, Unheard
+from sattrack.mount.alpaca.device import DeviceFacts, Place
+from sattrack.mount.alpaca.link import GatewayConfig, News, Ready, Refused
+
+if TYPE_CHECKING:
+    from sattrack.mount.alpaca.address import AlpacaAddress
+    from sattrack.mount.alpaca.bridge import Lane, Order
+
+MOST_WARDENS = 3
+END_WITHIN_S = 2.0
+MOVING, RESTING, FAREWELL = b"m", b"r", b"b"
+IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGPIPE)
+BEHIND_AT_MOST_S = 0.5
+LEAVE_AFTER_S = 2.5
+"""How long after the end of the session, and in silence, the gateway stays: a guardian speaks sooner."""
+LEAVE_AT_LAST_S = 90.0
+"""How long it stays at most: longer than a guardian tries to stop a mount."""
+TRY_AGAIN_S = 0.2
+FAREWELL_AT_LAST_S = 3.0
+"""How long it stays after a session that has given the stop up itself; the warden goes on then."""
+QUEUED_AT_MOST = 32
+SLOW_MEMBERS = (
+    "slewing",
+    "tracking",
+    "slewing",
+    "sideofpier",
+    "slewing",
+    "atpark",
+    "slewing",
+    "ispulseguiding",
+)
+"""Asked in turn, one a turn, where one request does not tell the whole state."""
+
+
+@dataclass(slots=True)
+class Watched:
+    """A warden at work; where it dies, another takes its place, MOST_WARDENS in all."""
+
+    address: AlpacaAddress
+    _process: subprocess.Popen[bytes] | None = None
+    _channel: socket.socket | None = None
+    _started: int = 0
+    _said: bytes = field(default=RESTING)
+
+    def __post_init__(self) -> None:
+        """Start it."""
+        self._start()
+
+    @property
+    def alive(self) -> bool:
+        """Whether somebody watches."""
+        return self._channel is not None
+
+    def beat(self, in_force: bool) -> None:
+        """Say that the gateway's loop turns, and whether anything of it may have the telescope moving."""
+        word = MOVING if in_force else RESTING
+        if word == RESTING and self._said == RESTING and self._channel is not None:
+            return
+        self._said = word
+        self._say(word)
+
+    def let_go(self) -> None:
+        """End the watch: the telescope is at rest, or never moved."""
+        self._say(FAREWELL)
+        if self._channel is not None:
+            self._channel.close()
+        if self._process is not None:
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(END_WITHIN_S)
+
+    def _say(self, word: bytes) -> None:
+        if self._channel is None:
+            return
+        try:
+            self._channel.send(word)
+        except BlockingIOError:
+            return
+        except OSError:
+            self._channel.close()
+            self._channel = None
+            self._start()
+
+    def _start(self) -> None:
+        if self._process is not None:
+            self._process.poll()
+        if self._started >= MOST_WARDENS:
+            return
+        self._started += 1
+        ours, theirs = socket.socketpair()
+        with theirs:
+            self._process = subprocess.Popen(
+                [
+                    *(*own_program("sattrack.mount.alpaca.warden"), str(theirs.fileno())),
+                    *(str(os.getpid()), self.address.host, str(self.address.port), str(self.address.device)),
+                ],
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.DEVNULL,
+                pass_fds=[theirs.fileno()],
+                start_new_session=True,
+            )
+        ours.setblocking(False)
+        self._channel = ours
+
+
+@dataclass(slots=True)
+class Worker:
+    """One lane of orders, one after the other; on an axis' lane only the newest that waits counts."""
+
+    lane: Lane
+    client: AlpacaClient
+    bridge: Bridge
+    waiting: list[Order] = field(default_factory=list)
+    _come: asyncio.Event = field(default_factory=asyncio.Event)
+
+    def put(self, order: Order) -> None:
+        """Take an order."""
+        if self.lane != "rest":
+            self.waiting.clear()
+        elif order.member == "abortslew":
+            # Nothing that was asked before a stop is worth asking after it.
+            self.waiting = [one for one in self.waiting if one.member == "tracking"]
+        if len(self.waiting) < QUEUED_AT_MOST:
+            self.waiting.append(order)
+        self._come.set()
+
+    async def run(self) -> None:
+        """Work for ever."""
+        while True:
+            await self._come.wait()
+            self._come.clear()
+            while self.waiting:
+                order = self.waiting.pop(0)
+                refusal = None
+                try:
+                    await self.client.put(order.member, *order.fields)
+                except (Refusal, Unheard) as error:
+                    refusal = str(error)
+                self.bridge.answered(order, refusal, time.monotonic())
+
+
+class _Mailbox(asyncio.DatagramProtocol):
+    """Hands the session's datagrams to the bridge."""
+
+    def __init__(self, gateway: Gateway) -> None:
+        self._gateway = gateway
+
+    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
+        """Take one."""
+        # Whoever else sends here is neither the session nor its guardian, which has the session's socket.
+        if addr == ("127.0.0.1", self._gateway.config.peer_port):
+            self._gateway.heard(data)
+
+
+@dataclass(slots=True)
+class Gateway:
+    """One session and one telescope, from the first turn to the end of both."""
+
+    config: GatewayConfig
+    client: AlpacaClient
+    facts: DeviceFacts
+    channel: socket.socket
+    watched: Watched
+    clock: Clock = field(default_factory=SystemClock)
+    bridge: Bridge = field(init=False)
+    _workers: dict[str, Worker] = field(init=False)
+    _transport: asyncio.DatagramTransport | None = None
+    _heard_s: float = field(default_factory=time.monotonic)
+    _left_s: float | None = None
+    """When the session ended."""
+    _bade_farewell: bool = False
+    _turns: int = 0
+    _told: str | None = None
+    _silence: str | None = None
+    """Why the telescope does not answer; None while it does."""
+    _try_again_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Build the bridge."""
+        longitude_deg = self.config.address.longitude_deg
+        if longitude_deg is None:
+            longitude_deg = self.facts.longitude_deg or 0.0
+        self.bridge = Bridge(self.facts, longitude_deg, self.config.address.latitude_deg)
+        lanes: tuple[Lane, ...] = ("ra", "dec", "rest")
+        self._workers = {lane: Worker(lane, self.client, self.bridge) for lane in lanes}
+
+    def heard(self, data: bytes) -> None:
+        """Take a datagram of the session, or of its guardian."""
+        self._heard_s = time.monotonic()
+        self.bridge.hear(data, self._heard_s)
+
+    async def run(self) -> None:
+        """Stand between until nobody needs it."""
+        loop = asyncio.get_running_loop()
+        await self._read_place()
+        self._transport, _ = await loop.create_datagram_endpoint(
+            lambda: _Mailbox(self), local_addr=("127.0.0.1", 0)
+        )
+        port = int(self._transport.get_extra_info("sockname")[1])
+        self._say(Ready(port, self.facts))
+        self.channel.setblocking(False)
+        loop.add_reader(self.channel.fileno(), self._hear_channel)
+        working = [asyncio.create_task(worker.run()) for worker in self._workers.values()]
+        reading: asyncio.Task[None] | None = None
+        period_s = 1.0 / self.config.address.hz
+        due_s = time.monotonic()
+        while not self._over():
+            await asyncio.sleep(due_s - time.monotonic())
+            now_s = time.monotonic()
+            for order in self.bridge.turn(now_s):
+                self._workers[order.lane].put(order)
+            self.watched.beat(self.bridge.in_force)
+            if (reading is None or reading.done()) and now_s >= self._try_again_s:
+                reading = asyncio.create_task(self._read())
+            self._tell_news()
+            due_s = max(due_s + period_s, now_s - BEHIND_AT_MOST_S)
+        for task in (*working, *([] if reading is None else [reading])):
+            task.cancel()
+        self._transport.close()
+        if not self.bridge.in_force:
+            # Else it is the warden's.
+            self.watched.let_go()
+
+    def _over(self) -> bool:
+        if self._left_s is None:
+            return False
+        now_s = time.monotonic()
+        if now_s - self._left_s > (FAREWELL_AT_LAST_S if self._bade_farewell else LEAVE_AT_LAST_S):
+            return True
+        quiet = now_s - max(self._heard_s, self._left_s) > LEAVE_AFTER_S
+        return (self._bade_farewell or quiet) and not self.bridge.in_force
+
+    def _hear_channel(self) -> None:
+        try:
+            data = self.channel.recv(64)
+        except BlockingIOError:
+            return
+        except OSError:
+            data = b""
+        self._bade_farewell = self._bade_farewell or b"bye" in data
+        if not data or self._bade_farewell:
+            self._left_s = time.monotonic()
+            asyncio.get_running_loop().remove_reader(self.channel.fileno())
+
+    def _tell_news(self) -> None:
+        words = self._silence or self.bridge.words or self.bridge.doubt
+        if words != self._told:
+            self._told = words
+            self._say(News(words))
+
+    def _say(self, what: Ready | News) -> None:
+        with contextlib.suppress(OSError):
+            self.channel.sendall(msgspec.json.encode(what) + b"\n")
+
+    async def _read(self) -> None:
+        """Read the place once, and send the status that comes of it."""
+        try:
+            place = await self._read_place()
+        except (Unheard, Refusal) as error:
+            self._silence = f"the telescope does not tell where it is: {error}"
+            self._try_again_s = time.monotonic() + TRY_AGAIN_S
+            if isinstance(error, Refusal) and error.number == NOT_CONNECTED:
+                await self._connect_again()
+            return
+        self._silence = None
+        status = self.bridge.see(place)
+        if status is not None and self._transport is not None:
+            self._transport.sendto(status, ("127.0.0.1", self.config.peer_port))
+
+    async def _connect_again(self) -> None:
+        """Connect to a telescope that was disconnected: whatever moves it must be able to stop it."""
+        with contextlib.suppress(Unheard, Refusal):
+            await self.client.connect()
+
+    async def _read_place(self) -> Place:
+        if self.facts.has_device_state:
+            return await self._read_state()
+        member = SLOW_MEMBERS[self._turns % len(SLOW_MEMBERS)]
+        self._turns += 1
+        begun_s = time.monotonic()
+        (ra_s, ra_h, ra_took_s), (dec_s, dec_deg, dec_took_s), value = await asyncio.gather(
+            self._timed("rightascension"), self._timed("declination"), self._slow(member)
+        )
+        self.bridge.stand(self.bridge.standing.with_values(begun_s, {member: value}))
+        return self._place((ra_s, ra_h), (dec_s, dec_deg), max(ra_took_s, dec_took_s))
+
+    async def _read_state(self) -> Place:
+        begun_s = time.monotonic()
+        at_s, state, took_s = await self._timed("devicestate")
+        values = {}
+        for one in state if isinstance(state, list) else []:
+            if isinstance(one, dict):
+                values[str(one.get("Name", "")).lower()] = one.get("Value")
+        self.bridge.stand(self.bridge.standing.with_values(begun_s, values))
+        return self._place((at_s, values.get("rightascension")), (at_s, values.get("declination")), took_s)
+
+    async def _timed(self, member: str) -> tuple[float, Any, float]:
+        """Return the middle of a request, by the monotonic clock, what was answered, and how long it took."""
+        begun_s = time.monotonic()
+        value = await self.client.get(member)
+        ended_s = time.monotonic()
+        return 0.5 * (begun_s + ended_s), value, ended_s - begun_s
+
+    async def _slow(self, member: str) -> Any:
+        try:
+            return await self.client.get(member)
+        except Refusal:
+            return None
+
+    def _place(self, ra: tuple[float, Any], dec: tuple[float, Any], took_s: float) -> Place:
+        (ra_s, ra_h), (dec_s, dec_deg) = ra, dec
+        numbers = isinstance(ra_h, float | int) and isinstance(dec_deg, float | int)
+        if not (numbers and 0.0 <= ra_h <= 24.0 and -90.0 <= dec_deg <= 90.0):
+            raise Unheard(f"{ra_h!r} h, {dec_deg!r}° is no direction")
+        ra_utc_s, dec_utc_s = self.clock.utc_s(ra_s), self.clock.utc_s(dec_s)
+        return Place(ra_utc_s, ra_h * 15.0 % 360.0, dec_utc_s, float(dec_deg), took_s)
+
+
+async def run(config: GatewayConfig, channel: socket.socket) -> None:
+    """Find the telescope and stand between. Raises SattrackError where it cannot be driven."""
+    async with AlpacaClient(config.address) as client:
+        try:
+            await client.connect()
+            facts = await client.facts()
+        except Unheard as error:
+            raise SattrackError(f"{config.address}: {error}; {config.address.silence_advice}") from error
+        except Refusal as error:
+            raise SattrackError(f"{config.address}: {error}") from error
+        objection = facts.objection(config.address.stops_only)
+        if objection is not None:
+            raise SattrackError(f"{config.address}: {objection}")
+        watched = Watched(config.address)
+        await Gateway(config, client, facts, channel, watched).run()
+
+
+def main() -> int:
+    """Run the process; returns its exit code."""
+    for number in IGNORED:
+        signal.signal(number, signal.SIG_IGN)
+    config = msgspec.json.decode(sys.argv[1], type=GatewayConfig)
+    channel = socket.socket(fileno=config.channel)
+    try:
+        asyncio.run(run(config, channel))
+    except SattrackError as error:
+        link = isinstance(error.__cause__, Unheard)
+        with contextlib.suppress(OSError):
+            channel.sendall(msgspec.json.encode(Refused(str(error), link)) + b"\n")
+        return 1
+    return 0
+
 
 if __name__ == "__main__":
     go_before_others()
-    sys.exit(gateway.main())
+    sys.exit(main())

@@ -1,4 +1,7 @@
-"""An Alpaca telescope's gateway, started and ended: the way to it is a socket on loopback."""
+"""An Alpaca telescope's gateway, started and ended, and the messages on its channel.
+
+Towards the session the gateway is a mount behind a UDP socket on loopback.
+"""
 
 from __future__ import annotations
 
@@ -7,18 +10,43 @@ import socket
 import subprocess
 import sys
 import time
-from typing import TYPE_CHECKING
 
 import msgspec
 
 from sattrack.core.errors import LinkLostError, SattrackError
 from sattrack.core.own_program import own_program
-from sattrack.mount.alpaca.channel import GatewayConfig, News, Ready, Refused
+from sattrack.mount.alpaca.address import AlpacaAddress
+from sattrack.mount.alpaca.device import DeviceFacts
 from sattrack.mount.xerxes.client import Address, UdpLink, bind
 
-if TYPE_CHECKING:
-    from sattrack.mount.alpaca.address import AlpacaAddress
-    from sattrack.mount.alpaca.device import DeviceFacts
+
+class GatewayConfig(msgspec.Struct, frozen=True):
+    """Everything that a gateway is told."""
+
+    address: AlpacaAddress
+    peer_port: int
+    channel: int
+
+
+class Ready(msgspec.Struct, frozen=True, tag=True):
+    """It stands between: its port on loopback, and the telescope."""
+
+    port: int
+    facts: DeviceFacts
+
+
+class Refused(msgspec.Struct, frozen=True, tag=True):
+    """It cannot, and why; `link` where nothing that answers is there."""
+
+    words: str
+    link: bool
+
+
+class News(msgspec.Struct, frozen=True, tag=True):
+    """What is the matter with the telescope; None where nothing is any more."""
+
+    words: str | None
+
 
 START_WITHIN_S = 30.0
 END_WITHIN_S = 5.0

@@ -1,40 +1,55 @@
-"""The feeding process' end of the line to the one that Alpaca's clients talk to.
+"""The feeding process' end of the line to the process that Alpaca's clients talk to.
 
-One order is obeyed a period at most, as judging a slew's way may take milliseconds; a stop never waits, and
-what was asked before it and not begun is not begun any more. States that the other end is too slow for are
-left out; answers are not.
+One order is obeyed a period at most, as judging a slew's path may take milliseconds; a stop never waits, and
+cancels the orders that came before it and have not begun. States that the other end is too slow for are left
+out; answers are not. The other process is given its task as one JSON line: the mount, whom to let in, and
+the satellites for the custom actions, which need numpy only when the first is asked for.
 """
 
 from __future__ import annotations
 
 import contextlib
+import ipaddress
 import select
 import socket
 import subprocess
 from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
 from sattrack.core.errors import SattrackError
 from sattrack.core.own_program import own_program
-from sattrack.servers.alpaca.faults import Number
+from sattrack.core.utc_json import decode_utc, encode_utc
+from sattrack.mount.model import MountProfile
+from sattrack.safety import SafetyLimits
+from sattrack.servers.alpaca.device import Abilities
 from sattrack.servers.alpaca.messages import (
     AbortOrder,
     Answered,
     Asked,
     BiasOrder,
+    Fault,
+    Number,
     Told,
     decode_asked,
     encode,
 )
-from sattrack.servers.alpaca.task import READY, encode_task
+from sattrack.servers.callers import CallerLimits
+from sattrack.settings import SiteSettings
+from tle.elements import Elements
+from tle.errors import TleError
+from tle.instants import Utc
 
 if TYPE_CHECKING:
-    from sattrack.servers.alpaca.messages import TelescopeState
-    from sattrack.servers.alpaca.task import AlpacaTask
+    from sattrack.runtime.facts import RunFacts
+    from sattrack.servers.alpaca.messages import Passes, TelescopeState, TrackSatellite
+    from tle.passes import Pass
 
+NO_ELEMENTS = "no elements: give --elements FILE to `sattrack serve alpaca`, or set elements in sattrack.toml"
+READY = "ready"
+"""What that process says first."""
 READ_BYTES = 65536
 LONGEST_LINE = 1 << 22
 MOST_UNREAD_BYTES = 1 << 20
@@ -43,6 +58,164 @@ END_WITHIN_S = 3.0
 REMEMBERED_WORDS = 20
 PAUSE_FACTOR = 9.0
 """Orders take a tenth of the feeding process' time at most, however many wait."""
+
+
+class Satellites(msgspec.Struct, frozen=True):
+    """Whose passes there are, over which site, and for which mount."""
+
+    elements: list[Elements]
+    site: SiteSettings
+    profile: MountProfile
+    limits: SafetyLimits
+    min_alt_deg: float
+    refraction: Literal["auto", "on", "off"]
+    mount: str
+
+    def prepare(self) -> None:
+        """Import what passes and facts are computed with, and read its tables: nobody waits for it then."""
+        if not self.elements:
+            return
+        from sattrack.runtime import facts, prepare
+        from tle.propagator import Propagator
+
+        del facts, prepare
+        if self.profile.through_pole:
+            from sattrack.planning import passing
+
+            del passing
+        with contextlib.suppress(TleError):
+            Propagator(self.elements[0], self.site.place())
+
+    def passes(self, asked: Passes, now_utc_s: float) -> list[dict[str, Any]]:
+        """Return a satellite's coming passes, fields named as by `sattrack passes --json`. Raises Fault."""
+        from tle.passes import find_passes
+        from tle.propagator import Propagator
+
+        elements = self._find(asked.satellite)
+        floor_deg = self.min_alt_deg if asked.min_alt_deg is None else asked.min_alt_deg
+        try:
+            propagator = Propagator(elements, self.site.place())
+            found = find_passes(propagator, Utc(now_utc_s), asked.hours, floor_deg)
+        except TleError as error:
+            raise Fault(Number.INVALID_OPERATION, str(error)) from error
+        return [_row(elements, seen) for seen in found]
+
+    def facts(self, asked: TrackSatellite, now_utc_s: float) -> RunFacts:
+        """Return the facts of a run: the pass in progress, else the next. Raises Fault."""
+        from sattrack.runtime.facts import RunFacts, choose_pass, plan_for
+        from sattrack.runtime.prepare import with_detours
+        from tle.refraction import Refraction
+
+        elements, site, now = self._find(asked.satellite), self.site.place(), Utc(now_utc_s)
+        floor_deg = self.min_alt_deg if asked.min_alt_deg is None else asked.min_alt_deg
+        lowest_deg = self.limits.floor_altitude_deg
+        if floor_deg < lowest_deg:
+            words = f"min_alt_deg is {floor_deg:g}; the mount is kept above {lowest_deg:g}"
+            raise Fault(Number.INVALID_VALUE, words)
+        air = Refraction.standard(site.height_m)
+        try:
+            seen = choose_pass(elements, site, now, floor_deg)
+            return with_detours(
+                RunFacts(
+                    elements=elements,
+                    site=self.site,
+                    refraction=self.refraction,
+                    pressure_hpa=air.pressure_hpa,
+                    temperature_c=air.temperature_c,
+                    plan=plan_for(seen, now),
+                    culminate_utc_s=float(seen.culminate_utc.unix_s),
+                    max_alt_deg=float(seen.max_alt_deg),
+                    profile=self.profile,
+                    limits=self.limits,
+                    bias_along_s=0.0,
+                    bias_cross_deg=0.0,
+                    mount_name=self.mount,
+                    started_utc_s=now_utc_s,
+                )
+            )
+        except (SattrackError, TleError) as error:
+            raise Fault(Number.INVALID_OPERATION, str(error)) from error
+
+    def _find(self, name: str) -> Elements:
+        from tle.sources import find
+
+        if not self.elements:
+            raise Fault(Number.INVALID_OPERATION, NO_ELEMENTS)
+        try:
+            return find(self.elements, name)
+        except TleError as error:
+            raise Fault(Number.INVALID_VALUE, str(error)) from error
+
+
+def run_told(facts: RunFacts) -> dict[str, Any]:
+    """Return what a client is told of a run that begins."""
+    return {
+        "name": facts.elements.name,
+        "catalog_number": facts.elements.catalog_number,
+        "from_utc": Utc(facts.plan.start_utc_s).isoformat("milliseconds"),
+        "to_utc": Utc(facts.plan.end_utc_s).isoformat("milliseconds"),
+        "culminate_utc": Utc(facts.culminate_utc_s).isoformat("milliseconds"),
+        "max_alt_deg": facts.max_alt_deg,
+    }
+
+
+def _row(elements: Elements, seen: Pass) -> dict[str, Any]:
+    def told(instant: Utc | None) -> str | None:
+        return None if instant is None else instant.isoformat("milliseconds")
+
+    return {
+        "name": elements.name,
+        "catalog_number": elements.catalog_number,
+        "rise_utc": told(seen.rise_utc),
+        "culminate_utc": told(seen.culminate_utc),
+        "set_utc": told(seen.set_utc),
+        "max_alt_deg": float(seen.max_alt_deg),
+    }
+
+
+class ClockNumbers(msgspec.Struct, frozen=True):
+    """A simulated clock's three numbers."""
+
+    start_utc_s: float
+    anchor_s: float
+    speed: float
+
+
+class AlpacaTask(msgspec.Struct, frozen=True):
+    """Everything that this process is told at its start; descriptors are inherited."""
+
+    listener: int
+    discovery: tuple[int, ...]
+    port: int
+    profile: MountProfile
+    site: SiteSettings
+    mount: str
+    version: str
+    host: str
+    callers: int
+    idle_s: float
+    requests_per_s: float
+    allowed: tuple[str, ...] | None
+    satellites: Satellites
+    abilities: Abilities
+    clock: ClockNumbers | None = None
+    names: tuple[str, ...] = ()
+    """Names by which clients call this computer, beside its own."""
+
+    def limits(self) -> CallerLimits:
+        """Return what clients may take."""
+        allowed = None if self.allowed is None else tuple(ipaddress.ip_network(one) for one in self.allowed)
+        return CallerLimits(self.callers, self.idle_s, self.requests_per_s, allowed)
+
+
+def encode_task(task: AlpacaTask) -> bytes:
+    """Return a task as one JSON line."""
+    return msgspec.json.encode(task, enc_hook=encode_utc) + b"\n"
+
+
+def decode_task(line: bytes) -> AlpacaTask:
+    """Return the task of one JSON line; raises msgspec.MsgspecError."""
+    return msgspec.json.decode(line, type=AlpacaTask, dec_hook=decode_utc)
 
 
 @dataclass(slots=True)

@@ -1,12 +1,51 @@
-"""What goes between the process that clients talk to and the one that feeds the mount: JSON lines.
+"""Messages between the process that clients talk to and the one that feeds the mount, and their faults.
 
 Orders go one way, each in an envelope with a number; states and answers come the other way. A state that
-stands before an answer is one in which the order shows.
+stands before an answer already shows the order. A custom action has one text parameter: a JSON object or,
+where it suffices, a name.
 """
 
 from __future__ import annotations
 
+from enum import IntEnum
+
 import msgspec
+
+ACTIONS = ("TrackSatellite", "Bias", "Passes")
+MOST_HOURS = 48.0
+
+
+class Number(IntEnum):
+    """The error numbers that Alpaca reserves, "ASCOM Alpaca API Reference", ASCOM reserved error numbers."""
+
+    OK = 0
+    NOT_IMPLEMENTED = 0x400
+    INVALID_VALUE = 0x401
+    VALUE_NOT_SET = 0x402
+    NOT_CONNECTED = 0x407
+    PARKED = 0x408
+    INVALID_OPERATION = 0x40B
+    ACTION_NOT_IMPLEMENTED = 0x40C
+    CANCELLED = 0x40E
+    DRIVER = 0x500
+
+
+class Fault(Exception):  # noqa: N818 - the protocol's own word is error number, not error
+    """A request that the device answers with an error number; HTTP's own status is 200 all the same."""
+
+    def __init__(self, number: Number, words: str) -> None:
+        super().__init__(words)
+        self.number = number
+        self.words = words
+
+
+class BadRequest(Exception):  # noqa: N818 - it is named after HTTP's own words
+    """What cannot be read as a request: answered with an HTTP status and a line of text."""
+
+    def __init__(self, words: str, status: int = 400) -> None:
+        super().__init__(words)
+        self.words = words
+        self.status = status
 
 
 class SlewOrder(msgspec.Struct, frozen=True, tag="slew"):
@@ -185,3 +224,64 @@ def decode_news(line: bytes) -> TelescopeState | Answered:
 def decode_asked(line: bytes) -> Asked | Told:
     """Return what the clients' process says in one line; raises msgspec.MsgspecError."""
     return _ASKED.decode(line)
+
+
+class TrackSatellite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Follow a satellite: the pass in progress above `min_alt_deg`, else the next."""
+
+    satellite: str
+    min_alt_deg: float | None = None
+
+
+class Passes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """List a satellite's coming passes."""
+
+    satellite: str
+    hours: float = 24.0
+    min_alt_deg: float | None = None
+
+
+class Bias(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Set, or with `add` change, the offsets of the satellite that is followed; nothing given: tell them."""
+
+    along_s: float | None = None
+    cross_deg: float | None = None
+    add: bool = False
+
+
+CustomAction = TrackSatellite | Passes | Bias
+_KINDS: dict[str, type[TrackSatellite] | type[Passes] | type[Bias]] = {
+    "tracksatellite": TrackSatellite,
+    "passes": Passes,
+    "bias": Bias,
+}
+
+
+def read_action(name: str, parameters: str) -> CustomAction:
+    """Return what an action asks for; its name may be of any case. Raises Fault."""
+    kind = _KINDS.get(name.lower())
+    if kind is None:
+        raise Fault(Number.ACTION_NOT_IMPLEMENTED, f"no action {name[:40]!r}: there are {', '.join(ACTIONS)}")
+    text = parameters.strip()
+    try:
+        if text.startswith("{") or (kind is Bias and text):
+            action: CustomAction = msgspec.json.decode(text, type=kind)
+        else:
+            action = Bias() if kind is Bias else msgspec.convert({"satellite": text}, kind)
+    except (msgspec.MsgspecError, RecursionError) as error:
+        raise Fault(Number.INVALID_VALUE, f"{name}: {error}") from error
+    _check(name, action)
+    return action
+
+
+def _check(name: str, action: CustomAction) -> None:
+    if isinstance(action, Bias):
+        return
+    if not action.satellite:
+        raise Fault(Number.INVALID_VALUE, f"{name}: name a satellite, by name, number or designator")
+    if action.min_alt_deg is not None and not 0.0 <= action.min_alt_deg < 90.0:
+        raise Fault(Number.INVALID_VALUE, f"{name}: min_alt_deg is {action.min_alt_deg:g}; from 0 to 90")
+    if isinstance(action, Passes) and not 0.0 < action.hours <= MOST_HOURS:
+        raise Fault(
+            Number.INVALID_VALUE, f"{name}: hours is {action.hours:g}; above 0, {MOST_HOURS:g} at most"
+        )

@@ -2,6 +2,8 @@
 
 Reads are answered from the mount's newest state, which the feeding process pushes; orders go there and are
 answered from there. So however many ask, and whatever they ask, the mount's datagrams are computed elsewhere.
+A gate stands between a connection and the protocol that serves it: it decides who may come in, and for how
+long without a whole request. Custom actions that take long are computed in a thread, one at a time.
 """
 
 from __future__ import annotations
@@ -10,6 +12,7 @@ import asyncio
 import contextlib
 import gc
 import logging
+import math
 import os
 import socket
 import sys
@@ -17,27 +20,44 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
+import msgspec
 from aiohttp import ClientPayloadError, http_exceptions, web
 
 from sattrack.core.clock import SimulatedClock, SystemClock
-from sattrack.servers.alpaca.action_runner import Actions
-from sattrack.servers.alpaca.actions import Bias, Passes, TrackSatellite
 from sattrack.servers.alpaca.device import Device
-from sattrack.servers.alpaca.discovery import Discovery
-from sattrack.servers.alpaca.faults import Fault, Number
-from sattrack.servers.alpaca.gate import REQUEST_WITHIN_S, Doorkeeper, Gate
-from sattrack.servers.alpaca.messages import AbortOrder, Answered, Asked, SlewOrder, Told, decode_news, encode
-from sattrack.servers.alpaca.server import Pending, Reply, Server
-from sattrack.servers.alpaca.task import READY, decode_task
+from sattrack.servers.alpaca.door import READY, decode_task, run_told
+from sattrack.servers.alpaca.messages import (
+    AbortOrder,
+    Answered,
+    Asked,
+    Bias,
+    BiasOrder,
+    Fault,
+    FollowOrder,
+    Number,
+    Passes,
+    SlewOrder,
+    Told,
+    TrackSatellite,
+    decode_news,
+    encode,
+)
+from sattrack.servers.alpaca.server import Discovery, Pending, Reply, Server
 from sattrack.servers.alpaca.telescope import Telescope
-from sattrack.servers.callers import HostNames
+from sattrack.servers.callers import HostNames, Seat
 
 if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
     from sattrack.core.clock import Clock
-    from sattrack.servers.alpaca.messages import Order
-    from sattrack.servers.alpaca.task import AlpacaTask
+    from sattrack.servers.alpaca.door import AlpacaTask, Satellites
+    from sattrack.servers.alpaca.messages import CustomAction, Order
     from sattrack.servers.callers import CallerLimits
 
+REQUEST_WITHIN_S = 10.0
+"""A request that has begun must be there as a whole within this time."""
+PREPARE_AFTER_S = 0.5
+BUSY = "passes are being computed for somebody else: ask again in a moment"
 MOST_BODY_BYTES = 16384
 MOST_LINE_BYTES = 8190
 MOST_WAITING = 64
@@ -56,6 +76,173 @@ BEHIND_THE_FEEDER = 5
 """How much nicer than the feeding process this one is."""
 LONGEST_TASK = 1 << 28
 """Bytes: a whole catalogue's elements come with the task."""
+
+
+@dataclass(slots=True)
+class Doorkeeper:
+    """All connections that are open, by their transports; instants are the event loop's."""
+
+    limits: CallerLimits
+    gates: dict[asyncio.BaseTransport, Gate] = field(default_factory=dict)
+    refused: int = 0
+    """Connections that were hung up on as they came."""
+    cut: int = 0
+    """Connections that were silent, or halting, too long."""
+
+    def admits(self, address: str, now_s: float) -> bool:
+        """Tell whether an address may come in; whoever must make room for it is hung up on."""
+        # Whose answer is under way asks for something now.
+        seats = {
+            line: gate.seat._replace(asked_s=now_s) if gate.at_work else gate.seat
+            for line, gate in self.gates.items()
+        }
+        objection, idle = self.limits.admit(address, seats, now_s)
+        for line in idle:
+            self.cut += 1
+            self.gates.pop(line).hang_up()
+        return objection is None
+
+    def tend(self, now_s: float) -> None:
+        """Hang up on those who have been silent, or have left a request unfinished, for too long."""
+        for gate in list(self.gates.values()):
+            if gate.overdue(now_s, self.limits.idle_s):
+                self.cut += 1
+                gate.hang_up()
+
+
+class Gate(asyncio.Protocol):
+    """One connection's gate; `make_inner` makes what serves it, once it is let in."""
+
+    def __init__(self, keeper: Doorkeeper, make_inner: Callable[[], asyncio.Protocol]) -> None:
+        self._keeper, self._make_inner = keeper, make_inner
+        self._inner: asyncio.Protocol | None = None
+        self._transport: asyncio.Transport | None = None
+        self._loop = asyncio.get_running_loop()
+        self._since_s = self._loop.time()
+        """Since when nothing has happened, or a request is unfinished."""
+        self._unfinished = False
+        self.seat = Seat("", -math.inf, self._since_s)
+        self.at_work = 0
+        """How many whole requests have not been answered yet."""
+
+    def connection_made(self, transport: asyncio.BaseTransport) -> None:
+        """See asyncio.Protocol."""
+        peer = transport.get_extra_info("peername")
+        if peer is None or not self._keeper.admits(str(peer[0]), self._since_s):
+            self._keeper.refused += 1
+            cast("asyncio.Transport", transport).abort()
+            return
+        self.seat = Seat(str(peer[0]), -math.inf, self._since_s)
+        self._transport = cast("asyncio.Transport", transport)
+        self._keeper.gates[transport] = self
+        self._inner = self._make_inner()
+        self._inner.connection_made(transport)
+
+    def data_received(self, data: bytes) -> None:
+        """See asyncio.Protocol."""
+        if self._inner is None:
+            return
+        if not self.at_work and not self._unfinished:
+            self._unfinished, self._since_s = True, self._loop.time()
+        self._inner.data_received(data)
+
+    def eof_received(self) -> bool | None:
+        """See asyncio.Protocol."""
+        return None if self._inner is None else self._inner.eof_received()
+
+    def pause_writing(self) -> None:
+        """See asyncio.Protocol."""
+        if self._inner is not None:
+            self._inner.pause_writing()
+
+    def resume_writing(self) -> None:
+        """See asyncio.Protocol."""
+        if self._inner is not None:
+            self._inner.resume_writing()
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """See asyncio.Protocol."""
+        if self._transport is not None:
+            self._keeper.gates.pop(self._transport, None)
+        if self._inner is not None:
+            self._inner.connection_lost(exc)
+
+    def begins(self) -> None:
+        """Note that a whole request is here: however long its answer takes, nothing is overdue."""
+        self._unfinished = False
+        self.at_work += 1
+        self.seat = self.seat._replace(asked_s=self._loop.time())
+
+    def ends(self) -> None:
+        """Note that its answer is on its way."""
+        self.at_work -= 1
+        self._since_s = self._loop.time()
+        self.seat = self.seat._replace(asked_s=self._since_s)
+
+    def overdue(self, now_s: float, idle_s: float) -> bool:
+        """Tell whether this connection is to be ended."""
+        longest_s = min(REQUEST_WITHIN_S, idle_s) if self._unfinished else idle_s
+        return not self.at_work and now_s - self._since_s > longest_s
+
+    def hang_up(self) -> None:
+        """End the connection."""
+        if self._transport is not None:
+            self._transport.abort()
+
+
+class Actions:
+    """Does what actions ask, one computation at a time."""
+
+    def __init__(self, satellites: Satellites, telescope: Telescope, clock: Clock) -> None:
+        self._satellites, self._telescope, self._clock = satellites, telescope, clock
+        self._computing = False
+        self._importing = asyncio.Lock()
+        """Two threads that import what imports each other may find a part of it."""
+
+    async def prepare(self) -> None:
+        """Have what computes passes ready before anybody waits for it; the first answers go before."""
+        await asyncio.sleep(PREPARE_AFTER_S)
+        async with self._importing:
+            await asyncio.to_thread(self._satellites.prepare)
+        # Of what was imported nothing is to be looked through whenever garbage is collected.
+        gc.collect()
+        gc.freeze()
+
+    async def do(self, asked: CustomAction, order: Callable[[Order], Awaitable[None]]) -> str:
+        """Return an action's answer, JSON text; `order` has orders carried out. Raises Fault."""
+        if isinstance(asked, Bias):
+            return await self._bias(asked, order)
+        now_utc_s = self._clock.utc_s(time.monotonic())
+        if isinstance(asked, Passes):
+            return _text(await self._computed(self._satellites.passes, asked, now_utc_s))
+        facts = await self._computed(self._satellites.facts, asked, now_utc_s)
+        from sattrack.runtime.facts import encode_facts
+
+        await order(FollowOrder(msgspec.Raw(encode_facts(facts))))
+        return _text(run_told(facts))
+
+    async def _computed(self, compute: Callable[..., Any], *arguments: Any) -> Any:
+        if self._computing:
+            raise Fault(Number.INVALID_OPERATION, BUSY)
+        self._computing = True
+        try:
+            async with self._importing:
+                return await asyncio.to_thread(compute, *arguments)
+        finally:
+            self._computing = False
+
+    async def _bias(self, asked: Bias, order: Callable[[Order], Awaitable[None]]) -> str:
+        if asked.along_s is not None or asked.cross_deg is not None:
+            await order(BiasOrder(asked.along_s, asked.cross_deg, asked.add))
+        state = self._telescope.state
+        followed = None if state is None else state.following
+        if followed is None:
+            raise Fault(Number.INVALID_OPERATION, "no satellite is followed: TrackSatellite first")
+        return _text(followed)
+
+
+def _text(value: Any) -> str:
+    return msgspec.json.encode(value).decode()
 
 
 @dataclass(slots=True)

@@ -12,7 +12,7 @@ import msgspec
 from sattrack.core.errors import SattrackError
 from sattrack.runtime.facts import build_engine, decode_facts
 from sattrack.runtime.station_loop import StationLoop
-from sattrack.servers.alpaca.discovery import PORT
+from sattrack.servers.alpaca.server import PORT
 from sattrack.servers.antenna.log_lines import spoken
 
 if TYPE_CHECKING:

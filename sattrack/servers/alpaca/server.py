@@ -1,31 +1,78 @@
 """One HTTP request in, its answer out, or what has to be done before there is one. No I/O.
 
-Source: "ASCOM Alpaca API Reference": paths, transaction numbers, HTTP statuses, the management interface.
+Source: "ASCOM Alpaca API Reference": paths, transaction numbers, HTTP statuses, the management interface, and
+discovery, by which whoever asks on UDP port 32227 learns the HTTP port (IPv4). Answers to discovery are
+bounded, so that neither a storm of questions nor a forged sender makes this program flood anybody.
 """
 
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections import OrderedDict
+from dataclasses import dataclass, field
+from html import escape
 from typing import TYPE_CHECKING, Any
 
 import msgspec
 
 from sattrack.servers.alpaca.device import MAKER
-from sattrack.servers.alpaca.faults import BadRequest, Fault, Number
-from sattrack.servers.alpaca.parameters import LARGEST_ID, Form, read_form
-from sattrack.servers.alpaca.setup_page import setup_page
+from sattrack.servers.alpaca.members import LARGEST_ID, Form, read_form
+from sattrack.servers.alpaca.messages import ACTIONS, BadRequest, Fault, Number
+from tle.instants import Utc
 
 if TYPE_CHECKING:
-    from sattrack.servers.alpaca.actions import CustomAction
-    from sattrack.servers.alpaca.messages import Order
+    from sattrack.servers.alpaca.messages import CustomAction, Order
     from sattrack.servers.alpaca.telescope import Telescope
 
+PAGE = """<!doctype html>
+<html lang="en"><head><meta charset="utf-8"><meta http-equiv="refresh" content="5"><title>{title}</title>
+<style>body{{font:16px sans-serif;margin:2em;max-width:44em}}th{{text-align:left;padding-right:2em}}</style>
+</head><body><h1>{title}</h1>
+<table>{rows}</table>
+<p>Nothing is set here. The mount, its profile, the site, the safety limits and the elements of satellites are
+told to <code>sattrack serve alpaca</code> by its options and by <code>sattrack.toml</code>;
+<code>sattrack serve alpaca --help</code> has them all.</p>
+<p>The protocol has no authentication: whoever reaches this port moves the mount.</p>
+</body></html>
+"""
 JSON, TEXT, HTML = "application/json", "text/plain", "text/html"
 DEVICE = "/api/v1/telescope/0/"
 NOTHING = object()
 """No value: what a PUT gives back that gives nothing."""
 _MEMBER = re.compile(r"[a-z]{1,40}")
+PORT = 32227
+QUESTION = b"alpacadiscovery1"
+LONGEST_QUESTION = 1024
+A_SECOND = 100.0
+A_SECOND_EACH = 10.0
+REMEMBERED = 256
+
+
+def setup_page(telescope: Telescope, place: str, now_utc_s: float) -> str:
+    """Return the page as of an instant."""
+    device, state = telescope.device, telescope.state
+    rows = [
+        ("Program", device.info),
+        ("Mount", f"{device.profile.name}, {device.mount}"),
+        ("Site", place),
+        ("Telescope number", "0"),
+        ("Clients connected", str(telescope.clients)),
+        ("Actions", ", ".join(ACTIONS)),
+        ("Now", Utc(now_utc_s).isoformat("seconds")),
+    ]
+    if state is None or not state.heard:
+        rows.append(("State", "the mount is not heard"))
+    else:
+        rows += [
+            ("State", "parked" if state.at_park else state.doing),
+            ("Right ascension", f"{state.ra_h:.5f} h of date"),
+            ("Declination", f"{state.dec_deg:+.4f}°"),
+            ("Side of the pier", "beyond the pole" if state.beyond_pole else "normal"),
+        ]
+        if state.tripped is not None:
+            rows.append(("Stopped by safety", f"{state.tripped}; AbortSlew makes it ready again"))
+    lines = (f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows)
+    return PAGE.format(title=escape(device.name), rows="\n".join(lines))
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,3 +190,47 @@ def _json(transaction: Transaction, value: Any = NOTHING, fault: Fault | None = 
         "ErrorMessage": "" if fault is None else fault.words,
     }
     return Reply(200, JSON, msgspec.json.encode(answer))
+
+
+@dataclass(slots=True)
+class Bucket:
+    """So many answers a second, as many at once after a silence."""
+
+    rate: float
+    left: float
+    filled_s: float
+
+    def take(self, now_s: float) -> bool:
+        """Tell whether one more may be given at an instant."""
+        self.left = min(self.rate, self.left + max(0.0, now_s - self.filled_s) * self.rate)
+        self.filled_s = now_s
+        if self.left < 1.0:
+            return False
+        self.left -= 1.0
+        return True
+
+
+@dataclass(slots=True)
+class Discovery:
+    """Answers questions for one HTTP port; instants are seconds of any clock that does not go back."""
+
+    http_port: int
+    unanswered: int = 0
+    """Questions that came too fast."""
+    _all: Bucket = field(default_factory=lambda: Bucket(A_SECOND, A_SECOND, 0.0))
+    _each: OrderedDict[str, Bucket] = field(default_factory=OrderedDict)
+
+    def answer(self, data: bytes, host: str, now_s: float) -> bytes | None:
+        """Return what to send back, None for nothing."""
+        if not data.startswith(QUESTION) or len(data) > LONGEST_QUESTION:
+            return None
+        each = self._each.get(host)
+        if each is None:
+            each = self._each[host] = Bucket(A_SECOND_EACH, A_SECOND_EACH, now_s)
+            if len(self._each) > REMEMBERED:
+                self._each.popitem(last=False)
+        self._each.move_to_end(host)
+        if not (each.take(now_s) and self._all.take(now_s)):
+            self.unanswered += 1
+            return None
+        return msgspec.json.encode({"AlpacaPort": self.http_port})

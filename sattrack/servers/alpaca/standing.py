@@ -1,8 +1,9 @@
-"""How a mount stands in ASCOM's words: parked, at home, tracking; what statuses say, and what they do not.
+"""The mount's state in ASCOM's terms: parked, at home, tracking, following; and answers to orders.
 
 The protocol's bits for park and home are not packed, and its tracking bit is always true or the opposite of
-slewing. So parked is a mount whose power was cut from here and that was not seen alive since; tracking is one
-whose drive turns with the sky.
+slewing. So a mount is parked when its power was cut from here and it was not seen alive since; it tracks when
+its drive turns with the sky. An order is answered at once, after the next statuses, or when a move that was
+ended is seen at rest.
 """
 
 from __future__ import annotations
@@ -10,21 +11,32 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from sattrack.control.bias_view import bias_fields
 from sattrack.control.manual.procedures import NEAR_DEG, off_axes_deg
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxesPosition
 from sattrack.mount.xerxes.datagrams import DTICS_S_PER_DEG_S
-from sattrack.servers.alpaca.messages import FollowedState, TelescopeState
+from sattrack.servers.alpaca.messages import Answered, Fault, FollowedState, Number, TelescopeState
+from sattrack.views.messages import OffsetBy
 
 if TYPE_CHECKING:
+    from sattrack.control.engine import Engine
     from sattrack.mount.model import MountProfile
     from sattrack.mount.xerxes.datagrams import Status
     from sattrack.mount.xerxes.session import Session
+    from sattrack.servers.alpaca.messages import BiasOrder
 
 ALIVE_STATUSES = 20
 """A parked mount that turns with the sky, or slews, for so many statuses in a row is parked no more."""
 SYNCED_WITHIN_DEG = 3.0
 RESTING_STATUSES = 10
 """An axis that brakes to the sky's rate passes through others."""
+SEEN_AFTER_S = 1.0
+"""After so long, an offset that is asked for counts among those in force."""
+SAME_OFFSET = 1e-9
+SETTLING_TICKS = 2
+"""How many datagrams an answer waits for a status that comes after what it tells of."""
+ANSWER_WITHIN_TICKS = 80
+"""Four seconds; a client waits five."""
 
 
 class Standing:
@@ -164,3 +176,104 @@ def _rate(dtics_s: float) -> float | None:
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
+
+
+def offset(engine: Engine | None, order: BiasOrder, now_utc_s: float) -> None:
+    """Change the offsets of the satellite that is followed; raises Fault where there is none, or no such."""
+    if engine is None:
+        raise Fault(Number.INVALID_OPERATION, "no satellite is followed: TrackSatellite first")
+    before = engine.tracker.steering.biases.totals(now_utc_s + SEEN_AFTER_S)
+    wanted = (("along_s", order.along_s, before[0]), ("cross_deg", order.cross_deg, before[1]))
+    for index, (what, value, had) in enumerate(wanted):
+        if value is None:
+            continue
+        engine.operate(OffsetBy(what, "add" if order.add else "set", value), now_utc_s)
+        goal = had + value if order.add else value
+        has = engine.tracker.steering.biases.totals(now_utc_s + SEEN_AFTER_S)[index]
+        if abs(has - goal) > SAME_OFFSET:
+            words = engine.tracker.steering.refusal or "the offset was not taken"
+            raise Fault(Number.INVALID_VALUE, words)
+
+
+def receive_or_stop(engine: Engine, data: bytes, arrival_utc_s: float) -> None:
+    """Have an engine take a datagram; one that fails stops the mount."""
+    try:
+        engine.receive(data, arrival_utc_s)
+    except Exception as error:  # noqa: BLE001 - no error is worth a mount that is left moving
+        engine.fail(str(error))
+
+
+def tick_or_stop(engine: Engine, now_utc_s: float) -> bytes:
+    """Have an engine make the datagram to send now; one that fails stops the mount."""
+    try:
+        return engine.tick(now_utc_s)
+    except Exception as error:  # noqa: BLE001 - no error is worth a mount that is left moving
+        engine.fail(str(error))
+        return engine.tick(now_utc_s)
+
+
+def followed(engine: Engine, now_utc_s: float) -> FollowedState:
+    """Return what clients may see of a satellite that is followed."""
+    elements, tracker = engine.spec.propagator.elements, engine.tracker
+    bias = bias_fields(tracker, now_utc_s + SEEN_AFTER_S)
+    error = tracker.error
+    return FollowedState(
+        name=elements.label,
+        catalog_number=elements.catalog_number,
+        phase=engine.phase,
+        along_s=bias["bias_along_goal_s"],
+        cross_deg=bias["bias_cross_goal_deg"],
+        error_arcsec=None if error is None or not math.isfinite(error.total_arcsec) else error.total_arcsec,
+        acquired=tracker.acquired_utc_s is not None,
+    )
+
+
+class Answers:
+    """What clients are to be told; `ready` is for whoever tells it, and takes it away."""
+
+    def __init__(self) -> None:
+        self.ready: list[Answered] = []
+        self._ticks = 0
+        self._due: list[tuple[int, Answered]] = []
+        self._ends: list[tuple[int, int]] = []
+        """Orders that ended a move, and until when they wait for its end."""
+
+    @property
+    def await_rest(self) -> bool:
+        """Whether an order waits for the end of a move."""
+        return bool(self._ends)
+
+    def done(self, number: int) -> None:
+        """Answer that an order is obeyed."""
+        self.ready.append(Answered(number))
+
+    def refused(self, number: int, fault: Fault) -> None:
+        """Answer that it is not."""
+        self.ready.append(Answered(number, int(fault.number), fault.words))
+
+    def soon(self, number: int, fault: Fault | None) -> None:
+        """Answer when a status is there that shows it."""
+        answer = Answered(number) if fault is None else Answered(number, int(fault.number), fault.words)
+        self._due.append((self._ticks + SETTLING_TICKS, answer))
+
+    def at_rest(self, number: int) -> None:
+        """Answer when the mount has come to rest, or does not in time."""
+        self._ends.append((number, self._ticks + ANSWER_WITHIN_TICKS))
+
+    def supersede(self, kind: str, number: int | None) -> None:
+        """Answer what waits: something else is done; `number` waited for the end of something of a `kind`."""
+        if number is not None:
+            self.refused(number, Fault(Number.CANCELLED, f"{kind} was ended by another command"))
+        for waiting, _ in self._ends:
+            self.done(waiting)
+        self._ends.clear()
+
+    def tick(self, rests: bool) -> None:
+        """Make ready what is due; `rests` tells that no move is under way any more."""
+        self._ticks += 1
+        self.ready += [answer for at, answer in self._due if at <= self._ticks]
+        self._due = [(at, answer) for at, answer in self._due if at > self._ticks]
+        over = [number for number, until in self._ends if rests or until <= self._ticks]
+        self._ends = [one for one in self._ends if one[0] not in over]
+        for number in over:
+            self.done(number)

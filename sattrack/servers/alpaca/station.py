@@ -14,21 +14,27 @@ from sattrack.control.tracker import FOLLOWING
 from sattrack.mount.model import Hold
 from sattrack.mount.requests import FineRate, TicketState
 from sattrack.mount.xerxes.link import LinkState
-from sattrack.servers.alpaca.answers import Answers
-from sattrack.servers.alpaca.drive import AfterStop, Drive
-from sattrack.servers.alpaca.faults import Fault, Number
-from sattrack.servers.alpaca.following import followed, offset, receive_or_stop, tick_or_stop
+from sattrack.servers.alpaca.drive import AfterStop, Drive, Undertaking, check_floor, procedure_of, refuse
 from sattrack.servers.alpaca.messages import (
     AbortOrder,
     BiasOrder,
+    Fault,
     FollowOrder,
     MoveOrder,
+    Number,
     ParkOrder,
     SlewOrder,
 )
 from sattrack.servers.alpaca.resting import Resting
-from sattrack.servers.alpaca.standing import Standing, state_of
-from sattrack.servers.alpaca.undertaking import Undertaking, check_floor, procedure_of, refuse
+from sattrack.servers.alpaca.standing import (
+    Answers,
+    Standing,
+    followed,
+    offset,
+    receive_or_stop,
+    state_of,
+    tick_or_stop,
+)
 from sattrack.views.messages import StopNow
 
 if TYPE_CHECKING:

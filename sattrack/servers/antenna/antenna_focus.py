@@ -1,4 +1,9 @@
-"""The antenna's focuser behind ASCOM Alpaca: a process for each axis, and what comes of them."""
+"""The antenna's focuser behind ASCOM Alpaca: a process for each axis, and its other end.
+
+It is a process of its own because HTTP may take seconds, and the loop that feeds the mount never waits. Of
+the ASCOM Focuser interface it uses positions in steps from 0 to MaxStep, moves of MaxIncrement steps at most
+that return at once, IsMoving, Halt.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +12,10 @@ import importlib.util
 import os
 import select
 import subprocess
+import sys
+import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Protocol
 from urllib.parse import parse_qs, urlsplit
 
 import msgspec
@@ -16,17 +23,225 @@ import msgspec
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.own_program import own_program
 from sattrack.runtime.embedded import LineReader
-from sattrack.servers.antenna.alpaca_focuser import FocuserConfig
-from sattrack.servers.antenna.remote_focus import FocusNews, RemoteAxis, RemoteFocuser
+from sattrack.servers.antenna.focus import FocusNews, FocusOrder, RemoteAxis, RemoteFocuser, swept_mm
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+TURN_S = 0.1
+RECONNECT_AFTER_S = 2.0
+MICRONS_A_MM = 1000.0
 FORM = "alpaca://HOST:PORT/DEVICE, with ?step=MICROMETRES or &zero=STEP"
 START_WITHIN_S = 20.0
 END_WITHIN_S = 12.0
 """A focuser that does not answer keeps its process for two requests' time."""
 _NEWS: msgspec.json.Decoder[FocusNews] = msgspec.json.Decoder(FocusNews)
+
+
+class FocuserError(Exception):
+    """A focuser that cannot be used, in words for a user."""
+
+
+class FocuserConfig(msgspec.Struct, frozen=True):
+    """Which focuser: `step_um` where it does not know the size of its steps, `zero_step` is 0 mm."""
+
+    address: str
+    device: int
+    step_um: float | None = None
+    zero_step: int = 0
+
+
+class Steps(Protocol):
+    """What is used of alpyca's Focuser."""
+
+    Absolute: bool
+    Connected: bool
+    IsMoving: bool
+    MaxIncrement: int
+    MaxStep: int
+    Position: int
+    StepSize: float
+
+    def Move(self, Position: int) -> None:  # noqa: N802, N803
+        """Begin to go to a step."""
+
+    def Halt(self) -> None:  # noqa: N802
+        """Stop."""
+
+
+@dataclass(slots=True)
+class AlpacaAxis:
+    """One focuser as an axis in mm. Whatever goes wrong on the way to it raises what alpyca raises."""
+
+    focuser: Steps
+    config: FocuserConfig
+    serial: int = 0
+    _step_mm: float = 0.0
+    _max_step: int = 0
+    _max_increment: int = 0
+    _wanted_step: int | None = None
+    _sweep: tuple[float, float, float] | None = None
+    """Where, at what rate and when a sweep began."""
+    _asked_step: int | None = None
+
+    def connect(self) -> None:
+        """Connect, and learn what it can do. Raises FocuserError where it is of no use."""
+        self.focuser.Connected = True
+        if not self.focuser.Absolute:
+            raise FocuserError("it moves by differences and knows no positions")
+        step_um = self.config.step_um or self._step_um()
+        self._step_mm = step_um / MICRONS_A_MM
+        self._max_step = int(self.focuser.MaxStep)
+        self._max_increment = max(1, int(self.focuser.MaxIncrement))
+
+    def _step_um(self) -> float:
+        from alpaca.exceptions import NotImplementedException
+
+        try:
+            step_um = float(self.focuser.StepSize)
+        except NotImplementedException:
+            step_um = 0.0
+        if step_um <= 0.0:
+            raise FocuserError("it does not tell the size of its steps: add ?step= with their micrometres")
+        return step_um
+
+    @property
+    def limits_mm(self) -> tuple[float, float]:
+        """From where to where it reaches."""
+        return self._to_mm(0), self._to_mm(self._max_step)
+
+    def obey(self, order: FocusOrder, now_s: float) -> None:
+        """Take an order up."""
+        self.serial = order.serial
+        self._wanted_step = self._sweep = self._asked_step = None
+        if order.to_mm is not None:
+            self._wanted_step = self._to_step(order.to_mm)
+        elif order.sweep_mm_s is not None:
+            self._sweep = (self._to_mm(self.focuser.Position), order.sweep_mm_s, now_s)
+        else:
+            self._halt()
+
+    def turn(self, now_s: float) -> tuple[float, bool]:
+        """Go on with what was ordered; return where it is, mm, and whether it moves."""
+        position, moving = int(self.focuser.Position), bool(self.focuser.IsMoving)
+        wanted = self._wanted_step
+        if self._sweep is not None:
+            from_mm, rate_mm_s, since_s = self._sweep
+            # As far as it is to be at the next turn.
+            ahead_s = now_s - since_s + TURN_S
+            wanted = self._to_step(swept_mm(from_mm, rate_mm_s, ahead_s, *self.limits_mm))
+        if wanted is not None and not moving and self._asked_step != wanted:
+            moving = self._ask(position, wanted)
+        return self._to_mm(position), moving or self._sweep is not None
+
+    def halt(self) -> None:
+        """Stop it, if it was told to go anywhere."""
+        if self._sweep is not None or self._wanted_step is not None:
+            self._halt()
+
+    def _ask(self, position: int, wanted: int) -> bool:
+        way = max(-self._max_increment, min(self._max_increment, wanted - position))
+        if way == 0:
+            self._asked_step = wanted
+            return False
+        self.focuser.Move(position + way)
+        self._asked_step = position + way
+        return True
+
+    def _halt(self) -> None:
+        from alpaca.exceptions import NotImplementedException
+
+        try:
+            self.focuser.Halt()
+        except NotImplementedException:
+            # What cannot halt is told to go where it is.
+            self.focuser.Move(int(self.focuser.Position))
+
+    def _to_mm(self, step: int) -> float:
+        return (step - self.config.zero_step) * self._step_mm
+
+    def _to_step(self, mm: float) -> int:
+        step = round(mm / self._step_mm) + self.config.zero_step
+        return max(0, min(self._max_step, step))
+
+
+@dataclass(slots=True)
+class Worker:
+    """Drives one focuser for as long as orders may come."""
+
+    make: Callable[[], Steps]
+    config: FocuserConfig
+    tell: Callable[[FocusNews], None]
+    axis: AlpacaAxis | None = None
+    serial: int = 0
+    _pending: list[FocusOrder] = field(default_factory=list)
+    _next_try_s: float = 0.0
+
+    def turn(self, orders: list[FocusOrder], now_s: float) -> None:
+        """Do what is to be done now; whatever goes wrong is told, and tried anew later."""
+        self._pending += orders
+        if self.axis is None and now_s < self._next_try_s:
+            return
+        try:
+            self._drive(now_s)
+        except FocuserError as error:
+            self._fail(str(error), now_s)
+        except Exception as error:  # noqa: BLE001 - alpyca lets through whatever HTTP and JSON raise
+            self._fail(_words(error), now_s)
+
+    def _drive(self, now_s: float) -> None:
+        if self.axis is None:
+            axis = AlpacaAxis(self.make(), self.config, self.serial)
+            axis.connect()
+            self.axis = axis
+        while self._pending:
+            # An order that the focuser refuses is not tried again.
+            order = self._pending.pop(0)
+            self.serial = order.serial
+            self.axis.obey(order, now_s)
+        began_s = time.monotonic()
+        mm, moving = self.axis.turn(now_s)
+        measured_s = 0.5 * (began_s + time.monotonic())
+        self.tell(FocusNews(measured_s, mm, moving, self.axis.serial, *self.axis.limits_mm))
+
+    def _fail(self, words: str, now_s: float) -> None:
+        self.axis = None
+        if self._pending:
+            # Nobody expects an order to be obeyed when the focuser comes back, however late.
+            self.serial = self._pending[-1].serial
+            self._pending.clear()
+        self._next_try_s = now_s + RECONNECT_AFTER_S
+        self.tell(FocusNews(time.monotonic(), None, moving=False, serial=self.serial, trouble=words))
+
+
+def _words(error: Exception) -> str:
+    text = str(error) or type(error).__name__
+    return "it does not answer" if "onnection" in type(error).__name__ else text.splitlines()[0][:200]
+
+
+def main(config: FocuserConfig) -> int:
+    """Drive a focuser until standard input ends, and stop it then."""
+    from alpaca.focuser import Focuser
+
+    def make() -> Any:
+        return Focuser(config.address, config.device)
+
+    def tell(news: FocusNews) -> None:
+        with contextlib.suppress(OSError):
+            os.write(sys.stdout.fileno(), msgspec.json.encode(news) + b"\n")
+
+    reader, worker = LineReader(sys.stdin.fileno()), Worker(make, config, tell)
+    decoder = msgspec.json.Decoder(FocusOrder)
+    due_s = time.monotonic()
+    while not reader.ended:
+        select.select([reader], [], [], max(0.0, due_s - time.monotonic()))
+        orders = [decoder.decode(line) for line in reader.lines()]
+        worker.turn(orders, time.monotonic())
+        due_s = max(due_s + TURN_S, time.monotonic())
+    if worker.axis is not None:
+        with contextlib.suppress(Exception):
+            worker.axis.halt()
+    return 0
 
 
 def parse_focuser(url: str) -> FocuserConfig:
@@ -133,7 +348,7 @@ def start_focusers(configs: Sequence[FocuserConfig]) -> FocusProcesses:
 
 def _start(config: FocuserConfig) -> FocusAxisProcess:
     process = subprocess.Popen(
-        [*own_program("sattrack.servers.antenna.alpaca_focuser"), msgspec.json.encode(config).decode()],
+        [*own_program("sattrack.servers.antenna.antenna_focus"), msgspec.json.encode(config).decode()],
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         # A Ctrl-C for the antenna is not one for its focuser: that ends with its standard input.
@@ -152,3 +367,7 @@ def _start(config: FocuserConfig) -> FocusAxisProcess:
         raise SattrackError(f"{part.name}: {first.trouble if first is not None else 'it does not answer'}")
     part.axis = RemoteAxis(first.least_mm, first.most_mm)
     return part
+
+
+if __name__ == "__main__":
+    sys.exit(main(msgspec.json.decode(sys.argv[1], type=FocuserConfig)))

@@ -1,7 +1,7 @@
-"""The controller: what antcn says in, what it answers and where the antenna is to be out. No I/O, no clock.
+"""The controller: antcn's messages in, answers and the antenna's path out. No I/O, no clock.
 
 "Ideal Field System Antenna Interface", sections 4.0 to 8.0. It never speaks but to answer, answers once, and
-never waits for what was asked to be done.
+never waits for what was asked to be done. A command is acknowledged, answered with text, or refused by a Nak.
 """
 
 from __future__ import annotations
@@ -12,11 +12,10 @@ from decimal import Decimal
 from enum import StrEnum
 from typing import TYPE_CHECKING, Literal
 
-from sattrack.servers.antenna import focus_orders, sky_orders
+from sattrack.servers.antenna import focus
 from sattrack.servers.antenna.equipment import Antenna, Feedback
 from sattrack.servers.antenna.line import Framer, Line, LineFault, Synchronised, encode
-from sattrack.servers.antenna.position import Position, position_message
-from sattrack.servers.antenna.reckoning import Reckoning
+from sattrack.servers.antenna.reckoning import Reckoning, Satellite, SkyPath, StoreError, Target
 from sattrack.servers.antenna.trajectory import (
     MOST_EPOCH_DISTANCE_S,
     NS,
@@ -37,16 +36,61 @@ from sattrack.servers.antenna.transactions import (
     parse,
     word_of,
 )
+from tle.bias import Bias
 from tle.errors import TleError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.servers.antenna.celestial import SkyPath
+    from sattrack.servers.antenna.trajectory import AxisRange
 
 REMEMBERED_LINES = 50
 REMEMBERED_REFUSALS = 20
 MOST_TIME_STEP_S = 86400
+
+
+@dataclass(frozen=True, slots=True)
+class Position:
+    """What a position status tells; None where there is no trajectory, or the axes are not heard."""
+
+    commanded: AxisState | ExactState | None
+    actual: AxisState | None
+    epoch_s: Decimal
+    """Seconds of the UTC day."""
+    remote: bool
+    servo: Literal["IDLE", "SLEWING", "TRACKING"]
+
+
+def position_message(position: Position, axes: AxisRange) -> str:
+    """Return the response to PS: positions to 1e-8°, rates to 1e-10 °/s, the epoch to 1 µs."""
+    commanded, commanded_wrap = _state_fields(position.commanded, axes)
+    actual, actual_wrap = _state_fields(position.actual, axes)
+    return " ".join(
+        (
+            "PS",
+            *commanded[:2],
+            *actual[:2],
+            *commanded[2:],
+            *actual[2:],
+            commanded_wrap,
+            actual_wrap,
+            f"{position.epoch_s:.6f}",
+            "REMOTE" if position.remote else "LOCAL",
+            position.servo,
+        )
+    )
+
+
+def _state_fields(state: AxisState | ExactState | None, axes: AxisRange) -> tuple[list[str], str]:
+    if state is None:
+        return [OMITTED] * 4, OMITTED
+    _, wrap = axes.wrap_of(float(state.first_deg))
+    return [
+        f"{state.first_deg - 360 * wrap:.8f}",
+        f"{state.second_deg:.8f}",
+        f"{state.first_rate_deg_s:.10f}",
+        f"{state.second_rate_deg_s:.10f}",
+    ], str(wrap)
 
 
 class Doing(StrEnum):
@@ -322,7 +366,116 @@ class Controller:
         return self.take_up(there.turned(self.turns_asked(request, request.number("first"), now_ns)))
 
     def _focus(self, request: Request, now_ns: int) -> str | Nak | None:
-        return focus_orders.obey(self.antenna.focuser, request, now_ns)
+        return focus.obey(self.antenna.focuser, request, now_ns)
+
+
+def follow_source(controller: Controller, request: Request, now_ns: int) -> Nak | None:
+    """Follow a source by its coordinates."""
+    return _follow(controller, controller.reckoning.source(request), request, now_ns)
+
+
+def _follow(controller: Controller, target: Target, request: Request, now_ns: int) -> Nak | None:
+    path = controller.reckoning.path(target)
+    path.turn_by(controller.turns_asked(request, path.at(now_ns).first_deg, now_ns))
+    return controller.take_up(path)
+
+
+def stand_on_sky(controller: Controller, request: Request, now_ns: int) -> Nak | None:
+    """Stand where a source is at an instant."""
+    epoch_ns = controller.epoch_asked(request, now_ns)
+    if isinstance(epoch_ns, Nak):
+        return epoch_ns
+    reckoning = controller.reckoning
+    there = reckoning.path(reckoning.source(request)).at(epoch_ns)
+    stands = Straight.standing(there.first_deg, there.second_deg, epoch_ns)
+    return controller.take_up(stands.turned(controller.turns_asked(request, there.first_deg, now_ns)))
+
+
+def offset(controller: Controller, request: Request, now_ns: int) -> None:
+    """Set the offsets of one kind, for what is being followed too."""
+    del now_ns
+    controller.reckoning.offset(request)
+    _reduce(controller)
+
+
+def pointing(controller: Controller, request: Request, now_ns: int) -> Nak | None:
+    """Set the pointing model, for what is being followed too."""
+    del now_ns
+    if controller.antenna.axes != "hadec":
+        return Nak.NOT_AVAILABLE
+    controller.reckoning.model(request)
+    _reduce(controller)
+    return None
+
+
+def _reduce(controller: Controller) -> None:
+    """Have what is followed go by what has been sent since."""
+    reduction = controller.reckoning.reduction
+    if isinstance(controller.path, SkyPath):
+        controller.path = controller.path.reduced_by(reduction)
+    if controller.held is not None:
+        controller.held = controller.held.reduced_by(reduction)
+
+
+def tell_sky(controller: Controller, request: Request, now_ns: int) -> str:
+    """Tell where on the sky the axes point: the pointing model turned round."""
+    actual = controller.feedback.actual(now_ns)
+    places = [OMITTED] * 4
+    if actual is not None:
+        seen = controller.reckoning.pointed_at(actual, now_ns / NS)
+        places = [f"{place_deg:.8f}" for place_deg in seen]
+    return " ".join((request.command.word, *places, f"{second_of_day(now_ns):.6f}"))
+
+
+def take_elements(controller: Controller, request: Request, now_ns: int) -> Nak | None:
+    """Take a line or a value of a satellite's elements."""
+    del now_ns
+    store, number = controller.reckoning.elements, int(request.number("number"))
+    try:
+        if request.command.word == "TLE":
+            store.take_line(int(request.text("line")), number, request.text("text"))
+        else:
+            store.take_value(number, request.text("keyword"), request.text("value"))
+    except StoreError as error:
+        return error.why
+    return None
+
+
+def follow_satellite(controller: Controller, request: Request, now_ns: int) -> Nak | None:
+    """Follow the satellite whose elements were sent, or stand where it is while SATOFF holds."""
+    mode = controller.antenna.refraction
+    refracted = mode == "on" or (mode == "auto" and not controller.feedback.does_refraction)
+    reckoning = controller.reckoning
+    try:
+        satellite = reckoning.satellite(int(request.number("number")), refracted)
+    except StoreError as error:
+        return error.why
+    refusal = _follow(controller, satellite, request, now_ns)
+    if refusal is None and reckoning.hold and isinstance(controller.path, SkyPath):
+        _hold(controller, controller.path, now_ns)
+    return refusal
+
+
+def bias_satellite(controller: Controller, request: Request, now_ns: int) -> None:
+    """Set a satellite's biases and whether it is tracked or held, for the one that is followed too."""
+    reckoning = controller.reckoning
+    following = controller.held or controller.path
+    bias = Bias(request.number("along"), request.number("cross"))
+    hold = request.text("mode", "TRACK") == "HOLD"
+    if isinstance(following, SkyPath) and isinstance(following.target, Satellite):
+        near_deg = following.at(now_ns).first_deg
+        way = reckoning.path(Satellite(following.target.propagator, bias), near_deg)
+        if hold:
+            _hold(controller, way, now_ns)
+        else:
+            controller.path, controller.held = way, None
+    reckoning.bias, reckoning.hold = bias, hold
+
+
+def _hold(controller: Controller, way: SkyPath, now_ns: int) -> None:
+    there = way.at(now_ns)
+    controller.path = Straight.standing(there.first_deg, there.second_deg, now_ns)
+    controller.held = way
 
 
 _HANDLERS: dict[str, Callable[[Controller, Request, int], str | Nak | None]] = {
@@ -341,6 +494,14 @@ _HANDLERS: dict[str, Callable[[Controller, Request, int], str | Nak | None]] = {
     "FOCSTOP": Controller._focus,
     "FOCPS": Controller._focus,
     "FIXED": Controller._fixed,
-    **sky_orders.HANDLERS,
+    "RADEC": follow_source,
+    "FIXSKY": stand_on_sky,
+    "OFFSET": offset,
+    "POINTING": pointing,
+    "SKY": tell_sky,
+    "TLE": take_elements,
+    "OMM": take_elements,
+    "SAT": follow_satellite,
+    "SATOFF": bias_satellite,
 }
 """What obeys each command; those that are not here are not available: pins and brakes."""

@@ -33,8 +33,7 @@ if TYPE_CHECKING:
     from sattrack.control.tracker import TrackPlan
     from sattrack.runtime.prepare import RunRequest
     from sattrack.safety import SafetyLimits
-    from sattrack.servers.antenna.door import Channel
-    from sattrack.servers.antenna.url import AntennaUrl
+    from sattrack.servers.antenna.door import AntennaUrl, Channel
     from tle.site import Site
 
 ON_TARGET_ARCSEC = 15.0

@@ -10,13 +10,27 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sattrack.servers.antenna.trajectory import NS
-from sattrack.servers.rotctld.calculations import CALCULATIONS
-from sattrack.servers.rotctld.commands import usage
-from sattrack.servers.rotctld.locator import LocatorError
-from sattrack.servers.rotctld.numbers import scan_double, scan_integer, scan_single
-from sattrack.servers.rotctld.reader import Reader, Request, Said
+from sattrack.servers.rotctld.calculations import (
+    CALCULATIONS,
+    LocatorError,
+    scan_double,
+    scan_integer,
+    scan_single,
+)
+from sattrack.servers.rotctld.reader import (
+    Code,
+    FailedError,
+    Reader,
+    Request,
+    Said,
+    done,
+    given,
+    need,
+    report,
+    usage,
+    words_of,
+)
 from sattrack.servers.rotctld.rotator import MOVE_RATE_DEG_S, Direction, Rotator
-from sattrack.servers.rotctld.wording import Code, FailedError, done, given, need, report, words_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -1,16 +1,16 @@
-"""What a client's bytes say: commands one after the other, whatever stands between them.
+"""What a client's bytes mean: commands one after the other. The table of commands, and how answers are put.
 
 rotctld does not read lines: a command is a character, or a name behind a backslash; its arguments are words,
 which blanks and ends of lines part alike; what follows is the next command. A `+`, or another punctuation
-mark, before a command asks for an extended response, parted by that mark. Pure: bytes in, requests out.
+mark, before a command asks for an extended response, parted by that mark. Commands as Hamlib 4.5.4 has them:
+`rotctld(1)`, and the output of `??`. Pure: bytes in, requests out.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from enum import Enum
-
-from sattrack.servers.rotctld.commands import BY_BYTE, BY_NAME, MOST_TAKEN, Command
+from enum import Enum, IntEnum
+from typing import TypeVar
 
 LONGEST_WORD = 127
 """Bytes of an argument; Hamlib has room for as many."""
@@ -22,6 +22,88 @@ _NO_MARKS = frozenset(b"\\_#")
 _ENDS = frozenset(b"\n\r")
 _SPACES = frozenset(b" \t\n\v\f\r")
 _IN_NAMES = frozenset(b"0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZ_abcdefghijklmnopqrstuvwxyz")
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """One command: its byte, its long name, what it takes, and the labels of what it gives.
+
+    `gives` are those of extended responses; `answers` tells whether there is an answer beside RPRT, after
+    which a success is not told. `whole_line` is of a command whose one argument is the rest of the line.
+    """
+
+    byte: int
+    name: str
+    takes: tuple[str, ...] = ()
+    gives: tuple[str, ...] = ()
+    answers: bool = False
+    whole_line: bool = False
+
+
+def _asks(letter: str, name: str, takes: tuple[str, ...], gives: tuple[str, ...]) -> Command:
+    return Command(ord(letter), name, takes, gives, answers=True)
+
+
+def _tells(letter: str, name: str, *takes: str) -> Command:
+    return Command(ord(letter), name, takes)
+
+
+DUMP_STATE_BYTE = 0x8F
+PAUSE_BYTE = 0x8C
+COMMANDS = (
+    _tells("P", "set_pos", "Azimuth", "Elevation"),
+    _asks("p", "get_pos", (), ("Azimuth", "Elevation")),
+    _tells("K", "park"),
+    _tells("S", "stop"),
+    _tells("R", "reset", "Reset"),
+    _tells("M", "move", "Direction", "Speed"),
+    _tells("V", "set_level", "Level", "Level Value"),
+    _asks("v", "get_level", ("Level",), ("Level Value",)),
+    _tells("U", "set_func", "Func", "Func Status"),
+    _asks("u", "get_func", ("Func",), ("Func Status",)),
+    _tells("X", "set_parm", "Parm", "Parm Value"),
+    _asks("x", "get_parm", ("Parm",), ("Parm Value",)),
+    _tells("C", "set_conf", "Token", "Value"),
+    _asks("_", "get_info", (), ("Info",)),
+    _asks("s", "get_status", (), ("Status flags",)),
+    Command(ord("w"), "send_cmd", ("Cmd",), ("Reply",), answers=True, whole_line=True),
+    _tells("1", "dump_caps"),
+    Command(DUMP_STATE_BYTE, "dump_state", answers=True),
+    _asks("L", "lonlat2loc", ("Longitude", "Latitude", "Loc Len [2-12]"), ("Locator",)),
+    _asks("l", "loc2lonlat", ("Locator",), ("Longitude", "Latitude")),
+    _asks("D", "dms2dec", ("Degrees", "Minutes", "Seconds", "S/W"), ("Dec Degrees",)),
+    _asks("d", "dec2dms", ("Dec Degrees",), ("Degrees", "Minutes", "Seconds", "S/W")),
+    _asks("E", "dmmm2dec", ("Degrees", "Dec Minutes", "S/W"), ("Dec Deg",)),
+    _asks("e", "dec2dmmm", ("Dec Deg",), ("Degrees", "Dec Minutes", "S/W")),
+    _asks("B", "qrb", ("Lon 1", "Lat 1", "Lon 2", "Lat 2"), ("QRB Distance", "QRB Azimuth")),
+    _asks("A", "a_sp2a_lp", ("Short Path Deg",), ("Long Path Deg",)),
+    _asks("a", "d_sp2d_lp", ("Short Path km",), ("Long Path km",)),
+    Command(PAUSE_BYTE, "pause", ("Seconds",)),
+)
+"""All of them, in the order in which Hamlib lists them."""
+BY_BYTE = {command.byte: command for command in COMMANDS}
+BY_NAME = {command.name: command for command in COMMANDS}
+MOST_TAKEN = 4
+
+
+def usage() -> str:
+    """Return the help that a question mark asks for."""
+    lines = ["Commands (some may not be available for this rotator):"]
+    for command in COMMANDS:
+        letter = chr(command.byte) if 0x20 <= command.byte < 0x7F else "?"
+        lines.append(f"{letter}: {command.name:<12}({', '.join(command.takes)})")
+    lines += [
+        "",
+        "",
+        "In interactive mode prefix long command names with '\\', e.g. '\\dump_state'",
+        "",
+        "The special command '-' is used to read further commands from standard input",
+        "Commands and arguments read from standard input must be white space separated,",
+        "comments are allowed, comments start with the # character and continue to the",
+        "end of the line.",
+    ]
+    return "\n".join(lines) + "\n"
 
 
 class Said(Enum):
@@ -173,3 +255,54 @@ class Reader:
             raise _More
         text = self._bytes[place:end].decode("latin-1").partition("\0")[0]
         return (text[1:] if text.startswith(" ") else text,), end + 1
+
+
+class Code(IntEnum):
+    """Hamlib's error codes, as RPRT tells them."""
+
+    OK = 0
+    MALFORMED = 1
+    """Hamlib means to say INVALID, and forgets the sign."""
+    INVALID = -1
+    IO = -6
+    REJECTED = -9
+    NOT_AVAILABLE = -11
+
+
+class FailedError(Exception):
+    """A request cannot be fulfilled."""
+
+    def __init__(self, code: Code) -> None:
+        super().__init__(code)
+        self.code = code
+
+
+def report(code: Code) -> str:
+    """Return the line that tells a code."""
+    return f"RPRT {code.value}\n"
+
+
+def need(value: T | None) -> T:
+    """Return a value that must be there. Raises FailedError."""
+    if value is None:
+        raise FailedError(Code.INVALID)
+    return value
+
+
+def done(code: Code) -> str:
+    """Return the answer of what has none. Raises FailedError where it failed."""
+    if code is not Code.OK:
+        raise FailedError(code)
+    return ""
+
+
+def given(request: Request, *values: str) -> str:
+    """Return values, each with its label in an extended response."""
+    labels = request.command.gives if request.extended else ()
+    named = [f"{label}: " for label in labels] or [""] * len(values)
+    return "".join(f"{label}{value}{request.mark}" for label, value in zip(named, values, strict=True))
+
+
+def words_of(request: Request) -> tuple[str, ...]:
+    """Return as many words as a command takes; those that a question mark has cut off are empty."""
+    return (*request.words, *[""] * (len(request.command.takes) - len(request.words)))

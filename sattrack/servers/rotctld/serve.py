@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.servers.rotctld.door import RotctldDoor
-    from sattrack.servers.rotctld.rotator import Rotator
-    from sattrack.servers.rotctld.station import RotatorStation
+    from sattrack.servers.rotctld.rotator import Rotator, RotatorStation
 
 PROGRAM = "rotctld"
 MOST_TOLD = 5

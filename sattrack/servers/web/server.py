@@ -1,15 +1,20 @@
-"""The page and the connections behind it. It is no part of the run: each visitor's screen looks on."""
+"""The page and the connections behind it, and who may open it; each visitor's screen is a process."""
 
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import logging
+import re
+import secrets
 import shlex
 import signal
 from contextlib import suppress
+from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import urlsplit
 
 import textual_serve
 from aiohttp import web
@@ -17,7 +22,6 @@ from textual_serve.app_service import AppService
 from textual_serve.server import Server
 
 from sattrack.core.errors import SattrackError
-from sattrack.servers.web.addresses import machine_addresses
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -25,8 +29,12 @@ if TYPE_CHECKING:
     from aiohttp.typedefs import Handler
     from textual_serve.download_manager import DownloadManager
 
-    from sattrack.servers.web.visit import Visit
-
+FIB_TRIE = Path("/proc/net/fib_trie")
+IF_INET6 = Path("/proc/net/if_inet6")
+LOOPBACK = frozenset({"127.0.0.1", "::1", "localhost"})
+WILDCARDS = frozenset({"0.0.0.0", "::", ""})
+"""Listening there is listening on all of the machine's addresses."""
+TOKEN_BYTES = 18
 MOST_VISITORS = 8
 """Each has a process of its own here."""
 FONT_SIZES = range(8, 41)
@@ -48,6 +56,97 @@ STATIC = Path(textual_serve.__file__).parent / "static"
 PAGE = Path(__file__).parent / "templates" / "index.html"
 LIST = Path(__file__).parent / "templates" / "list.html"
 NO_RUN = "No run goes on that can be looked at. This page looks again by itself."
+
+
+def machine_addresses() -> tuple[str, ...]:
+    """Return this machine's addresses but for loopback and link-local ones, as Linux lists them."""
+    return addresses_in(_text(FIB_TRIE), _text(IF_INET6))
+
+
+def addresses_in(fib_trie: str, if_inet6: str) -> tuple[str, ...]:
+    """Return the addresses in the kernel's two tables, IPv4 first, each once."""
+    found = re.findall(r"\|-- (\S+)\s+/32 host LOCAL", fib_trie)
+    found += [":".join(re.findall("....", line.split()[0])) for line in if_inet6.splitlines() if line.strip()]
+    addresses = (ipaddress.ip_address(text) for text in dict.fromkeys(found))
+    return tuple(str(each) for each in addresses if not (each.is_loopback or each.is_link_local))
+
+
+def _text(path: Path) -> str:
+    try:
+        return path.read_text(encoding="ascii")
+    except OSError:
+        return ""
+
+
+@dataclass(frozen=True, slots=True)
+class Visit:
+    """Where the page is, what a visitor brings, and the program that draws each visitor's screen."""
+
+    host: str
+    port: int
+    token: str | None
+    command: tuple[str, ...]
+
+    @property
+    def cookie(self) -> str:
+        """The name under which a browser keeps the token; one for each port."""
+        return f"sattrack_{self.port}"
+
+    def urls(self, port: int, machine: tuple[str, ...]) -> tuple[str, ...]:
+        """Return what can be opened: where the host is a wildcard, one of each of the machine's addresses."""
+        hosts: tuple[str, ...] = (self.host,)
+        if self.host in WILDCARDS:
+            hosts = tuple(each for each in machine if ":" not in each or self.host != "0.0.0.0")
+            hosts = hosts or ("127.0.0.1",)
+        query = "" if self.token is None else f"?token={self.token}"
+        return tuple(f"http://{f'[{host}]' if ':' in host else host}:{port}/{query}" for host in hosts)
+
+    def refusal(
+        self, host_header: str, origin: str | None, query: Mapping[str, str], cookies: Mapping[str, str]
+    ) -> str | None:
+        """Return why a request is refused, or None.
+
+        A page elsewhere that is open in a visitor's browser could otherwise reach this one, by its own
+        scripts (told by the origin) or by a name that it has lead here (told by the host).
+        """
+        if self.host in LOOPBACK and _name(host_header) not in LOOPBACK:
+            return f"this page is at {self.host} only"
+        if origin is not None and _authority(origin) != host_header:
+            return "this page is not for others' scripts"
+        if self.token is None:
+            return None
+        brought = (query.get("token"), cookies.get(self.cookie))
+        if any(each is not None and _same(each, self.token) for each in brought):
+            return None
+        return "bring the token: open the address that `sattrack serve web` has shown"
+
+
+def needs_token(host: str) -> bool:
+    """Tell whether others than this machine's users can come."""
+    return host not in LOOPBACK
+
+
+def new_token() -> str:
+    """Return a token that nobody guesses."""
+    return secrets.token_urlsafe(TOKEN_BYTES)
+
+
+def _name(host_header: str) -> str:
+    try:
+        return urlsplit(f"//{host_header}").hostname or ""
+    except ValueError:
+        return ""
+
+
+def _authority(origin: str) -> str | None:
+    try:
+        return urlsplit(origin).netloc or None
+    except ValueError:
+        return None
+
+
+def _same(one: str, other: str) -> bool:
+    return secrets.compare_digest(one.encode(), other.encode())
 
 
 class VisitorScreen(AppService):

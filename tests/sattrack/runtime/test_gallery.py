@@ -14,12 +14,18 @@ import msgspec
 import pytest
 
 from sattrack.runtime import practice
-from sattrack.runtime.desk import Desk
-from sattrack.runtime.gallery import MOST_VISITORS, REMEMBERED_S, Gallery
+from sattrack.runtime.desk import Desk, SessionInbox
+from sattrack.runtime.gallery import (
+    MOST_VISITORS,
+    REMEMBERED_S,
+    SUPPORTED,
+    Gallery,
+    GalleryTask,
+    feeders,
+    name_for,
+)
 from sattrack.runtime.gallery_link import GalleryLink
-from sattrack.runtime.gallery_words import SUPPORTED, GalleryTask, feeders, name_for
 from sattrack.runtime.prepare import RunRequest, prepare
-from sattrack.runtime.session_inbox import SessionInbox
 from sattrack.views.messages import StopNow
 
 if TYPE_CHECKING:

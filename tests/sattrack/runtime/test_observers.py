@@ -10,7 +10,7 @@ import pytest
 from programs import free_port
 
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.runtime.channel import StdinInbox
+from sattrack.runtime.desk import StdinInbox
 from sattrack.runtime.observers import (
     DATAGRAMS_A_TICK,
     QUEUED_MOST,

@@ -22,8 +22,7 @@ from sattrack.runtime import owner as owner_module
 from sattrack.runtime.guard import owned
 from sattrack.runtime.guardian import MOST_VISITORS
 from sattrack.runtime.listen import listen
-from sattrack.runtime.onlooker import look_on
-from sattrack.runtime.owner import Taken, ask_stop, claim, owner_of, owners
+from sattrack.runtime.owner import Taken, ask_stop, claim, look_on, owner_of, owners
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -13,7 +13,7 @@ from console_tui_builders import VIEW
 from test_terminal import Terminal, on_terminal
 
 from sattrack.core.errors import SattrackError
-from sattrack.tui.console_child import ConsoleProcess
+from sattrack.tui.child import ConsoleProcess
 from sattrack.tui.console_launch import watch_with_tui
 from sattrack.views.console_messages import AbortOrder, JogOrder
 

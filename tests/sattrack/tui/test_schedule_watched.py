@@ -12,7 +12,7 @@ from test_in_tmux import in_tmux
 from test_in_tmux import pytestmark as in_tmux_only
 
 from sattrack.runtime import practice
-from sattrack.runtime.gallery_words import SUPPORTED, feeders, started_by
+from sattrack.runtime.gallery import SUPPORTED, feeders, started_by
 from tle.formats.registry import write_elements
 
 if TYPE_CHECKING:

@@ -11,14 +11,12 @@ import pytest
 from skyfield.api import load
 from skyfield.positionlib import position_of_radec
 
-from sattrack.mount.alpaca.bridge import DEADMAN_S, STOP_AGAIN_S, Bridge
+from sattrack.mount.alpaca.bridge import DEADMAN_S, STOP_AGAIN_S, Bridge, Equinox, Lateness
 from sattrack.mount.alpaca.device import DeviceFacts, Place, Span, Standing, nearest_rate, spans_of
-from sattrack.mount.alpaca.equinox import Equinox
-from sattrack.mount.alpaca.lateness import Lateness
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 
 if TYPE_CHECKING:
-    from sattrack.mount.alpaca.orders import Order
+    from sattrack.mount.alpaca.bridge import Order
 
 RATES = (Span(0.0, 4.0),)
 FACTS = DeviceFacts(

@@ -11,8 +11,7 @@ from skyfield.api import load
 
 from sattrack.calibration.guard import CalibrationEndedError
 from sattrack.calibration.plan import Leg, Plan
-from sattrack.mount.simulator.alpaca.settings import TelescopeSettings
-from sattrack.mount.simulator.alpaca.telescope import Place, Telescope
+from sattrack.mount.simulator.alpaca.telescope import Place, Telescope, TelescopeSettings
 
 BOUND_ARCSEC = 10.0
 LASTS_S = 150.0

@@ -11,10 +11,18 @@ import msgspec
 from antenna_harness import SITE, VirtualAntenna
 
 from sattrack.mount.model import AxesPosition, MountProfile
-from sattrack.servers.alpaca.actions import Bias, Passes, TrackSatellite
 from sattrack.servers.alpaca.device import Device
-from sattrack.servers.alpaca.faults import Fault, Number
-from sattrack.servers.alpaca.messages import Answered, Asked, BiasOrder, Order
+from sattrack.servers.alpaca.messages import (
+    Answered,
+    Asked,
+    Bias,
+    BiasOrder,
+    Fault,
+    Number,
+    Order,
+    Passes,
+    TrackSatellite,
+)
 from sattrack.servers.alpaca.serve import engine_maker
 from sattrack.servers.alpaca.server import Pending, Reply, Server
 from sattrack.servers.alpaca.station import TelescopeStation

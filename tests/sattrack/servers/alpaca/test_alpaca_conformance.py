@@ -12,7 +12,7 @@ from alpaca_stand import PROFILE, VirtualTelescope
 from alpaca_values import EVERYWHERE
 from msgspec.structs import replace
 
-from sattrack.servers.alpaca.faults import Fault, Number
+from sattrack.servers.alpaca.messages import Fault, Number
 from tle.instants import Utc
 
 NOT_IMPLEMENTED, INVALID, NOT_SET = Number.NOT_IMPLEMENTED, Number.INVALID_VALUE, Number.VALUE_NOT_SET

@@ -12,9 +12,8 @@ import pytest
 from aiohttp import web
 
 from sattrack.core.clock import SystemClock
-from sattrack.servers.alpaca.discovery import A_SECOND, A_SECOND_EACH, Discovery
-from sattrack.servers.alpaca.gate import REQUEST_WITHIN_S, Doorkeeper, Gate
-from sattrack.servers.alpaca.process import Front
+from sattrack.servers.alpaca.process import REQUEST_WITHIN_S, Doorkeeper, Front, Gate
+from sattrack.servers.alpaca.server import A_SECOND, A_SECOND_EACH, Discovery
 from sattrack.servers.callers import CallerLimits, HostNames
 
 if TYPE_CHECKING:

@@ -13,10 +13,8 @@ from msgspec.structs import replace
 from sattrack.runtime import practice
 from sattrack.runtime.facts import encode_facts
 from sattrack.safety import SafetyLimits
-from sattrack.servers.alpaca.actions import Passes, TrackSatellite
-from sattrack.servers.alpaca.faults import Fault, Number
-from sattrack.servers.alpaca.messages import FollowOrder
-from sattrack.servers.alpaca.satellites import Satellites, run_told
+from sattrack.servers.alpaca.door import Satellites, run_told
+from sattrack.servers.alpaca.messages import Fault, FollowOrder, Number, Passes, TrackSatellite
 from sattrack.settings import SiteSettings
 from tle.instants import Utc
 from tle.propagator import Propagator

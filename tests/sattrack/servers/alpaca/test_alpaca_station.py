@@ -9,8 +9,7 @@ from msgspec.structs import replace
 
 from sattrack.mount.model import PierZone
 from sattrack.servers.alpaca.door import AlpacaDoor
-from sattrack.servers.alpaca.faults import Fault, Number
-from sattrack.servers.alpaca.messages import AbortOrder, Answered, Asked, MoveOrder
+from sattrack.servers.alpaca.messages import AbortOrder, Answered, Asked, Fault, MoveOrder, Number
 
 WALL = PierZone("wall", ((10.0, -20.0), (30.0, -20.0), (30.0, 35.0), (10.0, 35.0)))
 

@@ -14,8 +14,8 @@ from textual._callback import invoke
 from textual.widgets import Static
 
 from sattrack.tui.antenna_app import AntennaApp, drawn
-from sattrack.tui.antenna_child import AntennaProcess, LatestAntenna
 from sattrack.tui.appearance import Appearance
+from sattrack.tui.child import AntennaProcess, LatestAntenna
 from sattrack.views.antenna import AntennaView, AxesView, ExchangeView, FocusView, RefusalView
 
 VIEW = AntennaView(

@@ -17,9 +17,15 @@ from alpaca.focuser import Focuser
 from alpaca_stand_in import StandIn, StandInFocuser
 
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.servers.antenna.alpaca_focuser import AlpacaAxis, FocuserConfig, FocuserError, Worker
-from sattrack.servers.antenna.antenna_focus import parse_focuser, start_focusers
-from sattrack.servers.antenna.remote_focus import FocusNews, FocusOrder, RemoteAxis, RemoteFocuser
+from sattrack.servers.antenna.antenna_focus import (
+    AlpacaAxis,
+    FocuserConfig,
+    FocuserError,
+    Worker,
+    parse_focuser,
+    start_focusers,
+)
+from sattrack.servers.antenna.focus import FocusNews, FocusOrder, RemoteAxis, RemoteFocuser
 from sattrack.servers.antenna.trajectory import NS
 
 if TYPE_CHECKING:

@@ -8,9 +8,9 @@ import erfa
 import pytest
 from antenna_setup import NOON_NS, SITE, exchange, make_controller
 
-from sattrack.servers.antenna.celestial import PointingModel, Reduction, SkyPath
 from sattrack.servers.antenna.controller import Doing
 from sattrack.servers.antenna.line import encode
+from sattrack.servers.antenna.reckoning import PointingModel, Reduction, SkyPath
 from sattrack.servers.antenna.sky import AzEl, HaDec, RaDec, Sky
 from sattrack.servers.antenna.trajectory import NS
 from tle.errors import DecayedError

@@ -29,8 +29,8 @@ from sattrack.core.errors import BadInputError, LinkLostError, SafetyLimitError
 from sattrack.runtime.signals import StopRequest
 from sattrack.safety import SafetyLimits
 from sattrack.safety.bodies import sun_over
+from sattrack.servers.antenna.door import parse_antenna_url
 from sattrack.servers.antenna.track import AntennaFlight, AntennaPass, check_bodies
-from sattrack.servers.antenna.url import parse_antenna_url
 from tle.bias import NO_BIAS
 from tle.earth import EarthOrientation
 from tle.elements import Elements

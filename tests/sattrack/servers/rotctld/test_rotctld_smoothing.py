@@ -8,7 +8,7 @@ import pytest
 
 from sattrack.servers.antenna.sky import AzEl
 from sattrack.servers.antenna.trajectory import NS
-from sattrack.servers.rotctld.smoothing import SmoothedTrack
+from sattrack.servers.rotctld.rotator import SmoothedTrack
 
 T0 = 1_790_000_000.0
 
