@@ -133,7 +133,7 @@ def requests() -> None:
     from alpaca.telescope import Telescope
 
     from sattrack.mount.alpaca.address import AlpacaAddress
-    from sattrack.mount.alpaca.client import AlpacaClient
+    from sattrack.mount.alpaca.gateway_process import AlpacaClient
 
     quick = TelescopeSettings(latency_s=0.0, jitter_s=0.0)
     with simulated_telescope(msgspec.json.encode(quick)) as (_, port):

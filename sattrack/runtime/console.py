@@ -21,7 +21,8 @@ from sattrack.mount.simulator.settings import simulator_profile
 from sattrack.mount.xerxes.client import Address, UdpLink, nobody_listens
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime import practice
-from sattrack.runtime.embedded import LineReader, start_embedded
+from sattrack.runtime.channel import LineReader
+from sattrack.runtime.embedded import start_embedded
 from sattrack.runtime.guard import Guard, Unguarded, owned
 from sattrack.runtime.links import heard
 from sattrack.runtime.signals import StopRequest, stopping

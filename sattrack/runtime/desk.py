@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.runtime.embedded import LineReader
+from sattrack.runtime.channel import LineReader
 from sattrack.views.messages import Go, Message, Observation, Pause, StopNow
 from sattrack.views.session import STARTER, Armed, SessionView, Watcher
 from sattrack.views.session_messages import (

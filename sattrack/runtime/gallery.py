@@ -15,12 +15,13 @@ import struct
 import sys
 import time
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 
+from sattrack.runtime.channel import Channel
 from sattrack.runtime.signals import outlive
 from sattrack.views.session import Farewell, Welcome
 
@@ -102,8 +103,7 @@ class Visitor:
 
     door: socket.socket
     number: int
-    out: bytearray = field(default_factory=bytearray)
-    said: bytes = b""
+    channel: Channel
     may_say: float = MOST_AT_ONCE
     counted_s: float = 0.0
 
@@ -141,12 +141,12 @@ class Gallery:
     def _over(self) -> bool:
         if self._ended_s is None:
             return False
-        waiting = any(visitor.out for visitor in self._visitors)
+        waiting = any(visitor.channel.waiting for visitor in self._visitors)
         return not waiting or time.monotonic() - self._ended_s > LAST_WORDS_WITHIN_S
 
     def _turn(self) -> None:
         reads: list[socket.socket] = [visitor.door for visitor in self._visitors]
-        writes = [visitor.door for visitor in self._visitors if visitor.out]
+        writes = [visitor.door for visitor in self._visitors if visitor.channel.waiting]
         if self._ended_s is None:
             reads.append(self._feeder)
             if len(self._unheard) < MOST_UNHEARD:
@@ -161,7 +161,7 @@ class Gallery:
         for visitor in [one for one in self._visitors if one.door in readable]:
             self._hear(visitor)
         for visitor in [one for one in self._visitors if one.door in writable]:
-            self._write(visitor)
+            self._say(visitor, b"")
         self._tell_feeder()
 
     def _take_news(self) -> None:
@@ -187,7 +187,7 @@ class Gallery:
             self._newest = b""
             self._kept.pop(SUMMARY, None)
         for visitor in list(self._visitors):
-            if kind != VIEW or len(visitor.out) < ROOM_FOR_VIEWS:
+            if kind != VIEW or len(visitor.channel.waiting) < ROOM_FOR_VIEWS:
                 self._say(visitor, line)
 
     def _remember(self, line: bytes) -> None:
@@ -205,16 +205,14 @@ class Gallery:
     def _admit(self) -> None:
         with contextlib.suppress(OSError):
             door, _ = self._door.accept()
-            door.setblocking(False)
             pid, user, _ = _CREDENTIALS.unpack(
                 door.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
             )
-            visitor = Visitor(door, self._count + 1, counted_s=time.monotonic())
+            channel = Channel(door.fileno(), longest=LONGEST_LINE, most_waiting=MOST_WAITING)
+            visitor = Visitor(door, self._count + 1, channel, counted_s=time.monotonic())
             refusal = self._refusal(user)
             if refusal is not None:
-                visitor.out += msgspec.json.encode(Farewell(refusal)) + b"\n"
-                with contextlib.suppress(OSError):
-                    door.send(visitor.out)
+                channel.send(msgspec.json.encode(Farewell(refusal)) + b"\n")
                 door.close()
                 return
             self._count += 1
@@ -243,19 +241,9 @@ class Gallery:
         self._say(visitor, b"".join(first))
 
     def _hear(self, visitor: Visitor) -> None:
-        try:
-            data = visitor.door.recv(LONGEST_LINE)
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b""
-        if not data:
-            self._dismiss(visitor)
-            return
-        *lines, visitor.said = (visitor.said + data).split(b"\n")
-        for line in lines:
+        for line in visitor.channel.lines():
             self._take_line(visitor, line)
-        if len(visitor.said) > LONGEST_LINE:
+        if visitor.channel.ended or visitor.channel.overlong:
             self._dismiss(visitor)
 
     def _take_line(self, visitor: Visitor, line: bytes) -> None:
@@ -293,21 +281,9 @@ class Gallery:
             self._unheard.popleft()
 
     def _say(self, visitor: Visitor, line: bytes) -> None:
-        visitor.out += line
-        if len(visitor.out) > MOST_WAITING:
+        visitor.channel.send(line)
+        if visitor.channel.ended:
             self._dismiss(visitor)
-        else:
-            self._write(visitor)
-
-    def _write(self, visitor: Visitor) -> None:
-        try:
-            sent = visitor.door.send(visitor.out)
-        except BlockingIOError:
-            return
-        except OSError:
-            self._dismiss(visitor)
-            return
-        del visitor.out[:sent]
 
     def _dismiss(self, visitor: Visitor) -> None:
         visitor.door.close()

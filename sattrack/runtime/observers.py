@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 import msgspec
 
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.runtime.embedded import LineReader
+from sattrack.runtime.channel import LineReader
 from sattrack.views.messages import decode_observation
 
 if TYPE_CHECKING:

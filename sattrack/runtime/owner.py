@@ -26,6 +26,7 @@ import msgspec
 
 from sattrack.core.errors import SattrackError
 from sattrack.mount.xerxes.client import Arrival
+from sattrack.runtime.channel import LineReader
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,7 +42,6 @@ BACKLOG = 16
 TRY_AGAIN_S = 0.02
 STOP_OR_GIVE_UP = "`sattrack stop` tries again, `sattrack stop --give-up` ends that"
 _CREDENTIALS = struct.Struct("3i")
-READ_BYTES = 65536
 
 
 class Owner(msgspec.Struct, frozen=True):
@@ -315,6 +315,9 @@ def utc_now() -> str:
     return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
 
 
+_OVERHEARD = msgspec.json.Decoder(Overheard)
+
+
 class OverheardLink:
     """In place of a `UdpLink`: the same datagrams with the same arrivals; what is sent goes nowhere."""
 
@@ -327,8 +330,7 @@ class OverheardLink:
         """Whether the session has ended, and nothing more is to be heard."""
         self._door = door
         self._nobody: socket.socket | None = None
-        self._rest = b""
-        self._decoder = msgspec.json.Decoder(Overheard)
+        self._reader = LineReader(door.fileno())
 
     def fileno(self) -> int:
         """Give the descriptor to wait on."""
@@ -341,16 +343,9 @@ class OverheardLink:
 
     def receive(self) -> list[Arrival]:
         """Return what the owner has heard meanwhile, in order."""
-        try:
-            data = self._door.recv(READ_BYTES)
-        except BlockingIOError:
-            return []
-        except OSError:
-            data = b""
-        if not data:
+        overheard = self._reader.messages(_OVERHEARD)
+        if self._reader.ended:
             self._end()
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        overheard = [self._decoder.decode(line) for line in lines]
         return [Arrival(heard.data, heard.monotonic_s) for heard in overheard]
 
     def close(self) -> None:
@@ -364,7 +359,7 @@ class OverheardLink:
         self.ended = True
         self._door.close()
         self._door, self._nobody = socket.socketpair()
-        self._door.setblocking(False)
+        self._reader = LineReader(self._door.fileno())
 
 
 def look_on(address: MountAddress) -> OverheardLink | None:

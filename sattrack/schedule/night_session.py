@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import msgspec
 
 from sattrack.core.own_program import own_program
-from sattrack.runtime.embedded import LineReader
+from sattrack.runtime.channel import LineReader
 from sattrack.schedule.night import Go
 from sattrack.schedule.night_flight import search_times
 from sattrack.views.messages import Search, StopNow, encode_message

@@ -5,14 +5,13 @@ What cannot be asked, or does not answer as it should, is unsafe.
 
 from __future__ import annotations
 
-import http.client
-import json
 import threading
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
 from urllib.parse import urlsplit
 
+from sattrack.mount.alpaca.client import AlpacaDevice, Refusal, Unheard
 from sattrack.schedule.night_commands import run_program
 from tle.errors import printable
 
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     from sattrack.schedule.actions import Weather
 
 MOST_BYTES = 4096
-CLIENT_ID = 7711
 
 
 class Told(NamedTuple):
@@ -59,26 +57,14 @@ def _by_file(path: Path, oldest_s: float) -> Told:
 
 def _by_alpaca(address: str, timeout_s: float) -> Told:
     parts = urlsplit(address)
-    path = f"/api/v1/safetymonitor/{parts.path[1:]}/issafe?ClientID={CLIENT_ID}&ClientTransactionID=1"
-    link = http.client.HTTPConnection(str(parts.hostname), parts.port, timeout=timeout_s)
+    monitor = AlpacaDevice(parts.netloc, "safetymonitor", int(parts.path[1:]), timeout_s)
     try:
-        link.request("GET", path)
-        answer = link.getresponse()
-        body = answer.read(MOST_BYTES)
-        if answer.status != 200:
-            return Told(False, f"{address} answered {answer.status} {printable(answer.reason)}")
-        found = json.loads(body)
-        if found.get("ErrorNumber", 0):
-            return Told(False, f"{address}: {printable(str(found.get('ErrorMessage')))[:200]}")
-        if not isinstance(found.get("Value"), bool):
-            return Told(False, f"{address} gave no Value that is true or false")
-        return Told(found["Value"], None if found["Value"] else "the SafetyMonitor says unsafe")
-    except (OSError, http.client.HTTPException) as error:
-        return Told(False, f"{address} does not answer: {error or type(error).__name__}")
-    except (ValueError, AttributeError):
-        return Told(False, f"{address} answered what is no Alpaca answer")
-    finally:
-        link.close()
+        safe = monitor.get("issafe")
+    except (Refusal, Unheard) as error:
+        return Told(False, f"{address}, issafe: {printable(str(error))}")
+    if not isinstance(safe, bool):
+        return Told(False, f"{address} gave no Value that is true or false")
+    return Told(safe, None if safe else "the SafetyMonitor says unsafe")
 
 
 class WeatherWatch:

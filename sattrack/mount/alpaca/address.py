@@ -42,6 +42,11 @@ class AlpacaAddress(NamedTuple):
         return f"alpaca://{self.host}:{self.port}/{self.device}"
 
     @property
+    def server(self) -> str:
+        """Where its server listens."""
+        return f"{self.host}:{self.port}"
+
+    @property
     def name(self) -> str:
         """The name under which a mount is owned."""
         return str(self)

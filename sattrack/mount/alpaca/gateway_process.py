@@ -22,6 +22,7 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+import aiohttp
 import msgspec
 
 from sattrack.core.clock import Clock, SystemClock
@@ -29,9 +30,20 @@ from sattrack.core.errors import SattrackError
 from sattrack.core.own_program import own_program
 from sattrack.core.realtime import go_before_others
 from sattrack.mount.alpaca.bridge import Bridge
-from sattrack.mount.alpaca.client import NOT_CONNECTED, AlpacaClient, Refusal, Unheard
-from sattrack.mount.alpaca.device import DeviceFacts, Place
-from sattrack.mount.alpaca.link import GatewayConfig, News, Ready, Refused
+from sattrack.mount.alpaca.client import (
+    ANSWER_WITHIN_S,
+    MOST_BYTES,
+    NOT_CONNECTED,
+    Refusal,
+    Unheard,
+    broken,
+    path_of,
+    value_in,
+    with_ids,
+)
+from sattrack.mount.alpaca.device import DeviceFacts, Place, spans_of
+from sattrack.mount.alpaca.link import BYE, GatewayConfig, News, Ready, Refused
+from sattrack.runtime.channel import Channel
 
 if TYPE_CHECKING:
     from sattrack.mount.alpaca.address import AlpacaAddress
@@ -41,6 +53,8 @@ MOST_WARDENS = 3
 END_WITHIN_S = 2.0
 MOVING, RESTING, FAREWELL = b"m", b"r", b"b"
 IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGPIPE)
+CONNECTED_WITHIN_S = 10.0
+LOOK_AGAIN_S = 0.2
 BEHIND_AT_MOST_S = 0.5
 LEAVE_AFTER_S = 2.5
 """How long after the end of the session, and in silence, the gateway stays: a guardian speaks sooner."""
@@ -61,6 +75,115 @@ SLOW_MEMBERS = (
     "ispulseguiding",
 )
 """Asked in turn, one a turn, where one request does not tell the whole state."""
+
+
+@dataclass(slots=True)
+class AlpacaClient:
+    """One telescope, asked for several things at once; to be used as an asynchronous context.
+
+    aiohttp and not alpyca: requests for both axes go out together on connections that stay open, so that the
+    middle of a request is when the telescope was asked. alpyca waits for each and opens a connection for
+    every request, whose handshake is then half of what is measured.
+    """
+
+    address: AlpacaAddress
+    _session: aiohttp.ClientSession = field(init=False)
+    _transaction: int = 0
+
+    async def __aenter__(self) -> AlpacaClient:
+        """Open."""
+        timeout = aiohttp.ClientTimeout(total=ANSWER_WITHIN_S)
+        connector = aiohttp.TCPConnector(limit=8, keepalive_timeout=60.0)
+        self._session = aiohttp.ClientSession(timeout=timeout, connector=connector)
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        """Close."""
+        await self._session.close()
+
+    async def get(self, member: str, **fields: str) -> Any:
+        """Return a member's value. Raises Refusal, Unheard."""
+        return await self._ask("GET", member, fields)
+
+    async def put(self, member: str, *fields: tuple[str, str]) -> None:
+        """Set a member, or call it. Raises Refusal, Unheard."""
+        await self._ask("PUT", member, dict(fields))
+
+    async def _ask(self, method: str, member: str, fields: dict[str, str]) -> Any:
+        self._transaction += 1
+        given = with_ids(fields, self._transaction)
+        path = path_of("telescope", self.address.device, member)
+        where: dict[str, Any] = {"params": given} if method == "GET" else {"data": given}
+        try:
+            async with self._session.request(
+                method, f"http://{self.address.server}{path}", **where
+            ) as response:
+                body = await response.content.read(MOST_BYTES)
+        except TimeoutError as error:
+            raise Unheard(f"it did not answer within {ANSWER_WITHIN_S:g} s") from error
+        except aiohttp.ClientConnectorError as error:
+            raise Unheard(broken(error.os_error)) from error
+        except (aiohttp.ClientError, OSError) as error:
+            raise Unheard(broken(error)) from error
+        return value_in(member, response.status, body)
+
+    async def connect(self) -> None:
+        """Have the server connect to its telescope, where it is not. Raises Refusal, Unheard."""
+        if await self.get("connected") is True:
+            return
+        await self.put("connected", ("Connected", "true"))
+        until_s = time.monotonic() + CONNECTED_WITHIN_S
+        while await self.get("connected") is not True:
+            if time.monotonic() > until_s:
+                raise Unheard(f"its driver did not connect to the telescope within {CONNECTED_WITHIN_S:g} s")
+            await asyncio.sleep(LOOK_AGAIN_S)
+
+    async def facts(self) -> DeviceFacts:
+        """Return what the telescope can do. Raises Refusal where it cannot say, Unheard."""
+        version = int(await self._perhaps("interfaceversion", 3))
+        alignment = await self._perhaps("alignmentmode", None)
+        rates = []
+        for axis in ("0", "1"):
+            can = await self._perhaps("canmoveaxis", False, Axis=axis)
+            rates.append(spans_of(await self._perhaps("axisrates", [], Axis=axis)) if can else ())
+        latitude, longitude = [await self._perhaps(m, None) for m in ("sitelatitude", "sitelongitude")]
+        can_pulse_guide = bool(await self._perhaps("canpulseguide", False))
+        has_state = version >= 4 and isinstance(await self._perhaps("devicestate", None), list)
+        return DeviceFacts(
+            name=str(await self._perhaps("name", "telescope"))[:80],
+            interface_version=version,
+            equatorial_system=int(await self._perhaps("equatorialsystem", 1)),
+            alignment_mode=alignment if type(alignment) is int else None,
+            does_refraction=bool(await self._perhaps("doesrefraction", False)),
+            latitude_deg=latitude if isinstance(latitude, float | int) else None,
+            longitude_deg=longitude if isinstance(longitude, float | int) else None,
+            height_m=float(await self._perhaps("siteelevation", 0.0)),
+            can_set_tracking=bool(await self._perhaps("cansettracking", False)),
+            can_slew=bool(await self._perhaps("canslewasync", False)),
+            can_sync=bool(await self._perhaps("cansync", False)),
+            can_pulse_guide=can_pulse_guide,
+            guide_rates_deg_s=await self._guide_rates() if can_pulse_guide else None,
+            has_device_state=has_state,
+            primary_rates=rates[0],
+            secondary_rates=rates[1],
+        )
+
+    async def _guide_rates(self) -> tuple[float, float] | None:
+        """Return the guide rates in right ascension and declination, degrees a second; None for none."""
+        told = [await self._perhaps(f"guiderate{axis}", None) for axis in ("rightascension", "declination")]
+        numbers = [float(one) for one in told if isinstance(one, int | float)]
+        return (numbers[0], numbers[1]) if len(numbers) == len(told) else None
+
+    async def _perhaps(self, member: str, otherwise: Any, **fields: str) -> Any:
+        """Return a member's value, or something else where the driver has none to give."""
+        try:
+            return await self.get(member, **fields)
+        except Refusal:
+            return otherwise
+        except Unheard as error:
+            if error.status is None or error.status >= 500:
+                raise
+            return otherwise
 
 
 @dataclass(slots=True)
@@ -189,7 +312,7 @@ class Gateway:
     config: GatewayConfig
     client: AlpacaClient
     facts: DeviceFacts
-    channel: socket.socket
+    channel: Channel
     watched: Watched
     clock: Clock = field(default_factory=SystemClock)
     bridge: Bridge = field(init=False)
@@ -228,7 +351,6 @@ class Gateway:
         )
         port = int(self._transport.get_extra_info("sockname")[1])
         self._say(Ready(port, self.facts))
-        self.channel.setblocking(False)
         loop.add_reader(self.channel.fileno(), self._hear_channel)
         working = [asyncio.create_task(worker.run()) for worker in self._workers.values()]
         reading: asyncio.Task[None] | None = None
@@ -261,26 +383,20 @@ class Gateway:
         return (self._bade_farewell or quiet) and not self.bridge.in_force
 
     def _hear_channel(self) -> None:
-        try:
-            data = self.channel.recv(64)
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b""
-        self._bade_farewell = self._bade_farewell or b"bye" in data
-        if not data or self._bade_farewell:
+        self._bade_farewell |= BYE.strip() in self.channel.lines()
+        if self.channel.ended or self._bade_farewell:
             self._left_s = time.monotonic()
             asyncio.get_running_loop().remove_reader(self.channel.fileno())
 
     def _tell_news(self) -> None:
+        self.channel.flush()
         words = self._silence or self.bridge.words or self.bridge.doubt
         if words != self._told:
             self._told = words
             self._say(News(words))
 
     def _say(self, what: Ready | News) -> None:
-        with contextlib.suppress(OSError):
-            self.channel.sendall(msgspec.json.encode(what) + b"\n")
+        self.channel.send(msgspec.json.encode(what) + b"\n")
 
     async def _read(self) -> None:
         """Read the place once, and send the status that comes of it."""
@@ -346,7 +462,7 @@ class Gateway:
         return Place(ra_utc_s, ra_h * 15.0 % 360.0, dec_utc_s, float(dec_deg), took_s)
 
 
-async def run(config: GatewayConfig, channel: socket.socket) -> None:
+async def run(config: GatewayConfig, channel: Channel) -> None:
     """Find the telescope and stand between. Raises SattrackError where it cannot be driven."""
     async with AlpacaClient(config.address) as client:
         try:
@@ -368,13 +484,12 @@ def main() -> int:
     for number in IGNORED:
         signal.signal(number, signal.SIG_IGN)
     config = msgspec.json.decode(sys.argv[1], type=GatewayConfig)
-    channel = socket.socket(fileno=config.channel)
+    channel = Channel(config.channel)
     try:
         asyncio.run(run(config, channel))
     except SattrackError as error:
         link = isinstance(error.__cause__, Unheard)
-        with contextlib.suppress(OSError):
-            channel.sendall(msgspec.json.encode(Refused(str(error), link)) + b"\n")
+        channel.send(msgspec.json.encode(Refused(str(error), link)) + b"\n")
         return 1
     return 0
 

@@ -9,7 +9,6 @@ import contextlib
 import socket
 import subprocess
 import sys
-import time
 
 import msgspec
 
@@ -18,6 +17,7 @@ from sattrack.core.own_program import own_program
 from sattrack.mount.alpaca.address import AlpacaAddress
 from sattrack.mount.alpaca.device import DeviceFacts
 from sattrack.mount.xerxes.client import Address, UdpLink, bind
+from sattrack.runtime.channel import Channel
 
 
 class GatewayConfig(msgspec.Struct, frozen=True):
@@ -50,7 +50,8 @@ class News(msgspec.Struct, frozen=True, tag=True):
 
 START_WITHIN_S = 30.0
 END_WITHIN_S = 5.0
-LONGEST_LINE = 65536
+BYE = b"bye\n"
+"""The session's last word to its gateway: it has seen the stop through."""
 _News = msgspec.json.Decoder(News)
 
 
@@ -62,7 +63,7 @@ class GatewayLink(UdpLink):
         address: Address,
         bound: socket.socket,
         process: subprocess.Popen[bytes],
-        channel: socket.socket,
+        channel: Channel,
         facts: DeviceFacts,
     ) -> None:
         super().__init__(address, bound)
@@ -70,9 +71,7 @@ class GatewayLink(UdpLink):
         self.largest_rates_deg_s = facts.fastest_deg_s(0), facts.fastest_deg_s(1)
         self._process = process
         self._channel = channel
-        self._rest = b""
         self._trouble: str | None = None
-        channel.setblocking(False)
 
     @property
     def trouble(self) -> str | None:
@@ -82,21 +81,14 @@ class GatewayLink(UdpLink):
 
     def close(self) -> None:
         """Give the port back; the gateway ends once the telescope rests, or is in its guardian's hands."""
-        with contextlib.suppress(OSError):
-            self._channel.setblocking(True)
-            self._channel.sendall(b"bye\n")
+        self._channel.send(BYE)
         self._channel.close()
         super().close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(END_WITHIN_S)
 
     def _hear_news(self) -> None:
-        try:
-            data = self._channel.recv(LONGEST_LINE)
-        except OSError:
-            return
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        for line in lines:
+        for line in self._channel.lines():
             with contextlib.suppress(msgspec.MsgspecError):
                 self._trouble = _News.decode(line).words
 
@@ -118,32 +110,30 @@ def open_gateway(address: AlpacaAddress) -> GatewayLink:
             # Whatever ends the session must not take the way to the telescope away before it is stopped.
             start_new_session=True,
         )
+    channel = Channel(ours.detach())
     try:
-        ready = _first_word(ours, address)
+        ready = _first_word(channel, address)
     except SattrackError:
-        ours.close()
+        channel.close()
         bound.close()
         process.kill()
         process.wait()
         raise
-    return GatewayLink(Address("127.0.0.1", ready.port, config.peer_port), bound, process, ours, ready.facts)
+    return GatewayLink(
+        Address("127.0.0.1", ready.port, config.peer_port), bound, process, channel, ready.facts
+    )
 
 
-def _first_word(channel: socket.socket, address: AlpacaAddress) -> Ready:
-    until_s, data = time.monotonic() + START_WITHIN_S, b""
-    while not data.endswith(b"\n"):
-        channel.settimeout(max(0.01, until_s - time.monotonic()))
-        try:
-            more = channel.recv(LONGEST_LINE)
-        except TimeoutError as error:
-            raise LinkLostError(f"{address}: no answer within {START_WITHIN_S:g} s") from error
-        if not more:
-            raise SattrackError(
-                f"{address}: the gateway did not start; "
-                f"`{sys.executable} -m sattrack.mount.alpaca.gateway_process` shows why"
-            )
-        data += more
-    word = msgspec.json.decode(data, type=Ready | Refused)
+def _first_word(channel: Channel, address: AlpacaAddress) -> Ready:
+    lines = channel.first(START_WITHIN_S)
+    if not lines and not channel.ended:
+        raise LinkLostError(f"{address}: no answer within {START_WITHIN_S:g} s")
+    if not lines:
+        raise SattrackError(
+            f"{address}: the gateway did not start; "
+            f"`{sys.executable} -m sattrack.mount.alpaca.gateway_process` shows why"
+        )
+    word = msgspec.json.decode(lines[0], type=Ready | Refused)
     if isinstance(word, Refused):
         raise (LinkLostError if word.link else SattrackError)(word.words)
     return word

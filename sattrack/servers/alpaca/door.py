@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
-import select
 import socket
 import subprocess
 from collections import deque
@@ -23,6 +22,7 @@ from sattrack.core.errors import SattrackError
 from sattrack.core.own_program import own_program
 from sattrack.core.utc_json import decode_utc, encode_utc
 from sattrack.mount.model import MountProfile
+from sattrack.runtime.channel import Channel, see_off
 from sattrack.safety import SafetyLimits
 from sattrack.servers.alpaca.device import Abilities
 from sattrack.servers.alpaca.messages import (
@@ -43,6 +43,8 @@ from tle.errors import TleError
 from tle.instants import Utc
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from sattrack.runtime.facts import RunFacts
     from sattrack.servers.alpaca.messages import Passes, TelescopeState, TrackSatellite
     from tle.passes import Pass
@@ -50,9 +52,7 @@ if TYPE_CHECKING:
 NO_ELEMENTS = "no elements: give --elements FILE to `sattrack serve alpaca`, or set elements in sattrack.toml"
 READY = "ready"
 """What that process says first."""
-READ_BYTES = 65536
 LONGEST_LINE = 1 << 22
-MOST_UNREAD_BYTES = 1 << 20
 START_WITHIN_S = 30.0
 END_WITHIN_S = 3.0
 REMEMBERED_WORDS = 20
@@ -222,17 +222,18 @@ def decode_task(line: bytes) -> AlpacaTask:
 class AlpacaDoor:
     """The line, and the process at its other end; `words` are for the log, whoever tells them takes them."""
 
-    line: socket.socket
+    line: Channel
     process: subprocess.Popen[bytes]
     words: deque[str] = field(default_factory=lambda: deque(maxlen=REMEMBERED_WORDS))
-    ended: bool = False
-    """Whether the other process is gone."""
-    _rest: bytes = b""
-    _unsent: bytes = b""
     _orders: deque[Asked] = field(default_factory=deque)
     _obeyed: bool = False
     _next_s: float = 0.0
     """Before this instant of the monotonic clock no other order is obeyed."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether the other process is gone."""
+        return self.line.ended
 
     def readers(self) -> list[Any]:
         """Return what to wait for."""
@@ -240,45 +241,20 @@ class AlpacaDoor:
 
     def writers(self) -> list[Any]:
         """Return what to wait for to take more."""
-        return [self.line] if self._unsent and not self.ended else []
+        return [self.line] if self.line.waiting and not self.ended else []
 
     def flush(self) -> None:
         """Send what waits, as far as it can be sent now."""
-        if not self._unsent or self.ended:
-            return
-        try:
-            sent = self.line.send(self._unsent)
-        except BlockingIOError:
-            return
-        except OSError:
-            self.ended = True
-            return
-        self._unsent = self._unsent[sent:]
+        self.line.flush()
 
     def push(self, state: TelescopeState, answers: list[Answered]) -> None:
-        """Tell a state, unless the last one waits still, and answers after it."""
-        if answers or not self._unsent:
-            self._unsent += encode(state) + b"".join(encode(answer) for answer in answers)
-            self.flush()
-        if len(self._unsent) > MOST_UNREAD_BYTES:
-            self.ended = True
+        """Send a state, unless the last one waits still, and answers after it."""
+        if answers or not self.line.waiting:
+            self.line.send(encode(state) + b"".join(encode(answer) for answer in answers))
 
     def take(self) -> None:
         """Read what has come."""
-        try:
-            data = self.line.recv(READ_BYTES)
-        except BlockingIOError:
-            return
-        except OSError:
-            data = b""
-        if not data:
-            self.ended = True
-            return
-        *lines, self._rest = (self._rest + data).split(b"\n")
-        if len(self._rest) > LONGEST_LINE:
-            self.ended = True
-        for line in lines:
-            self._take_line(line)
+        self._take_lines(self.line.lines())
 
     def next_order(self) -> tuple[Asked | None, list[Answered]]:
         """Return the order to obey now, if any, and answers to those that a stop has made void."""
@@ -305,22 +281,19 @@ class AlpacaDoor:
     def close(self) -> None:
         """Have the other process end."""
         self.line.close()
-        try:
-            self.process.wait(END_WITHIN_S)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
+        see_off(self.process, END_WITHIN_S)
 
-    def _take_line(self, line: bytes) -> None:
-        try:
-            message = decode_asked(line)
-        except msgspec.MsgspecError as error:
-            self.words.append(f"a line from the HTTP process was not understood: {error}")
-            return
-        if isinstance(message, Told):
-            self.words.append(message.words)
-        else:
-            self._orders.append(message)
+    def _take_lines(self, lines: Sequence[bytes]) -> None:
+        for line in lines:
+            try:
+                message = decode_asked(line)
+            except msgspec.MsgspecError as error:
+                self.words.append(f"a line from the HTTP process was not understood: {error}")
+                continue
+            if isinstance(message, Told):
+                self.words.append(message.words)
+            else:
+                self._orders.append(message)
 
 
 def open_door(task: AlpacaTask) -> AlpacaDoor:
@@ -335,15 +308,10 @@ def open_door(task: AlpacaTask) -> AlpacaDoor:
             # A Ctrl-C is for the feeding process, which ends this one when the mount stands.
             start_new_session=True,
         )
-    door = AlpacaDoor(ours, process)
     with contextlib.suppress(OSError):
         ours.sendall(encode_task(task))
-    ours.setblocking(False)
-    while READY not in door.words and not door.ended:
-        readable, _, _ = select.select([ours], [], [], START_WITHIN_S)
-        if not readable:
-            break
-        door.take()
+    door = AlpacaDoor(Channel(ours.detach(), longest=LONGEST_LINE), process)
+    door._take_lines(door.line.first(START_WITHIN_S))
     if READY not in door.words:
         door.close()
         raise SattrackError("the HTTP server did not start; its own words are above")

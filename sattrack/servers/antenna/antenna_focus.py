@@ -8,27 +8,27 @@ that return at once, IsMoving, Halt.
 from __future__ import annotations
 
 import contextlib
-import importlib.util
-import os
 import select
 import subprocess
 import sys
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING
 from urllib.parse import parse_qs, urlsplit
 
 import msgspec
 
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.own_program import own_program
-from sattrack.runtime.embedded import LineReader
+from sattrack.mount.alpaca.client import NOT_IMPLEMENTED, AlpacaDevice, Refusal, Unheard
+from sattrack.runtime.channel import Channel, see_off
 from sattrack.servers.antenna.focus import FocusNews, FocusOrder, RemoteAxis, RemoteFocuser, swept_mm
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
 TURN_S = 0.1
+ANSWER_WITHIN_S = 5.0
 RECONNECT_AFTER_S = 2.0
 MICRONS_A_MM = 1000.0
 FORM = "alpaca://HOST:PORT/DEVICE, with ?step=MICROMETRES or &zero=STEP"
@@ -51,29 +51,11 @@ class FocuserConfig(msgspec.Struct, frozen=True):
     zero_step: int = 0
 
 
-class Steps(Protocol):
-    """What is used of alpyca's Focuser."""
-
-    Absolute: bool
-    Connected: bool
-    IsMoving: bool
-    MaxIncrement: int
-    MaxStep: int
-    Position: int
-    StepSize: float
-
-    def Move(self, Position: int) -> None:  # noqa: N802, N803
-        """Begin to go to a step."""
-
-    def Halt(self) -> None:  # noqa: N802
-        """Stop."""
-
-
 @dataclass(slots=True)
 class AlpacaAxis:
-    """One focuser as an axis in mm. Whatever goes wrong on the way to it raises what alpyca raises."""
+    """One focuser as an axis in mm. Its methods raise Refusal, or Unheard where it does not answer."""
 
-    focuser: Steps
+    focuser: AlpacaDevice
     config: FocuserConfig
     serial: int = 0
     _step_mm: float = 0.0
@@ -86,20 +68,20 @@ class AlpacaAxis:
 
     def connect(self) -> None:
         """Connect, and learn what it can do. Raises FocuserError where it is of no use."""
-        self.focuser.Connected = True
-        if not self.focuser.Absolute:
+        self.focuser.put("connected", Connected="True")
+        if not self.focuser.get("absolute"):
             raise FocuserError("it moves by differences and knows no positions")
         step_um = self.config.step_um or self._step_um()
         self._step_mm = step_um / MICRONS_A_MM
-        self._max_step = int(self.focuser.MaxStep)
-        self._max_increment = max(1, int(self.focuser.MaxIncrement))
+        self._max_step = int(self._number("maxstep"))
+        self._max_increment = max(1, int(self._number("maxincrement")))
 
     def _step_um(self) -> float:
-        from alpaca.exceptions import NotImplementedException
-
         try:
-            step_um = float(self.focuser.StepSize)
-        except NotImplementedException:
+            step_um = self._number("stepsize")
+        except Refusal as refusal:
+            if refusal.number != NOT_IMPLEMENTED:
+                raise
             step_um = 0.0
         if step_um <= 0.0:
             raise FocuserError("it does not tell the size of its steps: add ?step= with their micrometres")
@@ -117,13 +99,13 @@ class AlpacaAxis:
         if order.to_mm is not None:
             self._wanted_step = self._to_step(order.to_mm)
         elif order.sweep_mm_s is not None:
-            self._sweep = (self._to_mm(self.focuser.Position), order.sweep_mm_s, now_s)
+            self._sweep = (self._to_mm(self._position()), order.sweep_mm_s, now_s)
         else:
             self._halt()
 
     def turn(self, now_s: float) -> tuple[float, bool]:
         """Go on with what was ordered; return where it is, mm, and whether it moves."""
-        position, moving = int(self.focuser.Position), bool(self.focuser.IsMoving)
+        position, moving = self._position(), self.focuser.get("ismoving") is True
         wanted = self._wanted_step
         if self._sweep is not None:
             from_mm, rate_mm_s, since_s = self._sweep
@@ -144,18 +126,30 @@ class AlpacaAxis:
         if way == 0:
             self._asked_step = wanted
             return False
-        self.focuser.Move(position + way)
+        self._go(position + way)
         self._asked_step = position + way
         return True
 
     def _halt(self) -> None:
-        from alpaca.exceptions import NotImplementedException
-
         try:
-            self.focuser.Halt()
-        except NotImplementedException:
-            # What cannot halt is told to go where it is.
-            self.focuser.Move(int(self.focuser.Position))
+            self.focuser.put("halt")
+        except Refusal as refusal:
+            if refusal.number != NOT_IMPLEMENTED:
+                raise
+            # A focuser that cannot halt is sent to where it is.
+            self._go(self._position())
+
+    def _go(self, step: int) -> None:
+        self.focuser.put("move", Position=str(step))
+
+    def _position(self) -> int:
+        return int(self._number("position"))
+
+    def _number(self, member: str) -> float:
+        value = self.focuser.get(member)
+        if not isinstance(value, float | int):
+            raise Unheard(f"its {member} is {value!r}, and no number")
+        return value
 
     def _to_mm(self, step: int) -> float:
         return (step - self.config.zero_step) * self._step_mm
@@ -169,7 +163,7 @@ class AlpacaAxis:
 class Worker:
     """Drives one focuser for as long as orders may come."""
 
-    make: Callable[[], Steps]
+    focuser: AlpacaDevice
     config: FocuserConfig
     tell: Callable[[FocusNews], None]
     axis: AlpacaAxis | None = None
@@ -184,14 +178,12 @@ class Worker:
             return
         try:
             self._drive(now_s)
-        except FocuserError as error:
-            self._fail(str(error), now_s)
-        except Exception as error:  # noqa: BLE001 - alpyca lets through whatever HTTP and JSON raise
-            self._fail(_words(error), now_s)
+        except (FocuserError, Refusal, Unheard) as error:
+            self._fail(str(error).splitlines()[0][:200], now_s)
 
     def _drive(self, now_s: float) -> None:
         if self.axis is None:
-            axis = AlpacaAxis(self.make(), self.config, self.serial)
+            axis = AlpacaAxis(self.focuser, self.config, self.serial)
             axis.connect()
             self.axis = axis
         while self._pending:
@@ -214,32 +206,28 @@ class Worker:
         self.tell(FocusNews(time.monotonic(), None, moving=False, serial=self.serial, trouble=words))
 
 
-def _words(error: Exception) -> str:
-    text = str(error) or type(error).__name__
-    return "it does not answer" if "onnection" in type(error).__name__ else text.splitlines()[0][:200]
+def focuser_at(config: FocuserConfig) -> AlpacaDevice:
+    """Return the device of a focuser's address."""
+    return AlpacaDevice(config.address, "focuser", config.device, ANSWER_WITHIN_S)
 
 
 def main(config: FocuserConfig) -> int:
     """Drive a focuser until standard input ends, and stop it then."""
-    from alpaca.focuser import Focuser
 
-    def make() -> Any:
-        return Focuser(config.address, config.device)
+    channel = Channel(sys.stdin.fileno(), sys.stdout.fileno())
 
     def tell(news: FocusNews) -> None:
-        with contextlib.suppress(OSError):
-            os.write(sys.stdout.fileno(), msgspec.json.encode(news) + b"\n")
+        channel.send(msgspec.json.encode(news) + b"\n")
 
-    reader, worker = LineReader(sys.stdin.fileno()), Worker(make, config, tell)
+    worker = Worker(focuser_at(config), config, tell)
     decoder = msgspec.json.Decoder(FocusOrder)
     due_s = time.monotonic()
-    while not reader.ended:
-        select.select([reader], [], [], max(0.0, due_s - time.monotonic()))
-        orders = [decoder.decode(line) for line in reader.lines()]
-        worker.turn(orders, time.monotonic())
+    while not channel.ended:
+        select.select([channel], [], [], max(0.0, due_s - time.monotonic()))
+        worker.turn(channel.messages(decoder), time.monotonic())
         due_s = max(due_s + TURN_S, time.monotonic())
     if worker.axis is not None:
-        with contextlib.suppress(Exception):
+        with contextlib.suppress(Refusal, Unheard):
             worker.axis.halt()
     return 0
 
@@ -271,7 +259,7 @@ class FocusAxisProcess:
 
     config: FocuserConfig
     process: subprocess.Popen[bytes]
-    reader: LineReader
+    channel: Channel
     axis: RemoteAxis
     trouble: str = ""
 
@@ -282,16 +270,12 @@ class FocusAxisProcess:
 
     def exchange(self, to_ns: Callable[[float], int]) -> str | None:
         """Take in what has come, hand out orders; return what is worth telling."""
-        news = [_NEWS.decode(line) for line in self.reader.lines()]
+        news = self.channel.messages(_NEWS)
         for one in news:
             self.axis.hear(one, to_ns(one.monotonic_s))
         orders, self.axis.orders = self.axis.orders, []
-        assert self.process.stdin is not None
-        for order in orders:
-            # A process that is gone is seen by its silence.
-            with contextlib.suppress(OSError):
-                os.write(self.process.stdin.fileno(), msgspec.json.encode(order) + b"\n")
-        trouble = "it has ended" if self.reader.ended else news[-1].trouble if news else self.trouble
+        self.channel.send(b"".join(msgspec.json.encode(order) + b"\n" for order in orders))
+        trouble = "it has ended" if self.channel.ended else news[-1].trouble if news else self.trouble
         if trouble == self.trouble:
             return None
         self.trouble = trouble
@@ -302,11 +286,7 @@ class FocusAxisProcess:
         assert self.process.stdin is not None
         assert self.process.stdout is not None
         self.process.stdin.close()
-        try:
-            self.process.wait(END_WITHIN_S)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
+        see_off(self.process, END_WITHIN_S)
         self.process.stdout.close()
 
 
@@ -334,8 +314,6 @@ class FocusProcesses:
 
 def start_focusers(configs: Sequence[FocuserConfig]) -> FocusProcesses:
     """Start a process for each axis. Raises SattrackError where one of them is not there, or is of no use."""
-    if importlib.util.find_spec("alpaca") is None:
-        raise BadInputError("Alpaca focusers need alpyca: install it with `pip install 'sattrack[alpaca]'`")
     started: list[FocusAxisProcess] = []
     try:
         for config in configs:
@@ -356,11 +334,9 @@ def _start(config: FocuserConfig) -> FocusAxisProcess:
     )
     assert process.stdin is not None
     assert process.stdout is not None
-    os.set_blocking(process.stdin.fileno(), False)
-    part = FocusAxisProcess(config, process, LineReader(process.stdout.fileno()), RemoteAxis(0.0, 0.0))
-    lines: Sequence[bytes] = ()
-    while not lines and not part.reader.ended and select.select([part.reader], [], [], START_WITHIN_S)[0]:
-        lines = part.reader.lines()
+    channel = Channel(process.stdout.fileno(), process.stdin.fileno())
+    part = FocusAxisProcess(config, process, channel, RemoteAxis(0.0, 0.0))
+    lines = channel.first(START_WITHIN_S)
     first = _NEWS.decode(lines[0]) if lines else None
     if first is None or first.mm is None:
         part.close()

@@ -70,11 +70,11 @@ class Seen:
     def __init__(self) -> None:
         self.number = 1
         self.out = bytearray()
-        self.door = self
+        self.channel = self
+        self.ended = False
 
-    def send(self, data: bytearray) -> int:
-        del data
-        return 0
+    def send(self, lines: bytes) -> None:
+        self.out += lines
 
 
 class Visitor:

@@ -226,7 +226,7 @@ def test_a_weather_command_is_safe_where_it_ends_with_0_in_time(tmp_path: Path) 
         (200, b'{"Value": "yes"}', False, "no Value that is true or false"),
         (200, b"<html>", False, "no Alpaca answer"),
         (200, b"[1]", False, "no Alpaca answer"),
-        (400, b"what?", False, "answered 400"),
+        (400, b"what?", False, "issafe with HTTP status 400"),
     ],
 )
 def test_an_alpaca_safety_monitor_is_asked_whether_it_is_safe(
@@ -240,7 +240,7 @@ def test_an_alpaca_safety_monitor_is_asked_whether_it_is_safe(
     if safe:
         gone = ask_weather(Weather(alpaca=f"alpaca://127.0.0.1:{server.server_port}/2"), tmp_path)
         assert not gone.safe
-        assert "does not answer" in str(gone.words)
+        assert "nothing listens there" in str(gone.words)
 
 
 def test_weather_that_turns_unsafe_is_noticed_while_something_else_goes_on(tmp_path: Path) -> None:

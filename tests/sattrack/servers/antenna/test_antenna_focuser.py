@@ -1,4 +1,4 @@
-"""Real focusers behind ASCOM Alpaca: alpyca on our side, a stand-in by the reference on the other."""
+"""Real focusers behind ASCOM Alpaca: a stand-in by the reference on the other side."""
 
 from __future__ import annotations
 
@@ -8,20 +8,17 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import pytest
+from alpaca_stand_in import StandIn, StandInFocuser
 from antenna_setup import NOON_NS
 
-pytest.importorskip("alpaca")
-
-from alpaca.exceptions import InvalidValueException
-from alpaca.focuser import Focuser
-from alpaca_stand_in import StandIn, StandInFocuser
-
 from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.mount.alpaca.client import Refusal
 from sattrack.servers.antenna.antenna_focus import (
     AlpacaAxis,
     FocuserConfig,
     FocuserError,
     Worker,
+    focuser_at,
     parse_focuser,
     start_focusers,
 )
@@ -45,7 +42,7 @@ class Time:
 
 @pytest.fixture
 def make() -> Iterator[Callable[..., tuple[AlpacaAxis, StandInFocuser, Time]]]:
-    opened: list[tuple[StandIn, Focuser]] = []
+    opened: list[StandIn] = []
 
     def build(
         step_um: float | None = None, zero_step: int = 0, **has: object
@@ -53,13 +50,12 @@ def make() -> Iterator[Callable[..., tuple[AlpacaAxis, StandInFocuser, Time]]]:
         clock = Time()
         focuser = StandInFocuser(clock, **has)  # type: ignore[arg-type]
         stand_in = StandIn(focuser)
-        client = Focuser(stand_in.address, 0)
-        opened.append((stand_in, client))
-        return AlpacaAxis(client, FocuserConfig(stand_in.address, 0, step_um, zero_step)), focuser, clock
+        opened.append(stand_in)
+        config = FocuserConfig(stand_in.address, 0, step_um, zero_step)
+        return AlpacaAxis(focuser_at(config), config), focuser, clock
 
     yield build
-    for stand_in, client in opened:
-        client.rqs.close()
+    for stand_in in opened:
         stand_in.close()
 
 
@@ -164,7 +160,7 @@ def test_the_size_of_a_step_may_have_to_be_given(make: Make) -> None:
 def test_what_the_focuser_refuses_is_told_and_it_is_taken_up_anew(make: Make) -> None:
     axis, focuser, clock = make()
     told: list[FocusNews] = []
-    worker = Worker(lambda: axis.focuser, axis.config, told.append)
+    worker = Worker(axis.focuser, axis.config, told.append)
     worker.turn([], clock.now_s)
     focuser.max_step = 5500
     worker.turn([FocusOrder(1, to_mm=18.0)], clock.now_s)
@@ -179,34 +175,22 @@ def test_what_the_focuser_refuses_is_told_and_it_is_taken_up_anew(make: Make) ->
 
 def test_an_order_that_finds_no_focuser_is_not_obeyed_later(make: Make) -> None:
     axis, focuser, clock = make()
-    there = False
-
-    def client() -> Focuser:
-        if not there:
-            raise ConnectionError("refused")
-        return axis.focuser
-
     told: list[FocusNews] = []
-    worker = Worker(client, axis.config, told.append)
+    there, axis.focuser.server = axis.focuser.server, "127.0.0.1:9"
+    worker = Worker(axis.focuser, axis.config, told.append)
     worker.turn([FocusOrder(1, to_mm=18.0)], clock.now_s)
-    assert (told[-1].mm, told[-1].serial, told[-1].trouble) == (None, 1, "it does not answer")
-    there = True
+    assert (told[-1].mm, told[-1].serial, told[-1].trouble) == (None, 1, "nothing listens there")
+    axis.focuser.server = there
     worker.turn([], clock.now_s + 5.0)
     assert (told[-1].mm, told[-1].moving, told[-1].serial) == (10.0, False, 1)
     assert focuser.moves == []
 
 
-def test_without_alpyca_it_is_told_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
-    with pytest.raises(BadInputError, match=r"pip install 'sattrack\[alpaca\]'"):
-        start_focusers([FocuserConfig("127.0.0.1:9", 0)])
-
-
 def test_the_stand_in_keeps_to_its_own_limits(make: Make) -> None:
     axis, _, _ = make()
     axis.connect()
-    with pytest.raises(InvalidValueException):
-        axis.focuser.Move(10_001)
+    with pytest.raises(Refusal, match="0x401"):
+        axis.focuser.put("move", Position="10001")
 
 
 def test_an_order_counts_as_moving_until_it_has_been_taken_up() -> None:
@@ -260,7 +244,7 @@ def test_an_address_that_cannot_be_meant_is_told(url: str) -> None:
 
 
 def test_a_focuser_that_is_not_there_is_told_at_the_start() -> None:
-    with pytest.raises(SattrackError, match=r"device 0: it does not answer"):
+    with pytest.raises(SattrackError, match=r"device 0: nothing listens there"):
         start_focusers([FocuserConfig("127.0.0.1:9", 0)])
 
 
@@ -275,7 +259,7 @@ def test_a_focuser_is_driven_by_its_process_and_halted_at_the_end() -> None:
             return round(time.monotonic() * NS)
 
         while (focus.focuser.report(at_ns()).axes[0].actual_mm or 0.0) <= 10.0:
-            assert select.select([focus.parts[0].reader], [], [], deadline_s - time.monotonic())[0]
+            assert select.select([focus.parts[0].channel], [], [], deadline_s - time.monotonic())[0]
             assert focus.exchange(lambda monotonic_s: round(monotonic_s * NS)) == []
         report = focus.focuser.report(at_ns())
         assert report.moving
