@@ -22,7 +22,7 @@ from sattrack.control.sky_error import sky_error
 from sattrack.core.figures import RunningError
 from sattrack.mount.alpaca.address import AlpacaAddress
 from sattrack.mount.alpaca.bridge import Bridge
-from sattrack.mount.alpaca.device import DeviceFacts, Place, Span, Standing
+from sattrack.mount.alpaca.device import DeviceFacts, DeviceState, Place, Span
 from sattrack.mount.simulator.alpaca.telescope import Refused, Telescope
 from sattrack.runtime.facts import build_engine, suited_to
 from sattrack.runtime.prepare import RunRequest, prepare
@@ -151,7 +151,7 @@ class VirtualTelescope:
             def sample(now: float) -> None:
                 place = self.telescope.reported(now)
                 value = place.ra_deg if name == "ra" else place.dec_deg
-                standing = Standing(
+                standing = DeviceState(
                     begun, self.telescope.slewing(now), self.telescope.tracks(), self.telescope.parked
                 )
 

@@ -11,9 +11,9 @@ import click
 
 from sattrack.cli.running import Stream, tell_malformed
 from sattrack.core.errors import SattrackError
-from sattrack.runtime.desk import Desk, SessionInbox, StdinInbox
+from sattrack.runtime.desk import ControlArbiter, SessionInbox, StdinInbox
 from sattrack.runtime.fly import fly_live
-from sattrack.runtime.gallery_link import GalleryLink, open_gallery
+from sattrack.runtime.gallery_link import ViewServerLink, open_view_server
 from sattrack.runtime.observers import open_observers
 from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.views.run import SummaryLine
@@ -34,7 +34,7 @@ IDLE_S = 0.05
 class Public:
     """Everybody whom runs are shown to: whoever started them, and those who look on."""
 
-    def __init__(self, told: Progress | Stream, desk: Desk, gallery: GalleryLink | None) -> None:
+    def __init__(self, told: Progress | Stream, desk: ControlArbiter, gallery: ViewServerLink | None) -> None:
         self._told, self._desk, self._gallery = told, desk, gallery
         self._version = -1
         self.left = False
@@ -115,8 +115,8 @@ def fly_and_tell(
     observers = open_observers(observations)
     stdin = StdinInbox(observers) if control else None
     listening = observers if control or observations else None
-    gallery = open_gallery(prepared.facts)
-    desk = Desk(control, again is not None)
+    gallery = open_view_server(prepared.facts)
+    desk = ControlArbiter(control, again is not None)
     public = Public(told, desk, gallery)
     inbox = SessionInbox(desk, stdin, gallery)
     try:
@@ -145,7 +145,7 @@ def _next(
     stop: StopRequest,
     public: Public,
     inbox: SessionInbox,
-    desk: Desk,
+    desk: ControlArbiter,
 ) -> Prepared | None:
     """Return the run that is armed, prepared; where none is, wait for one while there is a screen."""
     while not stop.asked:

@@ -35,8 +35,8 @@ from sattrack.servers.alpaca.device import Abilities
 from sattrack.servers.alpaca.door import AlpacaTask, ClockNumbers, Satellites, open_door
 from sattrack.servers.alpaca.serve import PROGRAM, AlpacaLoop, discovery_sockets, engine_maker
 from sattrack.servers.alpaca.station import TelescopeStation
-from sattrack.servers.antenna.door import listen
 from sattrack.servers.antenna.log_lines import spoken
+from sattrack.servers.callers import listen
 from sattrack.settings import SiteSettings
 
 if TYPE_CHECKING:
@@ -128,7 +128,7 @@ def _task(
     mount: str,
     abilities: Abilities,
 ) -> AlpacaTask:
-    """Return what the process that clients talk to is told; the first socket is the one for HTTP."""
+    """Return the task of the process that clients talk to; the first socket is the one for HTTP."""
     site = SiteSettings(served.site.latitude_deg, served.site.longitude_deg, served.site.height_m)
     clock = served.clock
     listener, *discovery = sockets

@@ -27,7 +27,7 @@ from sattrack.core.own_program import own_program
 from sattrack.runtime.console import connected
 from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.servers.antenna.antenna_focus import FORM, parse_focuser, start_focusers
-from sattrack.servers.antenna.door import BAUDS, DEFAULT_FRAMING, Door, SerialChannel, listen
+from sattrack.servers.antenna.door import BAUDS, DEFAULT_FRAMING, AntennaServer, SerialChannel
 from sattrack.servers.antenna.equipment import Antenna
 from sattrack.servers.antenna.focus import FocusAxis, SimulatedFocuser
 from sattrack.servers.antenna.line import Check
@@ -36,6 +36,7 @@ from sattrack.servers.antenna.serve import LEAVE, AntennaLoop
 from sattrack.servers.antenna.sky import Sky
 from sattrack.servers.antenna.station import DEC_LIMIT_DEG, Station, axis_range
 from sattrack.servers.antenna.trajectory import to_ns
+from sattrack.servers.callers import CallerLimits, listen
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -174,20 +175,21 @@ def _with_console(context: CommandContext, options: dict[str, Any]) -> int:
     return serve_with_console([*own_program(), *arguments, "--stream", "--control"], look)
 
 
-def _door(options: dict[str, Any]) -> tuple[Door, str]:
+def _door(options: dict[str, Any]) -> tuple[AntennaServer, str]:
     device = options["device"]
     if device is not None:
 
         def reopen() -> SerialChannel:
             return SerialChannel(device, int(options["baud"]), options["framing"])
 
-        return Door(
+        return AntennaServer(
             channel=reopen(), reopen=reopen
         ), f"{device}, {options['baud']} baud, {options['framing']}"
     check_port(options["port"])
     if not options["idle"] >= 1.0:
         raise BadInputError(f"--idle {options['idle']:g}: 1 or more")
-    door = Door(listen(options["host"], options["port"]), idle_s=options["idle"])
+    limits = CallerLimits(callers=1, elsewhere_s=options["idle"])
+    door = AntennaServer(listen(options["host"], options["port"]), limits=limits)
     return door, f"{options['host']}:{door.port}"
 
 

@@ -21,10 +21,10 @@ from sattrack.cli.serving import (
 )
 from sattrack.runtime.console import connected
 from sattrack.runtime.signals import StopRequest, stopping
-from sattrack.servers.antenna.door import listen
 from sattrack.servers.antenna.log_lines import spoken
 from sattrack.servers.antenna.sky import Sky
-from sattrack.servers.rotctld.door import RotctldDoor
+from sattrack.servers.callers import listen
+from sattrack.servers.rotctld.door import RotctldServer
 from sattrack.servers.rotctld.rotator import RotatorStation
 from sattrack.servers.rotctld.serve import PROGRAM, RotctldLoop, client_maker
 
@@ -63,7 +63,7 @@ def command(context: CommandContext, **options: Any) -> int:
         info = f"sattrack {__version__}: {served.described.mount.name}"
         # One list for both, so that the log tells things in the order in which they happened.
         words = station.rotator.words
-        door = RotctldDoor(listener, limits, client_maker(station.rotator, info), words=words)
+        door = RotctldServer(listener, limits, client_maker(station.rotator, info), words=words)
         closing.callback(door.close)
         connection = closing.enter_context(
             connected(served.address, served.described, served.site, served.clock)

@@ -68,7 +68,7 @@ def command(
 
 
 def _runs(pid: int | None, known: dict[int, str]) -> dict[int, str]:
-    """Return the runs that can be looked at, in words, without their commands: others may read this.
+    """Return the runs that can be looked at, as text without their commands: others may read this.
 
     `known` keeps the words, since a run notes everybody who asks it.
     """

@@ -28,7 +28,7 @@ from sattrack.views.session_messages import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sattrack.runtime.gallery_link import GalleryLink
+    from sattrack.runtime.gallery_link import ViewServerLink
     from sattrack.runtime.observers import Observers
 
 MOST_ARMED = 12
@@ -42,8 +42,8 @@ ORDERS_A_TICK = 20
 _OBSERVATION = b'"observation"'
 
 
-class Desk:
-    """Hears everybody before a run, and hands on what is to be obeyed.
+class ControlArbiter:
+    """Hears everybody before a run, and hands on what the run must obey.
 
     `with_starter`: whoever started the run speaks to it, and has control first, and again once whoever took
     it has gone. `takes_others`: passes can be armed, to be followed after this one. A stop takes them back.
@@ -111,7 +111,7 @@ class Desk:
     def view(self) -> SessionView:
         """Return what everybody may see."""
         named = [Watcher(number, name) for number, name in self._names.items()]
-        # Whoever has control is to be named, however many there are.
+        # Whoever has control is always named.
         named.sort(key=lambda one: (one.number != self.controller, one.number))
         return SessionView(
             self.controller,
@@ -124,7 +124,7 @@ class Desk:
         )
 
     def take_next(self) -> Armed | None:
-        """Return what is to be followed next, and take it out of the queue."""
+        """Take the next pass from the queue."""
         self.changing = False
         if not self._queue:
             return None
@@ -132,7 +132,7 @@ class Desk:
         return self._queue.pop(0)
 
     def say(self, words: str) -> None:
-        """Have everybody told something."""
+        """Show everybody a message."""
         self._said = words
         self.version += 1
 
@@ -240,8 +240,10 @@ class StdinInbox:
 class SessionInbox:
     """Messages that the run is to obey, of whoever may say them. `stdin` None: nobody speaks directly."""
 
-    def __init__(self, desk: Desk, stdin: StdinInbox | None, gallery: GalleryLink | None) -> None:
-        self._desk, self._stdin, self._gallery = desk, stdin, gallery
+    def __init__(
+        self, arbiter: ControlArbiter, stdin: StdinInbox | None, views: ViewServerLink | None
+    ) -> None:
+        self._arbiter, self._stdin, self._views = arbiter, stdin, views
         self._strange = 0
 
     @property
@@ -260,12 +262,12 @@ class SessionInbox:
         if self._stdin is not None:
             for message in self._stdin.said():
                 obeyed += self._heard(STARTER, message)
-            self._stdin.stops_at_end = not self._desk.left_running
-        for heard in () if self._gallery is None else self._gallery.heard():
+            self._stdin.stops_at_end = not self._arbiter.left_running
+        for heard in () if self._views is None else self._views.heard():
             if heard.what == "came":
-                self._desk.came(heard.number, heard.text)
+                self._arbiter.came(heard.number, heard.text)
             elif heard.what == "gone":
-                self._desk.gone(heard.number)
+                self._arbiter.gone(heard.number)
             else:
                 obeyed += self._read(heard.number, heard.text)
         return obeyed
@@ -280,5 +282,5 @@ class SessionInbox:
         return [] if isinstance(message, Observation) else self._heard(number, message)
 
     def _heard(self, number: int, message: object) -> list[Message]:
-        obeyed = self._desk.hear(number, message)  # type: ignore[arg-type]
+        obeyed = self._arbiter.hear(number, message)  # type: ignore[arg-type]
         return [] if obeyed is None else [obeyed]

@@ -26,7 +26,7 @@ class EmbeddedMount:
     port: int
 
     def truths(self) -> list[TruthLine]:
-        """Return what the mount told since the last call."""
+        """Return the true positions since the last call."""
         return self.reader.messages(_TRUTHS)
 
     def close(self) -> None:

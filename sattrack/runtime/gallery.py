@@ -1,6 +1,6 @@
-"""The gallery: a small process from which any number of people look on at a run, and speak to it.
+"""The view server: a small process from which any number of people look on at a run, and speak to it.
 
-Started by `gallery_link.GalleryLink`, told everything in one JSON line on the descriptor that is its only
+Started by `gallery_link.ViewServerLink`, given its task in one JSON line on the descriptor that is its only
 argument. The feeder never waits for it, nor it for anybody: who reads too slowly loses views, who says too
 much is not heard, and a stop goes before everything else. It ends with the feeder.
 """
@@ -23,12 +23,13 @@ import msgspec
 
 from sattrack.runtime.channel import Channel
 from sattrack.runtime.signals import outlive
+from sattrack.servers.callers import Bucket
 from sattrack.views.session import Farewell, Welcome
 
 PREFIX = "sattrack-run/"
-"""Of the name, in Linux's abstract namespace, at which a run's gallery is found; its process follows."""
+"""Of the name, in Linux's abstract namespace, at which a run's view server is found; its process follows."""
 FACTS, VIEW, SESSION, SUMMARY = b"F", b"V", b"C", b"E"
-"""What a packet for the gallery begins with; the rest is one JSON object."""
+"""What a packet for the view server begins with; the rest is one JSON object."""
 SUPPORTED = sys.platform.startswith("linux")
 PACKET_BYTES = 262144
 MOST_VISITORS = 64
@@ -40,7 +41,7 @@ MOST_WAITING = 4_000_000
 REMEMBERED_S = 180.0
 REMEMBERED_EVERY_S = 0.5
 MOST_CHANGES = 200
-"""How many older views are remembered, those at which something began that a log tells."""
+"""How many older views are remembered, those at which something began that a log shows."""
 LINES_A_SECOND = 40.0
 MOST_AT_ONCE = 40.0
 MOST_UNHEARD = 200
@@ -50,8 +51,8 @@ LONGEST_NAME = 40
 _CREDENTIALS = struct.Struct("3i")
 
 
-class GalleryTask(msgspec.Struct, frozen=True):
-    """What a gallery is told at first: its descriptors, and whose run it shows."""
+class ViewServerTask(msgspec.Struct, frozen=True):
+    """The task of a view server: its descriptors, and whose run it shows."""
 
     door: int
     user: int
@@ -62,7 +63,7 @@ class GalleryTask(msgspec.Struct, frozen=True):
     name: str
 
 
-class Heard(msgspec.Struct, frozen=True, array_like=True):
+class VisitorEvent(msgspec.Struct, frozen=True, array_like=True):
     """What somebody did who looks on: came (`text` is a name), went, or said a line."""
 
     number: int
@@ -71,7 +72,7 @@ class Heard(msgspec.Struct, frozen=True, array_like=True):
 
 
 class _Line(msgspec.Struct, frozen=True):
-    """As much of a message as the gallery has to know."""
+    """As much of a message as the view server has to know."""
 
     type: str
     name: str = ""
@@ -82,7 +83,7 @@ class _Link(msgspec.Struct, frozen=True):
 
 
 class _State(msgspec.Struct, frozen=True):
-    """What of a view a log tells of, but for the figures in warnings."""
+    """What of a view a log shows, without the figures in warnings."""
 
     phase: str
     link: _Link
@@ -104,8 +105,7 @@ class Visitor:
     door: socket.socket
     number: int
     channel: Channel
-    may_say: float = MOST_AT_ONCE
-    counted_s: float = 0.0
+    budget: Bucket
 
 
 def _state_in(line: bytes) -> tuple[object, ...]:
@@ -115,20 +115,20 @@ def _state_in(line: bytes) -> tuple[object, ...]:
         return ()
 
 
-class Gallery:
+class ViewServer:
     """Shows one run to whoever comes, until the feeder ends."""
 
-    def __init__(self, task: GalleryTask, feeder: socket.socket, door: socket.socket) -> None:
+    def __init__(self, task: ViewServerTask, feeder: socket.socket, door: socket.socket) -> None:
         self._task, self._feeder, self._door = task, feeder, door
         self._visitors: list[Visitor] = []
         self._count = 0
         self._kept: dict[bytes, bytes] = {}
-        """The last of what newcomers are told at once."""
+        """The last of what newcomers get at once."""
         self._views: deque[tuple[float, bytes]] = deque()
         self._changes: deque[tuple[float, bytes]] = deque(maxlen=MOST_CHANGES)
         self._told: tuple[object, ...] = ()
         self._newest = b""
-        self._unheard: deque[Heard] = deque()
+        self._unheard: deque[VisitorEvent] = deque()
         self._ended_s: float | None = None
 
     def run(self) -> None:
@@ -209,7 +209,9 @@ class Gallery:
                 door.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
             )
             channel = Channel(door.fileno(), longest=LONGEST_LINE, most_waiting=MOST_WAITING)
-            visitor = Visitor(door, self._count + 1, channel, counted_s=time.monotonic())
+            visitor = Visitor(
+                door, self._count + 1, channel, Bucket(LINES_A_SECOND, MOST_AT_ONCE, time.monotonic())
+            )
             refusal = self._refusal(user)
             if refusal is not None:
                 channel.send(msgspec.json.encode(Farewell(refusal)) + b"\n")
@@ -217,7 +219,7 @@ class Gallery:
                 return
             self._count += 1
             self._visitors.append(visitor)
-            self._unheard.append(Heard(visitor.number, "came", f"process {pid}"))
+            self._unheard.append(VisitorEvent(visitor.number, "came", f"process {pid}"))
             self._welcome(visitor)
 
     def _refusal(self, user: int) -> str | None:
@@ -247,27 +249,23 @@ class Gallery:
             self._dismiss(visitor)
 
     def _take_line(self, visitor: Visitor, line: bytes) -> None:
-        now_s = time.monotonic()
-        earned = LINES_A_SECOND * (now_s - visitor.counted_s)
-        visitor.may_say, visitor.counted_s = min(MOST_AT_ONCE, visitor.may_say + earned), now_s
         try:
             told = msgspec.json.decode(line, type=_Line)
             text = line.decode()
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             return
         if told.type == "stop":
-            stop = Heard(visitor.number, "said", text)
+            stop = VisitorEvent(visitor.number, "said", text)
             if stop not in self._unheard:
                 self._unheard.appendleft(stop)
             return
-        if visitor.may_say < 1.0 or len(self._unheard) >= MOST_UNHEARD:
+        if len(self._unheard) >= MOST_UNHEARD or not visitor.budget.take(time.monotonic()):
             return
-        visitor.may_say -= 1.0
         if told.type == "hello":
             name = "".join(each for each in told.name if each.isprintable())[:LONGEST_NAME]
-            self._unheard.append(Heard(visitor.number, "came", name or f"watcher {visitor.number}"))
+            self._unheard.append(VisitorEvent(visitor.number, "came", name or f"watcher {visitor.number}"))
             return
-        self._unheard.append(Heard(visitor.number, "said", text))
+        self._unheard.append(VisitorEvent(visitor.number, "said", text))
 
     def _tell_feeder(self) -> None:
         while self._unheard and self._ended_s is None:
@@ -289,11 +287,11 @@ class Gallery:
         visitor.door.close()
         if visitor in self._visitors:
             self._visitors.remove(visitor)
-            self._unheard.append(Heard(visitor.number, "gone"))
+            self._unheard.append(VisitorEvent(visitor.number, "gone"))
 
 
 def name_for(pid: int) -> str:
-    """Return the socket's name of a feeder's gallery."""
+    """Return the socket's name of a feeder's view server."""
     return f"\0{PREFIX}{pid}"
 
 
@@ -323,9 +321,9 @@ def main() -> int:
     outlive()
     feeder = socket.socket(fileno=int(sys.argv[1]))
     feeder.settimeout(10.0)
-    task = msgspec.json.decode(feeder.recv(PACKET_BYTES), type=GalleryTask)
+    task = msgspec.json.decode(feeder.recv(PACKET_BYTES), type=ViewServerTask)
     feeder.setblocking(False)
-    Gallery(task, feeder, socket.socket(fileno=task.door)).run()
+    ViewServer(task, feeder, socket.socket(fileno=task.door)).run()
     return 0
 
 

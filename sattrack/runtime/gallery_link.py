@@ -23,8 +23,8 @@ from sattrack.runtime.gallery import (
     SUMMARY,
     SUPPORTED,
     VIEW,
-    GalleryTask,
-    Heard,
+    ViewServerTask,
+    VisitorEvent,
     name_for,
 )
 from sattrack.runtime.owner import this_command, this_user
@@ -42,11 +42,11 @@ SUMMARY_WITHIN_S = 0.5
 PACKET_BYTES = 65536
 
 
-class GalleryLink:
-    """A gallery at work. Where it dies, the run goes on, and nobody can look on any more."""
+class ViewServerLink:
+    """A view server at work. Where it dies, the run goes on, and nobody can look on any more."""
 
     def __init__(self, facts: RunFacts) -> None:
-        """Start the process. Raises OSError where it, or the name, is not to be had."""
+        """Start the process. Raises OSError where it cannot start, or the name is taken."""
         self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs, socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as door:
             try:
@@ -63,7 +63,7 @@ class GalleryLink:
             except OSError:
                 self._socket.close()
                 raise
-            task = GalleryTask(
+            task = ViewServerTask(
                 door=door.fileno(),
                 user=this_user(),
                 pid=os.getpid(),
@@ -76,11 +76,11 @@ class GalleryLink:
         self._gone = False
         self._send(msgspec.json.encode(task))
         self._send(FACTS + encode_facts(facts))
-        self._decoder = msgspec.json.Decoder(Heard)
+        self._decoder = msgspec.json.Decoder(VisitorEvent)
 
     @property
     def pid(self) -> int:
-        """The gallery's process number."""
+        """The view server's process number."""
         return self._process.pid
 
     def begin(self, facts: RunFacts) -> None:
@@ -88,7 +88,7 @@ class GalleryLink:
         self._send(FACTS + encode_facts(facts))
 
     def show(self, view: TrackView) -> None:
-        """Show a view; where the gallery does not keep up, it is lost."""
+        """Show a view; where the view server does not keep up, it is lost."""
         self._send(VIEW + msgspec.json.encode(view))
 
     def tell(self, session: SessionView) -> bool:
@@ -102,9 +102,9 @@ class GalleryLink:
             self._socket.send(SUMMARY + msgspec.json.encode(SummaryLine(summary)))
         self._socket.setblocking(False)
 
-    def heard(self) -> list[Heard]:
+    def heard(self) -> list[VisitorEvent]:
         """Return what was said and who came and went, a bounded part of it, without waiting."""
-        found: list[Heard] = []
+        found: list[VisitorEvent] = []
         while len(found) < HEARD_AT_ONCE and not self._gone:
             try:
                 packet = self._socket.recv(PACKET_BYTES)
@@ -119,7 +119,7 @@ class GalleryLink:
         return found
 
     def close(self) -> None:
-        """Let go; the gallery ends once everybody has heard the last."""
+        """Let go; the view server ends once everybody has heard the last."""
         self._socket.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             self._process.wait(END_WITHIN_S)
@@ -137,11 +137,11 @@ class GalleryLink:
         return True
 
 
-def open_gallery(facts: RunFacts) -> GalleryLink | None:
-    """Start a gallery; None where there are no such names, or it cannot be started."""
+def open_view_server(facts: RunFacts) -> ViewServerLink | None:
+    """Start a view server; None where there are no such names, or it cannot be started."""
     if not SUPPORTED:
         return None
     try:
-        return GalleryLink(facts)
+        return ViewServerLink(facts)
     except OSError:
         return None

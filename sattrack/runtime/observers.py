@@ -104,7 +104,7 @@ class UdpLines:
     """Lines in datagrams to a port of loopback, one or more in each."""
 
     def __init__(self, port: int) -> None:
-        """Bind the port; raises SattrackError where it is not to be had."""
+        """Bind the port; raises SattrackError where it is not available."""
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         # Room for a tick of one camera's lines: of a flood, the system drops the rest.
@@ -147,7 +147,7 @@ def check_source(text: str | None) -> int | None:
 def open_observers(text: str | None) -> Observers:
     """Return the observers for `--observations`, "stdin", "udp:PORT" or None.
 
-    Raises BadInputError for anything else, SattrackError where the port is not to be had.
+    Raises BadInputError for anything else, SattrackError where the port is not available.
     """
     port = check_source(text)
     if port is not None:

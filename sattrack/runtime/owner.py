@@ -78,7 +78,7 @@ class GoesOn(msgspec.Struct, frozen=True):
     pid: int
     since_utc: str
     heard: str
-    """What it heard last, in words."""
+    """What it heard last, as text."""
 
     def __str__(self) -> str:
         """Say it in words."""
@@ -97,7 +97,7 @@ class Stopped(msgspec.Struct, frozen=True):
 
 
 class GivenUp(msgspec.Struct, frozen=True):
-    """Whether a guardian was told to go on no more; None where it did not go on."""
+    """Whether a guardian was asked to give up; None where it did not go on."""
 
     was: GoesOn | None
 
@@ -120,7 +120,7 @@ class Claim:
         self._socket = bound
 
     def fileno(self) -> int:
-        """Give the descriptor to hand on; -1 where names are not to be had."""
+        """Give the descriptor to hand on; -1 where there are no names."""
         return -1 if self._socket is None else self._socket.fileno()
 
     def close(self) -> None:
@@ -195,7 +195,7 @@ def _asked(owner: Owner, ask: Ask, waiting: Callable[[], None], within_s: float)
 
 
 def door_to_watch(name: str) -> socket.socket | None:
-    """Return a connection on which a session tells each status that it hears; None where there is none."""
+    """Return a connection on which a session sends each status that it hears; None where there is none."""
     try:
         door = _connected(_name(name), ANSWER_WITHIN_S)
         door.sendall(msgspec.json.encode(Ask("watch")) + b"\n")
@@ -327,7 +327,7 @@ class OverheardLink:
         self.stranger_hosts: list[str] = []
         self.trouble: str | None = None
         self.ended = False
-        """Whether the session has ended, and nothing more is to be heard."""
+        """Whether the session has ended, and nothing more will be heard."""
         self._door = door
         self._nobody: socket.socket | None = None
         self._reader = LineReader(door.fileno())

@@ -21,54 +21,56 @@ if TYPE_CHECKING:
 MOST_BYTES = 4096
 
 
-class Told(NamedTuple):
+class WeatherReport(NamedTuple):
     """Whether it is safe, and why not."""
 
     safe: bool
     words: str | None = None
 
 
-def ask_weather(weather: Weather, folder: Path) -> Told:
+def ask_weather(weather: Weather, folder: Path) -> WeatherReport:
     """Ask, within the time that the schedule gives for an answer; programs run in `folder`."""
     if weather.file is not None:
         return _by_file(Path(weather.file), weather.oldest_s)
     if weather.command is not None:
         words = run_program(weather.command, weather.timeout_s, folder, {})
-        return Told(words is None, None if words is None else f"{weather.command[0]}: {words}")
+        return WeatherReport(words is None, None if words is None else f"{weather.command[0]}: {words}")
     return _by_alpaca(str(weather.alpaca), weather.timeout_s)
 
 
-def _by_file(path: Path, oldest_s: float) -> Told:
+def _by_file(path: Path, oldest_s: float) -> WeatherReport:
     try:
         age_s = time.time() - path.stat().st_mtime
         with path.open("rb") as file:
             said = file.read(MOST_BYTES).decode("utf-8", errors="replace").split()
     except OSError as error:
-        return Told(False, f"{path}: {error.strerror}")
+        return WeatherReport(False, f"{path}: {error.strerror}")
     if age_s > oldest_s:
-        return Told(False, f"{path} was last written {age_s:.0f} s ago, {oldest_s:g} s are allowed")
+        return WeatherReport(False, f"{path} was last written {age_s:.0f} s ago, {oldest_s:g} s are allowed")
     word = said[0].casefold() if said else ""
     if word == "safe":
-        return Told(True)
+        return WeatherReport(True)
     if word == "unsafe":
-        return Told(False, printable(" ".join(said[1:]))[:200] or "unsafe")
-    return Told(False, f"{path} says {printable(word)[:40]!r}: its first word must be safe or unsafe")
+        return WeatherReport(False, printable(" ".join(said[1:]))[:200] or "unsafe")
+    return WeatherReport(
+        False, f"{path} says {printable(word)[:40]!r}: its first word must be safe or unsafe"
+    )
 
 
-def _by_alpaca(address: str, timeout_s: float) -> Told:
+def _by_alpaca(address: str, timeout_s: float) -> WeatherReport:
     parts = urlsplit(address)
     monitor = AlpacaDevice(parts.netloc, "safetymonitor", int(parts.path[1:]), timeout_s)
     try:
         safe = monitor.get("issafe")
     except (Refusal, Unheard) as error:
-        return Told(False, f"{address}, issafe: {printable(str(error))}")
+        return WeatherReport(False, f"{address}, issafe: {printable(str(error))}")
     if not isinstance(safe, bool):
-        return Told(False, f"{address} gave no Value that is true or false")
-    return Told(safe, None if safe else "the SafetyMonitor says unsafe")
+        return WeatherReport(False, f"{address} gave no Value that is true or false")
+    return WeatherReport(safe, None if safe else "the SafetyMonitor says unsafe")
 
 
 class WeatherWatch:
-    """Asks again and again beside whatever else goes on; `unsafe` says why, once it is."""
+    """Asks again and again in a thread of its own; `unsafe` says why, once it is."""
 
     def __init__(self, weather: Weather, folder: Path) -> None:
         """Begin to ask."""

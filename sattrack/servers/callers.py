@@ -1,13 +1,19 @@
-"""Whom a door on TCP lets in, and how much each may ask: the same for every door without authentication."""
+"""What servers on TCP without authentication share: whom they let in, how much each client may ask, its line.
+
+All of this program's servers follow these rules; whoever reaches their port moves the mount.
+"""
 
 from __future__ import annotations
 
 import ipaddress
 import math
 import re
+import socket
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple, TypeAlias, TypeVar
+
+from sattrack.core.errors import SattrackError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -15,6 +21,10 @@ if TYPE_CHECKING:
 Networks: TypeAlias = tuple[ipaddress.IPv4Network | ipaddress.IPv6Network, ...]
 
 
+READ_BYTES = 256
+"""Bytes of one read: a flood of commands delays the mount's next datagram by a few milliseconds at most."""
+MOST_WAITING_BYTES = 65536
+"""A caller that asks and does not read is hung up on when so much waits for it."""
 _PORT = re.compile(r":\d*\Z")
 Key = TypeVar("Key")
 ONE_ADDRESS = 0.875
@@ -32,6 +42,33 @@ class Seat(NamedTuple):
     came_s: float
 
 
+@dataclass(slots=True)
+class Bucket:
+    """A rate a second, and at most so many at once after a silence; instants are of any one clock."""
+
+    rate: float
+    most: float
+    filled_s: float
+    left: float = field(init=False)
+    """Below 0 where more was taken than there was."""
+
+    def __post_init__(self) -> None:
+        """Begin full."""
+        self.left = self.most
+
+    def fill(self, now_s: float) -> float:
+        """Return how many may be taken at an instant."""
+        self.left = min(self.most, self.left + max(0.0, now_s - self.filled_s) * self.rate)
+        self.filled_s = now_s
+        return self.left
+
+    def take(self, now_s: float) -> bool:
+        """Take one, if there is one; tell whether there was."""
+        there = self.fill(now_s) >= 1.0
+        self.left -= there
+        return there
+
+
 @dataclass(frozen=True, slots=True)
 class CallerLimits:
     """What callers may take; with `allowed` None, every address may call."""
@@ -42,15 +79,17 @@ class CallerLimits:
     """One that was silent for so long is hung up on."""
     requests_per_s: float = 1000.0
     allowed: Networks | None = None
+    elsewhere_s: float = BUSY_S
+    """One that was silent for so long makes room for a caller from another address."""
 
     def allow(self, address: str) -> bool:
-        """Tell whether an address may call, or ask where we are."""
+        """Return whether an address may call, or ask where we are."""
         if self.allowed is None:
             return True
         return any(ipaddress.ip_address(address) in network for network in self.allowed)
 
     def admit(self, address: str, seats: Mapping[Key, Seat], now_s: float) -> tuple[str | None, list[Key]]:
-        """Return why an address may not call now, if so; and who is to be hung up on to make room for it.
+        """Return why an address may not call now, if so; and who must be hung up on to make room for it.
 
         Whoever has asked for nothing gives way first, then whoever has been silent longest: of the caller's
         own address where that has its share, else of the address that has most callers.
@@ -67,7 +106,8 @@ class CallerLimits:
             (key for key, seat in seats.items() if seat.address == crowd), key=lambda key: seats[key][1:]
         )
         fair = counts[crowd] > counts[address] + 1
-        if not fair and now_s - seats[idlest].asked_s < BUSY_S:
+        patience_s = BUSY_S if seats[idlest].address == address else self.elsewhere_s
+        if not fair and now_s - seats[idlest].asked_s < patience_s:
             return f"there are {counts[crowd]} busy clients already, as many as --clients allows", []
         return None, [idlest]
 
@@ -142,3 +182,62 @@ class HostNames:
         except ValueError:
             return name in self.names or name.endswith(".localhost")
         return address.is_loopback or (at is not None and str(address) == at[0]) or name in self.names
+
+
+class TcpChannel:
+    """A caller on TCP."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        connection.setblocking(False)
+        # A response is one small packet, and is wanted now.
+        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        for option, value in (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3)):
+            if hasattr(socket, option):
+                connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
+        self._connection = connection
+
+    def fileno(self) -> int:
+        """Give the descriptor to wait on."""
+        return self._connection.fileno()
+
+    def read(self) -> bytes | None:
+        """Return what has come, without waiting; None where the caller is gone."""
+        try:
+            return self._connection.recv(READ_BYTES) or None
+        except BlockingIOError:
+            return b""
+        except OSError:
+            return None
+
+    def write(self, data: bytes) -> int:
+        """Send what can be sent without waiting; return how many bytes were."""
+        try:
+            return self._connection.send(data)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            return len(data)
+
+    def drop_output(self) -> None:
+        """Do nothing: what TCP has taken, it delivers."""
+
+    def close(self) -> None:
+        """Hang up."""
+        self._connection.close()
+
+
+def listen(host: str, port: int, backlog: int = 4) -> socket.socket:
+    """Return a listening TCP socket. Raises SattrackError, naming address and port, where there is none."""
+    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listener.setblocking(False)
+    try:
+        listener.bind((host, port))
+        listener.listen(backlog)
+    except OSError as error:
+        listener.close()
+        raise SattrackError(
+            f"TCP port {port} on {host} cannot be had: {error.strerror}; choose another with --port"
+        ) from error
+    return listener

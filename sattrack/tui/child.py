@@ -41,7 +41,7 @@ ViewT = TypeVar("ViewT")
 class FeederProcess(SeenRun):
     """A feeder started by us, in a session of its own: a Ctrl-C on the terminal is ours to handle.
 
-    The end of its standard input stops the mount, so whatever ends this process ends the motion too.
+    The end of its standard input stops the mount, so the end of this process ends the motion too.
     """
 
     def __init__(self, command: Sequence[str]) -> None:

@@ -31,7 +31,7 @@ from sattrack.runtime import practice
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.safety import SafetyLimits
-from sattrack.servers.alpaca.messages import Asked, MoveOrder
+from sattrack.servers.alpaca.messages import MoveOrder, NumberedOrder
 from sattrack.servers.alpaca.station import TelescopeStation
 from sattrack.servers.antenna.equipment import Antenna
 from sattrack.servers.antenna.focus import SimulatedFocuser
@@ -179,7 +179,7 @@ def alpaca() -> tuple[Driver, float]:
         raise ValueError
 
     station = TelescopeStation(MountProfile(), LIMITS, SITE, "bench", no_engine)
-    order = once(lambda now: station.obey(Asked(1, MoveOrder(1, 0.5)), now), BEGIN_UTC_S + 1.0)
+    order = once(lambda now: station.obey(NumberedOrder(1, MoveOrder(1, 0.5)), now), BEGIN_UTC_S + 1.0)
     return Ticked(station, order, station.end, station.receive_status), BEGIN_UTC_S
 
 

@@ -79,7 +79,7 @@ class AlpacaAddress(NamedTuple):
         return ON_TARGET_ARCSEC * max(1.0, DEFAULT_HZ / self.hz)
 
     def not_carried(self, request: Request) -> str | None:
-        """Return why a request cannot be made to this kind of mount, in words; None where it can."""
+        """Return why a request cannot be made to this kind of mount, as text; None where it can."""
         if not isinstance(request, Park | FindHome | FineRate | TrackingRate):
             return None
         return f"{self}: Alpaca telescopes are parked, sent home and given other rates by their own programs"

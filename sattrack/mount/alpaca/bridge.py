@@ -29,8 +29,8 @@ import erfa
 from sattrack.mount.alpaca.device import (
     J2000_SYSTEM,
     DeviceFacts,
+    DeviceState,
     Place,
-    Standing,
     nearest_rate,
 )
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
@@ -169,7 +169,7 @@ class _Seen(NamedTuple):
 
 @dataclass(slots=True)
 class _Axis:
-    """What one axis was told: `told` None where that is not known, after a refusal."""
+    """The last rate given to one axis; `told_deg_s` None where that is not known, after a refusal."""
 
     told_deg_s: float | None = 0.0
     refused: bool = False
@@ -179,7 +179,7 @@ class _Axis:
 class Bridge:
     """One telescope and one session; `longitude_deg` is that of the site whose sidereal time dates places.
 
-    `latitude_deg` is that of the site, which altitudes are reckoned by where the telescope tells none.
+    `latitude_deg` is that of the site, by which altitudes are computed where the telescope reports none.
     """
 
     facts: DeviceFacts
@@ -194,7 +194,7 @@ class Bridge:
     _axes: tuple[_Axis, _Axis] = field(default_factory=lambda: (_Axis(), _Axis()))
     _refused: set[str] = field(default_factory=set)
     """One-shots of the flags that stand that the telescope has refused."""
-    _standing: Standing = field(default_factory=lambda: Standing(-math.inf))
+    _standing: DeviceState = field(default_factory=lambda: DeviceState(-math.inf))
     _guided_s: float = -math.inf
     """When it was last asked whether it guides, and did."""
     _trail: deque[_Seen] = field(default_factory=lambda: deque(maxlen=64))
@@ -218,7 +218,7 @@ class Bridge:
 
     @property
     def doubt(self) -> str | None:
-        """What is doubtful of the places that the telescope tells, in words; None for nothing."""
+        """What is doubtful about the places that the telescope reports, as text; None for nothing."""
         if self._old_places < OLD_PLACES_PROOF:
             return None
         return (
@@ -241,7 +241,7 @@ class Bridge:
         self._mail.append(command)
 
     def turn(self, now_s: float) -> list[Order]:
-        """Read the mailbox; return what the telescope is to be told now."""
+        """Read the mailbox; return the orders to the telescope that are due now."""
         orders: list[Order] = []
         for command in self._mail:
             orders += self._rising(command, now_s)
@@ -249,7 +249,7 @@ class Bridge:
         self._mail.clear()
         silent = self._heard_s is not None and now_s - self._heard_s > DEADMAN_S
         if silent and self._in_force and self._stop_s is None:
-            # Nobody wants any of it any more, whatever was said last.
+            # Nobody wants any of it any more.
             self._command = Command()
             orders += self._stop(now_s)
         if self._stop_s is not None:
@@ -279,14 +279,14 @@ class Bridge:
         elif order.member in name:
             self._refused.add(name[order.member])
 
-    def stand(self, standing: Standing) -> None:
+    def stand(self, standing: DeviceState) -> None:
         """Take how the telescope stands."""
         self._standing = standing
         if standing.pulse_guiding:
             self._guided_s = standing.began_s
 
     @property
-    def standing(self) -> Standing:
+    def standing(self) -> DeviceState:
         """How the telescope stood last."""
         return self._standing
 
@@ -294,7 +294,7 @@ class Bridge:
         """Take a place that was read in this turn; return the status to send.
 
         None where the request took so long that its instant is in doubt, and where the place is the last one
-        though an axis moves: the driver tells an old one.
+        though an axis moves: the driver reports an old one.
         """
         self.counter += 1
         if self._lateness.is_late(place.took_s):
@@ -431,7 +431,7 @@ class Bridge:
     def _goes(self) -> bool:
         """Whether what was asked may still have the telescope moving."""
         told = any(axis.told_deg_s != 0.0 for axis in self._axes)
-        # A parked telescope refuses whatever it is told, and stands.
+        # A parked telescope refuses every command, and stands.
         guided = self._standing.began_s - self._guided_s < GUIDED_LATELY_S
         moves = self._slews if guided else self._moving()
         return (told and not self._standing.at_park) or self._slew_awaited or moves

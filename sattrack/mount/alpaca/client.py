@@ -63,7 +63,7 @@ def value_in(member: str, status: int, body: bytes) -> Any:
 
 
 def broken(error: Exception) -> str:
-    """Return what broke a connection, in words."""
+    """Return what broke a connection, as text."""
     if isinstance(error, ConnectionRefusedError):
         return "nothing listens there"
     if isinstance(error, OSError) and error.strerror:

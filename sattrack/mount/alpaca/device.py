@@ -40,13 +40,13 @@ class DeviceFacts(msgspec.Struct, frozen=True):
     can_sync: bool = False
     can_pulse_guide: bool = False
     guide_rates_deg_s: tuple[float, float] | None = None
-    """Right ascension's and declination's, as they were told at first; None where it has, or tells, none."""
+    """Right ascension's and declination's, as first reported; None where it has, or reports, none."""
     has_device_state: bool = False
     primary_rates: tuple[Span, ...] = ()
     secondary_rates: tuple[Span, ...] = ()
 
     def objection(self, stops_only: bool = False) -> str | None:
-        """Return why it cannot be driven, or only stopped, in words; None where it can."""
+        """Return why it cannot be driven, or only stopped, as text; None where it can."""
         if self.alignment_mode == ALT_AZ and not stops_only:
             return (
                 f"{self.name} is an alt-azimuth telescope (AlignmentMode 0): its MoveAxis turns azimuth and "
@@ -74,7 +74,7 @@ class DeviceFacts(msgspec.Struct, frozen=True):
         return max(span.high_deg_s for span in self.rates(axis))
 
 
-class Standing(NamedTuple):
+class DeviceState(NamedTuple):
     """How a telescope stands besides its place; `began_s`, monotonic: when asked whether it slews."""
 
     began_s: float
@@ -85,8 +85,8 @@ class Standing(NamedTuple):
     beyond_pole: bool = False
     pulse_guiding: bool = False
 
-    def with_values(self, began_s: float, values: dict[str, Any]) -> Standing:
-        """Return it with what was told anew; names as Alpaca's, lower case. What makes no sense is left."""
+    def with_values(self, began_s: float, values: dict[str, Any]) -> DeviceState:
+        """Return it with new values, named as by Alpaca in lower case; a value of a wrong type is ignored."""
         told: dict[str, bool] = {}
         for name, member in MEMBERS.items():
             value = values.get(member)

@@ -1,9 +1,9 @@
 """The gateway's process: the session's datagrams on one side, an Alpaca telescope on the other.
 
 Its argument is a `GatewayConfig` as JSON. One descriptor is a channel to whoever started it: the first
-message is `Ready`, or `Refused` with the reason; later ones are `News` of the telescope. The end of that
-channel is the end of the session. Then the gateway stays for as long as a guardian sends, or the telescope
-moves.
+message is `GatewayReady`, or `GatewayRefusal` with the reason; later ones are `GatewayNews` of the telescope.
+The end of that channel is the end of the session. Then the gateway stays for as long as a guardian sends, or
+the telescope moves.
 
 It has real-time priority, since it dates what it reads. Its warden, a process of its own, stops the telescope
 where the gateway is gone or hangs.
@@ -42,7 +42,7 @@ from sattrack.mount.alpaca.client import (
     with_ids,
 )
 from sattrack.mount.alpaca.device import DeviceFacts, Place, spans_of
-from sattrack.mount.alpaca.link import BYE, GatewayConfig, News, Ready, Refused
+from sattrack.mount.alpaca.link import BYE, GatewayConfig, GatewayNews, GatewayReady, GatewayRefusal
 from sattrack.runtime.channel import Channel
 
 if TYPE_CHECKING:
@@ -257,7 +257,7 @@ class Watched:
 
 
 @dataclass(slots=True)
-class Worker:
+class OrderQueue:
     """One lane of orders, one after the other; on an axis' lane only the newest that waits counts."""
 
     lane: Lane
@@ -316,7 +316,7 @@ class Gateway:
     watched: Watched
     clock: Clock = field(default_factory=SystemClock)
     bridge: Bridge = field(init=False)
-    _workers: dict[str, Worker] = field(init=False)
+    _workers: dict[str, OrderQueue] = field(init=False)
     _transport: asyncio.DatagramTransport | None = None
     _heard_s: float = field(default_factory=time.monotonic)
     _left_s: float | None = None
@@ -335,7 +335,7 @@ class Gateway:
             longitude_deg = self.facts.longitude_deg or 0.0
         self.bridge = Bridge(self.facts, longitude_deg, self.config.address.latitude_deg)
         lanes: tuple[Lane, ...] = ("ra", "dec", "rest")
-        self._workers = {lane: Worker(lane, self.client, self.bridge) for lane in lanes}
+        self._workers = {lane: OrderQueue(lane, self.client, self.bridge) for lane in lanes}
 
     def heard(self, data: bytes) -> None:
         """Take a datagram of the session, or of its guardian."""
@@ -350,7 +350,7 @@ class Gateway:
             lambda: _Mailbox(self), local_addr=("127.0.0.1", 0)
         )
         port = int(self._transport.get_extra_info("sockname")[1])
-        self._say(Ready(port, self.facts))
+        self._say(GatewayReady(port, self.facts))
         loop.add_reader(self.channel.fileno(), self._hear_channel)
         working = [asyncio.create_task(worker.run()) for worker in self._workers.values()]
         reading: asyncio.Task[None] | None = None
@@ -393,9 +393,9 @@ class Gateway:
         words = self._silence or self.bridge.words or self.bridge.doubt
         if words != self._told:
             self._told = words
-            self._say(News(words))
+            self._say(GatewayNews(words))
 
-    def _say(self, what: Ready | News) -> None:
+    def _say(self, what: GatewayReady | GatewayNews) -> None:
         self.channel.send(msgspec.json.encode(what) + b"\n")
 
     async def _read(self) -> None:
@@ -414,7 +414,7 @@ class Gateway:
             self._transport.sendto(status, ("127.0.0.1", self.config.peer_port))
 
     async def _connect_again(self) -> None:
-        """Connect to a telescope that was disconnected: whatever moves it must be able to stop it."""
+        """Connect to a telescope that was disconnected: who moves it must be able to stop it."""
         with contextlib.suppress(Unheard, Refusal):
             await self.client.connect()
 
@@ -489,7 +489,7 @@ def main() -> int:
         asyncio.run(run(config, channel))
     except SattrackError as error:
         link = isinstance(error.__cause__, Unheard)
-        channel.send(msgspec.json.encode(Refused(str(error), link)) + b"\n")
+        channel.send(msgspec.json.encode(GatewayRefusal(str(error), link)) + b"\n")
         return 1
     return 0
 

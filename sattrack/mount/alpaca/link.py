@@ -21,28 +21,28 @@ from sattrack.runtime.channel import Channel
 
 
 class GatewayConfig(msgspec.Struct, frozen=True):
-    """Everything that a gateway is told."""
+    """A gateway's task."""
 
     address: AlpacaAddress
     peer_port: int
     channel: int
 
 
-class Ready(msgspec.Struct, frozen=True, tag=True):
+class GatewayReady(msgspec.Struct, frozen=True, tag=True):
     """It stands between: its port on loopback, and the telescope."""
 
     port: int
     facts: DeviceFacts
 
 
-class Refused(msgspec.Struct, frozen=True, tag=True):
+class GatewayRefusal(msgspec.Struct, frozen=True, tag=True):
     """It cannot, and why; `link` where nothing that answers is there."""
 
     words: str
     link: bool
 
 
-class News(msgspec.Struct, frozen=True, tag=True):
+class GatewayNews(msgspec.Struct, frozen=True, tag=True):
     """What is the matter with the telescope; None where nothing is any more."""
 
     words: str | None
@@ -52,11 +52,11 @@ START_WITHIN_S = 30.0
 END_WITHIN_S = 5.0
 BYE = b"bye\n"
 """The session's last word to its gateway: it has seen the stop through."""
-_News = msgspec.json.Decoder(News)
+_News = msgspec.json.Decoder(GatewayNews)
 
 
 class GatewayLink(UdpLink):
-    """The socket towards a gateway, and what the gateway says of its telescope in words."""
+    """The socket towards a gateway, and what the gateway reports of its telescope."""
 
     def __init__(
         self,
@@ -75,7 +75,7 @@ class GatewayLink(UdpLink):
 
     @property
     def trouble(self) -> str | None:
-        """What is the matter with the telescope, as the gateway told last; None where nothing is."""
+        """What is wrong with the telescope, as last reported by the gateway; None for nothing."""
         self._hear_news()
         return self._trouble
 
@@ -107,7 +107,7 @@ def open_gateway(address: AlpacaAddress) -> GatewayLink:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             pass_fds=[theirs.fileno()],
-            # Whatever ends the session must not take the way to the telescope away before it is stopped.
+            # The end of the session must not end the gateway before the telescope is stopped.
             start_new_session=True,
         )
     channel = Channel(ours.detach())
@@ -124,7 +124,7 @@ def open_gateway(address: AlpacaAddress) -> GatewayLink:
     )
 
 
-def _first_word(channel: Channel, address: AlpacaAddress) -> Ready:
+def _first_word(channel: Channel, address: AlpacaAddress) -> GatewayReady:
     lines = channel.first(START_WITHIN_S)
     if not lines and not channel.ended:
         raise LinkLostError(f"{address}: no answer within {START_WITHIN_S:g} s")
@@ -133,7 +133,7 @@ def _first_word(channel: Channel, address: AlpacaAddress) -> Ready:
             f"{address}: the gateway did not start; "
             f"`{sys.executable} -m sattrack.mount.alpaca.gateway_process` shows why"
         )
-    word = msgspec.json.decode(lines[0], type=Ready | Refused)
-    if isinstance(word, Refused):
+    word = msgspec.json.decode(lines[0], type=GatewayReady | GatewayRefusal)
+    if isinstance(word, GatewayRefusal):
         raise (LinkLostError if word.link else SattrackError)(word.words)
     return word

@@ -2,7 +2,7 @@
 
 Arguments: the channel's descriptor, the gateway's process, host, port and device. The gateway says with each
 turn whether the telescope may be moving. Where it is gone, or stands still for HANG_AFTER_S while that is so,
-it is ended for good, and the telescope told to stop until it is seen at rest. Little but the standard
+it is ended for good, and the telescope is stopped until it is seen at rest. Little but the standard
 library, so that it starts soon and takes little room.
 """
 

@@ -22,20 +22,20 @@ FINE_RATES = frozenset({"RightAscensionRate", "DeclinationRate"})
 
 
 class Abilities(msgspec.Struct, frozen=True):
-    """What a mount can be told, and tells, of what not every mount can."""
+    """What a mount can do that not every mount can."""
 
     slews: bool = True
     syncs: bool = True
     guides: bool = True
     guide_rates: bool = True
-    """Whether it tells them."""
+    """Whether it reports them."""
     fine_rates: bool = True
     sets_tracking: bool = True
     axis_rates_deg_s: tuple[Spans, Spans] = (ANY_RATE, ANY_RATE)
     """Which rates of its own each axis bears, the lowest and the highest of each range."""
 
     def lack(self, member: str) -> str | None:
-        """Return what it lacks for a member of ITelescopeV4 to be there, in words; None for nothing."""
+        """Return what it lacks for a member of ITelescopeV4, as text; None for nothing."""
         if member in FINE_RATES:
             return None if self.fine_rates else "no offset rates"
         if member in {"PulseGuide", "IsPulseGuiding"}:
@@ -49,7 +49,7 @@ class Abilities(msgspec.Struct, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """One telescope: its mount's profile, where it stands, and how it is told from others."""
+    """One telescope: its mount's profile, where it stands, and its identity."""
 
     profile: MountProfile
     site: Site
@@ -78,25 +78,25 @@ class Device:
 
     @property
     def unique_id(self) -> str:
-        """What tells it from every other telescope, and stays the same."""
+        """A number that no other telescope has, and that stays the same."""
         return str(uuid.uuid5(uuid.NAMESPACE_URL, f"{MAKER}:{self.host}:{self.mount}"))
 
     @property
     def alignment(self) -> int:
-        """The AlignmentMode: only a mount that changes sides is told as a German one."""
+        """The AlignmentMode: only a mount that changes sides counts as a German one."""
         return GERMAN if self.profile.pier_rule == "hour_angle" else POLAR
 
     def max_rate_deg_s(self, axis: int) -> float:
-        """Return how fast an axis may be told to turn; 0 for one that there is not.
+        """Return the fastest rate that an axis may be given; 0 for an axis that does not exist.
 
-        The hour angle axis' rate replaces the sidereal one, and the mount adds to that what it is told.
+        The hour angle axis' rate replaces the sidereal one, to which the mount adds MoveAxis.
         """
         if axis == 0:
             return max(0.0, self.profile.ra.max_rate_deg_s - SIDEREAL_RATE_DEG_S)
         return self.profile.dec.max_rate_deg_s if axis == 1 else 0.0
 
     def axis_rates_deg_s(self, axis: int) -> Spans:
-        """Return the ranges of rates that an axis may be told to turn at; none for one that there is not."""
+        """Return the ranges of rates that an axis may be given; none for an axis that does not exist."""
         most = self.max_rate_deg_s(axis)
         if most == 0.0:
             return ()

@@ -28,12 +28,12 @@ from sattrack.servers.alpaca.device import Abilities
 from sattrack.servers.alpaca.messages import (
     AbortOrder,
     Answered,
-    Asked,
     BiasOrder,
     Fault,
+    LogLine,
     Number,
-    Told,
-    decode_asked,
+    NumberedOrder,
+    decode_order,
     encode,
 )
 from sattrack.servers.callers import CallerLimits
@@ -148,7 +148,7 @@ class Satellites(msgspec.Struct, frozen=True):
 
 
 def run_told(facts: RunFacts) -> dict[str, Any]:
-    """Return what a client is told of a run that begins."""
+    """Return the answer to a client whose run begins."""
     return {
         "name": facts.elements.name,
         "catalog_number": facts.elements.catalog_number,
@@ -182,7 +182,7 @@ class ClockNumbers(msgspec.Struct, frozen=True):
 
 
 class AlpacaTask(msgspec.Struct, frozen=True):
-    """Everything that this process is told at its start; descriptors are inherited."""
+    """The task of this process, sent at its start; descriptors are inherited."""
 
     listener: int
     discovery: tuple[int, ...]
@@ -219,13 +219,13 @@ def decode_task(line: bytes) -> AlpacaTask:
 
 
 @dataclass(slots=True)
-class AlpacaDoor:
-    """The line, and the process at its other end; `words` are for the log, whoever tells them takes them."""
+class AlpacaHttpProcess:
+    """The line, and the process at its other end; whoever logs the lines in `words` removes them."""
 
     line: Channel
     process: subprocess.Popen[bytes]
     words: deque[str] = field(default_factory=lambda: deque(maxlen=REMEMBERED_WORDS))
-    _orders: deque[Asked] = field(default_factory=deque)
+    _orders: deque[NumberedOrder] = field(default_factory=deque)
     _obeyed: bool = False
     _next_s: float = 0.0
     """Before this instant of the monotonic clock no other order is obeyed."""
@@ -256,7 +256,7 @@ class AlpacaDoor:
         """Read what has come."""
         self._take_lines(self.line.lines())
 
-    def next_order(self) -> tuple[Asked | None, list[Answered]]:
+    def next_order(self) -> tuple[NumberedOrder | None, list[Answered]]:
         """Return the order to obey now, if any, and answers to those that a stop has made void."""
         for index, asked in enumerate(self._orders):
             if isinstance(asked.order, AbortOrder):
@@ -286,17 +286,17 @@ class AlpacaDoor:
     def _take_lines(self, lines: Sequence[bytes]) -> None:
         for line in lines:
             try:
-                message = decode_asked(line)
+                message = decode_order(line)
             except msgspec.MsgspecError as error:
                 self.words.append(f"a line from the HTTP process was not understood: {error}")
                 continue
-            if isinstance(message, Told):
+            if isinstance(message, LogLine):
                 self.words.append(message.words)
             else:
                 self._orders.append(message)
 
 
-def open_door(task: AlpacaTask) -> AlpacaDoor:
+def open_door(task: AlpacaTask) -> AlpacaHttpProcess:
     """Start the process that clients talk to; raises SattrackError where it does not come up."""
     ours, theirs = socket.socketpair()
     with theirs:
@@ -310,7 +310,7 @@ def open_door(task: AlpacaTask) -> AlpacaDoor:
         )
     with contextlib.suppress(OSError):
         ours.sendall(encode_task(task))
-    door = AlpacaDoor(Channel(ours.detach(), longest=LONGEST_LINE), process)
+    door = AlpacaHttpProcess(Channel(ours.detach(), longest=LONGEST_LINE), process)
     door._take_lines(door.line.first(START_WITHIN_S))
     if READY not in door.words:
         door.close()

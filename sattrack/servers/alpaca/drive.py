@@ -65,8 +65,8 @@ SEEN_WITHIN_S = 3.0
 def as_request(axis: int, rate_deg_s: float) -> MoveAxis:
     """Return the request that turns an axis at a rate of its own, westward or northward.
 
-    The primary axis' rate stands in place of sidereal tracking; what a Xerxes mount is told adds to it. Rate
-    0 is no standstill: it gives the axis back to what it did before, which is the sky.
+    The primary axis' rate stands in place of sidereal tracking; a Xerxes mount adds its own MoveAxis rate to
+    that. Rate 0 is no standstill: it gives the axis back to what it did before, which is the sky.
     """
     if axis == SECONDARY:
         return MoveAxis(dec_rate_deg_s=rate_deg_s)
@@ -74,7 +74,7 @@ def as_request(axis: int, rate_deg_s: float) -> MoveAxis:
 
 
 class Drive:
-    """A MoveAxis of one axis or both, a procedure of the console, until both are told to end."""
+    """A MoveAxis of one axis or both, a procedure of the console, until both axes are ended."""
 
     doing = "moving by MoveAxis"
 
@@ -85,7 +85,7 @@ class Drive:
 
     @property
     def moves(self) -> bool:
-        """Whether an axis is to move, as far as it was told."""
+        """Whether an axis moves by the last command."""
         return any(self._rates.values())
 
     def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
@@ -144,7 +144,7 @@ class AfterStop:
 
     @property
     def doing(self) -> str:
-        """What is under way, in words."""
+        """The operation under way, as text."""
         return self._then.doing if self._begun else "stopping before it slews elsewhere"
 
     def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
@@ -206,7 +206,7 @@ class SetTracking:
 
 
 @dataclass(slots=True)
-class Undertaking:
+class Operation:
     """A procedure that an order began; `waiting` is the order that is answered at its end."""
 
     kind: str
@@ -248,7 +248,7 @@ def refuse(refusal: Refusal | None) -> None:
 
 
 def check_floor(order: SlewOrder, status: Status | None, limits: SafetyLimits, latitude_deg: float) -> None:
-    """Raise Fault for a direction so low that nothing that moves is to be stopped for it."""
+    """Raise Fault for a direction below the floor; checked before anything that moves is stopped."""
     if status is None:
         return
     altitude = altitude_deg(status.sidereal_h * 15.0 - order.ra_deg, order.dec_deg, latitude_deg)

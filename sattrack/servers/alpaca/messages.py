@@ -137,14 +137,14 @@ Order = (
 )
 
 
-class Asked(msgspec.Struct, frozen=True, tag="asked"):
+class NumberedOrder(msgspec.Struct, frozen=True, tag="asked"):
     """An order with the number by which it is answered."""
 
     number: int
     order: Order
 
 
-class Told(msgspec.Struct, frozen=True, tag="told"):
+class LogLine(msgspec.Struct, frozen=True, tag="told"):
     """A line for the log from the process that clients talk to."""
 
     words: str
@@ -173,7 +173,7 @@ class FollowedState(msgspec.Struct, frozen=True):
 class TelescopeState(msgspec.Struct, frozen=True, tag="state"):
     """A mount at one instant, as clients may see it; None is what the mount does not tell.
 
-    Degrees, hours where the name says so, UTC as POSIX seconds: `utc_s` is when it was told, `measured_utc_s`
+    Degrees, hours where the name says so, UTC as POSIX seconds: `utc_s` is when it was sent, `measured_utc_s`
     when the mount measured where it was. `ra_offset_deg_s` and `dec_offset_deg_s` are
     the fine rates in force, westward and northward.
     """
@@ -208,10 +208,10 @@ class TelescopeState(msgspec.Struct, frozen=True, tag="state"):
 
 
 _NEWS: msgspec.json.Decoder[TelescopeState | Answered] = msgspec.json.Decoder(TelescopeState | Answered)
-_ASKED: msgspec.json.Decoder[Asked | Told] = msgspec.json.Decoder(Asked | Told)
+_ASKED: msgspec.json.Decoder[NumberedOrder | LogLine] = msgspec.json.Decoder(NumberedOrder | LogLine)
 
 
-def encode(message: Asked | Told | Answered | TelescopeState) -> bytes:
+def encode(message: NumberedOrder | LogLine | Answered | TelescopeState) -> bytes:
     """Return a message as one JSON line, its end included."""
     return msgspec.json.encode(message) + b"\n"
 
@@ -221,7 +221,7 @@ def decode_news(line: bytes) -> TelescopeState | Answered:
     return _NEWS.decode(line)
 
 
-def decode_asked(line: bytes) -> Asked | Told:
+def decode_order(line: bytes) -> NumberedOrder | LogLine:
     """Return what the clients' process says in one line; raises msgspec.MsgspecError."""
     return _ASKED.decode(line)
 

@@ -1,7 +1,7 @@
 """The process that Alpaca's clients talk to: HTTP and discovery. It never touches the mount.
 
 Reads are answered from the mount's newest state, which the feeding process pushes; orders go there and are
-answered from there. So however many ask, and whatever they ask, the mount's datagrams are computed elsewhere.
+answered from there. So no number of requests disturbs the mount's datagrams, which are computed elsewhere.
 A gate stands between a connection and the protocol that serves it: it decides who may come in, and for how
 long without a whole request. Custom actions that take long are computed in a thread, one at a time.
 """
@@ -17,6 +17,7 @@ import os
 import socket
 import sys
 import time
+from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, cast
 
@@ -29,22 +30,22 @@ from sattrack.servers.alpaca.door import READY, decode_task, run_told
 from sattrack.servers.alpaca.messages import (
     AbortOrder,
     Answered,
-    Asked,
     Bias,
     BiasOrder,
     Fault,
     FollowOrder,
+    LogLine,
     Number,
+    NumberedOrder,
     Passes,
     SlewOrder,
-    Told,
     TrackSatellite,
     decode_news,
     encode,
 )
-from sattrack.servers.alpaca.server import Discovery, Pending, Reply, Server
+from sattrack.servers.alpaca.server import Pending, Reply, Server
 from sattrack.servers.alpaca.telescope import Telescope
-from sattrack.servers.callers import HostNames, Seat
+from sattrack.servers.callers import Bucket, HostNames, Seat
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
@@ -65,6 +66,13 @@ MOST_WAITING = 64
 ANSWER_WITHIN_S = 8.0
 SLEW_WITHIN_S = 600.0
 TEND_EVERY_S = 1.0
+BURST_S = 0.2
+"""A connection that was silent may send the requests of so much time at once."""
+QUESTION = b"alpacadiscovery1"
+LONGEST_QUESTION = 1024
+A_SECOND = 100.0
+A_SECOND_EACH = 10.0
+REMEMBERED = 256
 TELL_EVERY_S = 10.0
 BROKEN_OFF = (
     web.RequestPayloadError,
@@ -180,7 +188,7 @@ class Gate(asyncio.Protocol):
         self.seat = self.seat._replace(asked_s=self._since_s)
 
     def overdue(self, now_s: float, idle_s: float) -> bool:
-        """Tell whether this connection is to be ended."""
+        """Tell whether this connection must be ended."""
         longest_s = min(REQUEST_WITHIN_S, idle_s) if self._unfinished else idle_s
         return not self.at_work and now_s - self._since_s > longest_s
 
@@ -204,7 +212,7 @@ class Actions:
         await asyncio.sleep(PREPARE_AFTER_S)
         async with self._importing:
             await asyncio.to_thread(self._satellites.prepare)
-        # Of what was imported nothing is to be looked through whenever garbage is collected.
+        # The collector need not look through what was imported.
         gc.collect()
         gc.freeze()
 
@@ -246,7 +254,7 @@ def _text(value: Any) -> str:
 
 
 @dataclass(slots=True)
-class Channel:
+class FeederLine:
     """The line to the feeding process: orders go out, states and answers come in."""
 
     reader: asyncio.StreamReader
@@ -276,7 +284,7 @@ class Channel:
         waiting = self._waiting[number] = asyncio.get_running_loop().create_future()
         waits = isinstance(order, SlewOrder) and order.wait
         try:
-            self.writer.write(encode(Asked(number, order)))
+            self.writer.write(encode(NumberedOrder(number, order)))
             async with asyncio.timeout(SLEW_WITHIN_S if waits else ANSWER_WITHIN_S):
                 answer = await waiting
         except TimeoutError:
@@ -288,20 +296,7 @@ class Channel:
 
     def tell(self, words: str) -> None:
         """Have a line logged."""
-        self.writer.write(encode(Told(words)))
-
-
-@dataclass(slots=True)
-class Pace:
-    """How fast one connection may ask: what is too fast waits for its answer."""
-
-    rate: float
-    free_s: float = 0.0
-
-    def wait_s(self, now_s: float) -> float:
-        """Count one request; return how long it is to wait."""
-        self.free_s = max(self.free_s, now_s - 0.2) + 1.0 / self.rate
-        return self.free_s - now_s
+        self.writer.write(encode(LogLine(words)))
 
 
 @dataclass(slots=True)
@@ -309,13 +304,13 @@ class Front:
     """Serves HTTP requests; `server` knows what they mean."""
 
     server: Server
-    channel: Channel
+    channel: FeederLine
     actions: Actions
     clock: Clock
     keeper: Doorkeeper
     requests_per_s: float
     names: HostNames = field(default_factory=HostNames)
-    _paces: dict[asyncio.BaseTransport, Pace] = field(default_factory=dict)
+    _paces: dict[asyncio.BaseTransport, Bucket] = field(default_factory=dict)
 
     async def handle(self, request: web.BaseRequest) -> web.StreamResponse:
         """Answer one request."""
@@ -330,16 +325,22 @@ class Front:
             host = request.headers.get("Host")
             if host is not None and not self.names.hold(host, transport.get_extra_info("sockname")):
                 return _hung_up(403, f"this server is not called {host[:60]!r}: --name adds a name")
-            pace = self._paces.setdefault(transport, Pace(self.requests_per_s))
-            now_s = asyncio.get_running_loop().time()
-            if (wait_s := pace.wait_s(now_s)) > 0.0:
-                await asyncio.sleep(wait_s)
+            await self._keep_pace(transport)
             return await self._answer(request)
         except Exception as error:  # noqa: BLE001 - one request that breaks something is no end of the others
             self.channel.tell(f"a defect of sattrack: {error!r} in {request.method} {request.path[:60]!r}")
             return _hung_up(500, "a defect of sattrack, told in its log")
         finally:
             gate.ends()
+
+    async def _keep_pace(self, transport: asyncio.BaseTransport) -> None:
+        """Count one request; wait where the connection asks too fast."""
+        rate, now_s = self.requests_per_s, asyncio.get_running_loop().time()
+        bucket = self._paces.setdefault(transport, Bucket(rate, BURST_S * rate, now_s))
+        bucket.fill(now_s)
+        bucket.left -= 1.0
+        if bucket.left < 0.0:
+            await asyncio.sleep(-bucket.left / rate)
 
     async def _answer(self, request: web.BaseRequest) -> web.StreamResponse:
         body = await _body(request)
@@ -378,6 +379,36 @@ class Front:
                     f"{new[0]} connections were refused, {new[1]} were silent or halting too long"
                 )
                 told, told_s = counts, loop.time()
+
+
+@dataclass(slots=True)
+class Discovery:
+    """Answers Alpaca discovery ("ASCOM Alpaca API Reference") for one HTTP port. IPv4.
+
+    Answers are bounded, so that neither a storm of questions nor a forged sender makes this program flood
+    anybody. Instants are seconds of any clock that does not go back.
+    """
+
+    http_port: int
+    unanswered: int = 0
+    """Questions that came too fast."""
+    _all: Bucket = field(default_factory=lambda: Bucket(A_SECOND, A_SECOND, 0.0))
+    _each: OrderedDict[str, Bucket] = field(default_factory=OrderedDict)
+
+    def answer(self, data: bytes, host: str, now_s: float) -> bytes | None:
+        """Return what to send back, None for nothing."""
+        if not data.startswith(QUESTION) or len(data) > LONGEST_QUESTION:
+            return None
+        each = self._each.get(host)
+        if each is None:
+            each = self._each[host] = Bucket(A_SECOND_EACH, A_SECOND_EACH, now_s)
+            if len(self._each) > REMEMBERED:
+                self._each.popitem(last=False)
+        self._each.move_to_end(host)
+        if not (each.take(now_s) and self._all.take(now_s)):
+            self.unanswered += 1
+            return None
+        return msgspec.json.encode({"AlpacaPort": self.http_port})
 
 
 class DiscoveryProtocol(asyncio.DatagramProtocol):
@@ -442,7 +473,7 @@ async def serve(task: AlpacaTask, reader: asyncio.StreamReader, writer: asyncio.
     site = task.site
     server = Server(telescope, f"{site.latitude_deg:.4f}, {site.longitude_deg:.4f}, {site.height_m:g} m")
     limits = task.limits()
-    channel, keeper = Channel(reader, writer, telescope), Doorkeeper(limits)
+    channel, keeper = FeederLine(reader, writer, telescope), Doorkeeper(limits)
     actions = Actions(task.satellites, telescope, clock)
     front = Front(
         server, channel, actions, clock, keeper, task.requests_per_s, HostNames.of(task.host, task.names)

@@ -12,7 +12,6 @@ import msgspec
 from sattrack.core.errors import SattrackError
 from sattrack.runtime.facts import build_engine, decode_facts
 from sattrack.runtime.station_loop import StationLoop
-from sattrack.servers.alpaca.server import PORT
 from sattrack.servers.antenna.log_lines import spoken
 
 if TYPE_CHECKING:
@@ -20,10 +19,12 @@ if TYPE_CHECKING:
 
     from sattrack.control.engine import Engine
     from sattrack.safety import SafetyLimits
-    from sattrack.servers.alpaca.door import AlpacaDoor
+    from sattrack.servers.alpaca.door import AlpacaHttpProcess
     from sattrack.servers.alpaca.station import TelescopeStation
 
 PROGRAM = "alpaca"
+PORT = 32227
+"""Of discovery, UDP."""
 MOST_TOLD = 5
 """A tick's lines of the log: a flood of them is counted."""
 LOOPBACK, LOOPBACK_BROADCAST, ANY = "127.0.0.1", "127.255.255.255", "0.0.0.0"
@@ -34,7 +35,7 @@ class AlpacaLoop(StationLoop):
     """Serves one mount to Alpaca's clients until `stop` is asked for and the mount is seen at rest."""
 
     station: TelescopeStation
-    door: AlpacaDoor
+    door: AlpacaHttpProcess
     _told_doing: str = field(default="idle", init=False)
 
     def tell(self, words: str) -> None:

@@ -1,15 +1,12 @@
 """One HTTP request in, its answer out, or what has to be done before there is one. No I/O.
 
-Source: "ASCOM Alpaca API Reference": paths, transaction numbers, HTTP statuses, the management interface, and
-discovery, by which whoever asks on UDP port 32227 learns the HTTP port (IPv4). Answers to discovery are
-bounded, so that neither a storm of questions nor a forged sender makes this program flood anybody.
+Source: "ASCOM Alpaca API Reference": paths, transaction numbers, HTTP statuses, the management interface.
 """
 
 from __future__ import annotations
 
 import re
-from collections import OrderedDict
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
 
@@ -40,12 +37,6 @@ DEVICE = "/api/v1/telescope/0/"
 NOTHING = object()
 """No value: what a PUT gives back that gives nothing."""
 _MEMBER = re.compile(r"[a-z]{1,40}")
-PORT = 32227
-QUESTION = b"alpacadiscovery1"
-LONGEST_QUESTION = 1024
-A_SECOND = 100.0
-A_SECOND_EACH = 10.0
-REMEMBERED = 256
 
 
 def setup_page(telescope: Telescope, place: str, now_utc_s: float) -> str:
@@ -102,7 +93,7 @@ class Pending:
 
 
 class Server:
-    """An Alpaca device with one telescope, number 0; `place` says in words where it stands."""
+    """An Alpaca device with one telescope, number 0; `place` is its site as text."""
 
     def __init__(self, telescope: Telescope, place: str) -> None:
         self.telescope = telescope
@@ -190,47 +181,3 @@ def _json(transaction: Transaction, value: Any = NOTHING, fault: Fault | None = 
         "ErrorMessage": "" if fault is None else fault.words,
     }
     return Reply(200, JSON, msgspec.json.encode(answer))
-
-
-@dataclass(slots=True)
-class Bucket:
-    """So many answers a second, as many at once after a silence."""
-
-    rate: float
-    left: float
-    filled_s: float
-
-    def take(self, now_s: float) -> bool:
-        """Tell whether one more may be given at an instant."""
-        self.left = min(self.rate, self.left + max(0.0, now_s - self.filled_s) * self.rate)
-        self.filled_s = now_s
-        if self.left < 1.0:
-            return False
-        self.left -= 1.0
-        return True
-
-
-@dataclass(slots=True)
-class Discovery:
-    """Answers questions for one HTTP port; instants are seconds of any clock that does not go back."""
-
-    http_port: int
-    unanswered: int = 0
-    """Questions that came too fast."""
-    _all: Bucket = field(default_factory=lambda: Bucket(A_SECOND, A_SECOND, 0.0))
-    _each: OrderedDict[str, Bucket] = field(default_factory=OrderedDict)
-
-    def answer(self, data: bytes, host: str, now_s: float) -> bytes | None:
-        """Return what to send back, None for nothing."""
-        if not data.startswith(QUESTION) or len(data) > LONGEST_QUESTION:
-            return None
-        each = self._each.get(host)
-        if each is None:
-            each = self._each[host] = Bucket(A_SECOND_EACH, A_SECOND_EACH, now_s)
-            if len(self._each) > REMEMBERED:
-                self._each.popitem(last=False)
-        self._each.move_to_end(host)
-        if not (each.take(now_s) and self._all.take(now_s)):
-            self.unanswered += 1
-            return None
-        return msgspec.json.encode({"AlpacaPort": self.http_port})

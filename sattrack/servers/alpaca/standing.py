@@ -34,12 +34,12 @@ SEEN_AFTER_S = 1.0
 """After so long, an offset that is asked for counts among those in force."""
 SAME_OFFSET = 1e-9
 SETTLING_TICKS = 2
-"""How many datagrams an answer waits for a status that comes after what it tells of."""
+"""How many datagrams an answer waits for a status that shows its effect."""
 ANSWER_WITHIN_TICKS = 80
 """Four seconds; a client waits five."""
 
 
-class Standing:
+class MountState:
     """Follows one mount from status to status."""
 
     def __init__(self, profile: MountProfile) -> None:
@@ -109,7 +109,7 @@ class Standing:
 
 def state_of(  # noqa: PLR0913 - one argument for everything that statuses do not tell
     session: Session,
-    standing: Standing,
+    standing: MountState,
     *,
     utc_s: float,
     heard: bool,
@@ -163,7 +163,7 @@ def _measured_utc_s(session: Session, utc_s: float) -> float:
 
 
 def _site(status: Status) -> tuple[float | None, float | None, float | None]:
-    """Return latitude, longitude and height, None each where the mount was never told its site."""
+    """Return latitude, longitude and height, None each where the mount does not know its site."""
     latitude, longitude = _finite(status.site_latitude_deg), _finite(status.site_longitude_deg)
     if not latitude and not longitude:
         return None, None, None
@@ -229,7 +229,7 @@ def followed(engine: Engine, now_utc_s: float) -> FollowedState:
 
 
 class Answers:
-    """What clients are to be told; `ready` is for whoever tells it, and takes it away."""
+    """Answers to clients' orders; whoever sends those in `ready` removes them."""
 
     def __init__(self) -> None:
         self.ready: list[Answered] = []
@@ -269,7 +269,7 @@ class Answers:
         self._ends.clear()
 
     def tick(self, rests: bool) -> None:
-        """Make ready what is due; `rests` tells that no move is under way any more."""
+        """Make ready what is due; `rests`: no move is under way any more."""
         self._ticks += 1
         self.ready += [answer for at, answer in self._due if at <= self._ticks]
         self._due = [(at, answer) for at, answer in self._due if at > self._ticks]

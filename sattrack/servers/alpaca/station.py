@@ -14,7 +14,7 @@ from sattrack.control.tracker import FOLLOWING
 from sattrack.mount.model import Hold
 from sattrack.mount.requests import FineRate, TicketState
 from sattrack.mount.xerxes.link import LinkState
-from sattrack.servers.alpaca.drive import AfterStop, Drive, Undertaking, check_floor, procedure_of, refuse
+from sattrack.servers.alpaca.drive import AfterStop, Drive, Operation, check_floor, procedure_of, refuse
 from sattrack.servers.alpaca.messages import (
     AbortOrder,
     BiasOrder,
@@ -28,7 +28,7 @@ from sattrack.servers.alpaca.messages import (
 from sattrack.servers.alpaca.resting import Resting
 from sattrack.servers.alpaca.standing import (
     Answers,
-    Standing,
+    MountState,
     followed,
     offset,
     receive_or_stop,
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile
     from sattrack.mount.xerxes.session import Session
     from sattrack.safety import Safety, SafetyLimits
-    from sattrack.servers.alpaca.messages import Asked, Order, TelescopeState
+    from sattrack.servers.alpaca.messages import NumberedOrder, Order, TelescopeState
     from tle.site import Site
 
 DONE = frozenset({TicketState.COMPLETE, TicketState.UNCONFIRMED})
@@ -57,7 +57,7 @@ HELD_KINDS = frozenset({"sync", "fine", "tracking"})
 
 
 class TelescopeStation:
-    """One mount, until it is told to end and the mount is seen at rest.
+    """One mount, until its end is asked for and the mount is seen at rest.
 
     `make_engine` makes what follows a satellite, from the facts of a run and the instant; it raises
     ValueError where they are none.
@@ -78,12 +78,12 @@ class TelescopeStation:
         self.engine: Engine | None = None
         self.answers = Answers()
         self.words: list[str] = []
-        """What the log is to be told; likewise."""
+        """Lines for the log; likewise."""
         self.link = LinkState.SILENT
         self._heard: tuple[bytes, float] | None = None
         """The mount's last datagram: what a new conversation begins with."""
-        self._under_way: Undertaking | None = None
-        self._standing = Standing(profile)
+        self._under_way: Operation | None = None
+        self._standing = MountState(profile)
         self._failure: str | None = None
         self._trouble: str | None = None
         self._reset_at_rest = False
@@ -150,7 +150,7 @@ class TelescopeStation:
         return None if self.engine is None else self.engine.repeat()
 
     def send_shift_s(self, now_utc_s: float) -> float:
-        """Return by how much later than a period from now the next `tick` had better come, seconds."""
+        """Return the delay of the next `tick` beyond one period from now, seconds."""
         return 0.0 if self.engine is None else self.engine.send_shift_s(now_utc_s)
 
     def end(self, now_utc_s: float) -> None:
@@ -168,7 +168,7 @@ class TelescopeStation:
 
     # What clients ask.
 
-    def obey(self, asked: Asked, now_utc_s: float) -> None:
+    def obey(self, asked: NumberedOrder, now_utc_s: float) -> None:
         """Begin what is asked; the answer stands in `answers`, at once or after some `tick`."""
         try:
             if self._ending is not None:
@@ -226,7 +226,7 @@ class TelescopeStation:
             return "stopping"
         return "idle" if self.console.procedure is None else self.console.procedure.doing
 
-    def _begin(self, asked: Asked, now_utc_s: float) -> bool:
+    def _begin(self, asked: NumberedOrder, now_utc_s: float) -> bool:
         """Begin an order; tell whether its answer is held back. Raises Fault."""
         order = asked.order
         if isinstance(order, AbortOrder):
@@ -272,12 +272,12 @@ class TelescopeStation:
         former = self._under_way
         refuse(self.console.begin(procedure, now_utc_s))
         self._supersede(former)
-        self._under_way = Undertaking(kind, procedure)
+        self._under_way = Operation(kind, procedure)
         if kind != "fine":
             self._failure = None
         self._standing.moved(kind)
 
-    def _supersede(self, former: Undertaking | None) -> None:
+    def _supersede(self, former: Operation | None) -> None:
         kind, waiting = ("", None) if former is None else (former.kind, former.waiting)
         self.answers.supersede(kind, waiting)
         self._under_way = None
@@ -360,7 +360,7 @@ class TelescopeStation:
             return
         self._settle(under_way, outcome)
 
-    def _look_at_rates(self, under_way: Undertaking) -> None:
+    def _look_at_rates(self, under_way: Operation) -> None:
         """Answer for fine rates as soon as datagrams have them."""
         procedure = under_way.procedure
         if under_way.waiting is None or not (self._is_fine and isinstance(procedure, Once)):
@@ -369,7 +369,7 @@ class TelescopeStation:
             self.answers.done(under_way.waiting)
             under_way.waiting = None
 
-    def _settle(self, done: Undertaking, outcome: Outcome) -> None:
+    def _settle(self, done: Operation, outcome: Outcome) -> None:
         ended_well = outcome.state in DONE
         words = outcome.reason or f"{done.kind}: {outcome.state.value}"
         if ended_well and done.kind == "park":

@@ -54,11 +54,11 @@ CHANGING = (
     "Slewing",
     "Tracking",
 )
-"""What DeviceState tells, by ITelescopeV4's definition, beside the instant."""
+"""What DeviceState holds by ITelescopeV4's definition, beside the instant."""
 MOST_CONNECTED = 4096
 NORTH, SOUTH, EAST, WEST = range(4)
 OLDEST_STATE_S = 2.5
-"""A state older than this tells nothing of the mount."""
+"""A state older than this says nothing about the mount."""
 
 
 def fixed_value(

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     Way = Callable[[float], tuple[float, float]]
-    """Where both axes are to be at an instant of UTC (POSIX seconds), degrees, on any turn."""
+    """Where both axes must be at an instant of UTC (POSIX seconds), degrees, on any turn."""
 
 POSITION_FIELDS = 14
 
@@ -110,7 +110,7 @@ class Antcn:
         return b"", None
 
     def due_utc_s(self) -> float:
-        """Return when `tick` is to be called next, where nothing comes before."""
+        """Return when `tick` must be called next, where nothing comes before."""
         if self.stage is Stage.SYNCHRONISING:
             return self._quiet_since_s + idle_time_s(self.character_s)
         return self._expires_utc_s() if self.stage is Stage.WAITING else math.inf

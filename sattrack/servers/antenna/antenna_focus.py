@@ -39,7 +39,7 @@ _NEWS: msgspec.json.Decoder[FocusNews] = msgspec.json.Decoder(FocusNews)
 
 
 class FocuserError(Exception):
-    """A focuser that cannot be used, in words for a user."""
+    """A focuser that cannot be used; the text is for a user."""
 
 
 class FocuserConfig(msgspec.Struct, frozen=True):
@@ -109,7 +109,7 @@ class AlpacaAxis:
         wanted = self._wanted_step
         if self._sweep is not None:
             from_mm, rate_mm_s, since_s = self._sweep
-            # As far as it is to be at the next turn.
+            # Where it must be at the next turn.
             ahead_s = now_s - since_s + TURN_S
             wanted = self._to_step(swept_mm(from_mm, rate_mm_s, ahead_s, *self.limits_mm))
         if wanted is not None and not moving and self._asked_step != wanted:
@@ -117,7 +117,7 @@ class AlpacaAxis:
         return self._to_mm(position), moving or self._sweep is not None
 
     def halt(self) -> None:
-        """Stop it, if it was told to go anywhere."""
+        """Stop it, if it was sent anywhere."""
         if self._sweep is not None or self._wanted_step is not None:
             self._halt()
 
@@ -160,7 +160,7 @@ class AlpacaAxis:
 
 
 @dataclass(slots=True)
-class Worker:
+class FocuserDriver:
     """Drives one focuser for as long as orders may come."""
 
     focuser: AlpacaDevice
@@ -172,7 +172,7 @@ class Worker:
     _next_try_s: float = 0.0
 
     def turn(self, orders: list[FocusOrder], now_s: float) -> None:
-        """Do what is to be done now; whatever goes wrong is told, and tried anew later."""
+        """Do what is due now; errors are reported, and it is tried anew later."""
         self._pending += orders
         if self.axis is None and now_s < self._next_try_s:
             return
@@ -219,7 +219,7 @@ def main(config: FocuserConfig) -> int:
     def tell(news: FocusNews) -> None:
         channel.send(msgspec.json.encode(news) + b"\n")
 
-    worker = Worker(focuser_at(config), config, tell)
+    worker = FocuserDriver(focuser_at(config), config, tell)
     decoder = msgspec.json.Decoder(FocusOrder)
     due_s = time.monotonic()
     while not channel.ended:
@@ -265,7 +265,7 @@ class FocusAxisProcess:
 
     @property
     def name(self) -> str:
-        """The focuser in words."""
+        """The focuser, as text."""
         return f"the focuser at {self.config.address}, device {self.config.device}"
 
     def exchange(self, to_ns: Callable[[float], int]) -> str | None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 from sattrack.servers.antenna import focus
 from sattrack.servers.antenna.equipment import Antenna, Feedback
 from sattrack.servers.antenna.line import Framer, Line, LineFault, Synchronised, encode
-from sattrack.servers.antenna.reckoning import Reckoning, Satellite, SkyPath, StoreError, Target
+from sattrack.servers.antenna.reckoning import Reckoning, Satellite, SkyPath, SkyTarget, StoreError
 from sattrack.servers.antenna.trajectory import (
     MOST_EPOCH_DISTANCE_S,
     NS,
@@ -51,7 +51,7 @@ MOST_TIME_STEP_S = 86400
 
 @dataclass(frozen=True, slots=True)
 class Position:
-    """What a position status tells; None where there is no trajectory, or the axes are not heard."""
+    """The contents of a position status; None where there is no trajectory, or the axes are not heard."""
 
     commanded: AxisState | ExactState | None
     actual: AxisState | None
@@ -94,7 +94,7 @@ def _state_fields(state: AxisState | ExactState | None, axes: AxisRange) -> tupl
 
 
 class Doing(StrEnum):
-    """What the antenna was last told to do."""
+    """The last command for the antenna's motion."""
 
     IDLE = "IDLE"
     FOLLOWING = "FOLLOWING"
@@ -143,7 +143,7 @@ class Controller:
     def receive(self, data: bytes, now_ns: int) -> tuple[bytes, bool]:
         """Take bytes that came at an instant; return what to send, and whether to drop what waits to be sent.
 
-        What a position status tells is latched at `now_ns`, the arrival of the line-feed.
+        A position status is latched at `now_ns`, the arrival of the line-feed.
         """
         answers: list[bytes] = []
         synchronised = False
@@ -204,7 +204,7 @@ class Controller:
         try:
             answer = Nak.NOT_AVAILABLE if handler is None else handler(self, request, now_ns)
         except TleError:
-            # The elements of what is followed, or is to be, have come to their end.
+            # The elements of the satellite, followed or to come, have ended.
             answer = Nak.ELEMENTS_USELESS
         if answer is None:
             return acknowledge(word)
@@ -280,7 +280,7 @@ class Controller:
 
     @property
     def servo(self) -> Literal["IDLE", "SLEWING", "TRACKING"]:
-        """What the antenna does about its trajectory, as position status tells it."""
+        """What the antenna does about its trajectory, as in a position status."""
         if self.path is None or self.feedback.tripped is not None:
             return "IDLE"
         return "TRACKING" if self.feedback.on_trajectory else "SLEWING"
@@ -374,7 +374,7 @@ def follow_source(controller: Controller, request: Request, now_ns: int) -> Nak 
     return _follow(controller, controller.reckoning.source(request), request, now_ns)
 
 
-def _follow(controller: Controller, target: Target, request: Request, now_ns: int) -> Nak | None:
+def _follow(controller: Controller, target: SkyTarget, request: Request, now_ns: int) -> Nak | None:
     path = controller.reckoning.path(target)
     path.turn_by(controller.turns_asked(request, path.at(now_ns).first_deg, now_ns))
     return controller.take_up(path)

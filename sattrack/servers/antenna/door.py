@@ -8,6 +8,7 @@ nature. `--mount antenna://HOST:PORT` and `antenna:///dev/ttyUSB0` name a contro
 from __future__ import annotations
 
 import contextlib
+import math
 import os
 import re
 import socket
@@ -19,21 +20,18 @@ from urllib.parse import parse_qs, urlsplit
 from sattrack.core.errors import BadInputError, LinkLostError, SattrackError
 from sattrack.servers.antenna.line import TCP_CHARACTER_TIME_OUT_S, Check, character_time_out_s
 from sattrack.servers.antenna.sky import AxisKind
-from sattrack.servers.callers import BUSY_S, Opening
+from sattrack.servers.callers import MOST_WAITING_BYTES, READ_BYTES, CallerLimits, Opening, Seat, TcpChannel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-READ_BYTES = 256
-"""So few that a flood of commands holds up the mount's next datagram by a few milliseconds at most."""
 REOPEN_EVERY_S = 2.0
 EMPTY_READS = 10
 """A line that has something to read, again and again, and nothing is there, is gone."""
-MOST_WAITING_BYTES = 65536
-"""A caller that asks and does not read is hung up on when so much waits for it."""
 BAUDS = (9600, 19200, 38400, 57600, 115200)
 DEFAULT_FRAMING = "7E1"
 _FRAMING = re.compile(r"([5-8])([NEOMS])(1|1\.5|2)")
+ONE_CALLER = CallerLimits(callers=1, elsewhere_s=60.0)
 Answer = tuple[bytes, bool]
 """What to send, and whether to drop what still waits to be sent."""
 CONNECT_WITHIN_S = 3.0
@@ -42,7 +40,7 @@ OPTIONS = ("axes", "check", "rate", "timing", "baud", "framing")
 MOST_RATE_HZ = 10.0
 
 
-class Channel(Protocol):
+class CallerLine(Protocol):
     """One caller's bytes."""
 
     def fileno(self) -> int:
@@ -59,49 +57,6 @@ class Channel(Protocol):
 
     def close(self) -> None:
         """Hang up."""
-
-
-class TcpChannel:
-    """A caller on TCP."""
-
-    def __init__(self, connection: socket.socket) -> None:
-        connection.setblocking(False)
-        # A response is one small packet, and is wanted now.
-        connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
-        for option, value in (("TCP_KEEPIDLE", 5), ("TCP_KEEPINTVL", 2), ("TCP_KEEPCNT", 3)):
-            if hasattr(socket, option):
-                connection.setsockopt(socket.IPPROTO_TCP, getattr(socket, option), value)
-        self._connection = connection
-
-    def fileno(self) -> int:
-        """See Channel."""
-        return self._connection.fileno()
-
-    def read(self) -> bytes | None:
-        """See Channel."""
-        try:
-            return self._connection.recv(READ_BYTES) or None
-        except BlockingIOError:
-            return b""
-        except OSError:
-            return None
-
-    def write(self, data: bytes) -> int:
-        """See Channel."""
-        try:
-            return self._connection.send(data)
-        except BlockingIOError:
-            return 0
-        except OSError:
-            return len(data)
-
-    def drop_output(self) -> None:
-        """See Channel: what TCP has taken, it delivers."""
-
-    def close(self) -> None:
-        """See Channel."""
-        self._connection.close()
 
 
 class SerialChannel:
@@ -147,12 +102,12 @@ class SerialChannel:
             termios.tcsetattr(self._line.fileno(), termios.TCSANOW, state)
 
     def fileno(self) -> int:
-        """See Channel."""
+        """See CallerLine."""
         number: int = self._line.fileno()
         return number
 
     def read(self) -> bytes | None:
-        """See Channel."""
+        """See CallerLine."""
         try:
             data = os.read(self.fileno(), READ_BYTES)
         except BlockingIOError:
@@ -163,7 +118,7 @@ class SerialChannel:
         return data if self._empty < EMPTY_READS else None
 
     def write(self, data: bytes) -> int:
-        """See Channel."""
+        """See CallerLine."""
         try:
             return os.write(self.fileno(), data)
         except BlockingIOError:
@@ -172,12 +127,12 @@ class SerialChannel:
             return len(data)
 
     def drop_output(self) -> None:
-        """See Channel."""
+        """See CallerLine."""
         with contextlib.suppress(OSError):
             self._line.reset_output_buffer()
 
     def close(self) -> None:
-        """See Channel."""
+        """See CallerLine."""
         self._line.close()
 
 
@@ -186,52 +141,22 @@ def _reason(error: Exception) -> str:
     return str(error) if number is None else os.strerror(number)
 
 
-def listen(host: str, port: int, backlog: int = 4) -> socket.socket:
-    """Return a listening TCP socket. Raises SattrackError, naming address and port, where there is none."""
-    listener = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-    listener.setblocking(False)
-    try:
-        listener.bind((host, port))
-        listener.listen(backlog)
-    except OSError as error:
-        listener.close()
-        raise SattrackError(
-            f"TCP port {port} on {host} cannot be had: {error.strerror}; choose another with --port"
-        ) from error
-    return listener
-
-
 @dataclass(slots=True)
-class Seat:
-    """The one caller on TCP: its address, its first line, and when it spoke last (`time.monotonic`)."""
-
-    address: str
-    opening: Opening = field(default_factory=lambda: Opening(by_lines=True))
-    spoke_s: float | None = None
-
-    def gives_way(self, address: str, now_s: float, idle_s: float) -> bool:
-        """Tell whether it makes room for a caller from an address: one of its own needs no long silence."""
-        silence_s = BUSY_S if address == self.address else idle_s
-        return self.spoke_s is None or now_s - self.spoke_s > silence_s
-
-
-@dataclass(slots=True)
-class Door:
+class AntennaServer:
     """A listening socket with its caller, or a serial line."""
 
     listener: socket.socket | None = None
-    channel: Channel | None = None
-    reopen: Callable[[], Channel] | None = None
+    channel: CallerLine | None = None
+    reopen: Callable[[], CallerLine] | None = None
     """Opens the serial line anew where it was lost."""
-    idle_s: float = 60.0
-    """A caller that was silent for so long makes room for one from elsewhere."""
+    limits: CallerLimits = ONE_CALLER
     hung_up_on: int = 0
     """Callers that were refused because there was one already."""
     foreign: int = 0
     """Callers that were hung up on because they spoke HTTP or TLS."""
     _seat: Seat | None = None
     """None on a serial line."""
+    _opening: Opening = field(default_factory=lambda: Opening(by_lines=True))
     _next_try_s: float = 0.0
     _waiting: bytes = b""
 
@@ -251,7 +176,7 @@ class Door:
     def serve(
         self, ready: list[Any], now: Callable[[], float], answer: Callable[[bytes, float], Answer]
     ) -> bool:
-        """Do what is to be done with what is ready; tell whether the caller has gone meanwhile.
+        """Serve what is ready; tell whether the caller has gone meanwhile.
 
         `now` is read as soon as the bytes are here: that is the instant at which their line-feed came.
         """
@@ -289,13 +214,13 @@ class Door:
         if len(self._waiting) > MOST_WAITING_BYTES:
             self._hang_up()
 
-    def _read(self, channel: Channel) -> bytes | None:
-        """Return what may be obeyed of what has come; None where the caller is gone, or is to be."""
+    def _read(self, channel: CallerLine) -> bytes | None:
+        """Return what may be obeyed of what has come; None where the caller is gone, or must go."""
         data = channel.read()
         if not data or self._seat is None:
             return data
-        self._seat.spoke_s = time.monotonic()
-        told = self._seat.opening.take(data)
+        self._seat = self._seat._replace(asked_s=time.monotonic())
+        told = self._opening.take(data)
         self.foreign += told is None
         return told
 
@@ -305,15 +230,18 @@ class Door:
             connection, (address, *_) = listener.accept()
         except OSError:
             return False
-        taken, seat = self.channel is not None, self._seat
-        if taken and not (seat is not None and seat.gives_way(address, time.monotonic(), self.idle_s)):
+        now_s = time.monotonic()
+        seats = {} if self._seat is None else {0: self._seat}
+        objection, makes_room = self.limits.admit(address, seats, now_s)
+        if objection is not None:
             self.hung_up_on += 1
             connection.close()
             return False
-        if taken:
+        if makes_room:
             self._hang_up()
-        self.channel, self._seat = TcpChannel(connection), Seat(address)
-        return taken
+        self.channel, self._seat = TcpChannel(connection), Seat(address, -math.inf, now_s)
+        self._opening = Opening(by_lines=True)
+        return bool(makes_room)
 
     def _hang_up(self) -> None:
         assert self.channel is not None
@@ -355,7 +283,7 @@ class AntennaUrl:
         """The character time-out of the line."""
         return TCP_CHARACTER_TIME_OUT_S if self.device is None else character_time_out_s(self.baud)
 
-    def connect(self) -> Channel:
+    def connect(self) -> CallerLine:
         """Return a line to the controller. Raises LinkLostError, SattrackError or BadInputError."""
         if self.device is not None:
             return SerialChannel(self.device, self.baud, self.framing)

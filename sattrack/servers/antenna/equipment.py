@@ -44,7 +44,7 @@ class Focuser(Protocol):
         """The least and the greatest place of each axis."""
 
     def heard(self, utc_ns: int) -> bool:
-        """Return whether all of them can be told anything at an instant."""
+        """Return whether all of them can take commands at an instant."""
 
     def move(self, places_mm: Sequence[float | None], utc_ns: int) -> None:
         """Send axes to places within their reach; None leaves an axis as it is."""

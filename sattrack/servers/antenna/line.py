@@ -51,7 +51,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True)
 class Synchronised:
-    """The synchronisation character came: whatever was under way in either direction is void."""
+    """The synchronisation character came: what was under way in either direction is void."""
 
 
 def encode(message: str, check: Check = Check.SUM) -> bytes:

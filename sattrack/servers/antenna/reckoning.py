@@ -54,7 +54,7 @@ NAME_LENGTH = 24
 MODEL_TERMS = ("ih", "id", "ch", "np", "ma", "me")
 
 
-class Target(Protocol):
+class SkyTarget(Protocol):
     """Something in the sky."""
 
     def place(self, utc_s: float) -> RaDec:
@@ -165,13 +165,13 @@ class Reduction:
 class SkyPath:
     """The way of a target as the axes follow it, turns of the first axis counted from `near_deg` on."""
 
-    def __init__(self, target: Target, reduction: Reduction, near_deg: float) -> None:
+    def __init__(self, target: SkyTarget, reduction: Reduction, near_deg: float) -> None:
         self.target = target
         self._reduction = reduction
         self._last_deg = near_deg
 
     def at(self, utc_ns: int) -> AxisState:
-        """Return where the axes are to be at an instant."""
+        """Return where the axes must be at an instant."""
         first, second = self._place(utc_ns)
         early, late = self._place(utc_ns - DIFFERENCE_NS), self._place(utc_ns + DIFFERENCE_NS)
         apart_s = 2.0 * DIFFERENCE_NS / NS
@@ -298,7 +298,7 @@ class Reckoning:
         model = PointingModel(*(request.number(term) for term in MODEL_TERMS))
         self.reduction = replace(self.reduction, model=model)
 
-    def source(self, request: Request) -> Target:
+    def source(self, request: Request) -> SkyTarget:
         """Return the source that a command names."""
         coordinates = RaDec(request.number("ra"), request.number("dec"))
         return OfDate(coordinates) if request.text("frame") == "DATE" else Mean(coordinates, self._sky)
@@ -310,7 +310,7 @@ class Reckoning:
         propagator = Propagator(self.elements.elements(number), site, earth=self._sky.earth, refraction=air)
         return Satellite(propagator, self.bias)
 
-    def path(self, target: Target, near_deg: float = 0.0) -> SkyPath:
+    def path(self, target: SkyTarget, near_deg: float = 0.0) -> SkyPath:
         """Return the way of a target, turns of the first axis counted from near a place."""
         return SkyPath(target, self.reduction, near_deg)
 

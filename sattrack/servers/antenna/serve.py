@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from sattrack.servers.antenna.antenna_focus import FocusProcesses
-    from sattrack.servers.antenna.door import Door
+    from sattrack.servers.antenna.door import AntennaServer
     from sattrack.servers.antenna.station import Station
 
 SHOW_EVERY_TICKS = 5
@@ -47,7 +47,7 @@ class AntennaLoop(StationLoop):
     """
 
     station: Station
-    door: Door
+    door: AntennaServer
     words: Callable[[], Sequence[str]]
     where: str = ""
     """The door, in words."""

@@ -1,7 +1,7 @@
 """The antenna's axes against the sky over one site: hour angle and declination, azimuth and elevation.
 
 Hour angles are local apparent sidereal time less right ascension of date, so that a mount steered by reported
-right ascension stands where it should whatever its own clock says. Horizontal angles are those of the
+right ascension stands where it should, independent of its own clock. Horizontal angles are those of the
 ellipsoid's horizon with polar motion, as `tle` has them. Airless: whoever sends positions has thought of air.
 """
 
@@ -10,16 +10,13 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
-import numpy as np
-
 from tle.earth import EarthOrientation, to_tirs
 from tle.instants import Utc
-from tle.sun import earth_velocity_km_s
+from tle.places import apparent_unit
 
 if TYPE_CHECKING:
     from tle.site import Site
 
-LIGHT_KM_S = 299792.458
 AxisKind = Literal["hadec", "azel"]
 Triple = tuple[float, float, float]
 
@@ -78,25 +75,11 @@ class Sky:
     def of_date(self, mean: RaDec, utc_s: float) -> RaDec:
         """Return the topocentric apparent place of date of a star at J2000 (ICRS), without proper motion.
 
-        Precession, nutation and frame bias of IAU 2006/2000A; aberration of the Earth's way (first order, to
-        a milliarcsecond) and of its rotation. Light bending by the Sun (0.05″ at 5° from it) is left out.
+        Light bending by the Sun (0.05″ at 5° from it) is left out.
         """
-        at = Utc(utc_s)
-        ra, dec = math.radians(mean.ra_deg), math.radians(mean.dec_deg)
-        u = np.array([math.cos(dec) * math.cos(ra), math.cos(dec) * math.sin(ra), math.sin(dec)])
-        beta = np.asarray(earth_velocity_km_s(at)) / LIGHT_KM_S
-        u = u + beta
-        v = self.earth.celestial_matrix(at) @ (u / np.linalg.norm(u))
-        v = v + np.array(self._spin_km_s(utc_s)) / LIGHT_KM_S
-        x, y, z = (float(c) for c in v)
+        unit = apparent_unit(mean.ra_deg, mean.dec_deg, Utc(utc_s), "icrf", self.site, self.earth)
+        x, y, z = (float(c) for c in unit)
         return RaDec(math.degrees(math.atan2(y, x)) % 360.0, math.degrees(math.atan2(z, math.hypot(x, y))))
-
-    def _spin_km_s(self, utc_s: float) -> Triple:
-        """Return the observer's velocity by the Earth's rotation, in true equator and equinox of date."""
-        x, y, _ = self.site.itrs_km
-        speed = math.hypot(x, y) * math.radians(self.sidereal_rate_deg_s(utc_s))
-        sidereal = math.radians(self.sidereal_deg(utc_s))
-        return -speed * math.sin(sidereal), speed * math.cos(sidereal), 0.0
 
     def _tirs(self, place: HaDec) -> Triple:
         longitude = math.radians(self.site.longitude_deg - place.ha_deg)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from sattrack.control.tracker import TrackPlan
     from sattrack.runtime.prepare import RunRequest
     from sattrack.safety import SafetyLimits
-    from sattrack.servers.antenna.door import AntennaUrl, Channel
+    from sattrack.servers.antenna.door import AntennaUrl, CallerLine
     from tle.site import Site
 
 ON_TARGET_ARCSEC = 15.0
@@ -128,7 +128,7 @@ class AntennaFlight:
     show: Callable[[AntcnRun, float], None]
     run: AntcnRun = field(init=False)
     sent: int = 0
-    _channel: Channel | None = None
+    _channel: CallerLine | None = None
     _next_try_s: float = 0.0
 
     def fly(self) -> Summary:
@@ -182,7 +182,7 @@ class AntennaFlight:
             self.run.end("error", now_utc_s, str(error))
         self.show(self.run, now_utc_s)
 
-    def _listen(self, channel: Channel, clock: SystemClock) -> None:
+    def _listen(self, channel: CallerLine, clock: SystemClock) -> None:
         data = channel.read()
         now_utc_s = clock.utc_s(time.monotonic())
         if data is not None:

@@ -33,7 +33,7 @@ class Path(Protocol):
     """A way of the antenna's axes through time."""
 
     def at(self, utc_ns: int) -> AxisState:
-        """Return where the axes are to be at an instant."""
+        """Return where the axes must be at an instant."""
 
 
 class ExactState(NamedTuple):

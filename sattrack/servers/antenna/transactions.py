@@ -14,7 +14,7 @@ from typing import Literal
 
 OMITTED = ",,"
 UNKNOWN_WORD = "??"
-"""The word of a response to a line whose command cannot be told."""
+"""The word of a response to a line whose command cannot be read."""
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
 
 

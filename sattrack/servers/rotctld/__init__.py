@@ -1,1 +1,1 @@
-"""Hamlib's rotctld protocol, version 1: what clients say, what is answered, and where the mount is to be."""
+"""Hamlib's rotctld protocol, version 1: requests, answers, and where the mount must be."""

@@ -14,8 +14,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from sattrack.servers.antenna.door import TcpChannel
-from sattrack.servers.callers import Opening, Seat
+from sattrack.servers.callers import MOST_WAITING_BYTES, Bucket, Opening, Seat, TcpChannel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,8 +25,6 @@ if TYPE_CHECKING:
 SLICE_S = 0.001
 """So long is what callers have said answered before the mount is looked after again."""
 REQUESTS_AT_ONCE = 8
-MOST_WAITING_BYTES = 65536
-"""A caller that asks and does not read is hung up on when so much waits for it."""
 MOST_ACCEPTED = 32
 BURST_S = 0.2
 """A caller that was silent may send the requests of so much time at once."""
@@ -41,8 +38,7 @@ class Caller:
     channel: TcpChannel
     client: Client
     heard_s: float
-    budget: float
-    filled_s: float
+    budget: Bucket
     seat: Seat
     opening: Opening = field(default_factory=Opening)
     waiting: bytes = b""
@@ -55,7 +51,7 @@ class Caller:
 
 
 @dataclass(slots=True)
-class RotctldDoor:
+class RotctldServer:
     """A listening socket with its callers; `make_client` makes the end that speaks to one."""
 
     listener: socket.socket
@@ -64,7 +60,7 @@ class RotctldDoor:
     callers: dict[int, Caller] = field(default_factory=dict)
     """By their number."""
     words: deque[str] = field(default_factory=lambda: deque(maxlen=REMEMBERED_WORDS))
-    """What the log is to be told; whoever tells it takes it away."""
+    """Lines for the log; whoever logs them removes them."""
     refused: int = 0
     """Callers that were hung up on as they came."""
     failures: int = 0
@@ -88,7 +84,7 @@ class RotctldDoor:
         readers: list[Any] = [self.listener]
         left_over = False
         for caller in self.callers.values():
-            if self._budget(caller, now_s) < 1.0 or caller.waiting or caller.client.paused:
+            if caller.budget.fill(now_s) < 1.0 or caller.waiting or caller.client.paused:
                 continue
             if caller.more:
                 left_over = True
@@ -107,7 +103,7 @@ class RotctldDoor:
                 self._flush(caller)
 
     def serve(self, ready: list[Any], now_ns: Callable[[], int]) -> list[int]:
-        """Do what is to be done with what is ready; return the numbers of callers that have gone.
+        """Serve what is ready; return the numbers of callers that have gone.
 
         `now_ns` is read as soon as bytes are here: that is the instant that their positions are of.
         """
@@ -141,13 +137,6 @@ class RotctldDoor:
             self._hang_up(number)
         for part in (self.listener, *self._always):
             part.close()
-
-    def _budget(self, caller: Caller, now_s: float) -> float:
-        """Return how many requests a caller may make now."""
-        rate = self.limits.requests_per_s
-        caller.budget = min(max(1.0, BURST_S * rate), caller.budget + (now_s - caller.filled_s) * rate)
-        caller.filled_s = now_s
-        return caller.budget
 
     def _read(self, caller: Caller) -> bool:
         """Take what a caller has sent; False where it is gone."""
@@ -186,11 +175,11 @@ class RotctldDoor:
 
     def _answer(self, caller: Caller, now_ns: int) -> bool:
         """Answer some of a caller's requests; False where it may ask no more now."""
-        most = min(REQUESTS_AT_ONCE, int(self._budget(caller, time.monotonic())))
+        most = min(REQUESTS_AT_ONCE, int(caller.budget.fill(time.monotonic())))
         if most < 1:
             return False
         answers, count = caller.client.answer(now_ns, most)
-        caller.budget -= count
+        caller.budget.left -= count
         if count:
             caller.seat = caller.seat._replace(asked_s=time.monotonic())
         caller.more = count == most
@@ -236,10 +225,11 @@ class RotctldDoor:
             gone += idle
             number = self._next_number
             self._next_number += 1
-            budget = max(1.0, BURST_S * self.limits.requests_per_s)
+            rate = self.limits.requests_per_s
+            budget = Bucket(rate, max(1.0, BURST_S * rate), now_s)
             client = self.make_client(number)
             seat = Seat(address[0], -math.inf, now_s)
-            self.callers[number] = Caller(TcpChannel(connection), client, now_s, budget, now_s, seat)
+            self.callers[number] = Caller(TcpChannel(connection), client, now_s, budget, seat)
             self.words.append(f"client {number} is there, from {address[0]}:{address[1]}")
         return gone
 

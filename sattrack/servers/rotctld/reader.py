@@ -29,8 +29,8 @@ T = TypeVar("T")
 class Command:
     """One command: its byte, its long name, what it takes, and the labels of what it gives.
 
-    `gives` are those of extended responses; `answers` tells whether there is an answer beside RPRT, after
-    which a success is not told. `whole_line` is of a command whose one argument is the rest of the line.
+    `gives` are those of extended responses; `answers`: there is an answer beside RPRT, after
+    which a success is not reported. `whole_line` is of a command whose one argument is the rest of the line.
     """
 
     byte: int
@@ -127,7 +127,7 @@ class Request:
 
 
 class _More(Exception):  # noqa: N818
-    """More bytes are needed before it can be told what was said."""
+    """More bytes are needed before the request can be read."""
 
 
 @dataclass(slots=True)
@@ -221,7 +221,7 @@ class Reader:
         return (Said.HELP, place) if byte == ord("?") else None
 
     def _named(self, place: int) -> tuple[Command | None, int]:
-        """Return the command of a name, and where what follows it begins; whatever ends a name is gone."""
+        """Return the command of a name, and where what follows begins, without what ends a name."""
         end = place
         while self._at(end) in _IN_NAMES and end - place < LONGEST_NAME:
             end += 1
@@ -258,7 +258,7 @@ class Reader:
 
 
 class Code(IntEnum):
-    """Hamlib's error codes, as RPRT tells them."""
+    """Hamlib's error codes, as in RPRT."""
 
     OK = 0
     MALFORMED = 1
@@ -278,7 +278,7 @@ class FailedError(Exception):
 
 
 def report(code: Code) -> str:
-    """Return the line that tells a code."""
+    """Return the line that reports a code."""
     return f"RPRT {code.value}\n"
 
 

@@ -150,7 +150,7 @@ class SmoothedTrack:
             self._blend_s = max(LEAST_BLEND_S, min(MOST_BLEND_S, blend_s))
 
     def heard(self, utc_s: float) -> None:
-        """Note that the client is there, whatever it said; after too long a silence that changes nothing."""
+        """Note that the client has sent something; after too long a silence that changes nothing."""
         if utc_s <= self._ends_s():
             self._heard_s = utc_s
 
@@ -302,7 +302,7 @@ class Rotator:
     reset_asked: bool = False
     commander: int | None = None
     words: deque[str] = field(default_factory=lambda: deque(maxlen=REMEMBERED_WORDS))
-    """What the log is to be told; whoever tells it takes it away."""
+    """Lines for the log; whoever logs them removes them."""
     _heard_s: float = -math.inf
     _told_az_deg: float | None = None
     _plunged: bool = False
@@ -413,10 +413,10 @@ class Rotator:
             self.words.append(f"client {client} commands")
         self.commander, self._heard_s = client, now_s
 
-    # What clients are told.
+    # What clients see.
 
     def where(self, utc_ns: int) -> AzEl | None:
-        """Return where the mount points, counted as it was told; None where that is not known.
+        """Return where the mount points, in the client's own count of turns; None where that is not known.
 
         The azimuth is on the turn nearest to the one last asked for, as far as that is within reach, and the
         elevation beyond the zenith where that was.
@@ -455,7 +455,7 @@ class Rotator:
 
 
 class RotatorStation(LedMount):
-    """One mount behind one rotator, until it is told to end and the mount is seen at rest."""
+    """One mount behind one rotator, until its end is asked for and the mount is seen at rest."""
 
     def __init__(
         self, sky: Sky, profile: MountProfile, limits: SafetyLimits, one_at_a_time: bool = False

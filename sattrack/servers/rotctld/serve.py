@@ -14,7 +14,7 @@ from sattrack.servers.rotctld.answers import Client
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.servers.rotctld.door import RotctldDoor
+    from sattrack.servers.rotctld.door import RotctldServer
     from sattrack.servers.rotctld.rotator import Rotator, RotatorStation
 
 PROGRAM = "rotctld"
@@ -28,7 +28,7 @@ class RotctldLoop(StationLoop):
     """Serves one mount to rotctld's clients until `stop` is asked for and the mount is seen at rest."""
 
     station: RotatorStation
-    door: RotctldDoor
+    door: RotctldServer
     _told_failures: int = field(default=0, init=False)
     _failures_told_s: float = field(default=0.0, init=False)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sattrack.runtime.desk import NAMED, Desk
+from sattrack.runtime.desk import NAMED, ControlArbiter
 from sattrack.views.messages import ClearBias, Go, Jog, Nudge, Observation, OffsetBy, Pause, Search, StopNow
 from sattrack.views.session import STARTER
 from sattrack.views.session_messages import LeaveRunning, TakeControl, YieldControl
@@ -21,8 +21,8 @@ MOVING = [
 ]
 
 
-def desk(with_starter: bool = True, *names: str) -> Desk:
-    made = Desk(with_starter)
+def desk(with_starter: bool = True, *names: str) -> ControlArbiter:
+    made = ControlArbiter(with_starter)
     for number, name in enumerate(names, start=1):
         made.came(number, name)
     return made

@@ -14,17 +14,17 @@ import msgspec
 import pytest
 
 from sattrack.runtime import practice
-from sattrack.runtime.desk import Desk, SessionInbox
+from sattrack.runtime.desk import ControlArbiter, SessionInbox
 from sattrack.runtime.gallery import (
     MOST_VISITORS,
     REMEMBERED_S,
     SUPPORTED,
-    Gallery,
-    GalleryTask,
+    ViewServer,
+    ViewServerTask,
     feeders,
     name_for,
 )
-from sattrack.runtime.gallery_link import GalleryLink
+from sattrack.runtime.gallery_link import ViewServerLink
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.views.messages import StopNow
 
@@ -58,8 +58,8 @@ def view(facts) -> TrackView:
 
 
 @pytest.fixture
-def gallery(facts) -> Iterator[GalleryLink]:
-    made = GalleryLink(facts)
+def gallery(facts) -> Iterator[ViewServerLink]:
+    made = ViewServerLink(facts)
     yield made
     made.close()
 
@@ -121,7 +121,7 @@ def heard_until(inbox: SessionInbox, done) -> list[Any]:
 
 
 def test_whoever_comes_is_welcomed_with_what_was_shown_and_sees_what_is_shown(
-    gallery: GalleryLink, view: TrackView
+    gallery: ViewServerLink, view: TrackView
 ) -> None:
     gallery.show(view)
     with visitors(2) as (first, second):
@@ -139,11 +139,11 @@ def test_whoever_comes_is_welcomed_with_what_was_shown_and_sees_what_is_shown(
 
 def test_who_comes_late_learns_when_each_phase_and_warning_began(view: TrackView) -> None:
     clock = iter(float(second) for second in range(100_000))
-    task = GalleryTask(0, 0, 1, "sattrack track", "2026-03-01T00:00:00Z", "sim", "ISS")
+    task = ViewServerTask(0, 0, 1, "sattrack track", "2026-03-01T00:00:00Z", "sim", "ISS")
     ends = socket.socketpair()
     with ends[0] as feeder, ends[1] as door, pytest.MonkeyPatch.context() as patch:
         patch.setattr("sattrack.runtime.gallery.time.monotonic", lambda: next(clock))
-        gallery = Gallery(task, feeder, door)
+        gallery = ViewServer(task, feeder, door)
         for second in range(1000):
             seen = msgspec.structs.replace(
                 view,
@@ -160,7 +160,7 @@ def test_who_comes_late_learns_when_each_phase_and_warning_began(view: TrackView
     assert utc_s == sorted(utc_s)
 
 
-def test_one_who_does_not_read_costs_nobody_anything(gallery: GalleryLink, view: TrackView) -> None:
+def test_one_who_does_not_read_costs_nobody_anything(gallery: ViewServerLink, view: TrackView) -> None:
     with visitors(2) as (silent, reading):
         reading.next("welcome")
         longest_s = 0.0
@@ -174,13 +174,13 @@ def test_one_who_does_not_read_costs_nobody_anything(gallery: GalleryLink, view:
                     pass
         assert longest_s < 2.0, "it waited for one who does not read"
         # A stop of one who has read nothing for so long is heard all the same.
-        inbox = SessionInbox(Desk(True), None, gallery)
+        inbox = SessionInbox(ControlArbiter(True), None, gallery)
         silent.say({"type": "stop"})
         assert heard_until(inbox, bool) == [StopNow()]
 
 
-def test_a_flood_of_words_is_bounded_and_a_stop_of_another_comes_through(gallery: GalleryLink) -> None:
-    desk = Desk(False)
+def test_a_flood_of_words_is_bounded_and_a_stop_of_another_comes_through(gallery: ViewServerLink) -> None:
+    desk = ControlArbiter(False)
     inbox = SessionInbox(desk, None, gallery)
     with visitors(2) as (loud, quiet):
         loud.say({"type": "take_control"})
@@ -203,15 +203,15 @@ def test_a_flood_of_words_is_bounded_and_a_stop_of_another_comes_through(gallery
 @pytest.mark.parametrize(
     "rubbish", [b"\xff\xfe\n", b"{}\n", b"[]\n", b'{"type":"fire"}\n', b"[" * 3000 + b"\n", b"\n" * 50]
 )
-def test_rubbish_moves_nothing_and_its_sender_is_still_heard(gallery: GalleryLink, rubbish: bytes) -> None:
-    inbox = SessionInbox(Desk(True), None, gallery)
+def test_rubbish_moves_nothing_and_its_sender_is_still_heard(gallery: ViewServerLink, rubbish: bytes) -> None:
+    inbox = SessionInbox(ControlArbiter(True), None, gallery)
     with visitors(1) as (one,):
         one.door.sendall(rubbish)
         one.say({"type": "stop"})
         assert heard_until(inbox, bool) == [StopNow()]
 
 
-def test_a_line_without_end_sends_its_writer_away(gallery: GalleryLink, view: TrackView) -> None:
+def test_a_line_without_end_sends_its_writer_away(gallery: ViewServerLink, view: TrackView) -> None:
     with visitors(2) as (endless, other):
         endless.next("welcome")
         with contextlib.suppress(OSError):
@@ -223,8 +223,8 @@ def test_a_line_without_end_sends_its_writer_away(gallery: GalleryLink, view: Tr
         other.next("view")
 
 
-def test_there_is_room_for_so_many_and_the_next_is_told(gallery: GalleryLink) -> None:
-    desk = Desk(True)
+def test_there_is_room_for_so_many_and_the_next_is_told(gallery: ViewServerLink) -> None:
+    desk = ControlArbiter(True)
     inbox = SessionInbox(desk, None, gallery)
     with visitors(MOST_VISITORS) as crowd:
         heard_until(inbox, lambda _: desk.view().watching == MOST_VISITORS)
@@ -234,8 +234,8 @@ def test_there_is_room_for_so_many_and_the_next_is_told(gallery: GalleryLink) ->
         heard_until(inbox, lambda _: desk.view().watching == MOST_VISITORS - 1)
 
 
-def test_a_gallery_that_dies_takes_nothing_with_it(gallery: GalleryLink, view: TrackView) -> None:
-    inbox = SessionInbox(Desk(True), None, gallery)
+def test_a_gallery_that_dies_takes_nothing_with_it(gallery: ViewServerLink, view: TrackView) -> None:
+    inbox = SessionInbox(ControlArbiter(True), None, gallery)
     gallery.show(view)
     gallery._process.kill()
     gallery._process.wait()
@@ -243,10 +243,10 @@ def test_a_gallery_that_dies_takes_nothing_with_it(gallery: GalleryLink, view: T
     for _ in range(3):
         gallery.show(view)
         assert inbox.messages() == []
-        assert not gallery.tell(Desk(True).view())
+        assert not gallery.tell(ControlArbiter(True).view())
 
 
-def test_it_ends_with_its_feeder_when_all_is_told(gallery: GalleryLink, view: TrackView) -> None:
+def test_it_ends_with_its_feeder_when_all_is_told(gallery: ViewServerLink, view: TrackView) -> None:
     with visitors(1) as (one,):
         gallery.show(view)
         one.next("view")

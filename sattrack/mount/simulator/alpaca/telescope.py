@@ -71,7 +71,7 @@ class TelescopeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
     guide_rate_deg_s: float = 0.0
     """How much a guide pulse adds to an axis' rate; 0 where it has no guide pulses."""
     device_state: bool = True
-    """Whether one request tells the whole state (Platform 7), or each property needs its own."""
+    """Whether one request returns the whole state (Platform 7), or each property needs its own."""
     latency_s: float = 0.030
     jitter_s: float = 0.002
     held_up_share: float = 0.0

@@ -12,7 +12,7 @@ from skyfield.api import load
 from skyfield.positionlib import position_of_radec
 
 from sattrack.mount.alpaca.bridge import DEADMAN_S, STOP_AGAIN_S, Bridge, Equinox, Lateness
-from sattrack.mount.alpaca.device import DeviceFacts, Place, Span, Standing, nearest_rate, spans_of
+from sattrack.mount.alpaca.device import DeviceFacts, DeviceState, Place, Span, nearest_rate, spans_of
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def told(orders: list[Order]) -> list[tuple[str, dict[str, str]]]:
 
 def bridge(**facts: object) -> Bridge:
     made = Bridge(DeviceFacts(**{**{f: getattr(FACTS, f) for f in FACTS.__struct_fields__}, **facts}), 4.5)
-    made.stand(Standing(0.0))
+    made.stand(DeviceState(0.0))
     return made
 
 
@@ -95,10 +95,10 @@ def test_an_abort_stops_slews_and_both_axes_again_and_again_until_the_telescope_
     orders = made.turn(100.1)
     assert [order.member for order in orders] == ["abortslew", "moveaxis", "moveaxis"]
     assert [order.rate_deg_s for order in orders] == [0.0, 0.0, 0.0]
-    made.stand(Standing(100.2, slewing=True))
+    made.stand(DeviceState(100.2, slewing=True))
     assert made.turn(100.3) == []
     assert len(made.turn(100.1 + STOP_AGAIN_S)) == 3
-    made.stand(Standing(101.0))
+    made.stand(DeviceState(101.0))
     made.hear(datagram(), 101.1)
     assert made.turn(101.3) == []
     assert not made.in_force
@@ -117,16 +117,16 @@ def test_a_session_that_falls_silent_has_the_telescope_stopped_and_one_that_spea
 
 def test_tracking_is_put_on_before_a_motion_and_given_back_after_the_stop() -> None:
     made = bridge()
-    made.stand(Standing(1.0, tracking=False))
+    made.stand(DeviceState(1.0, tracking=False))
     made.hear(datagram(MOVE_RA, at_40=0.5), 2.0)
     assert told(made.turn(2.0)) == [("tracking", {"Tracking": "true"})]
-    made.stand(Standing(2.05, tracking=True))
+    made.stand(DeviceState(2.05, tracking=True))
     assert [order.member for order in made.turn(2.1)] == ["moveaxis"]
     made.hear(datagram(ABORT), 3.0)
     assert [order.member for order in made.turn(3.0)] == ["abortslew", "moveaxis", "moveaxis"]
-    made.stand(Standing(3.5, tracking=True))
+    made.stand(DeviceState(3.5, tracking=True))
     assert told(made.turn(3.6)) == [("tracking", {"Tracking": "false"})]
-    made.stand(Standing(4.0, tracking=False))
+    made.stand(DeviceState(4.0, tracking=False))
     assert made.turn(4.1) == []
     assert not made.in_force
 
@@ -152,7 +152,7 @@ def test_what_is_refused_is_not_acknowledged_and_is_asked_for_again_as_long_as_i
 
 def test_a_slew_and_a_sync_go_out_once_a_rising_flag_in_hours_and_degrees() -> None:
     made = bridge()
-    made.stand(Standing(1.0))
+    made.stand(DeviceState(1.0))
     target = {"at_24": 5.5, "at_16": -12.5}
     made.hear(datagram(SLEW, **target), 1.0)
     made.hear(datagram(SLEW, **target), 1.05)
@@ -168,14 +168,14 @@ def test_a_slew_shows_until_the_telescope_was_asked_after_it_had_answered() -> N
     made.hear(datagram(SLEW, at_24=5.5), 1.0)
     (order,) = made.turn(1.0)
     slewing = []
-    made.stand(Standing(1.0))
+    made.stand(DeviceState(1.0))
     slewing.append(made.see(place(T0)))
     made.answered(order, None, 1.06)
-    made.stand(Standing(1.05))
+    made.stand(DeviceState(1.05))
     slewing.append(made.see(place(T0 + 0.1)))
-    made.stand(Standing(1.1, slewing=True))
+    made.stand(DeviceState(1.1, slewing=True))
     slewing.append(made.see(place(T0 + 0.2)))
-    made.stand(Standing(1.2))
+    made.stand(DeviceState(1.2))
     slewing.append(made.see(place(T0 + 0.3)))
     assert [status is not None and status[143] for status in slewing] == [0xFF, 0xFF, 0xFF, 0]
 

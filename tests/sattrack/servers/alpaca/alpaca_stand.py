@@ -14,11 +14,11 @@ from sattrack.mount.model import AxesPosition, MountProfile
 from sattrack.servers.alpaca.device import Device
 from sattrack.servers.alpaca.messages import (
     Answered,
-    Asked,
     Bias,
     BiasOrder,
     Fault,
     Number,
+    NumberedOrder,
     Order,
     Passes,
     TrackSatellite,
@@ -90,7 +90,9 @@ class VirtualTelescope(VirtualAntenna):
         """Give the mount's side an order; return its number."""
         self._numbers += 1
         # As on the wire between the two processes.
-        asked = msgspec.json.decode(msgspec.json.encode(Asked(self._numbers, order)), type=Asked)
+        asked = msgspec.json.decode(
+            msgspec.json.encode(NumberedOrder(self._numbers, order)), type=NumberedOrder
+        )
         self.station.obey(asked, self.now_utc_s)
         self._see()
         return self._numbers

@@ -12,8 +12,15 @@ import pytest
 from aiohttp import web
 
 from sattrack.core.clock import SystemClock
-from sattrack.servers.alpaca.process import REQUEST_WITHIN_S, Doorkeeper, Front, Gate
-from sattrack.servers.alpaca.server import A_SECOND, A_SECOND_EACH, Discovery
+from sattrack.servers.alpaca.process import (
+    A_SECOND,
+    A_SECOND_EACH,
+    REQUEST_WITHIN_S,
+    Discovery,
+    Doorkeeper,
+    Front,
+    Gate,
+)
 from sattrack.servers.callers import CallerLimits, HostNames
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from antenna_harness import START
 from msgspec.structs import replace
 
 from sattrack.mount.model import PierZone
-from sattrack.servers.alpaca.door import AlpacaDoor
-from sattrack.servers.alpaca.messages import AbortOrder, Answered, Asked, Fault, MoveOrder, Number
+from sattrack.servers.alpaca.door import AlpacaHttpProcess
+from sattrack.servers.alpaca.messages import AbortOrder, Answered, Fault, MoveOrder, Number, NumberedOrder
 
 WALL = PierZone("wall", ((10.0, -20.0), (30.0, -20.0), (30.0, 35.0), (10.0, 35.0)))
 
@@ -137,21 +137,21 @@ class NoProcess:
     """Stands for a process that is not there."""
 
 
-def door_with(*asked: Asked) -> AlpacaDoor:
-    door = AlpacaDoor(None, NoProcess())  # type: ignore[arg-type]
+def door_with(*asked: NumberedOrder) -> AlpacaHttpProcess:
+    door = AlpacaHttpProcess(None, NoProcess())  # type: ignore[arg-type]
     door._orders.extend(asked)
     return door
 
 
 def test_one_order_is_obeyed_a_period_and_a_stop_goes_before_all_that_wait() -> None:
-    moves = [Asked(number, MoveOrder(0, 1.0)) for number in (1, 2, 3)]
-    door = door_with(*moves, Asked(4, AbortOrder()), Asked(5, MoveOrder(1, 1.0)))
+    moves = [NumberedOrder(number, MoveOrder(0, 1.0)) for number in (1, 2, 3)]
+    door = door_with(*moves, NumberedOrder(4, AbortOrder()), NumberedOrder(5, MoveOrder(1, 1.0)))
     asked, void = door.next_order()
-    assert asked == Asked(4, AbortOrder())
+    assert asked == NumberedOrder(4, AbortOrder())
     assert void == [
         Answered(number, Number.CANCELLED, "AbortSlew came before it had begun") for number in (1, 2, 3)
     ]
-    assert door.next_order() == (Asked(5, MoveOrder(1, 1.0)), [])
+    assert door.next_order() == (NumberedOrder(5, MoveOrder(1, 1.0)), [])
     door = door_with(*moves)
     assert door.next_order() == (moves[0], [])
     assert door.next_order() == (None, [])
@@ -160,13 +160,13 @@ def test_one_order_is_obeyed_a_period_and_a_stop_goes_before_all_that_wait() -> 
 
 
 def test_an_order_that_took_long_lets_datagrams_go_first_for_a_while_and_a_stop_does_not_wait() -> None:
-    door = door_with(*(Asked(number, MoveOrder(0, 1.0)) for number in (1, 2)))
+    door = door_with(*(NumberedOrder(number, MoveOrder(0, 1.0)) for number in (1, 2)))
     door.next_order()
     door.took(0.4, 10.0)
     door.begin_period(13.5)
     assert door.next_order() == (None, [])
-    door._orders.append(Asked(3, AbortOrder()))
-    assert door.next_order()[0] == Asked(3, AbortOrder())
-    door._orders.append(Asked(4, MoveOrder(0, 1.0)))
+    door._orders.append(NumberedOrder(3, AbortOrder()))
+    assert door.next_order()[0] == NumberedOrder(3, AbortOrder())
+    door._orders.append(NumberedOrder(4, MoveOrder(0, 1.0)))
     door.begin_period(13.7)
-    assert door.next_order() == (Asked(4, MoveOrder(0, 1.0)), [])
+    assert door.next_order() == (NumberedOrder(4, MoveOrder(0, 1.0)), [])

@@ -15,8 +15,9 @@ import pytest
 from antenna_setup import NOON_NS, make_controller
 from conformance_rows import ROWS, Row
 
-from sattrack.servers.antenna.door import BAUDS, Door, Seat, SerialChannel, listen
+from sattrack.servers.antenna.door import BAUDS, ONE_CALLER, AntennaServer, SerialChannel
 from sattrack.servers.antenna.trajectory import NS
+from sattrack.servers.callers import Seat, listen
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -62,8 +63,8 @@ class PtyCaller:
 
 
 @pytest.fixture
-def by_tcp() -> Iterator[tuple[Door, Caller]]:
-    door = Door(listen("127.0.0.1", 0))
+def by_tcp() -> Iterator[tuple[AntennaServer, Caller]]:
+    door = AntennaServer(listen("127.0.0.1", 0))
     with socket.create_connection(("127.0.0.1", door.port)) as connection:
         select.select([door.listener], [], [], PATIENCE_S)
         door.serve(door.readers(), float, lambda data, at: (b"", False))
@@ -72,18 +73,18 @@ def by_tcp() -> Iterator[tuple[Door, Caller]]:
 
 
 @pytest.fixture
-def by_pty() -> Iterator[tuple[Door, Caller]]:
+def by_pty() -> Iterator[tuple[AntennaServer, Caller]]:
     pytest.importorskip("serial")
     master, slave = pty.openpty()
     tty.setraw(master, termios.TCSANOW)
-    door = Door(channel=SerialChannel(os.ttyname(slave), 9600))
+    door = AntennaServer(channel=SerialChannel(os.ttyname(slave), 9600))
     yield door, PtyCaller(master)
     door.close()
     os.close(slave)
     os.close(master)
 
 
-def converse(row: Row, door: Door, caller: Caller) -> None:
+def converse(row: Row, door: AntennaServer, caller: Caller) -> None:
     controller = make_controller()
     controller.switch(not row.local, NOON_NS)
     for step in row.steps:
@@ -110,16 +111,16 @@ def converse(row: Row, door: Door, caller: Caller) -> None:
 
 
 @pytest.mark.parametrize("row", ON_LINES, ids=lambda row: f"{row.section} {row.claim}")
-def test_the_row_holds_over_tcp(row: Row, by_tcp: tuple[Door, Caller]) -> None:
+def test_the_row_holds_over_tcp(row: Row, by_tcp: tuple[AntennaServer, Caller]) -> None:
     converse(row, *by_tcp)
 
 
 @pytest.mark.parametrize("row", ON_LINES, ids=lambda row: f"{row.section} {row.claim}")
-def test_the_row_holds_over_a_pair_of_terminals(row: Row, by_pty: tuple[Door, Caller]) -> None:
+def test_the_row_holds_over_a_pair_of_terminals(row: Row, by_pty: tuple[AntennaServer, Caller]) -> None:
     converse(row, *by_pty)
 
 
-def test_a_second_caller_is_hung_up_on_and_the_first_goes_on(by_tcp: tuple[Door, Caller]) -> None:
+def test_a_second_caller_is_hung_up_on_and_the_first_goes_on(by_tcp: tuple[AntennaServer, Caller]) -> None:
     door, caller = by_tcp
     converse(ROWS[0], door, caller)
     with socket.create_connection(("127.0.0.1", door.port)) as second:
@@ -132,7 +133,7 @@ def test_a_second_caller_is_hung_up_on_and_the_first_goes_on(by_tcp: tuple[Door,
 
 
 def test_a_caller_that_never_spoke_makes_room_for_the_next() -> None:
-    door, controller = Door(listen("127.0.0.1", 0)), make_controller()
+    door, controller = AntennaServer(listen("127.0.0.1", 0)), make_controller()
 
     def turn() -> bool:
         ready, _, _ = select.select(door.readers(), [], [], PATIENCE_S)
@@ -161,12 +162,13 @@ def test_a_caller_that_never_spoke_makes_room_for_the_next() -> None:
     ],
 )
 def test_a_seat_is_kept_by_whoever_speaks(address: str, silent_s: float, gives_way: bool) -> None:
-    seat = Seat("192.0.2.1", spoke_s=100.0)
-    assert seat.gives_way(address, 100.0 + silent_s, 60.0) is gives_way
+    seats = {0: Seat("192.0.2.1", 100.0, 0.0)}
+    refusal, makes_room = ONE_CALLER.admit(address, seats, 100.0 + silent_s)
+    assert (refusal is None, makes_room == [0]) == (gives_way, gives_way)
 
 
 def test_a_caller_gone_in_the_middle_of_a_line_leaves_room_for_the_next() -> None:
-    door, controller = Door(listen("127.0.0.1", 0)), make_controller()
+    door, controller = AntennaServer(listen("127.0.0.1", 0)), make_controller()
 
     def turn() -> bool:
         ready, _, _ = select.select(door.readers(), [], [], PATIENCE_S)
@@ -245,7 +247,7 @@ class SlowChannel:
         pass
 
 
-def served(channel: SlowChannel, door: Door, data: bytes) -> None:
+def served(channel: SlowChannel, door: AntennaServer, data: bytes) -> None:
     controller = make_controller()
     channel.incoming = data
     door.serve([channel], float, lambda data, _: controller.receive(data, NOON_NS))
@@ -254,13 +256,13 @@ def served(channel: SlowChannel, door: Door, data: bytes) -> None:
 def test_a_response_is_handed_to_the_line_in_one_piece() -> None:
     channel = SlowChannel()
     channel.room = 1000
-    served(channel, Door(channel=channel), b"PS C3\n")
+    served(channel, AntennaServer(channel=channel), b"PS C3\n")
     assert channel.taken == [ROWS[0].steps[0].received]
 
 
 def test_synchronisation_drops_what_the_line_has_not_taken_yet() -> None:
     channel = SlowChannel()
-    door = Door(channel=channel)
+    door = AntennaServer(channel=channel)
     channel.room = 5
     served(channel, door, b"PS C3\nPS C3\n")
     served(channel, door, b"#TIME 4F\n")

@@ -16,8 +16,8 @@ from sattrack.mount.alpaca.client import Refusal
 from sattrack.servers.antenna.antenna_focus import (
     AlpacaAxis,
     FocuserConfig,
+    FocuserDriver,
     FocuserError,
-    Worker,
     focuser_at,
     parse_focuser,
     start_focusers,
@@ -160,7 +160,7 @@ def test_the_size_of_a_step_may_have_to_be_given(make: Make) -> None:
 def test_what_the_focuser_refuses_is_told_and_it_is_taken_up_anew(make: Make) -> None:
     axis, focuser, clock = make()
     told: list[FocusNews] = []
-    worker = Worker(axis.focuser, axis.config, told.append)
+    worker = FocuserDriver(axis.focuser, axis.config, told.append)
     worker.turn([], clock.now_s)
     focuser.max_step = 5500
     worker.turn([FocusOrder(1, to_mm=18.0)], clock.now_s)
@@ -177,7 +177,7 @@ def test_an_order_that_finds_no_focuser_is_not_obeyed_later(make: Make) -> None:
     axis, focuser, clock = make()
     told: list[FocusNews] = []
     there, axis.focuser.server = axis.focuser.server, "127.0.0.1:9"
-    worker = Worker(axis.focuser, axis.config, told.append)
+    worker = FocuserDriver(axis.focuser, axis.config, told.append)
     worker.turn([FocusOrder(1, to_mm=18.0)], clock.now_s)
     assert (told[-1].mm, told[-1].serial, told[-1].trouble) == (None, 1, "nothing listens there")
     axis.focuser.server = there

@@ -13,9 +13,8 @@ from door_serving import call
 from hamlib_exchanges import EXCHANGES
 from rotctld_setup import NOON_NS, make_rotator
 
-from sattrack.servers.antenna.door import listen
-from sattrack.servers.callers import CallerLimits, Opening, Seat
-from sattrack.servers.rotctld.door import RotctldDoor
+from sattrack.servers.callers import CallerLimits, Opening, Seat, listen
+from sattrack.servers.rotctld.door import RotctldServer
 from sattrack.servers.rotctld.serve import client_maker
 
 if TYPE_CHECKING:
@@ -27,7 +26,7 @@ class Here:
 
     def __init__(self, limits: CallerLimits) -> None:
         self.rotator = make_rotator()
-        self.door = RotctldDoor(listen("127.0.0.1", 0), limits, client_maker(self.rotator, "here"))
+        self.door = RotctldServer(listen("127.0.0.1", 0), limits, client_maker(self.rotator, "here"))
         self.now_ns = NOON_NS
 
     def serve(self) -> list[int]:
