@@ -22,8 +22,8 @@ from feeder_harness import Scenario, World
 from feeder_passes import Ours, Subject, hardware
 
 from sattrack.control.tracker import TrackPlan
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile
-from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, mean_sidereal_deg
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, mean_sidereal_deg
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime import practice
 from sattrack.runtime.facts import RunFacts

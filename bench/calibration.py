@@ -26,10 +26,10 @@ from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.findings import Findings, conclude
 from sattrack.calibration.guard import CalibrationEndedError, Kind, Surroundings
 from sattrack.mount.model import AxisLimits, MountProfile
-from sattrack.mount.simulator import timer as simulator_timer
+from sattrack.mount.simulator.installation import Timer as MountTimer
+from sattrack.mount.simulator.installation import Wire, WireLaw
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.simulator.settings import ServoSettings, SimulatorProfile
-from sattrack.mount.simulator.wire import Wire, WireLaw
 from sattrack.mount.xerxes.datagrams import Command, Readings, decode_status, encode_command
 
 if TYPE_CHECKING:
@@ -176,7 +176,7 @@ class SimulatedWires:
 class SimulatedTurns:
     """The simulator's own timer."""
 
-    timer: simulator_timer.Timer
+    timer: MountTimer
 
     def after(self, last_s: float, _: np.random.Generator) -> float:
         return self.timer.next(last_s)
@@ -583,9 +583,7 @@ def run_drawn(drawn: Drawn) -> tuple[Findings, float]:
         Wire(WireLaw(hard.command_delay_s or 0.0, hard.command_jitter_s, drawn.loss), f"out {hard.seed}"),
         Wire(WireLaw(hard.status_delay_s or 0.0, hard.status_jitter_s, drawn.loss), f"back {hard.seed}"),
     )
-    turns = SimulatedTurns(
-        simulator_timer.Timer(hard.timer, drawn.profile.period_s, hard.timer_drift_ppm, hard.seed)
-    )
+    turns = SimulatedTurns(MountTimer(hard.timer, drawn.profile.period_s, hard.timer_drift_ppm, hard.seed))
     loop = SimulatedLoop(SimulatedMount(drawn.profile, SITE, drawn.start, hard))
     run = VirtualRun(calibrator, loop, wires, turns, np.random.default_rng(0), drawn.begin_utc_s)
     seconds = run.run()

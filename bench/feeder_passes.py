@@ -7,8 +7,8 @@ import dataclasses
 import msgspec
 from feeder_harness import Link, Scenario, World
 
-from sattrack.mount.model import MountProfile
-from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, mean_sidereal_deg
+from sattrack.mount.model import MountProfile, mean_sidereal_deg
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.simulator.settings import ServoSettings, SimulatorProfile
 from sattrack.runtime import practice
 from sattrack.runtime.facts import RunFacts, build_engine, choose_pass, plan_for

@@ -15,9 +15,9 @@ from sattrack.cli.json_lines import JsonLines
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import BadInputError
 from sattrack.mount.profiles import ProfileFile, load_profile_file
-from sattrack.mount.simulator.faults import GRAMMAR, parse_faults
+from sattrack.mount.simulator.installation import GRAMMAR, parse_faults
 from sattrack.mount.simulator.mount import SimulatedSite
-from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig, TruthLine, make_server
+from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig, make_server
 from sattrack.mount.simulator.settings import simulator_profile
 from sattrack.mount.xerxes.client import DEFAULT_PORT
 from sattrack.runtime import practice
@@ -133,4 +133,4 @@ def _silent(_: Truth) -> None:
 
 
 def _tell(lines: JsonLines, truth: Truth) -> None:
-    lines.write({name: getattr(truth, name) for name in TruthLine.__struct_fields__})
+    lines.write(msgspec.structs.asdict(truth))

@@ -9,12 +9,13 @@ import msgspec
 
 from sattrack.core.errors import SattrackError
 from sattrack.core.own_program import own_program
-from sattrack.mount.simulator.process import Ready, SimulatorConfig, TruthLine
+from sattrack.mount.simulator.mount import Truth
+from sattrack.mount.simulator.process import Ready, SimulatorConfig
 from sattrack.runtime.channel import LineReader, see_off
 
 START_WITHIN_S = 20.0
 END_WITHIN_S = 2.0
-_TRUTHS = msgspec.json.Decoder(TruthLine)
+_TRUTHS = msgspec.json.Decoder(Truth)
 
 
 @dataclass(slots=True)
@@ -25,7 +26,7 @@ class EmbeddedMount:
     reader: LineReader
     port: int
 
-    def truths(self) -> list[TruthLine]:
+    def truths(self) -> list[Truth]:
         """Return the true positions since the last call."""
         return self.reader.messages(_TRUTHS)
 

@@ -10,7 +10,7 @@ import erfa
 from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, NEVER, T0, Span, Stand, steadily
 
 from sattrack.mount.model import MountProfile, PierZone
-from sattrack.mount.simulator.facts import StartPosition
+from sattrack.mount.simulator.mount import StartPosition
 from sattrack.safety import SafetyLimits
 
 if TYPE_CHECKING:

@@ -7,8 +7,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes, Stop
-from sattrack.mount.simulator.facts import SimulatedSite, StartPosition
-from sattrack.mount.simulator.mount import SimulatedMount
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.mount.xerxes.launches import seen_of
 from sattrack.mount.xerxes.session import Session

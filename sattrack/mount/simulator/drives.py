@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from sattrack.mount.simulator.pointing import wrapped
+from sattrack.mount.simulator.sky import wrapped
 from sattrack.mount.xerxes.datagrams import DTICS_S_PER_DEG_S
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 """The simulated mount's logic: mailbox, flags, two axes, its own clock; a status at each turn of its loop.
 
 Source: "Xerxes Mount Control Protocol", Theory of Operation. A loop of about 50 ms reads the latest command
-in the mailbox, services one flag of it (see `flags`) and packs a snapshot of everything.
+in the mailbox, services one flag of it (see `FlagWatch`) and packs a snapshot of everything.
 Where the paper is silent:
 
 * MoveAxis *held*: the latest rates act while the flag is up; its fall gives the axis back to the sky.
@@ -31,18 +31,17 @@ Where the paper is silent:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import attrgetter
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, mean_sidereal_deg
+import msgspec
+
+from sattrack.core.errors import BadInputError
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile
 from sattrack.mount.simulator.axis import Axis
 from sattrack.mount.simulator.drives import GUIDE_RATE_DTICS_S, DrivenAxis, Encoder, Mode
-from sattrack.mount.simulator.facts import SimulatedSite, StartPosition, Truth
-from sattrack.mount.simulator.flags import FlagWatch, highest
-from sattrack.mount.simulator.packing import drive_current_10ma, drive_rate_dtics_s, packed_readings
-from sattrack.mount.simulator.pointing import direction, horizontal, is_beyond_pole
 from sattrack.mount.simulator.settings import SimulatorProfile
-from sattrack.mount.simulator.sky import Sky
+from sattrack.mount.simulator.sky import Sky, direction, horizontal, is_beyond_pole
 from sattrack.mount.xerxes.datagrams import (
     DTICS_S_PER_DEG_S,
     Command,
@@ -53,11 +52,110 @@ from sattrack.mount.xerxes.datagrams import (
     encode_status,
 )
 
-__all__ = ["SimulatedMount", "SimulatedSite", "StartPosition", "Truth", "mean_sidereal_deg"]
-
 AT_PLACE_DEG = 0.001
 BUSY = (Mode.GOING, Mode.MOVING)
 _numbers = attrgetter("move_ra_rate_deg_s", "move_dec_rate_deg_s", "target_ra_h", "target_dec_deg")
+
+
+class SimulatedSite(msgspec.Struct, frozen=True):
+    """Where the simulated mount believes it stands, degrees and metres."""
+
+    latitude_deg: float
+    longitude_deg: float
+    height_m: float = 0.0
+
+
+class StartPosition(msgspec.Struct, frozen=True):
+    """Where the axes are at power-up, degrees: of the axes, cables counted, so 190 is not -170."""
+
+    hour_angle_deg: float = -30.0
+    dec_deg: float = 20.0
+
+
+class Truth(msgspec.Struct, frozen=True, gc=False, array_like=True):
+    """Where the axes really were when a status was packed, in the frame that the mount reports.
+
+    The axes' own angles have their cables' turns counted; `at_limit` tells that a hard limit holds an axis.
+    """
+
+    counter: int
+    utc_s: float
+    ra_deg: float
+    dec_deg: float
+    ra_rate_deg_s: float
+    dec_rate_deg_s: float
+    hour_angle_axis_deg: float
+    dec_axis_deg: float
+    beyond_pole: bool
+    at_limit: bool
+
+
+FLAGS = ("abort", "park", "slew", "sync", "find_home", "move_ra", "move_dec", "pulse_guide")
+_levels = attrgetter(*FLAGS)
+_GROUPS = {"move_ra": "move", "move_dec": "move"}
+
+
+@dataclass(slots=True)
+class FlagWatch:
+    """What the mount remembers of the flags: which are up and dealt with, and which are acknowledged.
+
+    "Xerxes Mount Control Protocol", Details: "All active commands are examined and the highest priority
+    command is serviced and acknowledged"; the mount "only acts on the rising edge", and removes the
+    acknowledgement when it sees the command removed. Where the paper is silent:
+
+    * The order is abort, park, slew, sync, find home, MoveAxis (both flags as one), pulse guide.
+    * A flag whose turn does not come, because a higher one is up, has not been seen: if it is still up when
+      the higher one has fallen, that is its rising edge.
+    * An acknowledgement says that the edge was received and serviced ("it knows that the command has been
+      received"); where a slew, sync or pulse is ignored, because the mount is slewing, that is all it says.
+    * MoveAxis flags that rise during a slew are not serviced before its end.
+    """
+
+    seen: set[str] = field(default_factory=set)
+    acknowledged: set[str] = field(default_factory=set)
+
+    def release(self, command: Command) -> set[str]:
+        """Forget the flags that are down, with their acknowledgements; return those that have just fallen."""
+        if not self.seen:
+            return set()
+        fallen = {name for name in self.seen if not getattr(command, name)}
+        self.seen -= fallen
+        self.acknowledged -= fallen
+        return fallen
+
+    def rises(self, command: Command, name: str) -> bool:
+        """Tell whether a flag that is serviced has risen; from then on it is seen."""
+        if not getattr(command, name) or name in self.seen:
+            return False
+        self.seen.add(name)
+        return True
+
+    def acknowledge(self, name: str) -> None:
+        """Set the acknowledgement of a flag that was serviced."""
+        self.acknowledged.add(name)
+
+
+def highest(command: Command) -> str | None:
+    """Return the name of what this turn of the loop services, "move" for either axis; None without a flag."""
+    levels = _levels(command)
+    if True not in levels:
+        return None
+    name = FLAGS[levels.index(True)]
+    return _GROUPS.get(name, name)
+
+
+def packed_readings(profile: MountProfile) -> Readings:
+    """Return the types that this mount gives the doubtful fields; those it does not name are Appendix A's.
+
+    Raises BadInputError, naming it, for a field that is none of them.
+    """
+    names = Readings.__slots__
+    for name in profile.readings:
+        if name not in names:
+            raise BadInputError(
+                f"readings.{name}: no doubtful field of a status; they are {', '.join(names)}"
+            )
+    return replace(Readings(), **profile.readings)
 
 
 @dataclass(slots=True)
@@ -356,9 +454,9 @@ class SimulatedMount:
                 altitude_deg=altitude_deg,
                 azimuth_deg=azimuth_deg,
                 dec_deg=dec_deg,
-                dec_rate_dtics_s=drive_rate_dtics_s(self._dec.axis),
+                dec_rate_dtics_s=round(self._dec.axis.velocity_deg_s * DTICS_S_PER_DEG_S),
                 ra_h=ra_deg / 15.0,
-                ra_rate_dtics_s=drive_rate_dtics_s(self._ra.axis),
+                ra_rate_dtics_s=round(self._ra.axis.velocity_deg_s * DTICS_S_PER_DEG_S),
                 sidereal_h=self._sky.sidereal_deg / 15.0,
                 site_height_m=self.site.height_m,
                 site_latitude_deg=self.site.latitude_deg,
@@ -368,8 +466,8 @@ class SimulatedMount:
                 counter=self.counter,
                 dec_guide_rate_dtics_s=GUIDE_RATE_DTICS_S,
                 ra_guide_rate_dtics_s=GUIDE_RATE_DTICS_S,
-                ra_current_10ma=drive_current_10ma(self._ra.axis),
-                dec_current_10ma=drive_current_10ma(self._dec.axis),
+                ra_current_10ma=round(self._ra.axis.current_a * 100.0),
+                dec_current_10ma=round(self._dec.axis.current_a * 100.0),
                 at_home=tells_places and self._at_home(ra_axis_deg, dec_axis_deg),
                 at_park=tells_places and self._parked and not (self._ra.turns or self._dec.turns),
                 does_refraction=self.hardware.does_refraction,

@@ -1,7 +1,8 @@
-"""What the mount makes of its axes: its own sidereal clock, syncs, refraction, the side of the pole.
+"""From axes to directions and back: the mount's sidereal clock, syncs, refraction, the side of the pole.
 
-Directions are right ascension and declination in the frame that the mount reports, degrees; axes stand at 0
-on the meridian and the equator, and beyond ±90° of declination they are past a pole.
+Degrees throughout; directions are right ascension and declination in the frame that the mount reports. Hour
+angle and declination axis stand at 0 on the meridian and the equator. Declination axis angles beyond 90°
+either way are beyond the pole: the same direction as the supplement, with the hour angle half a turn on.
 """
 
 from __future__ import annotations
@@ -11,15 +12,86 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sattrack.mount.model import mean_sidereal_deg
-from sattrack.mount.simulator.pointing import (
-    airless,
-    axes_beyond_pole,
-    direction,
-    refracted,
-)
 
 if TYPE_CHECKING:
     from sattrack.mount.simulator.settings import SimulatorProfile
+
+
+def wrapped(angle_deg: float) -> float:
+    """Return an angle's equal from -180 up to and including 180: what an encoder shows at power-up."""
+    angle_deg = math.remainder(angle_deg, 360.0)
+    return 180.0 if angle_deg == -180.0 else angle_deg
+
+
+def is_beyond_pole(dec_axis_deg: float) -> bool:
+    """Tell whether the declination axis stands past a pole."""
+    return not (-90.0 <= dec_axis_deg <= 90.0 or abs(math.remainder(dec_axis_deg, 360.0)) <= 90.0)
+
+
+def direction(hour_angle_deg: float, dec_axis_deg: float) -> tuple[float, float]:
+    """Return hour angle and declination (-90 to 90) of the direction in which two axes point."""
+    if -90.0 <= dec_axis_deg <= 90.0:
+        return hour_angle_deg, dec_axis_deg
+    dec_deg = wrapped(dec_axis_deg)
+    if abs(dec_deg) <= 90.0:
+        return hour_angle_deg, dec_deg
+    return hour_angle_deg + 180.0, math.copysign(180.0, dec_deg) - dec_deg
+
+
+def axes_beyond_pole(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> tuple[float, float]:
+    """Return the axes that point to a direction from beyond the elevated pole, hour angle by half a turn."""
+    pole = 180.0 if latitude_deg >= 0.0 else -180.0
+    return wrapped(hour_angle_deg + 180.0), pole - dec_deg
+
+
+def horizontal(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> tuple[float, float]:
+    """Return altitude and azimuth (from north through east)."""
+    h, d, p = math.radians(hour_angle_deg), math.radians(dec_deg), math.radians(latitude_deg)
+    sin_d, cos_d, sin_p, cos_p = math.sin(d), math.cos(d), math.sin(p), math.cos(p)
+    south = cos_d * math.cos(h)
+    east = -cos_d * math.sin(h)
+    north = cos_p * sin_d - sin_p * south
+    up = sin_p * sin_d + cos_p * south
+    return (
+        math.degrees(math.atan2(up, math.hypot(east, north))),
+        math.degrees(math.atan2(east, north)) % 360.0,
+    )
+
+
+def equatorial(altitude_deg: float, azimuth_deg: float, latitude_deg: float) -> tuple[float, float]:
+    """Return hour angle and declination of a direction told by altitude and azimuth."""
+    a, z, p = (math.radians(x) for x in (altitude_deg, azimuth_deg, latitude_deg))
+    west = -math.cos(a) * math.sin(z)
+    south = math.sin(p) * math.cos(a) * math.cos(z) - math.cos(p) * math.sin(a)
+    pole = math.cos(p) * math.cos(a) * math.cos(z) + math.sin(p) * math.sin(a)
+    return math.degrees(math.atan2(west, -south)), math.degrees(math.atan2(pole, math.hypot(west, south)))
+
+
+LOWEST_DEG = -1.0
+"""Refraction is not counted below: its formula ends there."""
+
+
+def airless(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> tuple[float, float]:
+    """Return the direction that light came from before the air bent it to where the axes point."""
+    altitude_deg, azimuth_deg = horizontal(hour_angle_deg, dec_deg, latitude_deg)
+    return equatorial(altitude_deg - refraction_deg(altitude_deg), azimuth_deg, latitude_deg)
+
+
+def refracted(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> tuple[float, float]:
+    """Return where the axes must point for a direction told without air: the inverse of `airless`."""
+    altitude_deg, azimuth_deg = horizontal(hour_angle_deg, dec_deg, latitude_deg)
+    apparent_deg = altitude_deg
+    for _ in range(12):
+        apparent_deg = altitude_deg + refraction_deg(apparent_deg)
+    return equatorial(apparent_deg, azimuth_deg, latitude_deg)
+
+
+def refraction_deg(apparent_altitude_deg: float) -> float:
+    """Return the refraction at an apparent altitude, degrees, at 1010 hPa and 10 °C (Bennett 1982)."""
+    if apparent_altitude_deg < LOWEST_DEG:
+        return 0.0
+    h = apparent_altitude_deg
+    return max(0.0, 1.0 / math.tan(math.radians(h + 7.31 / (h + 4.4))) / 60.0)
 
 
 @dataclass(slots=True)

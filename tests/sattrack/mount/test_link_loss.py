@@ -19,8 +19,7 @@ from sattrack.mount.link_loss import (
 )
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile
 from sattrack.mount.profiles import ProfileFile
-from sattrack.mount.simulator.faults import parse_faults
-from sattrack.mount.simulator.installation import Installation
+from sattrack.mount.simulator.installation import Installation, parse_faults
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
 from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.mount.xerxes import link

@@ -14,8 +14,7 @@ from test_trouble import CULMINATION_S, Flown, TroubledRun, fly
 
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile
 from sattrack.mount.simulator.drives import Mode
-from sattrack.mount.simulator.facts import StartPosition
-from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.recording.comparison import choose
 from sattrack.recording.environment import fingerprint, here
 from sattrack.recording.mount_fit import fit_axes

@@ -18,7 +18,7 @@ from sattrack.mount.model import (
     mean_sidereal_deg,
 )
 from sattrack.mount.requests import FineRate, MoveAxis, PulseGuide, Request
-from sattrack.mount.simulator.facts import StartPosition
+from sattrack.mount.simulator.mount import StartPosition
 from sattrack.safety import Safety, SafetyLimits, Seen, Stance
 from sattrack.safety.bodies import sun_over
 

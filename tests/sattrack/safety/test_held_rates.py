@@ -10,7 +10,7 @@ import pytest
 from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, PERIOD_S, T0, Stand, axis_speed_deg_s, steadily
 
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes, SlewTo, mean_sidereal_deg
-from sattrack.mount.simulator.facts import StartPosition
+from sattrack.mount.simulator.mount import StartPosition
 from sattrack.safety import SafetyLimits
 from sattrack.safety.bodies import Body, sun_over
 from sattrack.safety.geometry import altitude_deg, separation_deg

@@ -13,7 +13,7 @@ from driven_limits import SUN_DEC, SUN_WEST_HA
 from sattrack.control.manual.procedures import procedure_for
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, MountProfile, MoveAxes
 from sattrack.mount.requests import EndMove, FindHome, FineRate, MoveAxis, PulseGuide, Request, Slew
-from sattrack.mount.simulator.facts import StartPosition
+from sattrack.mount.simulator.mount import StartPosition
 from sattrack.safety import ClearedRequest, Safety, SafetyLimits, Seen
 
 DARK = SafetyLimits(optical=False)

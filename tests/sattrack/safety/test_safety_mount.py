@@ -24,7 +24,7 @@ from driven_limits import (
 from safety_stand import LONGITUDE_DEG, NEVER, T0, Stand, axis_speed_deg_s, steadily
 
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, Hold, MountProfile, MoveAxes, SlewTo
-from sattrack.mount.simulator.facts import StartPosition
+from sattrack.mount.simulator.mount import StartPosition
 from sattrack.safety import SafetyLimits, bounds
 from sattrack.safety.ahead import standstill_s
 

@@ -14,7 +14,7 @@ from driven_limits import ROWS as DRIVEN_AT
 from safety_stand import T0, Stand, axis_speed_deg_s, steadily
 
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, MoveAxes, Stop
-from sattrack.mount.simulator.facts import StartPosition
+from sattrack.mount.simulator.mount import StartPosition
 from sattrack.safety import INTERLOCKS, ROWS, SafetyLimits, gate
 from sattrack.safety.table import Reaction, closing_promise_s, promise_s
 from sattrack.safety.watch import Watch

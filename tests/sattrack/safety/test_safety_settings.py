@@ -9,8 +9,7 @@ import pytest
 
 from sattrack.cli.main import run
 from sattrack.mount.profiles import ProfileFile
-from sattrack.mount.simulator.facts import SimulatedSite
-from sattrack.mount.simulator.mount import SimulatedMount
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
 from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime import practice

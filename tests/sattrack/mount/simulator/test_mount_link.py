@@ -10,12 +10,18 @@ from simulator_bench import PERIOD_S, SIDEREAL_DEG_S, SITE, START, T0, moving
 
 from sattrack.core.errors import BadInputError
 from sattrack.mount.model import MountProfile
-from sattrack.mount.simulator.faults import FaultEvent, Faults, parse_faults
-from sattrack.mount.simulator.installation import Installation, Turn
+from sattrack.mount.simulator.installation import (
+    FaultEvent,
+    Faults,
+    Installation,
+    Timer,
+    Turn,
+    Wire,
+    WireLaw,
+    parse_faults,
+)
 from sattrack.mount.simulator.mount import SimulatedMount
 from sattrack.mount.simulator.settings import SimulatorProfile
-from sattrack.mount.simulator.timer import Timer
-from sattrack.mount.simulator.wire import Wire, WireLaw
 from sattrack.mount.xerxes.datagrams import Command, decode_status, encode_command
 
 GRAIN_S = 0.015625

@@ -17,7 +17,7 @@ from sattrack.mount.model import MountProfile
 from sattrack.mount.profiles import load_profile_file
 from sattrack.mount.simulator.installation import Installation
 from sattrack.mount.simulator.mount import SimulatedMount, Truth
-from sattrack.mount.simulator.server import MOST_UNDER_WAY, SimulatorServer, UnderWay
+from sattrack.mount.simulator.process import MOST_UNDER_WAY, SimulatorServer, UnderWay
 from sattrack.mount.simulator.settings import SimulatorProfile, simulator_profile
 from sattrack.mount.xerxes.datagrams import Command, Status, decode_status, encode_command, status_readings
 

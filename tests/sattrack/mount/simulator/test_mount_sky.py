@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from simulator_bench import PERIOD_S, SIDEREAL_DEG_S, SITE, Bench, StartPosition, moving, turned
 
-from sattrack.mount.simulator.pointing import airless, direction, equatorial, horizontal, refracted
+from sattrack.mount.simulator.sky import airless, direction, equatorial, horizontal, refracted
 
 MODEL_DEG = 0.2 / 60.0
 """How far apart the two formulae of refraction may be."""

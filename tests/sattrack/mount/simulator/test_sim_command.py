@@ -10,7 +10,7 @@ from simulator_bench import SITE
 
 from sattrack.cli.main import run
 from sattrack.cli.sim import FAULTS_HELP
-from sattrack.mount.simulator.faults import GRAMMAR, parse_faults
+from sattrack.mount.simulator.installation import GRAMMAR, parse_faults
 from sattrack.mount.simulator.process import SimulatorConfig, make_server
 from sattrack.mount.simulator.settings import SimulatorProfile
 
