@@ -25,12 +25,12 @@ import numpy as np
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.findings import Findings, conclude
 from sattrack.calibration.guard import CalibrationEndedError, Kind, Surroundings
-from sattrack.mount.model import AxisLimits, MountProfile
+from sattrack.mount.model import AxisLimits, MountProfile, Readings
 from sattrack.mount.simulator.installation import Timer as MountTimer
 from sattrack.mount.simulator.installation import Wire, WireLaw
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.simulator.settings import ServoSettings, SimulatorProfile
-from sattrack.mount.xerxes.datagrams import Command, Readings, decode_status, encode_command
+from sattrack.mount.xerxes.datagrams import Command, decode_status, encode_command
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -31,7 +31,7 @@ from sattrack.control.tracker import TrackPlan
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, mean_sidereal_deg
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.simulator.settings import ServoSettings, SimulatorProfile
-from sattrack.mount.xerxes.repeats import REPEAT_AFTER_PERIODS
+from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
 from sattrack.runtime import practice
 from sattrack.runtime.facts import RunFacts, build_engine
 from sattrack.settings import SiteSettings

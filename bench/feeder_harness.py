@@ -17,7 +17,7 @@ import msgspec
 
 from sattrack.control.sky_error import sky_error
 from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_command
-from sattrack.mount.xerxes.repeats import REPEAT_AFTER_PERIODS
+from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
 from tle.instants import Utc
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from sattrack.control.feeder import correction_deg_s, settling_s
 from sattrack.control.kalman import AxisFilter, Noise, wrap180
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.datagrams import Command, decode_status, encode_command
-from sattrack.mount.xerxes.move_axis import AxisRates, EdgeMove
+from sattrack.mount.xerxes.flags import AxisRates, EdgeMove
 from tle.instants import Utc
 
 if TYPE_CHECKING:

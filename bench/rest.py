@@ -26,10 +26,9 @@ from strangers import planner, position_servo, velocity_servo
 
 from sattrack.control.halt import Halt
 from sattrack.core.figures import quantile
-from sattrack.mount.model import MountProfile, MoveAxes, Stop
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Cleared, MountProfile, MoveAxes, Stop
 from sattrack.mount.xerxes.session import Session
-from sattrack.mount.xerxes.standstill import REST_RATE_DEG_S, SIDEREAL_RATE_DEG_S
-from sattrack.safety import Cleared
+from sattrack.mount.xerxes.standstill import REST_RATE_DEG_S
 
 if TYPE_CHECKING:
     from types import ModuleType

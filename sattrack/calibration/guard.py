@@ -12,9 +12,8 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from sattrack.calibration.plan import BOX_DEG, LARGEST_DISPLACEMENT_DEG, LARGEST_GAIN
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, STATUS_LOST_S, mean_sidereal_deg
 from sattrack.mount.xerxes.datagrams import Command, encode_command
-from sattrack.mount.xerxes.link import LOST_AFTER_S
 from sattrack.mount.xerxes.session import says_the_same
 from sattrack.safety import ROWS, altitude_deg, separation_deg
 from sattrack.safety.geometry import Box
@@ -152,16 +151,17 @@ class Guard:
                 f"the mount's sidereal time is {off_s:.0f} s from that of the site given: set the mount's "
                 "clock, or check --site; where the Sun is cannot be told otherwise",
             )
-        if (status.site_latitude_deg, status.site_longitude_deg) != (0.0, 0.0):
+        if status.site_deg is not None:
+            latitude_deg, longitude_deg = status.site_deg
             apart = max(
-                abs(status.site_latitude_deg - around.latitude_deg),
-                abs((status.site_longitude_deg - around.longitude_deg + 180.0) % 360.0 - 180.0),
+                abs(latitude_deg - around.latitude_deg),
+                abs((longitude_deg - around.longitude_deg + 180.0) % 360.0 - 180.0),
             )
             if apart > SITE_WITHIN_DEG:
                 raise CalibrationEndedError(
                     Kind.REFUSED,
-                    f"the mount believes it stands at {status.site_latitude_deg:.2f}, "
-                    f"{status.site_longitude_deg:.2f}: check --site and the mount's own settings",
+                    f"the mount believes it stands at {latitude_deg:.2f}, {longitude_deg:.2f}: "
+                    "check --site and the mount's own settings",
                 )
         self._refuse_box(last)
 
@@ -293,7 +293,7 @@ class Guard:
             raise CalibrationEndedError(
                 Kind.LINK, "the mount fell silent; stop commands are sent: look after it"
             )
-        if now_utc_s - self._news_utc_s > LOST_AFTER_S:
+        if now_utc_s - self._news_utc_s > STATUS_LOST_S:
             raise CalibrationEndedError(
                 Kind.LINK,
                 "the mount said the same again and again while it moved; stop commands are sent: "

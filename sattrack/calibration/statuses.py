@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S
-from sattrack.mount.xerxes.datagrams import DatagramError, Readings, Status, decode_status, status_readings
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Readings, Status
+from sattrack.mount.xerxes.datagrams import DOUBTFUL, DatagramError, decode_status, status_readings
 from sattrack.mount.xerxes.standstill import Positions
 
 if TYPE_CHECKING:
@@ -168,7 +168,7 @@ class StatusLog:
         return before.mount_s + hours * 3600.0 / SIDEREAL_SECONDS_PER_SECOND
 
     def _note_readings(self, readings: Readings) -> None:
-        for name in Readings.__slots__:
+        for name in DOUBTFUL:
             seen = getattr(readings, name)
             if seen is None:
                 continue

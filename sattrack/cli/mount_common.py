@@ -24,11 +24,11 @@ from sattrack.core.errors import (
     SafetyLimitError,
     SattrackError,
 )
+from sattrack.mount.model import Readings, Status
 from sattrack.mount.requests import objection
 from sattrack.runtime import practice
 from sattrack.runtime.console import Connection, attend, connected
 from sattrack.runtime.mounts import mount_address
-from sattrack.views.console import ConsoleView, ReadingsView, StatusView
 from sattrack.views.console_words import where_words
 from sattrack.views.run import LinkView
 
@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from sattrack.mount.profiles import ProfileFile
     from sattrack.mount.requests import Request
     from sattrack.runtime.mounts import MountAddress
+    from sattrack.views.console import ConsoleView
     from tle.site import Site
 
 
@@ -128,8 +129,8 @@ class VerbResult(msgspec.Struct, frozen=True):
     """Whether the mount was told to stop at the end and seen at rest; null where it was not told to."""
     hour_angle_deg: float | None
     mount: str
-    status: StatusView | None
-    readings: ReadingsView
+    status: Status | None
+    readings: Readings
     link: LinkView
     clock_offset_s: float | None
     stranger_hosts: tuple[str, ...]

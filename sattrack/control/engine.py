@@ -16,19 +16,16 @@ from sattrack.control.sky_error import sky_error
 from sattrack.control.stages import Doing, Situation, Stages
 from sattrack.control.tracker import FOLLOWING, Phase, Tracker, TrackPlan
 from sattrack.core.figures import RunningError, WindowedError
-from sattrack.mount.model import Hold, Motion, MoveAxes, SlewTo, StatusSample, Stop
-from sattrack.mount.xerxes.launches import seen_of
-from sattrack.mount.xerxes.link import LinkState
+from sattrack.mount.model import Hold, Motion, MoveAxes, SlewTo, StatusSample, Stop, seen_of
 from sattrack.mount.xerxes.session import Session
-from sattrack.mount.xerxes.slewing import SlewState
+from sattrack.mount.xerxes.states import LinkState, SlewState
 from sattrack.safety import ROWS, Safety, SafetyLimits
 from sattrack.safety.watch import KEEPS_FIRST
 from sattrack.views.messages import Jog
 from sattrack.views.run import StageView
 
 if TYPE_CHECKING:
-    from sattrack.mount.model import MountProfile
-    from sattrack.safety import Cleared
+    from sattrack.mount.model import Cleared, MountProfile
     from sattrack.views.messages import Message
     from sattrack.views.run import ErrorView, RememberedView, TrackView
     from tle.bias import Bias

@@ -15,8 +15,7 @@ from sattrack.control.feeder import FREE_REST_DEG_S
 from sattrack.control.kalman import wrap180
 from sattrack.control.tracker import FOLLOWING, Phase
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
-from sattrack.mount.xerxes.link import STALE_AFTER_S, LinkState
-from sattrack.mount.xerxes.link_view import link_view
+from sattrack.mount.xerxes.states import STALE_AFTER_S, LinkState
 from sattrack.safety import ROWS
 from sattrack.views.run import LearntView, PauseView, TrackView
 
@@ -124,7 +123,7 @@ def _link_view(engine: Engine, now_utc_s: float) -> LinkView:
         delay_ms = 1000.0 * (sample.arrival_utc_s - error.utc_s)
         clock_offset_s = _clock_offset_s(engine, sample, error)
     age_s = None if sample is None else now_utc_s - sample.arrival_utc_s
-    return link_view(health, engine.link_state, age_s, delay_ms, clock_offset_s)
+    return health.view(engine.link_state, age_s, delay_ms, clock_offset_s)
 
 
 def _clock_offset_s(engine: Engine, sample: StatusSample, error: ErrorView) -> float:
@@ -250,13 +249,11 @@ def _side_warnings(engine: Engine) -> list[str]:
 def _site_warnings(engine: Engine) -> list[str]:
     """Say where the mount believes it stands, if that is somewhere else."""
     status, site = engine.session.status, engine.spec.propagator.site
-    if status is None or (status.site_latitude_deg == 0.0 and status.site_longitude_deg == 0.0):
+    if status is None or status.site_deg is None:
         return []
-    apart = (
-        abs(status.site_latitude_deg - site.latitude_deg),
-        abs(wrap180(status.site_longitude_deg - site.longitude_deg)),
-    )
+    latitude_deg, longitude_deg = status.site_deg
+    apart = (abs(latitude_deg - site.latitude_deg), abs(wrap180(longitude_deg - site.longitude_deg)))
     if max(apart) < SITE_TOLERANCE_DEG:
         return []
-    where = f"{status.site_latitude_deg:.2f}, {status.site_longitude_deg:.2f}"
+    where = f"{latitude_deg:.2f}, {longitude_deg:.2f}"
     return [f"the mount believes it stands at {where}: check the site on both sides"]

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from sattrack.mount.link_loss import STOP_LINGER_S, STOPS_MOVING_S, STOPS_SENT_S
 from sattrack.mount.model import Stop
-from sattrack.mount.xerxes.link import LinkState
 from sattrack.mount.xerxes.session import Session
+from sattrack.mount.xerxes.states import LinkState
 from sattrack.safety import Safety, SafetyLimits
 
 if TYPE_CHECKING:

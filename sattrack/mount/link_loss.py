@@ -10,12 +10,12 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sattrack.mount.model import STATUS_LOST_S
+
 if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile
 
 NEVER_S = math.inf
-STATUS_LOST_S = 2.0
-"""Silence of the mount after which it is told to stop."""
 STOPS_SENT_S = 12.0
 """How long a session stops a mount that is not heard: longer than a switch takes to come up again."""
 STOPS_MOVING_S = 60.0

@@ -7,7 +7,7 @@ clock), rates are derivatives of those: a right ascension rate of 0 leaves the m
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import msgspec
 
@@ -15,6 +15,8 @@ SIDEREAL_RATE_DEG_S = 360.0 / 86164.0905
 """Rate of the hour angle of a fixed direction, degrees per second of UTC."""
 
 
+STATUS_LOST_S = 2.0
+"""Silence of the mount after which it is stopped."""
 UNIX_EPOCH_DAYS_FROM_J2000 = -10957.5
 TURN_DEG = 360.0
 LEAST_SURE_PART = 0.5
@@ -293,6 +295,78 @@ def _surely(value: float, sigma: float | None) -> float:
     return value if sigma is None else max(value - 2.0 * sigma, LEAST_SURE_PART * value)
 
 
+class Status(msgspec.Struct, frozen=True, gc=False):
+    """What one status datagram says; names, units and meanings are those of `xerxes.datagrams.STATUS_FIELDS`.
+
+    None stands for a number that the mount sends as infinite, or as none.
+    """
+
+    altitude_deg: float | None = 0.0
+    azimuth_deg: float | None = 0.0
+    dec_deg: float = 0.0
+    dec_rate_dtics_s: float = 0.0
+    ra_h: float = 0.0
+    ra_rate_dtics_s: float = 0.0
+    sidereal_h: float = 0.0
+    site_height_m: float | None = 0.0
+    site_latitude_deg: float | None = 0.0
+    site_longitude_deg: float | None = 0.0
+    target_dec_deg: float | None = 0.0
+    target_ra_h: float | None = 0.0
+    counter: int = 0
+    dec_guide_rate_dtics_s: float | None = 3500.0
+    ra_guide_rate_dtics_s: float | None = 3500.0
+    dec_current_10ma: int = 0
+    ra_current_10ma: int = 0
+    at_home: bool = False
+    at_park: bool = False
+    connected: bool = True
+    does_refraction: bool = False
+    equatorial_system: int = 0
+    pulse_guiding: bool = False
+    side_of_pier: bool = False
+    slewing: bool = False
+    tracking: bool = True
+    tracking_rate: int = 0
+    ack_move_dec: bool = False
+    ack_move_ra: bool = False
+    utc_1: int = 0
+    utc_2: int = 0
+    utc_3: int = 0
+    ra_drive_status_1: int = 0
+    ra_drive_status_2: int = 0
+    dec_drive_status_1: int = 0
+    dec_drive_status_2: int = 0
+    ack_abort: bool = False
+    ack_sync: bool = False
+    ack_pulse_guide: bool = False
+    ack_slew: bool = False
+    spare: int = 0
+
+    @property
+    def site_deg(self) -> tuple[float, float] | None:
+        """Where the mount believes it stands, degrees north and east; None where it was never set."""
+        latitude_deg, longitude_deg = self.site_latitude_deg, self.site_longitude_deg
+        if latitude_deg is None or longitude_deg is None or latitude_deg == longitude_deg == 0.0:
+            return None
+        return latitude_deg, longitude_deg
+
+
+Reading = Literal["int64", "double"]
+
+
+class Readings(msgspec.Struct, frozen=True):
+    """How a mount reads what the protocol's paper gives two readings; None where it has not shown yet."""
+
+    dec_rate_dtics_s: Reading | None = None
+    ra_rate_dtics_s: Reading | None = None
+    counter: Reading | None = None
+    dec_guide_rate_dtics_s: Reading | None = None
+    ra_guide_rate_dtics_s: Reading | None = None
+    tracking: str | None = None
+    """"always true", or "the opposite of slewing"."""
+
+
 class StatusSample(msgspec.Struct, frozen=True, gc=False):
     """One accepted status of the mount.
 
@@ -336,3 +410,63 @@ class Stop(msgspec.Struct, frozen=True, gc=False):
 
 
 Motion = Hold | SlewTo | MoveAxes | Stop
+
+
+class Cleared(msgspec.Struct, frozen=True, gc=False):
+    """A motion that safety has let through: nothing else makes one."""
+
+    motion: Motion
+
+
+class Stance(NamedTuple):
+    """How the mount stands when a request comes: its clock and direction, degrees, and whether it moves."""
+
+    sidereal_deg: float
+    ra_deg: float
+    dec_deg: float
+    slewing: bool
+    drives_at_rest: bool
+    """Whether both drives report standstill, sidereal tracking not counted as rest."""
+    beyond_pole: bool = False
+
+
+class Seen(msgspec.Struct, frozen=True, gc=False):
+    """What one status tells: when it came by our clock, and how the mount stands by its own.
+
+    `utc_s` POSIX seconds, None where nobody knows; degrees, amperes.
+    """
+
+    utc_s: float | None
+    sidereal_deg: float
+    ra_deg: float
+    dec_deg: float
+    beyond_pole: bool = False
+    slewing: bool = False
+    ra_current_a: float = 0.0
+    dec_current_a: float = 0.0
+
+
+def stance_of(status: Status, stands: bool) -> Stance:
+    """Return how a mount stands, as safety wants to know it; `stands` where its positions say standstill."""
+    return Stance(
+        sidereal_deg=status.sidereal_h * 15.0,
+        ra_deg=status.ra_h * 15.0,
+        dec_deg=status.dec_deg,
+        slewing=status.slewing,
+        drives_at_rest=stands,
+        beyond_pole=status.side_of_pier,
+    )
+
+
+def seen_of(status: Status, arrival_utc_s: float) -> Seen:
+    """Return what a status that came at an instant (POSIX seconds of UTC) tells safety."""
+    return Seen(
+        utc_s=arrival_utc_s,
+        sidereal_deg=status.sidereal_h * 15.0,
+        ra_deg=status.ra_h * 15.0,
+        dec_deg=status.dec_deg,
+        beyond_pole=status.side_of_pier,
+        slewing=status.slewing,
+        ra_current_a=status.ra_current_10ma / 100.0,
+        dec_current_a=status.dec_current_10ma / 100.0,
+    )

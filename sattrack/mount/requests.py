@@ -11,9 +11,13 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    from sattrack.mount.model import MountProfile
+import msgspec
 
+if TYPE_CHECKING:
+    from sattrack.mount.model import MountProfile, Stance
+
+NO_PARK = "the mount profile has no park position, and parking cuts the drives' power"
+PARKED_WITHIN_DEG = 0.5
 INT32 = range(-(2**31), 2**31)
 LARGEST_FINE_RATE_DEG_S = 0.1
 """A fine rate adjusts the tracking; anything near an axis' own speeds is a slip of the unit."""
@@ -95,6 +99,12 @@ class TrackingRate:
 
 
 Request = Slew | Sync | Abort | FindHome | Park | PulseGuide | MoveAxis | EndMove | FineRate | TrackingRate
+
+
+class ClearedRequest(msgspec.Struct, frozen=True, gc=False):
+    """A request that safety has let through: nothing else makes one."""
+
+    request: Request
 
 
 class TicketState(StrEnum):
@@ -183,7 +193,7 @@ def objection(request: Request, profile: MountProfile) -> str | None:
         case TrackingRate() if request.rate not in range(4):
             objected = f"tracking rate is {request.rate}; it is 0 (sidereal) to 3"
         case Park() if profile.park is None:
-            objected = "the mount profile has no park position, and parking cuts the drives' power"
+            objected = NO_PARK
     return objected
 
 
@@ -221,4 +231,19 @@ def _pulse_objection(request: PulseGuide) -> str | None:
     for axis, duration in (("right ascension", request.ra_ms), ("declination", request.dec_ms)):
         if duration not in INT32:
             return f"pulse in {axis} is {duration} ms; it must be a whole number of 32 bits"
+    return None
+
+
+def park_objection(profile: MountProfile, stance: Stance) -> str | None:
+    """Return why the drives' power may not be cut as the mount stands, or None where it may."""
+    park = profile.park
+    if park is None:
+        return NO_PARK
+    hour_angle = math.remainder(stance.sidereal_deg - stance.ra_deg - park.hour_angle_deg, 360.0)
+    # At the pole the hour angle says nothing of where the tube points, but the axis has its place.
+    off = max(abs(hour_angle), abs(stance.dec_deg - park.dec_deg))
+    if off > PARKED_WITHIN_DEG:
+        return f"the mount stands {off:.2f}° away from its park position: slew there and stop first"
+    if stance.slewing or not stance.drives_at_rest:
+        return "the mount moves: parking cuts the drives' power, so stop it first"
     return None

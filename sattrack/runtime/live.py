@@ -15,7 +15,7 @@ import msgspec
 
 from sattrack.core.errors import SattrackError
 from sattrack.core.realtime import Grant, undisturbed
-from sattrack.mount.xerxes.repeats import REPEAT_AFTER_PERIODS
+from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
 from sattrack.runtime.guard import Guard, Unguarded
 from sattrack.runtime.outcome import Ledger
 from sattrack.views.messages import Message, StopNow

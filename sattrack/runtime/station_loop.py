@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from sattrack.core.errors import SattrackError
 from sattrack.core.realtime import undisturbed
-from sattrack.mount.xerxes.repeats import REPEAT_AFTER_PERIODS
+from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,7 +10,7 @@ from heapq import heappop, heappush
 from typing import TYPE_CHECKING, Any
 
 from sattrack.mount.simulator.installation import Installation
-from sattrack.mount.xerxes.repeats import REPEAT_AFTER_PERIODS
+from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
 from sattrack.runtime.outcome import Ledger
 
 if TYPE_CHECKING:

@@ -1,7 +1,7 @@
 """Limits and interlocks as one table, between everything that moves the mount and the wire.
 
-`Safety.clear` and `Safety.clear_request` are the only makers of `Cleared` and `ClearedRequest`, and a session
-takes motions in no other form.
+`Safety.clear` and `Safety.clear_request` are the only makers of `mount.Cleared` and
+`requests.ClearedRequest`, and a session takes motions in no other form.
 """
 
 from __future__ import annotations
@@ -10,28 +10,20 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from sattrack.safety.asked import park_objection
-    from sattrack.safety.gate import Cleared, ClearedRequest, Safety
+    from sattrack.safety.gate import Safety
     from sattrack.safety.geometry import altitude_deg, separation_deg
     from sattrack.safety.limits import SUN_CONE_DEG, SafetyLimits
-    from sattrack.safety.standing import Stance
     from sattrack.safety.table import INTERLOCKS, ROWS, Interlock, Reaction
-    from sattrack.safety.watch import Seen
 
 __all__ = [
     "INTERLOCKS",
     "ROWS",
     "SUN_CONE_DEG",
-    "Cleared",
-    "ClearedRequest",
     "Interlock",
     "Reaction",
     "Safety",
     "SafetyLimits",
-    "Seen",
-    "Stance",
     "altitude_deg",
-    "park_objection",
     "separation_deg",
 ]
 
@@ -39,16 +31,11 @@ _HOMES = {
     "INTERLOCKS": "table",
     "ROWS": "table",
     "SUN_CONE_DEG": "limits",
-    "Cleared": "gate",
-    "ClearedRequest": "gate",
     "Interlock": "table",
     "Reaction": "table",
     "Safety": "gate",
     "SafetyLimits": "limits",
-    "Seen": "watch",
-    "Stance": "standing",
     "altitude_deg": "geometry",
-    "park_objection": "asked",
     "separation_deg": "geometry",
 }
 

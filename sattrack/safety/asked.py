@@ -2,26 +2,34 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MoveAxes, SlewTo
-from sattrack.mount.requests import FindHome, FineRate, MoveAxis, Park, PulseGuide, Request, Slew, Sync
+from sattrack.mount.requests import (
+    FindHome,
+    FineRate,
+    MoveAxis,
+    Park,
+    PulseGuide,
+    Request,
+    Slew,
+    Sync,
+    park_objection,
+)
 from sattrack.safety.ahead import Spot
 from sattrack.safety.geometry import Box, altitude_deg
 from sattrack.safety.standing import axis_rates
 from sattrack.safety.table import ROWS
 
 if TYPE_CHECKING:
-    from sattrack.mount.model import MountProfile
+    from sattrack.mount.model import MountProfile, Stance
     from sattrack.safety.ahead import Ahead
     from sattrack.safety.bounds import Bounds
     from sattrack.safety.limits import SafetyLimits
     from sattrack.safety.slews import SlewGate
-    from sattrack.safety.standing import Stance, Standing
+    from sattrack.safety.standing import Standing
     from sattrack.safety.watch import Watch
 
-PARKED_WITHIN_DEG = 0.5
 GUIDE_RATE_DEG_S = SIDEREAL_RATE_DEG_S
 """More than any pulse's: the paper's is about half of it."""
 SLOWEST_DRIFT_S = 30.0
@@ -30,21 +38,6 @@ NO_SUN = (
     "where the Sun is cannot be told without a site: give --site LAT,LON,HEIGHT, or say optical = false "
     "under [safety] where there are no optics"
 )
-
-
-def park_objection(profile: MountProfile, stance: Stance) -> str | None:
-    """Return why the drives' power may not be cut as the mount stands, or None where it may."""
-    park = profile.park
-    if park is None:
-        return "the mount profile has no park position, and parking cuts the drives' power"
-    hour_angle = math.remainder(stance.sidereal_deg - stance.ra_deg - park.hour_angle_deg, 360.0)
-    # At the pole the hour angle says nothing of where the tube points, but the axis has its place.
-    off = max(abs(hour_angle), abs(stance.dec_deg - park.dec_deg))
-    if off > PARKED_WITHIN_DEG:
-        return f"the mount stands {off:.2f}° away from its park position: slew there and stop first"
-    if stance.slewing or not stance.drives_at_rest:
-        return "the mount moves: parking cuts the drives' power, so stop it first"
-    return None
 
 
 class Asked:

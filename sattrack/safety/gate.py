@@ -10,10 +10,18 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING
 
-import msgspec
-
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, Motion, MountProfile, MoveAxes, SlewTo, Stop
-from sattrack.mount.requests import Abort, FineRate, Request, Slew, objection
+from sattrack.mount.model import (
+    SIDEREAL_RATE_DEG_S,
+    Cleared,
+    Hold,
+    Motion,
+    MountProfile,
+    MoveAxes,
+    Seen,
+    SlewTo,
+    Stop,
+)
+from sattrack.mount.requests import Abort, ClearedRequest, FineRate, Request, Slew, objection
 from sattrack.safety.ahead import Ahead, Spot
 from sattrack.safety.asked import Asked
 from sattrack.safety.bounds import CONES, ESCAPE_NEAR_DEG, INSIDE_MARGIN_DEG, Bounds
@@ -23,15 +31,15 @@ from sattrack.safety.held import nearest_rates, within
 from sattrack.safety.slews import SlewGate
 from sattrack.safety.standing import Standing, axis_rates, standing_at
 from sattrack.safety.table import ROWS
-from sattrack.safety.watch import BACKWARD_S, OLDEST_STATUS_S, Seen, Watch
+from sattrack.safety.watch import BACKWARD_S, OLDEST_STATUS_S, Watch
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from sattrack.mount.model import Stance
     from sattrack.safety.ahead import RateRanges
     from sattrack.safety.geometry import Place
     from sattrack.safety.limits import SafetyLimits
-    from sattrack.safety.standing import Stance
 
 STEP_SHARE = 2.0
 """A mean rate over a ramp is reached by a command twice as large, so steps may be so much of a ramp."""
@@ -39,18 +47,6 @@ HELD_ANEW_S = 0.07
 """What is held keeps its rates for so long, while they keep inside, before better ones are looked for."""
 OUTSIDE_PROOF = 3
 """Axes count as outside when so many clearances in a row find them there: one status may be wrong."""
-
-
-class Cleared(msgspec.Struct, frozen=True, gc=False):
-    """A motion that safety has let through."""
-
-    motion: Motion
-
-
-class ClearedRequest(msgspec.Struct, frozen=True, gc=False):
-    """A request that safety has let through."""
-
-    request: Request
 
 
 class Safety:

@@ -9,9 +9,9 @@ from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, SlewTo
 from sattrack.safety.geometry import Box, Place, separation_deg
 
 if TYPE_CHECKING:
+    from sattrack.mount.model import Seen
     from sattrack.safety.bounds import Bounds
     from sattrack.safety.route import Judge, Route
-    from sattrack.safety.watch import Seen
 
 THERE_DEG = 0.1
 WAITS_S = 70.0

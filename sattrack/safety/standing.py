@@ -3,25 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.safety.geometry import Place
 
 if TYPE_CHECKING:
-    from sattrack.mount.model import MoveAxes
-
-
-class Stance(NamedTuple):
-    """How the mount stands when a request comes: its clock and direction, degrees, and whether it moves."""
-
-    sidereal_deg: float
-    ra_deg: float
-    dec_deg: float
-    slewing: bool
-    drives_at_rest: bool
-    """Whether both drives report standstill, sidereal tracking not counted as rest."""
-    beyond_pole: bool = False
+    from sattrack.mount.model import MoveAxes, Stance
 
 
 class Standing:

@@ -9,10 +9,7 @@ import math
 from collections import deque
 from typing import TYPE_CHECKING
 
-import msgspec
-
-from sattrack.mount.link_loss import STATUS_LOST_S
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Motion, MoveAxes, mean_sidereal_deg
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, STATUS_LOST_S, Motion, MoveAxes, Seen, mean_sidereal_deg
 
 if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile
@@ -53,22 +50,6 @@ KEEPS_FIRST = (
 RA_AND_DEC = 3
 OLDEST_STATUS_S = STATUS_LOST_S
 """Age of the last status from which on the mount is not moved any more."""
-
-
-class Seen(msgspec.Struct, frozen=True, gc=False):
-    """What one status tells: when it came by our clock, and how the mount stands by its own.
-
-    `utc_s` POSIX seconds, None where nobody knows; degrees, amperes.
-    """
-
-    utc_s: float | None
-    sidereal_deg: float
-    ra_deg: float
-    dec_deg: float
-    beyond_pole: bool = False
-    slewing: bool = False
-    ra_current_a: float = 0.0
-    dec_current_a: float = 0.0
 
 
 class Watch:

@@ -19,7 +19,8 @@ from sattrack.views.console_words import Group, Line, number
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from sattrack.views.console import AskedView, ConsoleView, StatusView
+    from sattrack.mount.model import Status
+    from sattrack.views.console import AskedView, ConsoleView
 
 LOUD = SPOKEN[Tone.NOTICE]
 ASKED_AT_MOST = 5
@@ -72,7 +73,7 @@ class ConsoleCautions(ConsolePanel, CautionsPanel[ConsoleScene]):
 class GroupPanel(ConsolePanel):
     """A group of the status' fields, a row each."""
 
-    def __init__(self, make: Callable[[ConsoleView, StatusView], Group], id: str) -> None:  # noqa: A002
+    def __init__(self, make: Callable[[ConsoleView, Status], Group], id: str) -> None:  # noqa: A002
         super().__init__(id=id)
         self._make = make
 

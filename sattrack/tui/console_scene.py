@@ -9,7 +9,8 @@ from sattrack.tui.scene import NO_NEWS_AFTER_S, STOP_UNHEARD_AFTER_S, Caution, H
 from sattrack.views.console_words import DTICS_S_PER_DEG_S, SIDEREAL_DTICS_S, number
 
 if TYPE_CHECKING:
-    from sattrack.views.console import ConsoleView, StatusView
+    from sattrack.mount.model import Status
+    from sattrack.views.console import ConsoleView
 
 JOG_RATES_DEG_S = (0.02, 0.1, 0.5, 2.0)
 """Between the guide rate and the profile's limit."""
@@ -66,7 +67,7 @@ def _doing(view: ConsoleView) -> Headline:
     return Headline(view.doing.upper(), "", Tone.NOTICE)
 
 
-def _doing_of(view: ConsoleView, status: StatusView) -> Headline:
+def _doing_of(view: ConsoleView, status: Status) -> Headline:
     if view.doing == "stopping":
         return Headline("STOPPING", "bringing the mount to rest", Tone.NOTICE)
     if view.tripped is not None and view.at_rest:
@@ -80,7 +81,7 @@ def _doing_of(view: ConsoleView, status: StatusView) -> Headline:
     return _idle(view, status)
 
 
-def _idle(view: ConsoleView, status: StatusView) -> Headline:
+def _idle(view: ConsoleView, status: Status) -> Headline:
     if status.slewing or not view.at_rest:
         return Headline("MOVING", "not by this console", Tone.NOTICE)
     if status.at_park:

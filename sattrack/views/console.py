@@ -4,68 +4,8 @@ from __future__ import annotations
 
 import msgspec
 
+from sattrack.mount.model import Readings, Status
 from sattrack.views.run import LinkView
-
-
-class StatusView(msgspec.Struct, frozen=True):
-    """The last status of the mount, every field by the name and in the unit of the protocol's table.
-
-    A number that the mount sends as infinite, or as none, is null.
-    """
-
-    altitude_deg: float | None
-    azimuth_deg: float | None
-    dec_deg: float
-    dec_rate_dtics_s: float
-    ra_h: float
-    ra_rate_dtics_s: float
-    sidereal_h: float
-    site_height_m: float | None
-    site_latitude_deg: float | None
-    site_longitude_deg: float | None
-    target_dec_deg: float | None
-    target_ra_h: float | None
-    counter: int
-    dec_guide_rate_dtics_s: float | None
-    ra_guide_rate_dtics_s: float | None
-    dec_current_10ma: int
-    ra_current_10ma: int
-    at_home: bool
-    at_park: bool
-    connected: bool
-    does_refraction: bool
-    equatorial_system: int
-    pulse_guiding: bool
-    side_of_pier: bool
-    slewing: bool
-    tracking: bool
-    tracking_rate: int
-    ack_move_dec: bool
-    ack_move_ra: bool
-    utc_1: int
-    utc_2: int
-    utc_3: int
-    ra_drive_status_1: int
-    ra_drive_status_2: int
-    dec_drive_status_1: int
-    dec_drive_status_2: int
-    ack_abort: bool
-    ack_sync: bool
-    ack_pulse_guide: bool
-    ack_slew: bool
-    spare: int
-
-
-class ReadingsView(msgspec.Struct, frozen=True):
-    """How this mount reads what the protocol's paper gives two readings; null where it has not shown yet."""
-
-    dec_rate_dtics_s: str | None = None
-    ra_rate_dtics_s: str | None = None
-    counter: str | None = None
-    dec_guide_rate_dtics_s: str | None = None
-    ra_guide_rate_dtics_s: str | None = None
-    tracking: str | None = None
-    """"always true", or "the opposite of slewing"."""
 
 
 class AskedView(msgspec.Struct, frozen=True):
@@ -95,8 +35,9 @@ class ConsoleView(msgspec.Struct, frozen=True, tag="console"):
     """The motion that is wanted: "none", "slew", "move" or "stop"."""
     at_rest: bool
     """Whether the mount stands, sidereal tracking counted as standing."""
-    status: StatusView | None
-    readings: ReadingsView
+    status: Status | None
+    """The last one, every field by the name and in the unit of the protocol's table."""
+    readings: Readings
     hour_angle_deg: float | None
     clock_offset_s: float | None
     """The mount's sidereal clock ahead of local mean sidereal time by our UTC; null without a site."""

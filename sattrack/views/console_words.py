@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 from tle.instants import Utc
 
 if TYPE_CHECKING:
-    from sattrack.views.console import ConsoleView, StatusView
+    from sattrack.mount.model import Status
+    from sattrack.views.console import ConsoleView
 
 NOTHING = "–"
 MINUS = "\N{MINUS SIGN}"
@@ -82,7 +83,7 @@ def clock_words(offset_s: float | None) -> str:
     return f"{number(offset_s, 2, ' s', sign=True)} = {size}"
 
 
-def pointing(view: ConsoleView, status: StatusView) -> Group:
+def pointing(view: ConsoleView, status: Status) -> Group:
     """Return where the mount points, and by which clock."""
     hour_angle = None if view.hour_angle_deg is None else view.hour_angle_deg / 15.0
     azimuth = status.azimuth_deg
@@ -106,7 +107,7 @@ def pointing(view: ConsoleView, status: StatusView) -> Group:
     )
 
 
-def drives(view: ConsoleView, status: StatusView) -> Group:
+def drives(view: ConsoleView, status: Status) -> Group:
     """Return what the drives do; rates in tenths of encoder tics a second, as the mount tells them."""
     del view
     return Group(
@@ -126,7 +127,7 @@ def drives(view: ConsoleView, status: StatusView) -> Group:
     )
 
 
-def state(view: ConsoleView, status: StatusView) -> Group:
+def state(view: ConsoleView, status: Status) -> Group:
     """Return the flags that tell what the mount does."""
     del view
     system = "0 JNow" if status.equatorial_system == 0 else str(status.equatorial_system)
@@ -147,7 +148,7 @@ def state(view: ConsoleView, status: StatusView) -> Group:
     )
 
 
-def acknowledgements(view: ConsoleView, status: StatusView) -> Group:
+def acknowledgements(view: ConsoleView, status: Status) -> Group:
     """Return which commands the mount acknowledges just now."""
     del view
     names = ("move_ra", "move_dec", "slew", "sync", "pulse_guide", "abort")
@@ -157,7 +158,7 @@ def acknowledgements(view: ConsoleView, status: StatusView) -> Group:
     )
 
 
-def place(view: ConsoleView, status: StatusView) -> Group:
+def place(view: ConsoleView, status: Status) -> Group:
     """Return where the mount believes it stands, and what is left of its datagram."""
     del view
     utc = " ".join(str(byte) for byte in (status.utc_1, status.utc_2, status.utc_3))
@@ -223,7 +224,7 @@ def is_alpaca(view: ConsoleView) -> bool:
     return view.mount.startswith("alpaca:")
 
 
-def alpaca_groups(view: ConsoleView, status: StatusView) -> tuple[Group, ...]:
+def alpaca_groups(view: ConsoleView, status: Status) -> tuple[Group, ...]:
     """Return what an Alpaca telescope tells, and how its requests are answered."""
     not_told = {"its clock", "target RA", "target Dec"}
     here = pointing(view, status)

@@ -246,7 +246,7 @@ class TestExamples:
 
 
 class TestPictures:
-    @pytest.mark.parametrize("name", ["handshake", "link", "ticket"])
+    @pytest.mark.parametrize("name", ["handshake", "held", "link", "slew", "stop", "ticket"])
     def test_every_state_of_the_table_stands_in_its_picture(self, name: str) -> None:
         tree = ET.parse(ROOT / "docs" / f"xerxes-{name}-states.svg")
         drawn = {element.text for element in tree.iter("{http://www.w3.org/2000/svg}text")}
@@ -255,7 +255,7 @@ class TestPictures:
 
     def test_what_the_page_links_to_is_there(self) -> None:
         links = re.findall(r"\]\(([^)#]+)\)", PAGE)
-        assert len(links) == 5
+        assert len(links) == 8
         assert all((ROOT / "docs" / link).is_file() for link in links)
 
 

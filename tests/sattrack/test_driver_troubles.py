@@ -14,19 +14,17 @@ from sattrack.control.manual.console import Console
 from sattrack.control.manual.errand import Errand
 from sattrack.control.manual.procedures import MoveFor
 from sattrack.control.manual.sitting import Sitting
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, STATUS_LOST_S, MountProfile, Status
 from sattrack.mount.requests import MoveAxis
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.xerxes.datagrams import (
     DTICS_S_PER_DEG_S,
     Command,
-    Status,
     decode_command,
     decode_status,
     encode_command,
     encode_status,
 )
-from sattrack.mount.xerxes.link import LOST_AFTER_S
 from sattrack.runtime import practice
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.prepare import RunRequest, prepare
@@ -55,7 +53,7 @@ BEGIN_UTC_S = float(Utc.parse("2026-10-02T13:05:00Z").unix_s)
 STEADY = 10
 """So many datagrams in a row that move an axis are a motion."""
 FASTER_DEG_S = 0.15
-REACTS_WITHIN_S = LOST_AFTER_S + 4 * PERIOD_S
+REACTS_WITHIN_S = STATUS_LOST_S + 4 * PERIOD_S
 
 
 class Driver(Protocol):

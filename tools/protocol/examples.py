@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from sattrack.mount.model import Readings, Status
 from sattrack.mount.xerxes.datagrams import (
     COMMAND_FIELDS,
     STATUS_FIELDS,
     Command,
-    Readings,
-    Status,
     decode_command,
     decode_status,
     encode_command,

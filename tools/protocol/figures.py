@@ -4,19 +4,8 @@ from __future__ import annotations
 
 import struct
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S
-from sattrack.mount.xerxes import (
-    ack_watch,
-    handshake,
-    launches,
-    link,
-    motion_ticket,
-    move_axis,
-    sequence,
-    session,
-    slewing,
-    standstill,
-)
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, STATUS_LOST_S
+from sattrack.mount.xerxes import flags, link, session, standstill, states, tickets
 from sattrack.mount.xerxes.datagrams import DTICS_S_PER_DEG_S, TICS_PER_TURN, reading_of
 
 PERIOD_S = 0.05
@@ -79,27 +68,27 @@ def patience_table() -> str:
     """Return how long this client waits for what, from the modules that wait."""
     datagrams = (
         (session.QUIET_TICKS, "without any flag between two one-shot requests"),
-        (launches.QUEUED_AT_MOST, "for which a request may wait for its turn"),
-        (launches.ACK_AT_MOST, "for the acknowledgement of a sync or pulse guide"),
-        (launches.UNCONFIRMED_AFTER, "for which a flag without an acknowledgement is sent"),
-        (motion_ticket.STARTED_WITHIN, "for which a slew may wait for standstill"),
-        (motion_ticket.ACK_WITHIN, "for the acknowledgement of a motion"),
-        (motion_ticket.SLEW_WITHIN, "for a slew to end"),
-        (motion_ticket.REST_WITHIN, "for the mount to come to rest"),
-        (ack_watch.DOUBLED_WITHIN, "in which an acknowledgement that rises again means a doubled edge"),
+        (tickets.QUEUED_AT_MOST, "for which a request may wait for its turn"),
+        (tickets.ACK_AT_MOST, "for the acknowledgement of a sync or pulse guide"),
+        (tickets.UNCONFIRMED_AFTER, "for which a flag without an acknowledgement is sent"),
+        (tickets.STARTED_WITHIN, "for which a slew may wait for standstill"),
+        (tickets.ACK_WITHIN, "for the acknowledgement of a motion"),
+        (tickets.SLEW_WITHIN, "for a slew to end"),
+        (tickets.REST_WITHIN, "for the mount to come to rest"),
+        (link.DOUBLED_WITHIN, "in which an acknowledgement that rises again means a doubled edge"),
     )
     statuses = (
-        (handshake.QUIET_STATUSES, "without an acknowledgement: none is on its way any more"),
-        (slewing.ACK_WITHIN_STATUSES, "without one while a slew's flag is up: it falls, and rises again"),
-        (move_axis.EDGE_ACK_WITHIN_STATUSES, "the same for an edge of MoveAxis"),
+        (flags.QUIET_STATUSES, "without an acknowledgement: none is on its way any more"),
+        (flags.ACK_WITHIN_STATUSES, "without one while a slew's flag is up: it falls, and rises again"),
+        (flags.EDGE_ACK_WITHIN_STATUSES, "the same for an edge of MoveAxis"),
         (
-            session.MISSED_TICKS,
+            flags.MISSED_TICKS,
             "without one in a stop: the abort's flag falls for the last 3, and rises again",
         ),
-        (slewing.NEVER_SEEN_AFTER, "after its acknowledgement without Slewing: a slew too short to be seen"),
-        (launches.SHOWN_WITHIN, "in which what was acknowledged must show"),
-        (sequence.RESTART_PROOF, "in a row of another, rising count: the mount has restarted"),
-        (sequence.TRUSTED_JUMP, "that a counter may run ahead without being taken for nonsense"),
+        (flags.NEVER_SEEN_AFTER, "after its acknowledgement without Slewing: a slew too short to be seen"),
+        (tickets.SHOWN_WITHIN, "in which what was acknowledged must show"),
+        (link.RESTART_PROOF, "in a row of another, rising count: the mount has restarted"),
+        (link.TRUSTED_JUMP, "that a counter may run ahead without being taken for nonsense"),
     )
     lines = ["| how many | seconds | of what |", "|---:|---:|---|"]
     lines += [f"| {n} datagrams | {n * PERIOD_S:g} | {words} |" for n, words in datagrams]
@@ -108,6 +97,6 @@ def patience_table() -> str:
     lines.append(
         f"| | {standstill.CONTRADICTED_S:g} | in which positions contradict a field: it is not used |"
     )
-    lines.append(f"| | {link.STALE_AFTER_S:g} | without a status: the link is stale |")
-    lines.append(f"| | {link.LOST_AFTER_S:g} | without a status: the link is lost |")
+    lines.append(f"| | {states.STALE_AFTER_S:g} | without a status: the link is stale |")
+    lines.append(f"| | {STATUS_LOST_S:g} | without a status: the link is lost |")
     return "\n".join(lines)

@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from sattrack.mount.model import MountProfile
+from sattrack.mount.model import MountProfile, Stance
 from sattrack.mount.requests import Slew
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.xerxes.datagrams import decode_command, decode_status
 from sattrack.mount.xerxes.session import Session
-from sattrack.mount.xerxes.slewing import SlewState
-from sattrack.safety import Safety, SafetyLimits, Stance
+from sattrack.mount.xerxes.states import SlewState
+from sattrack.safety import Safety, SafetyLimits
 from tools.protocol import svg
 
 PERIOD_S = 0.05

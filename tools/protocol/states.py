@@ -11,8 +11,18 @@ from enum import Enum
 from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from sattrack.mount.requests import SETTLED, TICKET_TRANSITIONS, TicketState
-from sattrack.mount.xerxes.handshake import TRANSITIONS, Handshake
-from sattrack.mount.xerxes.link import LINK_TRANSITIONS, LinkState
+from sattrack.mount.xerxes.states import (
+    HANDSHAKE,
+    HELD,
+    LINK,
+    SLEW,
+    STOP,
+    Handshake,
+    HeldState,
+    LinkState,
+    SlewState,
+    StopState,
+)
 from tools.protocol import svg
 
 if TYPE_CHECKING:
@@ -28,9 +38,9 @@ COLOURS = ("#1b6ca8", "#b4500f", "#3f7d20", "#7a3e9d")
 
 
 class Step(NamedTuple):
-    """One row of a transition table; `event` is empty where the table names none."""
+    """One row of a transition table; no `event` where the table names none, no `before` for any state."""
 
-    before: Enum
+    before: Enum | None
     event: str
     after: Enum
 
@@ -46,7 +56,7 @@ class Diagram:
     ends: frozenset[Enum] = frozenset()
 
 
-def _steps(table: Mapping[tuple[State, str], State]) -> tuple[Step, ...]:
+def _steps(table: Mapping[tuple[State | None, str], State]) -> tuple[Step, ...]:
     return tuple(Step(before, event, after) for (before, event), after in table.items())
 
 
@@ -69,7 +79,7 @@ DIAGRAMS = (
             Handshake.RELEASING: (860, 190),
             Handshake.WITHDRAWN: (510, 140),
         },
-        _steps(TRANSITIONS),
+        _steps(HANDSHAKE),
     ),
     Diagram(
         "link",
@@ -80,7 +90,44 @@ DIAGRAMS = (
             LinkState.STALE: (790, 70),
             LinkState.LOST: (620, 190),
         },
-        _steps(LINK_TRANSITIONS),
+        _steps(LINK),
+    ),
+    Diagram(
+        "slew",
+        "A slew, as the session sees it",
+        {
+            SlewState.NONE: (130, 190),
+            SlewState.WAITING: (130, 70),
+            SlewState.ASKED: (470, 70),
+            SlewState.LAUNCHED: (810, 70),
+            SlewState.UNDER_WAY: (640, 190),
+            SlewState.DONE: (980, 190),
+        },
+        _steps(SLEW),
+        frozenset({SlewState.DONE}),
+    ),
+    Diagram(
+        "stop",
+        "The stop in force",
+        {
+            StopState.ASKED: (150, 70),
+            StopState.HEARD: (490, 70),
+            StopState.AGAIN: (830, 70),
+        },
+        _steps(STOP),
+    ),
+    Diagram(
+        "held",
+        "MoveAxis on a mount that holds",
+        {
+            HeldState.OVER: (150, 190),
+            HeldState.RAISED: (490, 60),
+            HeldState.IN_FORCE: (830, 60),
+            HeldState.LAPSED: (1170, 190),
+            HeldState.ENDING: (490, 330),
+            HeldState.RELEASING: (830, 330),
+        },
+        _steps(HELD),
     ),
     Diagram(
         "ticket",
@@ -108,30 +155,36 @@ def transition_table(diagram: Diagram) -> str:
         lines += [f"| {_name(s.before)} | {s.event} | {_name(s.after)} |" for s in diagram.steps]
         return "\n".join(lines)
     lines = ["| state | may become |", "|---|---|"]
-    for state in dict.fromkeys(step.before for step in diagram.steps):
+    for state in dict.fromkeys(step.before for step in diagram.steps if step.before is not None):
         follows = ", ".join(_name(step.after) for step in diagram.steps if step.before is state)
         lines.append(f"| {_name(state)} | {follows} |")
     return "\n".join(lines)
 
 
 def draw(diagram: Diagram) -> str:
-    """Return a diagram as SVG; raises KeyError for a state without a place."""
+    """Return a diagram as SVG, without rows for any state; raises KeyError for a state without a place."""
     places = diagram.places
     box = (max(BOX_WIDTH, *(LETTER_WIDTH * len(str(state.value)) + MARGIN for state in places)), BOX_HEIGHT)
     width = max(x for x, _ in places.values()) + box[0] / 2 + MARGIN
     height = max(y for _, y in places.values()) + box[1] / 2 + 2 * MARGIN
-    sources = list(dict.fromkeys(step.before for step in diagram.steps))
-    arrows, labels = [], []
+    events: dict[tuple[Enum, Enum], list[str]] = {}
     for step in diagram.steps:
-        colour = COLOURS[sources.index(step.before) % len(COLOURS)]
-        drawn, words = _edge(places[step.before], places[step.after], box, step.event, colour)
+        if step.before is not None:
+            events.setdefault((step.before, step.after), []).append(step.event)
+    sources = list(dict.fromkeys(before for before, _ in events))
+    arrows, labels = [], []
+    for (before, after), names in events.items():
+        colour = COLOURS[sources.index(before) % len(COLOURS)]
+        drawn, words = _edge(places[before], places[after], box, ", ".join(names), colour)
         arrows.append(drawn)
         labels.append(words)
     boxes = [_box(place, box, state, state in diagram.ends) for state, place in places.items()]
     return svg.picture(width, height, diagram.title, [*arrows, *boxes, *(words for words in labels if words)])
 
 
-def _name(state: Enum) -> str:
+def _name(state: Enum | None) -> str:
+    if state is None:
+        return "any"
     name, words = state.name.lower().replace("_", " "), str(state.value)
     return f"**{name}**" if words == name else f"**{name}** ({words})"
 

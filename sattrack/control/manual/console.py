@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from sattrack.control.manual.procedures import Outcome, Procedure, Refusal, procedure_for, refused
 from sattrack.control.manual.wording import limit_words
 from sattrack.control.rest import Jogs
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, MoveAxes, SlewTo, Stop, mean_sidereal_deg
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, MoveAxes, SlewTo, Stop, mean_sidereal_deg, seen_of
 from sattrack.mount.requests import (
     Abort,
     FindHome,
@@ -27,14 +27,12 @@ from sattrack.mount.requests import (
     Ticket,
     objection,
 )
-from sattrack.mount.xerxes.launches import seen_of
-from sattrack.mount.xerxes.link import LinkState
 from sattrack.mount.xerxes.session import Session
+from sattrack.mount.xerxes.states import LinkState
 from sattrack.safety import Safety
 
 if TYPE_CHECKING:
-    from sattrack.mount.model import Motion, MountProfile, StatusSample
-    from sattrack.mount.xerxes.datagrams import Status
+    from sattrack.mount.model import Motion, MountProfile, Status, StatusSample
     from sattrack.safety import SafetyLimits
     from tle.site import Site
 
@@ -247,7 +245,7 @@ class Console:
     def _longitude_deg(self) -> float | None:
         """Return the longitude that the mount's clock is for: what it tells itself, else the site's."""
         status = self.session.status
-        if status is not None and math.isfinite(status.site_longitude_deg) and status.site_longitude_deg:
+        if status is not None and status.site_longitude_deg:
             return status.site_longitude_deg
         return None if self.site is None else self.site.longitude_deg
 

@@ -14,11 +14,12 @@ from sattrack.control.halt import StopWatch
 from sattrack.control.manual.procedures import Once, Outcome, Procedure, Refusal, refused
 from sattrack.mount.link_loss import STOP_LINGER_S
 from sattrack.mount.requests import Abort, TicketState
-from sattrack.mount.xerxes.datagrams import DatagramError, Status, decode_status
-from sattrack.mount.xerxes.link import LinkState
+from sattrack.mount.xerxes.datagrams import DatagramError, decode_status
+from sattrack.mount.xerxes.states import LinkState
 
 if TYPE_CHECKING:
     from sattrack.control.manual.console import Console
+    from sattrack.mount.model import Status
 
 LISTEN_S = 0.5
 LISTEN_STATUSES = 4

@@ -23,8 +23,7 @@ from sattrack.mount.requests import (
 )
 
 if TYPE_CHECKING:
-    from sattrack.mount.model import AxesPosition, MountProfile, StatusSample
-    from sattrack.mount.xerxes.datagrams import Status
+    from sattrack.mount.model import AxesPosition, MountProfile, Status, StatusSample
 
 NEAR_DEG = 0.1
 """So near to its home position a mount is taken to stand there, where it does not say so itself."""

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import msgspec
 
 from sattrack.control.manual.wording import limit_words, request_words
 from sattrack.mount.model import Hold, MoveAxes, SlewTo, Stop
 from sattrack.mount.xerxes.datagrams import DTICS_S_PER_DEG_S
-from sattrack.mount.xerxes.link import LinkState
-from sattrack.mount.xerxes.link_view import link_view
-from sattrack.views.console import AskedView, ConsoleView, ReadingsView, StatusView
+from sattrack.mount.xerxes.states import LinkState
+from sattrack.views.console import AskedView, ConsoleView
 
 if TYPE_CHECKING:
     from sattrack.control.manual.console import Asked, Console
-    from sattrack.mount.xerxes.datagrams import Status
     from sattrack.views.run import LinkView
 
 SITE_TOLERANCE_DEG = 0.1
@@ -31,7 +31,7 @@ def view_of(console: Console, now_utc_s: float) -> ConsoleView:
     sample, wanted = console.session.sample, console.session.wanted
     rates = wanted if isinstance(wanted, MoveAxes) else MoveAxes(0.0, 0.0)
     status = console.session.status
-    guide = None if status is None else _finite(status.ra_guide_rate_dtics_s)
+    guide = None if status is None else status.ra_guide_rate_dtics_s
     hour_angle = None if sample is None else math.remainder(sample.sidereal_h * 15.0 - sample.ra_deg, 360.0)
     return ConsoleView(
         utc_s=now_utc_s,
@@ -41,8 +41,8 @@ def view_of(console: Console, now_utc_s: float) -> ConsoleView:
         doing=_doing(console),
         motion=_MOTIONS[type(wanted)],
         at_rest=console.at_rest,
-        status=None if status is None else _status_view(status),
-        readings=_readings(console),
+        status=status,
+        readings=msgspec.structs.replace(console.session.readings, tracking=console.tracking_reading),
         hour_angle_deg=hour_angle,
         clock_offset_s=console.clock_offset_s,
         ra_rate_deg_s=rates.ra_rate_deg_s,
@@ -69,15 +69,9 @@ def _doing(console: Console) -> str:
     return "jogging" if console.jogs else "idle"
 
 
-def _readings(console: Console) -> ReadingsView:
-    seen = console.session.readings
-    types = {name: getattr(seen, name) for name in type(seen).__slots__}
-    return ReadingsView(**types, tracking=console.tracking_reading)
-
-
 def _link_view(console: Console, now_utc_s: float) -> LinkView:
     health = console.session.health
-    return link_view(health, console.session.link_state(now_utc_s), health.age_s(now_utc_s))
+    return health.view(console.session.link_state(now_utc_s), health.age_s(now_utc_s))
 
 
 def _warnings(console: Console, now_utc_s: float) -> list[str]:
@@ -108,11 +102,9 @@ def _warnings(console: Console, now_utc_s: float) -> list[str]:
 
 def _site_warnings(console: Console) -> list[str]:
     status, site = console.session.status, console.site
-    if status is None or site is None:
+    if status is None or site is None or status.site_deg is None:
         return []
-    latitude, longitude = status.site_latitude_deg, status.site_longitude_deg
-    if latitude == longitude == 0.0:
-        return []
+    latitude, longitude = status.site_deg
     off = (abs(latitude - site.latitude_deg), abs(math.remainder(longitude - site.longitude_deg, 360.0)))
     if max(off) < SITE_TOLERANCE_DEG:
         return []
@@ -139,15 +131,6 @@ def _asked_view(asked: Asked) -> AskedView:
         reason=_cut(ticket.reason),
         utc_s=asked.utc_s,
     )
-
-
-def _status_view(status: Status) -> StatusView:
-    values: dict[str, Any] = {name: _finite(getattr(status, name)) for name in StatusView.__struct_fields__}
-    return StatusView(**values)
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def _cut(words: str | None) -> str | None:

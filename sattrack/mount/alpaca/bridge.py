@@ -33,12 +33,11 @@ from sattrack.mount.alpaca.device import (
     Place,
     nearest_rate,
 )
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Status, mean_sidereal_deg
 from sattrack.mount.xerxes.datagrams import (
     DTICS_S_PER_DEG_S,
     Command,
     DatagramError,
-    Status,
     decode_command,
     encode_status,
 )

@@ -31,23 +31,22 @@ Where the paper is silent:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from operator import attrgetter
 
 import msgspec
 
 from sattrack.core.errors import BadInputError
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, Readings, Status
 from sattrack.mount.simulator.axis import Axis
 from sattrack.mount.simulator.drives import GUIDE_RATE_DTICS_S, DrivenAxis, Encoder, Mode
 from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.mount.simulator.sky import Sky, direction, horizontal, is_beyond_pole
 from sattrack.mount.xerxes.datagrams import (
+    DOUBTFUL,
     DTICS_S_PER_DEG_S,
     Command,
     DatagramError,
-    Readings,
-    Status,
     decode_command,
     encode_status,
 )
@@ -149,13 +148,12 @@ def packed_readings(profile: MountProfile) -> Readings:
 
     Raises BadInputError, naming it, for a field that is none of them.
     """
-    names = Readings.__slots__
     for name in profile.readings:
-        if name not in names:
+        if name not in DOUBTFUL:
             raise BadInputError(
-                f"readings.{name}: no doubtful field of a status; they are {', '.join(names)}"
+                f"readings.{name}: no doubtful field of a status; they are {', '.join(DOUBTFUL)}"
             )
-    return replace(Readings(), **profile.readings)
+    return Readings(**profile.readings)
 
 
 @dataclass(slots=True)

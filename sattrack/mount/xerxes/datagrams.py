@@ -11,11 +11,12 @@ tell which one was sent: integers below 2**53 and doubles of ordinary size share
 from __future__ import annotations
 
 import struct
-from dataclasses import dataclass
 from enum import Enum
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import msgspec
+
+from sattrack.mount.model import Reading, Readings, Status
 
 COMMAND_HEADER = 0x5555AAAA
 STATUS_HEADER = b"XERXESxx"
@@ -25,8 +26,6 @@ TICS_PER_TURN = 2**26
 DTICS_S_PER_DEG_S = TICS_PER_TURN / 360.0 * 10.0
 """Tenths of encoder tics per second in a degree per second."""
 TRUE_BYTE = 0xFF
-
-Reading = Literal["int64", "double"]
 
 
 class Kind(Enum):
@@ -170,63 +169,6 @@ class Command(msgspec.Struct, frozen=True, gc=False):
     spare: bool = False
 
 
-class Status(msgspec.Struct, frozen=True, gc=False):
-    """What one status datagram says; names, units and meanings are those of `STATUS_FIELDS`."""
-
-    altitude_deg: float = 0.0
-    azimuth_deg: float = 0.0
-    dec_deg: float = 0.0
-    dec_rate_dtics_s: float = 0.0
-    ra_h: float = 0.0
-    ra_rate_dtics_s: float = 0.0
-    sidereal_h: float = 0.0
-    site_height_m: float = 0.0
-    site_latitude_deg: float = 0.0
-    site_longitude_deg: float = 0.0
-    target_dec_deg: float = 0.0
-    target_ra_h: float = 0.0
-    counter: int = 0
-    dec_guide_rate_dtics_s: float = 3500.0
-    ra_guide_rate_dtics_s: float = 3500.0
-    dec_current_10ma: int = 0
-    ra_current_10ma: int = 0
-    at_home: bool = False
-    at_park: bool = False
-    connected: bool = True
-    does_refraction: bool = False
-    equatorial_system: int = 0
-    pulse_guiding: bool = False
-    side_of_pier: bool = False
-    slewing: bool = False
-    tracking: bool = True
-    tracking_rate: int = 0
-    ack_move_dec: bool = False
-    ack_move_ra: bool = False
-    utc_1: int = 0
-    utc_2: int = 0
-    utc_3: int = 0
-    ra_drive_status_1: int = 0
-    ra_drive_status_2: int = 0
-    dec_drive_status_1: int = 0
-    dec_drive_status_2: int = 0
-    ack_abort: bool = False
-    ack_sync: bool = False
-    ack_pulse_guide: bool = False
-    ack_slew: bool = False
-    spare: int = 0
-
-
-@dataclass(frozen=True, slots=True)
-class Readings:
-    """Which type a mount gives each field that the paper leaves open; None where only zeros were seen."""
-
-    dec_rate_dtics_s: Reading | None = "int64"
-    ra_rate_dtics_s: Reading | None = "int64"
-    counter: Reading | None = "int64"
-    dec_guide_rate_dtics_s: Reading | None = "double"
-    ra_guide_rate_dtics_s: Reading | None = "double"
-
-
 def reading_of(raw: bytes) -> Reading | None:
     """Tell whether eight bytes hold an int64 or a double; None for zero, which is the same in both."""
     value = _INT64.unpack(raw)[0]
@@ -258,7 +200,9 @@ def _indices(fields: tuple[Field, ...], kind: Kind) -> tuple[int, ...]:
 _COMMAND_FLAGS = _indices(COMMAND_FIELDS, Kind.FLAG)
 _STATUS_FLAGS = _indices(STATUS_FIELDS, Kind.FLAG)
 _STATUS_EITHERS = _indices(STATUS_FIELDS, Kind.EITHER)
-_EITHER_NAMES = tuple(STATUS_FIELDS[i].name for i in _STATUS_EITHERS)
+DOUBTFUL = tuple(STATUS_FIELDS[i].name for i in _STATUS_EITHERS)
+"""The fields whose type the paper leaves open."""
+APPENDIX_A = Readings("int64", "int64", "int64", "double", "double")
 _COUNTER = next(i for i, f in enumerate(STATUS_FIELDS) if f.name == "counter")
 
 
@@ -280,13 +224,12 @@ def decode_command(data: bytes) -> Command:
 
 
 def encode_status(status: Status, readings: Readings | None = None) -> bytes:
-    """Pack a status into its 160 bytes, the doubtful fields by `readings` (default: Appendix A's types)."""
-    readings = readings or Readings()
+    """Pack a status into its 160 bytes, the doubtful fields by `readings` (None: Appendix A's types)."""
     values = [STATUS_HEADER, *msgspec.structs.astuple(status)]
     for i in _STATUS_FLAGS:
         values[i] = TRUE_BYTE if values[i] else 0
-    for i, name in zip(_STATUS_EITHERS, _EITHER_NAMES, strict=True):
-        if getattr(readings, name) == "double":
+    for i, name in zip(_STATUS_EITHERS, DOUBTFUL, strict=True):
+        if (getattr(readings, name, None) or getattr(APPENDIX_A, name)) == "double":
             values[i] = _DOUBLE.pack(values[i])
         else:
             values[i] = _INT64.pack(round(values[i]))

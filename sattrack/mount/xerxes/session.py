@@ -18,6 +18,7 @@ then repeats a request that the mount has just obeyed, not one that something el
 from __future__ import annotations
 
 import math
+from collections import deque
 from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any
@@ -30,9 +31,11 @@ from sattrack.mount.model import (
     Motion,
     MountProfile,
     MoveAxes,
+    Readings,
     SlewTo,
     StatusSample,
     Stop,
+    stance_of,
 )
 from sattrack.mount.requests import (
     Abort,
@@ -48,41 +51,96 @@ from sattrack.mount.requests import (
     Ticket,
     TicketState,
 )
-from sattrack.mount.xerxes.ack_watch import AckWatch
 from sattrack.mount.xerxes.datagrams import (
+    DOUBTFUL,
     DTICS_S_PER_DEG_S,
     Command,
     DatagramError,
-    Readings,
-    Status,
     decode_status,
     encode_command,
     status_readings,
 )
-from sattrack.mount.xerxes.handshake import QUIET_STATUSES, Handshake, OneShot
-from sattrack.mount.xerxes.launches import Launchable, Launches, stance_of
-from sattrack.mount.xerxes.link import LinkHealth, LinkState
-from sattrack.mount.xerxes.motion_ticket import MotionTicket, Seen
-from sattrack.mount.xerxes.move_axis import NO_RATES, AxisRates, EdgeMove, HeldMove, MoveAxisRule
-from sattrack.mount.xerxes.repeats import Repeats
-from sattrack.mount.xerxes.sequence import StatusSequence
-from sattrack.mount.xerxes.slewing import Slewing, SlewState
+from sattrack.mount.xerxes.flags import (
+    NO_RATES,
+    AbortFlag,
+    AxisRates,
+    EdgeMove,
+    HeldMove,
+    MoveWatch,
+    SlewFlag,
+)
+from sattrack.mount.xerxes.link import AckWatch, LinkHealth, StatusSequence
 from sattrack.mount.xerxes.standstill import Standstill
+from sattrack.mount.xerxes.states import Handshake, LinkState, SlewState, StopState
+from sattrack.mount.xerxes.tickets import Launchable, Launches, MotionTicket
 
 if TYPE_CHECKING:
-    from sattrack.safety import Cleared, ClearedRequest, Stance
+    from sattrack.mount.model import Cleared, Stance, Status
+    from sattrack.mount.requests import ClearedRequest
 
-ABORT_AGAIN_TICKS = 8
-MISSED_TICKS = 24
-DIP_TICKS = 3
-"""Of so many statuses without the abort's acknowledgement its flag is down for the last few: a mount that has
-missed the edge sees another."""
 QUIET_TICKS = 4
-STILL_MOVING_STATUSES = 20
 READINGS_EVERY = 20
-_others = attrgetter("abort", "sync", "pulse_guide", "park", "find_home", "move_ra", "move_dec")
+REPEAT_AFTER_PERIODS = 0.25
+"""When the copy goes, in periods after the datagram, which itself comes half a period before the mount looks:
+late enough to escape what took the first, and early enough to be there whatever the mount's timer does."""
+STREAMING_TICKS = 5
+"""Datagrams in a row that say nothing but rates, before one of them is repeated: what came before is over."""
+MARK_EVERY_S = 1.0
+MARKS = 30
+"""Statuses missing within so many seconds tell that the link loses datagrams."""
 NEVER_ZERO_DEG_S = 1e-9
 """What an edge mount with absolute rates is sent to stand still: 0 would end MoveAxis."""
+DESCRIBED = (
+    "altitude_deg",
+    "azimuth_deg",
+    "site_height_m",
+    "site_latitude_deg",
+    "site_longitude_deg",
+    "target_dec_deg",
+    "target_ra_h",
+    "dec_guide_rate_dtics_s",
+    "ra_guide_rate_dtics_s",
+)
+"""Numbers of a status that decide nothing; those that are none become None."""
+_described = attrgetter(*DESCRIBED)
+_others = attrgetter("abort", "sync", "pulse_guide", "park", "find_home", "move_ra", "move_dec")
+
+
+@dataclass(slots=True)
+class Repeats:
+    """Keeps the last datagram, and tells whether it goes out once more: a loss must not leave old rates.
+
+    The mount keeps the latest datagram only and looks at it once a turn of its loop ("Xerxes Mount Control
+    Protocol", Theory of Operation), so a copy of the one that is there changes nothing. That holds for rates
+    on a *held* mount alone: with a one-shot flag up, or rates that are read on an edge, a copy that comes
+    late is a second rising edge.
+    """
+
+    profile: MountProfile
+    _datagram: bytes | None = None
+    _streaming: int = 0
+    _marks: deque[tuple[float, int]] = field(default_factory=lambda: deque(maxlen=MARKS))
+    """Instants, and how many statuses had been lost by then."""
+
+    def sent(self, command: Command, datagram: bytes) -> None:
+        """Take a datagram that goes out, and what it says."""
+        rates = command.move_ra or command.move_dec
+        once = command.abort or command.slew or command.sync or command.park or command.find_home
+        self._streaming = self._streaming + 1 if rates and not (once or command.pulse_guide) else 0
+        self._datagram = datagram
+
+    def see(self, arrival_utc_s: float, lost: int) -> None:
+        """Take notice of a status, and of how many have been lost so far."""
+        if not self._marks or arrival_utc_s - self._marks[-1][0] >= MARK_EVERY_S:
+            self._marks.append((arrival_utc_s, lost))
+
+    def copy(self, lost: int) -> bytes | None:
+        """Return the last datagram where it is to be sent once more, else None."""
+        policy = self.profile.repeat_rates
+        if policy == "never" or self.profile.move_axis != "held" or self._streaming < STREAMING_TICKS:
+            return None
+        lossy = bool(self._marks) and lost > self._marks[0][1]
+        return self._datagram if lossy or policy == "always" else None
 
 
 @dataclass(slots=True)
@@ -94,42 +152,23 @@ class Session:
     status: Status | None = None
     """The last accepted status; of fields that mean nothing (`ignored_fields`), what positions say."""
     sample: StatusSample | None = None
-    readings: Readings = field(default_factory=lambda: Readings(None, None, None, None, None))
+    readings: Readings = field(default_factory=Readings)
     """Types of the doubtful fields, as far as statuses have shown them."""
     begun_move: MoveAxes | None = None
     """The MoveAxis motion that the last datagram began, None where it began none."""
     _sequence: StatusSequence = field(init=False)
     _acks: AckWatch = field(init=False)
-    _move: MoveAxisRule = field(init=False)
+    _move: HeldMove | EdgeMove = field(init=False)
     _launches: Launches = field(init=False)
     _repeats: Repeats = field(init=False)
     _wanted: Motion = field(default_factory=Hold)
     _move_axes: tuple[bool, bool] = (True, True)
     """Which axes' flags MoveAxis uses."""
-    _abort: OneShot = field(default_factory=OneShot)
-    _slew_flag: OneShot = field(default_factory=OneShot)
-    _slew: Slewing | None = None
-    _asked_target: SlewTo | None = None
-    _launched_utc_s: float = 0.0
-    """When the slew was seen acknowledged."""
-    _aborted: bool = False
-    _stop_heard: bool = False
-    """Whether any abort of the stop in force was: one that is sent again may go without an answer."""
-    _stop_ticks: int = 0
-    """Datagrams since the stop was asked for."""
-    _raised_ticks: int = 0
-    """Datagrams since the abort's flag rose, 0 while it is down."""
-    _blind_left: int = 0
-    """Datagrams left of an abort of which no acknowledgement can tell, because one stands already."""
+    _move_watch: MoveWatch = field(default_factory=MoveWatch)
+    _abort: AbortFlag = field(default_factory=AbortFlag)
+    _slew: SlewFlag = field(default_factory=SlewFlag)
     _standstill: Standstill = field(default_factory=Standstill)
-    _still_moving: int = 0
-    """Statuses in a row with Slewing though nothing of ours should make the mount move."""
-    _ack_stands: int = 0
-    """Statuses in a row that acknowledge an abort which we have not sent."""
     _motion_ticket: MotionTicket | None = None
-    _motion_sent: bool = False
-    _moved: bool = False
-    """Whether the mount may still be in a MoveAxis of ours: nobody else's motion is ended."""
     _since_slew_ticks: int = QUIET_TICKS
     _since_other_ticks: int = QUIET_TICKS
 
@@ -141,7 +180,7 @@ class Session:
         self._repeats = Repeats(self.profile)
         self._move = self._make_move()
 
-    def _make_move(self) -> MoveAxisRule:
+    def _make_move(self) -> HeldMove | EdgeMove:
         return EdgeMove() if self.profile.move_axis == "edge" else HeldMove()
 
     def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
@@ -179,7 +218,7 @@ class Session:
             beyond_pole=status.side_of_pier,
         )
         may_move = not self._move.over or status.ack_move_ra or status.ack_move_dec
-        self.sample = self._standstill.see(sample, self._aborted, may_move)
+        self.sample = self._standstill.see(sample, self._abort.state is StopState.HEARD, may_move)
         self.status = _made_good(status, sample, self.sample)
         self._follow_acknowledgements(self.status, arrival_utc_s)
         return self.sample
@@ -215,7 +254,7 @@ class Session:
         self._supersede("another motion was asked for")
         if not isinstance(cleared.request, EndMove):
             self._launches.supersede("a motion was asked for")
-        self._motion_ticket, self._motion_sent = MotionTicket(ticket), False
+        self._motion_ticket = MotionTicket(ticket)
         self._want(motion)
         return ticket
 
@@ -229,7 +268,7 @@ class Session:
         self._acks.sent(command)
         self._since_other_ticks = 0 if True in _others(command) else self._since_other_ticks + 1
         self._since_slew_ticks = 0 if command.slew else self._since_slew_ticks + 1
-        if self._motion_ticket is not None and self._motion_ticket.tick(self._seen()):
+        if self._motion_ticket is not None and self._motion_ticket.tick():
             # Given up: nothing of it may go on being asked for behind the caller's back.
             self._want(Hold() if not isinstance(self._wanted, Stop) else self._wanted)
         datagram = encode_command(command)
@@ -249,7 +288,7 @@ class Session:
     @property
     def slew_state(self) -> SlewState:
         """Where the slew last asked for stands; NONE once anything else was asked for."""
-        return SlewState.NONE if self._slew is None else self._slew.state
+        return self._slew.state
 
     @property
     def wanted(self) -> Motion:
@@ -280,8 +319,7 @@ class Session:
     @property
     def stopped(self) -> bool:
         """Whether the stop asked for was acknowledged, and positions have shown rest since."""
-        acknowledged = self._stop_heard or self._ack_stands >= QUIET_STATUSES
-        return acknowledged and isinstance(self._wanted, Stop) and self._standstill.stopped
+        return self._abort.acknowledged and isinstance(self._wanted, Stop) and self._standstill.stopped
 
     @property
     def at_rest(self) -> bool:
@@ -300,14 +338,13 @@ class Session:
         return tuple(f"the mount's {name} {why}: positions are used instead" for name, why in ignored.items())
 
     def _want(self, motion: Motion) -> None:
-        if isinstance(motion, SlewTo) and (self._slew is None or self._slew.target != motion):
-            self._slew = Slewing(motion)
+        if isinstance(motion, SlewTo):
+            self._slew.want(motion)
+        else:
+            self._slew.drop()
         if isinstance(motion, Stop) and not isinstance(self._wanted, Stop):
-            self._aborted = self._stop_heard = False
-            self._stop_ticks = 0
+            self._abort.ask()
             self._standstill.asked()
-        if not isinstance(motion, SlewTo):
-            self._slew = None
         self._wanted = motion
 
     def _motion_of(self, request: Request) -> Motion | None:
@@ -315,12 +352,11 @@ class Session:
         match request:
             case Slew():
                 # A new slew to the same place is one all the same.
-                self._slew = None
+                self._slew.drop()
                 return SlewTo(request.ra_deg, request.dec_deg)
             case Abort():
                 # Asked for again, it is sent again; and nothing that moves an axis outlasts it.
-                self._aborted = self._stop_heard = False
-                self._stop_ticks = 0
+                self._abort.ask()
                 self._launches.fine_rate = FineRate()
                 return Stop()
             case MoveAxis():
@@ -348,12 +384,11 @@ class Session:
 
     def _begin_anew(self) -> None:
         """Forget what a mount that has restarted cannot know of."""
-        self._abort, self._slew_flag, self._move = OneShot(), OneShot(), self._make_move()
-        self._aborted = self._stop_heard = False
+        self._move = self._make_move()
+        self._abort.begin_anew()
+        self._slew.begin_anew()
         self._launches.begin_anew()
         self._acks.forget()
-        if self._slew is not None:
-            self._slew = Slewing(self._slew.target)
         motion = self._motion_ticket
         if motion is not None and motion.ticket.state in {TicketState.RAISED, TicketState.ACKNOWLEDGED}:
             motion.ticket.become(TicketState.FAILED, "the mount restarted meanwhile")
@@ -362,26 +397,26 @@ class Session:
 
     def _make_way(self) -> None:
         """Let go of a motion that is done where another request waits for the mount."""
-        if not self._launches.busy or self._abort.up:
+        if not self._launches.busy or self._abort.flag.up:
             return
         if self.stopped or self.slew_state is SlewState.DONE:
             self._want(Hold())
 
     def _next_command(self) -> Command:
-        if self._abort.up or self._blind_left or isinstance(self._wanted, Stop):
+        if self._abort.on_its_way or isinstance(self._wanted, Stop):
             # An abort that is on its way is seen through, whatever is wanted by now.
             self._move.hush()
             return self._compose_stop()
         if isinstance(self._wanted, MoveAxes):
-            self._slew_flag.happen("withdraw")
+            self._slew.flag.happen("withdraw")
             return self._compose_move(self._wire_rates(self._wanted), self._wanted)
         ending = self._compose_move(NO_RATES, MoveAxes(0.0, 0.0))
         if ending.move_ra or ending.move_dec:
             return ending
         if isinstance(self._wanted, SlewTo):
             return self._compose_slew(self._wanted)
-        self._slew_flag.happen("withdraw")
-        self._motion_sent = True
+        self._slew.flag.happen("withdraw")
+        self._note_sent(True)
         return self._compose_launch()
 
     def _command(self, **fields: Any) -> Command:
@@ -394,35 +429,25 @@ class Session:
             **fields,
         )
 
+    def _note_sent(self, sent: bool) -> None:
+        """Note whether this datagram brings the motion that was asked for."""
+        if self._motion_ticket is not None and sent:
+            self._motion_ticket.sent = True
+
     def _compose_stop(self) -> Command:
-        self._slew_flag.happen("withdraw")
-        status = self.status
-        stuck = self._abort.state is Handshake.RELEASING and self._abort.statuses > QUIET_STATUSES
-        if (self._abort.state is Handshake.IDLE or stuck) and self._standstill.goes_again:
-            self._aborted = False
+        self._slew.flag.happen("withdraw")
+        if self._standstill.goes_again and self._abort.goes_again():
             self._standstill.again(0.0 if self.sample is None else self.sample.arrival_utc_s)
-        if not self._aborted and (status is None or not status.ack_abort):
-            self._abort.happen("request")
-        # An acknowledgement that stands, ours or another's, must not keep a stop from going out, statuses or
-        # none: the flag then rises by the count of datagrams.
-        standing = not self._aborted and not self._abort.up
-        if standing and self._stop_ticks % ABORT_AGAIN_TICKS == 0:
-            self._blind_left = ABORT_AGAIN_TICKS // 2
-        again = standing and self._blind_left > 0
-        self._blind_left = max(0, self._blind_left - 1) if standing else 0
-        self._stop_ticks += 1
-        self._motion_sent = self._motion_sent or self._abort.up or again
-        # Counted in datagrams: in a silence no status must be needed for the flag to rise again.
-        self._raised_ticks = self._raised_ticks + 1 if self._abort.up else 0
-        dips = self._raised_ticks % MISSED_TICKS >= MISSED_TICKS - DIP_TICKS
-        return self._command(abort=(self._abort.up and not dips) or again)
+        up, sent = self._abort.compose(self.status is not None and self.status.ack_abort)
+        self._note_sent(sent)
+        return self._command(abort=up)
 
     def _compose_move(self, wish: AxisRates, meant: MoveAxes) -> Command:
         rates, begins = self._move.compose(wish)
-        self._moved = self._moved or rates != NO_RATES
+        self._move_watch.ours = self._move_watch.ours or rates != NO_RATES
         if begins:
             self.begun_move = meant
-            self._motion_sent = True
+        self._note_sent(begins)
         return self._command(
             move_ra=rates.ra is not None,
             move_dec=rates.dec is not None,
@@ -441,92 +466,63 @@ class Session:
         return AxisRates(ra if self._move_axes[0] else None, dec if self._move_axes[1] else None)
 
     def _compose_slew(self, wanted: SlewTo) -> Command:
-        slew, status = self._slew, self.status
+        status = self.status
         # A late slew does not hurt another: the mount ignores it while it slews.
-        if slew is not None and status is not None and self._since_other_ticks >= QUIET_TICKS:
-            standing = self._move.over and not status.slewing and not status.ack_slew
-            if standing and slew.ask(self._slew_flag):
-                self._asked_target = wanted
-        self._motion_sent = self._motion_sent or self._slew_flag.up
-        # The target stays with its flag: another one wanted meanwhile needs an edge of its own.
-        target = self._asked_target if self._slew_flag.up and self._asked_target is not None else wanted
-        return self._command(
-            slew=self._slew_flag.up,
-            target_ra_h=target.ra_deg % 360.0 / 15.0,
-            target_dec_deg=target.dec_deg,
-        )
+        quiet = self._since_other_ticks >= QUIET_TICKS
+        standing = status is not None and self._move.over and not status.slewing and not status.ack_slew
+        up, target = self._slew.compose(wanted, quiet and standing)
+        self._note_sent(up)
+        return self._command(slew=up, target_ra_h=target.ra_deg % 360.0 / 15.0, target_dec_deg=target.dec_deg)
 
     def _compose_launch(self) -> Command:
         status = self.status
-        idle = self._abort.state is Handshake.IDLE and self._slew_flag.state is Handshake.IDLE
+        idle = self._abort.flag.state is self._slew.flag.state is Handshake.IDLE
         standing = status is not None and not status.slewing and self._move.over
         quiet = min(self._since_slew_ticks, self._since_other_ticks) >= QUIET_TICKS
         clear = idle and standing and quiet
         return self._command(**_launch_fields(self._launches.compose(clear, status, self._standstill.stands)))
 
-    def _watch_motion(self, status: Status) -> None:
-        """Take notice of a mount that moves on after the end of MoveAxis."""
-        self._moved = self._moved and not (self._move.over and not status.slewing)
-        goes_on = status.slewing and not self._standstill.slowing
-        if goes_on and (self.slew_state is SlewState.WAITING or isinstance(self._wanted, Hold)):
-            self._still_moving += 1
-        else:
-            self._still_moving = 0
-        if self._still_moving >= STILL_MOVING_STATUSES and self._moved:
-            self._still_moving = 0
-            self._move.insist()
-
     def _read_types(self, data: bytes) -> None:
         seen = status_readings(data)
-        self.readings = Readings(
-            *(getattr(seen, name) or getattr(self.readings, name) for name in Readings.__slots__)
-        )
+        self.readings = Readings(*(getattr(seen, name) or getattr(self.readings, name) for name in DOUBTFUL))
 
-    def _seen(self) -> Seen:
-        status, wanted = self.status, self._wanted
-        ra, dec = self._move_axes
-        moving = isinstance(wanted, MoveAxes) and status is not None
+    def _progress(self, request: Request, status: Status) -> tuple[bool, bool]:
+        """Return whether the mount has acknowledged a motion that was asked for, and whether it is done."""
+        match request:
+            case Slew():
+                state = self._slew.state
+                launched = (SlewState.LAUNCHED, SlewState.UNDER_WAY, SlewState.DONE)
+                return state in launched, state is SlewState.DONE
+            case Abort():
+                return self._abort.state is StopState.HEARD, self.stopped
+            case MoveAxis():
+                ra, dec = self._move_axes
+                acknowledged = (status.ack_move_ra or not ra) and (status.ack_move_dec or not dec)
+                moving = acknowledged and isinstance(self._wanted, MoveAxes)
+                return moving, moving
         # Fine rates that the mount was given keep it from rest, and the end of a move does not end them.
         rests = self.at_rest or self.fine_rate != FineRate()
-        off = None
-        if isinstance(wanted, SlewTo) and status is not None:
-            off = _off_target_deg(wanted, status)
-        return Seen(
-            sent=self._motion_sent,
-            slew_state=self.slew_state,
-            aborted=self._aborted,
-            stopped=self.stopped,
-            moving=moving and status is not None and self._acknowledges(status, ra, dec),
-            move_over=self._move.over and status is not None and not status.slewing and rests,
-            off_target_deg=off,
-        )
-
-    @staticmethod
-    def _acknowledges(status: Status, ra: bool, dec: bool) -> bool:
-        return (status.ack_move_ra or not ra) and (status.ack_move_dec or not dec)
+        return False, self._move.over and not status.slewing and rests
 
     def _follow_acknowledgements(self, status: Status, arrival_utc_s: float) -> None:
         self._acks.see(status)
-        self._watch_motion(status)
+        unwanted = self._slew.state is SlewState.WAITING or isinstance(self._wanted, Hold)
+        goes_on = status.slewing and not self._standstill.slowing
+        if self._move_watch.see(self._move.over, status.slewing, goes_on and unwanted):
+            self._move.insist()
         self._move.see(status)
-        if self._abort.see(status.ack_abort):
-            self._aborted = self._stop_heard = True
+        if self._abort.see(status.ack_abort, isinstance(self._wanted, Stop)):
             self._standstill.acknowledged(arrival_utc_s)
             self._move.stopped()
-        wanted = isinstance(self._wanted, Stop) and not self._aborted
-        self._ack_stands = self._ack_stands + 1 if wanted and status.ack_abort else 0
-        if self._ack_stands == 1:
+        if self._abort.acks_not_ours == 1:
             self._standstill.acknowledged(arrival_utc_s)
-        launched = self._slew_flag.see(status.ack_slew)
-        if self._slew is not None:
-            self._slew.see(status, self._slew_flag, launched)
-            if launched:
-                self._launched_utc_s = arrival_utc_s
-            if self._standstill.rests_since(self._launched_utc_s):
-                self._slew.rests(_off_target_deg(self._slew.target, status))
+        self._slew.see(status, arrival_utc_s)
+        if self._slew.target is not None and self._standstill.rests_since(self._slew.launched_utc_s):
+            self._slew.rests(_off_target_deg(self._slew.target, status))
         self._launches.see(status)
         if self._motion_ticket is not None:
-            self._motion_ticket.see(self._seen())
+            off_deg = _off_target_deg(self._wanted, status) if isinstance(self._wanted, SlewTo) else None
+            self._motion_ticket.see(*self._progress(self._motion_ticket.ticket.request, status), off_deg)
 
 
 def _launch_fields(request: Launchable | None) -> dict[str, float | bool]:
@@ -570,13 +566,15 @@ def _plausible(status: Status) -> bool:
     return 0.0 <= status.ra_h <= 24.0 and -90.0 <= status.dec_deg <= 90.0 and 0.0 <= status.sidereal_h <= 24.0
 
 
-def _made_good(status: Status, told: StatusSample, believed: StatusSample) -> Status:
+def _made_good(status: Status, reported: StatusSample, believed: StatusSample) -> Status:
     """Return a status with what is believed in place of fields that mean nothing."""
-    if believed is told:
-        return status
-    return msgspec.structs.replace(
-        status,
-        ra_rate_dtics_s=believed.ra_drive_deg_s * DTICS_S_PER_DEG_S,
-        dec_rate_dtics_s=believed.dec_drive_deg_s * DTICS_S_PER_DEG_S,
-        slewing=believed.slewing,
-    )
+    changes: dict[str, Any] = {}
+    if not all(map(math.isfinite, _described(status))):
+        changes = {name: None for name in DESCRIBED if not math.isfinite(getattr(status, name))}
+    if believed is not reported:
+        changes |= {
+            "ra_rate_dtics_s": believed.ra_drive_deg_s * DTICS_S_PER_DEG_S,
+            "dec_rate_dtics_s": believed.dec_drive_deg_s * DTICS_S_PER_DEG_S,
+            "slewing": believed.slewing,
+        }
+    return msgspec.structs.replace(status, **changes) if changes else status

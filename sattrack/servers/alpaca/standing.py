@@ -20,7 +20,7 @@ from sattrack.views.messages import OffsetBy
 
 if TYPE_CHECKING:
     from sattrack.control.engine import Engine
-    from sattrack.mount.model import MountProfile
+    from sattrack.mount.model import MountProfile, Status
     from sattrack.mount.xerxes.datagrams import Status
     from sattrack.mount.xerxes.session import Session
     from sattrack.servers.alpaca.messages import BiasOrder
@@ -132,8 +132,8 @@ def state_of(  # noqa: PLR0913 - one argument for everything that statuses do no
         measured_utc_s=_measured_utc_s(session, utc_s),
         ra_h=status.ra_h % 24.0,
         dec_deg=status.dec_deg,
-        altitude_deg=_finite(status.altitude_deg),
-        azimuth_deg=_finite(status.azimuth_deg),
+        altitude_deg=status.altitude_deg,
+        azimuth_deg=status.azimuth_deg,
         sidereal_h=status.sidereal_h % 24.0,
         site_latitude_deg=latitude,
         site_longitude_deg=longitude,
@@ -164,18 +164,14 @@ def _measured_utc_s(session: Session, utc_s: float) -> float:
 
 def _site(status: Status) -> tuple[float | None, float | None, float | None]:
     """Return latitude, longitude and height, None each where the mount does not know its site."""
-    latitude, longitude = _finite(status.site_latitude_deg), _finite(status.site_longitude_deg)
+    latitude, longitude = status.site_latitude_deg, status.site_longitude_deg
     if not latitude and not longitude:
         return None, None, None
-    return latitude, longitude, _finite(status.site_height_m)
+    return latitude, longitude, status.site_height_m
 
 
-def _rate(dtics_s: float) -> float | None:
-    return dtics_s / DTICS_S_PER_DEG_S if math.isfinite(dtics_s) else None
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _rate(dtics_s: float | None) -> float | None:
+    return None if dtics_s is None else dtics_s / DTICS_S_PER_DEG_S
 
 
 def offset(engine: Engine | None, order: BiasOrder, now_utc_s: float) -> None:

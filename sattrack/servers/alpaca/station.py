@@ -14,7 +14,9 @@ from sattrack.control.tracker import FOLLOWING
 from sattrack.mount.model import Hold
 from sattrack.mount.requests import FineRate, TicketState
 from sattrack.mount.xerxes.link import LinkState
+from sattrack.mount.xerxes.states import LinkState
 from sattrack.servers.alpaca.drive import AfterStop, Drive, Operation, check_floor, procedure_of, refuse
+from sattrack.servers.alpaca.following import offset
 from sattrack.servers.alpaca.messages import (
     AbortOrder,
     BiasOrder,

@@ -10,10 +10,9 @@ import math
 from typing import TYPE_CHECKING, Protocol
 
 from sattrack.control.halt import StopWatch
-from sattrack.mount.model import Hold, Motion, MoveAxes, Stop
-from sattrack.mount.xerxes.launches import seen_of
-from sattrack.mount.xerxes.link import LinkState
+from sattrack.mount.model import Hold, Motion, MoveAxes, Stop, seen_of
 from sattrack.mount.xerxes.session import Session
+from sattrack.mount.xerxes.states import LinkState
 from sattrack.safety import Safety
 from sattrack.servers.antenna.equipment import Feedback, Sensors
 from sattrack.servers.antenna.follower import Follower

@@ -13,6 +13,7 @@ from sattrack.calibration.clocks import Bracket, RoundTripEstimate, clock_line, 
 from sattrack.calibration.motion import AxisResponse, Plateau, Stretch, axis_response, lag, steady_part
 from sattrack.calibration.servo import Transient, braking
 from sattrack.calibration.statuses import Heard, StatusLog, TurnForecast
+from sattrack.mount.model import Status
 from sattrack.mount.xerxes.datagrams import Status
 
 SIDEREAL_DEG_S = 360.0 / 86164.0905

@@ -12,7 +12,8 @@ import pytest
 from programs import free_port
 
 from sattrack.cli.main import run
-from sattrack.mount.xerxes.datagrams import Status, encode_status
+from sattrack.mount.model import Status
+from sattrack.mount.xerxes.datagrams import encode_status
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -17,7 +17,7 @@ from sattrack.control.manual.procedures import MoveFor, Refusal, procedure_for
 from sattrack.control.manual.report import view_of
 from sattrack.control.manual.sitting import NOT_ALONE, Sitting
 from sattrack.control.rest import FIRST_JOG_S, NEXT_JOG_S
-from sattrack.mount.model import MountProfile
+from sattrack.mount.model import MountProfile, Status
 from sattrack.mount.requests import (
     Abort,
     FindHome,
@@ -32,9 +32,9 @@ from sattrack.mount.requests import (
 )
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.mount.simulator.settings import SimulatorProfile
-from sattrack.mount.xerxes.datagrams import STATUS_FIELDS, Command, Status, encode_command, encode_status
+from sattrack.mount.xerxes.datagrams import STATUS_FIELDS, Command, encode_command, encode_status
 from sattrack.safety import SafetyLimits
-from sattrack.views.console import ConsoleView, StatusView
+from sattrack.views.console import ConsoleView
 from sattrack.views.console_messages import (
     AbortOrder,
     HomeOrder,
@@ -686,7 +686,7 @@ def test_a_look_gives_up_and_knocks_only_where_it_may() -> None:
 class TestTheView:
     def test_it_has_every_field_of_the_protocols_status_by_its_name(self) -> None:
         names = [field.name for field in STATUS_FIELDS if field.name != "header"]
-        assert sorted(StatusView.__struct_fields__) == sorted(names)
+        assert sorted(Status.__struct_fields__) == sorted(names)
 
     def test_a_number_that_is_none_is_null_and_the_view_reads_back(self) -> None:
         console = Console(PROFILE, SafetyLimits(), SITE, "m")

@@ -22,7 +22,6 @@ from sattrack.mount.profiles import ProfileFile
 from sattrack.mount.simulator.installation import Installation, parse_faults
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
 from sattrack.mount.simulator.settings import SimulatorProfile
-from sattrack.mount.xerxes import link
 from sattrack.runtime import practice
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.guard import HANG_AFTER_S
@@ -298,7 +297,6 @@ def test_a_mount_whose_drives_go_on_without_its_program_rests_once_it_is_back(
 
 
 def test_the_figures_are_those_of_whoever_keeps_them() -> None:
-    assert link_loss.STATUS_LOST_S == link.LOST_AFTER_S
     assert link_loss.HANG_S == HANG_AFTER_S
     assert link_loss.NOTICED_S > 2 * POLL_S
 

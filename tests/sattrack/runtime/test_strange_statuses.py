@@ -13,7 +13,6 @@ from sattrack.control.sky_error import sky_error
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, Truth
 from sattrack.mount.xerxes.datagrams import (
     Command,
-    Status,
     decode_command,
     decode_status,
     encode_command,
@@ -31,6 +30,7 @@ from tle.instants import Utc
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sattrack.mount.model import Status
     from sattrack.views.run import Summary, TrackView
 
 CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)

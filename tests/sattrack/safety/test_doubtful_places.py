@@ -13,13 +13,15 @@ from sattrack.mount.model import (
     MountProfile,
     MoveAxes,
     PierZone,
+    Seen,
     SlewTo,
+    Stance,
     Stop,
     mean_sidereal_deg,
 )
 from sattrack.mount.requests import FineRate, MoveAxis, PulseGuide, Request
 from sattrack.mount.simulator.mount import StartPosition
-from sattrack.safety import Safety, SafetyLimits, Seen, Stance
+from sattrack.safety import Safety, SafetyLimits
 from sattrack.safety.bodies import sun_over
 
 PROFILE = MountProfile()

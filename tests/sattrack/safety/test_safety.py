@@ -19,10 +19,11 @@ from sattrack.mount.model import (
     Motion,
     MountProfile,
     MoveAxes,
+    Seen,
     SlewTo,
     Stop,
 )
-from sattrack.safety import INTERLOCKS, Safety, SafetyLimits, Seen, altitude_deg
+from sattrack.safety import INTERLOCKS, Safety, SafetyLimits, altitude_deg
 
 LATITUDE_DEG = 52.0
 PROFILE = MountProfile(ra=AxisLimits(max_rate_deg_s=6.0), dec=AxisLimits(max_rate_deg_s=4.0))

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from sattrack.mount.model import Readings, Status
 from sattrack.tui.console_feed import Latest
-from sattrack.views.console import AskedView, ConsoleView, ReadingsView, StatusView
+from sattrack.views.console import AskedView, ConsoleView
 from sattrack.views.run import LinkView
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 UTC_S = 1790946271.4
 GUIDE_DEG_S = 350.0 * 360.0 / 2**26
 LINK = LinkView("up", 0.03, 1234, 1233, 0, 0, 0, 0, 20.0, 0.41)
-STATUS = StatusView(
+STATUS = Status(
     altitude_deg=45.32,
     azimuth_deg=261.44,
     dec_deg=12.5,
@@ -73,7 +74,7 @@ VIEW = ConsoleView(
     motion="none",
     at_rest=True,
     status=STATUS,
-    readings=ReadingsView("int64", "int64", "double", "double", "double", "the opposite of slewing"),
+    readings=Readings("int64", "int64", "double", "double", "double", "the opposite of slewing"),
     hour_angle_deg=41.25,
     clock_offset_s=-0.35,
     ra_rate_deg_s=0.0,

@@ -3,17 +3,21 @@ from __future__ import annotations
 import asyncio
 import re
 import xml.etree.ElementTree as ET
+from typing import TYPE_CHECKING
 
 import pytest
 from console_tui_builders import STATUS, VIEW, FakeConsole, console_view
 from tui_builders import HandClock
 
+from sattrack.mount.model import Readings
 from sattrack.tui.console_app import ConsoleApp
 from sattrack.tui.console_feed import Latest
 from sattrack.tui.console_picture import draw
 from sattrack.tui.console_scene import ConsoleScene, headline
-from sattrack.views.console import ConsoleView, ReadingsView
 from sattrack.views.console_words import clock_words, degrees, hours, number, status_groups, status_text
+
+if TYPE_CHECKING:
+    from sattrack.views.console import ConsoleView
 
 SMALL, LARGE, HUGE = (80, 24), (120, 40), (200, 60)
 
@@ -206,6 +210,6 @@ class TestWords:
         assert "  its clock     −0.35 s = 5.3″" in text
 
     def test_what_was_never_seen_is_said_to_be_so(self) -> None:
-        text = status_text(console_view(readings=ReadingsView()))
+        text = status_text(console_view(readings=Readings()))
         assert "  RA rate       only zeros so far" in text
         assert "  tracking      not seen slewing" in text

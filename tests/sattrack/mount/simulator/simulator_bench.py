@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 from typing import Any, NamedTuple
 
-from sattrack.mount.model import MountProfile
+from sattrack.mount.model import MountProfile, Status
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, Truth
 from sattrack.mount.simulator.settings import SimulatorProfile
-from sattrack.mount.xerxes.datagrams import Command, Status, decode_status, encode_command
+from sattrack.mount.xerxes.datagrams import Command, decode_status, encode_command
 
 T0 = 1_790_000_000.0
 PERIOD_S = 0.05

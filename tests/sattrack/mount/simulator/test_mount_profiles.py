@@ -13,13 +13,13 @@ from simulator_bench import PERIOD_S, SIDEREAL_DEG_S, SITE, START, T0, moving
 
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.mount.model import MountProfile
+from sattrack.mount.model import MountProfile, Status
 from sattrack.mount.profiles import load_profile_file
 from sattrack.mount.simulator.installation import Installation
 from sattrack.mount.simulator.mount import SimulatedMount, Truth
 from sattrack.mount.simulator.process import MOST_UNDER_WAY, SimulatorServer, UnderWay
 from sattrack.mount.simulator.settings import SimulatorProfile, simulator_profile
-from sattrack.mount.xerxes.datagrams import Command, Status, decode_status, encode_command, status_readings
+from sattrack.mount.xerxes.datagrams import Command, decode_status, encode_command, status_readings
 
 PROFILES = Path(__file__).parents[4] / "examples" / "profiles"
 NAMES = sorted(path.name for path in PROFILES.glob("*.toml"))

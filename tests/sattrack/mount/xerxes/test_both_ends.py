@@ -25,17 +25,17 @@ from xerxes_builders import (
     want,
 )
 
-from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, SlewTo, Stop
+from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, SlewTo, Status, Stop
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, Truth
 from sattrack.mount.xerxes.datagrams import (
     Command,
-    Status,
     decode_command,
     decode_status,
     encode_command,
     encode_status,
 )
-from sattrack.mount.xerxes.session import Session, SlewState
+from sattrack.mount.xerxes.session import Session
+from sattrack.mount.xerxes.states import SlewState
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -10,9 +10,9 @@ import pytest
 from msgspec.structs import replace
 from xerxes_builders import PERIOD_S, SIDEREAL_DTICS_S, T0, want
 
-from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, SlewTo, Stop
+from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, SlewTo, Status, Stop
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.mount.xerxes.datagrams import Status, decode_command, encode_status
+from sattrack.mount.xerxes.datagrams import decode_command, encode_status
 from sattrack.mount.xerxes.session import Session
 
 MOVE = MoveAxes(-1.25, -0.75)

@@ -31,10 +31,21 @@ from xerxes_builders import (
     want,
 )
 
-from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, SlewTo, StatusSample, Stop
-from sattrack.mount.xerxes.datagrams import Command, Readings, Status, decode_command, encode_status
-from sattrack.mount.xerxes.session import LinkState, Session, SlewState
-from sattrack.mount.xerxes.slewing import LATEST_BEGIN_STATUSES
+from sattrack.mount.model import (
+    Hold,
+    Motion,
+    MountProfile,
+    MoveAxes,
+    Readings,
+    SlewTo,
+    Status,
+    StatusSample,
+    Stop,
+)
+from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_status
+from sattrack.mount.xerxes.flags import LATEST_BEGIN_STATUSES
+from sattrack.mount.xerxes.session import Session
+from sattrack.mount.xerxes.states import LinkState, SlewState
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -213,7 +224,7 @@ class TestSlew:
         for _ in range(LATEST_BEGIN_STATUSES - 10):
             client.send()
             client.hear()
-            assert client.slew_state() is SlewState.UNDER_WAY
+            assert client.slew_state() is SlewState.LAUNCHED
         for _ in range(20):
             client.send()
             client.hear()

@@ -28,9 +28,9 @@ from xerxes_builders import (
     turned,
 )
 
-from sattrack.mount.model import AxisLimits, MountProfile
+from sattrack.mount.model import AxisLimits, MountProfile, Status
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, Truth
-from sattrack.mount.xerxes.datagrams import Command, Status, decode_status, encode_command, status_readings
+from sattrack.mount.xerxes.datagrams import Command, decode_status, encode_command, status_readings
 
 SITE = SimulatedSite(48.0, 11.0, 520.0)
 START = StartPosition(-30.0, 20.0)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from hypothesis import strategies as st
 
-from sattrack.safety import Cleared
+from sattrack.mount.model import Cleared
 
 if TYPE_CHECKING:
     from sattrack.mount.model import Motion

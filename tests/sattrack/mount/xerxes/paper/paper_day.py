@@ -15,10 +15,11 @@ import pytest
 from paper_link import T0, Rules, Wires
 from paper_mount import LOOP_S, Launch, PaperMount, groups
 
-from sattrack.mount.model import Hold, MountProfile
+from sattrack.mount.model import Cleared, Hold, MountProfile
 from sattrack.mount.requests import (
     SETTLED,
     Abort,
+    ClearedRequest,
     EndMove,
     FindHome,
     FineRate,
@@ -32,7 +33,6 @@ from sattrack.mount.requests import (
     TrackingRate,
 )
 from sattrack.mount.xerxes.session import Session
-from sattrack.safety import Cleared, ClearedRequest
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -18,8 +18,8 @@ from paper_mount import ACKS, LOOP_S, PaperMount, groups
 from paper_packing import FLAG_BYTES, CommandRow, unpack_command
 
 from sattrack.mount.model import MountProfile
+from sattrack.mount.requests import ClearedRequest
 from sattrack.mount.xerxes.session import Session
-from sattrack.safety import ClearedRequest
 
 if TYPE_CHECKING:
     from sattrack.mount.requests import Request, Ticket, TicketState

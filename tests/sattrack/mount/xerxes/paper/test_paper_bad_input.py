@@ -19,9 +19,10 @@ from paper_mount import LOOP_S, PaperMount
 from paper_packing import CommandRow, pack_command
 
 from sattrack.core.errors import BadInputError
-from sattrack.mount.model import AxesPosition, AxisLimits, MountProfile
+from sattrack.mount.model import AxesPosition, AxisLimits, MountProfile, Stance
 from sattrack.mount.requests import (
     Abort,
+    ClearedRequest,
     EndMove,
     FindHome,
     FineRate,
@@ -36,7 +37,7 @@ from sattrack.mount.requests import (
     objection,
 )
 from sattrack.mount.xerxes.client import Address, UdpLink, parse_address
-from sattrack.safety import ClearedRequest, Safety, SafetyLimits, Stance
+from sattrack.safety import Safety, SafetyLimits
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -102,8 +102,7 @@ def played(
 
 
 def _after(bench: Bench, request: Request) -> Ticket:
-    from sattrack.mount.model import Hold
-    from sattrack.safety import Cleared
+    from sattrack.mount.model import Cleared, Hold
 
     bench.session.apply(Cleared(Hold()))
     return bench.submit(request)

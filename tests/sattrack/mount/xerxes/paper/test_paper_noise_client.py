@@ -17,9 +17,8 @@ from paper_noise import GROWTH_BYTES, HOW_MANY, STATUS, grown_bytes, mutated, wr
 from paper_packing import unpack_command
 
 from sattrack.mount.model import MountProfile
-from sattrack.mount.requests import MoveAxis, Slew, Sync
+from sattrack.mount.requests import ClearedRequest, MoveAxis, Slew, Sync
 from sattrack.mount.xerxes.session import Session
-from sattrack.safety import ClearedRequest
 
 
 def session_counts(session: Session) -> tuple[int, ...]:

@@ -25,11 +25,10 @@ from paper_packing import (
     unpack_command,
 )
 
+from sattrack.mount.model import Readings, Status
 from sattrack.mount.xerxes.datagrams import (
     Command,
     DatagramError,
-    Readings,
-    Status,
     decode_command,
     decode_status,
     encode_command,

@@ -15,7 +15,7 @@ from paper_link import ONE_SHOTS, Bench
 from paper_mount import LOOP_S, PaperMount
 from paper_packing import DOUBTFUL
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxesPosition, Hold, MountProfile
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxesPosition, Cleared, Hold, MountProfile
 from sattrack.mount.requests import (
     Abort,
     EndMove,
@@ -30,7 +30,6 @@ from sattrack.mount.requests import (
     TicketState,
     TrackingRate,
 )
-from sattrack.safety import Cleared
 
 if TYPE_CHECKING:
     from paper_packing import CommandRow

@@ -143,7 +143,7 @@ class TestMute:
 
 
 def _cleared(request: Request) -> Any:
-    from sattrack.safety import ClearedRequest
+    from sattrack.mount.requests import ClearedRequest
 
     return ClearedRequest(request)
 

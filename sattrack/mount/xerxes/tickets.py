@@ -1,8 +1,13 @@
-"""One-shot requests besides slew and abort, one after the other: sync, pulse guide, home, park, rates.
+"""Tickets under way: what is asked of the mount, how far it has come, and when it is given up.
 
-Each waits until nothing else is up and the mount stands as it must; its flag goes through the handshake; what
-the status then shows decides how its ticket settles. The protocol has no acknowledgement for park, home, fine
-rates and tracking rate: those are sent for a while and end unconfirmed, unless the status shows them done.
+Requests that move the mount as a whole (slew, abort, MoveAxis and its end) become the motion that the session
+wants; `MotionTicket` follows what the session sees of it. One at a time: the next motion supersedes it.
+
+The others (sync, pulse guide, home, park, rates) are one-shots, one after the other in `Launches`. Each waits
+until nothing else is up and the mount stands as it must; its flag goes through the handshake; what the status
+then shows decides how its ticket settles. The protocol has no acknowledgement for park, home, fine rates and
+tracking rate: those are sent for a while and end unconfirmed, unless the status shows them done.
+
 Time is counted in datagrams.
 """
 
@@ -13,25 +18,34 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Stance, stance_of
 from sattrack.mount.requests import (
+    EndMove,
     FindHome,
     FineRate,
     Park,
     PulseGuide,
+    Slew,
     Sync,
     Ticket,
     TicketState,
     TrackingRate,
+    park_objection,
 )
 from sattrack.mount.xerxes.datagrams import DTICS_S_PER_DEG_S
-from sattrack.mount.xerxes.handshake import Handshake, OneShot
-from sattrack.safety import Seen, Stance, park_objection
+from sattrack.mount.xerxes.flags import OneShot
+from sattrack.mount.xerxes.states import Handshake
 
 if TYPE_CHECKING:
-    from sattrack.mount.model import MountProfile
-    from sattrack.mount.xerxes.datagrams import Status
+    from sattrack.mount.model import MountProfile, Status
 
+STARTED_WITHIN = 600
+"""Datagrams, half a minute, that a slew may wait for the mount to stand still."""
+ACK_WITHIN = 160
+"""Datagrams, eight seconds, for an acknowledgement: a missed edge is asked for anew meanwhile."""
+SLEW_WITHIN = 4800
+REST_WITHIN = 600
+ARRIVED_WITHIN_DEG = 0.25
 QUEUED_AT_MOST = 600
 """Datagrams, half a minute, that a request may wait for its turn."""
 ACK_AT_MOST = 60
@@ -47,30 +61,61 @@ Launchable = Sync | PulseGuide | FindHome | Park | FineRate | TrackingRate
 ACKNOWLEDGED_KINDS = (Sync, PulseGuide)
 
 
-def stance_of(status: Status, stands: bool) -> Stance:
-    """Return how a mount stands, as safety wants to know it; `stands` where its positions say standstill."""
-    return Stance(
-        sidereal_deg=status.sidereal_h * 15.0,
-        ra_deg=status.ra_h * 15.0,
-        dec_deg=status.dec_deg,
-        slewing=status.slewing,
-        drives_at_rest=stands,
-        beyond_pole=status.side_of_pier,
-    )
+@dataclass(slots=True)
+class MotionTicket:
+    """A request that moves the mount as a whole, under way."""
 
+    ticket: Ticket
+    sent: bool = False
+    """Whether its flags have been in a datagram."""
+    _ticks: int = 0
+    """Datagrams since the ticket's state changed."""
 
-def seen_of(status: Status, arrival_utc_s: float) -> Seen:
-    """Return what a status that came at an instant (POSIX seconds of UTC) tells safety."""
-    return Seen(
-        utc_s=arrival_utc_s,
-        sidereal_deg=status.sidereal_h * 15.0,
-        ra_deg=status.ra_h * 15.0,
-        dec_deg=status.dec_deg,
-        beyond_pole=status.side_of_pier,
-        slewing=status.slewing,
-        ra_current_a=status.ra_current_10ma / 100.0,
-        dec_current_a=status.dec_current_10ma / 100.0,
-    )
+    def tick(self) -> bool:
+        """Count one datagram; tell whether the request has been given up for want of time."""
+        self._ticks += 1
+        if self.ticket.settled:
+            return False
+        if self.sent and self.ticket.state is TicketState.QUEUED:
+            self._become(TicketState.RAISED)
+        limit, reason = self._limit()
+        if self._ticks <= limit:
+            return False
+        self.ticket.become(TicketState.TIMED_OUT, reason)
+        return True
+
+    def see(self, acknowledged: bool, done: bool, off_target_deg: float | None) -> None:
+        """Take what the session has seen of it; the distance is that of a slew's end from its target."""
+        ticket = self.ticket
+        if ticket.settled:
+            return
+        if acknowledged and ticket.state is TicketState.RAISED:
+            self._become(TicketState.ACKNOWLEDGED)
+        # The end of MoveAxis has no acknowledgement of its own.
+        ends = TicketState.RAISED if isinstance(ticket.request, EndMove) else TicketState.ACKNOWLEDGED
+        if not done or ticket.state is not ends:
+            return
+        if off_target_deg is None or off_target_deg <= ARRIVED_WITHIN_DEG:
+            self._become(TicketState.COMPLETE)
+        else:
+            ticket.become(TicketState.FAILED, f"the slew ended {off_target_deg:.2f}° away from its target")
+
+    def _become(self, state: TicketState) -> None:
+        self.ticket.become(state)
+        self._ticks = 0
+
+    def _limit(self) -> tuple[int, str]:
+        match self.ticket.state:
+            case TicketState.QUEUED:
+                return STARTED_WITHIN, "never sent: the mount did not come to rest, or was not heard"
+            case TicketState.RAISED if isinstance(self.ticket.request, EndMove):
+                return REST_WITHIN, "the mount did not come back to tracking"
+            case TicketState.RAISED:
+                return ACK_WITHIN, "the mount did not acknowledge it"
+            case _ if isinstance(self.ticket.request, Slew):
+                return SLEW_WITHIN, "the mount acknowledged the slew and did not finish it"
+            case _:
+                return REST_WITHIN, "the mount acknowledged it and was not seen to obey"
 
 
 @dataclass(slots=True)

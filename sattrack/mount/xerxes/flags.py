@@ -1,0 +1,390 @@
+"""The flags of a command that move the mount, and their acknowledgements: abort, slew, MoveAxis.
+
+"Xerxes Mount Control Protocol", Details: a one-shot flag rises once, is held until its acknowledgement is
+seen, falls, and the mount takes the acknowledgement away. A flag may not rise again before that: the mount
+acts on rising edges, and an acknowledgement that still stands, or is still to come, would be taken for the
+next.
+
+MoveAxis has two readings, which the protocol leaves open. *Held*: the latest rates act while a flag is up, so
+the flags stay up for as long as motion is wanted. *Edge*: rates are read as a flag rises and stay in force
+after its fall. The flags then go through the whole handshake for every change, both together where both are
+wanted: up with rates that do not change meanwhile, held until acknowledged, down until the acknowledgement
+has fallen. Rate 0 ends MoveAxis on its axis.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+from sattrack.mount.xerxes.states import (
+    HANDSHAKE,
+    HELD,
+    SLEW,
+    STOP,
+    Handshake,
+    HeldState,
+    SlewState,
+    StopState,
+    follow,
+)
+
+if TYPE_CHECKING:
+    from sattrack.mount.model import SlewTo, Status
+
+QUIET_STATUSES = 10
+"""Statuses without an acknowledgement after which none is on its way any more: half a second."""
+ABORT_AGAIN_TICKS = 8
+MISSED_TICKS = 24
+DIP_TICKS = 3
+"""Of so many statuses without the abort's acknowledgement its flag is down for the last few: a mount that has
+missed the edge sees another."""
+NEVER_SEEN_AFTER = 5
+"""Statuses after a slew's acknowledgement without motion that mean it was too short to be seen."""
+NEAR_DEG = 0.5
+LATEST_BEGIN_STATUSES = 200
+ACK_WITHIN_STATUSES = 20
+"""Statuses after which a slew that is not acknowledged is asked for anew."""
+EDGE_ACK_WITHIN_STATUSES = 20
+STILL_MOVING_STATUSES = 20
+
+
+@dataclass(slots=True)
+class OneShot:
+    """One one-shot flag."""
+
+    state: Handshake = Handshake.IDLE
+    statuses: int = 0
+    """Statuses seen in this state."""
+
+    @property
+    def up(self) -> bool:
+        """Whether the flag is up in the next datagram."""
+        return self.state is Handshake.RAISED
+
+    def happen(self, event: str) -> bool:
+        """Make the transition that the table has for an event; tell whether there is one."""
+        before, self.state = self.state, follow(HANDSHAKE, self.state, event)
+        if self.state is not before:
+            self.statuses = 0
+        return self.state is not before
+
+    def see(self, ack: bool) -> bool:
+        """Take one status's acknowledgement; tell whether it is the one that the raised flag waits for."""
+        self.statuses += 1
+        if self.state is Handshake.IDLE:
+            return False
+        raised = self.up
+        acknowledged = self.happen("ack up" if ack else "ack down") and raised
+        if self.state is Handshake.WITHDRAWN and self.statuses >= QUIET_STATUSES:
+            self.happen("quiet")
+        return acknowledged
+
+
+@dataclass(slots=True)
+class AbortFlag:
+    """The abort of the stop in force. It goes out again while the mount moves on, and where no answer comes.
+
+    Time is counted in datagrams: in a silence no status must be needed for the flag to rise again.
+    """
+
+    state: StopState = StopState.ASKED
+    flag: OneShot = field(default_factory=OneShot)
+    acks_not_ours: int = 0
+    """Statuses in a row that acknowledge an abort which we have not sent."""
+    _ticks: int = 0
+    """Datagrams since the stop was asked for."""
+    _raised_ticks: int = 0
+    """Datagrams since the flag rose, 0 while it is down."""
+    _blind_left: int = 0
+    """Datagrams left of an abort of which no acknowledgement can tell, because one stands already."""
+
+    def ask(self) -> None:
+        """Begin a stop, or ask for it anew."""
+        self.state = follow(STOP, self.state, "asked for")
+        self._ticks = 0
+
+    def begin_anew(self) -> None:
+        """Note a mount that has restarted: it knows of no stop."""
+        self.state, self.flag = follow(STOP, self.state, "mount restarted"), OneShot()
+
+    @property
+    def on_its_way(self) -> bool:
+        """Whether an abort must be seen through, whatever is wanted by now."""
+        return self.flag.up or self._blind_left > 0
+
+    @property
+    def acknowledged(self) -> bool:
+        """Whether an abort of this stop was acknowledged, be it one that another client sent.
+
+        One that is sent again may go without an answer.
+        """
+        return self.state is not StopState.ASKED or self.acks_not_ours >= QUIET_STATUSES
+
+    def goes_again(self) -> bool:
+        """Send the stop once more to a mount that has set off; tell whether the flag is free for that."""
+        stuck = self.flag.state is Handshake.RELEASING and self.flag.statuses > QUIET_STATUSES
+        if self.flag.state is not Handshake.IDLE and not stuck:
+            return False
+        self.state = follow(STOP, self.state, "goes again")
+        return True
+
+    def compose(self, ack_stands: bool) -> tuple[bool, bool]:
+        """Return whether the flag is up in the next datagram, and whether the stop is being sent.
+
+        `ack_stands` where the last status acknowledges an abort.
+        """
+        heard = self.state is StopState.HEARD
+        if not heard and not ack_stands:
+            self.flag.happen("request")
+        # An acknowledgement that stands, ours or another's, must not keep a stop from going out, statuses or
+        # none: the flag then rises by the count of datagrams.
+        standing = not heard and not self.flag.up
+        if standing and self._ticks % ABORT_AGAIN_TICKS == 0:
+            self._blind_left = ABORT_AGAIN_TICKS // 2
+        again = standing and self._blind_left > 0
+        self._blind_left = max(0, self._blind_left - 1) if standing else 0
+        self._ticks += 1
+        self._raised_ticks = self._raised_ticks + 1 if self.flag.up else 0
+        dips = self._raised_ticks % MISSED_TICKS >= MISSED_TICKS - DIP_TICKS
+        return (self.flag.up and not dips) or again, self.flag.up or again
+
+    def see(self, ack: bool, wanted: bool) -> bool:
+        """Take one status, `wanted` while a stop is; tell whether it acknowledges the stop."""
+        heard = self.flag.see(ack)
+        if heard:
+            self.state = follow(STOP, self.state, "acknowledged")
+        missing = wanted and self.state is not StopState.HEARD
+        self.acks_not_ours = self.acks_not_ours + 1 if missing and ack else 0
+        return heard
+
+
+@dataclass(slots=True)
+class SlewFlag:
+    """One slew after the other: asked, launched, seen to move, seen to stand.
+
+    "Xerxes Mount Control Protocol", Details: a status that says "not slewing" may be older than the slew, so
+    only those count that came after its acknowledgement; and the mount has arrived when its positions rest. A
+    mount may acknowledge a slew some time before it begins: one that was not seen to move has arrived where
+    it is near the target, or when it has stood for LATEST_BEGIN_STATUSES.
+    """
+
+    state: SlewState = SlewState.NONE
+    flag: OneShot = field(default_factory=OneShot)
+    target: SlewTo | None = None
+    """Where it goes; None in state NONE."""
+    launched_utc_s: float = 0.0
+    """When the slew was seen acknowledged."""
+    _asked: SlewTo | None = None
+    """The target that the flag rose with: another one wanted meanwhile needs an edge of its own."""
+    _statuses: int = 0
+    """Statuses since the acknowledgement."""
+
+    def want(self, target: SlewTo) -> None:
+        """Begin a slew, unless it is the one under way."""
+        if target != self.target:
+            self.target = target
+            self._happen("new target")
+
+    def drop(self) -> None:
+        """Note that something else is wanted; the flag's handshake goes on to its end."""
+        self.target = None
+        self._happen("dropped")
+
+    def begin_anew(self) -> None:
+        """Note a mount that has restarted: it knows of no slew."""
+        self.flag = OneShot()
+        if self.target is not None:
+            self._happen("new target")
+
+    def compose(self, wanted: SlewTo, may_rise: bool) -> tuple[bool, SlewTo]:
+        """Return whether the flag is up in the next datagram, and with which target."""
+        if may_rise and self.state is SlewState.WAITING and self.flag.happen("request"):
+            self._happen("flag up")
+            self._asked = wanted
+        return self.flag.up, self._asked if self.flag.up and self._asked is not None else wanted
+
+    def see(self, status: Status, arrival_utc_s: float) -> None:
+        """Take one status."""
+        launched = self.flag.see(status.ack_slew)
+        if self.target is None:
+            return
+        if launched:
+            self.launched_utc_s = arrival_utc_s
+            self._happen("acknowledged")
+        elif self.state is SlewState.ASKED and self.flag.statuses > ACK_WITHIN_STATUSES:
+            # The mount missed the edge, or was slewing when it came: fall, and rise again.
+            self.flag.happen("withdraw")
+            self._happen("no answer")
+        if self.state in (SlewState.LAUNCHED, SlewState.UNDER_WAY):
+            self._statuses += 1
+            if status.slewing:
+                self._happen("seen to move")
+
+    def rests(self, off_deg: float) -> None:
+        """Note that the mount rests so far from the target, by positions newer than the acknowledgement."""
+        self._happen("at rest")
+        if self._statuses > (NEVER_SEEN_AFTER if off_deg < NEAR_DEG else LATEST_BEGIN_STATUSES):
+            self._happen("too short to be seen")
+
+    def _happen(self, event: str) -> None:
+        self.state = follow(SLEW, self.state, event)
+        if self.state is SlewState.WAITING:
+            self._statuses = 0
+
+
+class AxisRates(NamedTuple):
+    """MoveAxis rates as they go on the wire, degrees per second; None leaves that axis' flag down."""
+
+    ra: float | None
+    dec: float | None
+
+
+NO_RATES = AxisRates(None, None)
+UNKNOWN_RATES = AxisRates(math.nan, math.nan)
+
+
+class Sent(NamedTuple):
+    """What one datagram says of MoveAxis; `begins` tells whether these rates are new with it."""
+
+    rates: AxisRates
+    begins: bool
+
+
+@dataclass(slots=True)
+class HeldMove:
+    """MoveAxis on a mount that holds: the flags stay up while motion is wanted.
+
+    The last status may be older than the last command: what tells that the mount has let go is the
+    acknowledgement seen up and then down since, or a silence so long that none is to come.
+    """
+
+    state: HeldState = HeldState.OVER
+    _statuses: int = 0
+    """Statuses since the last datagram with rates."""
+
+    @property
+    def over(self) -> bool:
+        """Whether the mount no longer moves by MoveAxis, as far as statuses tell."""
+        return self.state in (HeldState.OVER, HeldState.LAPSED)
+
+    def compose(self, wish: AxisRates) -> Sent:
+        """Return what the next datagram says; NO_RATES asks for the end."""
+        if wish == NO_RATES:
+            self.hush()
+            return Sent(wish, False)
+        self.state, self._statuses = follow(HELD, self.state, "rates"), 0
+        return Sent(wish, True)
+
+    def hush(self) -> None:
+        """Note a datagram that goes out without the flags."""
+        self.state = follow(HELD, self.state, "flags down")
+
+    def see(self, status: Status) -> None:
+        """Take one status."""
+        if self.over:
+            return
+        self._statuses += 1
+        up = status.ack_move_ra or status.ack_move_dec
+        self.state = follow(HELD, self.state, "ack up" if up else "ack down")
+        if self._statuses >= QUIET_STATUSES and not self.over:
+            self.state = follow(HELD, self.state, "quiet")
+
+    def stopped(self) -> None:
+        """Note that an abort was acknowledged: flags that are down have let go already."""
+
+    def insist(self) -> None:
+        """Ask for the end anew: nothing to do, for the same reason."""
+
+    def renew(self) -> None:
+        """Send the next rates even where they are those in force: every datagram has them."""
+
+
+@dataclass(slots=True)
+class EdgeMove:
+    """MoveAxis on a mount that reads edges: every change of rate is an edge of its own."""
+
+    _flags: OneShot = field(default_factory=OneShot)
+    _latched: AxisRates = NO_RATES
+    _in_force: AxisRates = NO_RATES
+
+    @property
+    def over(self) -> bool:
+        """Whether the mount no longer moves by MoveAxis, as far as statuses tell."""
+        return self._in_force == NO_RATES and self._flags.state is Handshake.IDLE
+
+    def compose(self, wish: AxisRates) -> Sent:
+        """Return what the next datagram says; NO_RATES asks for the end."""
+        begins = False
+        if self._flags.state is Handshake.IDLE:
+            # What is wanted is wanted whole: an axis that it does not name has its motion ended.
+            ending = AxisRates(*(None if rate is None else 0.0 for rate in self._in_force))
+            rates = _over(ending, wish)
+            if _moving(_over(self._in_force, rates)) != self._in_force:
+                begins = self._flags.happen("request")
+                self._latched = rates
+                # From here on the mount may have them, whether or not we hear of it.
+                self._in_force = _over(self._in_force, rates)
+        return Sent(self._latched if self._flags.up else NO_RATES, begins)
+
+    def hush(self) -> None:
+        """Note a datagram without the flags."""
+        self._flags.happen("withdraw")
+
+    def see(self, status: Status) -> None:
+        """Take one status."""
+        state = self._flags.state
+        acks = [
+            ack
+            for ack, rate in (
+                (status.ack_move_ra, self._latched.ra),
+                (status.ack_move_dec, self._latched.dec),
+            )
+            if rate is not None
+        ]
+        if self._flags.see(all(acks) if state is Handshake.RAISED else any(acks)):
+            self._in_force = _moving(self._in_force)
+        elif state is Handshake.RAISED and self._flags.statuses > EDGE_ACK_WITHIN_STATUSES:
+            self._flags.happen("withdraw")
+            self.renew()
+
+    def stopped(self) -> None:
+        """Note that an abort was acknowledged: nothing is in force any more."""
+        self._in_force = NO_RATES
+
+    def renew(self) -> None:
+        """Send the next rates even where they are those in force: what is unknown is unlike any rate."""
+        self._in_force = AxisRates(*(None if rate is None else math.nan for rate in self._in_force))
+
+    def insist(self) -> None:
+        """Ask for the end anew: a late copy of an edge was read, and acknowledged, in place of the end."""
+        if self.over:
+            self._in_force = UNKNOWN_RATES
+
+
+def _moving(rates: AxisRates) -> AxisRates:
+    return AxisRates(*(rate or None for rate in rates))
+
+
+def _over(before: AxisRates, rates: AxisRates) -> AxisRates:
+    return AxisRates(*(old if new is None else new for old, new in zip(before, rates, strict=True)))
+
+
+@dataclass(slots=True)
+class MoveWatch:
+    """Whether the mount moves on after the end of a MoveAxis of ours; nobody else's motion is ended."""
+
+    ours: bool = False
+    """Whether the mount may still be in a MoveAxis of ours."""
+    _going_on: int = 0
+    """Statuses in a row with Slewing though nothing of ours should make the mount move."""
+
+    def see(self, over: bool, slewing: bool, unwanted: bool) -> bool:
+        """Take one status; tell whether the end must be asked for anew."""
+        self.ours = self.ours and not (over and not slewing)
+        self._going_on = self._going_on + 1 if unwanted else 0
+        if self._going_on < STILL_MOVING_STATUSES or not self.ours:
+            return False
+        self._going_on = 0
+        return True
