@@ -17,9 +17,10 @@ from feeder_passes import KANOPUS, SCENARIOS, SETTLED_S, subjects, world
 
 from sattrack.runtime import practice
 from sattrack.servers.antenna.equipment import Antenna
+from sattrack.servers.antenna.led_mount import axis_range
 from sattrack.servers.antenna.line import encode
 from sattrack.servers.antenna.sky import Sky
-from sattrack.servers.antenna.station import Station, axis_range
+from sattrack.servers.antenna.station import Station
 
 if TYPE_CHECKING:
     from feeder_harness import Scenario

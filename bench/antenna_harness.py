@@ -14,9 +14,10 @@ from sattrack.runtime import practice
 from sattrack.safety import SafetyLimits
 from sattrack.servers.antenna.equipment import Antenna
 from sattrack.servers.antenna.focus import SimulatedFocuser
+from sattrack.servers.antenna.led_mount import axis_range
 from sattrack.servers.antenna.line import encode
 from sattrack.servers.antenna.sky import Sky
-from sattrack.servers.antenna.station import Station, axis_range
+from sattrack.servers.antenna.station import Station
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -37,11 +37,11 @@ from tle.compiled_start import numba_is_there
 from tle.earth import EarthOrientation
 from tle.elements import Elements
 from tle.errors import TleError
+from tle.formats.registry import parse_elements
 from tle.instants import Utc
 from tle.passes import find_passes
 from tle.propagator import Propagator
 from tle.site import Site
-from tle.sources import parse_elements
 
 SITE = (52.1541, 4.4908, 0.0)
 DUT1_S, XP_ARCSEC, YP_ARCSEC = 0.05, 0.17, 0.32

@@ -30,11 +30,12 @@ from sattrack.servers.antenna.antenna_focus import FORM, parse_focuser, start_fo
 from sattrack.servers.antenna.door import BAUDS, DEFAULT_FRAMING, AntennaServer, SerialChannel
 from sattrack.servers.antenna.equipment import Antenna
 from sattrack.servers.antenna.focus import FocusAxis, SimulatedFocuser
+from sattrack.servers.antenna.led_mount import DEC_LIMIT_DEG, axis_range
 from sattrack.servers.antenna.line import Check
 from sattrack.servers.antenna.log_lines import spoken
 from sattrack.servers.antenna.serve import LEAVE, AntennaLoop
 from sattrack.servers.antenna.sky import Sky
-from sattrack.servers.antenna.station import DEC_LIMIT_DEG, Station, axis_range
+from sattrack.servers.antenna.station import Station
 from sattrack.servers.antenna.trajectory import to_ns
 from sattrack.servers.callers import CallerLimits, listen
 

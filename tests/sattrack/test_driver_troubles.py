@@ -33,9 +33,10 @@ from sattrack.servers.alpaca.messages import MoveOrder, NumberedOrder
 from sattrack.servers.alpaca.station import TelescopeStation
 from sattrack.servers.antenna.equipment import Antenna
 from sattrack.servers.antenna.focus import SimulatedFocuser
+from sattrack.servers.antenna.led_mount import axis_range
 from sattrack.servers.antenna.line import encode
 from sattrack.servers.antenna.sky import Sky
-from sattrack.servers.antenna.station import Station, axis_range
+from sattrack.servers.antenna.station import Station
 from sattrack.servers.antenna.trajectory import to_ns
 from sattrack.servers.rotctld.answers import Client
 from sattrack.servers.rotctld.rotator import RotatorStation

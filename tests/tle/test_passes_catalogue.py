@@ -20,6 +20,7 @@ from tle.deep_gate import gated, mean_places
 from tle.deep_space import DeepSpace
 from tle.earth import EarthOrientation
 from tle.elements import Elements
+from tle.formats.registry import parse_elements
 from tle.gate import orbit_bounds
 from tle.ground import Ground
 from tle.horizon import Horizon, HorizonMask
@@ -28,7 +29,6 @@ from tle.near_earth import brouwer_mean_motion, in_plane, mean_orbit, start_near
 from tle.passes import find_passes
 from tle.propagator import Propagator
 from tle.site import Site
-from tle.sources import parse_elements
 
 # The search by numpy, and by code compiled with numba where the extra `fast` is installed.
 PATHS = [

@@ -47,8 +47,7 @@ from sattrack.servers.alpaca.messages import (
 
 if TYPE_CHECKING:
     from sattrack.control.manual.procedures import Desk, Procedure
-    from sattrack.mount.model import MountProfile
-    from sattrack.mount.xerxes.datagrams import Status
+    from sattrack.mount.model import MountProfile, Status
     from sattrack.safety import SafetyLimits
     from sattrack.servers.alpaca.messages import Order
 

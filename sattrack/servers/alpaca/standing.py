@@ -21,7 +21,6 @@ from sattrack.views.messages import OffsetBy
 if TYPE_CHECKING:
     from sattrack.control.engine import Engine
     from sattrack.mount.model import MountProfile, Status
-    from sattrack.mount.xerxes.datagrams import Status
     from sattrack.mount.xerxes.session import Session
     from sattrack.servers.alpaca.messages import BiasOrder
 

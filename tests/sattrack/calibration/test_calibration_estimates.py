@@ -14,7 +14,6 @@ from sattrack.calibration.motion import AxisResponse, Plateau, Stretch, axis_res
 from sattrack.calibration.servo import Transient, braking
 from sattrack.calibration.statuses import Heard, StatusLog, TurnForecast
 from sattrack.mount.model import Status
-from sattrack.mount.xerxes.datagrams import Status
 
 SIDEREAL_DEG_S = 360.0 / 86164.0905
 

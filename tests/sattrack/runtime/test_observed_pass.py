@@ -17,7 +17,8 @@ from live import until
 from programs import ended, free_port, sattrack
 
 from sattrack.recording.format import OPERATOR, VIEW
-from sattrack.recording.replay import Recording, replay
+from sattrack.recording.reading import Recording
+from sattrack.recording.replay import replay
 from sattrack.runtime import practice
 from sattrack.runtime.facts import build_engine, decode_facts
 from sattrack.views.messages import encode_message

@@ -10,7 +10,7 @@ import pytest
 from antenna_harness import VirtualAntenna, rms
 
 from sattrack.mount.model import MountProfile
-from sattrack.servers.antenna.station import axis_range
+from sattrack.servers.antenna.led_mount import axis_range
 from sattrack.servers.antenna.trajectory import to_ns
 from tle.instants import Utc
 
