@@ -32,7 +32,7 @@ from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import BackgroundRecorder, NoRecording, Recorder, Sink, create
 from sattrack.recording.replay import replay
 from sattrack.runtime import fly, practice
-from sattrack.runtime.again import engine_of
+from sattrack.runtime.facts import engine_of
 from sattrack.runtime.prepare import Prepared, RunRequest, prepare
 from sattrack.views.run import TrackView
 

@@ -18,11 +18,11 @@ from unittest.mock import patch
 
 from rehearsal_draws import draw, fly, noisy
 
-from sattrack.planning.feasibility import ability_at, why_not_feasible
+from sattrack.planning.kinematics import ability_at, why_not_feasible
 from sattrack.runtime import rehearse as rehearsing
 
 if TYPE_CHECKING:
-    from sattrack.planning.report import Report
+    from sattrack.planning.rehearsal import Report
     from sattrack.planning.trace import Performance
     from sattrack.runtime.facts import RunFacts
     from sattrack.runtime.prepare import Prepared

@@ -103,7 +103,7 @@ def check_pass(path: Path, config: pytest.Config, tolerances: Tolerances | None 
     from sattrack.recording.reading import Recording
     from sattrack.recording.replay import replay
     from sattrack.recording.wording import replay_lines
-    from sattrack.runtime.again import engine_of, open_recording
+    from sattrack.runtime.facts import engine_of, open_recording
 
     recording, _ = open_recording(path)
     kept = path.with_name(path.stem + EXPECTED)

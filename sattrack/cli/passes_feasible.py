@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sattrack.planning.feasibility import ability_at, why_not_feasible
+from sattrack.planning.kinematics import ability_at, why_not_feasible
 
 if TYPE_CHECKING:
     from sattrack.cli.passes_rows import PassTable

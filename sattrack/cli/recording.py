@@ -15,7 +15,7 @@ from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.recording.anonymous import random_shift_s, write_anonymous, write_as_it_is
 from sattrack.recording.columns import ERROR, TABLES, error_columns, table_of
 from sattrack.recording.trace import trace
-from sattrack.runtime.again import engine_of, open_recording
+from sattrack.runtime.facts import engine_of, open_recording
 
 if TYPE_CHECKING:
     from sattrack.recording.looking import RecordingView

@@ -9,7 +9,7 @@ import click
 from tle.errors import printable
 
 if TYPE_CHECKING:
-    from sattrack.planning.report import CutMoment, Report
+    from sattrack.planning.rehearsal import CutMoment, Report
 
 ROWS = 9
 """Moments of the pass for which the time after a cut link is printed."""

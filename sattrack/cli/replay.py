@@ -29,7 +29,7 @@ from sattrack.recording.comparison import Choice
 from sattrack.recording.format import VIEW
 from sattrack.recording.replay import replay
 from sattrack.recording.wording import replay_lines, replay_view
-from sattrack.runtime.again import engine_of, open_recording
+from sattrack.runtime.facts import engine_of, open_recording
 from sattrack.runtime.outcome import Ledger, summarise
 from sattrack.runtime.whatif import read_law, what_if
 from sattrack.views.run import SummaryLine

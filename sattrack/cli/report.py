@@ -16,7 +16,7 @@ from sattrack.core.errors import BadInputError
 from sattrack.recording.report import make_report
 from sattrack.recording.report_text import report_html, report_lines, trend_lines
 from sattrack.recording.trace import trace
-from sattrack.runtime.again import engine_of, open_recording
+from sattrack.runtime.facts import engine_of, open_recording
 from sattrack.runtime.remembering import keep_fit
 
 if TYPE_CHECKING:

@@ -74,20 +74,20 @@ def command(context: CommandContext, file: Path, **options: Any) -> int:
 
         return show_check(context, file, options)
     if options["status"]:
-        from sattrack.cli.run_status import show_status
+        from sattrack.cli.run_told import show_status
 
         if options["resume"]:
-            from sattrack.cli.run_night import folder_of, take_back
+            from sattrack.cli.run_night import take_back
 
             take_back(folder_of(file, options["folder"]))
-        return show_status(context, file, options["folder"])
+        return show_status(context, folder_of(file, options["folder"]))
     if not options["dry_run"]:
         from sattrack.cli.run_night import run_schedule
 
         for name in ("png", "ics"):
             if options[name] is not None:
                 raise BadInputError(f"--{name} goes with --dry-run")
-        return run_schedule(context, file, options)
+        return run_schedule(context, file, folder_of(file, options["folder"]), options)
     from sattrack.schedule.file import load_schedule
 
     schedule = load_schedule(file)
@@ -105,6 +105,11 @@ def command(context: CommandContext, file: Path, **options: Any) -> int:
     return 0
 
 
+def folder_of(file: Path, given: Path | None) -> Path:
+    """Return where a schedule's run keeps its journal, status, summaries and recordings."""
+    return file.with_suffix(".run") if given is None else given
+
+
 def _plan(context: CommandContext, schedule: Schedule, options: dict[str, Any]) -> Plan:
     from msgspec import structs
 
@@ -119,7 +124,7 @@ def _plan(context: CommandContext, schedule: Schedule, options: dict[str, Any]) 
     situation = _situation(context, schedule, profile, options)
     rehearse = None
     if options["rehearse"]:
-        from sattrack.cli.run_rehearse import rehearser
+        from sattrack.cli.run_plan import rehearser
 
         rehearse = rehearser(context, profile, schedule)
     plan = make_plan(schedule, situation, loader(context, schedule), rehearse, progress())
@@ -147,7 +152,7 @@ def _situation(
 
 def _write(plan: Plan, context: CommandContext, options: dict[str, Any]) -> None:
     if options["ics"] is not None:
-        from sattrack.cli.run_calendar import as_calendar
+        from sattrack.cli.run_plan import as_calendar
 
         try:
             options["ics"].write_bytes(as_calendar(plan, context.now()).encode())
@@ -166,7 +171,7 @@ def _write(plan: Plan, context: CommandContext, options: dict[str, Any]) -> None
 
         click.echo(msgspec.json.encode(plan).decode())
     else:
-        from sattrack.cli.run_text import plan_lines
+        from sattrack.cli.run_told import plan_lines
 
         colour = False if os.environ.get("NO_COLOR") else None
         click.echo("\n".join(plan_lines(plan)), color=colour)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections import Counter
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -18,17 +19,19 @@ from sattrack.cli.run_plan import (
     within_half_a_turn,
 )
 from sattrack.cli.run_told import Told
+from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError, TerminatedRunError
 from sattrack.runtime import practice
 from sattrack.runtime.mounts import is_antenna, mount_address
+from sattrack.schedule.candidates import named_by
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import make_plan_and_choice
 from sattrack.schedule.night import End, NightPass, Planned, Ways
 from sattrack.schedule.night_commands import Errands, Notifier
-from sattrack.schedule.night_drive import drive
 from sattrack.schedule.night_files import NightFiles, take_up
-from sattrack.schedule.night_flight import Airspace
+from sattrack.schedule.night_hands import Kit, LiveHands, drive
 from sattrack.schedule.night_journal import locked
+from sattrack.schedule.night_session import this_program
 from sattrack.schedule.night_stop import (
     NightRequests,
     heeding_signals,
@@ -38,12 +41,11 @@ from sattrack.schedule.night_stop import (
     take_back_stop,
     unlist_night,
 )
-from sattrack.schedule.night_troubles import Troubles
-from sattrack.schedule.night_virtual import VirtualHands
-from sattrack.schedule.search import named_by
+from sattrack.schedule.night_virtual import Airspace, Troubles, VirtualHands
 from sattrack.schedule.service import Service
 from tle.errors import TleError
 from tle.instants import Utc
+from tle.sources import newest
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -56,9 +58,11 @@ if TYPE_CHECKING:
     from sattrack.schedule.file import Schedule
     from sattrack.schedule.making import Chosen
     from sattrack.schedule.night import Run
-    from sattrack.schedule.night_drive import Hands
+    from sattrack.schedule.night_hands import Hands
     from sattrack.schedule.night_journal import Journal
     from sattrack.schedule.night_stop import OperatorStop
+    from tle.elements import Elements
+
 
 NOON_S, S_PER_DEG = 43200.0, 240.0
 VIRTUAL_DAYS = 1.0
@@ -85,7 +89,7 @@ class NightPlans:
             situation = replace(situation, taken=self.journal.followed())
         rehearse = None
         if self.rehearse:
-            from sattrack.cli.run_rehearse import rehearser
+            from sattrack.cli.run_plan import rehearser
 
             rehearse = rehearser(self.context, self.profile, schedule)
         load = loader(self.context, schedule)
@@ -118,11 +122,6 @@ def _night_pass(
         renewable=load(entry.source).renewable,
         lost_to=one.lost_to,
     )
-
-
-def folder_of(file: Path, given: Path | None) -> Path:
-    """Return where a schedule's run keeps its journal, status, summaries and recordings."""
-    return file.with_suffix(".run") if given is None else given
 
 
 @dataclass(frozen=True, slots=True)
@@ -164,10 +163,9 @@ def show_check(context: CommandContext, file: Path, options: dict[str, Any]) -> 
     return 0
 
 
-def run_schedule(context: CommandContext, file: Path, options: dict[str, Any]) -> int:
+def run_schedule(context: CommandContext, file: Path, folder: Path, options: dict[str, Any]) -> int:
     """Run a schedule, or run it on, to its end. Raises the error whose exit code it ends with."""
     checked = check_schedule(context, file, options)
-    folder = folder_of(file, options["folder"])
     requests = NightRequests(folder)
     with locked(folder), heeding_signals(requests):
         if options["resume"]:
@@ -223,8 +221,6 @@ def _driven(
             hands = _virtual_hands(context, schedule, parts, options["seed"])
             hands.now_utc_s = checked.ways.from_utc_s
         else:
-            from sattrack.cli.run_live import live_hands
-
             hands = live_hands(
                 *(context, schedule, checked.profile, checked.mount_url),
                 (plans, files, taken.journal, told, requests),
@@ -328,3 +324,71 @@ def _finish(run: Run, end: End | None, told: Told, requests: NightRequests, file
         raise InterruptedRunError(f"{end.why}; run it again to go on with the passes to come")
     told.end(run)
     return 0
+
+
+def live_hands(
+    context: CommandContext,
+    schedule: Schedule,
+    profile: ProfileFile,
+    mount_url: str,
+    parts: tuple[NightPlans, NightFiles, Journal, Told, NightRequests],
+    read_again: Callable[[], tuple[Schedule, Ways]],
+) -> LiveHands:
+    """Return what carries a schedule out in real time."""
+    plans, files, journal, told, requests = parts
+    clock = context.clock()
+    simulated = clock if isinstance(clock, SimulatedClock) else None
+
+    def now() -> float:
+        return time.time() if simulated is None else simulated.utc_s(time.monotonic())
+
+    def clock_option() -> tuple[str, ...]:
+        if simulated is None:
+            return ()
+        return ("--clock", f"{Utc(now()).isoformat('milliseconds')}x{simulated.speed:g}")
+
+    kit = Kit(
+        schedule=schedule,
+        site=context.site(),
+        profile=profile.mount,
+        address=mount_address(mount_url),
+        folder=plans.file.absolute().parent,
+        program=tuple(this_program()),
+        common=_common(context, mount_url, files.profile(profile)),
+        now=now,
+        speed=1.0 if simulated is None else simulated.speed,
+        clock=clock_option,
+        plan=plans.make,
+        renew=renewer(context, schedule),
+        waits=told.waits,
+        follows=told.follows,
+        tell=tell,
+        troubled=told.troubled,
+        read_again=read_again,
+        errands=Errands(tell),
+        requests=requests,
+        service=told.service,
+    )
+    return LiveHands(kit, files, journal)
+
+
+def _common(context: CommandContext, mount_url: str, profile: Path) -> tuple[str, ...]:
+    """Return the options that every command of ours is given, as this one was."""
+    given = click.get_current_context().params
+    site = context.site()
+    options = ["--mount", mount_url, "--site", f"{site.latitude_deg},{site.longitude_deg},{site.height_m}"]
+    if given.get("config") is not None:
+        options += ["--config", str(given["config"])]
+    return (*options, "--profile", str(profile))
+
+
+def renewer(context: CommandContext, schedule: Schedule) -> Callable[[NightPass], Elements | None]:
+    """Return what gives a pass' satellite's newest elements, by the providers' rules; None where none are."""
+
+    def renew(one: NightPass) -> Elements | None:
+        sources = (*context.sources(), *schedule.elements) if one.source is None else (one.source,)
+        number = one.elements.catalog_number
+        found = [each for each in newest(context.load(sources).accepted) if each.catalog_number == number]
+        return found[0] if found and found[0].epoch.unix_s > one.elements.epoch.unix_s else None
+
+    return renew

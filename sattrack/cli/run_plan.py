@@ -1,4 +1,4 @@
-"""What a plan is made of on the command line: where and when, and whose elements."""
+"""The plan of a schedule on the command line: its situation, elements, rehearsals and calendar."""
 
 from __future__ import annotations
 
@@ -10,9 +10,15 @@ import click
 import msgspec
 
 from sattrack.cli.common import tell
+from sattrack.cli.icalendar import Event, calendar_text, stamp
 from sattrack.core.errors import BadInputError
 from sattrack.mount.requests import Park
+from sattrack.runtime.prepare import check_site
+from sattrack.schedule.candidates import Loaded, Situation
+from tle.brightness import read_magnitudes
+from tle.errors import printable
 from tle.instants import Utc
+from tle.sources import is_fetched, newest
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -20,10 +26,12 @@ if TYPE_CHECKING:
     from sattrack.cli.common import CommandContext
     from sattrack.mount.profiles import ProfileFile
     from sattrack.runtime.mounts import MountAddress
-    from sattrack.schedule.candidates import Loaded, Situation
+    from sattrack.schedule.candidates import Candidate
     from sattrack.schedule.file import Schedule
+    from sattrack.schedule.plan import Plan, PlannedPass, Rehearsed
 
     Span = tuple[float, float]
+
 
 MOST_HOUR_ANGLE_DEG = 170.0
 
@@ -48,10 +56,6 @@ def situation_of(
     context: CommandContext, schedule: Schedule, profile: ProfileFile, span: Span, now_utc_s: float
 ) -> Situation:
     """Return where and when a plan is made. Raises BadInputError, naming what does not go together."""
-    from sattrack.runtime.prepare import check_site
-    from sattrack.schedule.candidates import Situation
-    from tle.brightness import read_magnitudes
-
     site = context.site()
     check_site(profile.mount, site)
     limits = context.settings.safety.limits()
@@ -87,9 +91,6 @@ def why_left(schedule: Schedule, profile: ProfileFile, address: MountAddress | N
 
 def loader(context: CommandContext, schedule: Schedule) -> Callable[[str | None], Loaded]:
     """Return what gives the elements of a source, each read once."""
-    from sattrack.schedule.candidates import Loaded
-    from tle.sources import is_fetched, newest
-
     known: dict[str | None, Loaded] = {}
 
     def load(source: str | None) -> Loaded:
@@ -122,3 +123,56 @@ def progress() -> Callable[[str, int, int], None] | None:
         click.echo(f"\r\x1b[K{words}", nl=False, err=True)
 
     return show
+
+
+def rehearser(
+    context: CommandContext, profile: ProfileFile, schedule: Schedule
+) -> Callable[[Candidate, float, float], Rehearsed]:
+    """Return what rehearses a candidate from one instant to another, POSIX seconds of UTC."""
+    from sattrack.control.tracker import TrackPlan
+    from sattrack.runtime.prepare import Prepared, planned_facts
+    from sattrack.runtime.rehearse import READY_S, rehearse
+    from sattrack.schedule.plan import Rehearsed
+
+    site, clock = context.site(), context.clock()
+    limits = context.settings.safety.limits()
+
+    def run(one: Candidate, start_utc_s: float, end_utc_s: float) -> Rehearsed:
+        plan = TrackPlan(start_utc_s=start_utc_s, end_utc_s=end_utc_s)
+        terms = schedule.entries[one.entry].terms
+        started_utc_s = start_utc_s - plan.approach_s - READY_S
+        facts = planned_facts(one, terms, plan, started_utc_s, site, profile.mount, limits)
+        report = rehearse(Prepared(facts, clock, None, False, profile.simulator)).report
+        return Rehearsed(report.go, report.verdict, report.on_target_s, report.lost_s)
+
+    return run
+
+
+def as_calendar(plan: Plan, made: Utc) -> str:
+    """Return the passes of a plan as events, made at an instant."""
+    return calendar_text("schedule", [_event(one, made) for one in plan.passes])
+
+
+def _event(one: PlannedPass, made: Utc) -> Event:
+    label = printable(one.name or str(one.catalog_number))
+    told = [
+        f"Highest at {one.culminate_utc[:19]}Z: {one.max_alt_deg:.0f}°.",
+        f"From azimuth {one.start_az_deg:.0f}° to {one.end_az_deg:.0f}°.",
+        f"{one.useful_s:.0f} useful seconds, priority {one.priority:g}.",
+        f"The mount sets out by {one.leave_utc[:19]}Z.",
+        *(["Shortened."] if one.shortened else []),
+        f"Asked by {printable(one.asked_by)}",
+    ]
+    if one.before:
+        told.append(f"Before: {'; '.join(one.before)}")
+    if one.after:
+        told.append(f"After: {'; '.join(one.after)}")
+    return Event(
+        uid=f"{one.catalog_number}-{stamp(Utc.parse(one.culminate_utc))}-plan@sattrack",
+        stamp=made,
+        start=Utc.parse(one.start_utc),
+        end=Utc.parse(one.end_utc),
+        summary=f"{label} {one.max_alt_deg:.0f}°",
+        description="\n".join(told),
+        categories="satellite pass",
+    )

@@ -10,7 +10,7 @@ import numpy as np
 
 from sattrack.core.errors import BadInputError
 from sattrack.safety.bodies import sun_over
-from sattrack.schedule.why import SAME
+from sattrack.schedule.making import SAME
 from tle.errors import printable
 from tle.instants import Utc
 

@@ -1,4 +1,4 @@
-"""How a schedule's run is told while it goes on: a line that renews itself, JSON lines, the status file."""
+"""A schedule's run and its plan on the terminal: lines, JSON lines, the status file and its table."""
 
 from __future__ import annotations
 
@@ -10,22 +10,25 @@ import click
 import msgspec
 
 from sattrack.cli.common import tell
-from sattrack.cli.run_text import duration
 from sattrack.core.errors import SattrackError
 from sattrack.schedule.night import Planned, Started, SummedUp
 from sattrack.schedule.night_commands import facts_of
-from sattrack.schedule.night_files import OLD_AFTER_S
-from sattrack.schedule.showing import view_of
+from sattrack.schedule.night_files import OLD_AFTER_S, read_status
+from sattrack.schedule.summary import held_words, view_of
 from tle.errors import printable
 from tle.instants import Utc
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from sattrack.cli.common import CommandContext
     from sattrack.schedule.night import Doing, Happening, Run
     from sattrack.schedule.night_commands import Notifier
     from sattrack.schedule.night_files import NightFiles
     from sattrack.schedule.night_journal import Journal
+    from sattrack.schedule.plan import Asked, LostPass, Plan, PlannedPass
     from sattrack.schedule.service import Service
-    from sattrack.views.schedule import ScheduleView
+    from sattrack.views.schedule import PassView, ScheduleView
 
 
 FOLLOWS_EVERY_S, STATUS_EVERY_S = 1.0, 1.0
@@ -174,3 +177,161 @@ def progress_line(view: ScheduleView) -> str:
         words += f"  in {duration(view.next_in_s)}  ({following.max_alt_deg:.0f}° high)"
     over = sum(one.state not in ("waiting", "in progress") for one in view.passes)
     return f"{words}  {over} of {len(view.passes)} over  mount {view.mount}"
+
+
+def show_status(context: CommandContext, folder: Path) -> int:
+    """Show the last status of a run's folder. Raises SattrackError where there is none."""
+    view = read_status(folder)
+    if view is None:
+        raise SattrackError(f"{folder}: this schedule was never run here; --folder names another place")
+    if context.json:
+        click.echo(msgspec.json.encode(view).decode())
+    else:
+        click.echo("\n".join(status_lines(view)))
+    return 0
+
+
+def status_lines(view: ScheduleView) -> list[str]:
+    """Return the status as lines of text."""
+    alive = f"runs, process {view.pid}" if view.running else "does not run"
+    as_of = f"as of {Utc(view.utc_s).isoformat('seconds')}"
+    if view.old and view.age_s is not None:
+        as_of += f", OLD: nothing was heard for {view.age_s:.0f} s; before that"
+    lines = [
+        f"{printable(view.schedule)} {alive}; {as_of}: {printable(view.doing)}",
+        f"night {view.night}: {view.from_utc} to {view.to_utc}; mount {view.mount}",
+    ]
+    if view.stopped_utc is not None:
+        stopped = f"STOPPED BY AN OPERATOR at {view.stopped_utc} ({printable(str(view.stopped_by))})"
+        lines.append(f"{stopped}: nothing is followed; `{view.resume}` goes on")
+    lines += [f"TROUBLE: {printable(words)}" for words in view.troubles]
+    if view.weather is not None:
+        lines.append(f"weather: {printable(view.weather)}")
+    if view.passes:
+        lines += ["", "  #  Start UTC  End       Alt°   State        Satellite"]
+    lines += [_line(one, view) for one in view.passes]
+    if view.not_planned:
+        lines.append(f"     {view.not_planned} other passes were seen and are not planned")
+    if view.notes:
+        lines += ["", *(f"  {printable(note)}" for note in view.notes)]
+    if view.summary is not None:
+        lines += ["", f"last summary: {view.folder}/{view.summary}"]
+    return lines
+
+
+def _line(one: PassView, view: ScheduleView) -> str:
+    why = f": {one.cause}" + (f": {printable(one.words)}" if one.words else "") if one.cause else ""
+    if one.on_target_s and one.rms_arcsec is not None:
+        why = f"  {one.on_target_s:.0f} s, {one.rms_arcsec:.2f}″ RMS{why}"
+    held = held_words(one)
+    why += f"; {held}" if held else ""
+    if not one.on_target_s and one.lost_to:
+        why += "  foretold: " + ", ".join(f"{lost.seconds:.0f} s to the {lost.limit}" for lost in one.lost_to)
+    if one.number == view.next_number and view.next_in_s is not None and view.next_in_s > 0.0:
+        why += f"  in {duration(view.next_in_s)}"
+    return (
+        f"{one.number:3d}  {one.start_utc[11:19]}   {one.end_utc[11:19]}  {one.max_alt_deg:5.1f}  "
+        f"{one.state:<11}  {printable(one.name)}{why}"
+    )
+
+
+MOST_LOST = 60
+_HEAD = "  #  Start UTC  End       Idle     Slew s  Alt°   Sun°  Useful s  Value     Satellite"
+_LOST_HEAD = "     Start UTC  End       Alt°  Value     Why"
+
+
+def plan_lines(plan: Plan) -> list[str]:
+    """Return the lines of a table."""
+    lines = [
+        f"{printable(plan.schedule)}: {_short(plan.from_utc)} to {_short(plan.to_utc)} UTC, "
+        f"mount {printable(plan.profile)}; times in the file without a zone are {plan.timezone}"
+    ]
+    if plan.passes:
+        lines += ["", click.style(_HEAD, bold=True)]
+    day = plan.from_utc[:10]
+    for one in plan.passes:
+        day = _new_day(lines, one.start_utc, day)
+        lines += _pass_lines(one)
+    lines += ["", _total(plan)]
+    if plan.lost:
+        lines += ["", click.style("Not taken", bold=True), click.style(_LOST_HEAD, bold=True)]
+        day = plan.from_utc[:10]
+        for lost in plan.lost[:MOST_LOST]:
+            day = _new_day(lines, lost.start_utc, day)
+            lines.append(_lost_line(lost))
+        if plan.lost[MOST_LOST:]:
+            lines.append(f"     and {len(plan.lost) - MOST_LOST} more; --json has them all")
+    lines += ["", click.style("Asked for", bold=True)]
+    lines += [_asked_line(one) for one in plan.asked]
+    lines.append(_conditions(plan))
+    return lines
+
+
+def _new_day(lines: list[str], utc: str, day: str) -> str:
+    if utc[:10] != day:
+        lines.append(click.style(utc[:10], bold=True))
+    return utc[:10]
+
+
+def _pass_lines(one: PlannedPass) -> list[str]:
+    name = printable(one.name or str(one.catalog_number))
+    sun = "-" if one.sun_alt_deg is None else f"{one.sun_alt_deg:.0f}"
+    words = name + ("  shortened" if one.shortened else "")
+    if one.priority != 1.0:
+        words += f"  priority {one.priority:g}"
+    lines = [
+        f"{one.number:3d}  {one.start_utc[11:19]}   {one.end_utc[11:19]}  {duration(one.idle_s):>7}  "
+        f"{one.slew_s:6.1f}  {one.max_alt_deg:5.1f}  {sun:>4}  {one.useful_s:8.0f}  {one.value:8.0f}  {words}"
+    ]
+    indent = " " * 5
+    extra = [("before", list(one.before)), ("after", list(one.after))]
+    if one.bias_along_s or one.bias_cross_deg:
+        extra.append(("bias", [f"{one.bias_along_s:g} s along, {one.bias_cross_deg:g}° across"]))
+    extra.append(("lost", [f"{lost.seconds:.0f} s to the {lost.limit}: {lost.why}" for lost in one.lost_to]))
+    if one.rehearsed is not None:
+        extra.append(("rehearsed", [one.rehearsed.verdict]))
+    extra.append(("note", list(one.notes)))
+    lines += [f"{indent}{what}: {printable('; '.join(said))}" for what, said in extra if said]
+    return lines
+
+
+def _lost_line(one: LostPass) -> str:
+    name = printable(one.name or str(one.catalog_number))
+    return (
+        f"     {one.start_utc[11:19]}   {one.end_utc[11:19]}  {one.max_alt_deg:5.1f}  {one.value:8.0f}  "
+        f"{name}: {click.style(one.reason, fg='yellow')}: {printable(one.why)}"
+    )
+
+
+def _total(plan: Plan) -> str:
+    count = len(plan.passes)
+    return (
+        f"{count} {'pass' if count == 1 else 'passes'}, {plan.useful_s:.0f} useful seconds, "
+        f"value {plan.value:.0f}; {duration(plan.slew_s)} of slews, "
+        f"{duration(plan.idle_s)} idle before and between; {len(plan.lost)} lost"
+    )
+
+
+def _asked_line(one: Asked) -> str:
+    said = [f"{one.passes} seen", f"{one.planned} planned", f"{one.lost} lost"]
+    said += [f"{count} {why}" for why, count in one.left_out.items()]
+    return f"     {printable(one.asked_at)}: {printable(one.asked_by)}: {', '.join(said)}"
+
+
+def _conditions(plan: Plan) -> str:
+    weather = "nobody is asked about the weather" if plan.weather is None else f"weather by {plan.weather}"
+    return f"     {printable(weather)}; the mount is {'parked' if plan.park_at_end else 'left'} at the end"
+
+
+def duration(seconds: float) -> str:
+    """Return seconds as 95s, 12m05s or 3h07m."""
+    whole = round(seconds)
+    if whole < 100:
+        return f"{whole}s"
+    if whole < 3600:
+        return f"{whole // 60}m{whole % 60:02d}s"
+    return f"{whole // 3600}h{whole % 3600 // 60:02d}m"
+
+
+def _short(utc: str) -> str:
+    return utc[:16].replace("T", " ")

@@ -18,14 +18,19 @@ import numpy as np
 
 from sattrack.control.detour import Detour
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.planning.path import axis_path
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from sattrack.control.tracker import TrackPlan
     from sattrack.mount.model import AxisLimits, MountProfile
     from sattrack.planning.path import AxisPath
+    from tle.bias import Bias
+    from tle.propagator import Propagator
 
     Array = NDArray[np.float64]
+
 
 RATE_SHARE, ACCELERATION_SHARE = 0.99, 0.95
 """What a way may use of the axis' limits: the controller needs the rest to correct with."""
@@ -362,3 +367,26 @@ class _Search:
 
 def _around(middle: float, span: float, low: float, high: float) -> Array:
     return np.clip(np.linspace(middle - abs(span), middle + abs(span), FINE), low, high)
+
+
+STEP_S = 0.05
+MOST_SAMPLES = 60_000
+
+
+def detours_for(
+    propagator: Propagator, bias: Bias, plan: TrackPlan, profile: MountProfile
+) -> tuple[Detour, ...]:
+    """Return the detours of a plan; none where the profile does not let following go through the pole.
+
+    Round the pole no way loses less than following as long as the axes can and catching up, which needs no
+    plan. `propagator` gives what is fed. Raises TimeRangeError, PropagationError.
+    """
+    if not profile.through_pole:
+        return ()
+    duration_s = plan.end_utc_s - plan.start_utc_s
+    count = min(MOST_SAMPLES, max(8, math.ceil(duration_s / STEP_S) + 1))
+    path = axis_path(propagator, bias, np.linspace(plan.start_utc_s, plan.end_utc_s, count))
+    if not np.isfinite(path.pointing.dec_axis_deg).all():
+        return ()
+    found = find_keyholes(path, profile, plan.on_target_arcsec / 3600.0)
+    return tuple(k.detour for k in found if k.detour is not None and k.detour.through_pole)

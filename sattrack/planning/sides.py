@@ -16,7 +16,7 @@ import numpy as np
 
 from sattrack.control.approach import MARGIN_S, slew_time_s
 from sattrack.planning.kinematics import NEAR_DEG, NO_WAY_ROUND, losses
-from sattrack.planning.limits import margins_deg
+from sattrack.planning.path import margins_deg
 from tle.instants import Utc
 
 if TYPE_CHECKING:

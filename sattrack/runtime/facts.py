@@ -9,7 +9,7 @@ import msgspec
 
 from sattrack.control.engine import Engine, RunSpec
 from sattrack.control.tracker import TrackPlan
-from sattrack.core.errors import SattrackError
+from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.utc_json import decode_utc, encode_utc
 from sattrack.mount.model import MountProfile
 from sattrack.safety import SafetyLimits
@@ -17,6 +17,7 @@ from sattrack.settings import SiteSettings
 from sattrack.views.run import RememberedView
 from tle.bias import Bias
 from tle.elements import Elements
+from tle.errors import TleError
 from tle.instants import Utc
 from tle.passes import Pass, find_passes
 from tle.propagator import Propagator
@@ -24,8 +25,11 @@ from tle.refraction import Refraction
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
+    from sattrack.recording.reading import Recording
     from tle.site import Site
+
 
 SEARCH_HOURS = 48.0
 SAME_PASS_S = 120.0
@@ -151,3 +155,26 @@ def suited_to(plan: TrackPlan, profile: MountProfile, on_target_arcsec: float) -
     feeder = msgspec.structs.replace(law.feeder, settling_s=settling_s)
     law = msgspec.structs.replace(law, feeder=feeder)
     return msgspec.structs.replace(plan, law=law, on_target_arcsec=on_target_arcsec)
+
+
+def open_recording(path: Path, part: int = 1) -> tuple[Recording, RunFacts]:
+    """Return a recording and the facts of its run.
+
+    Raises BadInputError where the file is none, or its facts cannot be read by this version.
+    """
+    from sattrack.recording.reading import Recording
+
+    recording = Recording(path, part)
+    try:
+        facts = decode_facts(recording.header.spec)
+    except (msgspec.MsgspecError, TleError) as error:
+        raise BadInputError(
+            f"{path}: the run's facts, written by sattrack {recording.header.program_version}, "
+            f"cannot be read: {error}"
+        ) from error
+    return recording, facts
+
+
+def engine_of(spec: msgspec.Raw) -> Engine:
+    """Return a new engine for the facts that a recording holds; raises msgspec.MsgspecError, TleError."""
+    return build_engine(decode_facts(spec))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import msgspec
 
@@ -13,7 +13,15 @@ from sattrack.core.clock import Clock, make_clock
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.profiles import ProfileFile
 from sattrack.runtime import practice
-from sattrack.runtime.facts import RunFacts, build_engine, choose_pass, first_bias, plan_for, suited_to
+from sattrack.runtime.facts import (
+    SIMULATED,
+    RunFacts,
+    build_engine,
+    choose_pass,
+    first_bias,
+    plan_for,
+    suited_to,
+)
 from sattrack.runtime.mounts import mount_address
 from sattrack.runtime.remembering import MemoryMode, recall, uses_memory
 from sattrack.safety import SafetyLimits
@@ -28,9 +36,11 @@ if TYPE_CHECKING:
     from sattrack.control.tracker import TrackPlan
     from sattrack.mount.model import MountProfile
     from sattrack.runtime.mounts import MountAddress
+    from sattrack.schedule.schema import Terms
     from sattrack.views.run import RememberedView
     from tle.elements import Elements
     from tle.site import Site
+
 
 SAME_SITE_DEG = 0.1
 VIRTUAL_LEAD_S = 5.0
@@ -169,7 +179,7 @@ def with_detours(facts: RunFacts) -> RunFacts:
     """Return the facts with the ways past the celestial pole in their plan, where the profile has it so."""
     if not facts.profile.through_pole:
         return facts
-    from sattrack.planning.passing import detours_for
+    from sattrack.planning.keyhole import detours_for
 
     spec = build_engine(facts).spec
     detours = detours_for(spec.propagator, first_bias(facts), facts.plan, facts.profile)
@@ -211,3 +221,50 @@ def _object_and_site(request: RunRequest, practising: bool) -> tuple[list[Elemen
     if request.site is None:
         raise BadInputError("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
     return request.elements, request.site
+
+
+class PlannedPass(Protocol):
+    """A pass of a plan, chosen or not."""
+
+    @property
+    def elements(self) -> Elements:
+        """Its satellite's elements."""
+
+    @property
+    def culminate_utc_s(self) -> float:
+        """When it is highest, POSIX seconds of UTC."""
+
+    @property
+    def max_alt_deg(self) -> float:
+        """How high it comes."""
+
+
+def planned_facts(
+    one: PlannedPass,
+    terms: Terms,
+    plan: TrackPlan,
+    started_utc_s: float,
+    site: Site,
+    mount: MountProfile,
+    limits: SafetyLimits,
+) -> RunFacts:
+    """Return the facts of a pass' run, by the terms of its schedule, in standard air."""
+    air = Refraction.standard(site.height_m)
+    return with_detours(
+        RunFacts(
+            elements=one.elements,
+            site=SiteSettings(site.latitude_deg, site.longitude_deg, site.height_m),
+            refraction="auto",
+            pressure_hpa=air.pressure_hpa,
+            temperature_c=air.temperature_c,
+            plan=plan,
+            culminate_utc_s=one.culminate_utc_s,
+            max_alt_deg=one.max_alt_deg,
+            profile=mount,
+            limits=limits,
+            bias_along_s=terms.bias_along_s,
+            bias_cross_deg=terms.bias_cross_deg,
+            mount_name=SIMULATED,
+            started_utc_s=started_utc_s,
+        )
+    )

@@ -20,8 +20,7 @@ from sattrack.recording.recorder import NoRecording
 from sattrack.recording.replay import Replay, replay
 from sattrack.recording.trace import trace
 from sattrack.runtime import practice
-from sattrack.runtime.again import engine_of
-from sattrack.runtime.facts import RunFacts, build_engine, decode_facts
+from sattrack.runtime.facts import RunFacts, build_engine, decode_facts, engine_of
 from sattrack.runtime.virtual import VirtualRun
 from sattrack.views.messages import decode_message
 

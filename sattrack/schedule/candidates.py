@@ -1,22 +1,45 @@
-"""Passes that a plan may be made of: what is known of one, and of where and when."""
+"""Passes that a plan may be made of: those that the entries of a schedule ask for, judged by the mount."""
 
 from __future__ import annotations
 
+import fnmatch
+import math
 from collections import Counter
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sattrack.core.origin import meant
+from sattrack.planning.kinematics import ability_at, verdict_on
+from sattrack.planning.path import Pointing, body_place_deg, margins_deg
+from sattrack.safety.bodies import sun_over
+from tle.catalogue_passes import find_catalogue_passes
+from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError
+from tle.facts import pass_facts, sun_altitudes_deg
+from tle.horizon import Horizon, HorizonMask
+from tle.instants import DAY_S, Utc
+from tle.propagator import Propagator
+from tle.sources import find
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from sattrack.mount.model import MountProfile
     from sattrack.planning.kinematics import Loss
     from sattrack.safety.limits import SafetyLimits
+    from sattrack.schedule.file import Entry, Schedule
+    from sattrack.schedule.nodes import Way
+    from tle.catalogue_passes import CataloguePasses, SatellitePass
     from tle.elements import Elements
+    from tle.facts import PassFacts
     from tle.site import Site
 
     Span = tuple[float, float]
     Progress = Callable[[str, int, int], None]
+    Cut = tuple[Span, tuple[str, str] | None]
+    """What of a pass may be followed, and why it is lost all the same."""
+
 
 TOO_LOW, CUT, SHORT, NOT_LIT = "too low", "cut", "too short", "not sunlit"
 FAINT, FAST = "too faint", "too fast"
@@ -109,3 +132,425 @@ class Found:
     passes: int = 0
     dropped: Counter[str] = field(default_factory=Counter)
     notes: list[str] = field(default_factory=list)
+
+
+class EntrySearch:
+    """The passes that one entry asks for."""
+
+    def __init__(self, number: int, entry: Entry, situation: Situation, progress: Progress | None) -> None:
+        """Take an entry with its number in the schedule."""
+        self.found = Found()
+        self._number, self._entry, self._situation = number, entry, situation
+        self._progress = progress
+        self._by_name = bool(entry.satellites)
+
+    def run(self, loaded: Loaded, magnitudes_known: bool) -> list[Candidate]:
+        """Return those that are to be told of. Raises BadInputError that names the entry, TleError."""
+        entry, span = self._entry, self._situation.span
+        if entry.conditions.brighter_than is not None and not magnitudes_known:
+            raise entry.origin.wrong(
+                "the rule asks for magnitudes, which element sets do not tell: set magnitudes = FILE"
+            )
+        chosen = self._chosen(loaded)
+        if entry.fixed is not None:
+            clipped = (max(entry.fixed[0], span[0]), min(entry.fixed[1], span[1]))
+            if clipped != entry.fixed:
+                return [self._not_fixed(chosen[0], CUT, "not whole within the plan's time")]
+            windows, span = [entry.fixed], entry.fixed
+        else:
+            windows = [span] if entry.windows is None else entry.windows(span)
+        if not chosen or not windows:
+            if not windows:
+                self.found.notes.append("its window lies outside the plan's time")
+            return []
+        passes = self._passes(chosen, span)
+        if passes.failed:
+            count, first = len(passes.failed), passes.failed[0][1]
+            self.found.notes.append(f"{count} of {len(chosen)} objects left out, the first: {first}")
+        if entry.fixed is not None and not len(passes):
+            words = f"below {entry.terms.min_altitude_deg:g}° or the skyline throughout"
+            return [self._not_fixed(chosen[0], TOO_LOW, words)]
+        return self._candidates(passes, windows, loaded)
+
+    def _not_fixed(self, elements: Elements, why: str, words: str) -> Candidate:
+        """Return the pass by fixed times that cannot be."""
+        low, high = self._entry.fixed or self._situation.span
+        instants = np.linspace(low, high, 60)
+        seen: Any = Propagator(elements, self._situation.site).at(Utc(instants))
+        alt = np.nan_to_num(np.asarray(seen.alt_deg), nan=-90.0)
+        return Candidate(
+            number=-1,
+            entry=self._number,
+            elements=elements,
+            start_utc_s=low,
+            culminate_utc_s=float(instants[int(np.argmax(alt))]),
+            end_utc_s=high,
+            latest_start_utc_s=low,
+            earliest_end_utc_s=high,
+            max_alt_deg=float(np.max(alt)),
+            useful=((low, high),),
+            priority=self._entry.terms.priority,
+            lost=(why, words),
+        )
+
+    def _chosen(self, loaded: Loaded) -> list[Elements]:
+        entry = self._entry
+        if not self._by_name:
+            glob = entry.conditions.named.casefold()
+            matching = [
+                e for e in loaded.elements if not glob or fnmatch.fnmatchcase(e.name.casefold(), glob)
+            ]
+            if not matching:
+                of = f" whose name matches {entry.conditions.named!r}" if glob else ""
+                self.found.notes.append(
+                    f"matches no object: {loaded.name} holds {len(loaded.elements)}, none{of}"
+                )
+            return self._launched(matching)
+        return self._launched(named_by(entry, loaded))
+
+    def _launched(self, found: list[Elements]) -> list[Elements]:
+        """Return those of some satellites that were launched when and as what the conditions ask for."""
+        c = self._entry.conditions
+        if not (c.designator or c.launched_from or c.launched_before):
+            return found
+        low, high = c.launched_from or 0, c.launched_before or math.inf
+        kept = [
+            e
+            for e in found
+            if e.designator
+            and low <= int(e.designator[:4]) < high
+            and fnmatch.fnmatchcase(e.designator, c.designator.upper() or "*")
+        ]
+        if found and not kept:
+            unknown = sum(not e.designator for e in found)
+            self.found.notes.append(
+                f"none of {len(found)} objects has the launch or designator asked for"
+                + (f"; {unknown} have no designator" if unknown else "")
+            )
+        return kept
+
+    def _passes(self, chosen: Sequence[Elements], span: Span) -> CataloguePasses:
+        situation = self._situation
+        skyline = situation.limits.horizon
+        mask = None
+        if skyline:
+            mask = HorizonMask(tuple(a for a, _ in skyline), tuple(h for _, h in skyline))
+        progress = self._progress
+        return find_catalogue_passes(
+            chosen,
+            situation.site,
+            Utc(span[0]),
+            (span[1] - span[0]) / 3600.0,
+            Horizon(self._entry.terms.min_altitude_deg, mask),
+            workers=situation.workers,
+            progress=None if progress is None else lambda done, total: progress("searched", done, total),
+        )
+
+    def _candidates(self, passes: CataloguePasses, windows: list[Span], loaded: Loaded) -> list[Candidate]:
+        """Return those of the passes that are to be told of: of rules only what they do not rule out."""
+        self.found.passes = len(passes)
+        if not len(passes):
+            if not passes.failed:
+                self._tell_none(passes)
+            return []
+        seen = list(passes)
+        suns = sun_altitudes_deg(passes)
+        kept: list[tuple[int, Cut, float]] = []
+        for k, one in enumerate(seen):
+            cuts = self._cuts(passes, one, windows)
+            if not cuts:
+                self.found.dropped["outside the window"] += 1
+            for cut in cuts:
+                sun_deg = self._sun_deg(one, cut, float(suns[k]))
+                if self._keep_before_facts(one, sun_deg, cut):
+                    kept.append((k, cut, sun_deg))
+        progress = self._progress
+        wanted = sorted({k for k, _, _ in kept})
+        facts = pass_facts(
+            passes,
+            wanted,
+            self._situation.magnitudes,
+            None if progress is None else lambda done, total: progress("looked at", done, total),
+        )
+        known = dict(zip(wanted, facts, strict=True))
+        made = (self._candidate(seen[k], known[k], sun_deg, cut, loaded) for k, cut, sun_deg in kept)
+        return [one for one in made if one is not None]
+
+    def _sun_deg(self, one: SatellitePass, cut: Cut, at_culmination_deg: float) -> float:
+        """Return the Sun's altitude at the highest instant of what may be followed."""
+        top = float(one.seen.culminate_utc.unix_s)
+        if cut[0][0] <= top <= cut[0][1]:
+            return at_culmination_deg
+        site = self._situation.site
+        there = sun_over(site.latitude_deg, site.longitude_deg).at(min(max(top, cut[0][0]), cut[0][1]))
+        p = math.radians(site.latitude_deg)
+        return math.degrees(math.asin(math.sin(p) * there.z + math.cos(p) * there.x))
+
+    def _tell_none(self, passes: CataloguePasses) -> None:
+        low = self._entry.terms.min_altitude_deg
+        names = ", ".join(e.label for e in passes.elements[:3]) if self._by_name else "nothing of it"
+        self.found.notes.append(f"{names}: not above {low:g}° in the plan's time")
+
+    def _cuts(self, passes: CataloguePasses, one: SatellitePass, windows: list[Span]) -> list[Cut]:
+        """Return what of a pass may be followed, a stretch for each window, and why one is lost by times."""
+        begin, end = passes.start, passes.start.plus(passes.task.span[1])
+        low = float((one.seen.rise_utc or begin).unix_s)
+        high = float((one.seen.set_utc or end).unix_s)
+        return [
+            self._cut(one, (low, high), (max(low, a), min(high, b)))
+            for a, b in windows
+            if a < high and b > low
+        ]
+
+    def _cut(self, one: SatellitePass, seen: Span, span: Span) -> Cut:
+        terms, fixed = self._entry.terms, self._entry.fixed
+        always = one.seen.rise_utc is None and one.seen.set_utc is None
+        is_whole = span == fixed if fixed is not None else span == seen and not self._is_cut(one)
+        lost: tuple[str, str] | None = None
+        if fixed is not None and not (always or is_whole or terms.shorten):
+            off_s = fixed[1] - fixed[0] - (span[1] - span[0])
+            lost = (TOO_LOW, f"below {terms.min_altitude_deg:g}° or the skyline for {off_s:.0f} s of it")
+        elif terms.longest_s is not None and span[1] - span[0] >= terms.longest_s:
+            top = min(max(float(one.seen.culminate_utc.unix_s), span[0]), span[1])
+            first = min(max(top - 0.5 * terms.longest_s, span[0]), span[1] - terms.longest_s)
+            span = (first, first + terms.longest_s)
+        elif not (always or is_whole or terms.shorten):
+            lost = (CUT, "not whole within the plan's time or its window; shorten = true takes a part")
+        return span, lost
+
+    @staticmethod
+    def _is_cut(one: SatellitePass) -> bool:
+        return one.seen.rise_utc is None or one.seen.set_utc is None
+
+    def _keep_before_facts(self, one: SatellitePass, sun_deg: float, cut: Cut) -> bool:
+        """Tell whether a pass is told of, by what is known at once; of a rule's, count those that are not."""
+        conditions, terms = self._entry.conditions, self._entry.terms
+        if self._by_name:
+            return True
+        too_low = conditions.culminates_deg is not None and one.seen.max_alt_deg < conditions.culminates_deg
+        if too_low:
+            self.found.dropped[TOO_LOW] += 1
+        elif self._is_too_bright(sun_deg):
+            self.found.dropped[SUN] += 1
+        elif cut[0][1] - cut[0][0] < min(terms.least_s, terms.longest_s or terms.least_s):
+            self.found.dropped[SHORT] += 1
+        else:
+            return True
+        return False
+
+    def _is_too_bright(self, sun_deg: float) -> bool:
+        terms, asked = self._entry.terms, self._entry.conditions.sun_below_deg
+        return (terms.if_sun_up == "skip" and sun_deg > terms.sun_up_deg) or (
+            asked is not None and sun_deg > asked
+        )
+
+    def _candidate(
+        self,
+        one: SatellitePass,
+        facts: PassFacts | None,
+        sun_deg: float,
+        cut: Cut,
+        loaded: Loaded,
+    ) -> Candidate | None:
+        span, lost = cut
+        entry, terms = self._entry, self._entry.terms
+        useful: tuple[Span, ...] = (span,)
+        if entry.conditions.sunlit:
+            lit = () if facts is None else facts.sunlit
+            useful = tuple(
+                (max(span[0], float(a.unix_s)), min(span[1], float(b.unix_s)))
+                for a, b in lit
+                if float(a.unix_s) < span[1] and float(b.unix_s) > span[0]
+            )
+        top = min(max(float(one.seen.culminate_utc.unix_s), span[0]), span[1])
+        latest_start, earliest_end = self._shortest(span, top)
+        made = Candidate(
+            number=-1,
+            entry=self._number,
+            elements=one.elements,
+            start_utc_s=span[0],
+            culminate_utc_s=top,
+            end_utc_s=span[1],
+            latest_start_utc_s=latest_start,
+            earliest_end_utc_s=earliest_end,
+            max_alt_deg=float(one.seen.max_alt_deg),
+            useful=useful,
+            priority=terms.priority,
+            sun_alt_deg=sun_deg,
+            magnitude=None if facts is None else facts.magnitude,
+            may_join=terms.shorten or (entry.fixed is None and one.seen.rise_utc is None),
+        )
+        why = lost or next(self._reasons(made, facts, loaded), None)
+        if why is None and terms.if_elements_old == "run":
+            age = self._too_old(made, loaded)
+            made = made if age is None else replace(made, notes=(age,))
+        if why is None:
+            return made
+        if not (self._by_name or why[0] in (OLD, CUT)):
+            self.found.dropped[why[0]] += 1
+            return None
+        return replace(made, lost=why)
+
+    def _shortest(self, span: Span, top_utc_s: float) -> Span:
+        """Return when a pass must be entered at the latest, and when it may be left at the earliest.
+
+        A culmination stays within; one that lies outside the time that there is for the pass does not count.
+        """
+        terms = self._entry.terms
+        if not terms.shorten:
+            return span
+        least_s = min(terms.least_s, span[1] - span[0])
+        return (
+            span[1] - least_s if top_utc_s <= span[0] else top_utc_s,
+            span[0] + least_s if top_utc_s >= span[1] else top_utc_s,
+        )
+
+    def _reasons(self, one: Candidate, facts: PassFacts | None, loaded: Loaded) -> Iterator[tuple[str, str]]:
+        """Yield why a pass is none, or is not what was asked for, the first thing first."""
+        entry, c = self._entry, self._entry.conditions
+        terms = entry.terms
+        least_s = terms.least_s if entry.fixed is None else 0.0
+        fastest = math.inf if facts is None else max(facts.peak_ha_rate_deg_s, facts.peak_dec_rate_deg_s)
+        if c.culminates_deg is not None and one.max_alt_deg < c.culminates_deg:
+            yield TOO_LOW, f"culminates at {one.max_alt_deg:.1f}°, below {c.culminates_deg:g}°"
+        if self._is_too_bright(one.sun_alt_deg or 0.0):
+            yield SUN, f"the Sun is at {one.sun_alt_deg:.1f}°, above {terms.sun_up_deg:g}°"
+        if one.end_utc_s - one.start_utc_s < min(least_s, terms.longest_s or least_s):
+            yield SHORT, f"{one.end_utc_s - one.start_utc_s:.0f} s, less than {least_s:g} s"
+        if facts is None:
+            yield INFEASIBLE, "the elements have it come down before the pass ends"
+        if c.sunlit and one.useful_s <= 0.0:
+            yield NOT_LIT, "in the Earth's shadow throughout"
+        if c.longer_than_s is not None and one.useful_s < c.longer_than_s:
+            yield SHORT, f"{one.useful_s:.0f} useful seconds, less than {c.longer_than_s:g}"
+        if c.brighter_than is not None and (one.magnitude is None or one.magnitude >= c.brighter_than):
+            shown = "not known" if one.magnitude is None else f"{one.magnitude:.1f}"
+            yield FAINT, f"magnitude {shown}, not below {c.brighter_than:g}"
+        if c.slower_than_deg_s is not None and fastest >= c.slower_than_deg_s:
+            yield FAST, f"an axis turns {fastest:.2f} °/s, not below {c.slower_than_deg_s:g} °/s"
+        old = self._too_old(one, loaded)
+        if old is not None and terms.if_elements_old == "skip":
+            yield OLD, old
+
+    def _too_old(self, one: Candidate, loaded: Loaded) -> str | None:
+        """Say how old the elements are where that is too much; those of a provider are renewed before."""
+        at = self._situation.now_utc_s if loaded.renewable else one.culminate_utc_s
+        days = abs(at - float(one.elements.epoch.unix_s)) / DAY_S
+        if days <= self._entry.terms.elements_oldest_days:
+            return None
+        when = "today" if loaded.renewable else "at the pass"
+        return f"elements {days:.1f} days old {when}, more than {self._entry.terms.elements_oldest_days:g}"
+
+
+def named_by(entry: Entry, loaded: Loaded) -> list[Elements]:
+    """Return the satellites that an entry names, each once. Raises BadInputError that says where."""
+    chosen: dict[int, Elements] = {}
+    for key in entry.satellites:
+        try:
+            one = find(loaded.elements, key)
+        except AmbiguousSatelliteError as error:
+            raise entry.origin.wrong(str(error)) from None
+        except SatelliteNotFoundError as error:
+            hint = meant(key, [e.name for e in loaded.elements if e.name])
+            raise entry.origin.wrong(f"{error}{hint}") from None
+        chosen[one.catalog_number] = one
+    return list(chosen.values())
+
+
+MOST_CANDIDATES = 2000
+"""So many passes, the most valuable, are weighed against one another."""
+MOST_JUDGED = 400
+"""Of more, those alone are judged by the mount's limits that a plan would take, after a coarse look."""
+PAST_DEG, PAST_SHARE = 1.0, 0.2
+"""A pass that is so far past a limit for such a share of it is infeasible, however coarsely it is looked at:
+a verdict asks for nine tenths."""
+
+
+def gather(
+    schedule: Schedule,
+    situation: Situation,
+    load: Callable[[str | None], Loaded],
+    progress: Progress | None = None,
+) -> tuple[list[Candidate], list[Found]]:
+    """Return all candidates in order of time, not judged yet, and of each entry what it came to.
+
+    `load` gives the elements of a source, of all that is set for None. Raises BadInputError that names the
+    entry for satellites that are not known, TleError.
+    """
+    candidates: list[Candidate] = []
+    found: list[Found] = []
+    for number, entry in enumerate(schedule.entries):
+        search = EntrySearch(number, entry, situation, progress)
+        candidates += search.run(load(entry.source), schedule.magnitudes is not None)
+        found.append(search.found)
+    candidates.sort(key=lambda one: (one.start_utc_s, one.end_utc_s, one.elements.catalog_number, one.entry))
+    candidates = _most_valuable(candidates)
+    return [replace(one, number=number) for number, one in enumerate(candidates)], found
+
+
+def _most_valuable(candidates: list[Candidate]) -> list[Candidate]:
+    """Return the candidates, those beyond the number that is weighed lost."""
+    fit = [k for k, one in enumerate(candidates) if one.lost is None]
+    fit.sort(key=lambda k: (-candidates[k].value, k))
+    crowded = set(fit[MOST_CANDIDATES:])
+    words = f"not among the {MOST_CANDIDATES} most valuable passes that are weighed"
+    return [replace(one, lost=(CROWDED, words)) if k in crowded else one for k, one in enumerate(candidates)]
+
+
+class Judge:
+    """The mount's verdict on candidates, the one of `passes --feasible`; each is asked for once."""
+
+    def __init__(self, schedule: Schedule, situation: Situation) -> None:
+        self._schedule, self._site = schedule, situation.site
+        self._ability = ability_at(situation.site, situation.profile, situation.limits)
+        self._known: set[int] = set()
+
+    def knows(self, one: Candidate) -> bool:
+        """Tell whether a candidate was judged, or needs no verdict because it is lost anyway."""
+        return one.lost is not None or one.number in self._known
+
+    def judged(self, one: Candidate) -> Candidate:
+        """Return a candidate with the verdict on it. Raises TimeRangeError."""
+        if self.knows(one):
+            return one
+        self._known.add(one.number)
+        span = (one.start_utc_s, one.end_utc_s)
+        why, lost = verdict_on(one.elements, self._site, span, self._ability, None)
+        if why is None:
+            return one.without(lost)
+        one = replace(one, foretold=lost)
+        if self._schedule.entries[one.entry].terms.if_infeasible == "run":
+            return replace(one, notes=(*one.notes, f"infeasible, run all the same: {why}"))
+        return replace(one, lost=(INFEASIBLE, why))
+
+    def coarsely(self, one: Candidate, way: Way) -> Candidate:
+        """Return a candidate, lost where its way is past a limit of place beyond doubt."""
+        if self.knows(one) or self._schedule.entries[one.entry].terms.if_infeasible == "run":
+            return one
+        at, site, ability = way.utc_s, self._site, self._ability
+        bodies = [
+            place
+            for name in ("sun", "moon")
+            for place in body_place_deg(name, site.latitude_deg, site.longitude_deg, at)
+        ]
+        pointing = Pointing(at, way.hour_angle_axis_deg, way.dec_axis_deg, *bodies)
+        margins = margins_deg(pointing, ability.profile, ability.limits, site.latitude_deg)
+        name, margin = min(margins.items(), key=lambda item: -float(np.mean(item[1] < -PAST_DEG)))
+        share = float(np.mean(margin < -PAST_DEG))
+        if share <= PAST_SHARE:
+            return one
+        words = f"{name}: past the limit for {100.0 * share:.0f} % of it, by a coarse look"
+        return replace(one, lost=(INFEASIBLE, words))
+
+    def all_if_few(self, candidates: list[Candidate], progress: Progress | None) -> list[Candidate]:
+        """Return the candidates with the verdict on each, or as they are where that would take too long."""
+        if sum(one.lost is None for one in candidates) > MOST_JUDGED:
+            return candidates
+        judged = []
+        for done, one in enumerate(candidates):
+            if progress is not None:
+                progress("judged", done, len(candidates))
+            judged.append(self.judged(one))
+        if progress is not None and candidates:
+            progress("judged", len(candidates), len(candidates))
+        return judged

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from sattrack.schedule.actions import CommandAction, WebhookAction
-from sattrack.schedule.known import actions_of, at_of, enough_left, prepared_from_s, stepped
 from sattrack.schedule.night import (
     Followed,
     Happening,
@@ -14,7 +12,13 @@ from sattrack.schedule.night import (
     State,
     StepDone,
     WeatherTold,
+    actions_of,
+    at_of,
+    enough_left,
+    prepared_from_s,
+    stepped,
 )
+from sattrack.schedule.schema import CommandAction, WebhookAction
 
 MOST_PARTS = 12
 """Goes at one pass that broke off by themselves; restarts of the runner do not count."""

@@ -1,25 +1,31 @@
-"""The schedule file: read, with all that it includes and imports, to entries of which a plan is made."""
+"""The schedule file: read, with all that it includes and imports, to entries of which a plan is made.
+
+Fixed times come from a table (CSV) of satellite, start and end, or from a list as stations write it. A line
+of a list is start, end and satellite, parted by blanks:
+
+    2026-10-02T19:40:10  2026-10-02T19:46:00  ISS (ZARYA)
+    2026.275.19:40:10    2026.275.19:46:00    25544          # day of year, as VLBI schedules have it
+
+A time without a zone of its own is of the file's `timezone`. Times that a zone's clock skips or shows twice,
+when summer time begins or ends, are refused with what may have been meant.
+"""
 
 from __future__ import annotations
 
+import csv
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from datetime import UTC, date, datetime, time, timedelta, tzinfo
+from typing import TYPE_CHECKING, NamedTuple
+from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import msgspec
 
 from sattrack.core.origin import Origin, meant
 from sattrack.core.toml_text import Positions, read_typed
-from sattrack.schedule.moments import (
-    daily_windows,
-    find_zone,
-    is_time_of_day,
-    parse_moment,
-    parse_time_of_day,
-)
 from sattrack.schedule.rules import NO_CONDITIONS, Conditions, parse_conditions, parse_rule
 from sattrack.schedule.schema import FIXED_PRIORITY, ONLY_AT_THE_TOP, ScheduleText, Terms, Wishes, terms_of
-from sattrack.schedule.tables import FixedLine, read_list, read_table
+from tle.errors import TimeFormatError
 from tle.instants import Utc
 from tle.sources import is_fetched
 
@@ -28,10 +34,10 @@ if TYPE_CHECKING:
     from datetime import tzinfo
     from pathlib import Path
 
-    from sattrack.schedule.actions import Notify, Recordings, Wake, Weather
-    from sattrack.schedule.schema import FixedEntry, ImportEntry, PassEntry
+    from sattrack.schedule.schema import FixedEntry, ImportEntry, Notify, PassEntry, Recordings, Wake, Weather
 
     Windows = Callable[[tuple[float, float]], list[tuple[float, float]]]
+
 
 MOST_FILES = 100
 
@@ -315,3 +321,271 @@ def _check_overlaps(entries: list[Entry]) -> None:
                 f"{Utc(end).isoformat('seconds')}: move one, or give them different priorities"
             )
         latest[priority] = (span[1], k)
+
+
+COLUMNS = ("satellite", "start", "end")
+OPTIONAL = ("priority", "name")
+_COMMENTS = re.compile(r"(?:^|\s)[#*\"].*$")
+_WORDS = re.compile(r"\S+")
+
+
+class FixedLine(NamedTuple):
+    """One pass by fixed times: POSIX seconds of UTC, its priority where the table tells one."""
+
+    satellite: str
+    start_utc_s: float
+    end_utc_s: float
+    origin: Origin
+    priority: float | None = None
+    name: str = ""
+
+
+def read_list(text: str, zone: tzinfo, origin: Origin) -> list[FixedLine]:
+    """Return the lines of a list; `#`, `*` and `"` begin comments. Raises BadInputError.
+
+    `origin` is where the text's first character stands.
+    """
+    found = []
+    for number, whole in enumerate(text.splitlines()):
+        line = _COMMENTS.sub("", whole)
+        words = list(_WORDS.finditer(line))
+        if not words:
+            continue
+        column = origin.column if number == 0 else 1
+        here = origin._replace(line=(origin.line or 1) + number, column=max(column, 1))
+        # A date and a time of day parted by a blank are one time.
+        pieces: list[tuple[int, str]] = []
+        while words and len(pieces) < 2:
+            first = words.pop(0)
+            text_of = first.group()
+            if (
+                re.fullmatch(r"\d{4}-\d\d-\d\d", text_of)
+                and words
+                and re.match(r"\d\d:\d\d", words[0].group())
+            ):
+                text_of += f" {words.pop(0).group()}"
+            pieces.append((first.start(), text_of))
+        satellite = line[words[0].start() :].strip() if words else ""
+        if not satellite:
+            raise here.wrong(
+                f"{line.strip()!r} is no line of a list: write start, end and satellite, as "
+                "2026-10-02T19:40:10 2026-10-02T19:46:00 ISS"
+            )
+        times = [_line_moment(value, zone, here.moved(at)) for at, value in pieces]
+        found.append(_fixed(satellite, (times[0], times[1]), here.moved(pieces[0][0])))
+    return found
+
+
+def read_table(text: str, zone: tzinfo, origin: Origin) -> list[FixedLine]:
+    """Return the rows of a table with a line of titles: satellite, start, end, and maybe priority and name.
+
+    Commas, semicolons or tabs part the fields. Raises BadInputError with line and column.
+    """
+    lines = text.splitlines()
+    first = next((number for number, line in enumerate(lines) if line.strip()), None)
+    if first is None:
+        raise origin.wrong("the table is empty: its first line names the columns satellite,start,end")
+    mark = max(",;\t", key=lines[first].count)
+    reader = csv.reader(lines[first:], delimiter=mark, skipinitialspace=True, strict=True)
+    found: list[FixedLine] = []
+    titles: dict[str, int] = {}
+    try:
+        for row in reader:
+            here = origin._replace(line=first + reader.line_num, column=1)
+            if not any(field.strip() for field in row) or row[0].lstrip().startswith("#"):
+                continue
+            if not titles:
+                titles = _titles(row, here, lines[here.line - 1])
+                continue
+            found.append(_row(row, titles, zone, here, lines[here.line - 1]))
+    except csv.Error as error:
+        raise origin._replace(line=first + reader.line_num, column=0).wrong(f"no table: {error}") from None
+    return found
+
+
+def _titles(row: list[str], here: Origin, line: str) -> dict[str, int]:
+    known = (*COLUMNS, *OPTIONAL)
+    titles: dict[str, int] = {}
+    for number, field in enumerate(row):
+        title = field.strip().lower()
+        where = here.moved(max(line.find(field), 0))
+        if title not in known:
+            hint = meant(title, known) or f"; there are {', '.join(known)}"
+            raise where.wrong(f"unknown column {field.strip()!r}{hint}")
+        if title in titles:
+            raise where.wrong(f"the column {title!r} is there twice")
+        titles[title] = number
+    absent = [name for name in COLUMNS if name not in titles]
+    if absent:
+        raise here.wrong(f"the first line names no column {' and '.join(absent)}: write satellite,start,end")
+    return titles
+
+
+def _row(row: list[str], titles: dict[str, int], zone: tzinfo, here: Origin, line: str) -> FixedLine:
+    def field(name: str) -> tuple[str, Origin]:
+        number = titles.get(name, len(row))
+        value = row[number].strip() if number < len(row) else ""
+        return value, here.moved(max(line.find(value), 0))
+
+    for name in COLUMNS:
+        if not field(name)[0]:
+            raise here.wrong(f"{name} is empty in this row of {len(row)} fields")
+    (start, at), (end, end_at) = field("start"), field("end")
+    times = (_line_moment(start, zone, at), _line_moment(end, zone, end_at))
+    priority, place = field("priority")
+    try:
+        weight = float(priority) if priority else None
+    except ValueError:
+        raise place.wrong(f"priority is {priority!r}; give a number above 0") from None
+    if weight is not None and not 0.0 < weight <= 1e6:
+        raise place.wrong(f"priority is {priority}; give a number above 0, 1e+06 at most")
+    return _fixed(field("satellite")[0], times, here)._replace(priority=weight, name=field("name")[0])
+
+
+def _line_moment(text: str, zone: tzinfo, origin: Origin) -> float:
+    try:
+        return float(parse_moment(text, zone).unix_s)
+    except ValueError as error:
+        raise origin.wrong(str(error)) from None
+
+
+def _fixed(satellite: str, times: tuple[float, float], origin: Origin) -> FixedLine:
+    start, end = times
+    if not end > start:
+        raise origin.wrong(f"{satellite}: ends before it starts; swap the two times")
+    return FixedLine(satellite, start, end, origin)
+
+
+_DAY_OF_YEAR = re.compile(
+    r"(\d{4})[.-](\d{3})[.\-T ](\d\d):(\d\d)(?::(\d\d)(?:\.(\d{1,6}))?)?(Z|UTC)?", re.ASCII
+)
+_CALENDAR = re.compile(r"(\d{4})-(\d\d)-(\d\d)(?:[T ](\d\d):(\d\d)(?::(\d\d)(?:[.,](\d{1,6}))?)?)?", re.ASCII)
+_TIME_OF_DAY = re.compile(r"(\d\d):(\d\d)(?::(\d\d))?(Z)?", re.ASCII)
+_SHORT_ZONES = ("EST", "MST", "HST", "CET", "MET", "EET", "WET", "EST5EDT", "CST6CDT", "MST7MDT", "PST8PDT")
+_FORMS = (
+    "2026-10-02T19:40:10Z, 2026-10-02 19:40:10 (in the file's timezone) or 2026.275.19:40:10 (day of year)"
+)
+
+
+def find_zone(name: str) -> tzinfo:
+    """Return a time zone by its name in the IANA database, or UTC. Raises ValueError.
+
+    Short names that are more than one place's, and "local", are refused.
+    """
+    if name in ("UTC", "Z", "Etc/UTC"):
+        return UTC
+    if name in _SHORT_ZONES or name.casefold() in ("local", "localtime", ""):
+        raise ValueError(
+            f"{name!r} does not name one place's time: write UTC, or a zone such as 'Europe/Amsterdam'"
+        )
+    try:
+        return ZoneInfo(name)
+    except (ZoneInfoNotFoundError, ValueError, OSError):
+        from zoneinfo import available_timezones
+
+        known = meant(name, sorted(available_timezones()))
+        raise ValueError(
+            f"there is no time zone {name!r}{known or '; write UTC, or Europe/Amsterdam'}"
+        ) from None
+
+
+def parse_moment(text: str, zone: tzinfo) -> Utc:
+    """Return the instant that a text names; without a zone of its own it is of `zone`. Raises ValueError."""
+    wanted = text.strip()
+    match = _DAY_OF_YEAR.fullmatch(wanted)
+    if match is not None:
+        return _of_day_number(match, wanted, zone)
+    match = _CALENDAR.fullmatch(wanted)
+    if match is None:
+        try:
+            return Utc.parse(wanted)
+        except TimeFormatError:
+            raise ValueError(f"{text!r} is no time: write {_FORMS}") from None
+    if match.group(6) == "60":
+        raise ValueError(f"{text!r}: write a leap second as UTC, with a Z")
+    year, month, day, hour, minute, second = (int(part or 0) for part in match.groups()[:6])
+    micros = int((match.group(7) or "").ljust(6, "0"))
+    try:
+        naive = datetime(year, month, day, hour, minute, second, micros)  # noqa: DTZ001 - the zone follows
+    except ValueError as error:
+        raise ValueError(f"{text!r} is no time: {error}") from None
+    return in_zone(naive, zone)
+
+
+def _of_day_number(match: re.Match[str], text: str, zone: tzinfo) -> Utc:
+    year, number, hour, minute, second = (int(part or 0) for part in match.groups()[:5])
+    micros = int((match.group(6) or "").ljust(6, "0"))
+    try:
+        naive = datetime(year, 1, 1, hour, minute, second, micros)  # noqa: DTZ001 - the zone follows
+    except ValueError as error:
+        raise ValueError(f"{text!r} is no time: {error}") from None
+    naive += timedelta(days=number - 1)
+    if number < 1 or naive.year != year:
+        raise ValueError(f"{text!r} is no time: {year} has no day {number}")
+    return in_zone(naive, UTC if match.group(7) else zone)
+
+
+def is_time_of_day(text: str) -> bool:
+    """Tell whether a text is a time of day, as 22:30, and no date."""
+    return _TIME_OF_DAY.fullmatch(text.strip()) is not None
+
+
+def parse_time_of_day(text: str, zone: tzinfo) -> tuple[time, tzinfo]:
+    """Return a time of day, as 22:30 or 22:30Z, and the zone that it is of. Raises ValueError."""
+    match = _TIME_OF_DAY.fullmatch(text.strip())
+    if match is None:
+        raise ValueError(f"{text!r} is no time of day: write it as 22:30, or 22:30Z for UTC")
+    hour, minute, second = (int(part or 0) for part in match.groups()[:3])
+    try:
+        return time(hour, minute, second), UTC if match.group(4) else zone
+    except ValueError as error:
+        raise ValueError(f"{text!r} is no time of day: {error}") from None
+
+
+def daily_windows(
+    begin: tuple[time, tzinfo], end: tuple[time, tzinfo], span: tuple[float, float]
+) -> list[tuple[float, float]]:
+    """Return the windows between two times of day that touch a span, POSIX seconds of UTC, not clipped.
+
+    A window whose end is not after its beginning goes on past midnight. Raises ValueError where a time of
+    day is passed over, or comes twice, on one of the days.
+    """
+    first = Utc(span[0]).datetime().astimezone(begin[1]).date() - timedelta(days=1)
+    last = Utc(span[1]).datetime().astimezone(begin[1]).date()
+    found = []
+    for number in range((last - first).days + 1):
+        day = first + timedelta(days=number)
+        following = day + timedelta(days=1) if end[0] <= begin[0] else day
+        # Days that the window cannot touch are none of the plan's: their clocks do not count.
+        if not _touches(day, span):
+            continue
+        low = float(in_zone(datetime.combine(day, begin[0]), begin[1]).unix_s)
+        high = float(in_zone(datetime.combine(following, end[0]), end[1]).unix_s)
+        if low < span[1] and high > span[0]:
+            found.append((low, high))
+    return found
+
+
+def _touches(day: date, span: tuple[float, float]) -> bool:
+    """Tell whether a window that begins on a day, in any zone, may meet a span."""
+    middle = datetime.combine(day, time(12), UTC).timestamp()
+    return span[0] - 3.5 * 86400.0 < middle < span[1] + 2.5 * 86400.0
+
+
+def in_zone(naive: datetime, zone: tzinfo) -> Utc:
+    """Return the instant at which a zone's clock shows a time.
+
+    Raises ValueError where it never does, because clocks are put forward over it, or does so twice.
+    """
+    before, after = (naive.replace(tzinfo=zone, fold=fold) for fold in (0, 1))
+    if before.utcoffset() == after.utcoffset():
+        return Utc.from_datetime(before)
+    shown = f"{naive.isoformat(sep=' ')} in {zone}"
+    early, late = sorted(Utc.from_datetime(one).datetime() for one in (before, after))
+    meant_by = " or ".join(
+        f"{Utc.from_datetime(one).isoformat('seconds')} ({one.astimezone(zone):%H:%M %Z})"
+        for one in (early, late)
+    )
+    if before.astimezone(UTC).astimezone(zone).replace(tzinfo=None) == naive:
+        raise ValueError(f"{shown} comes twice, as clocks are put back: write {meant_by}")
+    raise ValueError(f"{shown} never comes, as clocks are put forward over it: write {meant_by}")

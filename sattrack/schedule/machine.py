@@ -13,7 +13,6 @@ from msgspec.structs import replace
 
 from sattrack.schedule import conditions as on
 from sattrack.schedule import steps as do
-from sattrack.schedule.known import first_night, recovered_night
 from sattrack.schedule.night import (
     ClockSet,
     Doing,
@@ -32,6 +31,8 @@ from sattrack.schedule.night import (
     StopAsked,
     SummedUp,
     WeatherTold,
+    first_night,
+    recovered_night,
 )
 
 if TYPE_CHECKING:

@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.mount.profiles import ProfileFile
-    from sattrack.schedule.actions import Recordings
     from sattrack.schedule.night import NightPass
+    from sattrack.schedule.schema import Recordings
 
 STATUS, PROFILE, PART = "status.json", "mount.toml", ".part-"
 SUMMARIES, RECORDINGS, ELEMENTS = "summaries", "recordings", "elements"

@@ -1,14 +1,16 @@
-"""The orders of a schedule's run carried out with a real mount, or a simulated one, in real time."""
+"""A schedule's run: what the machine orders is carried out in real time, and what comes of it is kept."""
 
 from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
+
+from msgspec import structs
 
 from sattrack.core.errors import SattrackError
 from sattrack.runtime.stopping import wait_until_free
-from sattrack.schedule.actions import CommandAction, SlewAction, WebhookAction
+from sattrack.schedule import machine
 from sattrack.schedule.night import (
     AskWeather,
     ClockSet,
@@ -27,6 +29,7 @@ from sattrack.schedule.night import (
     Prepare,
     Prepared,
     Reread,
+    Started,
     State,
     StepDone,
     StopAsked,
@@ -35,13 +38,13 @@ from sattrack.schedule.night import (
     Wait,
     WeatherTold,
 )
-from sattrack.schedule.night_commands import facts_of, post, run_program
+from sattrack.schedule.night_commands import WeatherWatch, ask_weather, facts_of, post, run_program
 from sattrack.schedule.night_journal import Beat, go_name
 from sattrack.schedule.night_session import Session, run_verb
 from sattrack.schedule.night_stop import keep_stop
+from sattrack.schedule.schema import CommandAction, SlewAction, WebhookAction
 from sattrack.schedule.summary import headline
 from sattrack.schedule.transitions import slew_of
-from sattrack.schedule.weather import WeatherWatch, ask_weather
 from tle.errors import TleError
 from tle.instants import Utc
 
@@ -54,12 +57,13 @@ if TYPE_CHECKING:
     from sattrack.schedule.file import Schedule
     from sattrack.schedule.night import Doing, Happening, NightPass, Run, Ways
     from sattrack.schedule.night_commands import Errands
-    from sattrack.schedule.night_files import NightFiles
+    from sattrack.schedule.night_files import NightFiles, TakenUp
     from sattrack.schedule.night_journal import Journal
     from sattrack.schedule.night_stop import NightRequests
     from sattrack.schedule.service import Service
     from tle.elements import Elements
     from tle.site import Site
+
 
 POLL_S = 0.25
 SHOW_EVERY_S = 1.0
@@ -449,3 +453,41 @@ class LiveHands:
         """See Patient."""
         if self._recording is not None:
             self.kit.troubled("recording", words)
+
+
+class Hands(Protocol):
+    """Whoever carries orders out, with a real mount or with a simulated one."""
+
+    def begin(self, beat: Beat | None) -> float:
+        """Take up where the last sign of life was; return the instant that is now, POSIX seconds of UTC."""
+
+    def perform(self, doing: Doing, run: Run) -> Happening | None:
+        """Carry out an order; return the event that it ended with.
+
+        None where the system ends the runner in the midst of it: a restart begins with it again.
+        """
+
+
+def drive(
+    taken: TakenUp, hands: Hands, ways: Ways, told: Callable[[Run, Happening, Doing], None]
+) -> tuple[Run, End | None]:
+    """Run, or run on, until nothing is left to do; return what is known then, and why it ended.
+
+    None where the system ended the runner. `told` hears of every event once it is kept.
+    """
+    journal, run = taken.journal, taken.run
+    beat = journal.last_beat()
+    event: Happening | None
+    event = Started(utc_s=hands.begin(beat), ways=ways, recovered=taken.recovered, words=taken.words)
+    if beat is not None:
+        event = structs.replace(event, last_utc_s=beat.utc_s)
+        if run.at is not None and beat.go == go_name(run.at, run.part):
+            event = structs.replace(event, on_target_s=beat.on_target_s, recording=beat.recording)
+    while event is not None:
+        run, doing = machine.step(run, event)
+        journal.append(event, run, doing)
+        told(run, event, doing)
+        if isinstance(doing, End):
+            return run, doing
+        event = hands.perform(doing, run)
+    return run, None

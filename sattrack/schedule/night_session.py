@@ -15,7 +15,7 @@ import msgspec
 from sattrack.core.own_program import own_program
 from sattrack.runtime.channel import LineReader
 from sattrack.schedule.night import Go
-from sattrack.schedule.night_flight import search_times
+from sattrack.schedule.schema import SearchAction
 from sattrack.views.messages import Search, StopNow, encode_message
 from tle.errors import printable
 from tle.instants import Utc
@@ -288,3 +288,19 @@ def run_verb(
     lines = [line for line in said.decode("utf-8", errors="replace").splitlines() if line.strip()]
     words = printable(lines[-1].removeprefix("sattrack: "))[:300] if lines else None
     return process.returncode, words
+
+
+SEARCH_AFTER_S = 5.0
+
+
+def search_times(one: NightPass, start_utc_s: float) -> list[tuple[Search, float, float]]:
+    """Return the searches about a pass' satellite, from when to when, one after the other."""
+    found, at = [], start_utc_s + SEARCH_AFTER_S
+    for action in one.terms.before:
+        if isinstance(action, SearchAction):
+            order = Search(
+                action.how, action.spacing_deg, action.speed_deg_s, action.reach_s, action.period_s
+            )
+            found.append((order, at, at + action.seconds))
+            at += action.seconds
+    return found

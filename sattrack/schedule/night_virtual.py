@@ -1,17 +1,37 @@
-"""The orders of a schedule's run carried out in virtual time: idle time is skipped, passes are flown."""
+"""A schedule's run in virtual time: idle time is skipped, passes are flown on one simulated mount.
+
+Troubles are drawn from a seed: the same seed, the same troubles. Each draw has a name of its own, so that it
+does not depend on what was drawn before it: a run that was interrupted meets the same troubles as one that
+was not.
+"""
 
 from __future__ import annotations
 
+import math
 import os
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from random import Random
+from typing import TYPE_CHECKING, NamedTuple
 
+import msgspec
+
+from sattrack.control.engine import Engine
+from sattrack.control.manual.console import Console
+from sattrack.control.manual.errand import Errand
 from sattrack.control.manual.procedures import ParkThere, SlewThere
+from sattrack.control.tracker import TrackPlan
+from sattrack.core.collector import without_collector
 from sattrack.core.errors import SattrackError
 from sattrack.mount.requests import TicketState
-from sattrack.schedule import night_troubles as troubles
-from sattrack.schedule.actions import CommandAction, SlewAction
+from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.settings import simulator_profile
+from sattrack.planning.trace import TabledPropagator
+from sattrack.recording.recorder import NoRecording
+from sattrack.runtime.facts import SIMULATED, RunFacts, build_engine
+from sattrack.runtime.outcome import summarise
+from sattrack.runtime.prepare import planned_facts
+from sattrack.runtime.virtual import VirtualRun
 from sattrack.schedule.night import (
     AskWeather,
     ClockSet,
@@ -36,22 +56,267 @@ from sattrack.schedule.night import (
     Wait,
     WeatherTold,
 )
-from sattrack.schedule.night_flight import Airspace, SessionDiedError
 from sattrack.schedule.night_journal import Beat, go_name
+from sattrack.schedule.night_session import search_times
 from sattrack.schedule.night_stop import NightRequests
+from sattrack.schedule.schema import CommandAction, SlewAction
 from sattrack.schedule.summary import headline
 from sattrack.schedule.transitions import slew_of
+from sattrack.views.messages import Search, StopNow
 from tle.errors import TleError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sattrack.control.manual.procedures import Outcome, Procedure
+    from sattrack.mount.profiles import ProfileFile
+    from sattrack.mount.simulator.mount import Truth
+    from sattrack.safety import SafetyLimits
     from sattrack.schedule.night import Doing, Happening, NightPass, Run
     from sattrack.schedule.night_journal import Journal
+    from sattrack.views.messages import Message
+    from tle.site import Site
 
     Plan = Callable[[float, float, float], Planned]
     """Makes the plan of a night, from one instant to another, at an instant."""
     SumUpNight = Callable[[Run], str]
+    Watch = Callable[[float, float], str | None]
+    """Hears now and then of the instant and the seconds on target; says why the run is to end, if it is."""
+
+
+FAULTS: tuple[tuple[float, str], ...] = (
+    (0.66, ""),
+    (0.06, "loss=15%"),
+    (0.05, "cut@{at}s+4s"),
+    (0.05, "cut@{at}s+90s"),
+    (0.04, "crash@{at}s+5s"),
+    (0.03, "drive@{at}s"),
+    (0.03, "freeze@{at}s+2s"),
+    (0.03, "silent@0s"),
+)
+"""What befalls the mount in a pass, by share, as `sattrack sim --faults` has it; else a session ends."""
+FAULTS_WITHIN_S = 180.0
+UNSAFE_NIGHTS = 0.3
+UNSAFE_LEAST_S, UNSAFE_MOST_S = 600.0, 5400.0
+OLD_ELEMENTS, ACTION_FAILS, ACTION_HANGS, PARK_FAILS, WAKE_FAILS = 0.03, 0.1, 0.1, 0.15, 0.02
+JUMP_NIGHTS = 0.4
+JUMPS: tuple[tuple[bool, float], ...] = ((False, -3600.0), (False, 900.0), (True, 1800.0))
+"""Jumps of the clock: the computer slept, or not, and by how many seconds."""
+
+
+class Jump(NamedTuple):
+    """A jump of the machine's clock, at an instant of it."""
+
+    utc_s: float
+    seconds: float
+    slept: bool
+
+
+class Unsafe(NamedTuple):
+    """Unsafe weather, from one instant to another."""
+
+    begin_utc_s: float
+    end_utc_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class Troubles:
+    """All that goes wrong in a run; with `seed` None, nothing does."""
+
+    seed: int | None = None
+
+    def _random(self, *name: object) -> Random:
+        return Random(" ".join(str(part) for part in (self.seed, *name)))
+
+    def faults(self, key: str, part: int) -> str | None:
+        """Return what befalls the mount in a go at a pass; None where the session itself ends."""
+        if self.seed is None:
+            return ""
+        random = self._random("fault", key, part)
+        drawn, at = random.random(), round(random.uniform(5.0, FAULTS_WITHIN_S), 1)
+        for share, faults in FAULTS:
+            if drawn < share:
+                return faults.format(at=at)
+            drawn -= share
+        return None
+
+    def ends_after_s(self, key: str, part: int) -> float:
+        """Return after how many seconds the session ends by itself."""
+        return self._random("end", key, part).uniform(5.0, FAULTS_WITHIN_S)
+
+    def unsafe(self, night: int, begin_utc_s: float, end_utc_s: float) -> Unsafe | None:
+        """Return when the weather is unsafe in a night's hours; None where it is not."""
+        if self.seed is None:
+            return None
+        random = self._random("weather", night)
+        if random.random() >= UNSAFE_NIGHTS:
+            return None
+        begin = random.uniform(begin_utc_s - UNSAFE_LEAST_S, end_utc_s)
+        return Unsafe(begin, begin + random.uniform(UNSAFE_LEAST_S, UNSAFE_MOST_S))
+
+    def jumps(self, night: int, begin_utc_s: float, end_utc_s: float) -> Jump | None:
+        """Return how the clock jumps in a night's hours; None where it does not."""
+        if self.seed is None:
+            return None
+        random = self._random("clock", night)
+        if random.random() >= JUMP_NIGHTS:
+            return None
+        slept, seconds = random.choice(JUMPS)
+        return Jump(random.uniform(begin_utc_s, end_utc_s), seconds, slept)
+
+    def happens(self, share: float, *name: object) -> bool:
+        """Tell whether something with a share of so much happens."""
+        return self.seed is not None and self._random(*name).random() < share
+
+
+LEAD_S = 5.0
+LOOK_EVERY_TURNS = 20
+MARGIN_S = 60.0
+ERRAND_WITHIN_S = 300.0
+
+
+class SessionDiedError(Exception):
+    """The session's process ended without a word."""
+
+
+class WatchedMount(SimulatedMount):
+    """A simulated mount that was on before: its encoders know the cables' turns; and it tells where it is."""
+
+    last: Truth | None = None
+
+    def __post_init__(self) -> None:
+        """See SimulatedMount."""
+        super().__post_init__()
+        for driven, cable_deg in ((self._ra, self.start.hour_angle_deg), (self._dec, self.start.dec_deg)):
+            driven.turns_deg = 0.0
+            driven.axis.place(cable_deg, driven.sky_rate_deg_s)
+
+    def tick(self, now_utc_s: float) -> tuple[bytes, Truth]:
+        """See SimulatedMount."""
+        status, self.last = super().tick(now_utc_s)
+        return status, self.last
+
+
+class WatchedRun(VirtualRun):
+    """A virtual run that is looked at once a second."""
+
+    watcher: Callable[[float], None] | None = None
+
+    def _client_turn(self, now_utc_s: float, turn: int) -> None:
+        super()._client_turn(now_utc_s, turn)
+        if turn % LOOK_EVERY_TURNS == 0 and self.watcher is not None:
+            self.watcher(now_utc_s)
+
+
+@dataclass(slots=True)
+class Airspace:
+    """The simulated mount at its site between runs, and what each run begins with."""
+
+    site: Site
+    profile: ProfileFile
+    limits: SafetyLimits
+    hour_angle_deg: float
+    dec_deg: float
+
+    def fly(self, one: NightPass, now_utc_s: float, faults: str, watch: Watch) -> Go:
+        """Follow a pass from an instant on, with the mount's faults; `watch` may end it.
+
+        Raises SessionDiedError where it says "crash"; the mount is at rest then as its guardian leaves it.
+        """
+        facts = self._facts(one, now_utc_s)
+        engine = _tabled_engine(facts)
+        mount = self._mount(faults)
+        messages = _searches(one, facts.plan)
+        ended: list[str] = []
+
+        def look(utc_s: float) -> None:
+            why = watch(utc_s, engine.on_target_s)
+            if why == "crash":
+                raise SessionDiedError
+            if why is not None and not ended:
+                ended.append(why)
+                engine.operate(StopNow(), utc_s)
+
+        run = WatchedRun(engine, mount, facts.started_utc_s, NoRecording(), messages)
+        run.watcher = look
+        try:
+            with without_collector():
+                ended_utc_s = run.run()
+        finally:
+            self._note(mount)
+        summary = summarise(engine, run.ledger, ended_utc_s)
+        return Go(
+            ended_by=ended[0] if ended else summary.ended_by,
+            ended_utc_s=ended_utc_s,
+            on_target_s=summary.on_target_s,
+            rms_arcsec=_rounded(summary.reported_rms_arcsec),
+            peak_arcsec=_rounded(summary.reported_peak_arcsec),
+            words=summary.message,
+            held_s=summary.held_s,
+            rejoining_s=summary.rejoining_s,
+            lost_peak_arcsec=_rounded(summary.lost_peak_arcsec),
+        )
+
+    def go(self, procedure: Procedure, now_utc_s: float) -> tuple[Outcome | None, float]:
+        """Carry out what is asked of the mount by hand; return how that ended, and when."""
+        profile = self.profile.mount
+        console = Console(profile, self.limits, self.site, SIMULATED)
+        errand = Errand(console, procedure, now_utc_s, ERRAND_WITHIN_S)
+        mount = self._mount("")
+        period_s, turns = profile.period_s, 0
+        with without_collector():
+            while not errand.finished:
+                now_utc_s += period_s
+                turns += 1
+                status, _ = mount.tick(now_utc_s)
+                errand.receive(status, now_utc_s)
+                datagram = errand.tick(now_utc_s)
+                if datagram is not None:
+                    mount.receive(datagram)
+        self._note(mount)
+        return errand.outcome, now_utc_s
+
+    def _mount(self, faults: str) -> WatchedMount:
+        hardware = simulator_profile(self.profile.simulator)
+        if faults:
+            both = ",".join(part for part in (hardware.faults, faults) if part)
+            hardware = msgspec.structs.replace(hardware, faults=both)
+        site = SimulatedSite(self.site.latitude_deg, self.site.longitude_deg, self.site.height_m)
+        start = StartPosition(self.hour_angle_deg, self.dec_deg)
+        return WatchedMount(self.profile.mount, site, start, hardware)
+
+    def _note(self, mount: WatchedMount) -> None:
+        if mount.last is not None:
+            self.hour_angle_deg = round(mount.last.hour_angle_axis_deg, 6)
+            self.dec_deg = round(mount.last.dec_axis_deg, 6)
+
+    def _facts(self, one: NightPass, now_utc_s: float) -> RunFacts:
+        plan = TrackPlan(start_utc_s=max(one.start_utc_s, now_utc_s), end_utc_s=one.end_utc_s)
+        started_utc_s = max(now_utc_s, plan.start_utc_s - plan.approach_s - LEAD_S)
+        mount = self.profile.mount
+        return planned_facts(one, one.terms, plan, started_utc_s, self.site, mount, self.limits)
+
+
+def _searches(one: NightPass, plan: TrackPlan) -> tuple[tuple[float, Message], ...]:
+    """Return the searches of a pass as an operator's messages, each with its instant."""
+    found: list[tuple[float, Message]] = []
+    for search, begin, end in search_times(one, plan.start_utc_s):
+        found.append((begin, search))
+        found.append((end, Search("cancel")))
+    return tuple(found)
+
+
+def _tabled_engine(facts: RunFacts) -> Engine:
+    """Return an engine whose directions come from a table, which is as good and takes less time."""
+    spec = build_engine(facts).spec
+    begin, end = facts.started_utc_s - MARGIN_S, facts.plan.end_utc_s + MARGIN_S
+    tabled = TabledPropagator(spec.propagator, spec.bias, begin, end)
+    return Engine(replace(spec, propagator=tabled, if_mount_refracts=tabled))
+
+
+def _rounded(arcsec: float | None) -> float | None:
+    return None if arcsec is None or not math.isfinite(arcsec) else round(arcsec, 4)
+
 
 BEAT_EVERY_S = 5.0
 RESTART_S = 5.0
@@ -67,7 +332,7 @@ class VirtualHands:
     plan: Plan
     sum_up: SumUpNight
     journal: Journal
-    troubles: troubles.Troubles = field(default_factory=troubles.Troubles)
+    troubles: Troubles = field(default_factory=Troubles)
     weather_asked: bool = False
     requests: NightRequests = field(default_factory=lambda: NightRequests(Path(os.devnull)))
     now_utc_s: float = 0.0
@@ -155,10 +420,10 @@ class VirtualHands:
     def _prepare(self, one: NightPass, wake: bool) -> Prepared:
         now = self.now_utc_s
         if wake:
-            if self.troubles.happens(troubles.WAKE_FAILS, "wake", one.key):
+            if self.troubles.happens(WAKE_FAILS, "wake", one.key):
                 return Prepared(utc_s=now, cause="power", words="the drives' power did not come back")
             self._power = True
-        if self.troubles.happens(troubles.OLD_ELEMENTS, "elements", one.key):
+        if self.troubles.happens(OLD_ELEMENTS, "elements", one.key):
             return Prepared(utc_s=now, cause="elements too old", words="none newer were to be had")
         return Prepared(utc_s=now, woken=wake)
 
@@ -177,10 +442,10 @@ class VirtualHands:
         words = None
         if isinstance(action, CommandAction):
             name = (one.key, doing.when, doing.step)
-            if self.troubles.happens(troubles.ACTION_HANGS, "hangs", *name):
+            if self.troubles.happens(ACTION_HANGS, "hangs", *name):
                 words = f"not done within {action.timeout_s:g} s"
                 self.now_utc_s += action.timeout_s if action.wait else 0.0
-            elif self.troubles.happens(troubles.ACTION_FAILS, "fails", *name):
+            elif self.troubles.happens(ACTION_FAILS, "fails", *name):
                 words = "ended with 1"
         return StepDone(utc_s=self.now_utc_s, done=words is None, words=words)
 
@@ -228,7 +493,7 @@ class VirtualHands:
         return Followed(utc_s=self.now_utc_s, go=go)
 
     def _lay_down(self, doing: LayDown, run: Run) -> Laid:
-        if self.troubles.happens(troubles.PARK_FAILS, "park", run.night, run.tries, len(run.results)):
+        if self.troubles.happens(PARK_FAILS, "park", run.night, run.tries, len(run.results)):
             self.now_utc_s += RESTART_S
             return Laid(utc_s=self.now_utc_s, mount=Mount.AT_REST, words="the mount did not answer, made up")
         if not self._power:

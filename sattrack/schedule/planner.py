@@ -1,28 +1,44 @@
-"""The best night: which passes to take, exactly, where getting from one to the next takes time.
+"""The plan of the greatest value: which passes to take, where getting from one to the next takes time.
 
 Weighted interval scheduling with transitions: passes are intervals with values, and one may follow another
 where the time between them suffices. Dynamic programming over passes in order of their ends: the best chain
 that ends with a pass is its value and the best of the chains that may come before it. O(n²), whatever the
 transitions are: they need not obey the triangle inequality. Groups of which only so many may be chosen add
 a dimension each, and only where the best plan without them takes too many.
+
+Rules that take each satellite once, or so many passes an hour, are packings: sets of which only so many may
+be chosen. They are kept by branch and bound over that planner. Where the best plan takes too many of a set,
+its members cost a price, by which the planner's best is a bound on all plans that keep the limits (Lagrange);
+the prices are moved so that the bound falls (subgradient). Then a pass of a set that is still too large is
+forbidden, or the others of its set are, and both cases are weighed. Where bound and plan meet, the plan is
+the best.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+import heapq
+import math
+from dataclasses import dataclass, replace
+from itertools import count
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 
 from sattrack.core.errors import SattrackError
+from tle.instants import DAY_S
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
+    from sattrack.schedule.candidates import Candidate
+    from sattrack.schedule.file import Schedule
+    from tle.site import Site
+
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
+
 
 MOST_STATES = 4096
 """Combinations of counts that are kept for each pass where groups are limited."""
@@ -206,3 +222,255 @@ def _one_less(shape: tuple[int, ...], position: int) -> Index:
     index[position] -= 1
     flat = np.ravel_multi_index(tuple(np.maximum(index, 0)), shape)
     return np.where(index[position] >= 0, flat, -1).astype(np.intp)
+
+
+PRICINGS = 25
+"""Rounds in which prices are moved, for each case."""
+MOST_WORK = 60_000
+"""Cases are weighed until so many nodes have been planned with; then the plan's bound is told."""
+MOST_REPAIRS = 20
+EQUAL = 1e-9
+LEAST_FALL, STALE = 1e-6, 4
+"""Bounds that fall by less, so many times in a row, have prices moved by half as much."""
+
+
+class Packing(NamedTuple):
+    """No more than `most` of the passes of a set may be chosen, a pass in two parts being two.
+
+    `kind` and `words` say why.
+    """
+
+    members: frozenset[int]
+    most: int
+    kind: str
+    words: str
+
+
+class Packed(NamedTuple):
+    """The best value found, its nodes in order of time, and a bound that no plan passes."""
+
+    value: float
+    chosen: list[int]
+    bound: float
+
+
+def best_packed(
+    problem: Problem,
+    limits: Mapping[int, int],
+    packings: Sequence[Packing],
+    of: Index,
+    known: Sequence[int] = (),
+    work: int = MOST_WORK,
+) -> Packed:
+    """Return the best plan that keeps `limits` of groups and packings; `of` is each node's pass.
+
+    `known` is a plan that keeps them, where there is one already. Cases are weighed until `work` nodes have
+    been planned with. Raises SattrackError as `best_plan`.
+    """
+    return _Search(problem, limits, packings, of, work).run(list(known))
+
+
+@dataclass(frozen=True, slots=True)
+class _Case:
+    """Nodes that are forbidden, with the prices of packings that came of the case before."""
+
+    forbidden: frozenset[int]
+    prices: dict[int, float]
+
+
+class _Search:
+    def __init__(
+        self,
+        problem: Problem,
+        limits: Mapping[int, int],
+        packings: Sequence[Packing],
+        of: Index,
+        work: int,
+    ) -> None:
+        self._problem, self._limits = problem, limits
+        self._most = [packing.most for packing in packings]
+        self._of: list[int] = of.tolist()
+        by_pass: dict[int, list[int]] = {}
+        for node, key in enumerate(self._of):
+            by_pass.setdefault(key, []).append(node)
+        self._nodes = [
+            frozenset(node for key in one.members for node in by_pass.get(key, ())) for one in packings
+        ]
+        self._left = work // max(1, len(problem))
+        self._value, self._chosen = 0.0, list[int]()
+
+    def run(self, known: list[int]) -> Packed:
+        order = count()
+        self._take(known)
+        total, chosen = self._solve(frozenset(), {})
+        if not self._too_many(chosen):
+            return Packed(total, chosen, total)
+        self._repair(frozenset(), chosen)
+        heap = [(-total, next(order), _Case(frozenset(), {}))]
+        while heap and not self._is_enough(-heap[0][0]):
+            if self._left <= 0:
+                return Packed(self._value, self._chosen, -heap[0][0])
+            above, _, case = heapq.heappop(heap)
+            bound, prices, chosen = self._priced(case, -above)
+            if self._is_enough(bound):
+                continue
+            for child in self._children(case, prices, chosen):
+                heapq.heappush(heap, (-bound, next(order), child))
+        return Packed(self._value, self._chosen, self._value)
+
+    def _is_enough(self, bound: float) -> bool:
+        """Tell whether no plan within a bound is worth more than the best one found."""
+        return bound <= self._value + EQUAL * max(1.0, self._value)
+
+    def _solve(self, forbidden: frozenset[int], prices: Mapping[int, float]) -> tuple[float, list[int]]:
+        """Return the best plan without some nodes, members of packings at their prices."""
+        self._left -= 1
+        value = self._problem.value.copy()
+        for number, price in prices.items():
+            value[list(self._nodes[number])] -= price
+        value[list(forbidden)] = -np.inf
+        total, chosen = best_plan(replace(self._problem, value=value), self._limits)
+        return (total, chosen) if total > 0.0 else (0.0, [])
+
+    def _inside(self, number: int, chosen: Sequence[int]) -> list[int]:
+        """Return the chosen nodes of a packing, the most valuable first."""
+        found = [node for node in chosen if node in self._nodes[number]]
+        return sorted(found, key=lambda node: (-float(self._problem.value[node]), node))
+
+    def _too_many(self, chosen: Sequence[int]) -> list[int]:
+        """Return the packings of which more are chosen than may be."""
+        return [n for n, most in enumerate(self._most) if len(self._nodes[n].intersection(chosen)) > most]
+
+    def _take(self, chosen: list[int]) -> None:
+        value = float(sum(self._problem.value[node] for node in chosen))
+        if value > self._value:
+            self._value, self._chosen = value, chosen
+
+    def _repair(self, forbidden: frozenset[int], chosen: list[int]) -> None:
+        """Take the plan that comes of forbidding the least valuable of what is too many, again and again."""
+        over = self._too_many(chosen)
+        while self._left > -MOST_REPAIRS:
+            for number in over:
+                forbidden |= self._without(number, self._inside(number, chosen))
+            chosen = self._solve(forbidden, {})[1]
+            over = self._too_many(chosen)
+            if not over:
+                self._take(chosen)
+                return
+
+    def _without(self, number: int, inside: list[int]) -> frozenset[int]:
+        """Return the nodes to forbid so that of those chosen of a packing the most valuable stay."""
+        most = self._most[number]
+        kept = {self._of[node] for node in inside[:most]}
+        others = frozenset(node for node in self._nodes[number] if self._of[node] not in kept)
+        return others | frozenset(inside[most:])
+
+    def _priced(self, case: _Case, above: float) -> tuple[float, dict[int, float], list[int]]:
+        """Return the lowest bound on a case that prices give, those prices, and a plan that breaks limits."""
+        total, chosen = self._solve(case.forbidden, {})
+        if not self._too_many(chosen):
+            self._take(chosen)
+            return total, {}, chosen
+        best, best_prices, prices, broken = min(above, total), case.prices, dict(case.prices), chosen
+        step, stale = 1.0, 0
+        for _ in range(PRICINGS):
+            if self._left <= 0 or self._is_enough(best):
+                break
+            total, chosen = self._solve(case.forbidden, prices)
+            bound = total + sum(price * self._most[n] for n, price in prices.items())
+            over = self._too_many(chosen)
+            if over:
+                broken = chosen
+            else:
+                self._take(chosen)
+            stale = 0 if bound < best - LEAST_FALL * best else stale + 1
+            if bound < best:
+                best, best_prices = bound, dict(prices)
+            if stale >= STALE:
+                step, stale = 0.5 * step, 0
+            slopes = {
+                n: len(self._nodes[n].intersection(chosen)) - self._most[n] for n in sorted({*over, *prices})
+            }
+            norm = sum(slope * slope for slope in slopes.values())
+            if not norm:
+                break
+            length = step * max(bound - self._value, 1e-3 * bound) / norm
+            moved = {n: max(0.0, prices.get(n, 0.0) + length * slope) for n, slope in slopes.items()}
+            prices = {n: price for n, price in moved.items() if price > 0.0}
+        self._repair(case.forbidden, broken)
+        return best, best_prices, broken
+
+    def _children(self, case: _Case, prices: dict[int, float], chosen: list[int]) -> list[_Case]:
+        """Return the cases into which one falls; every plan that keeps the limits is in one of them."""
+        over = self._too_many(chosen)
+        if not over:
+            return []
+        worth = self._problem.value
+        number = max(over, key=lambda n: float(sum(worth[k] for k in self._inside(n, chosen))))
+        inside, nodes = self._inside(number, chosen), self._nodes[number]
+        passes = list(dict.fromkeys(self._of[node] for node in inside))
+        if len(passes) <= self._most[number]:
+            return self._halves(case, prices, inside)
+        of_first = frozenset(node for node in nodes if self._of[node] == passes[0])
+        forbidden: tuple[frozenset[int], ...]
+        if self._most[number] == 1:
+            forbidden = (nodes - of_first, of_first)
+        else:
+            some = passes[: self._most[number] + 1]
+            forbidden = tuple(frozenset(k for k in nodes if self._of[k] == one) for one in some)
+        return [_Case(case.forbidden | more, prices) for more in forbidden]
+
+    def _halves(self, case: _Case, prices: dict[int, float], inside: list[int]) -> list[_Case]:
+        """Return the two cases of a pass that was chosen in two parts: it ends before the later, or not."""
+        again = next(node for node in inside if [self._of[k] for k in inside].count(self._of[node]) > 1)
+        parts = [node for node in inside if self._of[node] == self._of[again]]
+        last_s = max(float(self._problem.start_s[node]) for node in parts)
+        nodes = [node for node, key in enumerate(self._of) if key == self._of[again]]
+        late = frozenset(node for node in nodes if self._problem.start_s[node] >= last_s)
+        early = frozenset(node for node in nodes if self._problem.end_s[node] <= last_s)
+        return [_Case(case.forbidden | more, prices) for more in (late, early)]
+
+
+ONCE, TAKEN, HOUR_FULL = "once", "taken", "hour full"
+HOUR_S, NOON_S, S_PER_DEG = 3600.0, 43200.0, 240.0
+
+
+def packings_of(schedule: Schedule, candidates: Sequence[Candidate], site: Site) -> list[Packing]:
+    """Return the sets of candidates, by number, of which a schedule's rules take only so many."""
+    noon_s = NOON_S - S_PER_DEG * site.longitude_deg
+    found: list[Packing] = []
+    for number, entry in enumerate(schedule.entries):
+        c = entry.conditions
+        asked = [one for one in candidates if one.entry == number and one.lost is None]
+        if c.once_a_run or c.once_a_night:
+            found += _once(asked, c.once_a_run, noon_s)
+        if c.most_an_hour is not None:
+            found += _an_hour(asked, c.most_an_hour)
+    return found
+
+
+def _once(asked: Sequence[Candidate], a_run: bool, noon_s: float) -> Iterator[Packing]:
+    """Give the passes of each satellite; nights change at the site's mean noon."""
+    sets: dict[tuple[int, int], set[int]] = {}
+    for one in asked:
+        night = 0 if a_run else math.floor((one.culminate_utc_s - noon_s) / DAY_S)
+        sets.setdefault((one.elements.catalog_number, night), set()).add(one.number)
+    words = f"the rule takes each satellite once a {'run' if a_run else 'night'}"
+    for members in sets.values():
+        if len(members) > 1:
+            yield Packing(frozenset(members), 1, ONCE, words)
+
+
+def _an_hour(asked: Sequence[Candidate], most: int) -> Iterator[Packing]:
+    """Give the passes that culminate within an hour, for each hour that begins with one of them."""
+    ordered = sorted(asked, key=lambda one: one.culminate_utc_s)
+    words = f"the rule takes {most} an hour"
+    end, before = 0, frozenset[int]()
+    for begin, first in enumerate(ordered):
+        while end < len(ordered) and ordered[end].culminate_utc_s < first.culminate_utc_s + HOUR_S:
+            end += 1
+        members = frozenset(one.number for one in ordered[begin:end])
+        # An hour whose passes are all of the one before asks for nothing new.
+        if len(members) > most and not members <= before:
+            yield Packing(members, most, HOUR_FULL, words)
+            before = members

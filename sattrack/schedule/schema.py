@@ -1,16 +1,350 @@
-"""The schedule's file as TOML has it: its tables and keys, and what each may be.
+"""The schedule's file as TOML has it: its tables and keys, and what each may be; and the stars to slew to.
 
-Times are text here, of whatever kind TOML had them; `moments` reads them in the file's time zone.
+Times are text here, of whatever kind TOML had them; `file` reads them in the file's time zone. Stars are
+those of Hipparcos, ICRS at epoch J2000.
 """
 
 from __future__ import annotations
 
-from typing import Literal
+import math
+from typing import Literal, NamedTuple
+from urllib.parse import urlsplit
 
+import erfa
 import msgspec
 
 from sattrack.control.orders import MOST_ALONG_S, MOST_CROSS_DEG
-from sattrack.schedule.actions import LONGEST_S, Action, Notify, Recordings, Wake, Weather, between
+from sattrack.core.origin import meant
+
+LONGEST_S = 86_400.0
+OnFailure = Literal["go_on", "skip"]
+
+
+class SlewAction(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="slew"):
+    """Slew to a star by name, to a fixed place among the stars (ICRS), or to an altitude and azimuth; wait.
+
+    Degrees, azimuth from north through east. Raises ValueError for none of the three, or more than one.
+    """
+
+    star: str | None = None
+    ra_deg: float | None = None
+    dec_deg: float | None = None
+    alt_deg: float | None = None
+    az_deg: float | None = None
+    wait_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the direction and the wait."""
+        given = [self.star is not None, self._pair("ra_deg", "dec_deg"), self._pair("alt_deg", "az_deg")]
+        if sum(given) != 1:
+            raise ValueError("give one of star, ra_deg with dec_deg, or alt_deg with az_deg to slew to")
+        if self.star is not None and find_star(self.star) is None:
+            hint = meant(self.star, STARS) or "; give ra_deg and dec_deg"
+            raise ValueError(f"star is {self.star!r}; that one is not known{hint}")
+        between("ra_deg", self.ra_deg, 0.0, 360.0)
+        between("dec_deg", self.dec_deg, -90.0, 90.0)
+        between("alt_deg", self.alt_deg, 0.0, 90.0)
+        between("az_deg", self.az_deg, -360.0, 360.0)
+        between("wait_s", self.wait_s, 0.0, LONGEST_S)
+
+    def _pair(self, one: str, other: str) -> bool:
+        there = [getattr(self, name) is not None for name in (one, other)]
+        if any(there) and not all(there):
+            raise ValueError(f"{one} and {other} go together; one is missing")
+        return all(there)
+
+    @property
+    def words(self) -> str:
+        """Say it in a few words."""
+        if self.star is not None:
+            place = self.star
+        elif self.ra_deg is not None:
+            place = f"RA {self.ra_deg:g}° Dec {self.dec_deg:g}°"
+        else:
+            place = f"alt {self.alt_deg:g}° az {self.az_deg:g}°"
+        return f"slew to {place}" + (f", wait {self.wait_s:g} s" if self.wait_s else "")
+
+
+class SearchAction(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="search"):
+    """Search about the satellite once it is followed: a spiral, or a sweep along the track.
+
+    As in a run: `spacing_deg` and `speed_deg_s` of a spiral, `reach_s` and `period_s` of a sweep; for
+    `seconds`, then back to the centre. Raises ValueError.
+    """
+
+    how: Literal["spiral", "sweep"]
+    spacing_deg: float | None = None
+    speed_deg_s: float | None = None
+    reach_s: float | None = None
+    period_s: float | None = None
+    seconds: float = 60.0
+
+    def __post_init__(self) -> None:
+        """Check that what the pattern needs is there, and nothing else."""
+        needs = {"spiral": ("spacing_deg", "speed_deg_s"), "sweep": ("reach_s", "period_s")}
+        for how, names in needs.items():
+            for name in names:
+                value = getattr(self, name)
+                if (value is not None) != (how == self.how):
+                    there = (
+                        "is missing; it goes with" if value is None else f"is {value:g}; it does not go with"
+                    )
+                    raise ValueError(f"{name} {there} a {self.how}")
+                if value is not None and not (math.isfinite(value) and value > 0.0):
+                    raise ValueError(f"{name} is {value:g}; it must be above 0")
+        between("seconds", self.seconds, 1.0, LONGEST_S)
+
+    @property
+    def words(self) -> str:
+        """Say it in a few words."""
+        return f"search by a {self.how} for {self.seconds:g} s"
+
+
+class CommandAction(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="command"):
+    """Run a program, without a shell, with the pass' facts in its environment.
+
+    With `wait` the schedule waits for its end, `timeout_s` at most, then ends it. Raises ValueError.
+    """
+
+    run: tuple[str, ...]
+    timeout_s: float = 30.0
+    wait: bool = True
+    if_it_fails: OnFailure = "go_on"
+
+    def __post_init__(self) -> None:
+        """Check that there is a program, and for how long."""
+        if not self.run or not self.run[0].strip():
+            raise ValueError('run is empty; give the program and its arguments, as ["./dome", "open"]')
+        between("timeout_s", self.timeout_s, 0.1, LONGEST_S)
+
+    @property
+    def words(self) -> str:
+        """Say it in a few words."""
+        return f"run {' '.join(self.run)}" + (
+            f", {self.timeout_s:g} s at most" if self.wait else ", not waited for"
+        )
+
+
+class WebhookAction(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="do", tag="webhook"):
+    """Post the pass' facts as JSON to an address; nobody waits for it. Raises ValueError."""
+
+    url: str
+    timeout_s: float = 10.0
+
+    def __post_init__(self) -> None:
+        """Check the address."""
+        check_http("url", self.url)
+        between("timeout_s", self.timeout_s, 0.1, LONGEST_S)
+
+    @property
+    def words(self) -> str:
+        """Say it in a few words."""
+        return f"post to {urlsplit(self.url).hostname}"
+
+
+Action = SlewAction | SearchAction | CommandAction | WebhookAction
+
+
+class Weather(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Who tells whether the weather is safe: one of a file, a command, an Alpaca SafetyMonitor.
+
+    The file's first word is `safe` or `unsafe`, and it is no older than `oldest_s`; the command ends with 0
+    where it is safe, within `timeout_s`; the monitor is `alpaca://HOST:PORT/DEVICE`. What cannot be asked is
+    unsafe. Raises ValueError.
+    """
+
+    file: str | None = None
+    command: tuple[str, ...] | None = None
+    alpaca: str | None = None
+    every_s: float = 30.0
+    timeout_s: float = 10.0
+    oldest_s: float = 300.0
+
+    def __post_init__(self) -> None:
+        """Check that there is one source, and its form."""
+        if sum(one is not None for one in (self.file, self.command, self.alpaca)) != 1:
+            raise ValueError("give one of file, command and alpaca to ask about the weather")
+        if self.command is not None and not (self.command and self.command[0].strip()):
+            raise ValueError('command is empty; give the program and its arguments, as ["./weather"]')
+        if self.alpaca is not None:
+            _check_alpaca(self.alpaca)
+        for name in ("every_s", "timeout_s", "oldest_s"):
+            between(name, getattr(self, name), 0.1, LONGEST_S)
+
+    @property
+    def words(self) -> str:
+        """Say who is asked."""
+        if self.file is not None:
+            return f"the file {self.file}"
+        return " ".join(self.command) if self.command is not None else str(self.alpaca)
+
+
+NOTICES = ("pass", "lost", "trouble", "morning")
+Notice = Literal["pass", "lost", "trouble", "morning"]
+
+
+class Notify(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Who is told of what: a program that is run, or an address to which JSON is posted.
+
+    `on`: "pass" (one was followed), "lost" (one was not), "trouble" (whatever else is worth telling),
+    "morning" (the night's summary). Nobody waits for it. Raises ValueError.
+    """
+
+    run: tuple[str, ...] | None = None
+    url: str | None = None
+    on: tuple[Notice, ...] = ("lost", "trouble", "morning")
+    timeout_s: float = 30.0
+
+    def __post_init__(self) -> None:
+        """Check that there is one of the two."""
+        if (self.run is None) == (self.url is None):
+            raise ValueError("give one of run and url to notify by")
+        if self.run is not None and not (self.run and self.run[0].strip()):
+            raise ValueError('run is empty; give the program and its arguments, as ["./tell-me"]')
+        if self.url is not None:
+            check_http("url", self.url)
+        between("timeout_s", self.timeout_s, 0.1, LONGEST_S)
+
+
+class Wake(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The program that gives the drives their power back after they were parked; done when it ends with 0."""
+
+    run: tuple[str, ...]
+    timeout_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        """Check that there is a program, and for how long."""
+        if not self.run or not self.run[0].strip():
+            raise ValueError('run is empty; give the program and its arguments, as ["./power", "on"]')
+        between("timeout_s", self.timeout_s, 0.1, 3600.0)
+
+
+class Recordings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """How long recordings are kept: so many days, and so much of the disk free. Raises ValueError."""
+
+    keep_days: float | None = None
+    keep_free_gb: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        between("keep_days", self.keep_days, 1.0, 36_500.0)
+        between("keep_free_gb", self.keep_free_gb, 0.0, 1e6)
+
+
+def _check_alpaca(address: str) -> None:
+    try:
+        parts = urlsplit(address)
+        good = parts.scheme == "alpaca" and parts.hostname and parts.port and parts.path[1:].isdecimal()
+    except ValueError:
+        good = False
+    if not good:
+        raise ValueError(
+            f"alpaca is {address!r}; write alpaca://HOST:PORT/DEVICE, as alpaca://192.0.2.7:11111/0"
+        )
+
+
+def check_http(name: str, url: str) -> None:
+    """Raise ValueError where a text is no http address, or holds a password."""
+    try:
+        parts = urlsplit(url)
+        host, _ = parts.hostname, parts.port
+    except ValueError:
+        host, parts = None, urlsplit("")
+    if parts.scheme not in ("http", "https") or not host:
+        raise ValueError(f"{name} is {url!r}; write https://HOST/PATH")
+    if parts.username is not None or parts.password is not None:
+        # Not shown again: it holds a password.
+        raise ValueError(f"{name} is an address with a name or password; others can read schedules")
+
+
+def between(name: str, value: float | None, low: float, high: float) -> None:
+    """Raise ValueError where a number is outside its bounds; None is inside."""
+    if value is not None and not low <= value <= high:
+        raise ValueError(f"{name} is {value:g}; give {low:g} to {high:g}")
+
+
+_UNIX_EPOCH_JD = 2440587.5
+_DAY_S = 86400.0
+_TT_MINUS_UTC_S = 69.184
+_MAS_RAD = math.radians(1.0 / 3.6e6)
+
+
+class Star(NamedTuple):
+    """Right ascension and declination, degrees; proper motions, mas a year, that in RA times cos Dec."""
+
+    ra_deg: float
+    dec_deg: float
+    pm_ra_mas: float
+    pm_dec_mas: float
+
+
+def _star(ra: str, dec: str, pm_ra_mas: float, pm_dec_mas: float) -> Star:
+    hours, minutes, seconds = (float(part) for part in ra.split())
+    degrees, arcmin, arcsec = (float(part) for part in dec[1:].split())
+    size = degrees + arcmin / 60.0 + arcsec / 3600.0
+    return Star(
+        15.0 * (hours + minutes / 60.0 + seconds / 3600.0),
+        -size if dec[0] == "-" else size,
+        pm_ra_mas,
+        pm_dec_mas,
+    )
+
+
+STARS = {
+    "Aldebaran": _star("04 35 55.239", "+16 30 33.49", 63.45, -188.94),
+    "Alkaid": _star("13 47 32.438", "+49 18 47.76", -121.17, -14.91),
+    "Alphard": _star("09 27 35.243", "-08 39 30.96", -15.23, 34.37),
+    "Alpheratz": _star("00 08 23.260", "+29 05 25.55", 137.46, -163.44),
+    "Altair": _star("19 50 46.999", "+08 52 05.96", 536.23, 385.29),
+    "Antares": _star("16 29 24.460", "-26 25 55.21", -12.11, -23.30),
+    "Arcturus": _star("14 15 39.672", "+19 10 56.67", -1093.39, -2000.06),
+    "Betelgeuse": _star("05 55 10.305", "+07 24 25.43", 27.54, 11.30),
+    "Capella": _star("05 16 41.359", "+45 59 52.77", 75.25, -426.89),
+    "Caph": _star("00 09 10.685", "+59 08 59.21", 523.50, -179.77),
+    "Castor": _star("07 34 35.873", "+31 53 17.82", -191.45, -145.19),
+    "Deneb": _star("20 41 25.915", "+45 16 49.22", 2.01, 1.85),
+    "Denebola": _star("11 49 03.578", "+14 34 19.41", -497.68, -114.67),
+    "Diphda": _star("00 43 35.371", "-17 59 11.78", 232.55, 31.99),
+    "Dubhe": _star("11 03 43.672", "+61 45 03.72", -134.11, -34.70),
+    "Eltanin": _star("17 56 36.370", "+51 29 20.02", -8.48, -22.79),
+    "Enif": _star("21 44 11.156", "+09 52 30.03", 26.92, 0.44),
+    "Hamal": _star("02 07 10.406", "+23 27 44.70", 188.55, -148.08),
+    "Kochab": _star("14 50 42.326", "+74 09 19.81", -32.61, 11.42),
+    "Menkar": _star("03 02 16.773", "+04 05 23.06", -10.41, -76.85),
+    "Menkent": _star("14 06 40.948", "-36 22 11.84", -520.53, -518.06),
+    "Mirach": _star("01 09 43.924", "+35 37 14.01", 175.90, -112.20),
+    "Mirfak": _star("03 24 19.370", "+49 51 40.25", 23.75, -26.23),
+    "Polaris": _star("02 31 49.095", "+89 15 50.79", 44.48, -11.85),
+    "Pollux": _star("07 45 18.950", "+28 01 34.32", -626.55, -45.80),
+    "Procyon": _star("07 39 18.120", "+05 13 29.96", -714.59, -1036.80),
+    "Regulus": _star("10 08 22.311", "+11 58 01.95", -248.73, 5.59),
+    "Rigel": _star("05 14 32.272", "-08 12 05.90", 1.31, 0.50),
+    "Scheat": _star("23 03 46.457", "+28 04 58.03", 187.65, 136.93),
+    "Sirius": _star("06 45 08.917", "-16 42 58.02", -546.01, -1223.07),
+    "Spica": _star("13 25 11.579", "-11 09 40.75", -42.35, -30.67),
+    "Vega": _star("18 36 56.336", "+38 47 01.28", 200.94, 286.23),
+}
+
+
+def find_star(name: str) -> Star | None:
+    """Return a star by its name, whatever the case; None where it is not known."""
+    return next((star for known, star in STARS.items() if known.casefold() == name.strip().casefold()), None)
+
+
+def hour_angle_and_dec_deg(star: Star, utc_s: float, longitude_deg: float) -> tuple[float, float]:
+    """Return where a star stands, apparent place of date, geocentric: hour angle (-180 to 180), declination.
+
+    To some arcseconds: UT1 is taken as UTC, and parallax left out.
+    """
+    day = _UNIX_EPOCH_JD + utc_s / _DAY_S
+    ra, dec = math.radians(star.ra_deg), math.radians(star.dec_deg)
+    pm_ra = star.pm_ra_mas * _MAS_RAD / math.cos(dec)
+    ri, di, _ = erfa.atci13(
+        ra, dec, pm_ra, star.pm_dec_mas * _MAS_RAD, 0.0, 0.0, day, _TT_MINUS_UTC_S / _DAY_S
+    )
+    turned = math.degrees(erfa.era00(day, 0.0) - float(ri)) + longitude_deg
+    return (turned + 180.0) % 360.0 - 180.0, math.degrees(float(di))
+
 
 MOST_PRIORITY = 1e6
 FIXED_PRIORITY = 100.0

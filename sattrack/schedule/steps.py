@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from msgspec.structs import replace
 
-from sattrack.schedule.known import actions_of, at_of, next_night, prepared_from_s, stepped, with_ways
 from sattrack.schedule.night import (
     AskWeather,
     ClockSet,
@@ -34,8 +33,14 @@ from sattrack.schedule.night import (
     SumUp,
     Wait,
     WeatherTold,
+    actions_of,
+    at_of,
+    next_night,
+    prepared_from_s,
+    stepped,
+    with_ways,
 )
-from sattrack.schedule.results import go_of, held_words, result_of
+from sattrack.schedule.summary import go_of, held_words, result_of
 
 TRY_PLAN_AGAIN_S = 600.0
 TRY_PARK_AGAIN_S = 60.0

@@ -1,18 +1,169 @@
-"""The morning's summary of a night: as text, and as a page of HTML with links to the recordings. Pure."""
+"""A schedule's run in words: results of passes, the view of its state, the morning's summary. Pure."""
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from html import escape
 from typing import TYPE_CHECKING, NamedTuple
 
-from sattrack.schedule.night import Mount
-from sattrack.schedule.results import held_words
+from sattrack.schedule.night import Followed, Go, Happening, Mount, NightPass, Result, Started, State, Wait
+from sattrack.views.schedule import PassView, ScheduleView
 from tle.errors import printable
 from tle.instants import Utc
 
 if TYPE_CHECKING:
-    from sattrack.schedule.night import NightPass, Result, Run
+    from sattrack.schedule.night import Doing, NightPass, Run
+
+
+DONE_SHARE = 0.9
+TOLD_S = 0.5
+
+
+def go_of(event: Happening) -> Go:
+    """Return the go that has just ended: as it was told, or as the last that was known of it."""
+    if isinstance(event, Followed):
+        return event.go
+    assert isinstance(event, Started)
+    last = event.utc_s if event.last_utc_s is None else event.last_utc_s
+    return Go("restart", last, event.on_target_s, words="the runner ended", recording=event.recording)
+
+
+def result_of(one: NightPass, goes: tuple[Go, ...]) -> Result:
+    """Return what became of a pass of all goes at it."""
+    on_target_s = sum(go.on_target_s for go in goes)
+    whole_s = one.end_utc_s - one.start_utc_s
+    last = goes[-1]
+    rms = [(go.rms_arcsec, go.on_target_s) for go in goes if go.rms_arcsec is not None and go.on_target_s]
+    weight = sum(seconds for _, seconds in rms)
+    together = math.sqrt(sum(r * r * s for r, s in rms) / weight) if weight else None
+    peaks = [go.peak_arcsec for go in goes if go.peak_arcsec is not None]
+    state = "done" if on_target_s >= DONE_SHARE * whole_s else "partly" if on_target_s > 0.0 else "lost"
+    cause = words = None
+    if state != "done" or last.ended_by not in ("set", "restart"):
+        broken = [go for go in goes if go.ended_by != "set"] or [last]
+        cause, words = broken[-1].ended_by, broken[-1].words
+        if cause == "set":
+            cause, words = "late", words or "the mount was not on the satellite for all of it"
+    return Result(
+        state=state,
+        cause=cause,
+        words=words,
+        on_target_s=round(on_target_s, 3),
+        lost_s=round(max(0.0, whole_s - on_target_s), 3),
+        rms_arcsec=None if together is None else round(together, 4),
+        peak_arcsec=max(peaks) if peaks else None,
+        parts=len(goes),
+        recordings=tuple(go.recording for go in goes if go.recording is not None),
+        held_s=_summed(goes),
+        rejoining_s=round(sum(go.rejoining_s for go in goes), 3),
+        lost_peak_arcsec=max((go.lost_peak_arcsec for go in goes if go.lost_peak_arcsec), default=None),
+    )
+
+
+def _summed(goes: tuple[Go, ...]) -> dict[str, float]:
+    names = dict.fromkeys(name for go in goes for name in go.held_s)
+    return {name: round(sum(go.held_s.get(name, 0.0) for go in goes), 3) for name in names}
+
+
+def held_words(result: Result | PassView) -> str:
+    """Return what limits took of a pass, in words; empty for nothing that is worth a word."""
+    told = [
+        f"{seconds:.0f} s to the {name} limit" for name, seconds in result.held_s.items() if seconds >= TOLD_S
+    ]
+    if not told:
+        return ""
+    if result.rejoining_s >= TOLD_S:
+        told.append(f"{result.rejoining_s:.0f} s on the way back")
+    if result.lost_peak_arcsec is not None:
+        told.append(f"{result.lost_peak_arcsec / 3600.0:.2g}° off at most")
+    return ", ".join(told)
+
+
+BUSY = (State.READYING, State.FOLLOWING, State.FINISHING, State.PARKING)
+WITH_A_PASS = (State.PREPARING, State.ASKING, State.HOLDING, State.READYING, State.FOLLOWING)
+NOTES = 8
+
+
+def view_of(run: Run, doing: Doing | None, utc_s: float, schedule: str, folder: str = "") -> ScheduleView:
+    """Return the view of a run at an instant; `doing` is what was ordered last."""
+    place = len(run.results)
+    following = place if run.state in WITH_A_PASS and run.at is not None else None
+    if run.state is State.FINISHING:
+        following = place - 1
+    upcoming = run.at if run.state not in (State.FOLLOWING, State.ENDED) else None
+    return ScheduleView(
+        utc_s=utc_s,
+        schedule=schedule,
+        state=run.state.value,
+        doing=doing_words(run, doing),
+        mount="moving" if run.state in BUSY else run.mount.value,
+        night=run.night,
+        from_utc=_iso(run.night_from_utc_s),
+        to_utc=_iso(run.night_to_utc_s),
+        passes=tuple(
+            _pass_view(one, run.results[k] if k < place else None, following == k, run)
+            for k, one in enumerate(run.passes)
+        ),
+        not_planned=sum(run.others.values()),
+        current=None if following is None else run.passes[following].number,
+        next_number=None if upcoming is None else upcoming.number,
+        next_in_s=None if upcoming is None else round(upcoming.start_utc_s - utc_s, 1),
+        weather=run.weather,
+        notes=run.notes[-NOTES:],
+        summary=run.summary,
+        folder=folder,
+    )
+
+
+def _pass_view(one: NightPass, result: Result | None, current: bool, run: Run) -> PassView:
+    in_progress = current and run.state is State.FOLLOWING
+    return PassView(
+        number=one.number,
+        name=one.name,
+        catalog_number=one.elements.catalog_number,
+        start_utc=_iso(one.start_utc_s),
+        culminate_utc=_iso(one.culminate_utc_s),
+        end_utc=_iso(one.end_utc_s),
+        max_alt_deg=one.max_alt_deg,
+        priority=one.priority,
+        state="in progress" if in_progress else "waiting" if result is None else result.state,
+        cause=None if result is None else result.cause,
+        words=None if result is None else result.words,
+        on_target_s=None if result is None else result.on_target_s,
+        rms_arcsec=None if result is None else result.rms_arcsec,
+        parts=run.part if in_progress else 0 if result is None else result.parts,
+        recordings=() if result is None else result.recordings,
+        lost_to=one.lost_to,
+        held_s={} if result is None else result.held_s,
+        rejoining_s=0.0 if result is None else result.rejoining_s,
+        lost_peak_arcsec=None if result is None else result.lost_peak_arcsec,
+    )
+
+
+def doing_words(run: Run, doing: Doing | None) -> str:
+    """Return what the runner does, in a few words."""
+    one = run.at
+    name = "" if one is None else f" {one.number}, {one.name}"
+    match run.state:
+        case State.WAITING if one is not None:
+            words = f"waiting for{name}"
+        case State.PREPARING | State.ASKING | State.READYING if one is not None:
+            words = f"getting ready for{name}"
+        case State.HOLDING:
+            words = f"holding{name} for the weather: {run.weather}"
+        case State.FOLLOWING:
+            words = f"following{name}" + (f", part {run.part}" if run.part > 1 else "")
+        case State.RESTING if isinstance(doing, Wait):
+            words = f"resting until {_iso(doing.until_utc_s)}, mount {_mount_short(run.mount)}"
+        case _:
+            words = run.state.value
+    return words
+
+
+def _mount_short(mount: Mount) -> str:
+    return "not known" if mount is Mount.UNKNOWN else mount.value
+
 
 COLOURS = {"done": "#2e7d32", "partly": "#b26a00", "lost": "#b3261e"}
 

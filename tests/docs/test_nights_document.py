@@ -14,7 +14,7 @@ import msgspec
 from sattrack.cli.main import run
 from sattrack.cli.run import command
 from sattrack.core.errors import InterruptedRunError, TerminatedRunError
-from sattrack.schedule import actions, machine
+from sattrack.schedule import machine, schema
 from sattrack.schedule.conditions import BROKE_OFF
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.night import NightPass, Result, State
@@ -66,9 +66,9 @@ def test_the_schedule_of_the_page_loads_and_every_key_is_told(tmp_path: Path) ->
     assert schedule.wake is not None
     assert len(schedule.notify) == 2
     told = set(re.findall(r"[a-z_]+", " ".join(re.findall(r"`([^`\n]+)`", TEXT))))
-    for kind in (actions.Wake, actions.Notify, actions.Recordings):
+    for kind in (schema.Wake, schema.Notify, schema.Recordings):
         assert {field.encode_name for field in msgspec.structs.fields(kind)} <= told
-    assert set(actions.NOTICES) <= told
+    assert set(schema.NOTICES) <= told
     assert told >= BROKE_OFF
 
 

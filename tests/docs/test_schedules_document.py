@@ -9,7 +9,7 @@ import msgspec
 import pytest
 
 from sattrack.cli.main import run
-from sattrack.schedule import actions, rules, schema
+from sattrack.schedule import rules, schema
 from sattrack.schedule.file import load_schedule
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -60,11 +60,11 @@ def test_every_key_condition_and_reason_to_choose_is_told() -> None:
         schema.PassEntry,
         schema.FixedEntry,
         schema.ImportEntry,
-        actions.SlewAction,
-        actions.SearchAction,
-        actions.CommandAction,
-        actions.WebhookAction,
-        actions.Weather,
+        schema.SlewAction,
+        schema.SearchAction,
+        schema.CommandAction,
+        schema.WebhookAction,
+        schema.Weather,
     ]
     told = set(re.findall(r"[a-z_]+", " ".join(re.findall(r"`([^`\n]+)`", TEXT))))
     for kind in kinds:

@@ -80,9 +80,9 @@ class Satellites(msgspec.Struct, frozen=True):
 
         del facts, prepare
         if self.profile.through_pole:
-            from sattrack.planning import passing
+            from sattrack.planning import keyhole
 
-            del passing
+            del keyhole
         with contextlib.suppress(TleError):
             Propagator(self.elements[0], self.site.place())
 

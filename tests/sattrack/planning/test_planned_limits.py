@@ -11,11 +11,10 @@ from planning_builders import path_of
 
 from sattrack.mount.model import AxisLimits, MountProfile, PierZone
 from sattrack.planning.kinematics import Ability, losses, why_not
-from sattrack.planning.limits import margins_deg
-from sattrack.planning.link_loss import HeldWay, link_loss
-from sattrack.planning.path import AxisPath, Pointing, axis_path
+from sattrack.planning.path import AxisPath, Pointing, axis_path, margins_deg
+from sattrack.planning.rehearsal import HeldWay, link_loss
 from sattrack.planning.sides import choose_sides
-from sattrack.planning.table import TabledPropagator
+from sattrack.planning.trace import TabledPropagator
 from sattrack.runtime import practice
 from sattrack.safety.limits import SafetyLimits
 from tle.bias import NO_BIAS

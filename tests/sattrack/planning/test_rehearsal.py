@@ -25,8 +25,7 @@ from sattrack.planning.budget import Circumstances, error_budget
 from sattrack.runtime import practice
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import Prepared, RunRequest, prepare
-from sattrack.runtime.rehearse import rehearse
-from sattrack.runtime.rehearsed_run import RehearsedRun
+from sattrack.runtime.rehearse import RehearsedRun, rehearse
 from tle.bias import NO_BIAS
 from tle.elements import Elements
 from tle.instants import Utc

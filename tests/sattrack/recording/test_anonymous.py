@@ -17,7 +17,7 @@ from sattrack.recording.format import OPERATOR, STATUS
 from sattrack.recording.reading import GAP, Recording
 from sattrack.recording.recorder import Recorder
 from sattrack.recording.replay import replay
-from sattrack.runtime.again import engine_of, open_recording
+from sattrack.runtime.facts import engine_of, open_recording
 from tle.instants import Utc
 from tle.propagator import Propagator
 

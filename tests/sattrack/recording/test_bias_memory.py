@@ -20,8 +20,7 @@ from sattrack.core.errors import SattrackError
 from sattrack.recording.bias_memory import BiasMemory, KeptBias, memory_file, worth_keeping
 from sattrack.recording.replay import replay
 from sattrack.runtime import practice
-from sattrack.runtime.again import engine_of, open_recording
-from sattrack.runtime.facts import build_engine
+from sattrack.runtime.facts import build_engine, engine_of, open_recording
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import Prepared, RunRequest, prepare
 from sattrack.runtime.remembering import uses_memory

@@ -11,7 +11,7 @@ from sattrack.recording.comparison import Tolerances
 from sattrack.recording.format import FORMAT_VERSION, OPERATOR, REPEAT
 from sattrack.recording.reading import Recording
 from sattrack.recording.replay import replay
-from sattrack.runtime.again import engine_of, open_recording
+from sattrack.runtime.facts import engine_of, open_recording
 from sattrack.views.messages import Observation, decode_message
 
 if TYPE_CHECKING:

@@ -22,7 +22,7 @@ from sattrack.recording.format import COMMAND
 from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import BackgroundRecorder, Recorder
 from sattrack.recording.replay import replay
-from sattrack.runtime.again import engine_of
+from sattrack.runtime.facts import engine_of
 
 if TYPE_CHECKING:
     from pathlib import Path

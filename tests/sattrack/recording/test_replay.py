@@ -29,8 +29,7 @@ from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import Recorder
 from sattrack.recording.replay import Replay, replay
 from sattrack.recording.wording import replay_lines
-from sattrack.runtime.again import engine_of
-from sattrack.runtime.facts import build_engine, decode_facts
+from sattrack.runtime.facts import build_engine, decode_facts, engine_of
 
 if TYPE_CHECKING:
     from collections import Counter

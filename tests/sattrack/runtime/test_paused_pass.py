@@ -22,8 +22,7 @@ from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import NoRecording
 from sattrack.recording.replay import replay
 from sattrack.recording.trace import trace
-from sattrack.runtime.again import engine_of
-from sattrack.runtime.facts import build_engine
+from sattrack.runtime.facts import build_engine, engine_of
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.outcome import summarise
 from sattrack.runtime.prepare import RunRequest, prepare

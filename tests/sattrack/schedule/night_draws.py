@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from random import Random
 
 from sattrack.runtime import practice
-from sattrack.schedule.actions import CommandAction, SlewAction, WebhookAction
 from sattrack.schedule.night import (
     AskWeather,
     ClockSet,
@@ -33,7 +32,7 @@ from sattrack.schedule.night import (
     Ways,
     WeatherTold,
 )
-from sattrack.schedule.schema import Terms
+from sattrack.schedule.schema import CommandAction, SlewAction, Terms, WebhookAction
 
 BEGIN = 1_790_942_400.0
 NOON_S = 41_522.0

@@ -19,7 +19,7 @@ import pytest
 from element_server import element_server
 
 from sattrack.cli.common import CommandContext
-from sattrack.cli.run_live import renewer
+from sattrack.cli.run_night import renewer
 from sattrack.cli.run_plan import within_half_a_turn
 from sattrack.control.manual.procedures import ParkThere
 from sattrack.core.errors import SattrackError
@@ -28,16 +28,23 @@ from sattrack.mount.profiles import ProfileFile, load_profile_file
 from sattrack.mount.requests import TicketState
 from sattrack.runtime import practice
 from sattrack.safety import SafetyLimits
-from sattrack.schedule.actions import Notify, Weather
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.night import NightPass, Result
-from sattrack.schedule.night_commands import Errands, Notifier, as_environment, facts_of, post, run_program
+from sattrack.schedule.night_commands import (
+    Errands,
+    Notifier,
+    WeatherWatch,
+    as_environment,
+    ask_weather,
+    facts_of,
+    post,
+    run_program,
+)
 from sattrack.schedule.night_files import NightFiles, read_status
-from sattrack.schedule.night_flight import Airspace
 from sattrack.schedule.night_hands import Readings, jump_between
 from sattrack.schedule.night_journal import Journal, locked
-from sattrack.schedule.schema import Terms
-from sattrack.schedule.weather import WeatherWatch, ask_weather
+from sattrack.schedule.night_virtual import Airspace
+from sattrack.schedule.schema import Notify, Terms, Weather
 from sattrack.settings import Settings
 from tle.formats.registry import write_elements
 from tle.instants import Utc

@@ -22,7 +22,6 @@ from schedule_night import Plan, rows
 
 from sattrack.cli.main import run
 from sattrack.schedule import machine, night_session
-from sattrack.schedule.actions import Recordings
 from sattrack.schedule.night import (
     Due,
     End,
@@ -42,14 +41,14 @@ from sattrack.schedule.night import (
     StopAsked,
     Wait,
 )
-from sattrack.schedule.night_drive import drive
 from sattrack.schedule.night_files import NightFiles, TakenUp, read_status, take_up
-from sattrack.schedule.night_hands import LiveHands
+from sattrack.schedule.night_hands import LiveHands, drive
 from sattrack.schedule.night_journal import FILE_NAME, Beat, Journal, parts_of
 from sattrack.schedule.night_session import Session
 from sattrack.schedule.night_stop import NightRequests, keep_stop, stop_of
+from sattrack.schedule.schema import Recordings
 from sattrack.schedule.service import Service
-from sattrack.schedule.showing import view_of
+from sattrack.schedule.summary import view_of
 from tle.formats.registry import write_elements
 
 if TYPE_CHECKING:

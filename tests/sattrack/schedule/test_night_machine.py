@@ -10,7 +10,6 @@ from msgspec.structs import replace
 from night_draws import BEGIN, World, drawn_passes, ways
 
 from sattrack.schedule import machine
-from sattrack.schedule.actions import CommandAction
 from sattrack.schedule.night import (
     AskWeather,
     ClockSet,
@@ -40,7 +39,7 @@ from sattrack.schedule.night import (
     Ways,
     WeatherTold,
 )
-from sattrack.schedule.schema import Terms
+from sattrack.schedule.schema import CommandAction, Terms
 from tle.instants import Utc
 
 NIGHTS = 3.0

@@ -10,8 +10,7 @@ import pytest
 from planning_nights import Tabled, brute_force, can_be_done, greedy, plain_loops, random_night, value_of
 
 from sattrack.core.errors import SattrackError
-from sattrack.schedule.packing import Packing, best_packed
-from sattrack.schedule.planner import Problem, best_plan
+from sattrack.schedule.planner import Packing, Problem, best_packed, best_plan
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -19,7 +19,7 @@ from sattrack.mount.model import MountProfile
 from sattrack.runtime import practice
 from sattrack.safety.limits import SafetyLimits
 from sattrack.safety.route import axes_of, slew_s
-from sattrack.schedule import gathering
+from sattrack.schedule import candidates
 from sattrack.schedule.candidates import Candidate, Loaded, Situation
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import make_plan
@@ -185,7 +185,7 @@ def test_to_judge_only_what_a_plan_would_take_gives_the_same_plan(
 ) -> None:
     text = SPAN + '[defaults]\nif_sun_up = "run"\nshorten = true\n[[passes]]\nrule = "all, above 15°"\n'
     all_judged = planned(capsys, tmp_path, text, sky)
-    monkeypatch.setattr(gathering, "MOST_JUDGED", 10)
+    monkeypatch.setattr(candidates, "MOST_JUDGED", 10)
     few_judged = planned(capsys, tmp_path, text, sky)
     assert any(one["reason"] == "infeasible" for one in all_judged["lost"])
     assert few_judged["passes"] == all_judged["passes"]
@@ -363,7 +363,7 @@ def test_a_rule_that_matches_nothing_is_told_and_ends_nothing(
 def test_only_the_most_valuable_of_very_many_are_weighed(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], sky: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(gathering, "MOST_CANDIDATES", 5)
+    monkeypatch.setattr(candidates, "MOST_CANDIDATES", 5)
     plan = planned(capsys, tmp_path, SPAN + '[[passes]]\nrule = "all, dark"\n', sky)
     crowded = [one for one in plan["lost"] if one["reason"] == "too many"]
     weighed = [one for one in (*plan["passes"], *plan["lost"]) if one not in crowded]

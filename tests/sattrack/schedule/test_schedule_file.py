@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from sattrack.core.errors import BadInputError
-from sattrack.schedule.actions import SearchAction, SlewAction
 from sattrack.schedule.file import Schedule, load_schedule
+from sattrack.schedule.schema import SearchAction, SlewAction
 from tle.instants import Utc
 
 ISS = '[[passes]]\nsatellite = "ISS"\n'

@@ -8,8 +8,7 @@ import pytest
 
 from sattrack.core.errors import BadInputError
 from sattrack.core.origin import Origin
-from sattrack.schedule.moments import find_zone
-from sattrack.schedule.tables import read_list, read_table
+from sattrack.schedule.file import find_zone, read_list, read_table
 from tle.instants import Utc
 
 HERE = Origin("t.csv", 1, 1)

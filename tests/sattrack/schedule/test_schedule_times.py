@@ -6,7 +6,7 @@ from datetime import UTC, tzinfo
 
 import pytest
 
-from sattrack.schedule.moments import find_zone, parse_moment
+from sattrack.schedule.file import find_zone, parse_moment
 from tle.instants import Utc
 
 AMSTERDAM = find_zone("Europe/Amsterdam")

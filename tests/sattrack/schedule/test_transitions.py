@@ -14,12 +14,19 @@ from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.safety.geometry import Place
 from sattrack.safety.limits import SafetyLimits
 from sattrack.safety.route import HANDSHAKE_S, RAMP, slew_s
-from sattrack.schedule.actions import CommandAction, SearchAction, SlewAction, WebhookAction
 from sattrack.schedule.candidates import Situation
-from sattrack.schedule.detours import LedSlews
-from sattrack.schedule.stars import STARS, Star, hour_angle_and_dec_deg
+from sattrack.schedule.schema import (
+    STARS,
+    CommandAction,
+    SearchAction,
+    SlewAction,
+    Star,
+    WebhookAction,
+    hour_angle_and_dec_deg,
+)
 from sattrack.schedule.transitions import (
     Errands,
+    LedSlews,
     SlewTransitions,
     Stand,
     errands_after,
