@@ -1,9 +1,9 @@
 """Stops of mounts written from the paper alone, in virtual time: is rest ever announced too early, or never?
 
-`python bench/rest.py --stops 10000 --seed 1`. A session moves a mount at random rates; then it, or a `Halt`
-like a guardian's, stops it. The mount's true axes are the judge: at the instant of the announcement each must
-be slower than REST_RATE_DEG_S against standstill or the sky. Fields lie, aborts act late, datagrams are lost
-and late, by draws that follow from the seed and the number of the stop.
+`python bench/rest.py --stops 10000 --seed 1`. A session moves a mount at random rates; then it, or a
+`DirectStop` like a guardian's, stops it. The mount's true axes are the judge: at the instant of the
+announcement each must be slower than REST_RATE_DEG_S against standstill or the sky. Fields lie, aborts act
+late, datagrams are lost and late, by draws that follow from the seed and the number of the stop.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if __name__ == "__main__":
 
 from strangers import planner, position_servo, velocity_servo
 
-from sattrack.control.halt import Halt
+from sattrack.control.halt import DirectStop
 from sattrack.core.figures import quantile
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Cleared, MountProfile, MoveAxes, Stop
 from sattrack.mount.xerxes.session import Session
@@ -178,7 +178,7 @@ def run(drawn: Draw) -> Outcome:
         link.put(link.now_s, True, session.compose())
         link.run_period(session)
     if drawn.halts:
-        session = Halt(profile, link.now_s, session.health.sent).session
+        session = DirectStop(profile, link.now_s, session.health.sent).session
     else:
         session.apply(Cleared(Stop()))
     return _stop(link, session, Outcome(drawn))

@@ -3,23 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from sattrack.calibration.guard import CalibrationEndedError, Guard, Kind, Surroundings
 from sattrack.calibration.plan import LARGEST_DURATION_S, Plan
 from sattrack.calibration.script import Observations, Script
 from sattrack.calibration.sender import Sender
-from sattrack.mount.link_loss import STOP_LINGER_S, STOPS_MOVING_S, STOPS_SENT_S
-
-if TYPE_CHECKING:
-    from collections.abc import Generator
-
-STOP_AGAIN_S = 2.0
-"""How long a stop may take before it is sent anew, then twice as long: a mount may count its time to obey
-from the last one."""
-STOP_SELDOM_S = 16.0
-LOWERED_S = 0.15
-HEARD_LATELY_S = 1.0
+from sattrack.control.halt import DirectStop
+from sattrack.mount.model import MountProfile
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +43,8 @@ class Calibrator:
         self._steps = self._script.steps()
         self._kind = Kind.DONE
         self._words = ""
-        self._stopping = False
+        self._stop: DirectStop | None = None
+        """The stop at the end: what is known of the mount so far may be wrong."""
         self._allowed = False
 
     @property
@@ -71,12 +62,14 @@ class Calibrator:
         heard = self.seen.log.take(data, arrival_utc_s)
         if heard is None or self.ending is not None:
             return
-        if not self._stopping:
-            try:
-                self._guard.watch(heard, self.seen.log)
-                self._guard.watch_answer(heard, self._sender.said, self._sender.changed_utc_s)
-            except CalibrationEndedError as ended:
-                self._end(ended.kind, ended.words)
+        if self._stop is not None:
+            self._stop.receive(data, arrival_utc_s)
+            return
+        try:
+            self._guard.watch(heard, self.seen.log)
+            self._guard.watch_answer(heard, self._sender.said, self._sender.changed_utc_s)
+        except CalibrationEndedError as ended:
+            self._end(ended.kind, ended.words)
         self._resume(max(self._now_utc_s, arrival_utc_s))
 
     def due(self) -> float:
@@ -85,14 +78,15 @@ class Calibrator:
 
     def send(self, now_utc_s: float) -> bytes:
         """Return the datagram that leaves now; call at the instant of `due` and send without delay."""
-        if not self._stopping:
+        if self._stop is None:
             try:
                 self._guard.watch_link(self.seen.log, now_utc_s)
             except CalibrationEndedError as ended:
                 self._end(ended.kind, ended.words)
             if now_utc_s - self._begin_utc_s > LARGEST_DURATION_S:
                 self._end(Kind.DOUBT, f"the run took longer than {LARGEST_DURATION_S:g} s")
-        return self._guard.clear(self._sender.next(now_utc_s))
+        command = self._sender.next(now_utc_s)
+        return self._guard.clear(command) if self._stop is None else self._stop.tick(now_utc_s)
 
     def sent(self, now_utc_s: float) -> None:
         """Let the run go on when a datagram has left: apart from `send`, which must not be held up."""
@@ -100,75 +94,40 @@ class Calibrator:
 
     def stop(self, words: str) -> None:
         """Bring the mount to rest and end: the operator wants it."""
-        if not self._stopping:
-            self._end(Kind.OPERATOR, words)
+        self._end(Kind.OPERATOR, words)
 
     def fail(self, words: str) -> None:
         """Bring the mount to rest and end: something broke outside."""
-        if not self._stopping:
-            self._end(Kind.DOUBT, words)
+        self._end(Kind.DOUBT, words)
 
     def _allow(self) -> None:
         self._guard.begin(self.seen.log, self._now_utc_s)
         self._allowed = True
 
     def _end(self, kind: Kind, words: str) -> None:
+        """Begin the stop at the end; a run in which nothing may have moved is over at once."""
+        if self._stop is not None or self.ending is not None:
+            return
         self._kind, self._words = kind, words
-        self._stopping = True
         self._script.phase = "stopping the mount"
-        self._steps = self._stop_steps()
-        self._resume(self._now_utc_s)
+        if not self._allowed:
+            self.ending = Ending(kind, words, None)
+            return
+        self._sender.say_at_once({}, self._now_utc_s)
+        self._stop = DirectStop(MountProfile(), self._now_utc_s, self._sender.said.counter)
 
     def _resume(self, now_utc_s: float) -> None:
         """Let the steps go on; what they raise turns the run into a stop."""
         self._now_utc_s = self._script.now_utc_s = now_utc_s
+        if self._stop is not None:
+            if self._stop.finished:
+                self.ending = Ending(self._kind, self._words, bool(self._stop.at_rest))
+            return
         if self.ending is not None:
             return
         try:
             next(self._steps)
         except StopIteration:
-            if not self._stopping:
-                self._end(Kind.DONE, "")
+            self._end(Kind.DONE, "")
         except CalibrationEndedError as ended:
             self._end(ended.kind, ended.words)
-
-    def _stop_steps(self) -> Generator[None, None, None]:
-        """Say stop, again and again, until the mount is seen at rest."""
-        if not self._allowed:
-            self.ending = Ending(self._kind, self._words, None)
-            return
-        began, again_s = self._now_utc_s, STOP_AGAIN_S
-        while not self._given_up(began):
-            lowered = self._now_utc_s
-            if self._sender.said.abort:
-                self._sender.say_at_once({}, self._now_utc_s)
-                while self._now_utc_s < lowered + LOWERED_S:
-                    yield
-            self._sender.say_at_once({"abort": True}, self._now_utc_s)
-            raised = self._now_utc_s
-            yield
-            while self._now_utc_s < raised + again_s:
-                if self._at_rest(raised):
-                    yield from self._linger()
-                    self.ending = Ending(self._kind, self._words, True)
-                    return
-                yield
-            again_s = min(2.0 * again_s, STOP_SELDOM_S)
-        self.ending = Ending(self._kind, self._words, False)
-
-    def _linger(self) -> Generator[None, None, None]:
-        self._sender.say({})
-        rested = self._now_utc_s
-        while self._now_utc_s < rested + STOP_LINGER_S:
-            yield
-
-    def _at_rest(self, since_utc_s: float) -> bool:
-        last = self.seen.log.last
-        answered = last is not None and last.arrival_utc_s > since_utc_s and last.status.ack_abort
-        return answered and self.seen.log.positions.rest(since_utc_s) is not None
-
-    def _given_up(self, began_utc_s: float) -> bool:
-        waited = self._now_utc_s - began_utc_s
-        last = self.seen.log.last
-        heard = last is not None and self._now_utc_s - last.arrival_utc_s < HEARD_LATELY_S
-        return waited > (STOPS_MOVING_S if heard else STOPS_SENT_S)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sattrack.control.engine_view import HOLDING, learnt_view, view_of
-from sattrack.control.halt import StopWatch
+from sattrack.control.halt import StopProcedure
 from sattrack.control.not_acquired import Attempt, AxisAttempt, why_not
 from sattrack.control.sky_error import sky_error
 from sattrack.control.stages import Doing, Situation, Stages
@@ -103,7 +103,7 @@ class Engine:
         self._sorted = Stages(spec.plan, spec.profile)
         self._doing = Phase.WAITING
         """The phase before the run began to stop."""
-        self._stop: StopWatch | None = None
+        self._stop: StopProcedure | None = None
         self._commanded: Motion = Hold()
         self._in_force: Motion = Hold()
         """What the mount was last told: a mount that takes rates by edges is not told each of them."""
@@ -114,7 +114,7 @@ class Engine:
     @property
     def mount_stopped(self) -> bool | None:
         """Whether the mount was told to stop and seen at rest; None where it was never heard."""
-        return None if self.session.sample is None else self.session.stopped
+        return None if self._stop is None else self._stop.at_rest
 
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
@@ -333,10 +333,8 @@ class Engine:
         if self.tracker.phase is not Phase.STOPPING or self.finished:
             return
         if self._stop is None:
-            self._stop = StopWatch(now_utc_s)
-        waited_s = self._stop.waited_s(now_utc_s)
-        never_heard = self.session.sample is None and waited_s > 4 * self.spec.profile.period_s
-        self.finished = self._stop.over(self.session, now_utc_s) or never_heard
+            self._stop = StopProcedure(now_utc_s)
+        self.finished = self._stop.look(self.session, now_utc_s)
 
     def _give_up(self, why: str, words: str) -> None:
         self.message = words

@@ -1,14 +1,15 @@
-"""Bring a mount to rest and see it there, without I/O: for whoever takes over from a session that is gone.
+"""The stop of a mount, without I/O: what ends it is decided here, for whatever moves a mount.
 
-Nothing is known of what went before but the number of the last datagram: a fresh session says abort, with no
-other flag up, until the mount acknowledges it and its positions rest.
+A session that is told `Stop` says abort until the mount acknowledges it, and raises it anew where the mount
+moves on. `StopProcedure` tells when that is over. `DirectStop` has a session of its own, for whoever takes
+over from one that is gone or not to be relied on.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sattrack.mount.link_loss import STOP_LINGER_S, STOPS_MOVING_S, STOPS_SENT_S
+from sattrack.mount.link_loss import STOP_LINGER_S, longest_stop_s
 from sattrack.mount.model import Stop
 from sattrack.mount.xerxes.session import Session
 from sattrack.mount.xerxes.states import LinkState
@@ -18,49 +19,61 @@ if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile
 
 
-class StopWatch:
-    """Tells when a session's stop is over: the mount is seen at rest, or its time has passed."""
+class StopProcedure:
+    """One stop by a session: over when the mount is seen at rest, or when its time has passed.
 
-    def __init__(self, begun_utc_s: float) -> None:
-        self.rested = False
-        """Whether the mount has been seen at rest for STOP_LINGER_S, and is still."""
-        self._begun_utc_s = begun_utc_s
+    `needed` False: nothing was set going; only the last datagrams are waited for. `blind`: the mount may move
+    although it was never heard; without, what was never heard was never set going.
+    """
+
+    def __init__(self, begun_utc_s: float, needed: bool = True, blind: bool = False) -> None:
+        self.begun_utc_s = begun_utc_s
+        self.finished = False
+        self.at_rest: bool | None = None
+        """Whether the mount was seen at rest by the end of the stop, or later; None before the end, where no
+        stop was needed, and where the mount was never heard."""
+        self.needed = needed
+        self._blind = blind
         self._rest_utc_s: float | None = None
 
     def renew(self, now_utc_s: float) -> None:
         """Give the stop its whole time again."""
-        self._begun_utc_s = now_utc_s
+        self.begun_utc_s, self.finished = now_utc_s, False
 
-    def over(self, session: Session, now_utc_s: float) -> bool:
+    def look(self, session: Session, now_utc_s: float) -> bool:
         """Tell whether it is over; call once a period."""
+        link, waited_s = session.link_state(now_utc_s), now_utc_s - self.begun_utc_s
         # One old status is not enough: the mount must still be heard while it is said to rest.
-        if not session.stopped or session.link_state(now_utc_s) is not LinkState.UP:
+        if not session.stopped or link is not LinkState.UP:
             self._rest_utc_s = None
         elif self._rest_utc_s is None:
             self._rest_utc_s = now_utc_s
-        self.rested = self._rest_utc_s is not None and now_utc_s - self._rest_utc_s >= STOP_LINGER_S
-        heard = session.link_state(now_utc_s) in {LinkState.UP, LinkState.STALE}
-        return self.rested or now_utc_s - self._begun_utc_s > (STOPS_MOVING_S if heard else STOPS_SENT_S)
+        rested = self._rest_utc_s is not None and now_utc_s - self._rest_utc_s >= STOP_LINGER_S
+        heard = session.sample is not None
+        if self.finished:
+            if rested and self.needed:
+                self.at_rest = True
+            return True
+        if not self.needed or not (heard or self._blind):
+            self.finished = waited_s >= STOP_LINGER_S
+        else:
+            self.finished = rested or waited_s > longest_stop_s(link in {LinkState.UP, LinkState.STALE})
+        if self.finished and self.needed and heard:
+            self.at_rest = rested
+        return self.finished
 
-    def waited_s(self, now_utc_s: float) -> float:
-        """Return how long the stop has taken so far."""
-        return now_utc_s - self._begun_utc_s
 
+class DirectStop(StopProcedure):
+    """One stop by a session of its own; call `tick` once a period until `finished`.
 
-class Halt:
-    """One stop, from the first datagram on; call `tick` once a period until `finished`.
-
-    `counter` is the number of the last datagram that the mount was sent. After `finished`, more ticks keep
-    the mount at rest: should it move again, it is stopped again.
+    `counter` is the number of the last datagram that the mount was sent. After the end, more ticks keep the
+    mount at rest: should it move again, it is stopped again.
     """
 
     def __init__(self, profile: MountProfile, begun_utc_s: float, counter: int = 0) -> None:
+        super().__init__(begun_utc_s, blind=True)
         self.session = Session(profile)
         self.session.health.sent = counter
-        self.finished = False
-        self.at_rest: bool | None = None
-        """Whether the mount was seen at rest by the end of the stop, or later; None where never heard."""
-        self._watch = StopWatch(begun_utc_s)
         self.session.apply(Safety(profile, SafetyLimits(), 0.0).clear(Stop(), 0.0, 0.0, 0.0))
 
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
@@ -69,18 +82,8 @@ class Halt:
 
     def tick(self, now_utc_s: float) -> bytes:
         """Return the datagram to send now."""
-        over = self._watch.over(self.session, now_utc_s)
-        if over and not self.finished:
-            self.finished = True
-            self.at_rest = None if self.session.sample is None else self._watch.rested
-        elif self.finished and self._watch.rested:
-            self.at_rest = True
+        self.look(self.session, now_utc_s)
         return self.session.compose()
-
-    def renew(self, now_utc_s: float) -> None:
-        """Begin anew with a stop that was finished without rest."""
-        self._watch.renew(now_utc_s)
-        self.finished = False
 
     def last_heard(self, now_utc_s: float) -> str:
         """Return what the mount told last, in words."""

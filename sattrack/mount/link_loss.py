@@ -204,6 +204,11 @@ CONTRACT = (
 ROWS = {row.key: row for row in CONTRACT}
 
 
+def longest_stop_s(heard: bool) -> float:
+    """Return how long a stop may take, seconds, before it is given up; `heard`: the mount answers."""
+    return STOPS_MOVING_S if heard else STOPS_SENT_S
+
+
 def braking_s(profile: MountProfile, rate_deg_s: float | None = None) -> float:
     """Return how long the slower axis takes to brake from a rate, deg/s; None: from its largest."""
     axes = zip((profile.ra, profile.dec), profile.braking_deg_s2, strict=True)

@@ -19,7 +19,7 @@ from pathlib import Path
 
 import msgspec
 
-from sattrack.control.halt import Halt
+from sattrack.control.halt import DirectStop
 from sattrack.mount.link_loss import STOPS_SLOW_FOR_S, STOPS_SLOW_S, STOPS_SLOWEST_S
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.client import Address, UdpLink, nobody_listens
@@ -121,7 +121,7 @@ class Guardian:
     """Descriptor of the feeder's process, for its end by force; None where there is no such thing."""
     visitors: list[Visitor] = field(default_factory=list)
     _watch: Watch = field(init=False)
-    _halt: Halt | None = None
+    _stop: DirectStop | None = None
     _why: str = ""
     _begun_s: float = 0.0
     _asked_s: float = 0.0
@@ -145,7 +145,7 @@ class Guardian:
         while not self._over():
             self._wait()
             now_s = time.monotonic()
-            if self._halt is None:
+            if self._stop is None:
                 self._judge(now_s - looked_s)
             else:
                 self._stop_mount(now_s)
@@ -153,7 +153,7 @@ class Guardian:
         self._answer_all()
 
     def _over(self) -> bool:
-        if self._halt is not None:
+        if self._stop is not None:
             return self._gone and self._told and self._goes_on_utc is None
         return self._gone and not self._left_moving()
 
@@ -169,7 +169,7 @@ class Guardian:
             watched.append(self.door)
         looks_on = any(visitor.heard is not None for visitor in self.visitors)
         timeout_s = WATCH_S if looks_on else POLL_S
-        if self._halt is not None:
+        if self._stop is not None:
             watched.append(self.link)
             timeout_s = max(0.0, self._due_s - time.monotonic())
         readable, _, _ = select.select(watched, [], [], timeout_s)
@@ -181,9 +181,9 @@ class Guardian:
             self._hear(visitor)
         for visitor in [visitor for visitor in self.visitors if visitor.heard is not None]:
             self._show(visitor)
-        if self._halt is not None and self.link in readable:
+        if self._stop is not None and self.link in readable:
             for arrival in self.link.receive():
-                self._halt.receive(arrival.data, arrival.monotonic_s * self.task.speed)
+                self._stop.receive(arrival.data, arrival.monotonic_s * self.task.speed)
             if self._due_s - time.monotonic() > self._period_s:
                 # Heard at last: no more waiting.
                 self._due_s = time.monotonic()
@@ -215,24 +215,24 @@ class Guardian:
         self._why = why
         now_s = self._begun_s = self._due_s = time.monotonic()
         counter = self.words[Word.COUNTER]
-        self._halt = Halt(self.task.profile, now_s * self.task.speed, counter)
+        self._stop = DirectStop(self.task.profile, now_s * self.task.speed, counter)
         self.link.onlooker = partial(guard_memory.note_status, self.words)
         # What has waited unread since the feeder read last is old, but for the newest.
         for arrival in self.link.receive()[-1:]:
-            self._halt.receive(arrival.data, arrival.monotonic_s * self.task.speed)
+            self._stop.receive(arrival.data, arrival.monotonic_s * self.task.speed)
         self._stop_mount(now_s)
 
     def _stop_mount(self, now_s: float) -> None:
         """Send the datagram that is due, and tell how the stop has ended, once it has."""
-        assert self._halt is not None
+        assert self._stop is not None
         if now_s < self._due_s:
             return
-        self.link.send(self._halt.tick(now_s * self.task.speed))
+        self.link.send(self._stop.tick(now_s * self.task.speed))
         self._due_s = max(self._due_s + self._pause_s(now_s), now_s)
-        if self._halt.at_rest or self._nobody_there(now_s):
+        if self._stop.at_rest or self._nobody_there(now_s):
             if not (self._told and self._goes_on_utc is None):
                 self._conclude()
-        elif self._halt.finished and not self._told:
+        elif self._stop.finished and not self._told:
             self._go_on(now_s)
 
     @property
@@ -241,34 +241,34 @@ class Guardian:
 
     def _pause_s(self, now_s: float) -> float:
         """Return how long to wait after a datagram: longer where a mount has been silent for long."""
-        assert self._halt is not None
-        heard = self._halt.session.link_state(now_s * self.task.speed) in {LinkState.UP, LinkState.STALE}
+        assert self._stop is not None
+        heard = self._stop.session.link_state(now_s * self.task.speed) in {LinkState.UP, LinkState.STALE}
         if self._goes_on_utc is None or not self._told or heard:
             return self._period_s
         return STOPS_SLOW_S if now_s - self._goes_on_s < STOPS_SLOW_FOR_S else STOPS_SLOWEST_S
 
     def _conclude(self) -> None:
         """Tell that there is nothing left to stop."""
-        assert self._halt is not None
+        assert self._stop is not None
         self._told, self._goes_on_utc = True, None
-        self.words[Word.STOPPED] = Release.of(self._halt.at_rest)
+        self.words[Word.STOPPED] = Release.of(self._stop.at_rest)
         self._tell()
         self._answer_all()
 
     def _go_on(self, now_s: float) -> None:
         """Tell that the stop's time has passed, and go on beyond it."""
-        assert self._halt is not None
+        assert self._stop is not None
         self._told = True
-        self.words[Word.STOPPED] = Release.of(self._halt.at_rest)
+        self.words[Word.STOPPED] = Release.of(self._stop.at_rest)
         if self._goes_on_utc is None:
             self._goes_on_utc, self._goes_on_s = utc_now(), now_s
             self._tell()
         self._answer_all()
 
     def _goes_on(self) -> GoesOn | None:
-        if self._goes_on_utc is None or self._halt is None:
+        if self._goes_on_utc is None or self._stop is None:
             return None
-        heard = self._halt.last_heard(time.monotonic() * self.task.speed)
+        heard = self._stop.last_heard(time.monotonic() * self.task.speed)
         return GoesOn(os.getpid(), self._goes_on_utc, heard)
 
     def _give_up(self) -> None:
@@ -282,8 +282,8 @@ class Guardian:
     def _nobody_there(self, now_s: float) -> bool:
         """Tell whether a mount on this machine, simulated then, has ended itself."""
         address = self.task.address
-        assert self._halt is not None
-        age_s = self._halt.session.health.age_s(now_s * self.task.speed)
+        assert self._stop is not None
+        age_s = self._stop.session.health.age_s(now_s * self.task.speed)
         heard_s = self._begun_s if age_s is None else now_s - age_s / self.task.speed
         since_s = max(self._begun_s, self._asked_s, heard_s)
         if not (address.host.startswith("127.") and now_s - since_s > GONE_AFTER_S):
@@ -293,9 +293,9 @@ class Guardian:
 
     def _tell(self) -> None:
         """Say what was done, to whoever has the feeder's terminal, and to a file."""
-        assert self._halt is not None
+        assert self._stop is not None
         rest = "found that the mount is not there any more"
-        if self._halt.at_rest:
+        if self._stop.at_rest:
             rest = f"stopped the mount: seen at rest after {time.monotonic() - self._begun_s:.1f} s"
         elif self._goes_on_utc is not None:
             rest = (
@@ -366,10 +366,10 @@ class Guardian:
             return
         visitor.waits = True
         self.words[Word.STOP_ASKED] = 1
-        if self._goes_on_utc is not None and self._halt is not None and self._told:
+        if self._goes_on_utc is not None and self._stop is not None and self._told:
             self._told, self._due_s = False, time.monotonic()
-            self._halt.renew(self._due_s * self.task.speed)
-        elif self._told or (self._halt is None and self.words[Word.RELEASED]):
+            self._stop.renew(self._due_s * self.task.speed)
+        elif self._told or (self._stop is None and self.words[Word.RELEASED]):
             self._answer_all()
 
     def _show(self, visitor: Visitor) -> None:
@@ -391,9 +391,9 @@ class Guardian:
         waiting = [visitor for visitor in self.visitors if visitor.waits]
         if not waiting:
             return
-        if self._halt is not None:
+        if self._stop is not None:
             self._end_feeder()
-            stopped = Stopped("guardian", self._halt.at_rest, self._goes_on())
+            stopped = Stopped("guardian", self._stop.at_rest, self._goes_on())
         else:
             released = self.words[Word.RELEASED]
             stopped = Stopped("session", Release(released).at_rest if released else None)

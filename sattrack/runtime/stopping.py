@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.control.halt import Halt
+from sattrack.control.halt import DirectStop
 from sattrack.core.errors import LinkLostError, SattrackError
 from sattrack.mount.xerxes.client import nobody_listens
 from sattrack.mount.xerxes.datagrams import Command, encode_command
@@ -78,35 +78,35 @@ def stop_directly(address: MountAddress, profile: MountProfile, waiting: Callabl
     mount = address.name
     with owned(address.to_stop(), profile) as (link, guard):
         begun_s = due_s = asked_s = time.monotonic()
-        halt = Halt(profile, begun_s)
-        while not halt.finished:
+        stop = DirectStop(profile, begun_s)
+        while not stop.finished:
             readable, _, _ = select.select([link], [], [], max(0.0, due_s - time.monotonic()))
             if readable:
                 for arrival in link.receive():
-                    halt.receive(arrival.data, arrival.monotonic_s)
+                    stop.receive(arrival.data, arrival.monotonic_s)
             now_s = time.monotonic()
             if now_s < due_s:
                 continue
-            datagram = halt.tick(now_s)
+            datagram = stop.tick(now_s)
             guard.beat(datagram)
             link.send(datagram)
             due_s = max(due_s + profile.period_s, now_s)
             waiting()
-            if halt.session.sample is not None or now_s - asked_s < GONE_AFTER_S:
+            if stop.session.sample is not None or now_s - asked_s < GONE_AFTER_S:
                 continue
             asked_s = now_s
             if nobody_listens(link.address, encode_command(Command(abort=True)), LOOK_AGAIN_S):
                 guard.release(None)
                 return MountStop(mount, "direct", None, None, None, NOBODY)
-        guard.release(bool(halt.at_rest))
-        goes_on = None if halt.at_rest else GoesOn(guard.pid, utc_now(), halt.last_heard(time.monotonic()))
-    if halt.at_rest:
+        guard.release(bool(stop.at_rest))
+        goes_on = None if stop.at_rest else GoesOn(guard.pid, utc_now(), stop.last_heard(time.monotonic()))
+    if stop.at_rest:
         return MountStop(mount, "direct", True, None, None, "stopped and seen at rest")
-    words = "it was told to stop and IS NOT AT REST" if halt.at_rest is False else "it was told to stop"
-    if halt.at_rest is None:
+    words = "it was told to stop and IS NOT AT REST" if stop.at_rest is False else "it was told to stop"
+    if stop.at_rest is None:
         words += ", but is NOT HEARD: nobody knows whether it obeyed"
     words = f"{words}; {goes_on}; look after it, and stop it by its own console; {GIVE_UP}"
-    return MountStop(mount, "direct", halt.at_rest, None, None, words, goes_on)
+    return MountStop(mount, "direct", stop.at_rest, None, None, words, goes_on)
 
 
 def stop_after(owner: Owner, profile: MountProfile, waiting: Callable[[], None]) -> MountStop:

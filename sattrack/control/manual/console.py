@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from sattrack.control.manual.procedures import Outcome, Procedure, Refusal, procedure_for, refused
 from sattrack.control.manual.wording import limit_words
 from sattrack.control.rest import Jogs
+from sattrack.mount.link_loss import STOP_LINGER_S
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, MoveAxes, SlewTo, Stop, mean_sidereal_deg, seen_of
 from sattrack.mount.requests import (
     Abort,
@@ -36,7 +37,8 @@ if TYPE_CHECKING:
     from sattrack.safety import SafetyLimits
     from tle.site import Site
 
-LINGER_S = 0.5
+LET_GO_AFTER_S = 2.0 * STOP_LINGER_S
+"""After so long at rest a stopped mount is left alone; whoever waits for the rest has seen it by then."""
 REMEMBERED = 5
 OFFSETS = 100
 END_WITHIN_TICKS = 20
@@ -387,7 +389,7 @@ class Console:
             self._rest_since_utc_s = None
         elif self._rest_since_utc_s is None:
             self._rest_since_utc_s = now_utc_s
-        elif now_utc_s - self._rest_since_utc_s >= LINGER_S and self.procedure is None:
+        elif now_utc_s - self._rest_since_utc_s >= LET_GO_AFTER_S and self.procedure is None:
             self._rest_since_utc_s = None
             if self.trouble == "link":
                 self.refusal = f"{self.mount_name} was silent for a while; it was stopped"

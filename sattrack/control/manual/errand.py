@@ -10,9 +10,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from sattrack.control.halt import StopWatch
+from sattrack.control.halt import StopProcedure
 from sattrack.control.manual.procedures import Once, Outcome, Procedure, Refusal, refused
-from sattrack.mount.link_loss import STOP_LINGER_S
 from sattrack.mount.requests import Abort, TicketState
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_status
 from sattrack.mount.xerxes.states import LinkState
@@ -67,7 +66,7 @@ class Errand:
         self._since_utc_s = started_utc_s
         self._heard = 0
         self._others: set[str] = set()
-        self._stop = StopWatch(started_utc_s)
+        self._stop = StopProcedure(started_utc_s)
         self.mount_stopped: bool | None = None
         """Whether the stop that ended it was seen through; None where there was none, or nobody to see it."""
 
@@ -186,25 +185,24 @@ class Errand:
 
     def _end(self, why: str, outcome: Outcome | None, now_utc_s: float, stop: bool) -> None:
         self.ended_by, self.outcome, self._since_utc_s = why, outcome, now_utc_s
+        self._stop = StopProcedure(now_utc_s, needed=stop)
         if stop:
             self.phase = Phase.STOPPING
-            self._stop.renew(now_utc_s)
             if not self.console.stopping:
                 self.console.abort(now_utc_s)
         else:
             self.phase = Phase.ENDING if self.begun else Phase.OVER
 
     def _watch_end(self, now_utc_s: float) -> None:
-        if now_utc_s - self._since_utc_s >= STOP_LINGER_S and not self.console.session.busy:
+        session = self.console.session
+        if self._stop.look(session, now_utc_s) and not session.busy:
             self.phase = Phase.OVER
             if self._stops:
                 self.mount_stopped = self.outcome is not None and self.outcome.state is TicketState.COMPLETE
 
     def _watch_stop(self, now_utc_s: float) -> None:
-        console = self.console
-        never_heard = console.sample is None and now_utc_s - self._since_utc_s >= STOP_LINGER_S
-        if self._stop.over(console.session, now_utc_s) or never_heard:
-            self.mount_stopped = None if console.sample is None else self._stop.rested
+        if self._stop.look(self.console.session, now_utc_s):
+            self.mount_stopped = self._stop.at_rest
             self.phase = Phase.OVER
 
 

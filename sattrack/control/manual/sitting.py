@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.control.halt import StopWatch
+from sattrack.control.halt import StopProcedure
 from sattrack.control.manual.errand import LISTEN_S, LISTEN_STATUSES, acknowledged
 from sattrack.control.manual.report import view_of
-from sattrack.mount.link_loss import STOP_LINGER_S
 from sattrack.mount.requests import FindHome, Park, Slew, Sync
 from sattrack.views.console_messages import (
     AbortOrder,
@@ -45,8 +44,6 @@ class Sitting:
     def __init__(self, console: Console, started_utc_s: float, owner: str | None = None) -> None:
         self.console = console
         self.finished = False
-        self.mount_stopped: bool | None = None
-        """Whether the stop at the end was seen through; None where none was needed."""
         self.stop_wanted = False
         """Whether one who looks on wants the owner to stop the mount."""
         self._owner = owner
@@ -55,14 +52,18 @@ class Sitting:
         """Whether the operator has asked for anything."""
         self._heard = 0
         self._others: set[str] = set()
-        self._leaving_utc_s: float | None = None
-        self._stopping = False
-        self._stop = StopWatch(started_utc_s)
+        self._stop: StopProcedure | None = None
+        """The end, once the operator has left."""
 
     @property
     def leaving(self) -> bool:
         """Whether the operator has left."""
-        return self._leaving_utc_s is not None
+        return self._stop is not None
+
+    @property
+    def mount_stopped(self) -> bool | None:
+        """Whether the stop at the end was seen through; None where none was needed."""
+        return None if self._stop is None else self._stop.at_rest
 
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
@@ -110,18 +111,15 @@ class Sitting:
         """Leave: stop what was begun from here, and end."""
         if self.leaving:
             return
-        self._leaving_utc_s = now_utc_s
-        self._stop.renew(now_utc_s)
-        self._stopping = self._owner is None and (self.console.moving or self.console.stopping)
-        if self._stopping:
+        moving = self._owner is None and (self.console.moving or self.console.stopping)
+        self._stop = StopProcedure(now_utc_s, needed=moving)
+        if moving:
             self.console.abort(now_utc_s)
 
     def fail(self, words: str, now_utc_s: float) -> None:
         """Stop the mount and leave: something here is not to be relied on."""
-        if self._leaving_utc_s is None:
-            self._leaving_utc_s = now_utc_s
-            self._stop.renew(now_utc_s)
-        self._stopping = self._asked
+        begun_utc_s = now_utc_s if self._stop is None else self._stop.begun_utc_s
+        self._stop = StopProcedure(begun_utc_s, needed=self._asked)
         self.console.fail(words)
 
     def tick(self, now_utc_s: float) -> bytes | None:
@@ -135,8 +133,8 @@ class Sitting:
                 self.finished = self.leaving
                 return None
         datagram = self.console.tick(now_utc_s)
-        if self._leaving_utc_s is not None:
-            self._watch_end(now_utc_s, now_utc_s - self._leaving_utc_s)
+        if self._stop is not None:
+            self.finished = self._stop.look(self.console.session, now_utc_s)
         return datagram
 
     def view(self, now_utc_s: float) -> ConsoleView:
@@ -147,13 +145,3 @@ class Sitting:
         if self._others and not self._asked:
             return msgspec.structs.replace(view, warnings=(NOT_ALONE, *view.warnings))
         return view
-
-    def _watch_end(self, now_utc_s: float, waited_s: float) -> None:
-        console = self.console
-        if not self._stopping:
-            self.finished = waited_s >= STOP_LINGER_S
-            return
-        never_heard = console.sample is None and waited_s >= STOP_LINGER_S
-        if self._stop.over(console.session, now_utc_s) or never_heard:
-            self.finished = True
-            self.mount_stopped = None if console.sample is None else self._stop.rested

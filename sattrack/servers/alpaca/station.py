@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from sattrack.control.halt import StopProcedure
 from sattrack.control.manual.console import Console
 from sattrack.control.manual.procedures import Once
 from sattrack.control.tracker import FOLLOWING
@@ -25,7 +26,6 @@ from sattrack.servers.alpaca.messages import (
     ParkOrder,
     SlewOrder,
 )
-from sattrack.servers.alpaca.resting import Resting
 from sattrack.servers.alpaca.standing import (
     Answers,
     MountState,
@@ -89,7 +89,7 @@ class TelescopeStation:
         self._reset_at_rest = False
         self.was_asked = False
         """Whether anything was asked of the mount."""
-        self._ending: Resting | None = None
+        self._ending: StopProcedure | None = None
         self.finished = False
         self.mount_stopped: bool | None = None
 
@@ -160,7 +160,7 @@ class TelescopeStation:
         console = self.console
         offset_rates = console.session.fine_rate != FineRate()
         moving = self.engine is not None or console.moving or console.stopping or offset_rates
-        self._ending = Resting(now_utc_s, moving)
+        self._ending = StopProcedure(now_utc_s, needed=moving)
         if self.engine is not None:
             self.engine.operate(StopNow(), now_utc_s)
         elif moving:
@@ -343,7 +343,9 @@ class TelescopeStation:
             self.console.receive(*self._heard)
         self.engine = None
         if self._ending is not None:
-            self._ending.seen_by_engine(engine.mount_stopped)
+            # The engine has seen its stop through.
+            self.mount_stopped = engine.mount_stopped
+            self._ending.needed = False
 
     def _look_at_procedure(self) -> None:
         """See whether what is under way has ended, and how."""
@@ -401,8 +403,8 @@ class TelescopeStation:
         if self._ending is None or self.finished or self.engine is not None:
             return
         self.finished = self._ending.look(self.console.session, now_utc_s)
-        if self.finished:
-            self.mount_stopped = self._ending.mount_stopped
+        if self._ending.needed:
+            self.mount_stopped = self._ending.at_rest
 
     def _new_console(self) -> Console:
         return Console(self.profile, self._limits, self._site, self._mount_name)

@@ -12,7 +12,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from sattrack.core.figures import RunningError
-from sattrack.mount.link_loss import STOPS_MOVING_S, STOPS_SENT_S
+from sattrack.mount.link_loss import longest_stop_s
 from sattrack.safety import SafetyLimits
 from sattrack.servers.antenna.antcn import (
     Answer,
@@ -142,8 +142,7 @@ class AntcnRun:
         elif not self.finished:
             waited_s = now_utc_s - self._stop_asked_utc_s
             nothing_asked = self.designated == 0 and (self._heard_utc_s is None or self._stop_heard)
-            heard = silent_s < SILENT_FOR_S
-            if nothing_asked or waited_s > (STOPS_MOVING_S if heard else STOPS_SENT_S):
+            if nothing_asked or waited_s > longest_stop_s(heard=silent_s < SILENT_FOR_S):
                 self.mount_stopped = None if self.designated == 0 else bool(self.mount_stopped)
                 self.finished = True
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Protocol
 
-from sattrack.control.halt import StopWatch
+from sattrack.control.halt import StopProcedure
 from sattrack.mount.model import Hold, Motion, MoveAxes, Stop, seen_of
 from sattrack.mount.xerxes.session import Session
 from sattrack.mount.xerxes.states import LinkState
@@ -82,8 +82,7 @@ class LedMount(Feedback):
         self._wanted_ha_deg: float | None = None
         self._last_wanted: Wanted = (0.0, 0.0)
         self._path: Path | None = None
-        self._ending_since_s: float | None = None
-        self._stop: StopWatch | None = None
+        self._stop: StopProcedure | None = None
         self.finished = False
         self.clock_ahead_s = 0.0
         """By how much the antenna's clock was set ahead of the computer's."""
@@ -174,9 +173,10 @@ class LedMount(Feedback):
             )
             self._commanded = cleared.motion
             self.session.apply(cleared)
-        elif self._ending_since_s is not None:
+        elif self._stop is not None:
             self.session.apply(self.safety.clear(Stop(), 0.0, 0.0, 0.0))
-        self._watch_end(now_utc_s)
+        if self._stop is not None:
+            self.finished = self._stop.look(self.session, now_utc_s)
         datagram = self.session.compose()
         # An edge mount takes new rates only now and then: what counts is what went out.
         if not isinstance(self._commanded, MoveAxes):
@@ -187,7 +187,7 @@ class LedMount(Feedback):
 
     def repeat(self) -> bytes | None:
         """Return what to send once more before the next datagram, None for nothing."""
-        return None if self._ending_since_s is not None else self.session.repeat()
+        return None if self._stop is not None else self.session.repeat()
 
     def send_shift_s(self, now_utc_s: float) -> float:
         """Return by how much later than a period from now the next `tick` had better come, seconds."""
@@ -195,19 +195,18 @@ class LedMount(Feedback):
 
     def end(self, now_utc_s: float) -> None:
         """Bring the mount to rest, and be finished when it is seen there."""
-        if self._ending_since_s is None:
-            self._ending_since_s = now_utc_s + self.clock_ahead_s
+        if self._stop is None:
+            self._stop = StopProcedure(now_utc_s + self.clock_ahead_s, needed=self._moved)
+            self._stop.finished = not self._moved
 
     @property
     def mount_stopped(self) -> bool | None:
         """Whether the mount was told to stop and seen at rest; None where nothing was asked or heard."""
-        if self.session.sample is None or not self._moved:
-            return None
-        return self.session.stopped
+        return None if self._stop is None else self._stop.at_rest
 
     def _motion(self, now_utc_s: float) -> Motion:
         path = self._leader.path
-        if self._ending_since_s is not None or self._leader.commanded(to_ns(now_utc_s)) is None:
+        if self._stop is not None or self._leader.commanded(to_ns(now_utc_s)) is None:
             self._near, self._beyond, self._path = 0, False, None
             return Stop() if self._moved else Hold()
         if path is not self._path:
@@ -264,10 +263,3 @@ class LedMount(Feedback):
             former, self.safety = self.safety, self._make_safety()
             self.safety.follow_on(former)
             self._leader.reset_asked = False
-
-    def _watch_end(self, now_utc_s: float) -> None:
-        if self._ending_since_s is None or self.finished:
-            return
-        if self._stop is None:
-            self._stop = StopWatch(self._ending_since_s)
-        self.finished = not self._moved or self._stop.over(self.session, now_utc_s)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sattrack.control.halt import Halt
+from sattrack.control.halt import DirectStop
 from sattrack.mount import link_loss
 from sattrack.mount.link_loss import (
     ROWS,
@@ -52,7 +52,7 @@ class Laboratory:
     engine: Engine
     installation: Installation
     begin_utc_s: float
-    client: Engine | Halt | None = None
+    client: Engine | DirectStop | None = None
     truths: list[tuple[float, float]] = field(default_factory=list)
     """Seconds from the begin, and how fast the faster axis turns."""
     turns: int = 0
@@ -167,7 +167,7 @@ def test_a_cut_that_outlasts_the_stops_that_are_sent_leaves_the_mount_moving(mov
     assert lab.engine.mount_stopped is False
     assert lab.rest_after_s(AT_S) == math.inf
     # `sattrack stop`, once the link is back.
-    lab.client = Halt(lab.engine.spec.profile, lab.begin_utc_s + lab.elapsed_s)
+    lab.client = DirectStop(lab.engine.spec.profile, lab.begin_utc_s + lab.elapsed_s)
     asked_s, speed = lab.elapsed_s, lab.truths[-1][1]
     lab.until(asked_s + 5.0)
     assert lab.client.at_rest
@@ -196,7 +196,7 @@ def test_a_feeder_that_dies_or_hangs_is_followed_by_its_guardian(
     # How soon the guardian notices is measured with real processes, in test_guardian.py.
     lab.until(AT_S + (HANG_AFTER_S + 2 * POLL_S if notices_s is None else notices_s))
     counter = lab.engine.session.health.sent
-    lab.client = Halt(lab.engine.spec.profile, lab.begin_utc_s + lab.elapsed_s, counter)
+    lab.client = DirectStop(lab.engine.spec.profile, lab.begin_utc_s + lab.elapsed_s, counter)
     lab.until(AT_S + 8.0)
     kept(lab, key, lab.rest_after_s(AT_S))
     assert lab.client.finished
@@ -213,7 +213,7 @@ def test_a_guardian_sees_a_stop_through_that_its_feeder_had_begun(move_axis: str
     lab.engine.operate(StopNow(), lab.begin_utc_s + lab.elapsed_s)
     lab.until(AT_S + ticks * PERIOD_S)
     counter = lab.engine.session.health.sent
-    lab.client = Halt(lab.engine.spec.profile, lab.begin_utc_s + lab.elapsed_s, counter)
+    lab.client = DirectStop(lab.engine.spec.profile, lab.begin_utc_s + lab.elapsed_s, counter)
     lab.until(AT_S + 6.0)
     assert lab.rest_after_s(AT_S) <= standstill_s(ROWS["feeder"], lab.engine.spec.profile, 1.3)
     assert lab.client.at_rest
@@ -225,7 +225,7 @@ def test_a_guardian_stops_a_slew_whose_feeder_dies(move_axis: str, at_s: float) 
     lab = laboratory(profile(move_axis, None))
     lab.until(at_s)
     assert lab.truths[-1][1] > 2.0
-    lab.client = Halt(lab.engine.spec.profile, lab.begin_utc_s + lab.elapsed_s, 7)
+    lab.client = DirectStop(lab.engine.spec.profile, lab.begin_utc_s + lab.elapsed_s, 7)
     lab.until(at_s + 8.0)
     slew_rate_deg_s = lab.engine.spec.profile.ra.slew_rate_deg_s
     assert lab.rest_after_s(at_s) <= standstill_s(ROWS["feeder"], lab.engine.spec.profile, slew_rate_deg_s)
@@ -240,7 +240,7 @@ def test_a_machine_that_dies_leaves_a_mount_without_a_watchdog_moving(move_axis:
     lab.until(AT_S + 15.0)
     assert standstill_s(ROWS["machine"], lab.engine.spec.profile) == math.inf
     assert lab.rest_after_s(AT_S) == math.inf
-    lab.client = Halt(lab.engine.spec.profile, lab.begin_utc_s + lab.elapsed_s)
+    lab.client = DirectStop(lab.engine.spec.profile, lab.begin_utc_s + lab.elapsed_s)
     asked_s, speed = lab.elapsed_s, lab.truths[-1][1]
     lab.until(asked_s + 5.0)
     assert lab.rest_after_s(asked_s) <= standstill_after_s(ROWS["machine"], lab.engine.spec.profile, speed)
