@@ -185,7 +185,7 @@ def calibrate(
         if virtual.queue and virtual.queue[0][0] < due:
             virtual.next()
             continue
-        virtual.hear(calibrator.send(due), due)
+        virtual.hear(calibrator.tick(due), due)
         calibrator.sent(due)
     assert calibrator.ending.kind == "done", calibrator.ending
     assert calibrator.ending.at_rest

@@ -54,7 +54,7 @@ class ByElements:
         self._asked = False
 
     def status(self, data: bytes, arrival_utc_s: float) -> None:
-        self._station.receive_status(data, arrival_utc_s)
+        self._station.receive(data, arrival_utc_s)
 
     def command(self, now_utc_s: float) -> bytes:
         if not self._asked and now_utc_s >= self._ask_from_s:

@@ -97,7 +97,7 @@ class VirtualAntenna:
             self.truths.append(truth)
         if status is not None and now >= self.silent_until_s:
             for delay_s, arriving in self._wires.statuses.carry(status):
-                self._at(now + delay_s, lambda at, data: self.station.receive_status(data, at), arriving)
+                self._at(now + delay_s, lambda at, data: self.station.receive(data, at), arriving)
         self._at(self._wires.next_turn_s(now), self._mount_turn, None)
 
 

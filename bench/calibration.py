@@ -137,7 +137,7 @@ class VirtualRun:
                 self.now_utc_s = due = max(due, self.now_utc_s)
                 if self.watch is not None:
                     self.watch(due, self.calibrator)
-                data = self.calibrator.send(due)
+                data = self.calibrator.tick(due)
                 self.commands.append((due, data))
                 for late_s, arrived in self.network.command(data, self.rng):
                     put(due + late_s, "command", arrived)

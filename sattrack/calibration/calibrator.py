@@ -25,7 +25,7 @@ class Ending:
 class Calibrator:
     """One run, from the first datagram to the mount seen at rest.
 
-    Call `receive` for each datagram, and at `due()` send what `send` returns, then call `sent`; all instants
+    Call `receive` for each datagram, and at `due()` send what `tick` returns, then call `sent`; all instants
     are our UTC, POSIX seconds. `stop` ends the run at any moment. When `ending` is set, it is over.
     """
 
@@ -72,12 +72,22 @@ class Calibrator:
             self._end(ended.kind, ended.words)
         self._resume(max(self._now_utc_s, arrival_utc_s))
 
+    @property
+    def finished(self) -> bool:
+        """Whether the run is over."""
+        return self.ending is not None
+
+    @property
+    def mount_stopped(self) -> bool | None:
+        """Whether the mount was seen at rest at the end; None where nothing may have moved."""
+        return None if self.ending is None else self.ending.at_rest
+
     def due(self) -> float:
         """Return when the next datagram is to be sent."""
         return self._sender.due()
 
-    def send(self, now_utc_s: float) -> bytes:
-        """Return the datagram that leaves now; call at the instant of `due` and send without delay."""
+    def tick(self, now_utc_s: float) -> bytes:
+        """Return the datagram that leaves at an instant, that of `due` or as soon as can be."""
         if self._stop is None:
             try:
                 self._guard.watch_link(self.seen.log, now_utc_s)
@@ -89,7 +99,8 @@ class Calibrator:
         return self._guard.clear(command) if self._stop is None else self._stop.tick(now_utc_s)
 
     def sent(self, now_utc_s: float) -> None:
-        """Let the run go on when a datagram has left: apart from `send`, which must not be held up."""
+        """Let the run go on, a datagram having left: apart from `tick`, which must not be held up."""
+        self._sender.left(now_utc_s)
         self._resume(now_utc_s)
 
     def stop(self, words: str) -> None:

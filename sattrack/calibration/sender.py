@@ -30,6 +30,7 @@ class Sender:
         self._last_utc_s: float | None = None
         self._due_utc_s = begin_utc_s
         self._counter = 0
+        self._changes = False
 
     @property
     def waiting(self) -> bool:
@@ -62,6 +63,12 @@ class Sender:
         instant = self._aimed[0]
         return self._due_utc_s if self._due_utc_s < instant - QUIET_S else instant
 
+    def left(self, now_utc_s: float) -> None:
+        """Note when it has left indeed."""
+        self._last_utc_s = now_utc_s
+        if self._changes:
+            self.changed_utc_s = now_utc_s
+
     def next(self, now_utc_s: float) -> Command:
         """Return what leaves now."""
         if self._aimed is not None and self.due() == self._aimed[0]:
@@ -69,10 +76,9 @@ class Sender:
             self._aimed = None
         self._counter += 1
         command = replace(self._to_say, counter=self._counter)
-        if replace(command, counter=self.said.counter) != self.said:
-            self.changed_utc_s = now_utc_s
+        self._changes = replace(command, counter=self.said.counter) != self.said
         self.said = command
-        self._last_utc_s = now_utc_s
+        self.left(now_utc_s)
         self._due_utc_s = max(self._due_utc_s, now_utc_s - PERIOD_S) + PERIOD_S
         if self._due_utc_s < now_utc_s + QUIET_S:
             self._due_utc_s = now_utc_s + PERIOD_S

@@ -114,7 +114,7 @@ def command(context: CommandContext, **options: Any) -> int:
         for words in (trouble, reached_from_outside(PROGRAM, options["host"], port, callers.allowed)):
             if words is not None:
                 log.tell(spoken(words, PROGRAM))
-        AlpacaLoop(station, connection, door, stop, log.tell).run()
+        AlpacaLoop(connection, stop, station, door, log.tell).run()
     if stop.asked and station.was_asked and station.mount_stopped is None:
         raise InterruptedRunError("interrupted; the mount was not moving, and goes on as it was")
     return end_of_service(station.mount_stopped, stop)

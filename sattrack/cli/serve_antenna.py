@@ -132,7 +132,7 @@ def command(context: CommandContext, **options: Any) -> int:
         log.tell(spoken(f"the antenna interface is on {where}; Ctrl-C stops the mount and ends it"))
         show = lines.write if lines is not None and options["stream"] else None
         words = Words(options["control"]).typed
-        AntennaLoop(station, connection, door, stop, log.tell, words, where, show, focus).run()
+        AntennaLoop(connection, stop, station, door, log.tell, words, where, show, focus).run()
     return end_of_service(station.mount_stopped, stop)
 
 

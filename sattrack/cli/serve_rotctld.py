@@ -76,5 +76,5 @@ def command(context: CommandContext, **options: Any) -> int:
         warning = reached_from_outside(PROGRAM, options["host"], door.port, limits.allowed)
         if warning is not None:
             log.tell(spoken(warning, PROGRAM))
-        RotctldLoop(station, connection, door, stop, log.tell).run()
+        RotctldLoop(connection, stop, station, door, log.tell).run()
     return end_of_service(station.mount_stopped, stop)

@@ -76,6 +76,11 @@ class DirectStop(StopProcedure):
         self.session.health.sent = counter
         self.session.apply(Safety(profile, SafetyLimits(), 0.0).clear(Stop(), 0.0, 0.0, 0.0))
 
+    @property
+    def mount_stopped(self) -> bool | None:
+        """Whether the mount was seen at rest, as loops ask for it."""
+        return self.at_rest
+
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
         self.session.receive(data, arrival_utc_s)

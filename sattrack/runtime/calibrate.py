@@ -1,18 +1,16 @@
-"""A calibration run in real time, over UDP: one `select`, and every datagram at the instant it is due."""
+"""A calibration run in real time, over UDP."""
 
 from __future__ import annotations
 
-import gc
 import math
 import os
-import select
 import sys
 import termios
 import time
 import tty
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
 
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, Kind, Surroundings
@@ -20,15 +18,16 @@ from sattrack.calibration.plan import Plan, sun_hour_angle_and_dec
 from sattrack.calibration.sender import PERIOD_S
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
+from sattrack.core.realtime import RealtimeLoop
 from sattrack.mount.profiles import ProfileFile, load_profile_file
 from sattrack.mount.simulator.mount import SimulatedSite, StartPosition
 from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig
 from sattrack.mount.simulator.settings import simulator_profile
 from sattrack.mount.xerxes.client import Address
-from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime import practice
+from sattrack.runtime.console import Connection
 from sattrack.runtime.embedded import start_embedded
-from sattrack.runtime.guard import Guard, owned
+from sattrack.runtime.guard import owned
 from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.safety import SafetyLimits, altitude_deg, separation_deg
 from sattrack.safety.bounds import Bounds
@@ -40,13 +39,11 @@ if TYPE_CHECKING:
     from sattrack.calibration.calibrator import Ending
     from sattrack.core.clock import Clock
     from sattrack.mount.model import MountProfile
-    from sattrack.mount.xerxes.client import UdpLink
     from sattrack.runtime.embedded import EmbeddedMount
     from sattrack.runtime.mounts import MountAddress
     from tle.site import Site
 
 SHOW_EVERY_S = 0.2
-LAST_STOPS = 40
 CLEAR_BY_DEG = 8.0
 _KEY_BYTES = 64
 _INPUT_FLAGS = 0
@@ -145,7 +142,6 @@ def calibrate_live(
         stop = StopRequest()
         stack.enter_context(stopping(stop))
         keys = stack.enter_context(_any_key())
-        stack.enter_context(_quiet_memory())
         told = link.largest_rates_deg_s
         try:
             period_s = (profile or address.usual_profile()).period_s
@@ -154,7 +150,7 @@ def calibrate_live(
             raise SattrackError(f"{address}: {error}") from error
         calibrator = Calibrator(around, clock.utc_s(time.monotonic()), plan)
         calibrator.largest_rates_deg_s = told
-        _CalibrationLoop(calibrator, link, guard, clock, show, stop, keys).run()
+        CalibrationLoop(Connection(link, clock, guard=guard), stop, calibrator, show, keys).run()
         ending = calibrator.ending
         if ending is not None and ending.kind is not Kind.DONE and link.trouble is not None:
             calibrator.ending = replace(ending, words=f"{ending.words}; {link.trouble}")
@@ -162,78 +158,65 @@ def calibrate_live(
 
 
 @dataclass(slots=True)
-class _CalibrationLoop:
+class CalibrationLoop(RealtimeLoop):
+    """Feeds one calibration to its end; `keys` is a descriptor that becomes readable at a key."""
+
+    told = (SattrackError,)
+
     calibrator: Calibrator
-    link: UdpLink
-    guard: Guard
-    clock: Clock
     show: Callable[[str, float], None]
-    stop: StopRequest
     keys: int | None
-    _shown_s: float = float("-inf")
-    _error: Exception | None = None
+    _shown_s: float = field(default=float("-inf"), init=False)
 
-    def run(self) -> None:
-        while self.calibrator.ending is None and not self.guard.deposed:
-            try:
-                self._turn()
-            except Exception as error:
-                if self._error is not None:
-                    self._last_resort()
-                    raise
-                self._error = error
-                self.calibrator.fail(str(error))
-        if self.guard.deposed:
-            raise SattrackError(self.guard.trouble)
-        assert self.calibrator.ending is not None
-        self.guard.release(self.calibrator.ending.at_rest)
-        if self._error is not None and not isinstance(self._error, SattrackError):
-            raise self._error
+    @property
+    def driver(self) -> Calibrator:
+        """See RealtimeLoop."""
+        return self.calibrator
 
-    def _last_resort(self) -> None:
-        """Say stop without asking anything that may be broken."""
-        for counter in range(LAST_STOPS):
-            stop = encode_command(Command(counter, abort=counter > 0))
-            if self.guard.beat(stop):
-                self.link.send(stop)
-            time.sleep(PERIOD_S)
+    @property
+    def period_s(self) -> float:
+        """See RealtimeLoop."""
+        return PERIOD_S / self.connection.clock.speed
 
-    def _turn(self) -> None:
-        if self.guard.trouble is not None:
-            self.calibrator.fail(self.guard.trouble)
-        if self.stop.asked or self.guard.stop_asked:
-            self.calibrator.stop("interrupted")
-        left_s = (self.calibrator.due() - self._now_utc_s()) / self.clock.speed
-        if left_s > 0.0:
-            self._wait(left_s)
+    def due_s(self) -> float:
+        """Return when the calibrator wants the next datagram to leave, by the monotonic clock."""
+        now_s, clock = time.monotonic(), self.connection.clock
+        return now_s + (self.calibrator.due() - clock.utc_s(now_s)) / clock.speed
+
+    def readers(self) -> list[Any]:
+        """See RealtimeLoop."""
+        return [] if self.keys is None else [self.keys]
+
+    def serve(self, ready: list[Any]) -> None:
+        """Stop the mount at a key."""
+        if self.keys is None or self.keys not in ready:
             return
-        now_utc_s = self._now_utc_s()
-        datagram = self.calibrator.send(now_utc_s)
-        if not self.guard.beat(datagram):
-            return
-        self.link.send(datagram)
-        self.calibrator.sent(now_utc_s)
+        # A terminal that is gone is read as an end: that is a reason to stop, too.
+        if not os.read(self.keys, _KEY_BYTES):
+            self.keys = None
+        self.calibrator.stop("stopped by a key")
+
+    def interrupt(self, now_utc_s: float) -> None:
+        """See RealtimeLoop."""
+        del now_utc_s
+        self.calibrator.stop("interrupted")
+
+    def fail(self, error: Exception, now_utc_s: float) -> None:
+        """See RealtimeLoop."""
+        del now_utc_s
+        self.calibrator.fail(str(error))
+
+    def sent(self, now_utc_s: float, datagram: bytes) -> None:
+        """Let the run go on, with the instant at which the datagram left."""
+        del now_utc_s, datagram
+        self.calibrator.sent(self.connection.now_utc_s())
+
+    def report(self) -> None:
+        """Show how far the run has come."""
         now_s = time.monotonic()
         if now_s - self._shown_s >= SHOW_EVERY_S:
             self._shown_s = now_s
             self.show(self.calibrator.phase, self.calibrator.part_done)
-
-    def _wait(self, left_s: float) -> None:
-        watched: list[UdpLink | int] = [self.link]
-        if self.keys is not None:
-            watched.append(self.keys)
-        readable, _, _ = select.select(watched, [], [], left_s)
-        if self.link in readable:
-            for arrival in self.link.receive():
-                self.calibrator.receive(arrival.data, self.clock.utc_s(arrival.monotonic_s))
-        if self.keys is not None and self.keys in readable:
-            # A terminal that is gone is read as an end: that is a reason to stop, too.
-            if not os.read(self.keys, _KEY_BYTES):
-                self.keys = None
-            self.calibrator.stop("stopped by a key")
-
-    def _now_utc_s(self) -> float:
-        return self.clock.utc_s(time.monotonic())
 
 
 def ending_error(ending: Ending) -> SattrackError | None:
@@ -274,14 +257,3 @@ def _any_key() -> Iterator[int | None]:
     finally:
         termios.tcflush(descriptor, termios.TCIFLUSH)
         termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
-
-
-@contextmanager
-def _quiet_memory() -> Iterator[None]:
-    # A collection of garbage would come between an instant and the datagram that belongs to it.
-    gc.collect()
-    gc.disable()
-    try:
-        yield
-    finally:
-        gc.enable()

@@ -1,20 +1,18 @@
-"""Manual operation in real time: one thread, one `select`, a datagram at each of its absolute deadlines."""
+"""Manual operation in real time."""
 
 from __future__ import annotations
 
-import select
 import sys
 import threading
 import time
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 
 from sattrack.core.clock import SimulatedClock
-from sattrack.core.errors import SattrackError
-from sattrack.core.realtime import undisturbed
+from sattrack.core.realtime import Driver, RealtimeLoop
 from sattrack.mount.simulator.mount import SimulatedSite
 from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig
 from sattrack.mount.simulator.settings import simulator_profile
@@ -42,31 +40,15 @@ if TYPE_CHECKING:
     from sattrack.views.console_messages import ConsoleMessage
     from tle.site import Site
 
-LATE_ENOUGH_TO_SKIP_S = 0.5
-LAST_STOPS = 40
 SHOW_EVERY_TICKS = 2
 
 
-class Part(Protocol):
+class Part(Driver, Protocol):
     """What the loop drives: an errand, a look, or an operator's sitting."""
 
     @property
     def console(self) -> Console:
         """The console at work."""
-
-    @property
-    def finished(self) -> bool:
-        """Whether there is nothing left to do."""
-
-    @property
-    def mount_stopped(self) -> bool | None:
-        """Whether a stop at the end was seen through; None where there was none, or nobody to see it."""
-
-    def receive(self, data: bytes, arrival_utc_s: float) -> None:
-        """Take one datagram from the mount."""
-
-    def tick(self, now_utc_s: float) -> bytes | None:
-        """Return the datagram to send now, if any."""
 
     def interrupt(self, now_utc_s: float) -> None:
         """Come to a safe end."""
@@ -166,105 +148,54 @@ class OrderInbox:
 
 
 @dataclass(slots=True)
-class ConsoleLoop:
-    """Feeds one part from one socket until it is finished; `show` is called a few times a second."""
+class ConsoleLoop(RealtimeLoop):
+    """Feeds one part until it is finished; `show` is called a few times a second, `orders` once a period."""
 
     part: Part
-    connection: Connection
-    stop: StopRequest
     show: Callable[[float], None]
-    obey: Callable[[float], None] | None = None
-    _error: Exception | None = None
-    _interrupted: bool = field(default=False)
+    orders: Callable[[float], None] | None = None
+    _interrupted: bool = field(default=False, init=False)
 
-    def run(self) -> None:
-        """Run to the end. Whatever breaks stops the mount first and is raised then."""
-        with undisturbed():
-            period_s = self.part.console.profile.period_s / self.connection.clock.speed
-            due_s, ticks = time.monotonic(), 0
-            guard = self.connection.guard
-            while not self.part.finished and not guard.deposed:
-                self._guarded(self._wait_until, due_s)
-                self._guarded(self._heed_guard)
-                self._guarded(self._listen_to_operator)
-                self._guarded(self._tick)
-                if ticks % SHOW_EVERY_TICKS == 0:
-                    self._guarded(self.show, self.connection.now_utc_s())
-                ticks += 1
-                due_s += period_s
-                if time.monotonic() - due_s > LATE_ENOUGH_TO_SKIP_S:
-                    due_s = time.monotonic()
-        if guard.deposed:
-            raise SattrackError(guard.trouble)
-        guard.release(self._rest())
-        if self._error is not None:
-            raise self._error
+    @property
+    def driver(self) -> Part:
+        """See RealtimeLoop."""
+        return self.part
 
-    def _rest(self) -> bool | None:
-        """Return what is known of the mount's rest: one that was told to stop and never heard may move on."""
+    @property
+    def period_s(self) -> float:
+        """See RealtimeLoop."""
+        return self.part.console.profile.period_s / self.connection.clock.speed
+
+    @property
+    def rest(self) -> bool | None:
+        """See RealtimeLoop. A mount that was told to stop and never heard may move on."""
         console = self.part.console
         return False if console.stopping and console.sample is None else self.part.mount_stopped
 
-    def _guarded(self, part: Callable[..., None], *arguments: Any) -> None:
-        try:
-            part(*arguments)
-        except Exception as error:
-            if self._error is not None:
-                if part == self._tick:
-                    self._last_resort()
-                    raise
-                return
-            self._error = error
-            self.part.fail(str(error), self.connection.now_utc_s())
-
-    def _last_resort(self) -> None:
-        """Say stop without asking anything that may be broken."""
-        for counter in range(LAST_STOPS):
-            stop = encode_command(Command(counter, abort=counter > 0))
-            if self.connection.guard.beat(stop):
-                self.connection.link.send(stop)
-            time.sleep(self.part.console.profile.period_s)
-
-    def _wait_until(self, due_s: float) -> None:
-        """Wait for an instant, taking datagrams as they come."""
-        link = self.connection.link
-        while True:
-            left_s = due_s - time.monotonic()
-            readable, _, _ = select.select([link], [], [], max(0.0, left_s))
-            if readable:
-                for arrival in link.receive():
-                    self.part.receive(arrival.data, self.connection.clock.utc_s(arrival.monotonic_s))
-            if due_s - time.monotonic() <= 0.0:
-                return
-
-    def _heed_guard(self) -> None:
-        """Stop where somebody asks for it from outside, or where the guardian is lost."""
-        guard = self.connection.guard
-        if guard.stop_asked:
-            self.stop.ask()
-        if guard.trouble is not None:
-            raise SattrackError(guard.trouble)
-
-    def _listen_to_operator(self) -> None:
-        now_utc_s = self.connection.now_utc_s()
-        if self.stop.asked and not self._interrupted:
-            self._interrupted = True
+    def interrupt(self, now_utc_s: float) -> None:
+        """Have the part come to its end, once."""
+        if not self._interrupted:
             self.part.interrupt(now_utc_s)
-        if self.obey is not None:
-            self.obey(now_utc_s)
-        if self.connection.simulated is not None:
-            # Nobody asks for the truth here, but the pipe must not fill up.
-            self.connection.simulated.truths()
+            self._interrupted = True
 
-    def _tick(self) -> None:
+    def fail(self, error: Exception, now_utc_s: float) -> None:
+        """See RealtimeLoop."""
+        self.part.fail(str(error), now_utc_s)
+
+    def obey(self, now_utc_s: float) -> None:
+        """Have the operator's orders obeyed, and tell the console what the link knows."""
         console, link = self.part.console, self.connection.link
         console.session.health.strangers = link.strangers
         console.way_trouble = link.trouble
         if len(link.stranger_hosts) > len(console.stranger_hosts):
             console.stranger_hosts = tuple(link.stranger_hosts)
-        datagram = self.part.tick(self.connection.now_utc_s())
-        if self.connection.guard.beat(datagram) and datagram is not None:
-            link.send(datagram)
+        if self.orders is not None:
+            self.orders(now_utc_s)
+
+    def report(self) -> None:
+        """Show how the mount stands."""
+        if self.ticks % SHOW_EVERY_TICKS == 0:
+            self.show(self.connection.now_utc_s())
 
 
 def attend(part: Part, connection: Connection, show: Callable[[float], None]) -> bool:
@@ -274,7 +205,7 @@ def attend(part: Part, connection: Connection, show: Callable[[float], None]) ->
     """
     stop = StopRequest()
     with stopping(stop):
-        ConsoleLoop(part, connection, stop, show).run()
+        ConsoleLoop(connection, stop, part, show).run()
     return stop.asked
 
 
@@ -300,5 +231,5 @@ def attend_sitting(
             told[0].start()
 
     with stopping(stop):
-        ConsoleLoop(sitting, connection, stop, show, obey).run()
+        ConsoleLoop(connection, stop, sitting, show, obey).run()
     return stop.asked

@@ -14,6 +14,7 @@ from sattrack.mount.simulator.settings import simulator_profile
 from sattrack.mount.xerxes.client import Address
 from sattrack.recording.recorder import BackgroundRecorder, NoRecording, Recorder, Sink, create
 from sattrack.runtime import practice
+from sattrack.runtime.console import Connection
 from sattrack.runtime.embedded import EmbeddedMount, start_embedded
 from sattrack.runtime.facts import build_engine, encode_facts
 from sattrack.runtime.guard import owned
@@ -91,8 +92,8 @@ def fly_live(
         screen = Screen(show)
         stack.callback(screen.close)
         engine = build_engine(facts)
-        loop = LiveLoop(engine, link, prepared.clock, sink, screen, stop, simulated, inbox, deadline_s, guard)
-        loop.observers = observers
+        connection = Connection(link, prepared.clock, simulated, guard)
+        loop = LiveLoop(connection, stop, engine, sink, screen, inbox, deadline_s, observers)
         if observers is not None:
             engine.expect_observations()
         stack.enter_context(stopping(stop))

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
-import select
 import time
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import msgspec
 
 from sattrack.control.halt import DirectStop
+from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import LinkLostError, SattrackError
-from sattrack.mount.xerxes.client import nobody_listens
+from sattrack.core.realtime import RealtimeLoop
+from sattrack.mount.xerxes.client import Address, nobody_listens
 from sattrack.mount.xerxes.datagrams import Command, encode_command
+from sattrack.runtime.console import Connection
 from sattrack.runtime.guard import owned
 from sattrack.runtime.mounts import owned_address
 from sattrack.runtime.owner import GoesOn, Taken, ask_stop, owner_of, utc_now
+from sattrack.runtime.signals import StopRequest
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -69,6 +73,49 @@ def stop_session(owner: Owner, waiting: Callable[[], None]) -> MountStop | None:
     return MountStop(owner.mount, stopped.by, True, owner.pid, owner.command, words)
 
 
+@dataclass(slots=True)
+class DirectLoop(RealtimeLoop):
+    """Stops a mount until it is seen at rest, or its time has passed, or nothing is there to be stopped."""
+
+    direct: DirectStop
+    waiting: Callable[[], None]
+    nobody: bool = field(default=False, init=False)
+    _asked_s: float = field(default_factory=time.monotonic, init=False)
+
+    @property
+    def driver(self) -> DirectStop:
+        """See RealtimeLoop."""
+        return self.direct
+
+    @property
+    def period_s(self) -> float:
+        """See RealtimeLoop."""
+        return self.direct.session.profile.period_s
+
+    @property
+    def rest(self) -> bool | None:
+        """See RealtimeLoop."""
+        return None if self.nobody else bool(self.direct.at_rest)
+
+    def interrupt(self, now_utc_s: float) -> None:
+        """See RealtimeLoop: the mount is being stopped already."""
+
+    def fail(self, error: Exception, now_utc_s: float) -> None:
+        """See RealtimeLoop: likewise."""
+
+    def report(self) -> None:
+        """Look whether a mount that is not heard is there at all."""
+        self.waiting()
+        now_s = time.monotonic()
+        if self.direct.session.sample is not None or now_s - self._asked_s < GONE_AFTER_S:
+            return
+        self._asked_s = now_s
+        address = self.connection.link.address
+        assert isinstance(address, Address)
+        if nobody_listens(address, encode_command(Command(abort=True)), LOOK_AGAIN_S):
+            self.nobody = self.direct.finished = True
+
+
 def stop_directly(address: MountAddress, profile: MountProfile, waiting: Callable[[], None]) -> MountStop:
     """Stop a mount that no session owns, by datagrams of our own, and see it at rest.
 
@@ -77,28 +124,13 @@ def stop_directly(address: MountAddress, profile: MountProfile, waiting: Callabl
     wait_until_free(address, waiting)
     mount = address.name
     with owned(address.to_stop(), profile) as (link, guard):
-        begun_s = due_s = asked_s = time.monotonic()
-        stop = DirectStop(profile, begun_s)
-        while not stop.finished:
-            readable, _, _ = select.select([link], [], [], max(0.0, due_s - time.monotonic()))
-            if readable:
-                for arrival in link.receive():
-                    stop.receive(arrival.data, arrival.monotonic_s)
-            now_s = time.monotonic()
-            if now_s < due_s:
-                continue
-            datagram = stop.tick(now_s)
-            guard.beat(datagram)
-            link.send(datagram)
-            due_s = max(due_s + profile.period_s, now_s)
-            waiting()
-            if stop.session.sample is not None or now_s - asked_s < GONE_AFTER_S:
-                continue
-            asked_s = now_s
-            if nobody_listens(link.address, encode_command(Command(abort=True)), LOOK_AGAIN_S):
-                guard.release(None)
-                return MountStop(mount, "direct", None, None, None, NOBODY)
-        guard.release(bool(stop.at_rest))
+        # By the monotonic clock itself: nothing here depends on the time of day.
+        connection = Connection(link, SimulatedClock(0.0, 0.0), guard=guard)
+        stop = DirectStop(profile, time.monotonic())
+        loop = DirectLoop(connection, StopRequest(), stop, waiting)
+        loop.run()
+        if loop.nobody:
+            return MountStop(mount, "direct", None, None, None, NOBODY)
         goes_on = None if stop.at_rest else GoesOn(guard.pid, utc_now(), stop.last_heard(time.monotonic()))
     if stop.at_rest:
         return MountStop(mount, "direct", True, None, None, "stopped and seen at rest")

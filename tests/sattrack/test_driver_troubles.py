@@ -114,7 +114,7 @@ class Calibrating:
         sent = []
         while self.part.ending is None and self.part.due() <= now_s + PERIOD_S - 0.005:
             at_s = max(now_s, self.part.due())
-            sent.append(self.part.send(at_s))
+            sent.append(self.part.tick(at_s))
             self.part.sent(at_s)
         return sent
 
@@ -159,7 +159,7 @@ def antenna() -> tuple[Driver, float]:
     parts = Antenna(Sky(SITE), "hadec", axis_range(profile, "hadec"), None, None, focuser, "off")
     station = Station(parts, profile, LIMITS)
     designate = once(lambda now: station.receive_command(encode("TD 50 15 -0.5 0.5"), now), BEGIN_UTC_S + 1.0)
-    return Ticked(station, designate, station.end, station.receive_status), BEGIN_UTC_S
+    return Ticked(station, designate, station.end, station.receive), BEGIN_UTC_S
 
 
 def rotator() -> tuple[Driver, float]:
@@ -170,7 +170,7 @@ def rotator() -> tuple[Driver, float]:
         client.receive(b"P 120 40\n")
         client.answer(to_ns(now_s), 1000)
 
-    return Ticked(station, once(say, BEGIN_UTC_S + 1.0), station.end, station.receive_status), BEGIN_UTC_S
+    return Ticked(station, once(say, BEGIN_UTC_S + 1.0), station.end, station.receive), BEGIN_UTC_S
 
 
 def alpaca() -> tuple[Driver, float]:
@@ -179,7 +179,7 @@ def alpaca() -> tuple[Driver, float]:
 
     station = TelescopeStation(MountProfile(), LIMITS, SITE, "bench", no_engine)
     order = once(lambda now: station.obey(NumberedOrder(1, MoveOrder(1, 0.5)), now), BEGIN_UTC_S + 1.0)
-    return Ticked(station, order, station.end, station.receive_status), BEGIN_UTC_S
+    return Ticked(station, order, station.end, station.receive), BEGIN_UTC_S
 
 
 def verb() -> tuple[Driver, float]:

@@ -46,10 +46,11 @@ class AlpacaLoop(StationLoop):
         """Take orders, and obey what may be obeyed now."""
         if self.door.line in ready:
             self.door.take()
-        self._obey()
+        self._obey_orders()
 
-    def heed(self) -> None:
+    def obey(self, now_utc_s: float) -> None:
         """Let another order be obeyed; end where the clients' process has."""
+        del now_utc_s
         if self.door.ended and not self.station.finished:
             raise SattrackError("the HTTP server's process is gone; the mount is being stopped")
         self.door.begin_period(time.monotonic())
@@ -58,11 +59,10 @@ class AlpacaLoop(StationLoop):
         """Push what the mount has said at once: clients then read it while it is new."""
         self._push()
 
-    def report(self, ticks: int) -> None:
+    def report(self) -> None:
         """Push the mount's state and the answers that are due, and say what has changed."""
-        del ticks
         self._push()
-        self._obey()
+        self._obey_orders()
         words = [*self.station.words, *self.door.words]
         self.station.words.clear()
         self.door.words.clear()
@@ -72,7 +72,7 @@ class AlpacaLoop(StationLoop):
             self.tell(f"and {len(words) - MOST_TOLD} lines more")
         self.report_mount("satellite", "AbortSlew")
 
-    def _obey(self) -> None:
+    def _obey_orders(self) -> None:
         while True:
             asked, void = self.door.next_order()
             self.station.answers.ready += void

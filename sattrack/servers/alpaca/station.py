@@ -120,7 +120,7 @@ class TelescopeStation:
         """Whether a satellite is followed, and no limit keeps the mount off it."""
         return self.engine is not None and self.engine.safety.holding is None
 
-    def receive_status(self, data: bytes, arrival_utc_s: float) -> None:
+    def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
         self._heard = (data, arrival_utc_s)
         if self.engine is not None:

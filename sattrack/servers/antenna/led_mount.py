@@ -149,7 +149,7 @@ class LedMount(Feedback):
 
     # What comes in, and what goes out.
 
-    def receive_status(self, data: bytes, arrival_utc_s: float) -> None:
+    def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
         arrival_utc_s += self.clock_ahead_s
         sample = self.session.receive(data, arrival_utc_s)

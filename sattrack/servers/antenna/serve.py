@@ -71,8 +71,9 @@ class AntennaLoop(StationLoop):
             self._told_caller = False
             self.tell("antcn is gone; the trajectory in force stays")
 
-    def heed(self) -> None:
+    def obey(self, now_utc_s: float) -> None:
         """Heed the serial line, the focuser and the words of the console."""
+        del now_utc_s
         if self.door.mend(time.monotonic()):
             self._told_caller = True
             self.tell("the serial line is there again")
@@ -80,13 +81,13 @@ class AntennaLoop(StationLoop):
             for told in self.focus.exchange(self._at_ns):
                 self.tell(told)
         for word in self.words():
-            self._obey(word)
+            self._obey_word(word)
 
     def _at_ns(self, monotonic_s: float) -> int:
         """Return an instant by the antenna's clock."""
         return to_ns(self.connection.clock.utc_s(monotonic_s) + self.station.clock_ahead_s)
 
-    def _obey(self, word: str) -> None:
+    def _obey_word(self, word: str) -> None:
         """Obey a word typed at the controller's own console."""
         controller, now_ns = self.station.controller, self._at_ns(time.monotonic())
         if word:
@@ -152,12 +153,12 @@ class AntennaLoop(StationLoop):
         report = focuser.report(at_ns)
         return FocusView(tuple(place.actual_mm for place in report.axes), report.moving)
 
-    def report(self, ticks: int) -> None:
+    def report(self) -> None:
         """Say what has changed: refusals, callers, interlocks, the link."""
         self._report_refusals()
         self._report_callers()
         self.report_mount("trajectory", "RESET")
-        if ticks % SHOW_EVERY_TICKS == 0:
+        if self.ticks % SHOW_EVERY_TICKS == 0:
             self._show()
 
     def _report_refusals(self) -> None:

@@ -40,13 +40,13 @@ class RotctldLoop(StationLoop):
         """Serve the clients that have said something, or wait for answers."""
         self._gone(self.door.serve(ready, self._now_ns))
 
-    def heed(self) -> None:
+    def obey(self, now_utc_s: float) -> None:
         """Hang up on clients that are too long silent."""
+        del now_utc_s
         self._gone(self.door.tend(self._now_ns()))
 
-    def report(self, ticks: int) -> None:
+    def report(self) -> None:
         """Say what has changed: clients, who commands, refusals, interlocks, the link."""
-        del ticks
         words = self.door.words
         for _ in range(min(MOST_TOLD, len(words))):
             self.tell(words.popleft())

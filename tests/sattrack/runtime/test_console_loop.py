@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 import pytest
 
 from sattrack.control.manual.console import Console
+from sattrack.core import realtime
 from sattrack.core.clock import SystemClock
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.client import Address, UdpLink
 from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_command
-from sattrack.runtime import console as loop_module
 from sattrack.runtime.console import Connection, ConsoleLoop, OrderInbox
 from sattrack.runtime.signals import StopRequest
 from sattrack.safety import SafetyLimits
@@ -83,7 +83,7 @@ def test_one_failure_is_told_to_the_part_which_goes_on(
 ) -> None:
     part = BrokenPart(fails=1)
     with pytest.raises(RuntimeError, match="broken"):
-        ConsoleLoop(part, connection, StopRequest(), lambda _: None).run()
+        ConsoleLoop(connection, StopRequest(), part, lambda _: None).run()
     assert part.failed == ["broken"]
     assert [command.counter for command in heard(mount_socket)] == [1, 2, 4, 5, 6, 7]
 
@@ -91,9 +91,9 @@ def test_one_failure_is_told_to_the_part_which_goes_on(
 def test_what_goes_on_failing_ends_with_stops_said_without_it(
     mount_socket: socket.socket, connection: Connection, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(loop_module, "LAST_STOPS", 5)
+    monkeypatch.setattr(realtime, "LAST_STOPS", 5)
     with pytest.raises(RuntimeError, match="broken"):
-        ConsoleLoop(BrokenPart(fails=9), connection, StopRequest(), lambda _: None).run()
+        ConsoleLoop(connection, StopRequest(), BrokenPart(fails=9), lambda _: None).run()
     assert [command.abort for command in heard(mount_socket)[2:]] == [False, True, True, True, True]
 
 
@@ -105,7 +105,7 @@ def test_what_shows_may_fail_for_good_and_the_mount_is_fed_to_the_end(
 
     part = BrokenPart(fails=0)
     with pytest.raises(BrokenPipeError):
-        ConsoleLoop(part, connection, StopRequest(), show).run()
+        ConsoleLoop(connection, StopRequest(), part, show).run()
     assert len(heard(mount_socket)) == 7
     assert len(part.failed) == 1
 
@@ -143,7 +143,7 @@ def test_a_loop_whose_mount_was_taken_away_sends_nothing_more_and_says_so(
     guard = TakenAway()
     connection.guard = guard
     with pytest.raises(SattrackError, match="taken away"):
-        ConsoleLoop(BrokenPart(fails=0), connection, StopRequest(), lambda _: None).run()
+        ConsoleLoop(connection, StopRequest(), BrokenPart(fails=0), lambda _: None).run()
     assert [command.counter for command in heard(mount_socket)] == [1, 2]
     assert not guard.released
 
@@ -151,7 +151,7 @@ def test_a_loop_whose_mount_was_taken_away_sends_nothing_more_and_says_so(
 def test_a_stop_that_is_asked_for_again_and_again_interrupts_once(connection: Connection) -> None:
     part, stop = BrokenPart(fails=0), StopRequest()
     stop.ask()
-    ConsoleLoop(part, connection, stop, lambda _: stop.ask()).run()
+    ConsoleLoop(connection, stop, part, lambda _: stop.ask()).run()
     assert part.interrupted == 1
 
 

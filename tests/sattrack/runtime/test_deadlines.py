@@ -12,7 +12,10 @@ from typing import Any
 import pytest
 
 from sattrack.core.clock import SimulatedClock
+from sattrack.core.realtime import LAST_STOPS
+from sattrack.mount.xerxes.datagrams import decode_command
 from sattrack.recording.recorder import NoRecording
+from sattrack.runtime.console import Connection
 from sattrack.runtime.guard import Unguarded
 from sattrack.runtime.live import LiveLoop
 from sattrack.runtime.signals import StopRequest
@@ -28,6 +31,7 @@ class NotedEngine:
 
     shift_s: float = 0.0
     breaks_at: int | None = None
+    ticks_break_from: int = 10**9
     instants_s: list[float] = field(default_factory=list)
     called_s: list[float] = field(default_factory=list)
     copy: bytes | None = None
@@ -46,6 +50,8 @@ class NotedEngine:
     def tick(self, now_utc_s: float) -> bytes:
         self.called_s.append(time.monotonic())
         self.instants_s.append(now_utc_s)
+        if len(self.instants_s) >= self.ticks_break_from:
+            raise ArithmeticError("no datagram")
         return b""
 
     def repeat(self) -> bytes | None:
@@ -76,6 +82,7 @@ class NotedLink:
     def __init__(self) -> None:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.bind(("127.0.0.1", 0))
+        self.sent: list[bytes] = []
         self.sent_s: list[float] = []
         self.periods_s: list[float] = []
 
@@ -85,7 +92,8 @@ class NotedLink:
     def receive(self) -> list[Any]:
         return []
 
-    def send(self, _: bytes) -> None:
+    def send(self, data: bytes) -> None:
+        self.sent.append(data)
         self.sent_s.append(time.monotonic())
 
     def close(self) -> None:
@@ -125,16 +133,16 @@ def run(
     stop: StopRequest | None = None,
     speed: float = 1.0,
     guard: NotedGuard | None = None,
+    link: NotedLink | None = None,
 ) -> NotedLink:
     """Run the loop to its end by a clock that shows the monotonic one's own reading."""
-    link = NotedLink()
+    link = link or NotedLink()
     screen = SimpleNamespace(show=lambda _: None)
     clock = SimulatedClock(0.0, 0.0, speed)
-    parts: Any = (engine, link, clock, NoRecording(), screen, stop or StopRequest())
+    connection: Any = Connection(link, clock, guard=guard or Unguarded())  # type: ignore[arg-type]
+    parts: Any = (engine, NoRecording(), screen)
     try:
-        loop = LiveLoop(*parts)
-        if guard is not None:
-            loop.guard = guard
+        loop = LiveLoop(connection, stop or StopRequest(), *parts)
         loop.run()
     finally:
         link.close()
@@ -209,6 +217,16 @@ def test_datagrams_go_on_where_finding_the_next_deadline_breaks() -> None:
         run(engine)
     assert engine.told == ["no next turn"]
     assert len(engine.instants_s) == TICKS
+
+
+def test_an_engine_that_goes_on_failing_ends_with_stops_said_without_it() -> None:
+    engine, link, guard = NotedEngine(ticks_break_from=5), NotedLink(), NotedGuard()
+    with pytest.raises(ArithmeticError, match="no datagram"):
+        run(engine, guard=guard, link=link)
+    assert engine.told == ["no datagram"]
+    stops = [decode_command(data) for data in link.sent[4:]]
+    assert [stop.abort for stop in stops] == [False] + [True] * (LAST_STOPS - 1)
+    assert guard.released == []
 
 
 def test_copies_go_a_quarter_of_a_period_later_and_are_no_part_of_the_period() -> None:

@@ -134,7 +134,7 @@ def test_a_position_in_the_sun_is_come_near_to_and_no_nearer() -> None:
     assert rotator.say(f"P {sun.az_deg:.2f} {sun.el_deg:.2f}") == "RPRT 0\n"
     nearest_deg = 180.0
     log: list[str] = []
-    loop = RotctldLoop(rotator.station, Connection(None, None), None, StopRequest(), log.append)
+    loop = RotctldLoop(Connection(None, None), StopRequest(), rotator.station, None, log.append)
     for _ in range(40):
         rotator.run_for(0.5)
         here = rotator.pointed()
