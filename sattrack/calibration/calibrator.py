@@ -30,6 +30,8 @@ class Calibrator:
     """
 
     def __init__(self, surroundings: Surroundings, begin_utc_s: float, plan: Plan | None = None) -> None:
+        self.profile = MountProfile()
+        """What is assumed of a mount of which nothing is known yet."""
         self.plan = plan or Plan()
         self.seen = Observations()
         self.ending: Ending | None = None
@@ -125,14 +127,14 @@ class Calibrator:
             self.ending = Ending(kind, words, None)
             return
         self._sender.say_at_once({}, self._now_utc_s)
-        self._stop = DirectStop(MountProfile(), self._now_utc_s, self._sender.said.counter)
+        self._stop = DirectStop(self.profile, self._now_utc_s, self._sender.said.counter)
 
     def _resume(self, now_utc_s: float) -> None:
         """Let the steps go on; what they raise turns the run into a stop."""
         self._now_utc_s = self._script.now_utc_s = now_utc_s
         if self._stop is not None:
             if self._stop.finished:
-                self.ending = Ending(self._kind, self._words, bool(self._stop.at_rest))
+                self.ending = Ending(self._kind, self._words, bool(self._stop.mount_stopped))
             return
         if self.ending is not None:
             return

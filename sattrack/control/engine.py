@@ -10,14 +10,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sattrack.control.engine_view import HOLDING, learnt_view, view_of
-from sattrack.control.halt import StopProcedure
+from sattrack.control.halt import Driver, StopProcedure
 from sattrack.control.not_acquired import Attempt, AxisAttempt, why_not
 from sattrack.control.sky_error import sky_error
 from sattrack.control.stages import Doing, Situation, Stages
 from sattrack.control.tracker import FOLLOWING, Phase, Tracker, TrackPlan
 from sattrack.core.figures import RunningError, WindowedError
-from sattrack.mount.model import Hold, Motion, MoveAxes, SlewTo, StatusSample, Stop, seen_of
-from sattrack.mount.xerxes.session import Session
+from sattrack.mount.model import SlewTo, StatusSample, Stop
 from sattrack.mount.xerxes.states import LinkState, SlewState
 from sattrack.safety import ROWS, Safety, SafetyLimits
 from sattrack.safety.watch import KEEPS_FIRST
@@ -66,12 +65,12 @@ class RunSpec:
     """The bias of an earlier pass with which this one begins."""
 
 
-class Engine:
+class Engine(Driver):
     """One run with one mount, from the first datagram to the mount seen at rest."""
 
     def __init__(self, spec: RunSpec) -> None:
+        super().__init__(spec.profile, safety_of(spec))
         self.spec = spec
-        self.session = Session(spec.profile)
         self.tracker = Tracker(
             spec.propagator, spec.plan, spec.profile, spec.bias, spec.camera_rotation_deg, spec.remembered
         )
@@ -79,7 +78,6 @@ class Engine:
         """Lines that came where observations or messages were expected, and were neither."""
         self.dropped = 0
         """Observations that came faster than they could be used."""
-        self.safety = safety_of(spec)
         self.reported = RunningError()
         self.on_target_s = 0.0
         self.held_s: dict[str, float] = {}
@@ -91,7 +89,6 @@ class Engine:
         self.lost_peak_arcsec = 0.0
         """Largest error while a limit held the mount, and on the way back."""
         self.message: str | None = None
-        self.finished = False
         self.failed = False
         self._recent = WindowedError()
         self._missed = WindowedError(), WindowedError()
@@ -103,25 +100,18 @@ class Engine:
         self._sorted = Stages(spec.plan, spec.profile)
         self._doing = Phase.WAITING
         """The phase before the run began to stop."""
-        self._stop: StopProcedure | None = None
-        self._commanded: Motion = Hold()
-        self._in_force: Motion = Hold()
-        """What the mount was last told: a mount that takes rates by edges is not told each of them."""
-        self._link_state = LinkState.SILENT
         self._counted: set[int] = set()
         self._before: StatusSample | None = None
 
-    @property
-    def mount_stopped(self) -> bool | None:
-        """Whether the mount was told to stop and seen at rest; None where it was never heard."""
-        return None if self._stop is None else self._stop.at_rest
-
-    def receive(self, data: bytes, arrival_utc_s: float) -> None:
-        """Take one datagram from the mount."""
+    def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
+        """Take one datagram from the mount; return its sample, None where it was refused."""
         first = self.session.sample is None
-        sample = self.session.receive(data, arrival_utc_s)
-        if sample is None:
-            return
+        sample = super().receive(data, arrival_utc_s)
+        if sample is not None:
+            self._take(sample, first)
+        return sample
+
+    def _take(self, sample: StatusSample, first: bool) -> None:
         if first and sample.does_refraction:
             self.tracker.use(self.spec.if_mount_refracts)
         if self.failed:
@@ -131,8 +121,6 @@ class Engine:
         seconds = 0.0 if before is None else error.utc_s - before.utc_s
         self._before = sample
         self._watch_profile()
-        if self.session.status is not None:
-            self.safety.watch(seen_of(self.session.status, arrival_utc_s), self._in_force)
         if was is not None and 0.0 < seconds < LONGEST_STEP_S:
             self._count(error, sample.counter, seconds)
 
@@ -246,7 +234,7 @@ class Engine:
 
     def operate(self, message: Message, now_utc_s: float) -> None:
         """Obey the operator."""
-        if isinstance(message, Jog) and self._link_state is not LinkState.UP:
+        if isinstance(message, Jog) and self.link_state is not LinkState.UP:
             words = "the mount is not heard: nothing is moved blindly"
             self.tracker.steering.tell(words, now_utc_s)
         else:
@@ -262,31 +250,23 @@ class Engine:
         motion = self.tracker.step(now_utc_s, arrived, stopped, self.safety.holding is not None)
         if self.tracker.phase is not Phase.STOPPING:
             self._doing = self.tracker.phase
-        sample = self.session.sample
-        if sample is not None:
-            age_s = max(0.0, now_utc_s - sample.arrival_utc_s)
-            lst_deg = sample.sidereal_h * 15.0
-            cleared = self.safety.clear(motion, lst_deg, sample.ra_deg, sample.dec_deg, age_s, now_utc_s)
+        if self.session.sample is not None:
+            cleared = self.clear(motion, now_utc_s)
             if rest is not None and rest.jogging and cleared.motion != motion:
                 cleared = self._end_jogs(cleared, now_utc_s)
-            self._commanded = cleared.motion
             self.session.apply(cleared)
             if self.safety.tripped is not None and self.tracker.ended_by is None:
                 self._give_up(f"limit:{self.safety.tripped}", self._limit_words())
         elif self.tracker.phase is Phase.STOPPING:
-            self.session.apply(self.safety.clear(motion, 0.0, 0.0, 0.0))
+            self.session.apply(self.clear(motion, now_utc_s))
         if self.tracker.ended_by == "error" and self.message is None:
             why = self.tracker.trouble or "did not do as it was told"
             self.message = f"{self.spec.mount_name} {why}; it was told to stop"
-        self._watch_stop(now_utc_s)
-        datagram = self.session.compose()
-        # An edge mount takes new rates only now and then: what counts is what went out.
-        if not isinstance(self._commanded, MoveAxes):
-            self._in_force = self._commanded
-            self.tracker.note_sent(self._commanded, now_utc_s)
-        elif self.session.begun_move is not None:
-            self._in_force = self.session.begun_move
-            self.tracker.note_sent(self.session.begun_move, now_utc_s)
+        if self.stop is None and self.tracker.phase is Phase.STOPPING:
+            self.stop = StopProcedure(now_utc_s)
+        datagram = self.compose(now_utc_s)
+        if self.sent_motion is not None:
+            self.tracker.note_sent(self.sent_motion, now_utc_s)
         return datagram
 
     def _end_jogs(self, cleared: Cleared, now_utc_s: float) -> Cleared:
@@ -319,7 +299,7 @@ class Engine:
         self._give_up("error", words)
 
     def _watch_link(self, now_utc_s: float) -> None:
-        self._link_state = state = self.session.link_state(now_utc_s)
+        self.link_state = state = self.session.link_state(now_utc_s)
         if self.tracker.ended_by is not None:
             return
         if state is LinkState.LOST:
@@ -328,13 +308,6 @@ class Engine:
         elif state is LinkState.SILENT and now_utc_s - self.spec.started_utc_s > NO_ANSWER_AFTER_S:
             words = f"no status from {self.spec.mount_name} within {NO_ANSWER_AFTER_S:g} s"
             self._give_up("link", f"{words}; is it on, and set to send here?")
-
-    def _watch_stop(self, now_utc_s: float) -> None:
-        if self.tracker.phase is not Phase.STOPPING or self.finished:
-            return
-        if self._stop is None:
-            self._stop = StopProcedure(now_utc_s)
-        self.finished = self._stop.look(self.session, now_utc_s)
 
     def _give_up(self, why: str, words: str) -> None:
         self.message = words
@@ -360,11 +333,6 @@ class Engine:
         return HOLDING if following and self.safety.holding is not None else self.tracker.phase.value
 
     @property
-    def link_state(self) -> LinkState:
-        """State of the link as of the last tick."""
-        return self._link_state
-
-    @property
     def rms_10s_arcsec(self) -> float | None:
         """RMS of the last errors that figures count."""
         return self._recent.rms_arcsec
@@ -372,7 +340,7 @@ class Engine:
     @property
     def led_out(self) -> bool:
         """Whether safety slews a paused mount, of which nothing is asked, out of a cone."""
-        return self.tracker.rest is not None and isinstance(self._commanded, SlewTo)
+        return self.tracker.rest is not None and isinstance(self.session.wanted, SlewTo)
 
     def view(self, now_utc_s: float) -> TrackView:
         """Return what anyone who looks may see, as of an instant."""

@@ -1,8 +1,8 @@
-"""The stop of a mount, without I/O: what ends it is decided here, for whatever moves a mount.
+"""The driver of a mount, without I/O: session, safety, and the stop at the end. What moves a mount is one.
 
-A session that is told `Stop` says abort until the mount acknowledges it, and raises it anew where the mount
-moves on. `StopProcedure` tells when that is over. `DirectStop` has a session of its own, for whoever takes
-over from one that is gone or not to be relied on.
+A session whose motion is `Stop` sends abort until the mount acknowledges it, and anew where the mount moves
+on. `StopProcedure` decides when that is over. `DirectStop` is a driver for whoever takes over a mount from a
+session that is gone, or that cannot be relied on.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sattrack.mount.link_loss import STOP_LINGER_S, longest_stop_s
-from sattrack.mount.model import Stop
+from sattrack.mount.model import Hold, MoveAxes, Stop, seen_of
 from sattrack.mount.xerxes.session import Session
 from sattrack.mount.xerxes.states import LinkState
 from sattrack.safety import Safety, SafetyLimits
 
 if TYPE_CHECKING:
-    from sattrack.mount.model import MountProfile
+    from sattrack.mount.model import Cleared, Motion, MountProfile, StatusSample
 
 
 class StopProcedure:
@@ -35,10 +35,6 @@ class StopProcedure:
         self.needed = needed
         self._blind = blind
         self._rest_utc_s: float | None = None
-
-    def renew(self, now_utc_s: float) -> None:
-        """Give the stop its whole time again."""
-        self.begun_utc_s, self.finished = now_utc_s, False
 
     def look(self, session: Session, now_utc_s: float) -> bool:
         """Tell whether it is over; call once a period."""
@@ -63,32 +59,97 @@ class StopProcedure:
         return self.finished
 
 
-class DirectStop(StopProcedure):
-    """One stop by a session of its own; call `tick` once a period until `finished`.
+class Driver:
+    """One mount: the session with it, the safety that clears its motions, and the stop at the end.
+
+    Subclasses decide which motion is wanted.
+    """
+
+    def __init__(self, profile: MountProfile, safety: Safety) -> None:
+        self.profile = profile
+        self.session = Session(profile)
+        self.safety = safety
+        self.link_state = LinkState.SILENT
+        """State of the link as of the last tick."""
+        self.stop: StopProcedure | None = None
+        """The stop at the end, once it has begun."""
+        self.in_force: Motion = Hold()
+        """The motion last sent: to a mount that takes rates by edges, not each of them is."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether the stop at the end is over."""
+        return self.stop is not None and self.stop.finished
+
+    @property
+    def mount_stopped(self) -> bool | None:
+        """Whether the mount was seen at rest at the end; None: no stop was needed, or it was not heard."""
+        return None if self.stop is None else self.stop.at_rest
+
+    @property
+    def link_up(self) -> bool:
+        """Whether the mount is heard."""
+        return self.link_state in {LinkState.UP, LinkState.STALE}
+
+    def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
+        """Take one datagram from the mount; return its sample, None where it was refused."""
+        sample = self.session.receive(data, arrival_utc_s)
+        if sample is not None and self.session.status is not None:
+            self.safety.watch(seen_of(self.session.status, arrival_utc_s), self.in_force)
+        return sample
+
+    def clear(self, motion: Motion, now_utc_s: float) -> Cleared:
+        """Return a motion as far as safety lets the mount make it; before its first status, only a stop."""
+        sample = self.session.sample
+        if sample is None:
+            return self.safety.clear(motion if isinstance(motion, Hold) else Stop(), 0.0, 0.0, 0.0)
+        age_s = max(0.0, now_utc_s - sample.arrival_utc_s)
+        lst_deg = sample.sidereal_h * 15.0
+        return self.safety.clear(motion, lst_deg, sample.ra_deg, sample.dec_deg, age_s, now_utc_s)
+
+    def compose(self, now_utc_s: float) -> bytes:
+        """Return the datagram to send now, and follow the stop at the end; call once a period."""
+        if self.stop is not None:
+            self.stop.look(self.session, now_utc_s)
+        datagram = self.session.compose()
+        self.in_force = self.in_force if self.sent_motion is None else self.sent_motion
+        return datagram
+
+    def repeat(self) -> bytes | None:
+        """Return what to send once more before the next datagram, None for nothing."""
+        return None if self.stop is not None else self.session.repeat()
+
+    @property
+    def sent_motion(self) -> Motion | None:
+        """The motion that the last datagram asks for, None where the mount takes no new rates from it."""
+        wanted = self.session.wanted
+        return self.session.begun_move if isinstance(wanted, MoveAxes) else wanted
+
+
+class DirectStop(Driver):
+    """A stop by a session of its own; call `tick` once a period until `finished`.
 
     `counter` is the number of the last datagram that the mount was sent. After the end, more ticks keep the
     mount at rest: should it move again, it is stopped again.
     """
 
     def __init__(self, profile: MountProfile, begun_utc_s: float, counter: int = 0) -> None:
-        super().__init__(begun_utc_s, blind=True)
-        self.session = Session(profile)
+        super().__init__(profile, Safety(profile, SafetyLimits(), 0.0))
         self.session.health.sent = counter
-        self.session.apply(Safety(profile, SafetyLimits(), 0.0).clear(Stop(), 0.0, 0.0, 0.0))
+        self.stop: StopProcedure = StopProcedure(begun_utc_s, blind=True)
+        self.session.apply(self.clear(Stop(), begun_utc_s))
 
-    @property
-    def mount_stopped(self) -> bool | None:
-        """Whether the mount was seen at rest, as loops ask for it."""
-        return self.at_rest
+    def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
+        """Take one datagram from the mount, whose limits are not known here."""
+        return self.session.receive(data, arrival_utc_s)
 
-    def receive(self, data: bytes, arrival_utc_s: float) -> None:
-        """Take one datagram from the mount."""
-        self.session.receive(data, arrival_utc_s)
+    def renew(self, now_utc_s: float) -> None:
+        """Give a stop that was finished without rest its whole time again."""
+        self.stop = StopProcedure(now_utc_s, blind=True)
 
     def tick(self, now_utc_s: float) -> bytes:
         """Return the datagram to send now."""
-        self.look(self.session, now_utc_s)
-        return self.session.compose()
+        return self.compose(now_utc_s)
 
     def last_heard(self, now_utc_s: float) -> str:
         """Return what the mount told last, in words."""

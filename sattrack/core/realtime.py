@@ -26,6 +26,7 @@ from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from sattrack.mount.model import MountProfile
     from sattrack.runtime.console import Connection
     from sattrack.runtime.signals import StopRequest
 
@@ -185,8 +186,12 @@ def _quiet_memory() -> Iterator[None]:
         gc.unfreeze()
 
 
-class Driver(Protocol):
-    """What moves one mount: statuses in, datagrams out, each with its instant, UTC, POSIX seconds."""
+class DriverLike(Protocol):
+    """A driver of one mount, or what holds one: statuses in, datagrams out; all instants are our UTC."""
+
+    @property
+    def profile(self) -> MountProfile:
+        """What is known of the mount."""
 
     @property
     def finished(self) -> bool:
@@ -196,7 +201,7 @@ class Driver(Protocol):
     def mount_stopped(self) -> bool | None:
         """Whether the mount was told to stop and seen at rest; None: not needed, or not known."""
 
-    def receive(self, data: bytes, arrival_utc_s: float) -> None:
+    def receive(self, data: bytes, arrival_utc_s: float) -> object:
         """Take one datagram from the mount."""
 
     def tick(self, now_utc_s: float) -> bytes | None:
@@ -212,15 +217,15 @@ class RealtimeLoop:
     period. Whatever raises has the driver stop the mount; where its own `tick` goes on raising, stops are
     sent without it. The first error is raised at the end.
 
-    Subclasses say what is driven and how it is stopped, and do their own part in the methods that do nothing
-    here.
+    Subclasses say how the driver is stopped, and do their own part in the methods that do nothing here.
     """
 
-    told: ClassVar[tuple[type[Exception], ...]] = ()
-    """Errors that the driver tells of itself: they are not raised."""
+    reported: ClassVar[tuple[type[Exception], ...]] = ()
+    """Errors that the summary of the run reports: they are not raised."""
 
     connection: Connection
     stop: StopRequest
+    driver: DriverLike
     grant: Grant | None = field(default=None, init=False)
     """What the system granted for the run; None before it."""
     ticks: int = field(default=0, init=False)
@@ -228,14 +233,9 @@ class RealtimeLoop:
     _due_s: float = field(default=0.0, init=False)
 
     @property
-    def driver(self) -> Driver:
-        """What is fed to the mount."""
-        raise NotImplementedError
-
-    @property
     def period_s(self) -> float:
         """How often a datagram is due, seconds of the monotonic clock."""
-        raise NotImplementedError
+        return self.driver.profile.period_s / self.connection.clock.speed
 
     @property
     def rest(self) -> bool | None:
@@ -307,8 +307,8 @@ class RealtimeLoop:
         self.raise_error()
 
     def raise_error(self) -> None:
-        """Raise the first error, unless the driver tells of it."""
-        if self.error is not None and not isinstance(self.error, self.told):
+        """Raise the first error, unless it is reported elsewhere."""
+        if self.error is not None and not isinstance(self.error, self.reported):
             raise self.error
 
     def feed(self) -> None:
@@ -405,7 +405,7 @@ class RealtimeLoop:
         self._due_s += self.shift_s(connection.now_utc_s()) / connection.clock.speed
 
     def _stop_without_driver(self) -> None:
-        """Say stop without asking anything that may be broken."""
+        """Send stops without anything that may be broken."""
         for counter in range(LAST_STOPS):
             stop = encode_command(Command(counter, abort=counter > 0))
             if self.connection.guard.beat(stop):

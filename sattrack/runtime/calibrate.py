@@ -15,18 +15,13 @@ from typing import TYPE_CHECKING, Any
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, Kind, Surroundings
 from sattrack.calibration.plan import Plan, sun_hour_angle_and_dec
-from sattrack.calibration.sender import PERIOD_S
-from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
 from sattrack.core.realtime import RealtimeLoop
 from sattrack.mount.profiles import ProfileFile, load_profile_file
-from sattrack.mount.simulator.mount import SimulatedSite, StartPosition
-from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig
-from sattrack.mount.simulator.settings import simulator_profile
-from sattrack.mount.xerxes.client import Address
+from sattrack.mount.simulator.mount import StartPosition
 from sattrack.runtime import practice
 from sattrack.runtime.console import Connection
-from sattrack.runtime.embedded import start_embedded
+from sattrack.runtime.embedded import simulator_config, start_embedded
 from sattrack.runtime.guard import owned
 from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.safety import SafetyLimits, altitude_deg, separation_deg
@@ -71,38 +66,16 @@ def surroundings(
     )
 
 
-@dataclass(slots=True)
-class PracticeMount:
-    """A simulated mount in a process of its own, and where it listens."""
-
-    embedded: EmbeddedMount
-    address: Address
-
-    def close(self) -> None:
-        """End the process."""
-        self.embedded.close()
-
-
 def start_practice_mount(
     around: Surroundings, site: Site, clock: Clock, sim_profile: Path | None
-) -> PracticeMount:
+) -> EmbeddedMount:
     """Start a simulated mount that stands clear; `sim_profile` describes it, else it is the default one.
 
     Raises BadInputError for a bad profile, SattrackError where the mount does not come up.
     """
     described = ProfileFile() if sim_profile is None else load_profile_file(sim_profile)
-    setting = None
-    if isinstance(clock, SimulatedClock):
-        setting = ClockSetting(clock.start_utc_s, clock.anchor_s, clock.speed)
-    config = SimulatorConfig(
-        SimulatedSite(site.latitude_deg, site.longitude_deg, site.height_m),
-        described.mount,
-        _clear_start(around),
-        clock=setting,
-        hardware=simulator_profile(described.simulator, str(sim_profile)),
-    )
-    embedded = start_embedded(config)
-    return PracticeMount(embedded, Address("127.0.0.1", embedded.port, 0))
+    start, where = _clear_start(around), str(sim_profile)
+    return start_embedded(simulator_config(described.mount, described.simulator, site, clock, start, where))
 
 
 def _clear_start(around: Surroundings) -> StartPosition:
@@ -161,27 +134,17 @@ def calibrate_live(
 class CalibrationLoop(RealtimeLoop):
     """Feeds one calibration to its end; `keys` is a descriptor that becomes readable at a key."""
 
-    told = (SattrackError,)
+    reported = (SattrackError,)
 
-    calibrator: Calibrator
+    driver: Calibrator
     show: Callable[[str, float], None]
     keys: int | None
     _shown_s: float = field(default=float("-inf"), init=False)
 
-    @property
-    def driver(self) -> Calibrator:
-        """See RealtimeLoop."""
-        return self.calibrator
-
-    @property
-    def period_s(self) -> float:
-        """See RealtimeLoop."""
-        return PERIOD_S / self.connection.clock.speed
-
     def due_s(self) -> float:
         """Return when the calibrator wants the next datagram to leave, by the monotonic clock."""
         now_s, clock = time.monotonic(), self.connection.clock
-        return now_s + (self.calibrator.due() - clock.utc_s(now_s)) / clock.speed
+        return now_s + (self.driver.due() - clock.utc_s(now_s)) / clock.speed
 
     def readers(self) -> list[Any]:
         """See RealtimeLoop."""
@@ -194,29 +157,29 @@ class CalibrationLoop(RealtimeLoop):
         # A terminal that is gone is read as an end: that is a reason to stop, too.
         if not os.read(self.keys, _KEY_BYTES):
             self.keys = None
-        self.calibrator.stop("stopped by a key")
+        self.driver.stop("stopped by a key")
 
     def interrupt(self, now_utc_s: float) -> None:
         """See RealtimeLoop."""
         del now_utc_s
-        self.calibrator.stop("interrupted")
+        self.driver.stop("interrupted")
 
     def fail(self, error: Exception, now_utc_s: float) -> None:
         """See RealtimeLoop."""
         del now_utc_s
-        self.calibrator.fail(str(error))
+        self.driver.fail(str(error))
 
     def sent(self, now_utc_s: float, datagram: bytes) -> None:
         """Let the run go on, with the instant at which the datagram left."""
         del now_utc_s, datagram
-        self.calibrator.sent(self.connection.now_utc_s())
+        self.driver.sent(self.connection.now_utc_s())
 
     def report(self) -> None:
         """Show how far the run has come."""
         now_s = time.monotonic()
         if now_s - self._shown_s >= SHOW_EVERY_S:
             self._shown_s = now_s
-            self.show(self.calibrator.phase, self.calibrator.part_done)
+            self.show(self.driver.phase, self.driver.part_done)
 
 
 def ending_error(ending: Ending) -> SattrackError | None:

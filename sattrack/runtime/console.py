@@ -11,16 +11,12 @@ from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 
-from sattrack.core.clock import SimulatedClock
-from sattrack.core.realtime import Driver, RealtimeLoop
-from sattrack.mount.simulator.mount import SimulatedSite
-from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig
-from sattrack.mount.simulator.settings import simulator_profile
+from sattrack.core.realtime import DriverLike, RealtimeLoop
 from sattrack.mount.xerxes.client import Address, UdpLink, nobody_listens
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime import practice
 from sattrack.runtime.channel import LineReader
-from sattrack.runtime.embedded import start_embedded
+from sattrack.runtime.embedded import simulator_config, start_embedded
 from sattrack.runtime.guard import Guard, Unguarded, owned
 from sattrack.runtime.links import heard
 from sattrack.runtime.signals import StopRequest, stopping
@@ -43,7 +39,7 @@ if TYPE_CHECKING:
 SHOW_EVERY_TICKS = 2
 
 
-class Part(Driver, Protocol):
+class Part(DriverLike, Protocol):
     """What the loop drives: an errand, a look, or an operator's sitting."""
 
     @property
@@ -97,29 +93,17 @@ def connected(
     with ExitStack() as stack:
         simulated = None
         if address is None:
-            simulated = start_embedded(_simulator_config(described, site, clock))
+            simulated = start_embedded(
+                simulator_config(described.mount, described.simulator, site or practice.SITE.place(), clock)
+            )
             stack.callback(simulated.close)
-            address = Address("127.0.0.1", simulated.port, 0)
+            address = simulated.address
         if own:
             name = None if simulated is None else "sim"
             link, guard = stack.enter_context(owned(address, described.mount, clock.speed, name))
             yield Connection(link, clock, simulated, guard)
             return
         yield Connection(stack.enter_context(heard(address)), clock, simulated)
-
-
-def _simulator_config(described: ProfileFile, site: Site | None, clock: Clock) -> SimulatorConfig:
-    where = practice.SITE.place() if site is None else site
-    setting = None
-    if isinstance(clock, SimulatedClock):
-        setting = ClockSetting(clock.start_utc_s, clock.anchor_s, clock.speed)
-    return SimulatorConfig(
-        SimulatedSite(where.latitude_deg, where.longitude_deg, where.height_m),
-        described.mount,
-        practice.START,
-        clock=setting,
-        hardware=simulator_profile(described.simulator),
-    )
 
 
 class OrderInbox:
@@ -151,40 +135,30 @@ class OrderInbox:
 class ConsoleLoop(RealtimeLoop):
     """Feeds one part until it is finished; `show` is called a few times a second, `orders` once a period."""
 
-    part: Part
+    driver: Part
     show: Callable[[float], None]
     orders: Callable[[float], None] | None = None
     _interrupted: bool = field(default=False, init=False)
 
     @property
-    def driver(self) -> Part:
-        """See RealtimeLoop."""
-        return self.part
-
-    @property
-    def period_s(self) -> float:
-        """See RealtimeLoop."""
-        return self.part.console.profile.period_s / self.connection.clock.speed
-
-    @property
     def rest(self) -> bool | None:
         """See RealtimeLoop. A mount that was told to stop and never heard may move on."""
-        console = self.part.console
-        return False if console.stopping and console.sample is None else self.part.mount_stopped
+        console = self.driver.console
+        return False if console.stopping and console.sample is None else self.driver.mount_stopped
 
     def interrupt(self, now_utc_s: float) -> None:
         """Have the part come to its end, once."""
         if not self._interrupted:
-            self.part.interrupt(now_utc_s)
+            self.driver.interrupt(now_utc_s)
             self._interrupted = True
 
     def fail(self, error: Exception, now_utc_s: float) -> None:
         """See RealtimeLoop."""
-        self.part.fail(str(error), now_utc_s)
+        self.driver.fail(str(error), now_utc_s)
 
     def obey(self, now_utc_s: float) -> None:
         """Have the operator's orders obeyed, and tell the console what the link knows."""
-        console, link = self.part.console, self.connection.link
+        console, link = self.driver.console, self.connection.link
         console.session.health.strangers = link.strangers
         console.way_trouble = link.trouble
         if len(link.stranger_hosts) > len(console.stranger_hosts):
@@ -198,14 +172,19 @@ class ConsoleLoop(RealtimeLoop):
             self.show(self.connection.now_utc_s())
 
 
-def attend(part: Part, connection: Connection, show: Callable[[float], None]) -> bool:
-    """Run an errand or a look to its end; return whether a signal interrupted it.
+def attend(
+    part: Part,
+    connection: Connection,
+    show: Callable[[float], None],
+    orders: Callable[[float], None] | None = None,
+) -> bool:
+    """Run a part to its end; return whether a signal interrupted it.
 
     Signals that end programs bring the mount to rest first, however often they come.
     """
     stop = StopRequest()
     with stopping(stop):
-        ConsoleLoop(connection, stop, part, show).run()
+        ConsoleLoop(connection, stop, part, show, orders).run()
     return stop.asked
 
 
@@ -220,7 +199,6 @@ def attend_sitting(
 
     `stop_owner` is called once, without waiting for it, when one who looks on wants the mount to be stopped.
     """
-    stop = StopRequest()
     told: list[threading.Thread] = []
 
     def obey(now_utc_s: float) -> None:
@@ -230,6 +208,4 @@ def attend_sitting(
             told.append(threading.Thread(target=stop_owner, name="stop", daemon=True))
             told[0].start()
 
-    with stopping(stop):
-        ConsoleLoop(connection, stop, sitting, show, obey).run()
-    return stop.asked
+    return attend(sitting, connection, show, obey)

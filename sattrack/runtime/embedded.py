@@ -4,14 +4,25 @@ from __future__ import annotations
 
 import subprocess
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import SattrackError
 from sattrack.core.own_program import own_program
-from sattrack.mount.simulator.mount import Truth
-from sattrack.mount.simulator.process import Ready, SimulatorConfig
+from sattrack.mount.simulator.mount import SimulatedSite, Truth
+from sattrack.mount.simulator.process import ClockSetting, Ready, SimulatorConfig
+from sattrack.mount.simulator.settings import simulator_profile
+from sattrack.mount.xerxes.client import Address
+from sattrack.runtime import practice
 from sattrack.runtime.channel import LineReader, see_off
+
+if TYPE_CHECKING:
+    from sattrack.core.clock import Clock
+    from sattrack.mount.model import MountProfile
+    from sattrack.mount.simulator.mount import StartPosition
+    from tle.site import Site
 
 START_WITHIN_S = 20.0
 END_WITHIN_S = 2.0
@@ -26,6 +37,11 @@ class EmbeddedMount:
     reader: LineReader
     port: int
 
+    @property
+    def address(self) -> Address:
+        """Where the mount listens."""
+        return Address("127.0.0.1", self.port, 0)
+
     def truths(self) -> list[Truth]:
         """Return the true positions since the last call."""
         return self.reader.messages(_TRUTHS)
@@ -37,6 +53,25 @@ class EmbeddedMount:
         self.process.stdin.close()
         see_off(self.process, END_WITHIN_S)
         self.process.stdout.close()
+
+
+def simulator_config(
+    profile: MountProfile,
+    table: dict[str, Any],
+    site: Site,
+    clock: Clock,
+    start: StartPosition = practice.START,
+    where: str = "the mount profile",
+) -> SimulatorConfig:
+    """Return how to simulate a mount by a clock; `table` is `[simulator]` of its profile, read from `where`.
+
+    Raises BadInputError for a table that says what it cannot.
+    """
+    setting = None
+    if isinstance(clock, SimulatedClock):
+        setting = ClockSetting(clock.start_utc_s, clock.anchor_s, clock.speed)
+    place = SimulatedSite(site.latitude_deg, site.longitude_deg, site.height_m)
+    return SimulatorConfig(place, profile, start, clock=setting, hardware=simulator_profile(table, where))
 
 
 def start_embedded(config: SimulatorConfig) -> EmbeddedMount:

@@ -7,15 +7,12 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.core.clock import SimulatedClock
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
-from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig
 from sattrack.mount.simulator.settings import simulator_profile
-from sattrack.mount.xerxes.client import Address
 from sattrack.recording.recorder import BackgroundRecorder, NoRecording, Recorder, Sink, create
 from sattrack.runtime import practice
 from sattrack.runtime.console import Connection
-from sattrack.runtime.embedded import EmbeddedMount, start_embedded
+from sattrack.runtime.embedded import EmbeddedMount, simulator_config, start_embedded
 from sattrack.runtime.facts import build_engine, encode_facts
 from sattrack.runtime.guard import owned
 from sattrack.runtime.live import LiveLoop
@@ -82,9 +79,10 @@ def fly_live(
         simulated: EmbeddedMount | None = None
         address: MountAddress | None = prepared.address
         if address is None:
-            simulated = start_embedded(_simulator_config(prepared))
+            profile, site = prepared.facts.profile, facts.site.place()
+            simulated = start_embedded(simulator_config(profile, prepared.simulator, site, prepared.clock))
             stack.callback(simulated.close)
-            address = Address("127.0.0.1", simulated.port, 0)
+            address = simulated.address
         link, guard = stack.enter_context(
             owned(address, prepared.facts.profile, prepared.clock.speed, facts.mount_name)
         )
@@ -98,10 +96,10 @@ def fly_live(
             engine.expect_observations()
         stack.enter_context(stopping(stop))
         ended_utc_s = loop.run()
-        summary = summarise(loop.engine, loop.ledger, ended_utc_s)
+        summary = summarise(engine, loop.ledger, ended_utc_s)
         if summary.message is not None and link.trouble is not None:
             summary = msgspec.structs.replace(summary, message=f"{summary.message}; {link.trouble}")
-        kept = keep(loop.engine, facts, ended_utc_s, prepared.memory)
+        kept = keep(engine, facts, ended_utc_s, prepared.memory)
         summary = msgspec.structs.replace(summary, bias_memory=kept)
         if guard.deposed:
             summary = msgspec.structs.replace(summary, mount_stopped=guard.mount_stopped)
@@ -128,16 +126,6 @@ def in_run_time(facts: RunFacts, speed: float) -> RunFacts:
 
 def _simulated_site(facts: RunFacts) -> SimulatedSite:
     return SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
-
-
-def _simulator_config(prepared: Prepared) -> SimulatorConfig:
-    facts, clock = prepared.facts, prepared.clock
-    setting = None
-    if isinstance(clock, SimulatedClock):
-        setting = ClockSetting(clock.start_utc_s, clock.anchor_s, clock.speed)
-    hardware = simulator_profile(prepared.simulator)
-    site = _simulated_site(facts)
-    return SimulatorConfig(site, facts.profile, practice.START, clock=setting, hardware=hardware)
 
 
 @contextmanager

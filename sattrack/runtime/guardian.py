@@ -229,7 +229,7 @@ class Guardian:
             return
         self.link.send(self._stop.tick(now_s * self.task.speed))
         self._due_s = max(self._due_s + self._pause_s(now_s), now_s)
-        if self._stop.at_rest or self._nobody_there(now_s):
+        if self._stop.mount_stopped or self._nobody_there(now_s):
             if not (self._told and self._goes_on_utc is None):
                 self._conclude()
         elif self._stop.finished and not self._told:
@@ -251,7 +251,7 @@ class Guardian:
         """Tell that there is nothing left to stop."""
         assert self._stop is not None
         self._told, self._goes_on_utc = True, None
-        self.words[Word.STOPPED] = Release.of(self._stop.at_rest)
+        self.words[Word.STOPPED] = Release.of(self._stop.mount_stopped)
         self._tell()
         self._answer_all()
 
@@ -259,7 +259,7 @@ class Guardian:
         """Tell that the stop's time has passed, and go on beyond it."""
         assert self._stop is not None
         self._told = True
-        self.words[Word.STOPPED] = Release.of(self._stop.at_rest)
+        self.words[Word.STOPPED] = Release.of(self._stop.mount_stopped)
         if self._goes_on_utc is None:
             self._goes_on_utc, self._goes_on_s = utc_now(), now_s
             self._tell()
@@ -295,7 +295,7 @@ class Guardian:
         """Say what was done, to whoever has the feeder's terminal, and to a file."""
         assert self._stop is not None
         rest = "found that the mount is not there any more"
-        if self._stop.at_rest:
+        if self._stop.mount_stopped:
             rest = f"stopped the mount: seen at rest after {time.monotonic() - self._begun_s:.1f} s"
         elif self._goes_on_utc is not None:
             rest = (
@@ -393,7 +393,7 @@ class Guardian:
             return
         if self._stop is not None:
             self._end_feeder()
-            stopped = Stopped("guardian", self._stop.at_rest, self._goes_on())
+            stopped = Stopped("guardian", self._stop.mount_stopped, self._goes_on())
         else:
             released = self.words[Word.RELEASED]
             stopped = Stopped("session", Release(released).at_rest if released else None)

@@ -45,9 +45,9 @@ class LiveLoop(RealtimeLoop):
     `deadline_s` (monotonic) ends the run like an operator's stop.
     """
 
-    told = (SattrackError, TleError)
+    reported = (SattrackError, TleError)
 
-    engine: Engine
+    driver: Engine
     sink: Sink
     screen: Screen
     inbox: Inbox | None = None
@@ -55,22 +55,12 @@ class LiveLoop(RealtimeLoop):
     observers: Observers | None = None
     ledger: Ledger = field(default_factory=Ledger)
 
-    @property
-    def driver(self) -> Engine:
-        """See RealtimeLoop."""
-        return self.engine
-
-    @property
-    def period_s(self) -> float:
-        """See RealtimeLoop."""
-        return self.engine.spec.profile.period_s / self.connection.clock.speed
-
     def run(self) -> float:
         """Run to the end; return the UTC instant of the end, POSIX seconds."""
         self.feed()
         guard, link = self.connection.guard, self.connection.link
         self.guarded(self.heed_guard)
-        if self.engine.finished and not guard.deposed:
+        if self.driver.finished and not guard.deposed:
             guard.release(self.rest)
         self.guarded(self._show_end)
         self.ledger.strangers, self.ledger.unsent = link.strangers, link.unsent
@@ -81,16 +71,16 @@ class LiveLoop(RealtimeLoop):
     def take(self, data: bytes, arrival_utc_s: float) -> None:
         """Record a datagram from the mount, and have the engine take it."""
         self.sink.status(arrival_utc_s, data)
-        self.engine.receive(data, arrival_utc_s)
+        self.driver.receive(data, arrival_utc_s)
 
     def interrupt(self, now_utc_s: float) -> None:
         """Have the engine stop the mount, until it does."""
-        if self.engine.tracker.ended_by is None:
+        if self.driver.tracker.ended_by is None:
             self._operate(StopNow(), now_utc_s)
 
     def fail(self, error: Exception, now_utc_s: float) -> None:
         """Have the engine stop the mount for an error, and record that."""
-        self.engine.fail(str(error))
+        self.driver.fail(str(error))
         self.sink.failure(now_utc_s, str(error))
 
     def obey(self, now_utc_s: float) -> None:
@@ -99,21 +89,21 @@ class LiveLoop(RealtimeLoop):
             self._operate(message, now_utc_s)
         if time.monotonic() >= self.deadline_s:
             self.interrupt(now_utc_s)
-        self.engine.session.health.strangers = self.connection.link.strangers
+        self.driver.session.health.strangers = self.connection.link.strangers
 
     def sent(self, now_utc_s: float, datagram: bytes) -> None:
         """Record what was sent, and show how the run stands."""
         self.ledger.note_sent(time.monotonic() * self.connection.clock.speed)
         self.sink.command(now_utc_s, datagram)
-        if self.ticks % VIEW_EVERY_TICKS == 0 and not self.engine.failed:
-            view = self._with_trouble(self.engine.view(now_utc_s))
+        if self.ticks % VIEW_EVERY_TICKS == 0 and not self.driver.failed:
+            view = self._with_trouble(self.driver.view(now_utc_s))
             self.screen.show(view)
             if self.ticks % RECORD_VIEW_EVERY_TICKS == 0:
                 self.sink.view(now_utc_s, view)
 
     def repeat(self) -> None:
         """Send the last datagram once more where that is wanted, and record it."""
-        datagram = self.send_copy(self.engine.repeat)
+        datagram = self.send_copy(self.driver.repeat)
         if datagram is not None:
             self.sink.repeat(self.connection.now_utc_s(), datagram)
 
@@ -124,16 +114,16 @@ class LiveLoop(RealtimeLoop):
         for seen in self.observers.observations():
             self._operate(seen, self.connection.now_utc_s())
         malformed = 0 if self.inbox is None else self.inbox.malformed
-        self.engine.malformed = self.observers.malformed + malformed
-        self.engine.dropped = self.observers.dropped
+        self.driver.malformed = self.observers.malformed + malformed
+        self.driver.dropped = self.observers.dropped
 
     def shift_s(self, now_utc_s: float) -> float:
         """See RealtimeLoop."""
-        return self.engine.send_shift_s(now_utc_s)
+        return self.driver.send_shift_s(now_utc_s)
 
     def _operate(self, message: Message, now_utc_s: float) -> None:
         self.sink.operator(now_utc_s, message)
-        self.engine.operate(message, now_utc_s)
+        self.driver.operate(message, now_utc_s)
 
     def _with_trouble(self, view: TrackView) -> TrackView:
         """Add what is wrong with the recording, or on the way to the mount, to what is shown."""
@@ -142,12 +132,12 @@ class LiveLoop(RealtimeLoop):
         return msgspec.structs.replace(view, warnings=(*view.warnings, *told)) if told else view
 
     def _show_end(self) -> None:
-        if not self.engine.failed:
-            self.screen.show(self.engine.view(self.connection.now_utc_s()))
+        if not self.driver.failed:
+            self.screen.show(self.driver.view(self.connection.now_utc_s()))
 
     def gather(self) -> None:
         """Note where the axes of a simulated mount really were."""
         if self.connection.simulated is None:
             return
         for truth in self.connection.simulated.truths():
-            self.ledger.note_truth(self.engine, truth.counter, truth.utc_s, truth.ra_deg, truth.dec_deg)
+            self.ledger.note_truth(self.driver, truth.counter, truth.utc_s, truth.ra_deg, truth.dec_deg)

@@ -9,12 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
-from sattrack.core.realtime import Driver, RealtimeLoop
+from sattrack.core.realtime import DriverLike, RealtimeLoop
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.mount.model import MountProfile
     from sattrack.mount.xerxes.session import Session
     from sattrack.safety import Safety
 
@@ -32,12 +31,8 @@ class Doorway(Protocol):
         """Send what waits, as far as it can be sent now."""
 
 
-class Station(Driver, Protocol):
+class Station(DriverLike, Protocol):
     """One mount behind a door, until it is told to end and the mount is seen at rest."""
-
-    @property
-    def profile(self) -> MountProfile:
-        """What is known of the mount."""
 
     @property
     def safety(self) -> Safety:
@@ -73,23 +68,13 @@ class Station(Driver, Protocol):
 class StationLoop(RealtimeLoop):
     """Serves one mount at one door until `stop` is asked for and the mount is seen at rest."""
 
-    station: Station
+    driver: Station
     door: Doorway
     log: Callable[[str], None]
     """Takes lines without their instant."""
     _told_trip: str | None = field(default=None, init=False)
     _told_hold: str | None = field(default=None, init=False)
     _told_link: bool = field(default=False, init=False)
-
-    @property
-    def driver(self) -> Station:
-        """See RealtimeLoop."""
-        return self.station
-
-    @property
-    def period_s(self) -> float:
-        """See RealtimeLoop."""
-        return self.station.profile.period_s / self.connection.clock.speed
 
     def readers(self) -> list[Any]:
         """See RealtimeLoop."""
@@ -105,20 +90,20 @@ class StationLoop(RealtimeLoop):
 
     def interrupt(self, now_utc_s: float) -> None:
         """See RealtimeLoop."""
-        self.station.end(now_utc_s)
+        self.driver.end(now_utc_s)
 
     def fail(self, error: Exception, now_utc_s: float) -> None:
         """See RealtimeLoop."""
         del error
-        self.station.end(now_utc_s)
+        self.driver.end(now_utc_s)
 
     def repeat(self) -> None:
         """Send the last datagram once more where the link loses some."""
-        self.send_copy(self.station.repeat)
+        self.send_copy(self.driver.repeat)
 
     def shift_s(self, now_utc_s: float) -> float:
         """See RealtimeLoop."""
-        return self.station.send_shift_s(now_utc_s)
+        return self.driver.send_shift_s(now_utc_s)
 
     def tell(self, words: str) -> None:
         """Have the program's own words logged."""
@@ -129,7 +114,7 @@ class StationLoop(RealtimeLoop):
 
         `way` is what the caller's positions are called, `ready_again` what makes a stopped mount ready.
         """
-        station = self.station
+        station = self.driver
         if station.tripped != self._told_trip:
             self._told_trip = station.tripped
             if station.tripped is not None:

@@ -77,25 +77,15 @@ def stop_session(owner: Owner, waiting: Callable[[], None]) -> MountStop | None:
 class DirectLoop(RealtimeLoop):
     """Stops a mount until it is seen at rest, or its time has passed, or nothing is there to be stopped."""
 
-    direct: DirectStop
+    driver: DirectStop
     waiting: Callable[[], None]
     nobody: bool = field(default=False, init=False)
     _asked_s: float = field(default_factory=time.monotonic, init=False)
 
     @property
-    def driver(self) -> DirectStop:
-        """See RealtimeLoop."""
-        return self.direct
-
-    @property
-    def period_s(self) -> float:
-        """See RealtimeLoop."""
-        return self.direct.session.profile.period_s
-
-    @property
     def rest(self) -> bool | None:
         """See RealtimeLoop."""
-        return None if self.nobody else bool(self.direct.at_rest)
+        return None if self.nobody else bool(self.driver.mount_stopped)
 
     def interrupt(self, now_utc_s: float) -> None:
         """See RealtimeLoop: the mount is being stopped already."""
@@ -107,13 +97,13 @@ class DirectLoop(RealtimeLoop):
         """Look whether a mount that is not heard is there at all."""
         self.waiting()
         now_s = time.monotonic()
-        if self.direct.session.sample is not None or now_s - self._asked_s < GONE_AFTER_S:
+        if self.driver.session.sample is not None or now_s - self._asked_s < GONE_AFTER_S:
             return
         self._asked_s = now_s
         address = self.connection.link.address
         assert isinstance(address, Address)
         if nobody_listens(address, encode_command(Command(abort=True)), LOOK_AGAIN_S):
-            self.nobody = self.direct.finished = True
+            self.nobody = self.driver.stop.finished = True
 
 
 def stop_directly(address: MountAddress, profile: MountProfile, waiting: Callable[[], None]) -> MountStop:
@@ -131,14 +121,16 @@ def stop_directly(address: MountAddress, profile: MountProfile, waiting: Callabl
         loop.run()
         if loop.nobody:
             return MountStop(mount, "direct", None, None, None, NOBODY)
-        goes_on = None if stop.at_rest else GoesOn(guard.pid, utc_now(), stop.last_heard(time.monotonic()))
-    if stop.at_rest:
+        goes_on = (
+            None if stop.mount_stopped else GoesOn(guard.pid, utc_now(), stop.last_heard(time.monotonic()))
+        )
+    if stop.mount_stopped:
         return MountStop(mount, "direct", True, None, None, "stopped and seen at rest")
-    words = "it was told to stop and IS NOT AT REST" if stop.at_rest is False else "it was told to stop"
-    if stop.at_rest is None:
+    words = "it was told to stop and IS NOT AT REST" if stop.mount_stopped is False else "it was told to stop"
+    if stop.mount_stopped is None:
         words += ", but is NOT HEARD: nobody knows whether it obeyed"
     words = f"{words}; {goes_on}; look after it, and stop it by its own console; {GIVE_UP}"
-    return MountStop(mount, "direct", stop.at_rest, None, None, words, goes_on)
+    return MountStop(mount, "direct", stop.mount_stopped, None, None, words, goes_on)
 
 
 def stop_after(owner: Owner, profile: MountProfile, waiting: Callable[[], None]) -> MountStop:

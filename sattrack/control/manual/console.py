@@ -11,11 +11,12 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sattrack.control.halt import Driver
 from sattrack.control.manual.procedures import Outcome, Procedure, Refusal, procedure_for, refused
 from sattrack.control.manual.wording import limit_words
 from sattrack.control.rest import Jogs
 from sattrack.mount.link_loss import STOP_LINGER_S
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, MoveAxes, SlewTo, Stop, mean_sidereal_deg, seen_of
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, MoveAxes, SlewTo, Stop, mean_sidereal_deg
 from sattrack.mount.requests import (
     Abort,
     FindHome,
@@ -28,7 +29,6 @@ from sattrack.mount.requests import (
     Ticket,
     objection,
 )
-from sattrack.mount.xerxes.session import Session
 from sattrack.mount.xerxes.states import LinkState
 from sattrack.safety import Safety
 
@@ -56,7 +56,7 @@ class Asked:
     utc_s: float
 
 
-class Console:
+class Console(Driver):
     """One mount under manual operation.
 
     `site` None: nothing that altitude decides about can be asked for. `stranger_hosts` and the count in
@@ -66,8 +66,8 @@ class Console:
     def __init__(
         self, profile: MountProfile, limits: SafetyLimits, site: Site | None, mount_name: str
     ) -> None:
-        self.profile = profile
-        self.session = Session(profile)
+        self.limits, self.site = limits, site
+        super().__init__(profile, self._new_safety(profile))
         self.mount_name = mount_name
         self.outcome: Outcome | None = None
         """How the last procedure ended; None while one is under way."""
@@ -78,8 +78,6 @@ class Console:
         self.way_trouble: str | None = None
         """What the way to the mount says is the matter, in words; None where nothing is."""
         self.failed: str | None = None
-        self.limits, self.site = limits, site
-        self.safety = self._new_safety()
         self.procedure: Procedure | None = None
         self.jogs = Jogs()
         self.asked: deque[Asked] = deque(maxlen=REMEMBERED)
@@ -91,7 +89,6 @@ class Console:
         self._rest_since_utc_s: float | None = None
         self.stopping_since_utc_s: float | None = None
         """Since when a stop has been asked for; None where none is."""
-        self.link_state = LinkState.SILENT
         self._offsets: deque[float] = deque(maxlen=OFFSETS)
         self.tracking_reading: str | None = None
 
@@ -133,19 +130,21 @@ class Console:
         """Whether the mount stands, as far as it is known; sidereal tracking counts as standing."""
         return self.session.at_rest
 
-    def receive(self, data: bytes, arrival_utc_s: float) -> None:
-        """Take one datagram from the mount."""
+    def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
+        """Take one datagram from the mount; return its sample, None where it was refused."""
         restarts = self.session.health.restarts
-        sample = self.session.receive(data, arrival_utc_s)
-        if sample is None:
-            return
+        sample = super().receive(data, arrival_utc_s)
+        if sample is not None:
+            self._take(sample, restarts)
+        return sample
+
+    def _take(self, sample: StatusSample, restarts: int) -> None:
+        """Take in a sample; `restarts` of the mount had been seen before it."""
         if self.session.health.restarts > restarts and isinstance(self.session.wanted, MoveAxes):
             self._stop("restart", "the mount restarted meanwhile: it is not set going again unasked")
-        if self.session.status is not None:
-            self.safety.watch(seen_of(self.session.status, arrival_utc_s), self.session.wanted)
         longitude_deg = self._longitude_deg()
         if longitude_deg is not None:
-            ours_deg = mean_sidereal_deg(arrival_utc_s, longitude_deg)
+            ours_deg = mean_sidereal_deg(sample.arrival_utc_s, longitude_deg)
             self._offsets.append(
                 math.remainder(sample.sidereal_h * 15.0 - ours_deg, 360.0) / SIDEREAL_RATE_DEG_S
             )
@@ -216,7 +215,7 @@ class Console:
         """Let the mount move again after a safety limit has stopped it; refused until it is at rest."""
         if self.safety.tripped is not None and not self.at_rest:
             return self._refuse(Refusal("the mount is not at rest yet"))
-        fresh = self._new_safety()
+        fresh = self._new_safety(self.profile)
         fresh.follow_on(self.safety)
         self.safety, self.trouble, self.refusal = fresh, None, None
         return None
@@ -240,7 +239,7 @@ class Console:
             self.stopping_since_utc_s = None
         elif self.stopping_since_utc_s is None:
             self.stopping_since_utc_s = now_utc_s
-        datagram = self.session.compose()
+        datagram = self.compose(now_utc_s)
         self._move_begun = self._move_begun or self.session.begun_move is not None
         return datagram
 
@@ -255,10 +254,10 @@ class Console:
         self.refusal = refusal.words
         return refusal
 
-    def _new_safety(self) -> Safety:
+    def _new_safety(self, profile: MountProfile) -> Safety:
         if self.site is None:
-            return Safety(self.profile, self.limits, 0.0)
-        return Safety(self.profile, self.limits, self.site.latitude_deg, self.site.longitude_deg)
+            return Safety(profile, self.limits, 0.0)
+        return Safety(profile, self.limits, self.site.latitude_deg, self.site.longitude_deg)
 
     def way_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | Refusal:
         """Return the slews that lead to a direction past whatever is in the way."""
@@ -355,13 +354,7 @@ class Console:
 
     def _apply(self, motion: Motion, now_utc_s: float) -> None:
         """Make a motion the wanted one as far as safety clears it."""
-        sample = self.session.sample
-        if sample is None:
-            cleared = self.safety.clear(motion if isinstance(motion, Hold) else Stop(), 0.0, 0.0, 0.0)
-        else:
-            age_s = max(0.0, now_utc_s - sample.arrival_utc_s)
-            lst_deg = sample.sidereal_h * 15.0
-            cleared = self.safety.clear(motion, lst_deg, sample.ra_deg, sample.dec_deg, age_s, now_utc_s)
+        cleared = self.clear(motion, now_utc_s)
         if cleared.motion != self.session.wanted:
             self.session.apply(cleared)
         tripped = self.safety.tripped

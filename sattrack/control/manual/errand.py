@@ -53,7 +53,7 @@ class Errand:
     def __init__(
         self, console: Console, procedure: Procedure, started_utc_s: float, timeout_s: float | None = None
     ) -> None:
-        self.console = console
+        self.console, self.profile = console, console.profile
         self.phase = Phase.LISTENING
         self.ended_by: str | None = None
         """"done", "refused", "operator", "timeout", "link", "limit:NAME" or "error", once it is decided."""
@@ -66,7 +66,6 @@ class Errand:
         self._since_utc_s = started_utc_s
         self._heard = 0
         self._others: set[str] = set()
-        self._stop = StopProcedure(started_utc_s)
         self.mount_stopped: bool | None = None
         """Whether the stop that ended it was seen through; None where there was none, or nobody to see it."""
 
@@ -118,9 +117,9 @@ class Errand:
         if self.phase is Phase.RUNNING:
             self._watch(now_utc_s)
         elif self.phase is Phase.ENDING:
-            self._watch_end(now_utc_s)
+            self._watch_end()
         elif self.phase is Phase.STOPPING:
-            self._watch_stop(now_utc_s)
+            self._watch_stop()
         return datagram
 
     def _listened(self, now_utc_s: float) -> bool:
@@ -185,7 +184,7 @@ class Errand:
 
     def _end(self, why: str, outcome: Outcome | None, now_utc_s: float, stop: bool) -> None:
         self.ended_by, self.outcome, self._since_utc_s = why, outcome, now_utc_s
-        self._stop = StopProcedure(now_utc_s, needed=stop)
+        self.console.stop = StopProcedure(now_utc_s, needed=stop)
         if stop:
             self.phase = Phase.STOPPING
             if not self.console.stopping:
@@ -193,16 +192,15 @@ class Errand:
         else:
             self.phase = Phase.ENDING if self.begun else Phase.OVER
 
-    def _watch_end(self, now_utc_s: float) -> None:
-        session = self.console.session
-        if self._stop.look(session, now_utc_s) and not session.busy:
+    def _watch_end(self) -> None:
+        if self.console.finished and not self.console.session.busy:
             self.phase = Phase.OVER
             if self._stops:
                 self.mount_stopped = self.outcome is not None and self.outcome.state is TicketState.COMPLETE
 
-    def _watch_stop(self, now_utc_s: float) -> None:
-        if self._stop.look(self.console.session, now_utc_s):
-            self.mount_stopped = self._stop.at_rest
+    def _watch_stop(self) -> None:
+        if self.console.finished:
+            self.mount_stopped = self.console.mount_stopped
             self.phase = Phase.OVER
 
 
@@ -216,7 +214,7 @@ class Look:
     def __init__(
         self, console: Console, started_utc_s: float, timeout_s: float, knock: bool, look_s: float = LOOK_S
     ) -> None:
-        self.console = console
+        self.console, self.profile = console, console.profile
         self.finished = False
         self.mount_stopped: bool | None = None
         """None: nothing is ever asked of the mount."""

@@ -42,7 +42,7 @@ class Sitting:
     """
 
     def __init__(self, console: Console, started_utc_s: float, owner: str | None = None) -> None:
-        self.console = console
+        self.console, self.profile = console, console.profile
         self.finished = False
         self.stop_wanted = False
         """Whether one who looks on wants the owner to stop the mount."""
@@ -52,18 +52,16 @@ class Sitting:
         """Whether the operator has asked for anything."""
         self._heard = 0
         self._others: set[str] = set()
-        self._stop: StopProcedure | None = None
-        """The end, once the operator has left."""
 
     @property
     def leaving(self) -> bool:
         """Whether the operator has left."""
-        return self._stop is not None
+        return self.console.stop is not None
 
     @property
     def mount_stopped(self) -> bool | None:
         """Whether the stop at the end was seen through; None where none was needed."""
-        return None if self._stop is None else self._stop.at_rest
+        return self.console.mount_stopped
 
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
@@ -112,14 +110,15 @@ class Sitting:
         if self.leaving:
             return
         moving = self._owner is None and (self.console.moving or self.console.stopping)
-        self._stop = StopProcedure(now_utc_s, needed=moving)
+        self.console.stop = StopProcedure(now_utc_s, needed=moving)
         if moving:
             self.console.abort(now_utc_s)
 
     def fail(self, words: str, now_utc_s: float) -> None:
         """Stop the mount and leave: something here is not to be relied on."""
-        begun_utc_s = now_utc_s if self._stop is None else self._stop.begun_utc_s
-        self._stop = StopProcedure(begun_utc_s, needed=self._asked)
+        stop = self.console.stop
+        begun_utc_s = now_utc_s if stop is None else stop.begun_utc_s
+        self.console.stop = StopProcedure(begun_utc_s, needed=self._asked)
         self.console.fail(words)
 
     def tick(self, now_utc_s: float) -> bytes | None:
@@ -133,8 +132,7 @@ class Sitting:
                 self.finished = self.leaving
                 return None
         datagram = self.console.tick(now_utc_s)
-        if self._stop is not None:
-            self.finished = self._stop.look(self.console.session, now_utc_s)
+        self.finished = self.console.finished
         return datagram
 
     def view(self, now_utc_s: float) -> ConsoleView:

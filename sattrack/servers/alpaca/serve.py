@@ -34,7 +34,7 @@ LOOPBACK, LOOPBACK_BROADCAST, ANY = "127.0.0.1", "127.255.255.255", "0.0.0.0"
 class AlpacaLoop(StationLoop):
     """Serves one mount to Alpaca's clients until `stop` is asked for and the mount is seen at rest."""
 
-    station: TelescopeStation
+    driver: TelescopeStation
     door: AlpacaHttpProcess
     _told_doing: str = field(default="idle", init=False)
 
@@ -51,7 +51,7 @@ class AlpacaLoop(StationLoop):
     def obey(self, now_utc_s: float) -> None:
         """Let another order be obeyed; end where the clients' process has."""
         del now_utc_s
-        if self.door.ended and not self.station.finished:
+        if self.door.ended and not self.driver.finished:
             raise SattrackError("the HTTP server's process is gone; the mount is being stopped")
         self.door.begin_period(time.monotonic())
 
@@ -63,8 +63,8 @@ class AlpacaLoop(StationLoop):
         """Push the mount's state and the answers that are due, and say what has changed."""
         self._push()
         self._obey_orders()
-        words = [*self.station.words, *self.door.words]
-        self.station.words.clear()
+        words = [*self.driver.words, *self.door.words]
+        self.driver.words.clear()
         self.door.words.clear()
         for line in words[:MOST_TOLD]:
             self.tell(line)
@@ -75,20 +75,20 @@ class AlpacaLoop(StationLoop):
     def _obey_orders(self) -> None:
         while True:
             asked, void = self.door.next_order()
-            self.station.answers.ready += void
+            self.driver.answers.ready += void
             if asked is None:
                 if void:
                     self._push()
                 return
             began_s = time.monotonic()
-            self.station.obey(asked, self.connection.now_utc_s())
+            self.driver.obey(asked, self.connection.now_utc_s())
             self._push()
             self.door.took(time.monotonic() - began_s, time.monotonic())
 
     def _push(self) -> None:
-        answers = self.station.answers
+        answers = self.driver.answers
         ready, answers.ready = answers.ready, []
-        self.door.push(self.station.state(self.connection.now_utc_s()), ready)
+        self.door.push(self.driver.state(self.connection.now_utc_s()), ready)
 
 
 def engine_maker(limits: SafetyLimits) -> Callable[[msgspec.Raw, float], Engine]:

@@ -9,10 +9,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Protocol
 
-from sattrack.control.halt import StopProcedure
-from sattrack.mount.model import Hold, Motion, MoveAxes, Stop, seen_of
-from sattrack.mount.xerxes.session import Session
-from sattrack.mount.xerxes.states import LinkState
+from sattrack.control.halt import Driver, StopProcedure
+from sattrack.mount.model import Hold, Motion, Stop
 from sattrack.safety import Safety
 from sattrack.servers.antenna.equipment import Feedback, Sensors
 from sattrack.servers.antenna.follower import Follower
@@ -20,7 +18,7 @@ from sattrack.servers.antenna.sky import AxisKind, AzEl, HaDec, Sky
 from sattrack.servers.antenna.trajectory import AxisRange, AxisState, Path, to_ns
 
 if TYPE_CHECKING:
-    from sattrack.mount.model import MountProfile
+    from sattrack.mount.model import MountProfile, StatusSample
     from sattrack.safety import SafetyLimits
     from sattrack.servers.antenna.follower import Wanted
 
@@ -57,7 +55,7 @@ class Leader(Protocol):
         """Return where the way is at an instant; None without one, or where it has come to its end."""
 
 
-class LedMount(Feedback):
+class LedMount(Driver, Feedback):  # type: ignore[override]
     """One mount behind a leader, until it is told to end and the mount is seen at rest.
 
     `kind` says what the leader's positions are.
@@ -66,38 +64,26 @@ class LedMount(Feedback):
     def __init__(
         self, leader: Leader, sky: Sky, kind: AxisKind, profile: MountProfile, limits: SafetyLimits
     ) -> None:
-        self.profile = profile
-        self.session = Session(profile)
+        self._sky, self._limits = sky, limits
+        super().__init__(profile, self._make_safety(profile))
         self.follower = Follower(profile, sky)
         self._leader = leader
-        self._sky = sky
         self._kind = kind
-        self._limits = limits
-        self.safety = self._make_safety()
         self._hour_angles = axis_range(profile, "hadec")
-        self._commanded: Motion = Hold()
         self._moved = False
         self._near = 0
         self._beyond = False
         self._wanted_ha_deg: float | None = None
         self._last_wanted: Wanted = (0.0, 0.0)
         self._path: Path | None = None
-        self._stop: StopProcedure | None = None
-        self.finished = False
         self.clock_ahead_s = 0.0
         """By how much the antenna's clock was set ahead of the computer's."""
-        self.link = LinkState.SILENT
 
-    def _make_safety(self) -> Safety:
+    def _make_safety(self, profile: MountProfile) -> Safety:
         site = self._sky.site
-        return Safety(self.profile, self._limits, site.latitude_deg, site.longitude_deg, holds=True)
+        return Safety(profile, self._limits, site.latitude_deg, site.longitude_deg, holds=True)
 
     # What the leader hears of the axes.
-
-    @property
-    def link_up(self) -> bool:  # type: ignore[override]
-        """Whether the mount is heard."""
-        return self.link in {LinkState.UP, LinkState.STALE}
 
     @property
     def on_trajectory(self) -> bool:  # type: ignore[override]
@@ -149,45 +135,23 @@ class LedMount(Feedback):
 
     # What comes in, and what goes out.
 
-    def receive(self, data: bytes, arrival_utc_s: float) -> None:
-        """Take one datagram from the mount."""
-        arrival_utc_s += self.clock_ahead_s
-        sample = self.session.receive(data, arrival_utc_s)
-        if sample is None or self.session.status is None:
-            return
-        utc_s = self.follower.take(sample)
-        self.safety.watch(seen_of(self.session.status, arrival_utc_s), self._commanded)
-        self._judge(utc_s)
+    def receive(self, data: bytes, arrival_utc_s: float) -> StatusSample | None:
+        """Take one datagram from the mount; return its sample, None where it was refused."""
+        sample = super().receive(data, arrival_utc_s + self.clock_ahead_s)
+        if sample is not None:
+            self._judge(self.follower.take(sample))
+        return sample
 
     def tick(self, now_utc_s: float) -> bytes:
         """Return the datagram to send to the mount now; call once a period."""
         now_utc_s += self.clock_ahead_s
-        self.link = self.session.link_state(now_utc_s)
+        self.link_state = self.session.link_state(now_utc_s)
         self._reset()
-        motion = self._motion(now_utc_s)
-        sample = self.session.sample
-        if sample is not None:
-            age_s = max(0.0, now_utc_s - sample.arrival_utc_s)
-            cleared = self.safety.clear(
-                motion, sample.sidereal_h * 15.0, sample.ra_deg, sample.dec_deg, age_s, now_utc_s
-            )
-            self._commanded = cleared.motion
-            self.session.apply(cleared)
-        elif self._stop is not None:
-            self.session.apply(self.safety.clear(Stop(), 0.0, 0.0, 0.0))
-        if self._stop is not None:
-            self.finished = self._stop.look(self.session, now_utc_s)
-        datagram = self.session.compose()
-        # An edge mount takes new rates only now and then: what counts is what went out.
-        if not isinstance(self._commanded, MoveAxes):
-            self.follower.note_sent(self._commanded, now_utc_s)
-        elif self.session.begun_move is not None:
-            self.follower.note_sent(self.session.begun_move, now_utc_s)
+        self.session.apply(self.clear(self._motion(now_utc_s), now_utc_s))
+        datagram = self.compose(now_utc_s)
+        if self.sent_motion is not None:
+            self.follower.note_sent(self.sent_motion, now_utc_s)
         return datagram
-
-    def repeat(self) -> bytes | None:
-        """Return what to send once more before the next datagram, None for nothing."""
-        return None if self._stop is not None else self.session.repeat()
 
     def send_shift_s(self, now_utc_s: float) -> float:
         """Return by how much later than a period from now the next `tick` had better come, seconds."""
@@ -195,18 +159,13 @@ class LedMount(Feedback):
 
     def end(self, now_utc_s: float) -> None:
         """Bring the mount to rest, and be finished when it is seen there."""
-        if self._stop is None:
-            self._stop = StopProcedure(now_utc_s + self.clock_ahead_s, needed=self._moved)
-            self._stop.finished = not self._moved
-
-    @property
-    def mount_stopped(self) -> bool | None:
-        """Whether the mount was told to stop and seen at rest; None where nothing was asked or heard."""
-        return None if self._stop is None else self._stop.at_rest
+        if self.stop is None:
+            self.stop = StopProcedure(now_utc_s + self.clock_ahead_s, needed=self._moved)
+            self.stop.finished = not self._moved
 
     def _motion(self, now_utc_s: float) -> Motion:
         path = self._leader.path
-        if self._stop is not None or self._leader.commanded(to_ns(now_utc_s)) is None:
+        if self.stop is not None or self._leader.commanded(to_ns(now_utc_s)) is None:
             self._near, self._beyond, self._path = 0, False, None
             return Stop() if self._moved else Hold()
         if path is not self._path:
@@ -260,6 +219,6 @@ class LedMount(Feedback):
         if self.safety.tripped is None:
             self._leader.reset_asked = False
         elif self.session.stopped:
-            former, self.safety = self.safety, self._make_safety()
+            former, self.safety = self.safety, self._make_safety(self.profile)
             self.safety.follow_on(former)
             self._leader.reset_asked = False

@@ -46,7 +46,7 @@ class AntennaLoop(StationLoop):
     `words` gives what the operator typed since the last call.
     """
 
-    station: Station
+    driver: Station
     door: AntennaServer
     words: Callable[[], Sequence[str]]
     where: str = ""
@@ -66,8 +66,8 @@ class AntennaLoop(StationLoop):
 
     def serve(self, ready: list[Any]) -> None:
         """Serve antcn."""
-        if self.door.serve(ready, self.connection.now_utc_s, self.station.receive_command):
-            self.station.controller.hang_up()
+        if self.door.serve(ready, self.connection.now_utc_s, self.driver.receive_command):
+            self.driver.controller.hang_up()
             self._told_caller = False
             self.tell("antcn is gone; the trajectory in force stays")
 
@@ -85,11 +85,11 @@ class AntennaLoop(StationLoop):
 
     def _at_ns(self, monotonic_s: float) -> int:
         """Return an instant by the antenna's clock."""
-        return to_ns(self.connection.clock.utc_s(monotonic_s) + self.station.clock_ahead_s)
+        return to_ns(self.connection.clock.utc_s(monotonic_s) + self.driver.clock_ahead_s)
 
     def _obey_word(self, word: str) -> None:
         """Obey a word typed at the controller's own console."""
-        controller, now_ns = self.station.controller, self._at_ns(time.monotonic())
+        controller, now_ns = self.driver.controller, self._at_ns(time.monotonic())
         if word:
             self.log(typed(word))
         if word in {"local", "remote"}:
@@ -104,7 +104,7 @@ class AntennaLoop(StationLoop):
         elif word == "reset":
             controller.reset()
         elif word == LEAVE:
-            self.station.end(self.connection.now_utc_s())
+            self.driver.end(self.connection.now_utc_s())
         elif word:
             self.tell(f"{word!r} is no word of this console: {', '.join(WORDS)}")
 
@@ -114,7 +114,7 @@ class AntennaLoop(StationLoop):
 
     def view(self) -> AntennaView:
         """Return what the controller's console shows now."""
-        station, controller = self.station, self.station.controller
+        station, controller = self.driver, self.driver.controller
         now_utc_s = self.connection.now_utc_s()
         at_ns = self._at_ns(time.monotonic())
         states = (controller.commanded(at_ns), station.actual(at_ns))
@@ -147,7 +147,7 @@ class AntennaLoop(StationLoop):
         )
 
     def _focus_view(self, at_ns: int) -> FocusView | None:
-        focuser = self.station.antenna.focuser
+        focuser = self.driver.antenna.focuser
         if focuser is None:
             return None
         report = focuser.report(at_ns)
@@ -162,7 +162,7 @@ class AntennaLoop(StationLoop):
             self._show()
 
     def _report_refusals(self) -> None:
-        controller = self.station.controller
+        controller = self.driver.controller
         count = controller.refused - self._told_refusals
         if count == 0:
             return

@@ -42,5 +42,5 @@ class Station(LedMount):
         former, self.follower = self.follower, Follower(self.profile, self.antenna.sky)
         self.follower.follow_on(former)
         if self.safety.tripped is None:
-            before, self.safety = self.safety, self._make_safety()
+            before, self.safety = self.safety, self._make_safety(self.profile)
             self.safety.follow_on(before)

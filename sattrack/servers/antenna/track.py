@@ -20,6 +20,7 @@ from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.safety.geometry import altitude_deg, separation_deg
 from sattrack.servers.antenna.antcn import Antcn
 from sattrack.servers.antenna.antcn_run import AntcnRun
+from sattrack.servers.antenna.line import encode
 from sattrack.views.run import DatagramsView, Summary
 from tle.bias import Bias
 from tle.instants import Utc
@@ -151,7 +152,8 @@ class AntennaFlight:
             with undisturbed(), stopping(self.stop):
                 self._send(self.run.begin(clock.utc_s(time.monotonic())))
                 while not self.run.finished:
-                    self._turn(clock)
+                    self._guarded(self._turn, clock)
+                    self._guarded(self._show, clock)
         finally:
             if self._channel is not None:
                 self._channel.close()
@@ -162,6 +164,21 @@ class AntennaFlight:
         if self.run.clock_gap_s <= LOUD_CLOCK_S:
             return []
         return [f"the controller's clock is off ours by {self.run.clock_gap_s:.3f} s at least"]
+
+    def _guarded(self, part: Callable[[SystemClock], None], clock: SystemClock) -> None:
+        """Do one part of the loop; whatever breaks in it turns the run into a stop of the antenna."""
+        try:
+            part(clock)
+        except Exception as error:
+            if self.run.ended_by is None:
+                self.run.end("error", clock.utc_s(time.monotonic()), str(error))
+            elif part == self._turn:
+                # What must see the stop through is broken itself.
+                self._send(encode("STOP", self.run.line.check))
+                raise
+
+    def _show(self, clock: SystemClock) -> None:
+        self.show(self.run, clock.utc_s(time.monotonic()))
 
     def _turn(self, clock: SystemClock) -> None:
         now_utc_s = clock.utc_s(time.monotonic())
@@ -174,13 +191,7 @@ class AntennaFlight:
         now_utc_s = clock.utc_s(time.monotonic())
         if self.stop.asked:
             self.run.end("operator", now_utc_s)
-        try:
-            self._send(self.run.tick(now_utc_s))
-        except SattrackError:
-            raise
-        except Exception as error:  # noqa: BLE001 - no error is worth an antenna that is left moving
-            self.run.end("error", now_utc_s, str(error))
-        self.show(self.run, now_utc_s)
+        self._send(self.run.tick(now_utc_s))
 
     def _listen(self, channel: CallerLine, clock: SystemClock) -> None:
         data = channel.read()

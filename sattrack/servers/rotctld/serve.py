@@ -27,7 +27,7 @@ TELL_FAILURES_EVERY_S = 10.0
 class RotctldLoop(StationLoop):
     """Serves one mount to rotctld's clients until `stop` is asked for and the mount is seen at rest."""
 
-    station: RotatorStation
+    driver: RotatorStation
     door: RotctldServer
     _told_failures: int = field(default=0, init=False)
     _failures_told_s: float = field(default=0.0, init=False)
@@ -66,7 +66,7 @@ class RotctldLoop(StationLoop):
 
     def _gone(self, numbers: list[int]) -> None:
         for number in numbers:
-            self.station.rotator.hang_up(number)
+            self.driver.rotator.hang_up(number)
             self.door.words.append(f"client {number} is gone")
 
     def _now_ns(self) -> int:

@@ -170,7 +170,7 @@ def test_a_cut_that_outlasts_the_stops_that_are_sent_leaves_the_mount_moving(mov
     lab.client = DirectStop(lab.engine.spec.profile, lab.begin_utc_s + lab.elapsed_s)
     asked_s, speed = lab.elapsed_s, lab.truths[-1][1]
     lab.until(asked_s + 5.0)
-    assert lab.client.at_rest
+    assert lab.client.mount_stopped
     assert lab.rest_after_s(asked_s) <= standstill_after_s(ROWS["machine"], lab.engine.spec.profile, speed)
 
 
@@ -200,7 +200,7 @@ def test_a_feeder_that_dies_or_hangs_is_followed_by_its_guardian(
     lab.until(AT_S + 8.0)
     kept(lab, key, lab.rest_after_s(AT_S))
     assert lab.client.finished
-    assert lab.client.at_rest
+    assert lab.client.mount_stopped
     assert lab.client.session.health.doubled_launches == 0
 
 
@@ -216,7 +216,7 @@ def test_a_guardian_sees_a_stop_through_that_its_feeder_had_begun(move_axis: str
     lab.client = DirectStop(lab.engine.spec.profile, lab.begin_utc_s + lab.elapsed_s, counter)
     lab.until(AT_S + 6.0)
     assert lab.rest_after_s(AT_S) <= standstill_s(ROWS["feeder"], lab.engine.spec.profile, 1.3)
-    assert lab.client.at_rest
+    assert lab.client.mount_stopped
 
 
 @MOVE_AXIS
@@ -229,7 +229,7 @@ def test_a_guardian_stops_a_slew_whose_feeder_dies(move_axis: str, at_s: float) 
     lab.until(at_s + 8.0)
     slew_rate_deg_s = lab.engine.spec.profile.ra.slew_rate_deg_s
     assert lab.rest_after_s(at_s) <= standstill_s(ROWS["feeder"], lab.engine.spec.profile, slew_rate_deg_s)
-    assert lab.client.at_rest
+    assert lab.client.mount_stopped
 
 
 @MOVE_AXIS

@@ -35,6 +35,10 @@ class BrokenPart:
     mount_stopped: bool | None = None
 
     @property
+    def profile(self) -> MountProfile:
+        return QUICK
+
+    @property
     def finished(self) -> bool:
         return self.ticks > 6
 

@@ -13,6 +13,7 @@ import pytest
 
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.realtime import LAST_STOPS
+from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.datagrams import decode_command
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.console import Connection
@@ -39,7 +40,7 @@ class NotedEngine:
     told: list[str] = field(default_factory=list)
     failed: bool = False
     mount_stopped: bool = True
-    spec: Any = field(default_factory=lambda: SimpleNamespace(profile=SimpleNamespace(period_s=PERIOD_S)))
+    profile: MountProfile = field(default_factory=lambda: MountProfile(period_s=PERIOD_S))
     tracker: Any = field(default_factory=lambda: SimpleNamespace(ended_by=None))
     session: Any = field(default_factory=lambda: SimpleNamespace(health=SimpleNamespace(strangers=0)))
 
