@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from sattrack.calibration.guard import CalibrationEndedError, Guard, Kind, Surroundings
 from sattrack.calibration.plan import LARGEST_DURATION_S, Plan
-from sattrack.calibration.script import Observations, Script
-from sattrack.calibration.sender import Sender
+from sattrack.calibration.script import Observations, Script, Sender
 from sattrack.control.halt import DirectStop
 from sattrack.mount.model import MountProfile
 

@@ -181,7 +181,7 @@ def _check_mount(context: CommandContext, url: str | None, explicit: Path | None
 
 def _check_link(url: str, profile: MountProfile) -> Check:
     # The session's modules are many; without a mount they are not needed.
-    from sattrack.runtime.listen import LISTEN_S, listen
+    from sattrack.runtime.links import LISTEN_S, listen
     from sattrack.runtime.mounts import mount_address
 
     try:

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sattrack.cli.mount_common import mount_options, perform, resolve
-from sattrack.control.manual.procedures import MoveFor, procedure_for
-from sattrack.control.manual.wording import request_words
+from sattrack.control.manual.procedures import MoveFor, procedure_for, request_words
 from sattrack.core.errors import BadInputError
 from sattrack.mount.requests import FineRate, MoveAxis, PulseGuide
 

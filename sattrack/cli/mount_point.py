@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sattrack.cli.mount_common import mount_options, perform, resolve
-from sattrack.control.manual.procedures import procedure_for
-from sattrack.control.manual.wording import request_words
+from sattrack.control.manual.procedures import procedure_for, request_words
 from sattrack.core.coordinates import DEC_FORMS, MINUS, RA_FORMS, parse_dec, parse_ra
 from sattrack.mount.requests import Slew, Sync
 

@@ -15,11 +15,10 @@ from sattrack.runtime.console import Connection
 from sattrack.runtime.embedded import EmbeddedMount, simulator_config, start_embedded
 from sattrack.runtime.facts import build_engine, encode_facts
 from sattrack.runtime.guard import owned
-from sattrack.runtime.live import LiveLoop
+from sattrack.runtime.live import LiveLoop, Screen
 from sattrack.runtime.observers import QUEUED_MOST
 from sattrack.runtime.outcome import summarise
 from sattrack.runtime.remembering import keep
-from sattrack.runtime.screen import Screen
 from sattrack.runtime.signals import stopping
 from sattrack.runtime.virtual import VirtualRun
 from tle.instants import Utc

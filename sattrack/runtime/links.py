@@ -5,16 +5,24 @@ A Xerxes mount is at the other end of that itself; before an Alpaca telescope, a
 
 from __future__ import annotations
 
+import select
+import time
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from sattrack.core.clock import SystemClock
 from sattrack.mount.xerxes.client import Address, UdpLink
+from sattrack.mount.xerxes.session import Session
 from sattrack.runtime.owner import OverheardLink, look_on
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from sattrack.mount.model import MountProfile
+    from sattrack.mount.xerxes.link import LinkHealth
     from sattrack.runtime.mounts import MountAddress
+
+READ_BYTES = 65536
 
 
 @contextmanager
@@ -51,3 +59,22 @@ def heard(address: MountAddress) -> Iterator[UdpLink | OverheardLink]:
         yield overheard
     finally:
         overheard.close()
+
+
+LISTEN_S = 2.0
+
+
+def listen(address: MountAddress, profile: MountProfile, seconds: float = LISTEN_S) -> LinkHealth:
+    """Return what was heard from a mount within some seconds, by its owner if it has one; nothing is sent.
+
+    Raises SattrackError where the port is not to be had.
+    """
+    session, clock = Session(profile), SystemClock()
+    with heard(address) as link:
+        end_s = time.monotonic() + seconds
+        while (left_s := end_s - time.monotonic()) > 0.0:
+            select.select([link], [], [], left_s)
+            for arrival in link.receive():
+                session.receive(arrival.data, clock.utc_s(arrival.monotonic_s))
+    session.health.strangers = link.strangers
+    return session.health

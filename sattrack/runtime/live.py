@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import queue
+import threading
 import time
+from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
@@ -15,13 +18,56 @@ from sattrack.views.messages import Message, StopNow
 from tle.errors import TleError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from sattrack.control.engine import Engine
     from sattrack.recording.recorder import Sink
     from sattrack.runtime.observers import Observers
-    from sattrack.runtime.screen import Screen
     from sattrack.views.run import TrackView
+
+LAST_VIEW_WITHIN_S = 1.0
+
+
+class Screen:
+    """Hands the newest view to `draw` as often as that is ready for one; what it misses is gone.
+
+    A terminal that does not drain blocks the thread that writes to it and nothing else. What `draw` raises is
+    raised by the next call of `show`. `show` takes no lock that the thread may hold.
+    """
+
+    def __init__(self, draw: Callable[[TrackView], None]) -> None:
+        self._draw = draw
+        self._newest: deque[TrackView] = deque(maxlen=1)
+        self._news: queue.SimpleQueue[bool] = queue.SimpleQueue()
+        """True where there is a view, False where there will be no more."""
+        self._error: Exception | None = None
+        self._thread = threading.Thread(target=self._work, name="screen", daemon=True)
+        self._thread.start()
+
+    def show(self, view: TrackView) -> None:
+        """Take a view, without waiting."""
+        if self._error is not None:
+            raise self._error
+        self._newest.append(view)
+        if self._news.empty():
+            self._news.put(True)
+
+    def close(self) -> None:
+        """Have the last view drawn, if that does not take long."""
+        self._news.put(False)
+        self._thread.join(LAST_VIEW_WITHIN_S)
+
+    def _work(self) -> None:
+        more = True
+        while more:
+            more = self._news.get()
+            try:
+                while self._newest:
+                    self._draw(self._newest.popleft())
+            except Exception as error:  # noqa: BLE001 - it is for the loop to decide what that means
+                self._error = error
+                return
+
 
 VIEW_EVERY_TICKS = 2
 RECORD_VIEW_EVERY_TICKS = 10

@@ -21,7 +21,7 @@ from sattrack.runtime import guard_memory
 from sattrack.runtime import owner as owner_module
 from sattrack.runtime.guard import owned
 from sattrack.runtime.guardian import MOST_VISITORS
-from sattrack.runtime.listen import listen
+from sattrack.runtime.links import listen
 from sattrack.runtime.owner import Taken, ask_stop, claim, look_on, owner_of, owners
 
 if TYPE_CHECKING:
