@@ -34,12 +34,6 @@ if TYPE_CHECKING:
 
     Steps = Generator[None, None, None]
 
-LONGEST_RHYTHM = 8
-FEWEST_PAIRS = 5
-LEAST_TURN_S = 0.01
-CLEARLY = 0.7
-"""A longer rhythm is taken where it leaves so much less scatter."""
-
 
 PERIOD_S = 0.05
 QUIET_S = 0.03

@@ -1,4 +1,4 @@
-"""What the verbs of `sattrack mount` share: their options, one errand with a mount, and what came of it."""
+"""What the verbs of `sattrack mount` share: options, one operation with a mount, and its outcome."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ import msgspec
 from sattrack.cli.common import CommandContext, common_options, profile_option
 from sattrack.cli.mount_option import mount_option
 from sattrack.control.manual.console import Console
-from sattrack.control.manual.errand import DONE, Errand
+from sattrack.control.manual.errand import DONE, ManualOperation
 from sattrack.control.manual.report import view_of
 from sattrack.core.errors import (
     BadInputError,
@@ -139,9 +139,9 @@ class VerbResult(msgspec.Struct, frozen=True):
 
 @dataclass(slots=True)
 class Progress:
-    """A line about an errand that renews itself, on a terminal only, and never waited for."""
+    """A line about an operation that renews itself, on a terminal only, and never waited for."""
 
-    errand: Errand
+    operation: ManualOperation
     _shown: bool = False
 
     def show(self, now_utc_s: float) -> None:
@@ -151,8 +151,8 @@ class Progress:
         _, writable, _ = select.select([], [sys.stderr], [], 0.0)
         if writable:
             self._shown = True
-            words = where_words(view_of(self.errand.console, now_utc_s))
-            click.echo(f"\r\x1b[K{self.errand.doing}: {words}", nl=False, err=True)
+            words = where_words(view_of(self.operation.console, now_utc_s))
+            click.echo(f"\r\x1b[K{self.operation.doing}: {words}", nl=False, err=True)
 
     def wipe(self) -> None:
         """Take the line away."""
@@ -166,19 +166,19 @@ def perform(call: MountCall, procedure: Procedure, asked: dict[str, Any], words:
     Raises the SattrackError whose exit code the verb ends with, else returns 0.
     """
     with call.connected() as connection:
-        errand = Errand(call.console(), procedure, connection.now_utc_s(), call.timeout_s)
-        progress = Progress(errand)
-        attend(errand, connection, progress.show)
+        operation = ManualOperation(call.console(), procedure, connection.now_utc_s(), call.timeout_s)
+        progress = Progress(operation)
+        attend(operation, connection, progress.show)
         progress.wipe()
-        never_heard = errand.console.sample is None
-        advice = call.silence(connection, sent=True) if never_heard else errand.console.way_trouble
-        view = view_of(errand.console, connection.now_utc_s())
-    outcome = errand.outcome
+        never_heard = operation.console.sample is None
+        advice = call.silence(connection, sent=True) if never_heard else operation.console.way_trouble
+        view = view_of(operation.console, connection.now_utc_s())
+    outcome = operation.outcome
     assert outcome is not None
     if call.context.json:
-        ending = (errand.ended_by or "error", errand.mount_stopped)
+        ending = (operation.ended_by or "error", operation.mount_stopped)
         tell_result(asked, outcome, ending, view)
-    failed = failure(errand, outcome, words, advice)
+    failed = failure(operation, outcome, words, advice)
     if failed is not None:
         raise failed
     if not call.context.json:
@@ -214,19 +214,21 @@ def tell_result(
     click.echo(msgspec.json.encode(result).decode())
 
 
-def failure(errand: Errand, outcome: Outcome, words: str, advice: str | None) -> SattrackError | None:
+def failure(
+    operation: ManualOperation, outcome: Outcome, words: str, advice: str | None
+) -> SattrackError | None:
     """Return the error that a verb ends with, its class by the exit code; None where it was done."""
-    why = errand.ended_by or "error"
+    why = operation.ended_by or "error"
     if why == "done" and outcome.state in DONE:
         return None
     told = f"{words}: {outcome.reason or outcome.state.value}"
     if advice is not None:
         told += f"; {advice}"
-    if errand.mount_stopped:
+    if operation.mount_stopped:
         told += "; the mount was stopped and seen at rest"
-    elif errand.mount_stopped is False:
+    elif operation.mount_stopped is False:
         told += "; THE MOUNT DID NOT CONFIRM THE STOP: stop it by its own console"
-    elif not errand.begun:
+    elif not operation.begun:
         told += "; nothing was asked of the mount"
     by_safety = outcome.refusal is not None and outcome.refusal.by_safety
     if why.startswith("limit:") or (why in ("refused", "done") and by_safety):

@@ -14,10 +14,10 @@ from sattrack.cli.common import appearance, screen_options
 from sattrack.cli.json_lines import JsonLines
 from sattrack.cli.mount_common import MountCall, mount_options, resolve
 from sattrack.cli.screened import needed_terminal, tui_possible
-from sattrack.control.manual.sitting import Sitting
+from sattrack.control.manual.sitting import ConsoleSession
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.own_program import own_program
-from sattrack.runtime.console import OrderInbox, attend_sitting
+from sattrack.runtime.console import OrderInbox, attend_console_session
 from sattrack.runtime.owner import owner_of
 from sattrack.runtime.stopping import stop_session
 from sattrack.views.console_messages import ParkOrder
@@ -91,18 +91,20 @@ def _stream(call: MountCall, control: bool) -> int:
     inbox = OrderInbox() if control else _NoOrders()
     owner = None if call.address is None else owner_of(call.address.name)
     with call.connected(own=owner is None) as connection:
-        sitting = Sitting(call.console(), connection.now_utc_s(), None if owner is None else str(owner))
-        attend_sitting(
-            sitting,
+        console_session = ConsoleSession(
+            call.console(), connection.now_utc_s(), None if owner is None else str(owner)
+        )
+        attend_console_session(
+            console_session,
             connection,
             inbox,
-            lambda now_utc_s: lines.write(sitting.view(now_utc_s)),
+            lambda now_utc_s: lines.write(console_session.view(now_utc_s)),
             None if owner is None else partial(_stop, owner),
         )
     if inbox.ignored:
         click.echo(f"sattrack: {inbox.ignored} control lines were no orders", err=True)
-    if sitting.mount_stopped is False:
+    if console_session.mount_stopped is False:
         raise SattrackError("THE MOUNT DID NOT CONFIRM THE STOP: stop it by its own console")
-    if sitting.mount_stopped:
+    if console_session.mount_stopped:
         click.echo("sattrack: the mount was stopped and seen at rest", err=True)
     return 0

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sattrack.control.engine_view import HOLDING, learnt_view, view_of
-from sattrack.control.halt import Driver, StopProcedure
+from sattrack.control.halt import Driver, StopProcedure, limit_words
 from sattrack.control.not_acquired import Attempt, AxisAttempt, why_not
 from sattrack.control.sky_error import sky_error
 from sattrack.control.stages import Doing, Situation, Stages
@@ -256,7 +256,9 @@ class Engine(Driver):
                 cleared = self._end_jogs(cleared, now_utc_s)
             self.session.apply(cleared)
             if self.safety.tripped is not None and self.tracker.ended_by is None:
-                self._give_up(f"limit:{self.safety.tripped}", self._limit_words())
+                name = self.safety.tripped
+                words = limit_words(name, self.safety.cause if name == "obedience" else None)
+                self._give_up(f"limit:{name}", words)
         elif self.tracker.phase is Phase.STOPPING:
             self.session.apply(self.clear(motion, now_utc_s))
         if self.tracker.ended_by == "error" and self.message is None:
@@ -287,9 +289,9 @@ class Engine(Driver):
         self.tracker.steering.estimator.warm_up(self.tracker.steering.biases.course, self.spec.plan.end_utc_s)
 
     def send_shift_s(self, now_utc_s: float) -> float:
-        """Return by how much later than a period from now the next `tick` had better come, seconds; UTC.
+        """Return the delay of the next `tick` beyond one period, seconds of UTC.
 
-        So the datagrams fall into step with the mount's loop, and it is not in doubt which turn reads one.
+        It brings the datagrams into step with the mount's loop, so that it is certain which turn reads one.
         """
         return 0.0 if self.failed else self.tracker.send_shift_s(now_utc_s)
 
@@ -312,12 +314,6 @@ class Engine(Driver):
     def _give_up(self, why: str, words: str) -> None:
         self.message = words
         self.tracker.end(why)
-
-    def _limit_words(self) -> str:
-        row = ROWS[self.safety.tripped or ""]
-        if row.name == "obedience" and self.safety.cause is not None:
-            return f"safety stopped the mount at its {row.name} limit: {self.safety.cause}"
-        return f"safety stopped the mount at its {row.name} limit ({row.watches}); to go on: {row.way_out}"
 
     def true_error(self, counter: int, utc_s: float, ra_deg: float, dec_deg: float) -> ErrorView | None:
         """Return the error of a simulated mount's true axes; None outside the time that figures count."""

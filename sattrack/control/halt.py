@@ -13,10 +13,18 @@ from sattrack.mount.link_loss import STOP_LINGER_S, longest_stop_s
 from sattrack.mount.model import Hold, MoveAxes, Stop, seen_of
 from sattrack.mount.xerxes.session import Session
 from sattrack.mount.xerxes.states import LinkState
-from sattrack.safety import Safety, SafetyLimits
+from sattrack.safety import ROWS, Safety, SafetyLimits
 
 if TYPE_CHECKING:
     from sattrack.mount.model import Cleared, Motion, MountProfile, StatusSample
+
+
+def limit_words(name: str, cause: str | None = None) -> str:
+    """Return which safety limit stopped the mount, and its cause where that is known, else the way out."""
+    row = ROWS[name]
+    if cause is not None:
+        return f"safety stopped the mount at its {name} limit: {cause}"
+    return f"safety stopped the mount at its {name} limit ({row.watches}); to go on: {row.way_out}"
 
 
 class StopProcedure:

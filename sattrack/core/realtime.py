@@ -278,7 +278,7 @@ class RealtimeLoop:
         """Take notice of a datagram that has just left, computed for an instant."""
 
     def repeat(self) -> None:
-        """Send the last datagram once more where that is wanted."""
+        """Send the last datagram once more, if that is wanted."""
 
     def report(self) -> None:
         """Say what has changed; called once a period, when the next datagram is longest away."""
@@ -329,7 +329,7 @@ class RealtimeLoop:
                     self._due_s = time.monotonic()
 
     def guarded(self, part: Callable[..., None], *arguments: Any) -> None:
-        """Do one part of a turn; whatever breaks in it turns the run into a stop of the mount."""
+        """Do one part of a turn; an error in it turns the run into a stop of the mount."""
         try:
             part(*arguments)
         except Exception as error:
@@ -376,13 +376,13 @@ class RealtimeLoop:
             left_s = max(0.0, until_s() - time.monotonic())
             watched = [connection.link, *self.readers()]
             ready, takes_more, _ = select.select(watched, self.writers(), [], left_s)
-            self.serve(ready)
-            if takes_more:
-                self.flush()
             if connection.link in ready:
                 for arrival in connection.link.receive():
                     self.take(arrival.data, connection.clock.utc_s(arrival.monotonic_s))
                 self.heard()
+            self.serve(ready)
+            if takes_more:
+                self.flush()
             if time.monotonic() >= until_s():
                 return
 

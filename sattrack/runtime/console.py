@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from sattrack.control.manual.console import Console
-    from sattrack.control.manual.sitting import Sitting
+    from sattrack.control.manual.sitting import ConsoleSession
     from sattrack.core.clock import Clock
     from sattrack.mount.alpaca.device import DeviceFacts
     from sattrack.mount.profiles import ProfileFile
@@ -40,7 +40,7 @@ SHOW_EVERY_TICKS = 2
 
 
 class Part(DriverLike, Protocol):
-    """What the loop drives: an errand, a look, or an operator's sitting."""
+    """What the loop drives: an operation, a look, or an operator's console_session."""
 
     @property
     def console(self) -> Console:
@@ -188,14 +188,14 @@ def attend(
     return stop.asked
 
 
-def attend_sitting(
-    sitting: Sitting,
+def attend_console_session(
+    console_session: ConsoleSession,
     connection: Connection,
     inbox: OrderInbox,
     show: Callable[[float], None],
     stop_owner: Callable[[], None] | None = None,
 ) -> bool:
-    """Run an operator's sitting to its end; return whether a signal ended it.
+    """Run an operator's console_session to its end; return whether a signal ended it.
 
     `stop_owner` is called once, without waiting for it, when one who looks on wants the mount to be stopped.
     """
@@ -203,9 +203,9 @@ def attend_sitting(
 
     def obey(now_utc_s: float) -> None:
         for order in inbox.orders():
-            sitting.obey(order, now_utc_s)
-        if sitting.stop_wanted and stop_owner is not None and not told:
+            console_session.obey(order, now_utc_s)
+        if console_session.stop_wanted and stop_owner is not None and not told:
             told.append(threading.Thread(target=stop_owner, name="stop", daemon=True))
             told[0].start()
 
-    return attend(sitting, connection, show, obey)
+    return attend(console_session, connection, show, obey)

@@ -22,8 +22,6 @@ if TYPE_CHECKING:
     from sattrack.mount.xerxes.link import LinkHealth
     from sattrack.runtime.mounts import MountAddress
 
-READ_BYTES = 65536
-
 
 @contextmanager
 def open_link(address: MountAddress) -> Iterator[UdpLink]:

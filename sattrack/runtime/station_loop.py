@@ -58,7 +58,7 @@ class Station(DriverLike, Protocol):
         """Return what to send once more before the next datagram, None for nothing."""
 
     def send_shift_s(self, now_utc_s: float) -> float:
-        """Return by how much later than a period from now the next `tick` had better come, seconds."""
+        """Return the delay of the next `tick` beyond one period, seconds of UTC."""
 
     def end(self, now_utc_s: float) -> None:
         """Bring the mount to rest, and be finished when it is seen there."""

@@ -18,7 +18,7 @@ import msgspec
 
 from sattrack.control.engine import Engine
 from sattrack.control.manual.console import Console
-from sattrack.control.manual.errand import Errand
+from sattrack.control.manual.errand import ManualOperation
 from sattrack.control.manual.procedures import ParkThere, SlewThere
 from sattrack.control.tracker import TrackPlan
 from sattrack.core.collector import without_collector
@@ -261,7 +261,7 @@ class Airspace:
         """Carry out what is asked of the mount by hand; return how that ended, and when."""
         profile = self.profile.mount
         console = Console(profile, self.limits, self.site, SIMULATED)
-        errand = Errand(console, procedure, now_utc_s, ERRAND_WITHIN_S)
+        errand = ManualOperation(console, procedure, now_utc_s, ERRAND_WITHIN_S)
         mount = self._mount("")
         period_s, turns = profile.period_s, 0
         with without_collector():

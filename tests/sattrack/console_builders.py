@@ -1,4 +1,4 @@
-"""A console, or an errand, and a simulated mount in virtual time: one turn of each every 50 ms."""
+"""A console, or an operation, and a simulated mount in virtual time: one turn of each every 50 ms."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sattrack.control.manual.console import Console
-from sattrack.control.manual.errand import Errand, Look
+from sattrack.control.manual.errand import Look, ManualOperation
 from sattrack.control.manual.report import view_of
 from sattrack.mount.model import AxesPosition, MountProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.control.manual.procedures import Procedure
-    from sattrack.control.manual.sitting import Sitting
+    from sattrack.control.manual.sitting import ConsoleSession
     from sattrack.mount.simulator.mount import Truth
 
 T0 = 1_790_000_000.0
@@ -47,7 +47,7 @@ class Bench:
         self.mount = SimulatedMount(self.profile, SimulatedSite(52.0, 4.5), self.start, self.hardware)
         self.console = Console(self.profile, self.limits, self.site, "bench")
 
-    def turn(self, part: Errand | Look | Sitting | None = None) -> None:
+    def turn(self, part: ManualOperation | Look | ConsoleSession | None = None) -> None:
         """Let 50 ms pass: the mount's turn, then that of the part, or of the bare console."""
         self.now_s += PERIOD_S
         status, self.truth = self.mount.tick(self.now_s)
@@ -77,18 +77,18 @@ class Bench:
         self,
         procedure: Procedure,
         timeout_s: float | None = None,
-        at: tuple[tuple[float, Callable[[Errand], None]], ...] = (),
+        at: tuple[tuple[float, Callable[[ManualOperation], None]], ...] = (),
         within_s: float = 120.0,
-    ) -> Errand:
-        """Run an errand to its end; `at` gives what befalls it so many seconds after its beginning."""
-        errand, begin_s = Errand(self.console, procedure, self.now_s, timeout_s), self.now_s
+    ) -> ManualOperation:
+        """Run an operation to its end; `at` gives what befalls it so many seconds after its beginning."""
+        operation, begin_s = ManualOperation(self.console, procedure, self.now_s, timeout_s), self.now_s
         coming = list(at)
-        while not errand.finished:
-            assert self.now_s - begin_s < within_s, f"not over: {errand.phase}"
+        while not operation.finished:
+            assert self.now_s - begin_s < within_s, f"not over: {operation.phase}"
             while coming and self.now_s - begin_s >= coming[0][0]:
-                coming.pop(0)[1](errand)
-            self.turn(errand)
-        return errand
+                coming.pop(0)[1](operation)
+            self.turn(operation)
+        return operation
 
     @property
     def moves_itself(self) -> bool:

@@ -11,9 +11,9 @@ import pytest
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.guard import Surroundings
 from sattrack.control.manual.console import Console
-from sattrack.control.manual.errand import Errand
+from sattrack.control.manual.errand import ManualOperation
 from sattrack.control.manual.procedures import MoveFor
-from sattrack.control.manual.sitting import Sitting
+from sattrack.control.manual.sitting import ConsoleSession
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, STATUS_LOST_S, MountProfile, Status
 from sattrack.mount.requests import MoveAxis
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
@@ -184,18 +184,18 @@ def alpaca() -> tuple[Driver, float]:
 
 def verb() -> tuple[Driver, float]:
     console = Console(MountProfile(), LIMITS, SITE, "bench")
-    errand = Errand(console, MoveFor(MoveAxis(0.5, 0.5), 60.0), BEGIN_UTC_S)
-    return Ticked(errand, nothing, errand.interrupt, errand.receive), BEGIN_UTC_S
+    operation = ManualOperation(console, MoveFor(MoveAxis(0.5, 0.5), 60.0), BEGIN_UTC_S)
+    return Ticked(operation, nothing, operation.interrupt, operation.receive), BEGIN_UTC_S
 
 
 def keys() -> tuple[Driver, float]:
-    sitting = Sitting(Console(MountProfile(), LIMITS, SITE, "bench"), BEGIN_UTC_S)
+    console_session = ConsoleSession(Console(MountProfile(), LIMITS, SITE, "bench"), BEGIN_UTC_S)
 
     def jog(now_s: float) -> None:
-        if now_s > BEGIN_UTC_S + 1.0 and not sitting.leaving:
-            sitting.obey(JogOrder(0.5, 0.5), now_s)
+        if now_s > BEGIN_UTC_S + 1.0 and not console_session.leaving:
+            console_session.obey(JogOrder(0.5, 0.5), now_s)
 
-    return Ticked(sitting, jog, sitting.interrupt, sitting.receive), BEGIN_UTC_S
+    return Ticked(console_session, jog, console_session.interrupt, console_session.receive), BEGIN_UTC_S
 
 
 def calibration() -> tuple[Driver, float]:

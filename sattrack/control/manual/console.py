@@ -11,15 +11,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sattrack.control.halt import Driver
-from sattrack.control.manual.procedures import (
-    Outcome,
-    Procedure,
-    Refusal,
-    limit_words,
-    procedure_for,
-    refused,
-)
+from sattrack.control.halt import Driver, limit_words
+from sattrack.control.manual.procedures import Outcome, Procedure, Refusal, procedure_for, refused
 from sattrack.control.rest import Jogs
 from sattrack.mount.link_loss import STOP_LINGER_S
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, MoveAxes, SlewTo, Stop, mean_sidereal_deg

@@ -34,7 +34,7 @@ DONE = frozenset({TicketState.COMPLETE, TicketState.UNCONFIRMED})
 
 
 class Phase(Enum):
-    """How far an errand has come."""
+    """How far an operation has come."""
 
     LISTENING = "listening"
     CALLING = "waiting for the mount"
@@ -44,7 +44,7 @@ class Phase(Enum):
     OVER = "over"
 
 
-class Errand:
+class ManualOperation:
     """One procedure; call `tick` once a period until `finished`.
 
     `timeout_s` bounds the procedure; a mount that is still under way then is stopped.

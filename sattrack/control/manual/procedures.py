@@ -25,19 +25,12 @@ from sattrack.mount.requests import (
     TicketState,
     TrackingRate,
 )
-from sattrack.safety import ROWS
 from sattrack.views.console_words import degrees, hours
 
 if TYPE_CHECKING:
     from sattrack.mount.model import AxesPosition, MountProfile, Status, StatusSample
 
 _PLAIN: dict[type, str] = {Abort: "abort", Park: "park", FindHome: "home", EndMove: "end the move"}
-
-
-def limit_words(name: str) -> str:
-    """Return what a safety limit did, and which way out there is."""
-    row = ROWS[name]
-    return f"safety stopped the mount at its {row.name} limit ({row.watches}); to go on: {row.way_out}"
 
 
 def request_words(request: Request) -> str:

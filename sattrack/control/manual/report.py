@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.control.manual.procedures import limit_words, request_words
+from sattrack.control.halt import limit_words
+from sattrack.control.manual.procedures import request_words
 from sattrack.mount.model import Hold, MoveAxes, SlewTo, Stop
 from sattrack.mount.xerxes.datagrams import DTICS_S_PER_DEG_S
 from sattrack.mount.xerxes.states import LinkState

@@ -34,7 +34,7 @@ OWNED = "looking on; SPACE has the mount's owner stop it and end: {}"
 NOT_ALONE = "another program drives this mount: nothing is sent from here, unless you stop the mount"
 
 
-class Sitting:
+class ConsoleSession:
     """One operator's time with one mount; call `tick` once a period until `finished`.
 
     With `owner`, whoever owns the mount in words, the operator looks on: nothing is sent, and a stop is only

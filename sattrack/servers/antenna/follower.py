@@ -132,7 +132,7 @@ class Follower:
             self._history.clear()
 
     def send_shift_s(self, now_utc_s: float) -> float:
-        """Return by how much later than a period from now the next datagram had better go, seconds."""
+        """Return the delay of the next datagram beyond one period, seconds of UTC."""
         shift_s = self._loop.shift_s(now_utc_s + self._profile.command_delay_s)
         return max(-MOST_SHIFT_S, min(MOST_SHIFT_S, SHIFT_SHARE * shift_s))
 

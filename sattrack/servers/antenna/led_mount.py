@@ -154,7 +154,7 @@ class LedMount(Driver, Feedback):  # type: ignore[override]
         return datagram
 
     def send_shift_s(self, now_utc_s: float) -> float:
-        """Return by how much later than a period from now the next `tick` had better come, seconds."""
+        """Return the delay of the next `tick` beyond one period, seconds of UTC."""
         return self.follower.send_shift_s(now_utc_s + self.clock_ahead_s)
 
     def end(self, now_utc_s: float) -> None:

@@ -166,7 +166,7 @@ class AntennaFlight:
         return [f"the controller's clock is off ours by {self.run.clock_gap_s:.3f} s at least"]
 
     def _guarded(self, part: Callable[[SystemClock], None], clock: SystemClock) -> None:
-        """Do one part of the loop; whatever breaks in it turns the run into a stop of the antenna."""
+        """Do one part of the loop; an error in it turns the run into a stop of the antenna."""
         try:
             part(clock)
         except Exception as error:

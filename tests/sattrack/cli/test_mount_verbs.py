@@ -256,8 +256,8 @@ NOTHING = "; nothing was asked of the mount"
 def test_every_end_has_its_exit_code_and_says_whether_the_mount_rests(
     ended_by: str, outcome: Outcome, begun: bool, stopped: bool | None, code: int, words: str
 ) -> None:
-    errand = SimpleNamespace(ended_by=ended_by, begun=begun, mount_stopped=stopped)
-    error = failure(errand, outcome, "park", None)
+    operation = SimpleNamespace(ended_by=ended_by, begun=begun, mount_stopped=stopped)
+    error = failure(operation, outcome, "park", None)
     if code == 0:
         assert error is None
         return

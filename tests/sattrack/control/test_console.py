@@ -1,4 +1,4 @@
-"""A console and its errands against the simulated mount, in virtual time."""
+"""A console and its operations against the simulated mount, in virtual time."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from console_builders import PERIOD_S, PROFILE, SITE, T0, Bench
 from msgspec.structs import replace
 
 from sattrack.control.manual.console import Console
-from sattrack.control.manual.errand import Errand, Look
+from sattrack.control.manual.errand import Look, ManualOperation
 from sattrack.control.manual.procedures import MoveFor, Refusal, procedure_for
 from sattrack.control.manual.report import view_of
-from sattrack.control.manual.sitting import NOT_ALONE, Sitting
+from sattrack.control.manual.sitting import NOT_ALONE, ConsoleSession
 from sattrack.control.rest import FIRST_JOG_S, NEXT_JOG_S
 from sattrack.mount.model import MountProfile, Status
 from sattrack.mount.requests import (
@@ -67,16 +67,16 @@ def plain(request: Request) -> object:
     return procedure_for(request, PROFILE)
 
 
-def ended(errand: Errand) -> tuple[str | None, TicketState, bool]:
-    assert errand.outcome is not None
-    return errand.ended_by, errand.outcome.state, errand.outcome.acknowledged
+def ended(operation: ManualOperation) -> tuple[str | None, TicketState, bool]:
+    assert operation.outcome is not None
+    return operation.ended_by, operation.outcome.state, operation.outcome.acknowledged
 
 
 class TestEachVerbAgainstTheSimulatedMount:
     def test_a_slew_ends_when_the_mount_stands_on_its_target(self) -> None:
         bench = Bench()
-        errand = bench.carry_out(plain(Slew(sky(bench, 10.0), 50.0)))
-        assert ended(errand) == ("done", TicketState.COMPLETE, True)
+        operation = bench.carry_out(plain(Slew(sky(bench, 10.0), 50.0)))
+        assert ended(operation) == ("done", TicketState.COMPLETE, True)
         assert bench.truth is not None
         assert bench.truth.dec_deg == pytest.approx(50.0, abs=1e-3)
         assert bench.truth.hour_angle_axis_deg == pytest.approx(10.0, abs=0.1)
@@ -86,8 +86,8 @@ class TestEachVerbAgainstTheSimulatedMount:
     def test_a_sync_shifts_what_is_reported_and_moves_nothing(self) -> None:
         bench = Bench()
         ra_deg = sky(bench, -29.0)
-        errand = bench.carry_out(plain(Sync(ra_deg, 20.5)))
-        assert ended(errand) == ("done", TicketState.COMPLETE, True)
+        operation = bench.carry_out(plain(Sync(ra_deg, 20.5)))
+        assert ended(operation) == ("done", TicketState.COMPLETE, True)
         assert bench.console.sample is not None
         assert bench.console.sample.ra_deg == pytest.approx(ra_deg, abs=1e-3)
         assert bench.truth is not None
@@ -95,9 +95,9 @@ class TestEachVerbAgainstTheSimulatedMount:
 
     def test_an_abort_is_the_first_datagram_and_the_axes_come_to_rest(self) -> None:
         bench = Bench()
-        errand = bench.carry_out(plain(Abort()))
-        assert ended(errand) == ("done", TicketState.COMPLETE, True)
-        assert errand.mount_stopped is True
+        operation = bench.carry_out(plain(Abort()))
+        assert ended(operation) == ("done", TicketState.COMPLETE, True)
+        assert operation.mount_stopped is True
         assert bench.commands[0].abort
         assert bench.truth is not None
         assert bench.truth.ra_rate_deg_s == pytest.approx(360.0 / 86164.0905, rel=1e-9)
@@ -107,8 +107,8 @@ class TestEachVerbAgainstTheSimulatedMount:
         bench.run(0.2)
         assert bench.truth is not None
         before = bench.truth
-        errand = bench.carry_out(MoveFor(MoveAxis(0.5, -0.25), 2.0))
-        assert ended(errand) == ("done", TicketState.COMPLETE, True)
+        operation = bench.carry_out(MoveFor(MoveAxis(0.5, -0.25), 2.0))
+        assert ended(operation) == ("done", TicketState.COMPLETE, True)
         east = math.remainder(bench.truth.ra_deg - before.ra_deg, 360.0)
         assert east == pytest.approx(1.0, abs=0.06)
         assert bench.truth.dec_deg - before.dec_deg == pytest.approx(-0.5, abs=0.03)
@@ -122,15 +122,15 @@ class TestEachVerbAgainstTheSimulatedMount:
     @pytest.mark.parametrize("move_axis", ["held", "edge"])
     def test_a_move_ends_on_either_kind_of_mount(self, move_axis: str) -> None:
         bench = Bench(profile=msgspec.structs.replace(PROFILE, move_axis=move_axis))
-        errand = bench.carry_out(MoveFor(MoveAxis(-1.0, 0.5), 1.0))
-        assert ended(errand) == ("done", TicketState.COMPLETE, True)
+        operation = bench.carry_out(MoveFor(MoveAxis(-1.0, 0.5), 1.0))
+        assert ended(operation) == ("done", TicketState.COMPLETE, True)
         bench.run(2.0)
         assert not bench.moves_itself
 
     def test_a_pulse_is_seen_to_its_end(self) -> None:
         bench = Bench()
-        errand = bench.carry_out(plain(PulseGuide(500, -300)))
-        assert ended(errand) == ("done", TicketState.COMPLETE, True)
+        operation = bench.carry_out(plain(PulseGuide(500, -300)))
+        assert ended(operation) == ("done", TicketState.COMPLETE, True)
         sent = [(c.pulse_ra_ms, c.pulse_dec_ms) for c in bench.commands if c.pulse_guide]
         assert set(sent) == {(500, -300)}
         assert bench.truth is not None
@@ -139,17 +139,17 @@ class TestEachVerbAgainstTheSimulatedMount:
 
     def test_fine_rates_stand_in_every_datagram_to_the_last(self) -> None:
         bench = Bench()
-        errand = bench.carry_out(plain(FineRate(0.001, 0.0)))
-        assert errand.ended_by == "done"
+        operation = bench.carry_out(plain(FineRate(0.001, 0.0)))
+        assert operation.ended_by == "done"
         # 0.001 degrees a second in tenths of tics.
         assert bench.commands[-1].ra_fine_rate_dtics_s == round(0.001 * 2**26 / 360.0 * 10.0)
 
     def test_home_is_unconfirmed_where_the_mount_does_not_say_so(self) -> None:
         bench = Bench()
-        errand = bench.carry_out(plain(FindHome()))
-        assert ended(errand) == ("done", TicketState.UNCONFIRMED, False)
-        assert errand.outcome is not None
-        assert errand.outcome.reason == (
+        operation = bench.carry_out(plain(FindHome()))
+        assert ended(operation) == ("done", TicketState.UNCONFIRMED, False)
+        assert operation.outcome is not None
+        assert operation.outcome.reason == (
             "the protocol has no acknowledgement for it; the mount stands at the profile's home"
         )
         assert bench.truth is not None
@@ -163,9 +163,9 @@ class TestEachVerbAgainstTheSimulatedMount:
 
     def test_a_mount_without_a_home_is_told_not_to_have_moved(self) -> None:
         bench = Bench(profile=MountProfile())
-        errand = bench.carry_out(procedure_for(FindHome(in_daylight=True), MountProfile()))
-        assert errand.outcome is not None
-        assert errand.outcome.reason == (
+        operation = bench.carry_out(procedure_for(FindHome(in_daylight=True), MountProfile()))
+        assert operation.outcome is not None
+        assert operation.outcome.reason == (
             "the protocol has no acknowledgement for it; the mount was not seen to move"
         )
 
@@ -174,8 +174,8 @@ class TestEachVerbAgainstTheSimulatedMount:
     )
     def test_park_slews_stops_and_only_then_cuts_the_power(self, tells: bool, state: TicketState) -> None:
         bench = Bench(hardware=SimulatorProfile(reports_home_and_park=tells))
-        errand = bench.carry_out(plain(Park()))
-        assert ended(errand) == ("done", state, False)
+        operation = bench.carry_out(plain(Park()))
+        assert ended(operation) == ("done", state, False)
         assert bench.flags() == ["slew", "abort", "park"]
         assert bench.truth is not None
         assert bench.truth.hour_angle_axis_deg == pytest.approx(20.0, abs=0.1)
@@ -183,10 +183,10 @@ class TestEachVerbAgainstTheSimulatedMount:
 
     def test_no_park_flag_ever_meets_a_moving_mount(self) -> None:
         bench = Bench()
-        errand = Errand(bench.console, plain(Park()), bench.now_s)
+        operation = ManualOperation(bench.console, plain(Park()), bench.now_s)
         speeds: list[float] = []
-        while not errand.finished:
-            bench.turn(errand)
+        while not operation.finished:
+            bench.turn(operation)
             if bench.commands and bench.commands[-1].park:
                 assert bench.console.sample is not None
                 speeds.append(abs(bench.console.sample.ra_drive_deg_s))
@@ -213,29 +213,29 @@ class TestWhatIsRefusedBeforeAnythingIsSent:
     )
     def test_numbers_that_cannot_be(self, request_: Request, words: str) -> None:
         bench = Bench()
-        errand = bench.carry_out(plain(request_))
-        assert errand.ended_by == "refused"
-        assert errand.outcome is not None
-        assert errand.outcome.reason == words
+        operation = bench.carry_out(plain(request_))
+        assert operation.ended_by == "refused"
+        assert operation.outcome is not None
+        assert operation.outcome.reason == words
         assert bench.flags() == []
-        assert not errand.begun
+        assert not operation.begun
 
     @pytest.mark.parametrize("rate", [math.inf, -math.inf, math.nan, 6.01, -7.0])
     def test_rates_that_no_axis_has(self, rate: float) -> None:
         bench = Bench()
-        errand = bench.carry_out(MoveFor(MoveAxis(rate, None), 1.0))
-        assert errand.ended_by == "refused"
-        assert errand.outcome is not None
-        assert errand.outcome.reason == (
+        operation = bench.carry_out(MoveFor(MoveAxis(rate, None), 1.0))
+        assert operation.ended_by == "refused"
+        assert operation.outcome is not None
+        assert operation.outcome.reason == (
             f"rate in right ascension is {rate:g} °/s; the mount profile's limit is 6 °/s"
         )
         assert bench.flags() == []
 
     def test_a_direction_below_the_horizon_is_safetys_refusal(self) -> None:
         bench = Bench()
-        errand = bench.carry_out(plain(Slew(sky(bench, 180.0), 0.0)))
-        assert errand.outcome is not None
-        assert errand.outcome.refusal == Refusal(
+        operation = bench.carry_out(plain(Slew(sky(bench, 180.0), 0.0)))
+        assert operation.outcome is not None
+        assert operation.outcome.refusal == Refusal(
             "that direction is at -38.0° altitude; the limit is 0°", by_safety=True
         )
         assert bench.flags() == []
@@ -243,18 +243,20 @@ class TestWhatIsRefusedBeforeAnythingIsSent:
     def test_parking_without_a_park_position(self) -> None:
         profile = MountProfile()
         bench = Bench(profile=profile)
-        errand = bench.carry_out(procedure_for(Park(), profile))
-        assert errand.outcome is not None
-        assert errand.outcome.reason == (
+        operation = bench.carry_out(procedure_for(Park(), profile))
+        assert operation.outcome is not None
+        assert operation.outcome.reason == (
             "the mount profile has no park position, and parking cuts the drives' power"
         )
         assert bench.flags() == []
 
     def test_without_a_site_nothing_that_altitude_decides_about(self) -> None:
         bench = Bench(site=None)
-        errand = bench.carry_out(plain(Slew(sky(bench, 10.0), 50.0)))
-        assert errand.outcome is not None
-        assert errand.outcome.reason == ("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
+        operation = bench.carry_out(plain(Slew(sky(bench, 10.0), 50.0)))
+        assert operation.outcome is not None
+        assert operation.outcome.reason == (
+            "no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml"
+        )
 
     def test_a_sync_while_the_mount_slews(self) -> None:
         bench = Bench()
@@ -271,41 +273,41 @@ class TestWhatIsRefusedBeforeAnythingIsSent:
         bench = Bench()
         others = Command(1, move_ra=True, move_ra_rate_deg_s=1.0)
         bench.mount.receive(encode_command(others))
-        errand = Errand(bench.console, plain(Slew(10.0, 50.0)), bench.now_s)
-        while not errand.finished:
-            bench.turn(errand)
+        operation = ManualOperation(bench.console, plain(Slew(10.0, 50.0)), bench.now_s)
+        while not operation.finished:
+            bench.turn(operation)
         assert bench.commands == []
-        assert errand.ended_by == "refused"
-        assert errand.outcome is not None
-        assert errand.outcome.reason is not None
-        assert errand.outcome.reason == (
+        assert operation.ended_by == "refused"
+        assert operation.outcome is not None
+        assert operation.outcome.reason is not None
+        assert operation.outcome.reason == (
             "the mount acknowledges commands (move ra) that were not sent from here: another program drives "
             "it, or did and was killed; end it, or stop the mount with `sattrack mount abort`, then ask again"
         )
 
     def test_a_mount_that_tells_its_status_only_when_called_is_left_to_the_other_too(self) -> None:
         bench = Bench(cut=True)
-        errand = Errand(bench.console, plain(Slew(10.0, 50.0)), bench.now_s)
+        operation = ManualOperation(bench.console, plain(Slew(10.0, 50.0)), bench.now_s)
         while not bench.commands:
-            bench.turn(errand)
+            bench.turn(operation)
         bench.cut = False
-        while not errand.finished:
+        while not operation.finished:
             bench.mount.receive(encode_command(Command(1, move_ra=True, move_ra_rate_deg_s=1.0)))
-            bench.turn(errand)
-        assert errand.ended_by == "refused"
+            bench.turn(operation)
+        assert operation.ended_by == "refused"
         assert bench.flags() == []
 
     def test_an_abort_is_sent_to_it_all_the_same(self) -> None:
         bench = Bench()
         bench.mount.receive(encode_command(Command(1, move_ra=True, move_ra_rate_deg_s=1.0)))
         bench.mount.tick(bench.now_s)
-        errand = bench.carry_out(plain(Abort()))
-        assert ended(errand) == ("done", TicketState.COMPLETE, True)
+        operation = bench.carry_out(plain(Abort()))
+        assert ended(operation) == ("done", TicketState.COMPLETE, True)
         assert not bench.moves_itself
 
 
-def cut(bench: Bench) -> Callable[[Errand], None]:
-    def happen(_: Errand) -> None:
+def cut(bench: Bench) -> Callable[[ManualOperation], None]:
+    def happen(_: ManualOperation) -> None:
         bench.cut = True
 
     return happen
@@ -316,59 +318,59 @@ class TestWhatGoesWrongEndsWithAMountAtRest:
     def test_an_interrupt_at_every_stage_of_a_slew(self, after_s: float) -> None:
         bench = Bench()
         ra_deg = sky(bench, 30.0)
-        errand = bench.carry_out(
+        operation = bench.carry_out(
             plain(Slew(ra_deg, 60.0)), at=((after_s, lambda e: e.interrupt(bench.now_s)),)
         )
-        assert errand.ended_by == "operator"
-        assert errand.mount_stopped is (True if errand.begun else None)
-        assert errand.begun is (after_s > 0.2)
+        assert operation.ended_by == "operator"
+        assert operation.mount_stopped is (True if operation.begun else None)
+        assert operation.begun is (after_s > 0.2)
         assert not bench.moves_itself
 
     @pytest.mark.parametrize("after_s", [0.4, 3.0, 6.5, 6.75, 7.0])
     def test_an_interrupt_at_every_stage_of_parking(self, after_s: float) -> None:
         bench = Bench()
-        errand = bench.carry_out(plain(Park()), at=((after_s, lambda e: e.interrupt(bench.now_s)),))
-        assert errand.ended_by == "operator"
+        operation = bench.carry_out(plain(Park()), at=((after_s, lambda e: e.interrupt(bench.now_s)),))
+        assert operation.ended_by == "operator"
         assert not bench.moves_itself
 
     def test_a_second_interrupt_does_not_skip_the_stop(self) -> None:
         bench = Bench()
 
-        def interrupt(errand: Errand) -> None:
-            errand.interrupt(bench.now_s)
+        def interrupt(operation: ManualOperation) -> None:
+            operation.interrupt(bench.now_s)
 
-        errand = bench.carry_out(
+        operation = bench.carry_out(
             MoveFor(MoveAxis(3.0, 0.0), 60.0), at=tuple((1.0 + i * PERIOD_S, interrupt) for i in range(20))
         )
-        assert (errand.ended_by, errand.mount_stopped) == ("operator", True)
+        assert (operation.ended_by, operation.mount_stopped) == ("operator", True)
         assert not bench.moves_itself
 
     def test_a_time_out_stops_the_slew(self) -> None:
         bench = Bench()
-        errand = bench.carry_out(plain(Slew(sky(bench, 30.0), 60.0)), timeout_s=1.0)
-        assert (errand.ended_by, errand.mount_stopped) == ("timeout", True)
+        operation = bench.carry_out(plain(Slew(sky(bench, 30.0), 60.0)), timeout_s=1.0)
+        assert (operation.ended_by, operation.mount_stopped) == ("timeout", True)
         assert not bench.moves_itself
 
     def test_a_link_that_falls_silent_brings_a_stop_that_the_mount_obeys(self) -> None:
         bench = Bench()
-        errand = bench.carry_out(MoveFor(MoveAxis(1.0, 0.0), 60.0), at=((1.0, cut(bench)),))
-        assert (errand.ended_by, errand.mount_stopped) == ("link", False)
+        operation = bench.carry_out(MoveFor(MoveAxis(1.0, 0.0), 60.0), at=((1.0, cut(bench)),))
+        assert (operation.ended_by, operation.mount_stopped) == ("link", False)
         assert bench.commands[-1].abort or "abort" in bench.flags()
         assert not bench.moves_itself
 
     def test_a_mount_that_is_never_heard_is_asked_nothing(self) -> None:
         bench = Bench(cut=True)
-        errand = bench.carry_out(plain(PulseGuide(500, 0)))
-        assert ended(errand) == ("link", TicketState.FAILED, False)
-        assert errand.outcome is not None
-        assert errand.outcome.reason == "no status from bench within 3 s"
+        operation = bench.carry_out(plain(PulseGuide(500, 0)))
+        assert ended(operation) == ("link", TicketState.FAILED, False)
+        assert operation.outcome is not None
+        assert operation.outcome.reason == "no status from bench within 3 s"
         assert bench.flags() == []
         assert bench.now_s - T0 < 4.0
 
     def test_an_abort_goes_out_to_a_mount_that_is_never_heard(self) -> None:
         bench = Bench(cut=True)
-        errand = bench.carry_out(plain(Abort()))
-        assert (errand.ended_by, errand.mount_stopped) == ("link", None)
+        operation = bench.carry_out(plain(Abort()))
+        assert (operation.ended_by, operation.mount_stopped) == ("link", None)
         assert bench.commands[0].abort
         assert not bench.moves_itself
 
@@ -376,52 +378,52 @@ class TestWhatGoesWrongEndsWithAMountAtRest:
     def test_a_mount_that_restarts_in_mid_slew(self, after_s: float) -> None:
         bench = Bench()
         ra_deg = sky(bench, 30.0)
-        errand = bench.carry_out(
+        operation = bench.carry_out(
             plain(Slew(ra_deg, 60.0)), at=((after_s, lambda _: bench.mount.restart(bench.now_s)),)
         )
-        assert errand.outcome is not None
-        assert errand.outcome.reason == "the mount restarted meanwhile"
+        assert operation.outcome is not None
+        assert operation.outcome.reason == "the mount restarted meanwhile"
         assert view_of(bench.console, bench.now_s).link.restarts == 1
         bench.run(1.0)
         assert not bench.moves_itself
 
     def test_a_mount_that_restarts_in_a_move_or_a_jog_is_not_set_going_again(self) -> None:
         bench = Bench()
-        errand = bench.carry_out(
+        operation = bench.carry_out(
             MoveFor(MoveAxis(1.0, 0.0), 60.0), at=((2.0, lambda _: bench.mount.restart(bench.now_s)),)
         )
-        assert (errand.ended_by, errand.mount_stopped) == ("restart", True)
+        assert (operation.ended_by, operation.mount_stopped) == ("restart", True)
         assert bench.now_s - T0 < 5.0
         assert not bench.moves_itself
 
     def test_a_move_into_the_horizon_is_stopped_above_it(self) -> None:
         bench = Bench()
-        errand = bench.carry_out(MoveFor(MoveAxis(None, -5.0), 60.0))
-        assert (errand.ended_by, errand.mount_stopped) == ("limit:altitude", True)
+        operation = bench.carry_out(MoveFor(MoveAxis(None, -5.0), 60.0))
+        assert (operation.ended_by, operation.mount_stopped) == ("limit:altitude", True)
         assert bench.console.status is not None
         assert bench.console.status.altitude_deg > 0.0
         assert not bench.moves_itself
 
     def test_a_defect_stops_the_mount(self) -> None:
         bench = Bench()
-        errand = bench.carry_out(
+        operation = bench.carry_out(
             MoveFor(MoveAxis(1.0, 0.0), 60.0), at=((1.0, lambda e: e.fail("broken", bench.now_s)),)
         )
-        assert (errand.ended_by, errand.mount_stopped) == ("error", True)
+        assert (operation.ended_by, operation.mount_stopped) == ("error", True)
         assert not bench.moves_itself
 
     def test_a_mount_that_does_not_stop_is_told_for_a_minute_and_reported(self) -> None:
         bench = Bench()
 
-        def seize(_: Errand) -> None:
+        def seize(_: ManualOperation) -> None:
             bench.deaf = True
 
-        errand = bench.carry_out(
+        operation = bench.carry_out(
             MoveFor(MoveAxis(1.0, 0.0), 60.0),
             timeout_s=2.0,
             at=((1.0, seize),),
         )
-        assert errand.mount_stopped is False
+        assert operation.mount_stopped is False
 
 
 class TestJogs:
@@ -546,23 +548,23 @@ class TestJogs:
 
 
 class TestASitting:
-    def sit(self, bench: Bench, seconds: float, *orders: object) -> Sitting:
-        sitting = Sitting(bench.console, bench.now_s)
+    def sit(self, bench: Bench, seconds: float, *orders: object) -> ConsoleSession:
+        console_session = ConsoleSession(bench.console, bench.now_s)
         for _ in range(20):
-            bench.turn(sitting)
+            bench.turn(console_session)
         for order in orders:
-            sitting.obey(order, bench.now_s)
+            console_session.obey(order, bench.now_s)
         for _ in range(round(seconds / PERIOD_S)):
-            if sitting.finished:
+            if console_session.finished:
                 break
-            bench.turn(sitting)
-        return sitting
+            bench.turn(console_session)
+        return console_session
 
     def test_leaving_an_idle_mount_leaves_it_tracking(self) -> None:
         bench = Bench()
-        sitting = self.sit(bench, 2.0, LeaveOrder())
-        assert sitting.finished
-        assert sitting.mount_stopped is None
+        console_session = self.sit(bench, 2.0, LeaveOrder())
+        assert console_session.finished
+        assert console_session.mount_stopped is None
         assert bench.flags() == []
 
     @pytest.mark.parametrize("order", [JogOrder(2.0, None), SlewOrder(0.0, 0.0), ParkOrder(), HomeOrder()])
@@ -571,68 +573,68 @@ class TestASitting:
         bench.turn()
         if isinstance(order, SlewOrder):
             order = SlewOrder(sky(bench, 30.0), 60.0)
-        sitting = self.sit(bench, 0.4, order)
-        sitting.obey(LeaveOrder(), bench.now_s)
-        while not sitting.finished:
-            bench.turn(sitting)
-        assert sitting.mount_stopped is True
+        console_session = self.sit(bench, 0.4, order)
+        console_session.obey(LeaveOrder(), bench.now_s)
+        while not console_session.finished:
+            bench.turn(console_session)
+        assert console_session.mount_stopped is True
         assert not bench.moves_itself
 
     def test_nothing_is_obeyed_after_leaving(self) -> None:
         bench = Bench()
-        sitting = self.sit(bench, 0.0, LeaveOrder(), JogOrder(1.0, None), ParkOrder())
-        while not sitting.finished:
-            bench.turn(sitting)
+        console_session = self.sit(bench, 0.0, LeaveOrder(), JogOrder(1.0, None), ParkOrder())
+        while not console_session.finished:
+            bench.turn(console_session)
         assert bench.flags() == []
 
     def test_abort_stops_from_every_state(self) -> None:
         for order in (JogOrder(2.0, None), ParkOrder(), HomeOrder(), ResetOrder()):
             bench = Bench()
-            sitting = self.sit(bench, 1.0, order)
-            sitting.obey(AbortOrder(), bench.now_s)
-            bench.turn(sitting)
-            bench.turn(sitting)
+            console_session = self.sit(bench, 1.0, order)
+            console_session.obey(AbortOrder(), bench.now_s)
+            bench.turn(console_session)
+            bench.turn(console_session)
             assert any(command.abort for command in bench.commands[-2:]), "within two datagrams"
             for _ in range(100):
-                bench.turn(sitting)
+                bench.turn(console_session)
             assert bench.console.at_rest
 
     def test_it_looks_on_in_silence_where_somebody_else_drives_and_stops_when_asked(self) -> None:
         bench = Bench()
         bench.mount.receive(encode_command(Command(1, move_ra=True, move_ra_rate_deg_s=0.5)))
-        sitting = self.sit(bench, 1.0)
+        console_session = self.sit(bench, 1.0)
         for order in (JogOrder(1.0, None), HomeOrder(), ResetOrder()):
-            sitting.obey(order, bench.now_s)
-            bench.turn(sitting)
+            console_session.obey(order, bench.now_s)
+            bench.turn(console_session)
         assert bench.commands == []
-        assert sitting.view(bench.now_s).warnings[0] == NOT_ALONE
-        assert sitting.view(bench.now_s).refusal == "another program drives this mount"
-        sitting.obey(AbortOrder(), bench.now_s)
+        assert console_session.view(bench.now_s).warnings[0] == NOT_ALONE
+        assert console_session.view(bench.now_s).refusal == "another program drives this mount"
+        console_session.obey(AbortOrder(), bench.now_s)
         for _ in range(60):
-            bench.turn(sitting)
+            bench.turn(console_session)
         assert bench.commands[0].abort
         assert not bench.moves_itself
 
     def test_it_falls_silent_when_somebody_else_begins_to_drive(self) -> None:
         bench = Bench()
-        sitting = self.sit(bench, 1.0)
+        console_session = self.sit(bench, 1.0)
         sent = len(bench.commands)
         assert sent > 0
         for _ in range(10):
             bench.mount.receive(encode_command(Command(1, move_ra=True, move_ra_rate_deg_s=0.5)))
-            bench.turn(sitting)
+            bench.turn(console_session)
         assert len(bench.commands) <= sent + 1
-        assert sitting.view(bench.now_s).warnings[0] == NOT_ALONE
+        assert console_session.view(bench.now_s).warnings[0] == NOT_ALONE
 
     def test_a_slew_under_way_is_seen_in_the_view_and_settles(self) -> None:
         bench = Bench()
         bench.turn()
-        sitting = self.sit(bench, 1.0, SlewOrder(sky(bench, 30.0), 60.0))
-        assert sitting.view(bench.now_s).doing == "slewing"
-        assert sitting.view(bench.now_s).asked[-1].state == "acknowledged"
+        console_session = self.sit(bench, 1.0, SlewOrder(sky(bench, 30.0), 60.0))
+        assert console_session.view(bench.now_s).doing == "slewing"
+        assert console_session.view(bench.now_s).asked[-1].state == "acknowledged"
         for _ in range(200):
-            bench.turn(sitting)
-        view = sitting.view(bench.now_s)
+            bench.turn(console_session)
+        view = console_session.view(bench.now_s)
         assert (view.doing, view.motion, view.asked[-1].state) == ("idle", "none", "complete")
 
     def test_a_sync_order_is_a_sync(self) -> None:
