@@ -1,7 +1,7 @@
-"""A mount led along a way of positions: the follower, safety and the mount's session as one, without I/O.
+"""The driver of a mount that follows a path of positions, without I/O.
 
-Datagrams from the mount go in with their instants, datagrams for it come out. Every motion goes through
-safety, which holds the axes at a limit while the way leads beyond it.
+Datagrams from the mount go in with their instants, datagrams for it come out. Safety clears every motion, and
+holds the axes at a limit while the path leads beyond it.
 """
 
 from __future__ import annotations
@@ -43,31 +43,31 @@ def axis_range(profile: MountProfile, kind: str) -> AxisRange:
     return AxisRange(-180.0, -limit, limit, max(low, -DEC_LIMIT_DEG), min(high, DEC_LIMIT_DEG))
 
 
-class Leader(Protocol):
-    """Who says where the axes are to be."""
+class PathTarget(Protocol):
+    """What a path driver follows."""
 
     path: Path | None
-    """The way in force; None where nothing is asked of the mount but rest."""
+    """The path in force; None: the mount rests."""
     reset_asked: bool
-    """Whether what an interlock has stopped is to be made ready again; taken back when it is."""
+    """Whether a mount that an interlock has stopped may move again; set to False once that is done."""
 
     def commanded(self, utc_ns: int) -> AxisState | None:
-        """Return where the way is at an instant; None without one, or where it has come to its end."""
+        """Return where the path is at an instant; None without one, or after its end."""
 
 
-class LedMount(Driver, Feedback):  # type: ignore[override]
-    """One mount behind a leader, until it is told to end and the mount is seen at rest.
+class PathDriver(Driver, Feedback):  # type: ignore[override]
+    """One mount that follows the paths of a target, until `end` is called and the mount is seen at rest.
 
-    `kind` says what the leader's positions are.
+    `kind` says what the target's positions are.
     """
 
     def __init__(
-        self, leader: Leader, sky: Sky, kind: AxisKind, profile: MountProfile, limits: SafetyLimits
+        self, target: PathTarget, sky: Sky, kind: AxisKind, profile: MountProfile, limits: SafetyLimits
     ) -> None:
         self._sky, self._limits = sky, limits
         super().__init__(profile, self._make_safety(profile))
         self.follower = Follower(profile, sky)
-        self._leader = leader
+        self._target = target
         self._kind = kind
         self._hour_angles = axis_range(profile, "hadec")
         self._moved = False
@@ -83,7 +83,7 @@ class LedMount(Driver, Feedback):  # type: ignore[override]
         site = self._sky.site
         return Safety(profile, self._limits, site.latitude_deg, site.longitude_deg, holds=True)
 
-    # What the leader hears of the axes.
+    # What the target reads of the axes.
 
     @property
     def on_trajectory(self) -> bool:  # type: ignore[override]
@@ -164,8 +164,8 @@ class LedMount(Driver, Feedback):  # type: ignore[override]
             self.stop.finished = not self._moved
 
     def _motion(self, now_utc_s: float) -> Motion:
-        path = self._leader.path
-        if self.stop is not None or self._leader.commanded(to_ns(now_utc_s)) is None:
+        path = self._target.path
+        if self.stop is not None or self._target.commanded(to_ns(now_utc_s)) is None:
             self._near, self._beyond, self._path = 0, False, None
             return Stop() if self._moved else Hold()
         if path is not self._path:
@@ -178,7 +178,7 @@ class LedMount(Driver, Feedback):  # type: ignore[override]
 
     def _wanted(self, utc_s: float) -> Wanted:
         """Return hour angle and declination of the trajectory at an instant, as near as the axes can turn."""
-        state = self._leader.commanded(to_ns(utc_s))
+        state = self._target.commanded(to_ns(utc_s))
         if state is None:
             # The satellite has ended on the way: stand where it was, until the next turn stops the mount.
             return self._last_wanted
@@ -203,7 +203,7 @@ class LedMount(Driver, Feedback):  # type: ignore[override]
     def _judge(self, utc_s: float) -> None:
         """See whether the axes are on the trajectory."""
         stand = self.follower.stand(utc_s)
-        if stand is None or self._leader.path is None:
+        if stand is None or self._target.path is None:
             self._near = 0
             return
         ha_deg, dec_deg = self._wanted(utc_s)
@@ -214,11 +214,11 @@ class LedMount(Driver, Feedback):  # type: ignore[override]
         self._near = self._near + 1 if near else 0
 
     def _reset(self) -> None:
-        if not self._leader.reset_asked:
+        if not self._target.reset_asked:
             return
         if self.safety.tripped is None:
-            self._leader.reset_asked = False
+            self._target.reset_asked = False
         elif self.session.stopped:
             former, self.safety = self.safety, self._make_safety(self.profile)
             self.safety.follow_on(former)
-            self._leader.reset_asked = False
+            self._target.reset_asked = False

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from sattrack.servers.antenna.controller import Controller
 from sattrack.servers.antenna.follower import Follower
-from sattrack.servers.antenna.led_mount import DEC_LIMIT_DEG, LedMount, axis_range
+from sattrack.servers.antenna.led_mount import DEC_LIMIT_DEG, PathDriver, axis_range
 from sattrack.servers.antenna.trajectory import to_ns
 
 if TYPE_CHECKING:
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["DEC_LIMIT_DEG", "Station", "axis_range"]
 
 
-class Station(LedMount):
+class Station(PathDriver):
     """One mount behind one controller, until it is told to end and the mount is seen at rest."""
 
     def __init__(self, antenna: Antenna, profile: MountProfile, limits: SafetyLimits) -> None:

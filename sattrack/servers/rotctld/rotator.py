@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from sattrack.servers.antenna.led_mount import LedMount
+from sattrack.servers.antenna.led_mount import PathDriver
 from sattrack.servers.antenna.sky import AzEl, HaDec
 from sattrack.servers.antenna.trajectory import NS, AxisState, Path, Straight
 from sattrack.servers.rotctld.reader import Code
@@ -290,7 +290,7 @@ class Moving:
 
 @dataclass(slots=True)
 class Rotator:
-    """One mount for all clients; these are numbers. See led_mount.Leader for what the mount asks of it."""
+    """One mount for all clients; these are numbers. `PathTarget` tells what its driver asks of it."""
 
     sky: Sky
     feedback: Feedback
@@ -454,7 +454,7 @@ class Rotator:
         return ("MOVING", *flags) if flags else ()
 
 
-class RotatorStation(LedMount):
+class RotatorStation(PathDriver):
     """One mount behind one rotator, until its end is asked for and the mount is seen at rest."""
 
     def __init__(
