@@ -16,7 +16,7 @@ from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.runtime.gallery import SUPPORTED, feeders
 
 if TYPE_CHECKING:
-    from sattrack.views.session import Welcome
+    from sattrack.views.run import Welcome
 
 
 @click.command("attach")

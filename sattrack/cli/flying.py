@@ -25,8 +25,7 @@ if TYPE_CHECKING:
     from sattrack.cli.running import Progress
     from sattrack.runtime.facts import RunFacts
     from sattrack.runtime.prepare import Prepared
-    from sattrack.views.run import Summary, TrackView
-    from sattrack.views.session import Armed, SessionView
+    from sattrack.views.run import Armed, SessionView, Summary, TrackView
 
 IDLE_S = 0.05
 

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from sattrack.mount.profiles import ProfileFile
     from sattrack.mount.requests import Request
     from sattrack.runtime.mounts import MountAddress
-    from sattrack.views.console import ConsoleView
+    from sattrack.views.run import ConsoleView
     from tle.site import Site
 
 

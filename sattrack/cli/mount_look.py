@@ -21,7 +21,7 @@ from sattrack.views.console_words import Group, Line, status_text, yes
 if TYPE_CHECKING:
     from sattrack.cli.common import CommandContext
     from sattrack.mount.alpaca.device import DeviceFacts
-    from sattrack.views.console import ConsoleView
+    from sattrack.views.run import ConsoleView
 
 PATIENCE_S = 3.0
 

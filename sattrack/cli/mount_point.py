@@ -9,8 +9,9 @@ import click
 
 from sattrack.cli.mount_common import mount_options, perform, resolve
 from sattrack.control.manual.procedures import procedure_for, request_words
-from sattrack.core.coordinates import DEC_FORMS, MINUS, RA_FORMS, parse_dec, parse_ra
-from sattrack.mount.requests import Slew, Sync
+from sattrack.mount.model import Slew
+from sattrack.mount.requests import Sync
+from sattrack.views.console_words import DEC_FORMS, MINUS, RA_FORMS, parse_dec, parse_ra
 
 if TYPE_CHECKING:
     from sattrack.cli.common import CommandContext

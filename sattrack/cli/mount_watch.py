@@ -17,10 +17,10 @@ from sattrack.cli.screened import needed_terminal, tui_possible
 from sattrack.control.manual.sitting import ConsoleSession
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.own_program import own_program
+from sattrack.mount.requests import Park
 from sattrack.runtime.console import OrderInbox, attend_console_session
 from sattrack.runtime.owner import owner_of
 from sattrack.runtime.stopping import stop_session
-from sattrack.views.console_messages import ParkOrder
 
 if TYPE_CHECKING:
     from sattrack.cli.common import CommandContext
@@ -66,7 +66,7 @@ def watch(context: CommandContext, stream: bool, control: bool, park: bool, **op
     called = [word for word in sys.argv[1:] if word != "--park"]
     command = [*own_program(), *called, "--stream", "--control"]
     look = appearance(context, options["theme"], options["plain"])
-    return watch_with_tui(command, first=ParkOrder() if park else None, appearance=look)
+    return watch_with_tui(command, first=Park() if park else None, appearance=look)
 
 
 def _stop(owner: Owner) -> None:

@@ -21,7 +21,7 @@ from tle.instants import Utc
 
 if TYPE_CHECKING:
     from sattrack.runtime.facts import RunFacts
-    from sattrack.views.session import SessionView
+    from sattrack.views.run import SessionView
 
 SECONDS_BETWEEN_LINES = 5.0
 OLD_AFTER_DAYS = 3.0

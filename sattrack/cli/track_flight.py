@@ -33,8 +33,7 @@ if TYPE_CHECKING:
     from sattrack.cli.common import CommandContext
     from sattrack.mount.profiles import ProfileFile
     from sattrack.runtime.prepare import Prepared
-    from sattrack.views.run import Summary
-    from sattrack.views.session import Armed
+    from sattrack.views.run import Armed, Summary
 
 
 def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> int:

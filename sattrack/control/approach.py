@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.control.kalman import wrap180
-from sattrack.mount.model import Motion, MoveAxes, SlewTo
+from sattrack.mount.model import Motion, MoveAxes, Slew
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -169,7 +169,7 @@ class Approach:
         self._not_before_utc_s = 0.0
         self._not_again_before_utc_s = -math.inf
         self.intercept = Intercept(0.0, 0.0, 0.0)
-        self._sent: SlewTo | None = None
+        self._sent: Slew | None = None
         self._came = False
         """Whether the mount was seen away from the goal since the slew was planned."""
         self._stood: tuple[float, float, float] | None = None
@@ -245,7 +245,7 @@ class Approach:
 
     def sent(self, motion: Motion) -> None:
         """Note what was really sent: safety may cut a slew short, or hold the mount by rates instead."""
-        self._sent = motion if isinstance(motion, SlewTo) else None
+        self._sent = motion if isinstance(motion, Slew) else None
         self._refused = isinstance(motion, MoveAxes)
 
     def slew_ahead(

@@ -9,7 +9,7 @@ direction on the sky; rates are derivatives of the positions given.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 from sattrack.control.course import Course
 from sattrack.control.offset import REST, Bounds, Offset, State, added
@@ -236,22 +236,3 @@ class Biases:
                 rate = min(rate, RATE_SHARE * spare / by)
                 acceleration = min(acceleration, limits.max_acceleration_deg_s2 / by)
         return Bounds(rate, acceleration)
-
-
-class Applied(NamedTuple):
-    """One offset as it is shown: what was asked for, what is in force, and the rate asked for, a second."""
-
-    what: str
-    total: float
-    applied: float
-    rate: float
-
-
-def shown(biases: Biases, utc_s: float) -> list[Applied]:
-    """Return the operator's offsets that are anything at an instant."""
-    found = []
-    for what, offset in biases.offsets.items():
-        total, state = offset.total_at(utc_s), offset.state(utc_s)
-        if total or state.value or offset.rate:
-            found.append(Applied(what, total, state.value, offset.rate))
-    return found

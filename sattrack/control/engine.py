@@ -16,7 +16,7 @@ from sattrack.control.sky_error import sky_error
 from sattrack.control.stages import Doing, Situation, Stages
 from sattrack.control.tracker import FOLLOWING, Phase, Tracker, TrackPlan
 from sattrack.core.figures import RunningError, WindowedError
-from sattrack.mount.model import SlewTo, StatusSample, Stop
+from sattrack.mount.model import Slew, StatusSample, Stop
 from sattrack.mount.xerxes.states import LinkState, SlewState
 from sattrack.safety import ROWS, Safety, SafetyLimits
 from sattrack.safety.watch import KEEPS_FIRST
@@ -336,7 +336,7 @@ class Engine(Driver):
     @property
     def led_out(self) -> bool:
         """Whether safety slews a paused mount, of which nothing is asked, out of a cone."""
-        return self.tracker.rest is not None and isinstance(self.session.wanted, SlewTo)
+        return self.tracker.rest is not None and isinstance(self.session.wanted, Slew)
 
     def view(self, now_utc_s: float) -> TrackView:
         """Return what anyone who looks may see, as of an instant."""

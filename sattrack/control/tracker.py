@@ -23,7 +23,7 @@ from sattrack.control.law import ControlLaw
 from sattrack.control.rest import Rest
 from sattrack.control.sky_error import Target, sky_error
 from sattrack.control.steering import Steering
-from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, SlewTo, StatusSample, Stop
+from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, Slew, StatusSample, Stop
 from sattrack.views.messages import Go, Jog, Message, Observation, Pause, Search, StopNow
 
 if TYPE_CHECKING:
@@ -343,7 +343,7 @@ class Tracker:
             # Between two slews nothing is wanted for a moment: the second is one of its own.
             self.phase = Phase.WAITING
             return Hold()
-        return SlewTo(self._way.intercept.ra_deg, self._way.intercept.dec_deg)
+        return Slew(self._way.intercept.ra_deg, self._way.intercept.dec_deg)
 
     def _is_left_behind(self, now_utc_s: float, held: bool) -> bool:
         """Tell whether the target is so far off that a slew leads there sooner."""

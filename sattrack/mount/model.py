@@ -391,8 +391,8 @@ class Hold(msgspec.Struct, frozen=True, gc=False):
     """Ask for nothing: the mount goes on with what it does by itself, at rest after a stop."""
 
 
-class SlewTo(msgspec.Struct, frozen=True, gc=False):
-    """Go to a direction and track the sky there."""
+class Slew(msgspec.Struct, frozen=True, gc=False, tag="slew", forbid_unknown_fields=True):
+    """Go to a direction of date and track the sky there; asked for by hand, RA is 0 to below 360."""
 
     ra_deg: float
     dec_deg: float
@@ -409,7 +409,7 @@ class Stop(msgspec.Struct, frozen=True, gc=False):
     """Bring both axes to rest."""
 
 
-Motion = Hold | SlewTo | MoveAxes | Stop
+Motion = Hold | Slew | MoveAxes | Stop
 
 
 class Cleared(msgspec.Struct, frozen=True, gc=False):

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from sattrack.mount.model import Slew
+
 if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile, Stance
 
@@ -23,29 +25,18 @@ LARGEST_FINE_RATE_DEG_S = 0.1
 """A fine rate adjusts the tracking; anything near an axis' own speeds is a slip of the unit."""
 
 
-@dataclass(frozen=True, slots=True)
-class Slew:
-    """Go to a direction of date and track the sky there: right ascension 0 to below 360, declination."""
-
-    ra_deg: float
-    dec_deg: float
-
-
-@dataclass(frozen=True, slots=True)
-class Sync:
+class Sync(msgspec.Struct, frozen=True, tag="sync", forbid_unknown_fields=True):
     """Make the mount report this direction of date for where it points."""
 
     ra_deg: float
     dec_deg: float
 
 
-@dataclass(frozen=True, slots=True)
-class Abort:
+class Abort(msgspec.Struct, frozen=True, tag="abort", forbid_unknown_fields=True):
     """Bring both axes to rest."""
 
 
-@dataclass(frozen=True, slots=True)
-class FindHome:
+class FindHome(msgspec.Struct, frozen=True, tag="home", forbid_unknown_fields=True):
     """Go to the home position; the protocol has it as not used yet.
 
     `in_daylight` says that the way there is free of the Sun where nobody but the operator can know.
@@ -54,34 +45,29 @@ class FindHome:
     in_daylight: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class Park:
+class Park(msgspec.Struct, frozen=True, tag="park", forbid_unknown_fields=True):
     """Cut the drives' power; only ever at standstill at the profile's park position."""
 
 
-@dataclass(frozen=True, slots=True)
-class PulseGuide:
+class PulseGuide(msgspec.Struct, frozen=True):
     """Run at the guide rate for so many milliseconds; negative is east, and south."""
 
     ra_ms: int = 0
     dec_ms: int = 0
 
 
-@dataclass(frozen=True, slots=True)
-class MoveAxis:
+class MoveAxis(msgspec.Struct, frozen=True):
     """Move one axis or both; None leaves an axis alone, rates as in `mount.MoveAxes`."""
 
     ra_rate_deg_s: float | None = None
     dec_rate_deg_s: float | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class EndMove:
+class EndMove(msgspec.Struct, frozen=True):
     """End MoveAxis on both axes and go back to sidereal tracking."""
 
 
-@dataclass(frozen=True, slots=True)
-class FineRate:
+class FineRate(msgspec.Struct, frozen=True):
     """Adjust the tracking by so much, degrees of axis per second, from now on; zero takes it back.
 
     The protocol gives no sign: positive is taken to add to the tracking rate (westward), and to go north.
@@ -91,8 +77,7 @@ class FineRate:
     dec_deg_s: float = 0.0
 
 
-@dataclass(frozen=True, slots=True)
-class TrackingRate:
+class TrackingRate(msgspec.Struct, frozen=True):
     """Choose the enumerated tracking rate, 0 (sidereal) to 3; the protocol has it as not used yet."""
 
     rate: int = 0

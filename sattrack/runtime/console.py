@@ -20,7 +20,7 @@ from sattrack.runtime.embedded import simulator_config, start_embedded
 from sattrack.runtime.guard import Guard, Unguarded, owned
 from sattrack.runtime.links import heard
 from sattrack.runtime.signals import StopRequest, stopping
-from sattrack.views.console_messages import LeaveOrder, decode_order
+from sattrack.views.messages import Leave, decode_order
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from sattrack.runtime.embedded import EmbeddedMount
     from sattrack.runtime.mounts import MountAddress
     from sattrack.runtime.owner import OverheardLink
-    from sattrack.views.console_messages import ConsoleMessage
+    from sattrack.views.messages import ConsoleMessage
     from tle.site import Site
 
 SHOW_EVERY_TICKS = 2
@@ -127,7 +127,7 @@ class OrderInbox:
                 self.ignored += 1
         if self._reader.ended:
             self._ended = True
-            orders.append(LeaveOrder())
+            orders.append(Leave())
         return orders
 
 

@@ -13,17 +13,21 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.runtime.channel import LineReader
-from sattrack.views.messages import Go, Message, Observation, Pause, StopNow
-from sattrack.views.session import STARTER, Armed, SessionView, Watcher
-from sattrack.views.session_messages import (
+from sattrack.views.messages import (
     Arm,
     Disarm,
+    Go,
     LeaveRunning,
+    Message,
+    Observation,
+    Pause,
     SessionMessage,
+    StopNow,
     TakeControl,
     YieldControl,
     decode_said,
 )
+from sattrack.views.run import STARTER, Armed, SessionView, Watcher
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -24,7 +24,7 @@ import msgspec
 from sattrack.runtime.channel import Channel
 from sattrack.runtime.signals import outlive
 from sattrack.servers.callers import Bucket
-from sattrack.views.session import Farewell, Welcome
+from sattrack.views.run import Farewell, Welcome
 
 PREFIX = "sattrack-run/"
 """Of the name, in Linux's abstract namespace, at which a run's view server is found; its process follows."""

@@ -32,8 +32,7 @@ from sattrack.views.run import SummaryLine
 
 if TYPE_CHECKING:
     from sattrack.runtime.facts import RunFacts
-    from sattrack.views.run import Summary, TrackView
-    from sattrack.views.session import SessionView
+    from sattrack.views.run import SessionView, Summary, TrackView
 
 BACKLOG = 128
 HEARD_AT_ONCE = 20

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sattrack.control.bias_view import estimate_view, offset_views
-from sattrack.control.engine_view import learnt_view
+from sattrack.control.engine_view import estimate_view, learnt_view, offset_views
 from sattrack.core.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
 from sattrack.core.figures import RunningError, quantile
 from sattrack.views.run import DatagramsView, PeriodView, Summary

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MoveAxes, SlewTo
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MoveAxes, Slew
 from sattrack.mount.requests import (
     FindHome,
     FineRate,
@@ -12,7 +12,6 @@ from sattrack.mount.requests import (
     Park,
     PulseGuide,
     Request,
-    Slew,
     Sync,
     park_objection,
 )
@@ -66,9 +65,7 @@ class Asked:
             case Sync():
                 return self._floor_words(request, stance)
             case Slew():
-                name = self._slews.objection(
-                    SlewTo(request.ra_deg, request.dec_deg), stance.sidereal_deg, self._standing.of(stance)
-                )
+                name = self._slews.objection(request, stance.sidereal_deg, self._standing.of(stance))
                 return None if name is None else self._slew_words(name, request, stance)
             case MoveAxis():
                 move = MoveAxes(request.ra_rate_deg_s or 0.0, request.dec_rate_deg_s or 0.0)
@@ -152,7 +149,7 @@ class Asked:
         if not self._bounds.look(utc_s, self._watch.clock_gap_deg):
             return NO_SUN
         place = self._standing.of(stance)
-        found = self._slews.route(SlewTo(request.ra_deg, request.dec_deg), stance.sidereal_deg, place)
+        found = self._slews.route(request, stance.sidereal_deg, place)
         if isinstance(found, str):
             return self._slew_words(found, request, stance)
         return tuple(Slew(leg.ra_deg % 360.0, leg.dec_deg) for leg in found)

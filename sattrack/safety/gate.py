@@ -18,10 +18,10 @@ from sattrack.mount.model import (
     MountProfile,
     MoveAxes,
     Seen,
-    SlewTo,
+    Slew,
     Stop,
 )
-from sattrack.mount.requests import Abort, ClearedRequest, FineRate, Request, Slew, objection
+from sattrack.mount.requests import Abort, ClearedRequest, FineRate, Request, objection
 from sattrack.safety.ahead import Ahead, Spot
 from sattrack.safety.asked import Asked
 from sattrack.safety.bounds import CONES, ESCAPE_NEAR_DEG, INSIDE_MARGIN_DEG, Bounds
@@ -87,7 +87,7 @@ class Safety:
         """Whether a status has come since axes were last found outside or inside."""
         self._watched = False
         self._escapes = escapes
-        self._escape: SlewTo | None = None
+        self._escape: Slew | None = None
         self._streams = False
         """Whether a stream of rates has been cleared: a pass is under way."""
         self._sent: deque[tuple[float, float, float]] = deque()
@@ -127,7 +127,7 @@ class Safety:
         place = self._believed(seen, seconds)
         if tripped is None and self._slews.strays(place, seen):
             tripped = "obedience"
-        if tripped is not None and self.tripped is None and isinstance(commanded, MoveAxes | SlewTo):
+        if tripped is not None and self.tripped is None and isinstance(commanded, MoveAxes | Slew):
             self._trip(tripped)
 
     def _believed(self, seen: Seen, seconds: float) -> Place:
@@ -185,7 +185,7 @@ class Safety:
         if self._standing.hour_angle_deg is None:
             self._standing.take(place, beyond_pole)
         former = self._doubt.former
-        if isinstance(motion, SlewTo):
+        if isinstance(motion, Slew):
             # Should the axes be elsewhere after all, they stray from what the slew is judged by.
             start = place if former is None else former.place
             slews = self._slewing and self._slews.under_way
@@ -203,7 +203,7 @@ class Safety:
         return self._clear_move(motion, spots, utc_s)
 
     def _unfit(
-        self, motion: MoveAxes | SlewTo, mount: tuple[float, float, float], age_s: float, utc_s: float | None
+        self, motion: MoveAxes | Slew, mount: tuple[float, float, float], age_s: float, utc_s: float | None
     ) -> str | None:
         """Return the row by which nothing at all may be moved; `mount` is what its status says."""
         if isinstance(motion, MoveAxes):
@@ -223,14 +223,14 @@ class Safety:
         return None if self._bounds.look(utc_s, self._watch.clock_gap_deg) else "sun"
 
     def _clear_slew(
-        self, slew: SlewTo, sidereal_deg: float, reported: tuple[float, float], place: Place, age_s: float
+        self, slew: Slew, sidereal_deg: float, reported: tuple[float, float], place: Place, age_s: float
     ) -> Cleared | str:
         """Clear a slew from a place, in legs; or return the limit that leaves no way."""
         self._sent.clear()
         self.holding = None
         braking = self._ahead.reach(Spot(place, age_s), self._in_force(age_s, None), REST)
         allowed = self._slews.clear(slew, sidereal_deg, reported, place, braking)
-        if isinstance(allowed, SlewTo) and not self._slewing and self._slews.is_there(reported):
+        if isinstance(allowed, Slew) and not self._slewing and self._slews.is_there(reported):
             # The mount tracks the sky where it has arrived.
             waits = Box.between(place, place).grown(0.0, SIDEREAL_RATE_DEG_S, 0.0, 0.0)
             allowed = self._bounds.violated(waits, {}, 0.0, INSIDE_MARGIN_DEG) or allowed
@@ -238,7 +238,7 @@ class Safety:
 
     def _while_idle(
         self, sidereal_deg: float, ra_deg: float, dec_deg: float, utc_s: float | None
-    ) -> Hold | SlewTo:
+    ) -> Hold | Slew:
         """Return what a mount does that nothing is asked of: out of the Sun, where it is ours to move."""
         known = self._escapes and not self._watch.clock_is_off
         if not (known and all(math.isfinite(x) for x in (sidereal_deg, ra_deg, dec_deg))):

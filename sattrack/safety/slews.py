@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, SlewTo
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, Slew
 from sattrack.safety.geometry import Box, Place, separation_deg
 
 if TYPE_CHECKING:
@@ -26,8 +26,8 @@ class SlewGate:
     def __init__(self, profile: MountProfile, bounds: Bounds, latitude_deg: float, detours: bool) -> None:
         self._profile, self._bounds, self._latitude_deg = profile, bounds, latitude_deg
         self._detours = detours
-        self._target: SlewTo | None = None
-        self._legs: list[SlewTo] = []
+        self._target: Slew | None = None
+        self._legs: list[Slew] = []
         self._box: Box | None = None
         self._astray = 0
 
@@ -46,8 +46,8 @@ class SlewGate:
         self._target, self._legs, self._box, self._astray = None, [], None, 0
 
     def clear(
-        self, target: SlewTo, sidereal_deg: float, reported: tuple[float, float], place: Place, braking: Box
-    ) -> SlewTo | str:
+        self, target: Slew, sidereal_deg: float, reported: tuple[float, float], place: Place, braking: Box
+    ) -> Slew | str:
         """Return the slew to ask for now, or the name of the row that it is not clear of.
 
         `braking` is where axes that move may come until they stand.
@@ -69,15 +69,15 @@ class SlewGate:
             self._enter(place, sidereal_deg, braking)
         return self._legs[0]
 
-    def _legs_to(self, target: SlewTo, sidereal_deg: float, place: Place) -> tuple[SlewTo, ...] | str:
+    def _legs_to(self, target: Slew, sidereal_deg: float, place: Place) -> tuple[Slew, ...] | str:
         if self._detours:
             return self.route(target, sidereal_deg, place, waits=True)
         name = self.objection(target, sidereal_deg, place)
         return (target,) if name is None else name
 
     def route(
-        self, target: SlewTo, sidereal_deg: float, place: Place, waits: bool = False
-    ) -> tuple[SlewTo, ...] | str:
+        self, target: Slew, sidereal_deg: float, place: Place, waits: bool = False
+    ) -> tuple[Slew, ...] | str:
         """Return the legs to a target from a place, or the name of the row that is in the way.
 
         Where the target itself is past a limit and `waits`, the way is to the nearest place that is not.
@@ -97,7 +97,7 @@ class SlewGate:
                     found = (leg,)
         return found
 
-    def way_out(self, sidereal_deg: float, place: Place) -> SlewTo | None:
+    def way_out(self, sidereal_deg: float, place: Place) -> Slew | None:
         """Return a slew out of the Sun's or the Moon's cone, None where there is none or no need of one."""
         exit_place = self._way_out(place) if self._bounds.dazzled(place) else None
         return None if exit_place is None else _slew_to(exit_place, sidereal_deg)
@@ -121,8 +121,8 @@ class SlewGate:
         return judge
 
     def _route_from(
-        self, place: Place, target: SlewTo, sidereal_deg: float, waits: bool
-    ) -> tuple[SlewTo, ...] | str:
+        self, place: Place, target: Slew, sidereal_deg: float, waits: bool
+    ) -> tuple[Slew, ...] | str:
         from sattrack.safety.route import axes_of, slew_s
 
         goal = axes_of(sidereal_deg - target.ra_deg, target.dec_deg, self._profile, self._latitude_deg)
@@ -161,7 +161,7 @@ class SlewGate:
                 break
         return found
 
-    def objection(self, target: SlewTo, sidereal_deg: float, place: Place) -> str | None:
+    def objection(self, target: Slew, sidereal_deg: float, place: Place) -> str | None:
         """Return the name of the row that the straight way to a target is not clear of, or None."""
         from sattrack.safety.route import axes_of
 
@@ -213,11 +213,11 @@ class SlewGate:
         return math.isfinite(off) and off < THERE_DEG
 
 
-def _slew_to(place: Place, sidereal_deg: float) -> SlewTo:
+def _slew_to(place: Place, sidereal_deg: float) -> Slew:
     from sattrack.safety.route import direction_of
 
     hour_angle_deg, dec_deg = direction_of(place)
-    return SlewTo((sidereal_deg - hour_angle_deg) % 360.0, dec_deg)
+    return Slew((sidereal_deg - hour_angle_deg) % 360.0, dec_deg)
 
 
 def _hull(one: Box, other: Box) -> Box:

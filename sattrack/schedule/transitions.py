@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from sattrack.mount.model import SlewTo, mean_sidereal_deg
-from sattrack.mount.requests import Slew
+from sattrack.mount.model import Slew, mean_sidereal_deg
 from sattrack.safety.bounds import HOLD_MARGIN_DEG, Bounds
 from sattrack.safety.regions import is_clear
 from sattrack.safety.route import HANDSHAKE_S, RAMP, axes_of, direction_of, slew_s
@@ -263,7 +262,7 @@ class LedSlews:
         sidereal_deg = mean_sidereal_deg(utc_s, self._site.longitude_deg)
         hour_angle, dec = direction_of(want)
         legs = self._gate.route(
-            SlewTo((sidereal_deg - hour_angle) % 360.0, dec), sidereal_deg, leave, waits=True
+            Slew((sidereal_deg - hour_angle) % 360.0, dec), sidereal_deg, leave, waits=True
         )
         if isinstance(legs, str):
             return math.inf

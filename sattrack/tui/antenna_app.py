@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from sattrack.tui.appearance import Appearance
     from sattrack.tui.child import AntennaFeed
-    from sattrack.views.antenna import AntennaView, AxesView
+    from sattrack.views.run import AntennaView, AxesView
 
 LOOK_EVERY_S = 0.2
 PATIENCE_S = 75.0

@@ -32,9 +32,8 @@ from sattrack.tui.sky_panel import NotesPanel, SkyPanel, chart_columns
 from sattrack.tui.target_keys import TargetKeys
 from sattrack.tui.themed import NIGHT_LOOK, TooSmall
 from sattrack.tui.tonight_page import TonightPage
-from sattrack.views.messages import StopNow
-from sattrack.views.session import STARTER
-from sattrack.views.session_messages import LeaveRunning, TakeControl, YieldControl
+from sattrack.views.messages import LeaveRunning, StopNow, TakeControl, YieldControl
+from sattrack.views.run import STARTER
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -45,10 +44,8 @@ if TYPE_CHECKING:
     from sattrack.tui.appearance import Appearance
     from sattrack.tui.beside import Aside
     from sattrack.tui.feed import Feed
-    from sattrack.views.messages import Message
-    from sattrack.views.run import PassView, Summary, TrackView
-    from sattrack.views.session import SessionView
-    from sattrack.views.session_messages import SessionMessage
+    from sattrack.views.messages import Message, SessionMessage
+    from sattrack.views.run import PassView, SessionView, Summary, TrackView
 
 LOOK_EVERY_S = 0.1
 PLOT_EVERY_S = 0.25

@@ -15,18 +15,15 @@ from sattrack.runtime.gallery import name_for
 from sattrack.runtime.owner import ask_stop, owners
 from sattrack.tui.schedule_runs import LOOK_EVERY_S, goes_on, next_run, stop_schedule
 from sattrack.tui.seen_run import SeenRun
-from sattrack.views.messages import StopNow
-from sattrack.views.run import PassView, TrackView
-from sattrack.views.session import Farewell, SessionView, Welcome
-from sattrack.views.session_messages import encode_said
+from sattrack.views.messages import StopNow, encode_message
+from sattrack.views.run import Farewell, PassView, SessionView, TrackView, Welcome
 from tle.errors import TleError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.runtime.facts import RunFacts
-    from sattrack.views.messages import Message
-    from sattrack.views.session_messages import SessionMessage
+    from sattrack.views.messages import Message, SessionMessage
 
 WELCOME_WITHIN_S = 5.0
 TRY_AGAIN_S = 0.02
@@ -72,7 +69,7 @@ class AttachedRun(SeenRun):
                     return stop_schedule(self._recording)
             threading.Thread(target=self._see_stop_through, name="stop", daemon=True).start()
         try:
-            self._door.send(encode_said(message), socket.MSG_DONTWAIT)
+            self._door.send(encode_message(message), socket.MSG_DONTWAIT)
         except OSError:
             return False
         return True

@@ -17,7 +17,7 @@ from sattrack.runtime.owner import owners
 from sattrack.tui.child import ConsoleProcess
 from sattrack.tui.console_feed import Latest
 from sattrack.tui.tonight import PassRow, read_passes
-from sattrack.views.console_messages import LeaveOrder
+from sattrack.views.messages import Leave
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -139,7 +139,7 @@ class MountLook:
         console, self._console, self._thread = self._console, None, None
         if console is None:
             return
-        console.tell(LeaveOrder())
+        console.tell(Leave())
         console.close_input()
         threading.Thread(target=_finish, args=(console,), daemon=True).start()
 

@@ -15,22 +15,16 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import msgspec
 
+from sattrack.mount.requests import Abort
 from sattrack.tui.console_feed import Latest
 from sattrack.tui.seen_run import SeenRun
-from sattrack.views.antenna import AntennaView
-from sattrack.views.console import ConsoleView
-from sattrack.views.console_messages import AbortOrder, LeaveOrder, encode_order
-from sattrack.views.messages import StopNow
-from sattrack.views.run import PassView, TrackView
-from sattrack.views.session import SessionView
-from sattrack.views.session_messages import encode_said
+from sattrack.views.messages import Leave, StopNow, encode_message
+from sattrack.views.run import AntennaView, ConsoleView, PassView, SessionView, TrackView
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from sattrack.views.console_messages import ConsoleMessage
-    from sattrack.views.messages import Message
-    from sattrack.views.session_messages import SessionMessage
+    from sattrack.views.messages import ConsoleMessage, Message, SessionMessage
 
 TOLD_CHARACTERS = 8000
 _Told = TrackView | PassView | SessionView
@@ -79,7 +73,7 @@ class FeederProcess(SeenRun):
 
     def send(self, message: Message | SessionMessage) -> bool:
         """Write a message; a stop that cannot be written is said by closing the channel instead."""
-        said = self._write(encode_said(message))
+        said = self._write(encode_message(message))
         if not said and isinstance(message, StopNow):
             self.close_input()
         return said
@@ -187,8 +181,8 @@ class ConsoleProcess(LatestProcess[ConsoleView]):
 
     def tell(self, order: ConsoleMessage) -> bool:
         """See ConsoleFeed. A stop that cannot be written is said by closing the channel instead."""
-        told = self._write(encode_order(order))
-        if not told and isinstance(order, AbortOrder | LeaveOrder):
+        told = self._write(encode_message(order))
+        if not told and isinstance(order, Abort | Leave):
             self.close_input()
         return told
 

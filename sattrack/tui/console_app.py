@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, ClassVar
 from textual.binding import Binding, BindingType
 from textual.containers import Container
 
+from sattrack.mount.model import Slew
+from sattrack.mount.requests import Abort, FindHome, Park, Sync
 from sattrack.tui import console_panels as panels
 from sattrack.tui import words
 from sattrack.tui.console_dialogs import HELP, Direction, DirectionDialog, Question
@@ -17,16 +19,7 @@ from sattrack.tui.help import HelpScreen
 from sattrack.tui.screen_app import ScreenApp
 from sattrack.tui.themed import NIGHT_LOOK, TooSmall
 from sattrack.views import console_words
-from sattrack.views.console_messages import (
-    AbortOrder,
-    HomeOrder,
-    JogOrder,
-    LeaveOrder,
-    ParkOrder,
-    ResetOrder,
-    SlewOrder,
-    SyncOrder,
-)
+from sattrack.views.messages import Jog, Leave, Reset
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -36,8 +29,8 @@ if TYPE_CHECKING:
 
     from sattrack.tui.appearance import Appearance
     from sattrack.tui.console_feed import ConsoleFeed
-    from sattrack.views.console import ConsoleView
-    from sattrack.views.console_messages import ConsoleMessage
+    from sattrack.views.messages import ConsoleMessage
+    from sattrack.views.run import ConsoleView
 
 LOOK_EVERY_S = 0.1
 LAGGING_S = 0.5
@@ -159,7 +152,7 @@ class ConsoleApp(ScreenApp):
         """Stop everything; every press says it again. Nothing may then hide what the mount does."""
         self._close_dialogs()
         self._first, self._stop_sent_s = None, self._monotonic()
-        self._tell(AbortOrder())
+        self._tell(Abort())
 
     def action_interrupt(self) -> None:
         """Leave as `q` does, for a program that was interrupted."""
@@ -173,7 +166,7 @@ class ConsoleApp(ScreenApp):
             self.exit()
             return
         self._first, self._leaving_since_s = None, self._monotonic()
-        self._tell(LeaveOrder())
+        self._tell(Leave())
 
     def action_jog(self, east: int, north: int) -> None:
         """Move by one touch, unless the key is an old one."""
@@ -181,9 +174,9 @@ class ConsoleApp(ScreenApp):
             return
         rate = jog_rates_deg_s(self._view)[self._rate - 1]
         if east:
-            self._tell(JogOrder(ra_rate_deg_s=east * rate))
+            self._tell(Jog(ra_rate_deg_s=east * rate))
         if north:
-            self._tell(JogOrder(dec_rate_deg_s=north * rate))
+            self._tell(Jog(dec_rate_deg_s=north * rate))
 
     def action_rate(self, key: int) -> None:
         """Choose how fast a jog is."""
@@ -195,7 +188,7 @@ class ConsoleApp(ScreenApp):
 
         def go(direction: Direction | None) -> None:
             if direction is not None:
-                self._tell(SlewOrder(direction.ra_deg, direction.dec_deg))
+                self._tell(Slew(direction.ra_deg, direction.dec_deg))
 
         self.push_screen(DirectionDialog("slew", "The mount goes there and tracks."), go)
 
@@ -208,7 +201,7 @@ class ConsoleApp(ScreenApp):
             text = f"The mount will report {_spoken(direction)} for where it points now{self._reported()}."
             self.push_screen(
                 Question("sync?", text),
-                lambda sure: self._tell(SyncOrder(direction.ra_deg, direction.dec_deg)) if sure else None,
+                lambda sure: self._tell(Sync(direction.ra_deg, direction.dec_deg)) if sure else None,
             )
 
         self.push_screen(DirectionDialog("sync", "Asked again before it is done."), ask)
@@ -219,15 +212,15 @@ class ConsoleApp(ScreenApp):
             "The mount slews to the profile's park position and stops; then the drives' power is cut. "
             "There is no unpark: the mount's own window gives the power back."
         )
-        self.push_screen(Question("park?", text), lambda sure: self._tell(ParkOrder()) if sure else None)
+        self.push_screen(Question("park?", text), lambda sure: self._tell(Park()) if sure else None)
 
     def action_home(self) -> None:
         """Find home."""
-        self._tell(HomeOrder())
+        self._tell(FindHome())
 
     def action_reset(self) -> None:
         """Let the mount move again after a limit has stopped it."""
-        self._tell(ResetOrder())
+        self._tell(Reset())
 
     def action_help(self) -> None:
         """Show what the keys do."""

@@ -8,9 +8,9 @@ from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.widgets import Input, Label, Static
 
-from sattrack.core.coordinates import DEC_FORMS, RA_FORMS, parse_dec, parse_ra
 from sattrack.core.errors import BadInputError
 from sattrack.tui.touch import Dialog
+from sattrack.views.console_words import DEC_FORMS, RA_FORMS, parse_dec, parse_ra
 
 if TYPE_CHECKING:
     from textual.app import ComposeResult

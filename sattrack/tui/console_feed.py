@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from sattrack.views.console import ConsoleView
-    from sattrack.views.console_messages import ConsoleMessage
+    from sattrack.views.messages import ConsoleMessage
+    from sattrack.views.run import ConsoleView
 
 
 @dataclass(frozen=True, slots=True)

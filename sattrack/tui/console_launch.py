@@ -14,13 +14,13 @@ from sattrack.tui.appearance import Appearance
 from sattrack.tui.child import ConsoleProcess
 from sattrack.tui.hangup import end_with_the_terminal
 from sattrack.tui.showing import INTERRUPTED, run_until_left
-from sattrack.views.console_messages import LeaveOrder
+from sattrack.views.messages import Leave
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from sattrack.tui.console_feed import ConsoleFeed
-    from sattrack.views.console_messages import ConsoleMessage
+    from sattrack.views.messages import ConsoleMessage
 
 NIGHT = Appearance()
 PATIENCE_S = 75.0
@@ -77,7 +77,7 @@ def show_console(
 
 def _end(console: ConsoleProcess, patience_s: float) -> int:
     """Have the console leave, and wait for its end for a bounded time."""
-    console.tell(LeaveOrder())
+    console.tell(Leave())
     console.close_input()
     code = console.wait(min(TELL_AFTER_S, patience_s))
     if code is None:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     from sattrack.mount.model import Status
-    from sattrack.views.console import AskedView, ConsoleView
+    from sattrack.views.run import AskedView, ConsoleView
 
 LOUD = SPOKEN[Tone.NOTICE]
 ASKED_AT_MOST = 5

@@ -14,16 +14,17 @@ from typing import TYPE_CHECKING
 import click
 
 from sattrack.core.own_program import own_program
+from sattrack.mount.model import Slew
 from sattrack.runtime import practice
 from sattrack.tui.child import ConsoleProcess
 from sattrack.tui.console_app import ConsoleApp
 from sattrack.tui.console_feed import Latest
 from sattrack.tui.picture import self_contained
-from sattrack.views.console_messages import LeaveOrder, SlewOrder
+from sattrack.views.messages import Leave
 
 if TYPE_CHECKING:
-    from sattrack.views.console import ConsoleView
-    from sattrack.views.console_messages import ConsoleMessage
+    from sattrack.views.messages import ConsoleMessage
+    from sattrack.views.run import ConsoleView
 
 COLUMNS, ROWS = 120, 40
 EAST_OF_MERIDIAN_DEG = 20.0
@@ -63,11 +64,11 @@ def slewing_view() -> ConsoleView:
                 continue
             if not asked and view.link.received > 40:
                 ra_deg = (view.status.sidereal_h * 15.0 + EAST_OF_MERIDIAN_DEG) % 360.0
-                asked = console.tell(SlewOrder(ra_deg, DEC_DEG))
+                asked = console.tell(Slew(ra_deg, DEC_DEG))
             if asked and view.status.slewing and view.status.dec_deg > DEC_DEG / 2.0:
                 return view
     finally:
-        console.tell(LeaveOrder())
+        console.tell(Leave())
         console.close_input()
         console.wait(WITHIN_S)
         console.close()

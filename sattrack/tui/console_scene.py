@@ -10,7 +10,7 @@ from sattrack.views.console_words import DTICS_S_PER_DEG_S, SIDEREAL_DTICS_S, nu
 
 if TYPE_CHECKING:
     from sattrack.mount.model import Status
-    from sattrack.views.console import ConsoleView
+    from sattrack.views.run import ConsoleView
 
 JOG_RATES_DEG_S = (0.02, 0.1, 0.5, 2.0)
 """Between the guide rate and the profile's limit."""

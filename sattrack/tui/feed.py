@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from sattrack.views.session import STARTER
+from sattrack.views.run import STARTER
 
 if TYPE_CHECKING:
-    from sattrack.views.messages import Message
-    from sattrack.views.run import PassView, Summary, TrackView
-    from sattrack.views.session import SessionView
-    from sattrack.views.session_messages import SessionMessage
+    from sattrack.views.messages import Message, SessionMessage
+    from sattrack.views.run import PassView, SessionView, Summary, TrackView
 
 
 @dataclass(frozen=True, slots=True)

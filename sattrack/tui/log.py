@@ -9,8 +9,7 @@ from sattrack.tui import words
 from sattrack.tui.scene import Tone, why_ended
 
 if TYPE_CHECKING:
-    from sattrack.views.run import Summary, TrackView
-    from sattrack.views.session import SessionView
+    from sattrack.views.run import SessionView, Summary, TrackView
 
 MOST_LINES = 2000
 FILTERS = ("all", "warnings", "people")

@@ -14,7 +14,7 @@ from sattrack.views import console_words
 if TYPE_CHECKING:
     from textual.app import ComposeResult
 
-    from sattrack.views.console import ConsoleView
+    from sattrack.views.run import ConsoleView
 
 TITLES = {
     "#m-pointing": "pointing",

@@ -9,7 +9,7 @@ from textual.app import App
 from sattrack.tui import words
 from sattrack.tui.console_dialogs import Question
 from sattrack.tui.pages import TONIGHT
-from sattrack.views.session_messages import Arm
+from sattrack.views.messages import Arm
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from sattrack.tui.feed import Feed
     from sattrack.tui.scene import Scene
     from sattrack.tui.screens import Screens
-    from sattrack.views.session_messages import SessionMessage
+    from sattrack.views.messages import SessionMessage
 
 
 class PageKeys(App[None]):

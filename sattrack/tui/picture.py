@@ -27,9 +27,8 @@ from sattrack.tui.tape import Tape
 from tle.elements import Elements
 
 if TYPE_CHECKING:
-    from sattrack.views.messages import Message
+    from sattrack.views.messages import Message, SessionMessage
     from sattrack.views.run import PassView, TrackView
-    from sattrack.views.session_messages import SessionMessage
 
 COLUMNS, ROWS = 120, 40
 LOOK_EVERY_S = 0.05

@@ -20,8 +20,7 @@ if TYPE_CHECKING:
     from sattrack.tui.feed import Feed
     from sattrack.tui.scene import Scene
     from sattrack.tui.tape import Tape
-    from sattrack.views.messages import Message
-    from sattrack.views.session_messages import SessionMessage
+    from sattrack.views.messages import Message, SessionMessage
 
 SHORT_S, LONG_S = 10.0, 60.0
 NOTHING_MOVES = "this is a recording: there is no mount to stop; p pauses it"

@@ -22,9 +22,8 @@ if TYPE_CHECKING:
     from sattrack.tui.appearance import Appearance
     from sattrack.tui.scene import Scene
     from sattrack.tui.screens import Screens
-    from sattrack.views.messages import Message
+    from sattrack.views.messages import Message, SessionMessage
     from sattrack.views.run import Summary, TrackView
-    from sattrack.views.session_messages import SessionMessage
 
 PAUSE_FIRST = "by hand only while the pass is paused: p pauses it"
 PARK = (

@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, NamedTuple
 from sattrack.tui import words
 from sattrack.tui.frames import TRACK
 from sattrack.tui.pages import LIVE
-from sattrack.views.session import STARTER
+from sattrack.views.run import STARTER
 
 if TYPE_CHECKING:
     from sattrack.tui.frames import Frame
     from sattrack.tui.steps import Step
     from sattrack.tui.tape import TapeView
-    from sattrack.views.run import PassView, Summary, TrackView
-    from sattrack.views.session import SessionView
+    from sattrack.views.run import PassView, SessionView, Summary, TrackView
 
 ON_TARGET_ARCSEC = 2.0
 NO_NEWS_AFTER_S = 1.5

@@ -27,10 +27,9 @@ if TYPE_CHECKING:
     from sattrack.tui.feed import News
     from sattrack.tui.scene import Scene
     from sattrack.tui.tonight import PassRow
-    from sattrack.views.console import ConsoleView
-    from sattrack.views.run import LearntView
+    from sattrack.views.messages import SessionMessage
+    from sattrack.views.run import ConsoleView, LearntView
     from sattrack.views.schedule import ScheduleView
-    from sattrack.views.session_messages import SessionMessage
 
 SEARCH_AGAIN_S = 600.0
 READ_AGAIN_S = 2.0

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.tui.feed import News
-from sattrack.views.run import SummaryLine, TrackView
-from sattrack.views.session import STARTER, SessionView
+from sattrack.views.run import STARTER, SessionView, SummaryLine, TrackView
 
 if TYPE_CHECKING:
     from sattrack.views.run import PassView, Summary

@@ -16,9 +16,8 @@ if TYPE_CHECKING:
 
     from sattrack.tui.hand import Hand
     from sattrack.tui.screens import Screens
-    from sattrack.views.messages import Message
+    from sattrack.views.messages import Message, SessionMessage
     from sattrack.views.run import TrackView
-    from sattrack.views.session_messages import SessionMessage
 
 
 class TargetKeys(App[None]):

@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
-from sattrack.views.session_messages import Arm, Disarm
+from sattrack.views.messages import Arm, Disarm
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from sattrack.views.session import Armed
-    from sattrack.views.session_messages import SessionMessage
+    from sattrack.views.messages import SessionMessage
+    from sattrack.views.run import Armed
 
 SAME_PASS_S = 120.0
 HIGH_DEG = 30.0

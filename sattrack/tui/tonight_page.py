@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from sattrack.tui.scene import Scene
     from sattrack.tui.tonight import Night, PassRow
-    from sattrack.views.session import Armed
+    from sattrack.views.run import Armed
 
 NAME_CELLS = 24
 HEAD_ROWS = 2

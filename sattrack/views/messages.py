@@ -1,4 +1,6 @@
-"""What an operator, or a camera's program, can say to a run, and how it is written: one JSON object a line.
+"""Messages to a run, to whoever controls it, and to a manual console: one JSON object a line.
+
+To a run, from an operator or a camera's program:
 
 `{"type":"nudge","along_s":0.1}`, `{"type":"clear_bias"}`, `{"type":"drop_remembered"}`, `{"type":"stop"}`,
 `{"type":"pause"}`, `{"type":"jog","dec_rate_deg_s":0.1}`, `{"type":"go"}`,
@@ -6,6 +8,12 @@
 `{"type":"search","how":"spiral","spacing_deg":0.05,"speed_deg_s":0.05}`,
 `{"type":"observation","utc":"2026-10-02T13:05:24.5Z","ra_deg":1.2,"dec_deg":3.4,"frame":"icrs",
 "sigma_arcsec":20}`.
+
+About its control: `{"type":"take_control"}`, `{"type":"yield_control"}`, `{"type":"leave_running"}`,
+`{"type":"arm","catalog_number":25544,"culminate_utc_s":1790946324.4}`.
+
+To a manual console: `{"type":"slew","ra_deg":82.5,"dec_deg":-12.5}`, `{"type":"jog","dec_rate_deg_s":0.1}`,
+`{"type":"abort"}`.
 """
 
 from __future__ import annotations
@@ -14,6 +22,8 @@ from typing import Literal, get_args
 
 import msgspec
 
+from sattrack.mount.model import Slew
+from sattrack.mount.requests import Abort, FindHome, Park, Sync
 from tle.errors import TimeFormatError
 from tle.instants import Utc
 
@@ -154,24 +164,79 @@ class Observation(msgspec.Struct, frozen=True, tag="observation", forbid_unknown
 
 Message = Nudge | ClearBias | DropRemembered | StopNow | OffsetBy | Search | Observation | Pause | Go | Jog
 
-_Any = Nudge | ClearBias | DropRemembered | StopNow | OffsetBy | Search | Observation | Pause | Go | Jog
-_DECODER: msgspec.json.Decoder[_Any] = msgspec.json.Decoder(_Any)
+
+class TakeControl(msgspec.Struct, frozen=True, tag="take_control", forbid_unknown_fields=True):
+    """Have control from now on, whoever had it."""
+
+
+class YieldControl(msgspec.Struct, frozen=True, tag="yield_control", forbid_unknown_fields=True):
+    """Give control up, for anybody to take."""
+
+
+class LeaveRunning(msgspec.Struct, frozen=True, tag="leave_running", forbid_unknown_fields=True):
+    """From whoever started the run: the end of this channel is not to stop it."""
+
+
+class Arm(msgspec.Struct, frozen=True, tag="arm", forbid_unknown_fields=True):
+    """Have a pass followed after this one; with `now`, end this one for it.
+
+    A pass is named by the satellite's catalogue number and about when it culminates (UTC, POSIX seconds).
+    """
+
+    catalog_number: int
+    culminate_utc_s: float
+    name: str = ""
+    now: bool = False
+
+
+class Disarm(msgspec.Struct, frozen=True, tag="disarm", forbid_unknown_fields=True):
+    """Take a pass back that was armed."""
+
+    catalog_number: int
+    culminate_utc_s: float
+
+
+SessionMessage = TakeControl | YieldControl | LeaveRunning | Arm | Disarm
+
+
+class Reset(msgspec.Struct, frozen=True, tag="reset", forbid_unknown_fields=True):
+    """Let the mount move again after a safety limit has stopped it, once it is at rest."""
+
+
+class Leave(msgspec.Struct, frozen=True, tag="leave", forbid_unknown_fields=True):
+    """Stop what was begun from this console, and end."""
+
+
+ConsoleMessage = Slew | Sync | Jog | Abort | Park | FindHome | Reset | Leave
+_MESSAGES: msgspec.json.Decoder[Message] = msgspec.json.Decoder(Message)
+_ALL: msgspec.json.Decoder[Message | SessionMessage] = msgspec.json.Decoder(Message | SessionMessage)
 _OBSERVATIONS: msgspec.json.Decoder[Observation] = msgspec.json.Decoder(Observation)
+_ORDERS: msgspec.json.Decoder[ConsoleMessage] = msgspec.json.Decoder(ConsoleMessage)
 
 
-def encode_message(message: Message) -> bytes:
+def encode_message(message: Message | SessionMessage | ConsoleMessage) -> bytes:
     """Return a message as one JSON line, its end included."""
     return msgspec.json.encode(message) + b"\n"
 
 
 def decode_message(line: bytes) -> Message:
-    """Return the message of one JSON line; raises msgspec.MsgspecError."""
-    return _DECODER.decode(line)
+    """Return the message to a run of one JSON line; raises msgspec.MsgspecError."""
+    return _MESSAGES.decode(line)
+
+
+def decode_said(line: bytes | str) -> Message | SessionMessage:
+    """Return the message to a run, or about its control, of one JSON line; raises msgspec.MsgspecError."""
+    return _ALL.decode(line)
 
 
 def decode_observation(line: bytes) -> Observation:
     """Return the observation of one JSON line, its type given or left out; raises msgspec.MsgspecError."""
     return _OBSERVATIONS.decode(line)
+
+
+def decode_order(line: bytes) -> ConsoleMessage:
+    """Return the message to a console of one JSON line; raises msgspec.MsgspecError."""
+    return _ORDERS.decode(line)
 
 
 def _one_of(field: str, value: str, words: tuple[str, ...]) -> None:

@@ -1,8 +1,13 @@
-"""Immutable states for anyone who looks: the terminal UI, JSON, a recording. No logic."""
+"""Immutable states for the terminal UI, JSON and recordings. No logic.
+
+A run and its summary, a manual console, the people before a run, and the antenna behind its interface.
+"""
 
 from __future__ import annotations
 
 import msgspec
+
+from sattrack.mount.model import Readings, Status
 
 
 class LinkView(msgspec.Struct, frozen=True):
@@ -334,3 +339,180 @@ class SummaryLine(msgspec.Struct, frozen=True):
     """The last object of a run's JSON."""
 
     summary: Summary
+
+
+class AskedView(msgspec.Struct, frozen=True):
+    """One thing that was asked of the mount, and how far it has come."""
+
+    number: int
+    what: str
+    state: str
+    acknowledged: bool
+    settled: bool
+    reason: str | None
+    utc_s: float
+    """When it was asked."""
+
+
+class ConsoleView(msgspec.Struct, frozen=True, tag="console"):
+    """A mount under manual operation at one instant; UTC as POSIX seconds, directions in degrees of date."""
+
+    utc_s: float
+    mount: str
+    profile: str
+    move_axis: str
+    """How the profile has MoveAxis rates read: "held" or "edge"."""
+    doing: str
+    """What is under way, in words; "idle" where nothing of ours is."""
+    motion: str
+    """The motion that is wanted: "none", "slew", "move" or "stop"."""
+    at_rest: bool
+    """Whether the mount stands, sidereal tracking counted as standing."""
+    status: Status | None
+    """The last one, every field by the name and in the unit of the protocol's table."""
+    readings: Readings
+    hour_angle_deg: float | None
+    clock_offset_s: float | None
+    """The mount's sidereal clock ahead of local mean sidereal time by our UTC; null without a site."""
+    ra_rate_deg_s: float
+    dec_rate_deg_s: float
+    """What MoveAxis is asked for: rates of the reported direction, right ascension not times cos Dec."""
+    max_ra_rate_deg_s: float
+    max_dec_rate_deg_s: float
+    guide_rate_deg_s: float | None
+    floor_altitude_deg: float
+    can_park: bool
+    link: LinkView
+    stranger_hosts: tuple[str, ...]
+    asked: tuple[AskedView, ...]
+    """The last ones, the newest last."""
+    refusal: str | None
+    """Why the last thing that the operator wanted was not done."""
+    tripped: str | None
+    """The safety limit that stopped the mount."""
+    warnings: tuple[str, ...]
+
+
+STARTER = 0
+"""The number of whoever started the run and speaks to it directly."""
+
+
+class Watcher(msgspec.Struct, frozen=True):
+    """Somebody who looks on: a number of this run's own, and who that is in words."""
+
+    number: int
+    name: str
+
+
+class Armed(msgspec.Struct, frozen=True):
+    """A pass that is to be followed after this one: whose, and when it culminates (UTC, POSIX seconds)."""
+
+    catalog_number: int
+    culminate_utc_s: float
+    name: str
+
+
+class SessionView(msgspec.Struct, frozen=True, tag="session"):
+    """The people before a run. Whoever has control moves the target; a stop is obeyed from anybody."""
+
+    controller: int | None
+    """The number of whoever has control; None where nobody has."""
+    watchers: tuple[Watcher, ...]
+    """Those who look on, the first ones; the starter is none of them."""
+    watching: int
+    """How many look on in all."""
+    left_running: bool = False
+    """Whether whoever started the run has gone, and had it go on."""
+    said: str | None = None
+    """The last that happened among them, in words."""
+    queue: tuple[Armed, ...] = ()
+    """What is to be followed next, in this order."""
+    takes_others: bool = False
+    """Whether other satellites can be followed after this one."""
+
+    def name_of(self, number: int | None) -> str:
+        """Return who that is, in words."""
+        if number is None:
+            return "nobody"
+        if number == STARTER:
+            return "where it was started"
+        return next((one.name for one in self.watchers if one.number == number), f"watcher {number}")
+
+
+class Welcome(msgspec.Struct, frozen=True, tag="welcome"):
+    """What one who comes to look is told first: their own number, and whose run it is."""
+
+    you: int
+    pid: int
+    command: str
+    since_utc: str
+    mount: str
+    name: str
+    """The satellite's."""
+
+
+class Farewell(msgspec.Struct, frozen=True, tag="farewell"):
+    """Why one who looks on is sent away, in words."""
+
+    why: str
+
+
+SHOWN_EXCHANGES = 10
+SHOWN_REFUSALS = 4
+LONGEST_SHOWN = 100
+"""Characters of one line: a view has to go through a pipe in one piece."""
+
+
+class ExchangeView(msgspec.Struct, frozen=True, array_like=True):
+    """One line from antcn and its answer, as much of them as is shown; UTC as POSIX seconds."""
+
+    utc_s: float
+    received: str
+    answered: str
+
+
+class RefusalView(msgspec.Struct, frozen=True, array_like=True):
+    """One line from antcn that was refused, and why, in words; UTC as POSIX seconds."""
+
+    utc_s: float
+    received: str
+    why: str
+
+
+class FocusView(msgspec.Struct, frozen=True, array_like=True):
+    """Where the focuser's axes are, mm, None where that is not known, and whether any of them moves."""
+
+    axes_mm: tuple[float | None, ...]
+    moving: bool
+
+
+class AxesView(msgspec.Struct, frozen=True, array_like=True):
+    """Positions of both axes, degrees, the first with its turns."""
+
+    first_deg: float
+    second_deg: float
+
+
+class AntennaView(msgspec.Struct, frozen=True):
+    """One state; `commanded` and `actual` are None without a trajectory, or where the mount is not heard."""
+
+    utc_s: float
+    door: str
+    caller: bool
+    """Whether antcn is connected; always so on a serial line."""
+    axes: str
+    mount: str
+    link_up: bool
+    remote: bool
+    doing: str
+    servo: str
+    outside_limits: bool
+    tripped: str | None
+    commanded: AxesView | None
+    actual: AxesView | None
+    refused: int
+    exchanges: tuple[ExchangeView, ...] = ()
+    """The last ones, the newest first."""
+    refusals: tuple[RefusalView, ...] = ()
+    """The last ones, the newest first."""
+    focus: FocusView | None = None

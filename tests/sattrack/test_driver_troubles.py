@@ -40,8 +40,7 @@ from sattrack.servers.antenna.station import Station
 from sattrack.servers.antenna.trajectory import to_ns
 from sattrack.servers.rotctld.answers import Client
 from sattrack.servers.rotctld.rotator import RotatorStation
-from sattrack.views.console_messages import JogOrder
-from sattrack.views.messages import StopNow
+from sattrack.views.messages import Jog, StopNow
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -193,7 +192,7 @@ def keys() -> tuple[Driver, float]:
 
     def jog(now_s: float) -> None:
         if now_s > BEGIN_UTC_S + 1.0 and not console_session.leaving:
-            console_session.obey(JogOrder(0.5, 0.5), now_s)
+            console_session.obey(Jog(0.5, 0.5), now_s)
 
     return Ticked(console_session, jog, console_session.interrupt, console_session.receive), BEGIN_UTC_S
 

@@ -9,8 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from sattrack.mount.model import MountProfile, Stance
-from sattrack.mount.requests import Slew
+from sattrack.mount.model import MountProfile, Slew, Stance
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.xerxes.datagrams import decode_command, decode_status
 from sattrack.mount.xerxes.session import Session

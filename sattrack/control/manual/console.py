@@ -15,7 +15,7 @@ from sattrack.control.halt import Driver, limit_words
 from sattrack.control.manual.procedures import Outcome, Procedure, Refusal, procedure_for, refused
 from sattrack.control.rest import Jogs
 from sattrack.mount.link_loss import STOP_LINGER_S
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, MoveAxes, SlewTo, Stop, mean_sidereal_deg
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, MoveAxes, Slew, Stop, mean_sidereal_deg
 from sattrack.mount.requests import (
     Abort,
     FindHome,
@@ -23,7 +23,6 @@ from sattrack.mount.requests import (
     MoveAxis,
     Park,
     Request,
-    Slew,
     Sync,
     Ticket,
     objection,
@@ -121,7 +120,7 @@ class Console(Driver):
     def moving(self) -> bool:
         """Whether anything of ours is under way that leaving would leave moving."""
         wanted = self.session.wanted
-        ours = isinstance(wanted, MoveAxes | SlewTo) or not self.session.move_over
+        ours = isinstance(wanted, MoveAxes | Slew) or not self.session.move_over
         return self.procedure is not None or self.session.busy or ours
 
     @property
@@ -276,7 +275,7 @@ class Console(Driver):
             return Refusal("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
         if self.link_state is LinkState.LOST and not isinstance(request, Abort):
             return Refusal("the mount is silent: nothing is moved blindly")
-        moving = isinstance(self.session.wanted, MoveAxes | SlewTo) or (status is not None and status.slewing)
+        moving = isinstance(self.session.wanted, MoveAxes | Slew) or (status is not None and status.slewing)
         if isinstance(request, Sync) and moving:
             return Refusal("the mount moves: sync once it stands, or what it reports would be wrong for good")
         if isinstance(request, MoveAxis) and status is not None and status.slewing and not self._ours():
@@ -292,7 +291,7 @@ class Console(Driver):
             return Refusal(self.failed)
         if self.jogs.blocked and (self.stopping or not fresh):
             return Refusal("stopped: let the key go, and jog once the mount is at rest")
-        if isinstance(self.session.wanted, SlewTo) or self.procedure is not None:
+        if isinstance(self.session.wanted, Slew) or self.procedure is not None:
             return Refusal("something is under way: SPACE stops it, then jog")
         if self.link_state is not LinkState.UP:
             return Refusal("the mount is not heard: nothing is moved blindly")
@@ -318,7 +317,7 @@ class Console(Driver):
 
     def _settle(self, outcome: Outcome) -> None:
         self.procedure, self.outcome = None, outcome
-        if isinstance(self.session.wanted, SlewTo):
+        if isinstance(self.session.wanted, Slew):
             # It tracks there by itself; what it does later by other hands is not for us to undo.
             self._apply(Hold(), 0.0)
 
@@ -335,7 +334,7 @@ class Console(Driver):
 
     def _clear_again(self, now_utc_s: float) -> None:
         wanted = self.session.wanted
-        if isinstance(wanted, MoveAxes | SlewTo):
+        if isinstance(wanted, MoveAxes | Slew):
             self._apply(wanted, now_utc_s)
 
     def _watch_drift(self, now_utc_s: float) -> None:
@@ -357,7 +356,7 @@ class Console(Driver):
         if cleared.motion != self.session.wanted:
             self.session.apply(cleared)
         tripped = self.safety.tripped
-        if tripped is not None and isinstance(motion, MoveAxes | SlewTo):
+        if tripped is not None and isinstance(motion, MoveAxes | Slew):
             self._stop(f"limit:{tripped}", limit_words(tripped))
 
     def _stop(self, why: str, words: str) -> None:

@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
+from sattrack.mount.model import Slew
 from sattrack.mount.requests import (
     Abort,
     EndMove,
@@ -19,7 +20,6 @@ from sattrack.mount.requests import (
     Park,
     PulseGuide,
     Request,
-    Slew,
     Sync,
     Ticket,
     TicketState,

@@ -9,10 +9,10 @@ import msgspec
 
 from sattrack.control.halt import limit_words
 from sattrack.control.manual.procedures import request_words
-from sattrack.mount.model import Hold, MoveAxes, SlewTo, Stop
+from sattrack.mount.model import Hold, MoveAxes, Slew, Stop
 from sattrack.mount.xerxes.datagrams import DTICS_S_PER_DEG_S
 from sattrack.mount.xerxes.states import LinkState
-from sattrack.views.console import AskedView, ConsoleView
+from sattrack.views.run import AskedView, ConsoleView
 
 if TYPE_CHECKING:
     from sattrack.control.manual.console import Asked, Console
@@ -24,7 +24,7 @@ STOPS_WITHIN_S = 1.0
 """A stop that has not been seen through by then is worth a word."""
 LONGEST_WORDS = 160
 """A view has to fit into what a pipe takes as a whole."""
-_MOTIONS = {Hold: "none", SlewTo: "slew", MoveAxes: "move", Stop: "stop"}
+_MOTIONS = {Hold: "none", Slew: "slew", MoveAxes: "move", Stop: "stop"}
 
 
 def view_of(console: Console, now_utc_s: float) -> ConsoleView:

@@ -13,22 +13,13 @@ import msgspec
 from sattrack.control.halt import StopProcedure
 from sattrack.control.manual.errand import LISTEN_S, LISTEN_STATUSES, acknowledged
 from sattrack.control.manual.report import view_of
-from sattrack.mount.requests import FindHome, Park, Slew, Sync
-from sattrack.views.console_messages import (
-    AbortOrder,
-    ConsoleMessage,
-    HomeOrder,
-    JogOrder,
-    LeaveOrder,
-    ParkOrder,
-    ResetOrder,
-    SlewOrder,
-    SyncOrder,
-)
+from sattrack.mount.model import Slew
+from sattrack.mount.requests import Abort, FindHome, Park, Sync
+from sattrack.views.messages import ConsoleMessage, Jog, Leave, Reset
 
 if TYPE_CHECKING:
     from sattrack.control.manual.console import Console
-    from sattrack.views.console import ConsoleView
+    from sattrack.views.run import ConsoleView
 
 OWNED = "looking on; SPACE has the mount's owner stop it and end: {}"
 NOT_ALONE = "another program drives this mount: nothing is sent from here, unless you stop the mount"
@@ -74,35 +65,32 @@ class ConsoleSession:
     def obey(self, order: ConsoleMessage, now_utc_s: float) -> None:
         """Do what the operator says; why not, where it is refused, stands in the view."""
         console = self.console
-        if isinstance(order, LeaveOrder):
+        if isinstance(order, Leave):
             self.interrupt(now_utc_s)
             return
         if self.leaving:
             return
         if self._owner is not None:
-            self.stop_wanted = self.stop_wanted or isinstance(order, AbortOrder)
-            if not isinstance(order, AbortOrder):
+            self.stop_wanted = self.stop_wanted or isinstance(order, Abort)
+            if not isinstance(order, Abort):
                 console.refusal = "this mount has another owner"
             return
-        if self._others and not self._asked and not isinstance(order, AbortOrder):
+        if self._others and not self._asked and not isinstance(order, Abort):
             # A key that is touched by accident must not mix with what somebody else does.
             console.refusal = "another program drives this mount"
             return
         self._asked = True
         match order:
-            case AbortOrder():
+            case Abort():
                 console.abort(now_utc_s)
-            case JogOrder():
+            case Jog():
                 console.jog(order.ra_rate_deg_s, order.dec_rate_deg_s, now_utc_s)
-            case SlewOrder():
-                console.request(Slew(order.ra_deg, order.dec_deg), now_utc_s)
-            case SyncOrder():
-                console.request(Sync(order.ra_deg, order.dec_deg), now_utc_s)
-            case ParkOrder():
-                console.request(Park(), now_utc_s)
-            case HomeOrder():
+            case Slew() | Sync() | Park():
+                console.request(order, now_utc_s)
+            case FindHome():
+                # Nobody has looked whether the way is free of the Sun.
                 console.request(FindHome(), now_utc_s)
-            case ResetOrder():
+            case Reset():
                 console.reset()
 
     def interrupt(self, now_utc_s: float) -> None:

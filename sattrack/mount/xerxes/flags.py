@@ -31,7 +31,7 @@ from sattrack.mount.xerxes.states import (
 )
 
 if TYPE_CHECKING:
-    from sattrack.mount.model import SlewTo, Status
+    from sattrack.mount.model import Slew, Status
 
 QUIET_STATUSES = 10
 """Statuses without an acknowledgement after which none is on its way any more: half a second."""
@@ -172,16 +172,16 @@ class SlewFlag:
 
     state: SlewState = SlewState.NONE
     flag: OneShot = field(default_factory=OneShot)
-    target: SlewTo | None = None
+    target: Slew | None = None
     """Where it goes; None in state NONE."""
     launched_utc_s: float = 0.0
     """When the slew was seen acknowledged."""
-    _asked: SlewTo | None = None
+    _asked: Slew | None = None
     """The target that the flag rose with: another one wanted meanwhile needs an edge of its own."""
     _statuses: int = 0
     """Statuses since the acknowledgement."""
 
-    def want(self, target: SlewTo) -> None:
+    def want(self, target: Slew) -> None:
         """Begin a slew, unless it is the one under way."""
         if target != self.target:
             self.target = target
@@ -198,7 +198,7 @@ class SlewFlag:
         if self.target is not None:
             self._happen("new target")
 
-    def compose(self, wanted: SlewTo, may_rise: bool) -> tuple[bool, SlewTo]:
+    def compose(self, wanted: Slew, may_rise: bool) -> tuple[bool, Slew]:
         """Return whether the flag is up in the next datagram, and with which target."""
         if may_rise and self.state is SlewState.WAITING and self.flag.happen("request"):
             self._happen("flag up")

@@ -32,7 +32,7 @@ from sattrack.mount.model import (
     MountProfile,
     MoveAxes,
     Readings,
-    SlewTo,
+    Slew,
     StatusSample,
     Stop,
     stance_of,
@@ -46,7 +46,6 @@ from sattrack.mount.requests import (
     Park,
     PulseGuide,
     Request,
-    Slew,
     Sync,
     Ticket,
     TicketState,
@@ -338,7 +337,7 @@ class Session:
         return tuple(f"the mount's {name} {why}: positions are used instead" for name, why in ignored.items())
 
     def _want(self, motion: Motion) -> None:
-        if isinstance(motion, SlewTo):
+        if isinstance(motion, Slew):
             self._slew.want(motion)
         else:
             self._slew.drop()
@@ -353,7 +352,7 @@ class Session:
             case Slew():
                 # A new slew to the same place is one all the same.
                 self._slew.drop()
-                return SlewTo(request.ra_deg, request.dec_deg)
+                return request
             case Abort():
                 # Asked for again, it is sent again; and nothing that moves an axis outlasts it.
                 self._abort.ask()
@@ -413,7 +412,7 @@ class Session:
         ending = self._compose_move(NO_RATES, MoveAxes(0.0, 0.0))
         if ending.move_ra or ending.move_dec:
             return ending
-        if isinstance(self._wanted, SlewTo):
+        if isinstance(self._wanted, Slew):
             return self._compose_slew(self._wanted)
         self._slew.flag.happen("withdraw")
         self._note_sent(True)
@@ -465,7 +464,7 @@ class Session:
             ra = ra or NEVER_ZERO_DEG_S
         return AxisRates(ra if self._move_axes[0] else None, dec if self._move_axes[1] else None)
 
-    def _compose_slew(self, wanted: SlewTo) -> Command:
+    def _compose_slew(self, wanted: Slew) -> Command:
         status = self.status
         # A late slew does not hurt another: the mount ignores it while it slews.
         quiet = self._since_other_ticks >= QUIET_TICKS
@@ -521,7 +520,7 @@ class Session:
             self._slew.rests(_off_target_deg(self._slew.target, status))
         self._launches.see(status)
         if self._motion_ticket is not None:
-            off_deg = _off_target_deg(self._wanted, status) if isinstance(self._wanted, SlewTo) else None
+            off_deg = _off_target_deg(self._wanted, status) if isinstance(self._wanted, Slew) else None
             self._motion_ticket.see(*self._progress(self._motion_ticket.ticket.request, status), off_deg)
 
 
@@ -547,7 +546,7 @@ def separation_deg(ra1_deg: float, dec1_deg: float, ra2_deg: float, dec2_deg: fl
     return 2.0 * math.degrees(math.asin(min(1.0, math.sqrt(chord))))
 
 
-def _off_target_deg(target: SlewTo, status: Status) -> float:
+def _off_target_deg(target: Slew, status: Status) -> float:
     return separation_deg(target.ra_deg, target.dec_deg, status.ra_h * 15.0, status.dec_deg)
 
 

@@ -18,14 +18,13 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Stance, stance_of
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Slew, Stance, stance_of
 from sattrack.mount.requests import (
     EndMove,
     FindHome,
     FineRate,
     Park,
     PulseGuide,
-    Slew,
     Sync,
     Ticket,
     TicketState,

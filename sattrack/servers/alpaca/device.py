@@ -42,7 +42,7 @@ class Abilities(msgspec.Struct, frozen=True):
             return None if self.guides else "no guide pulses"
         if member.startswith("GuideRate"):
             return None if self.guide_rates else "no guide rates to tell"
-        if member.startswith("SlewTo"):
+        if member.startswith("Slew"):
             return None if self.slews else "no slews"
         return "no sync" if member.startswith("SyncTo") and not self.syncs else None
 

@@ -18,7 +18,7 @@ from sattrack.control.manual.procedures import (
     procedure_for,
     refused,
 )
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Slew
 from sattrack.mount.requests import (
     Abort,
     EndMove,
@@ -27,7 +27,6 @@ from sattrack.mount.requests import (
     MoveAxis,
     Park,
     PulseGuide,
-    Slew,
     Sync,
     Ticket,
     TicketState,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from sattrack.control.bias_view import bias_fields
+from sattrack.control.engine_view import bias_fields
 from sattrack.control.manual.procedures import NEAR_DEG, off_axes_deg
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxesPosition
 from sattrack.mount.xerxes.datagrams import DTICS_S_PER_DEG_S

@@ -14,7 +14,7 @@ from sattrack.runtime.station_loop import StationLoop
 from sattrack.servers.antenna.log_lines import refused, spoken, typed
 from sattrack.servers.antenna.trajectory import NS, to_ns
 from sattrack.servers.antenna.transactions import NAK_MEANINGS
-from sattrack.views.antenna import (
+from sattrack.views.run import (
     LONGEST_SHOWN,
     SHOWN_EXCHANGES,
     SHOWN_REFUSALS,

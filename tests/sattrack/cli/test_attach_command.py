@@ -16,8 +16,7 @@ from sattrack.recording.reading import Recording
 from sattrack.runtime.gallery import SUPPORTED
 from sattrack.tui.attach_launch import sky_of_run
 from sattrack.tui.attached import AttachedRun
-from sattrack.views.messages import Nudge, StopNow
-from sattrack.views.session_messages import LeaveRunning, TakeControl, encode_said
+from sattrack.views.messages import LeaveRunning, Nudge, StopNow, TakeControl, encode_message
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -108,7 +107,7 @@ def test_a_run_left_running_goes_on_without_whoever_started_it() -> None:
         assert demo.stdout is not None
         assert demo.stdin is not None
         next(line for line in demo.stdout if '"phase":"slewing"' in line)
-        demo.stdin.write(encode_said(LeaveRunning()).decode())
+        demo.stdin.write(encode_message(LeaveRunning()).decode())
         demo.stdin.flush()
         said = next(line for line in demo.stdout if '"left_running":true' in line)
         assert json.loads(said)["controller"] is None

@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import pytest
 
-from sattrack.core.coordinates import parse_dec, parse_ra
 from sattrack.core.errors import BadInputError
+from sattrack.views.console_words import parse_dec, parse_ra
 
 
 @pytest.mark.parametrize(

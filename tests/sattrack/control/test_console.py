@@ -17,7 +17,7 @@ from sattrack.control.manual.procedures import MoveFor, Refusal, procedure_for
 from sattrack.control.manual.report import view_of
 from sattrack.control.manual.sitting import NOT_ALONE, ConsoleSession
 from sattrack.control.rest import FIRST_JOG_S, NEXT_JOG_S
-from sattrack.mount.model import MountProfile, Status
+from sattrack.mount.model import MountProfile, Slew, Status
 from sattrack.mount.requests import (
     Abort,
     FindHome,
@@ -26,7 +26,6 @@ from sattrack.mount.requests import (
     Park,
     PulseGuide,
     Request,
-    Slew,
     Sync,
     TicketState,
 )
@@ -34,19 +33,8 @@ from sattrack.mount.simulator.mount import StartPosition
 from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.mount.xerxes.datagrams import STATUS_FIELDS, Command, encode_command, encode_status
 from sattrack.safety import SafetyLimits
-from sattrack.views.console import ConsoleView
-from sattrack.views.console_messages import (
-    AbortOrder,
-    HomeOrder,
-    JogOrder,
-    LeaveOrder,
-    ParkOrder,
-    ResetOrder,
-    SlewOrder,
-    SyncOrder,
-    decode_order,
-    encode_order,
-)
+from sattrack.views.messages import Jog, Leave, Reset, decode_order, encode_message
+from sattrack.views.run import ConsoleView
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -562,19 +550,19 @@ class TestASitting:
 
     def test_leaving_an_idle_mount_leaves_it_tracking(self) -> None:
         bench = Bench()
-        console_session = self.sit(bench, 2.0, LeaveOrder())
+        console_session = self.sit(bench, 2.0, Leave())
         assert console_session.finished
         assert console_session.mount_stopped is None
         assert bench.flags() == []
 
-    @pytest.mark.parametrize("order", [JogOrder(2.0, None), SlewOrder(0.0, 0.0), ParkOrder(), HomeOrder()])
+    @pytest.mark.parametrize("order", [Jog(2.0, None), Slew(0.0, 0.0), Park(), FindHome()])
     def test_leaving_stops_whatever_was_begun(self, order: object) -> None:
         bench = Bench()
         bench.turn()
-        if isinstance(order, SlewOrder):
-            order = SlewOrder(sky(bench, 30.0), 60.0)
+        if isinstance(order, Slew):
+            order = Slew(sky(bench, 30.0), 60.0)
         console_session = self.sit(bench, 0.4, order)
-        console_session.obey(LeaveOrder(), bench.now_s)
+        console_session.obey(Leave(), bench.now_s)
         while not console_session.finished:
             bench.turn(console_session)
         assert console_session.mount_stopped is True
@@ -582,16 +570,16 @@ class TestASitting:
 
     def test_nothing_is_obeyed_after_leaving(self) -> None:
         bench = Bench()
-        console_session = self.sit(bench, 0.0, LeaveOrder(), JogOrder(1.0, None), ParkOrder())
+        console_session = self.sit(bench, 0.0, Leave(), Jog(1.0, None), Park())
         while not console_session.finished:
             bench.turn(console_session)
         assert bench.flags() == []
 
     def test_abort_stops_from_every_state(self) -> None:
-        for order in (JogOrder(2.0, None), ParkOrder(), HomeOrder(), ResetOrder()):
+        for order in (Jog(2.0, None), Park(), FindHome(), Reset()):
             bench = Bench()
             console_session = self.sit(bench, 1.0, order)
-            console_session.obey(AbortOrder(), bench.now_s)
+            console_session.obey(Abort(), bench.now_s)
             bench.turn(console_session)
             bench.turn(console_session)
             assert any(command.abort for command in bench.commands[-2:]), "within two datagrams"
@@ -603,13 +591,13 @@ class TestASitting:
         bench = Bench()
         bench.mount.receive(encode_command(Command(1, move_ra=True, move_ra_rate_deg_s=0.5)))
         console_session = self.sit(bench, 1.0)
-        for order in (JogOrder(1.0, None), HomeOrder(), ResetOrder()):
+        for order in (Jog(1.0, None), FindHome(), Reset()):
             console_session.obey(order, bench.now_s)
             bench.turn(console_session)
         assert bench.commands == []
         assert console_session.view(bench.now_s).warnings[0] == NOT_ALONE
         assert console_session.view(bench.now_s).refusal == "another program drives this mount"
-        console_session.obey(AbortOrder(), bench.now_s)
+        console_session.obey(Abort(), bench.now_s)
         for _ in range(60):
             bench.turn(console_session)
         assert bench.commands[0].abort
@@ -629,7 +617,7 @@ class TestASitting:
     def test_a_slew_under_way_is_seen_in_the_view_and_settles(self) -> None:
         bench = Bench()
         bench.turn()
-        console_session = self.sit(bench, 1.0, SlewOrder(sky(bench, 30.0), 60.0))
+        console_session = self.sit(bench, 1.0, Slew(sky(bench, 30.0), 60.0))
         assert console_session.view(bench.now_s).doing == "slewing"
         assert console_session.view(bench.now_s).asked[-1].state == "acknowledged"
         for _ in range(200):
@@ -640,7 +628,7 @@ class TestASitting:
     def test_a_sync_order_is_a_sync(self) -> None:
         bench = Bench()
         bench.turn()
-        self.sit(bench, 3.0, SyncOrder(sky(bench, -29.5), 20.1))
+        self.sit(bench, 3.0, Sync(sky(bench, -29.5), 20.1))
         assert bench.flags() == ["sync"]
 
 
@@ -744,16 +732,16 @@ class TestTheView:
 @pytest.mark.parametrize(
     ("line", "order"),
     [
-        (b'{"type":"abort"}', AbortOrder()),
-        (b'{"type":"jog","dec_rate_deg_s":0.1}', JogOrder(None, 0.1)),
-        (b'{"type":"slew","ra_deg":82.5,"dec_deg":-12.5}', SlewOrder(82.5, -12.5)),
-        (b'{"type":"sync","ra_deg":0,"dec_deg":90}', SyncOrder(0, 90)),
-        (b'{"type":"leave"}', LeaveOrder()),
+        (b'{"type":"abort"}', Abort()),
+        (b'{"type":"jog","dec_rate_deg_s":0.1}', Jog(None, 0.1)),
+        (b'{"type":"slew","ra_deg":82.5,"dec_deg":-12.5}', Slew(82.5, -12.5)),
+        (b'{"type":"sync","ra_deg":0,"dec_deg":90}', Sync(0, 90)),
+        (b'{"type":"leave"}', Leave()),
     ],
 )
 def test_orders_are_lines_of_json(line: bytes, order: object) -> None:
     assert decode_order(line) == order
-    assert decode_order(encode_order(order)) == order
+    assert decode_order(encode_message(order)) == order
 
 
 @pytest.mark.parametrize(

@@ -13,12 +13,13 @@ from sattrack.core import realtime
 from sattrack.core.clock import SystemClock
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import MountProfile
+from sattrack.mount.requests import Abort
 from sattrack.mount.xerxes.client import Address, UdpLink
 from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_command
 from sattrack.runtime.console import Connection, ConsoleLoop, OrderInbox
 from sattrack.runtime.signals import StopRequest
 from sattrack.safety import SafetyLimits
-from sattrack.views.console_messages import AbortOrder, LeaveOrder
+from sattrack.views.messages import Leave
 
 QUICK = MountProfile(period_s=0.002)
 
@@ -163,12 +164,12 @@ def test_the_end_of_the_channel_is_a_leave_and_rubbish_does_nothing() -> None:
     reading, writing = os.pipe()
     inbox = OrderInbox(reading)
     os.write(writing, b'{"type":"abort"}\nrubbish\n{"type":"jog","ra_rate_deg_s":"fast"}\n{"ty')
-    assert inbox.orders() == [AbortOrder()]
+    assert inbox.orders() == [Abort()]
     assert inbox.ignored == 2
     os.write(writing, b'pe":"abort"}\n')
-    assert inbox.orders() == [AbortOrder()]
+    assert inbox.orders() == [Abort()]
     assert inbox.orders() == []
     os.close(writing)
-    assert inbox.orders() == [LeaveOrder()]
+    assert inbox.orders() == [Leave()]
     assert inbox.orders() == ()
     os.close(reading)

@@ -5,9 +5,21 @@ from __future__ import annotations
 import pytest
 
 from sattrack.runtime.desk import NAMED, ControlArbiter
-from sattrack.views.messages import ClearBias, Go, Jog, Nudge, Observation, OffsetBy, Pause, Search, StopNow
-from sattrack.views.session import STARTER
-from sattrack.views.session_messages import LeaveRunning, TakeControl, YieldControl
+from sattrack.views.messages import (
+    ClearBias,
+    Go,
+    Jog,
+    LeaveRunning,
+    Nudge,
+    Observation,
+    OffsetBy,
+    Pause,
+    Search,
+    StopNow,
+    TakeControl,
+    YieldControl,
+)
+from sattrack.views.run import STARTER
 
 MOVING = [
     Nudge(along_s=0.1),

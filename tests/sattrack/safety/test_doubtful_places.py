@@ -14,7 +14,7 @@ from sattrack.mount.model import (
     MoveAxes,
     PierZone,
     Seen,
-    SlewTo,
+    Slew,
     Stance,
     Stop,
     mean_sidereal_deg,
@@ -125,22 +125,22 @@ def test_by_hand_one_place_far_from_a_limit_does_not_let_a_request_go_that_leads
     assert gate.asks(request_down, HIGH_DEC) is None
 
 
-def leg_to_the_east(hour_angles_deg: list[float]) -> SlewTo:
+def leg_to_the_east(hour_angles_deg: list[float]) -> Slew:
     """Return where a slew over a pillar in the south goes first, asked for with the last of some statuses."""
     pillar = tuple((float(az), 60.0 if 170 <= az <= 190 else 0.0) for az in range(0, 361, 10))
     limits = SafetyLimits(floor_altitude_deg=0.0, horizon=pillar, optical=False)
     safety = Safety(PROFILE, limits, LATITUDE_DEG, LONGITUDE_DEG, holds=True)
     for hour_angle in hour_angles_deg:
         safety.watch(Seen(None, 10.0, 10.0 - hour_angle, 0.0), Stop())
-    cleared = safety.clear(SlewTo(50.0, 0.0), 10.0, 10.0 - hour_angles_deg[-1], 0.0, 0.01, 1_790_000_000.0)
-    assert isinstance(cleared.motion, SlewTo)
+    cleared = safety.clear(Slew(50.0, 0.0), 10.0, 10.0 - hour_angles_deg[-1], 0.0, 0.01, 1_790_000_000.0)
+    assert isinstance(cleared.motion, Slew)
     return cleared.motion
 
 
 def test_a_slew_is_judged_from_the_place_that_is_believed() -> None:
     round_the_pillar = leg_to_the_east([50.0] * 5)
-    assert round_the_pillar != SlewTo(50.0, 0.0)
-    assert leg_to_the_east([-35.0] * 5) == SlewTo(50.0, 0.0)
+    assert round_the_pillar != Slew(50.0, 0.0)
+    assert leg_to_the_east([-35.0] * 5) == Slew(50.0, 0.0)
     assert leg_to_the_east([50.0] * 5 + [-35.0]) == round_the_pillar
 
 
@@ -180,12 +180,12 @@ def test_a_slew_judged_from_a_wrong_place_is_judged_anew_once_another_is_believe
     pillar = tuple((float(az), 60.0 if 170 <= az <= 190 else 0.0) for az in range(0, 361, 10))
     limits = SafetyLimits(floor_altitude_deg=0.0, horizon=pillar, optical=False)
     safety = Safety(PROFILE, limits, LATITUDE_DEG, LONGITUDE_DEG, holds=True)
-    wish, found = SlewTo(50.0, 0.0), []
+    wish, found = Slew(50.0, 0.0), []
     for hour_angle in [-35.0] * 5 + [50.0] * 4:
         safety.watch(Seen(None, 10.0, 10.0 - hour_angle, 0.0), Stop())
         found.append(safety.clear(wish, 10.0, 10.0 - hour_angle, 0.0, 0.01, 1_790_000_000.0).motion)
     assert found[4] == found[5] == wish
-    assert isinstance(found[-1], SlewTo)
+    assert isinstance(found[-1], Slew)
     assert found[-1] != wish
 
 
@@ -203,7 +203,7 @@ def test_an_idle_telescope_is_not_moved_by_one_place_in_the_sun() -> None:
         ra, dec = sidereal - sun.hour_angle_deg, sun.dec_deg
         safety.watch(Seen(T0 + 0.05 * k, sidereal, ra, dec), Hold())
         last = safety.clear(Hold(), sidereal, ra, dec, 0.01, T0).motion
-    assert isinstance(last, SlewTo)
+    assert isinstance(last, Slew)
     safety.clear(Stop(), sidereal, ra, dec, 0.01, T0)
     safety.clear(Hold(), sidereal, ra, dec, 0.01, T0)
 

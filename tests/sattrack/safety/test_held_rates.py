@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, PERIOD_S, T0, Stand, axis_speed_deg_s, steadily
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes, SlewTo, mean_sidereal_deg
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes, Slew, mean_sidereal_deg
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.safety import SafetyLimits
 from sattrack.safety.bodies import Body, sun_over
@@ -188,9 +188,9 @@ def test_axes_held_at_a_slanting_skyline_go_on_along_it(
 def test_a_slew_for_which_there_is_no_way_holds_a_stream_where_it_is_and_ends_no_pass() -> None:
     """The mount turns 60° either way, and from everywhere in there the goal is past the end of it."""
     profile = MountProfile(hour_angle_limit_deg=60.0, dec_axis_limits_deg=(-5.0, 25.0))
-    far = SlewTo(mean_sidereal_deg(T0, LONGITUDE_DEG) + 170.0, 10.0)
+    far = Slew(mean_sidereal_deg(T0, LONGITUDE_DEG) + 170.0, 10.0)
 
-    def wish(t: float) -> MoveAxes | SlewTo:
+    def wish(t: float) -> MoveAxes | Slew:
         return MoveAxes(SIDEREAL_RATE_DEG_S - 0.3, 0.1) if t < 5.0 or t > 12.0 else far
 
     stand = Stand(wish, DARK, StartPosition(10.0, 10.0), profile=profile).run(20.0)

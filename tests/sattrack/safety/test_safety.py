@@ -20,7 +20,7 @@ from sattrack.mount.model import (
     MountProfile,
     MoveAxes,
     Seen,
-    SlewTo,
+    Slew,
     Stop,
 )
 from sattrack.safety import INTERLOCKS, Safety, SafetyLimits, altitude_deg
@@ -76,7 +76,7 @@ def test_a_stream_of_rates_steps_no_faster_than_twice_a_ramp() -> None:
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
 @pytest.mark.parametrize(
-    "make", [lambda x: MoveAxes(x, 0.0), lambda x: MoveAxes(0.0, x), lambda x: SlewTo(x, 1.0)]
+    "make", [lambda x: MoveAxes(x, 0.0), lambda x: MoveAxes(0.0, x), lambda x: Slew(x, 1.0)]
 )
 def test_numbers_that_are_none_stop_the_mount(make: object, bad: float) -> None:
     gate = safety()
@@ -103,7 +103,7 @@ def test_by_hand_a_rate_stops_where_its_braking_way_with_the_longest_fault_would
 def test_once_tripped_it_stays_stopped() -> None:
     gate = safety(floor_deg=5.0)
     assert gate.clear(MoveAxes(0.1, -1.0), 0.0, 0.0, -32.8).motion == Stop()
-    again: list[Motion] = [MoveAxes(0.0, 0.0), SlewTo(0.0, 40.0), Hold()]
+    again: list[Motion] = [MoveAxes(0.0, 0.0), Slew(0.0, 40.0), Hold()]
     assert [gate.clear(m, 0.0, 0.0, 40.0).motion for m in again] == [Stop()] * 3
 
 
@@ -127,11 +127,11 @@ def test_a_held_stream_is_slowed_along_the_floor_and_goes_on_when_it_leads_away(
 
 def test_a_slew_to_below_the_floor_never_starts() -> None:
     gate = safety()
-    assert gate.clear(SlewTo(180.0, -10.0), 0.0, 0.0, 40.0).motion == Stop()
+    assert gate.clear(Slew(180.0, -10.0), 0.0, 0.0, 40.0).motion == Stop()
     assert gate.tripped == "altitude"
 
 
-@pytest.mark.parametrize("motion", [Hold(), Stop(), SlewTo(10.0, 40.0)])
+@pytest.mark.parametrize("motion", [Hold(), Stop(), Slew(10.0, 40.0)])
 def test_harmless_motions_pass(motion: Motion) -> None:
     assert safety().clear(motion, 0.0, 0.0, 40.0).motion == motion
 

@@ -23,7 +23,7 @@ from driven_limits import (
 )
 from safety_stand import LONGITUDE_DEG, NEVER, T0, Stand, axis_speed_deg_s, steadily
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, Hold, MountProfile, MoveAxes, SlewTo
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, Hold, MountProfile, MoveAxes, Slew
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.safety import SafetyLimits, bounds
 from sattrack.safety.ahead import standstill_s
@@ -141,12 +141,12 @@ def test_a_number_that_is_none_stops_the_mount() -> None:
     assert axis_speed_deg_s(stand.truths[-1][1]) < 1e-3
 
 
-def across_the_sun() -> tuple[Stand, SlewTo]:
+def across_the_sun() -> tuple[Stand, Slew]:
     """A slew from one side of the Sun to the other at its declination: its straight way leads through it."""
     ha = (SUN_HA + 180.0) % 360.0 - 180.0
     start = StartPosition(ha - 40.0, SUN_DEC + 2.0)
     sidereal = math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + LONGITUDE_DEG
-    target = SlewTo((sidereal - (ha + 30.0)) % 360.0, SUN_DEC + 2.0)
+    target = Slew((sidereal - (ha + 30.0)) % 360.0, SUN_DEC + 2.0)
     return Stand(lambda _: target, SafetyLimits(), start), target
 
 
@@ -176,7 +176,7 @@ def test_by_hand_a_slew_across_the_sun_never_begins() -> None:
 def test_a_target_inside_the_cone_is_waited_for_beside_it() -> None:
     ha = (SUN_HA + 180.0) % 360.0 - 180.0
     sidereal = math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + LONGITUDE_DEG
-    target = SlewTo((sidereal - ha - 5.0) % 360.0, SUN_DEC)
+    target = Slew((sidereal - ha - 5.0) % 360.0, SUN_DEC)
     stand = Stand(lambda _: target, SafetyLimits(), StartPosition(ha - 60.0, SUN_DEC + 10.0)).run(60.0)
     assert stand.safety.tripped is None
     assert stand.safety.on_last_leg
@@ -205,7 +205,7 @@ def test_a_slew_away_begins_however_little_more_than_its_margin_a_mount_stands_f
     # Where the hour circle comes nearest to the Sun: along it, every way leads away.
     turn = math.asin(math.sin(apart) / math.cos(sun_dec))
     ha, dec = SUN_WEST_HA - math.degrees(turn), math.degrees(math.atan(math.tan(sun_dec) / math.cos(turn)))
-    target = SlewTo((sidereal - ha + 1.0) % 360.0, dec + north)
+    target = Slew((sidereal - ha + 1.0) % 360.0, dec + north)
     stand = Stand(lambda _: target, SafetyLimits(), StartPosition(ha, dec)).run(20.0)
     assert stand.safety.tripped is None
     assert stand.sent[0] == target
@@ -217,7 +217,7 @@ def test_a_slew_away_begins_however_little_more_than_its_margin_a_mount_stands_f
 def test_a_slew_away_from_the_end_of_the_travel_begins_beside_it(beside_deg: float) -> None:
     profile = MountProfile(hour_angle_limit_deg=40.0)
     sidereal = math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + LONGITUDE_DEG
-    target = SlewTo((sidereal + 20.0) % 360.0, 50.0)
+    target = Slew((sidereal + 20.0) % 360.0, 50.0)
     start = StartPosition(40.0 - beside_deg, 20.0)
     stand = Stand(lambda _: target, DARK, start, profile).run(30.0)
     assert stand.safety.tripped is None
@@ -232,7 +232,7 @@ def test_a_slew_that_is_asked_for_in_motion_is_not_taken_for_astray_while_the_ax
     """A braking axis goes on the old way for a while, out of the box between its ends."""
     sidereal = math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + LONGITUDE_DEG
     profile = MountProfile(dec=AxisLimits(max_acceleration_deg_s2=6.0))
-    target = SlewTo((sidereal + 20.0) % 360.0, 40.0)
+    target = Slew((sidereal + 20.0) % 360.0, 40.0)
     follow = steadily(*rate)
     stand = Stand(
         lambda t: follow(t) if t < 3.0 else Hold() if t < 3.05 else target,
@@ -254,7 +254,7 @@ def test_a_mount_that_points_into_the_sun_gets_out_and_never_nearer(
     side = -1.0 if west > 0.0 else 1.0
     wish: dict[str, Motion] = {
         "idle": Hold(),
-        "slew": SlewTo((sidereal - SUN_WEST_HA - side * 60.0) % 360.0, SUN_DEC + 20.0),
+        "slew": Slew((sidereal - SUN_WEST_HA - side * 60.0) % 360.0, SUN_DEC + 20.0),
         "follow": MoveAxes(-0.01, 0.0),
     }
     start = StartPosition(SUN_WEST_HA + west, SUN_DEC + north)
@@ -286,7 +286,7 @@ def test_by_hand_an_idle_mount_is_not_moved_out_of_the_sun() -> None:
 @pytest.mark.parametrize(("ha", "dec"), [(90.0, -10.0), (-95.0, -5.0), (0.0, -35.0)])
 def test_a_mount_that_starts_below_the_floor_slews_out_of_there_and_on(ha: float, dec: float) -> None:
     sidereal = math.degrees(erfa.gmst82(2440587.5, T0 / 86400.0)) + LONGITUDE_DEG
-    target = SlewTo((sidereal - 20.0) % 360.0, 60.0)
+    target = Slew((sidereal - 20.0) % 360.0, 60.0)
     limits = SafetyLimits(floor_altitude_deg=10.0, optical=False)
     stand = Stand(lambda _: target, limits, StartPosition(ha, dec)).run(60.0)
     heights = [altitude(truth, t) for t, truth in stand.truths]
@@ -297,7 +297,7 @@ def test_a_mount_that_starts_below_the_floor_slews_out_of_there_and_on(ha: float
 
 
 @pytest.mark.parametrize("holds", [True, False])
-@pytest.mark.parametrize("wish", [MoveAxes(-1.0, 0.0), SlewTo(10.0, 60.0), Hold()], ids=repr)
+@pytest.mark.parametrize("wish", [MoveAxes(-1.0, 0.0), Slew(10.0, 60.0), Hold()], ids=repr)
 def test_nothing_moves_while_the_clocks_are_half_a_day_apart(wish: Motion, holds: bool) -> None:
     """By one of the two the Sun is down: then it may be anywhere."""
     stand = Stand(lambda _: wish, SafetyLimits(), StartPosition(-60.0, 40.0), holds=holds, escapes=holds)

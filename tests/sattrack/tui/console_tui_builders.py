@@ -9,11 +9,10 @@ import msgspec
 
 from sattrack.mount.model import Readings, Status
 from sattrack.tui.console_feed import Latest
-from sattrack.views.console import AskedView, ConsoleView
-from sattrack.views.run import LinkView
+from sattrack.views.run import AskedView, ConsoleView, LinkView
 
 if TYPE_CHECKING:
-    from sattrack.views.console_messages import ConsoleMessage
+    from sattrack.views.messages import ConsoleMessage
 
 UTC_S = 1790946271.4
 GUIDE_DEG_S = 350.0 * 360.0 / 2**26

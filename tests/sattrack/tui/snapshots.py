@@ -24,8 +24,13 @@ from sattrack.tui.app import TrackApp  # noqa: E402
 from sattrack.tui.appearance import Appearance  # noqa: E402
 from sattrack.tui.feed import News  # noqa: E402
 from sattrack.tui.pages import PAGES  # noqa: E402
-from sattrack.views.run import PauseView  # noqa: E402
-from sattrack.views.session import STARTER, Armed, SessionView, Watcher  # noqa: E402
+from sattrack.views.run import (  # noqa: E402
+    STARTER,
+    Armed,
+    PauseView,
+    SessionView,
+    Watcher,
+)
 
 if TYPE_CHECKING:
     from textual.strip import Strip

@@ -6,20 +6,12 @@ import pytest
 from console_tui_builders import GUIDE_DEG_S, VIEW, FakeConsole, console_view
 from tui_builders import HandClock, pressed
 
+from sattrack.mount.model import Slew
+from sattrack.mount.requests import Abort, FindHome, Park, Sync
 from sattrack.tui.console_app import LAGGING_S, LEAVE_WITHIN_S, ConsoleApp
 from sattrack.tui.console_dialogs import DirectionDialog
 from sattrack.tui.console_feed import Latest
-from sattrack.views.console_messages import (
-    AbortOrder,
-    ConsoleMessage,
-    HomeOrder,
-    JogOrder,
-    LeaveOrder,
-    ParkOrder,
-    ResetOrder,
-    SlewOrder,
-    SyncOrder,
-)
+from sattrack.views.messages import ConsoleMessage, Jog, Leave, Reset
 
 RA = ("5", "h")
 DEC = ("minus", "5")
@@ -30,12 +22,12 @@ def press(feed: FakeConsole, *keys: str) -> ConsoleApp:
     return pressed(lambda: ConsoleApp(feed, monotonic=HandClock()), *keys)
 
 
-def north(rate_deg_s: float) -> JogOrder:
-    return JogOrder(dec_rate_deg_s=rate_deg_s)
+def north(rate_deg_s: float) -> Jog:
+    return Jog(dec_rate_deg_s=rate_deg_s)
 
 
-def east(rate_deg_s: float) -> JogOrder:
-    return JogOrder(ra_rate_deg_s=rate_deg_s)
+def east(rate_deg_s: float) -> Jog:
+    return Jog(ra_rate_deg_s=rate_deg_s)
 
 
 ORDERS: list[tuple[list[str], list[ConsoleMessage]]] = [
@@ -44,22 +36,22 @@ ORDERS: list[tuple[list[str], list[ConsoleMessage]]] = [
         ["1", "up", "2", "up", "3", "up", "4", "up", "5", "left", "6", "right", "2"],
         [north(GUIDE_DEG_S), north(0.02), north(0.1), north(0.5), east(2.0), east(-4.0)],
     ),
-    (["g", *RA, "enter", *DEC, "enter"], [SlewOrder(75.0, -5.0)]),
-    (["g", *RA, "tab", *DEC, "enter"], [SlewOrder(75.0, -5.0)]),
+    (["g", *RA, "enter", *DEC, "enter"], [Slew(75.0, -5.0)]),
+    (["g", *RA, "tab", *DEC, "enter"], [Slew(75.0, -5.0)]),
     (["g", *RA, "enter", "5", "escape"], []),
     (["g", *RA, "enter", "9", "1", "enter"], []),
     (["g", "2", "4", "h", "enter", "5", "enter"], []),
     (["g", "enter", "enter", "q", "p", "r", "up", "left"], []),
-    (["g", *RA, "space"], [AbortOrder()]),
-    (["s", *RA, "enter", *DEC, "enter", "y"], [SyncOrder(75.0, -5.0)]),
+    (["g", *RA, "space"], [Abort()]),
+    (["s", *RA, "enter", *DEC, "enter", "y"], [Sync(75.0, -5.0)]),
     (["s", *RA, "enter", *DEC, "enter", "enter"], []),
-    (["s", *RA, "enter", *DEC, "enter", "space"], [AbortOrder()]),
-    (["p", "y"], [ParkOrder()]),
+    (["s", *RA, "enter", *DEC, "enter", "space"], [Abort()]),
+    (["p", "y"], [Park()]),
     (["p", "n", "p", "enter", "p", "p", "p", "q", "p", "up"], []),
-    (["p", "space"], [AbortOrder()]),
-    (["h", "r", "space", "space"], [HomeOrder(), ResetOrder(), AbortOrder(), AbortOrder()]),
-    (["question_mark", "up", "h", "space"], [AbortOrder()]),
-    (["question_mark", "question_mark", "h", "tab", "space"], [HomeOrder(), AbortOrder()]),
+    (["p", "space"], [Abort()]),
+    (["h", "r", "space", "space"], [FindHome(), Reset(), Abort(), Abort()]),
+    (["question_mark", "up", "h", "space"], [Abort()]),
+    (["question_mark", "question_mark", "h", "tab", "space"], [FindHome(), Abort()]),
     (["a", "enter", "x", "f5", "home", "ctrl+p", "7", "0"], []),
 ]
 
@@ -84,7 +76,7 @@ def test_each_key_gives_exactly_its_orders() -> None:
 def test_leaving_is_said_once_and_from_everywhere(keys: list[str]) -> None:
     feed = FakeConsole()
     press(feed, *keys)
-    assert feed.told == [LeaveOrder()]
+    assert feed.told == [Leave()]
 
 
 def test_a_stop_closes_what_lies_over_the_screen_and_shows_until_it_is_obeyed() -> None:
@@ -118,7 +110,7 @@ def test_old_keys_of_a_screen_that_lagged_do_not_move_the_mount() -> None:
             assert feed.told == []
             app.look()
             app.action_jog(0, 1)
-            assert feed.told == [JogOrder(dec_rate_deg_s=0.02)]
+            assert feed.told == [Jog(dec_rate_deg_s=0.02)]
 
     asyncio.run(run())
 
@@ -160,7 +152,7 @@ def test_quit_leaves_a_console_that_does_not_end() -> None:
 def test_quit_twice_leaves_at_once() -> None:
     feed = FakeConsole()
     assert press(feed, "q", "q")._exit
-    assert feed.told == [LeaveOrder()]
+    assert feed.told == [Leave()]
 
 
 def test_a_console_that_has_ended_is_told_nothing_more() -> None:
@@ -176,7 +168,7 @@ def test_a_signal_leaves_like_the_key() -> None:
         async with app.run_test(size=(80, 24)):
             app.ask_to_leave()
             app.look()
-            assert feed.told == [LeaveOrder()]
+            assert feed.told == [Leave()]
 
     asyncio.run(run())
 

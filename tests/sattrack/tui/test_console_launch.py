@@ -13,9 +13,10 @@ from console_tui_builders import VIEW
 from test_terminal import Terminal, on_terminal
 
 from sattrack.core.errors import SattrackError
+from sattrack.mount.requests import Abort
 from sattrack.tui.child import ConsoleProcess
 from sattrack.tui.console_launch import watch_with_tui
-from sattrack.views.console_messages import AbortOrder, JogOrder
+from sattrack.views.messages import Jog
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -68,8 +69,8 @@ def test_orders_arrive_in_order_and_leaving_is_the_last(
     def show(feed: ConsoleFeed) -> bool:
         assert feed.latest().view == VIEW
         assert feed.latest().view is None, "a view is news once"
-        assert feed.tell(JogOrder(dec_rate_deg_s=0.1))
-        assert feed.tell(AbortOrder())
+        assert feed.tell(Jog(dec_rate_deg_s=0.1))
+        assert feed.tell(Abort())
         return False
 
     assert watch_with_tui(console_command(OBEDIENT), show=show) == 0
@@ -118,7 +119,7 @@ def test_an_abort_that_finds_no_room_is_said_by_the_channels_end(console_command
     body = f"say(VIEW)\nopen({str(gate)!r}).read()\nsys.stdin.read()\ntell('end seen')"
     console = ConsoleProcess(console_command(body))
     console.wait_first_view()
-    while console.tell(AbortOrder()):
+    while console.tell(Abort()):
         pass
     gate.write_text("go on")
     assert console.wait(30.0) == 0

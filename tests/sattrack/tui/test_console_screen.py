@@ -17,7 +17,7 @@ from sattrack.tui.console_scene import ConsoleScene, headline
 from sattrack.views.console_words import clock_words, degrees, hours, number, status_groups, status_text
 
 if TYPE_CHECKING:
-    from sattrack.views.console import ConsoleView
+    from sattrack.views.run import ConsoleView
 
 SMALL, LARGE, HUGE = (80, 24), (120, 40), (200, 60)
 

@@ -21,12 +21,10 @@ from sattrack.tui.log import MOST_LINES, LogBook
 from sattrack.tui.pages import PAGES
 from sattrack.tui.scene import Tone
 from sattrack.tui.tonight import Night, PassRow, read_passes
-from sattrack.views.messages import StopNow
-from sattrack.views.run import LearntView
+from sattrack.views.messages import Arm, Disarm, StopNow
+from sattrack.views.run import STARTER, Armed, LearntView, SessionView
 from sattrack.views.schedule import PassView as SchedulePass
 from sattrack.views.schedule import ScheduleView
-from sattrack.views.session import STARTER, Armed, SessionView
-from sattrack.views.session_messages import Arm, Disarm
 from tle.instants import Utc
 
 if TYPE_CHECKING:

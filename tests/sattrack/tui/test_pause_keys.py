@@ -13,6 +13,7 @@ from console_tui_builders import VIEW as MOUNT_VIEW
 from test_other_screens import FakeAside, on_screen, text_of
 from tui_builders import SKY, SUMMARY, UTC_S, VIEW, FakeFeed, HandClock, changed
 
+from sattrack.mount.requests import Park
 from sattrack.tui.app import TrackApp
 from sattrack.tui.console_app import ConsoleApp
 from sattrack.tui.console_feed import Latest
@@ -20,18 +21,15 @@ from sattrack.tui.feed import News
 from sattrack.tui.log import LogBook
 from sattrack.tui.rest_keys import RestHand
 from sattrack.tui.scene import headline
-from sattrack.views.console_messages import ParkOrder
 from sattrack.views.messages import Go, Jog, Nudge, Pause, StopNow
-from sattrack.views.run import PauseView
-from sattrack.views.session import STARTER, SessionView, Watcher
+from sattrack.views.run import STARTER, PauseView, SessionView, Watcher
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from textual.pilot import Pilot
 
-    from sattrack.views.console_messages import ConsoleMessage
-    from sattrack.views.messages import Message
+    from sattrack.views.messages import ConsoleMessage, Message
     from sattrack.views.run import TrackView
 
 HERE = SessionView(STARTER, (), 0, takes_others=True)
@@ -280,14 +278,14 @@ class Orders:
         return True
 
 
-@pytest.mark.parametrize(("key", "told"), [(None, [ParkOrder()]), ("space", ["AbortOrder"])])
+@pytest.mark.parametrize(("key", "told"), [(None, [Park()]), ("space", ["Abort"])])
 def test_the_console_parks_once_the_mount_is_heard_unless_it_was_stopped(
     key: str | None, told: list[Any]
 ) -> None:
     feed = Orders()
 
     async def run() -> None:
-        app = ConsoleApp(feed, HandClock(), first=ParkOrder())
+        app = ConsoleApp(feed, HandClock(), first=Park())
         async with app.run_test(size=(80, 24)) as pilot:
             assert feed.told == []
             if key is not None:

@@ -14,18 +14,22 @@ from tui_builders import SKY, UTC_S, VIEW, FakeFeed, HandClock, changed
 from sattrack.tui.app import TrackApp
 from sattrack.tui.feed import News
 from sattrack.views.messages import (
+    Arm,
     ClearBias,
+    Disarm,
     DropRemembered,
     Go,
     Jog,
+    LeaveRunning,
     Nudge,
     OffsetBy,
     Pause,
     Search,
     StopNow,
+    TakeControl,
+    YieldControl,
 )
-from sattrack.views.session import SessionView
-from sattrack.views.session_messages import Arm, Disarm, LeaveRunning, TakeControl, YieldControl
+from sattrack.views.run import SessionView
 
 if TYPE_CHECKING:
     from collections.abc import Callable

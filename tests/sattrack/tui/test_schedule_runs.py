@@ -21,8 +21,7 @@ from sattrack.schedule.night_journal import locked
 from sattrack.tui.attached import AttachedRun
 from sattrack.tui.feed import News
 from sattrack.views.messages import StopNow
-from sattrack.views.run import SummaryLine
-from sattrack.views.session import Welcome
+from sattrack.views.run import SummaryLine, Welcome
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

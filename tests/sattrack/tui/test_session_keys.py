@@ -12,10 +12,16 @@ from sattrack.tui.app import TrackApp
 from sattrack.tui.feed import News
 from sattrack.tui.hand import SHOWN_AFTER_S, Hand
 from sattrack.tui.leave_dialog import LeaveDialog
-from sattrack.views.messages import ClearBias, Nudge, OffsetBy, StopNow
-from sattrack.views.run import OffsetView
-from sattrack.views.session import STARTER, SessionView, Watcher
-from sattrack.views.session_messages import LeaveRunning, TakeControl, YieldControl
+from sattrack.views.messages import (
+    ClearBias,
+    LeaveRunning,
+    Nudge,
+    OffsetBy,
+    StopNow,
+    TakeControl,
+    YieldControl,
+)
+from sattrack.views.run import STARTER, OffsetView, SessionView, Watcher
 
 if TYPE_CHECKING:
     from sattrack.views.messages import Message

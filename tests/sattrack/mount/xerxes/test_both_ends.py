@@ -25,7 +25,7 @@ from xerxes_builders import (
     want,
 )
 
-from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, SlewTo, Status, Stop
+from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, Slew, Status, Stop
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, Truth
 from sattrack.mount.xerxes.datagrams import (
     Command,
@@ -151,10 +151,10 @@ class Pair:
             assert self.turn < end
             self.step()
 
-    def place(self, east_deg: float, north_deg: float) -> SlewTo:
-        return SlewTo(self.home.ra_deg + east_deg, self.home.dec_deg + north_deg)
+    def place(self, east_deg: float, north_deg: float) -> Slew:
+        return Slew(self.home.ra_deg + east_deg, self.home.dec_deg + north_deg)
 
-    def off_deg(self, place: SlewTo) -> float:
+    def off_deg(self, place: Slew) -> float:
         return max(abs(turned(self.truth.ra_deg - place.ra_deg)), abs(self.truth.dec_deg - place.dec_deg))
 
     def is_done(self) -> bool:

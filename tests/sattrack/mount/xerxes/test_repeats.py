@@ -10,7 +10,7 @@ import pytest
 from msgspec.structs import replace
 from xerxes_builders import PERIOD_S, SIDEREAL_DTICS_S, T0, want
 
-from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, SlewTo, Status, Stop
+from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, Slew, Status, Stop
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.xerxes.datagrams import decode_command, encode_status
 from sattrack.mount.xerxes.session import Session
@@ -92,7 +92,7 @@ def test_edges_are_never_repeated() -> None:
 def test_no_flag_of_another_kind_is_repeated_nor_rates_that_follow_one_closely() -> None:
     client = Client(policy("always"))
     assert client.go(Hold(), 5, RESTING) == [None] * 5
-    assert client.go(SlewTo(150.0, 10.0), 10, RESTING) == [None] * 10
+    assert client.go(Slew(150.0, 10.0), 10, RESTING) == [None] * 10
     assert decode_command(client.last).slew
     # The slew's flag falls with the first rates; a copy waits until both are long on their way.
     copies = client.go(MOVE, 10, RESTING)

@@ -37,7 +37,7 @@ from sattrack.mount.model import (
     MountProfile,
     MoveAxes,
     Readings,
-    SlewTo,
+    Slew,
     Status,
     StatusSample,
     Stop,
@@ -62,8 +62,8 @@ TRACKING = Status(
 )
 SEEN_AT_REST_STATUSES = 12
 """Half a second of positions, and one more."""
-A = SlewTo(78.75, 12.25)
-B = SlewTo(150.0, -33.375)
+A = Slew(78.75, 12.25)
+B = Slew(150.0, -33.375)
 MOVE = MoveAxes(-1.25, -0.75)
 
 
@@ -332,14 +332,14 @@ class TestSlew:
     def test_right_ascension_goes_out_in_hours_0_to_24(
         self, client: Client, ra_deg: float, hours: float
     ) -> None:
-        assert client.asks(SlewTo(ra_deg, 0.0)).target_ra_h == pytest.approx(hours, abs=1e-12)
+        assert client.asks(Slew(ra_deg, 0.0)).target_ra_h == pytest.approx(hours, abs=1e-12)
 
     @given(ra_deg=st.floats(-1e4, 1e4), dec_deg=st.floats(-90, 90))
     @settings(max_examples=60, deadline=None)
     def test_any_target_goes_out_in_range(self, ra_deg: float, dec_deg: float) -> None:
         client = Client()
         client.hear()
-        command = client.asks(SlewTo(ra_deg, dec_deg))
+        command = client.asks(Slew(ra_deg, dec_deg))
         assert 0.0 <= command.target_ra_h <= 24.0
         assert math.remainder(command.target_ra_h * 15 - ra_deg, 360.0) == pytest.approx(0.0, abs=1e-8)
         assert command.target_dec_deg == dec_deg

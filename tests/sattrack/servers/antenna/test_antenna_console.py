@@ -16,7 +16,7 @@ from textual.widgets import Static
 from sattrack.tui.antenna_app import AntennaApp, drawn
 from sattrack.tui.appearance import Appearance
 from sattrack.tui.child import AntennaProcess, LatestAntenna
-from sattrack.views.antenna import AntennaView, AxesView, ExchangeView, FocusView, RefusalView
+from sattrack.views.run import AntennaView, AxesView, ExchangeView, FocusView, RefusalView
 
 VIEW = AntennaView(
     utc_s=NOON_NS / 1e9,

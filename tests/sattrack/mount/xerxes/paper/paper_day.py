@@ -15,7 +15,7 @@ import pytest
 from paper_link import T0, Rules, Wires
 from paper_mount import LOOP_S, Launch, PaperMount, groups
 
-from sattrack.mount.model import Cleared, Hold, MountProfile
+from sattrack.mount.model import Cleared, Hold, MountProfile, Slew
 from sattrack.mount.requests import (
     SETTLED,
     Abort,
@@ -26,7 +26,6 @@ from sattrack.mount.requests import (
     MoveAxis,
     PulseGuide,
     Request,
-    Slew,
     Sync,
     Ticket,
     TicketState,

@@ -19,7 +19,7 @@ from paper_mount import LOOP_S, PaperMount
 from paper_packing import CommandRow, pack_command
 
 from sattrack.core.errors import BadInputError
-from sattrack.mount.model import AxesPosition, AxisLimits, MountProfile, Stance
+from sattrack.mount.model import AxesPosition, AxisLimits, MountProfile, Slew, Stance
 from sattrack.mount.requests import (
     Abort,
     ClearedRequest,
@@ -30,7 +30,6 @@ from sattrack.mount.requests import (
     Park,
     PulseGuide,
     Request,
-    Slew,
     Sync,
     TicketState,
     TrackingRate,

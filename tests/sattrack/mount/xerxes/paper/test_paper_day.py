@@ -14,7 +14,8 @@ import pytest
 from paper_day import DAYS, LOSSY, ONE_SHOT_FLAGS, Day, accounts, doubled_launches, paper_day
 from paper_link import Wires
 
-from sattrack.mount.requests import Abort, Slew, TicketState
+from sattrack.mount.model import Slew
+from sattrack.mount.requests import Abort, TicketState
 
 if TYPE_CHECKING:
     from paper_mount import PaperMount

@@ -16,18 +16,8 @@ import pytest
 from paper_link import Bench, Wires
 from paper_mount import PaperMount
 
-from sattrack.mount.model import MountProfile
-from sattrack.mount.requests import (
-    Abort,
-    EndMove,
-    MoveAxis,
-    PulseGuide,
-    Request,
-    Slew,
-    Sync,
-    Ticket,
-    TicketState,
-)
+from sattrack.mount.model import MountProfile, Slew
+from sattrack.mount.requests import Abort, EndMove, MoveAxis, PulseGuide, Request, Sync, Ticket, TicketState
 from sattrack.mount.xerxes.standstill import HANGS_S
 
 How = Literal["held", "edge"]

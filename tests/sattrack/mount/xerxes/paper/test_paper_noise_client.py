@@ -16,8 +16,8 @@ from paper_mount import LOOP_S, PaperMount
 from paper_noise import GROWTH_BYTES, HOW_MANY, STATUS, grown_bytes, mutated, wrong
 from paper_packing import unpack_command
 
-from sattrack.mount.model import MountProfile
-from sattrack.mount.requests import ClearedRequest, MoveAxis, Slew, Sync
+from sattrack.mount.model import MountProfile, Slew
+from sattrack.mount.requests import ClearedRequest, MoveAxis, Sync
 from sattrack.mount.xerxes.session import Session
 
 

@@ -15,7 +15,7 @@ from paper_link import ONE_SHOTS, Bench
 from paper_mount import LOOP_S, PaperMount
 from paper_packing import DOUBTFUL
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxesPosition, Cleared, Hold, MountProfile
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxesPosition, Cleared, Hold, MountProfile, Slew
 from sattrack.mount.requests import (
     Abort,
     EndMove,
@@ -25,7 +25,6 @@ from sattrack.mount.requests import (
     Park,
     PulseGuide,
     Request,
-    Slew,
     Sync,
     TicketState,
     TrackingRate,

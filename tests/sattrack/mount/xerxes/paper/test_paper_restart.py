@@ -14,7 +14,7 @@ from paper_day import Day, paper_day
 from paper_link import T0, Bench, Wires
 from paper_mount import LOOP_S, PaperMount
 
-from sattrack.mount.model import AxesPosition, MountProfile
+from sattrack.mount.model import AxesPosition, MountProfile, Slew
 from sattrack.mount.requests import (
     SETTLED,
     Abort,
@@ -25,7 +25,6 @@ from sattrack.mount.requests import (
     Park,
     PulseGuide,
     Request,
-    Slew,
     Sync,
     TicketState,
     TrackingRate,

@@ -12,7 +12,7 @@ import pytest
 from paper_link import Bench
 from paper_mount import ACKS, LOOP_S, PaperMount
 
-from sattrack.mount.model import AxesPosition, MountProfile
+from sattrack.mount.model import AxesPosition, MountProfile, Slew
 from sattrack.mount.requests import (
     Abort,
     EndMove,
@@ -22,7 +22,6 @@ from sattrack.mount.requests import (
     Park,
     PulseGuide,
     Request,
-    Slew,
     Sync,
     Ticket,
     TicketState,
