@@ -25,8 +25,7 @@ from sattrack.calibration.guard import CalibrationEndedError, Kind
 from sattrack.calibration.motion import AxisName, AxisResponse, Stretch, axis_response, steady_part
 from sattrack.calibration.script import AXIS_WORDS, LegHeard, Observations
 from sattrack.calibration.transients import AxisMotion, axis_motion
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
-from sattrack.mount.xerxes.datagrams import DTICS_S_PER_DEG_S
+from sattrack.mount.model import DTICS_S_PER_DEG_S, SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

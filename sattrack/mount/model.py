@@ -15,6 +15,10 @@ SIDEREAL_RATE_DEG_S = 360.0 / 86164.0905
 """Rate of the hour angle of a fixed direction, degrees per second of UTC."""
 
 
+TICS_PER_TURN = 2**26
+"""Of an encoder, by the protocol's paper."""
+DTICS_S_PER_DEG_S = TICS_PER_TURN / 360.0 * 10.0
+"""Tenths of encoder tics per second in a degree per second."""
 STATUS_LOST_S = 2.0
 """Silence of the mount after which it is stopped."""
 UNIX_EPOCH_DAYS_FROM_J2000 = -10957.5
@@ -447,7 +451,7 @@ class Seen(msgspec.Struct, frozen=True, gc=False):
 
 
 def stance_of(status: Status, stands: bool) -> Stance:
-    """Return how a mount stands, as safety wants to know it; `stands` where its positions say standstill."""
+    """Return how a mount stands, for safety to judge; `stands` where its positions say standstill."""
     return Stance(
         sidereal_deg=status.sidereal_h * 15.0,
         ra_deg=status.ra_h * 15.0,

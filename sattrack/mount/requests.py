@@ -105,37 +105,12 @@ class TicketState(StrEnum):
     FAILED = "failed"
 
 
-SETTLED = frozenset(
-    {
-        TicketState.COMPLETE,
-        TicketState.UNCONFIRMED,
-        TicketState.TIMED_OUT,
-        TicketState.SUPERSEDED,
-        TicketState.FAILED,
-    }
-)
+_GIVEN_UP = frozenset({TicketState.TIMED_OUT, TicketState.SUPERSEDED, TicketState.FAILED})
+SETTLED = _GIVEN_UP | {TicketState.COMPLETE, TicketState.UNCONFIRMED}
 TICKET_TRANSITIONS = {
-    TicketState.QUEUED: {
-        TicketState.RAISED,
-        TicketState.TIMED_OUT,
-        TicketState.SUPERSEDED,
-        TicketState.FAILED,
-    },
-    TicketState.RAISED: {
-        TicketState.ACKNOWLEDGED,
-        TicketState.UNCONFIRMED,
-        TicketState.COMPLETE,
-        TicketState.TIMED_OUT,
-        TicketState.SUPERSEDED,
-        TicketState.FAILED,
-    },
-    TicketState.ACKNOWLEDGED: {
-        TicketState.COMPLETE,
-        TicketState.UNCONFIRMED,
-        TicketState.TIMED_OUT,
-        TicketState.SUPERSEDED,
-        TicketState.FAILED,
-    },
+    TicketState.QUEUED: _GIVEN_UP | {TicketState.RAISED},
+    TicketState.RAISED: SETTLED | {TicketState.ACKNOWLEDGED},
+    TicketState.ACKNOWLEDGED: SETTLED,
 }
 
 

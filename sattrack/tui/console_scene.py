@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sattrack.mount.model import DTICS_S_PER_DEG_S
 from sattrack.tui.scene import NO_NEWS_AFTER_S, STOP_UNHEARD_AFTER_S, Caution, Headline, Tone
-from sattrack.views.console_words import DTICS_S_PER_DEG_S, SIDEREAL_DTICS_S, number
+from sattrack.views.console_words import SIDEREAL_DTICS_S, number
 
 if TYPE_CHECKING:
     from sattrack.mount.model import Status

@@ -6,6 +6,7 @@ import re
 from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.core.errors import BadInputError
+from sattrack.mount.model import DTICS_S_PER_DEG_S
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -14,8 +15,6 @@ if TYPE_CHECKING:
 
 NOTHING = "–"
 MINUS = "\N{MINUS SIGN}"
-DTICS_S_PER_DEG_S = 2**26 / 360.0 * 10.0
-"""Tenths of encoder tics a second in a degree a second: 2^26 tics a turn, by the protocol's paper."""
 SIDEREAL_DTICS_S = 7789.0
 ARCSEC_PER_SECOND = 15.041
 """How far the sky turns in a second of UTC."""

@@ -405,7 +405,7 @@ class Watcher(msgspec.Struct, frozen=True):
 
 
 class Armed(msgspec.Struct, frozen=True):
-    """A pass that is to be followed after this one: whose, and when it culminates (UTC, POSIX seconds)."""
+    """A pass that will be followed after this one: whose, and when it culminates (UTC, POSIX seconds)."""
 
     catalog_number: int
     culminate_utc_s: float
@@ -426,7 +426,7 @@ class SessionView(msgspec.Struct, frozen=True, tag="session"):
     said: str | None = None
     """The last that happened among them, in words."""
     queue: tuple[Armed, ...] = ()
-    """What is to be followed next, in this order."""
+    """What will be followed next, in this order."""
     takes_others: bool = False
     """Whether other satellites can be followed after this one."""
 
@@ -440,7 +440,7 @@ class SessionView(msgspec.Struct, frozen=True, tag="session"):
 
 
 class Welcome(msgspec.Struct, frozen=True, tag="welcome"):
-    """What one who comes to look is told first: their own number, and whose run it is."""
+    """The first message to a new watcher: their own number, and whose run it is."""
 
     you: int
     pid: int

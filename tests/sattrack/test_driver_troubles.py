@@ -14,11 +14,10 @@ from sattrack.control.manual.console import Console
 from sattrack.control.manual.errand import ManualOperation
 from sattrack.control.manual.procedures import MoveFor
 from sattrack.control.manual.sitting import ConsoleSession
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, STATUS_LOST_S, MountProfile, Status
+from sattrack.mount.model import DTICS_S_PER_DEG_S, SIDEREAL_RATE_DEG_S, STATUS_LOST_S, MountProfile, Status
 from sattrack.mount.requests import MoveAxis
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.xerxes.datagrams import (
-    DTICS_S_PER_DEG_S,
     Command,
     decode_command,
     decode_status,

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from sattrack.mount.model import DTICS_S_PER_DEG_S
 from sattrack.mount.xerxes.datagrams import (
     COMMAND_FIELDS,
     COMMAND_HEADER,
     COMMAND_LENGTH,
-    DTICS_S_PER_DEG_S,
     STATUS_FIELDS,
     STATUS_HEADER,
     STATUS_LENGTH,

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import struct
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, STATUS_LOST_S
+from sattrack.mount.model import DTICS_S_PER_DEG_S, SIDEREAL_RATE_DEG_S, STATUS_LOST_S, TICS_PER_TURN
 from sattrack.mount.xerxes import flags, link, session, standstill, states, tickets
-from sattrack.mount.xerxes.datagrams import DTICS_S_PER_DEG_S, TICS_PER_TURN, reading_of
+from sattrack.mount.xerxes.datagrams import reading_of
 
 PERIOD_S = 0.05
 SAMPLES = (

@@ -9,8 +9,7 @@ import msgspec
 
 from sattrack.control.halt import limit_words
 from sattrack.control.manual.procedures import request_words
-from sattrack.mount.model import Hold, MoveAxes, Slew, Stop
-from sattrack.mount.xerxes.datagrams import DTICS_S_PER_DEG_S
+from sattrack.mount.model import DTICS_S_PER_DEG_S, Hold, MoveAxes, Slew, Stop
 from sattrack.mount.xerxes.states import LinkState
 from sattrack.views.run import AskedView, ConsoleView
 

@@ -33,14 +33,8 @@ from sattrack.mount.alpaca.device import (
     Place,
     nearest_rate,
 )
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Status, mean_sidereal_deg
-from sattrack.mount.xerxes.datagrams import (
-    DTICS_S_PER_DEG_S,
-    Command,
-    DatagramError,
-    decode_command,
-    encode_status,
-)
+from sattrack.mount.model import DTICS_S_PER_DEG_S, SIDEREAL_RATE_DEG_S, Status, mean_sidereal_deg
+from sattrack.mount.xerxes.datagrams import Command, DatagramError, decode_command, encode_status
 
 NORTH, SOUTH, EAST, WEST = range(4)
 """Alpaca's GuideDirections."""

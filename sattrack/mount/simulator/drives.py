@@ -9,11 +9,12 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from sattrack.mount.simulator.sky import wrapped
-from sattrack.mount.xerxes.datagrams import DTICS_S_PER_DEG_S
 
 if TYPE_CHECKING:
     from sattrack.mount.simulator.axis import Axis
 
+DTICS_S_PER_DEG_S = 2**26 / 360.0 * 10.0
+"""Tenths of encoder tics a second in a degree a second: 2^26 tics a turn, by the paper."""
 GUIDE_RATE_DTICS_S = 3500
 """Hard-coded in the paper's mount."""
 STANDING_DEG_S = 1e-5

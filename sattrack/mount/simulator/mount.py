@@ -31,29 +31,67 @@ Where the paper is silent:
 from __future__ import annotations
 
 import math
+import struct
 from dataclasses import dataclass, field
 from operator import attrgetter
+from typing import NamedTuple
 
 import msgspec
 
 from sattrack.core.errors import BadInputError
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, Readings, Status
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile
 from sattrack.mount.simulator.axis import Axis
-from sattrack.mount.simulator.drives import GUIDE_RATE_DTICS_S, DrivenAxis, Encoder, Mode
+from sattrack.mount.simulator.drives import DTICS_S_PER_DEG_S, GUIDE_RATE_DTICS_S, DrivenAxis, Encoder, Mode
 from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.mount.simulator.sky import Sky, direction, horizontal, is_beyond_pole
-from sattrack.mount.xerxes.datagrams import (
-    DOUBTFUL,
-    DTICS_S_PER_DEG_S,
-    Command,
-    DatagramError,
-    decode_command,
-    encode_status,
-)
 
+COMMAND_HEADER = 0x5555AAAA
+STATUS_HEADER = b"XERXESxx"
+_COMMAND = struct.Struct("<Qq4d2q2iB9?")
+_STATUS = struct.Struct("<8s3d8sd8s6d8s8s8s2i24s")
+DOUBTFUL_TYPES = {
+    "dec_rate_dtics_s": "int64",
+    "ra_rate_dtics_s": "int64",
+    "counter": "int64",
+    "dec_guide_rate_dtics_s": "double",
+    "ra_guide_rate_dtics_s": "double",
+}
+"""The types of fields that the paper leaves open, as Appendix A packs them."""
 AT_PLACE_DEG = 0.001
 BUSY = (Mode.GOING, Mode.MOVING)
 _numbers = attrgetter("move_ra_rate_deg_s", "move_dec_rate_deg_s", "target_ra_h", "target_dec_deg")
+
+
+class MailboxCommand(NamedTuple):
+    """A command as the mount reads it, in the order of the paper's table; all zero asks for nothing."""
+
+    counter: int = 0
+    target_dec_deg: float = 0.0
+    target_ra_h: float = 0.0
+    move_dec_rate_deg_s: float = 0.0
+    move_ra_rate_deg_s: float = 0.0
+    dec_fine_rate_dtics_s: int = 0
+    ra_fine_rate_dtics_s: int = 0
+    pulse_ra_ms: int = 0
+    pulse_dec_ms: int = 0
+    tracking_rate: int = 0
+    abort: bool = False
+    find_home: bool = False
+    move_ra: bool = False
+    move_dec: bool = False
+    park: bool = False
+    pulse_guide: bool = False
+    slew: bool = False
+    sync: bool = False
+    spare: bool = False
+
+    @classmethod
+    def read(cls, data: bytes) -> MailboxCommand | None:
+        """Return the command of a datagram; None for one of another length or header."""
+        if len(data) != _COMMAND.size:
+            return None
+        header, *values = _COMMAND.unpack(data)
+        return cls(*values) if header == COMMAND_HEADER else None
 
 
 class SimulatedSite(msgspec.Struct, frozen=True):
@@ -113,7 +151,7 @@ class FlagWatch:
     seen: set[str] = field(default_factory=set)
     acknowledged: set[str] = field(default_factory=set)
 
-    def release(self, command: Command) -> set[str]:
+    def release(self, command: MailboxCommand) -> set[str]:
         """Forget the flags that are down, with their acknowledgements; return those that have just fallen."""
         if not self.seen:
             return set()
@@ -122,7 +160,7 @@ class FlagWatch:
         self.acknowledged -= fallen
         return fallen
 
-    def rises(self, command: Command, name: str) -> bool:
+    def rises(self, command: MailboxCommand, name: str) -> bool:
         """Tell whether a flag that is serviced has risen; from then on it is seen."""
         if not getattr(command, name) or name in self.seen:
             return False
@@ -134,7 +172,7 @@ class FlagWatch:
         self.acknowledged.add(name)
 
 
-def highest(command: Command) -> str | None:
+def highest(command: MailboxCommand) -> str | None:
     """Return the name of what this turn of the loop services, "move" for either axis; None without a flag."""
     levels = _levels(command)
     if True not in levels:
@@ -143,17 +181,17 @@ def highest(command: Command) -> str | None:
     return _GROUPS.get(name, name)
 
 
-def packed_readings(profile: MountProfile) -> Readings:
+def doubtful_types(profile: MountProfile) -> dict[str, str]:
     """Return the types that this mount gives the doubtful fields; those it does not name are Appendix A's.
 
     Raises BadInputError, naming it, for a field that is none of them.
     """
     for name in profile.readings:
-        if name not in DOUBTFUL:
+        if name not in DOUBTFUL_TYPES:
             raise BadInputError(
-                f"readings.{name}: no doubtful field of a status; they are {', '.join(DOUBTFUL)}"
+                f"readings.{name}: no doubtful field of a status; they are {', '.join(DOUBTFUL_TYPES)}"
             )
-    return Readings(**profile.readings)
+    return DOUBTFUL_TYPES | profile.readings
 
 
 @dataclass(slots=True)
@@ -174,9 +212,9 @@ class SimulatedMount:
     _ra: DrivenAxis = field(init=False)
     _dec: DrivenAxis = field(init=False)
     _sky: Sky = field(init=False)
-    _readings: Readings = field(init=False)
+    _types: dict[str, str] = field(init=False)
     _flags: FlagWatch = field(default_factory=FlagWatch)
-    _mailbox: Command = field(default_factory=Command)
+    _mailbox: MailboxCommand = field(default_factory=MailboxCommand)
     _heard: bool = False
     _heard_s: float | None = None
     _now_s: float | None = None
@@ -187,7 +225,7 @@ class SimulatedMount:
     def __post_init__(self) -> None:
         """Power up: the axes at their start position, tracking the sky."""
         profile, hardware = self.profile, self.hardware
-        self._readings = packed_readings(profile)
+        self._types = doubtful_types(profile)
         offset_s = hardware.clock_offset_s
         offset_s = (profile.clock_offset_s or 0.0) if offset_s is None else offset_s
         self._sky = Sky(self.site.latitude_deg, self.site.longitude_deg, hardware, offset_s)
@@ -224,9 +262,8 @@ class SimulatedMount:
 
     def receive(self, data: bytes) -> bool:
         """Put a command datagram into the mailbox; whatever was there is gone. False where it is refused."""
-        try:
-            command = decode_command(data)
-        except DatagramError:
+        command = MailboxCommand.read(data)
+        if command is None:
             self.refused += 1
             return False
         aimed = not (command.slew or command.sync)
@@ -236,7 +273,7 @@ class SimulatedMount:
                 self.refused += 1
                 return False
             # Whatever else it says, a stop is a stop.
-            command = Command(command.counter, abort=True)
+            command = MailboxCommand(command.counter, abort=True)
         self._mailbox = command
         self._heard = True
         return True
@@ -266,7 +303,7 @@ class SimulatedMount:
         self._advance(now_utc_s)
         self.counter = 0
         self._flags = FlagWatch()
-        self._mailbox = Command()
+        self._mailbox = MailboxCommand()
         self._heard, self._heard_s = False, None
         self._target = (0.0, 0.0)
         self._parked = self._going_home = False
@@ -298,10 +335,10 @@ class SimulatedMount:
         if watchdog_s is None or self._heard_s is None or now_utc_s - self._heard_s < watchdog_s:
             return
         self._heard_s = None
-        self._mailbox = Command()
+        self._mailbox = MailboxCommand()
         self._rest()
 
-    def _obey(self, command: Command, now_utc_s: float) -> None:
+    def _obey(self, command: MailboxCommand, now_utc_s: float) -> None:
         slewing = self.slewing
         for name in self._flags.release(command):
             if self.profile.move_axis == "held" and name in ("move_ra", "move_dec"):
@@ -319,7 +356,7 @@ class SimulatedMount:
         self._dec.obey()
         self._arrive()
 
-    def _launch(self, what: str, command: Command, now_utc_s: float, slewing: bool) -> None:
+    def _launch(self, what: str, command: MailboxCommand, now_utc_s: float, slewing: bool) -> None:
         """Act on a rising edge, or ignore it."""
         match what:
             case "abort":
@@ -351,7 +388,7 @@ class SimulatedMount:
         for driven in (self._ra, self._dec):
             driven.power_off()
 
-    def _start_slew(self, command: Command) -> None:
+    def _start_slew(self, command: MailboxCommand) -> None:
         hour_angle_deg, dec_deg = self._sky.axes(command.target_ra_h * 15.0, command.target_dec_deg)
         axes = ((hour_angle_deg, self._ha_travel_deg), (dec_deg, self.profile.dec_axis_limits_deg))
         if not all(low <= axis_deg <= high for axis_deg, (low, high) in axes):
@@ -369,13 +406,13 @@ class SimulatedMount:
         self._dec.go(home.dec_deg, 0.0)
         self._going_home = True
 
-    def _sync(self, command: Command) -> None:
+    def _sync(self, command: MailboxCommand) -> None:
         self._target = (command.target_ra_h, command.target_dec_deg)
         self._sky.sync(
             command.target_ra_h * 15.0, command.target_dec_deg, self._ra.known_deg(), self._dec.known_deg()
         )
 
-    def _move(self, command: Command) -> None:
+    def _move(self, command: MailboxCommand) -> None:
         if self._parked or Mode.GOING in (self._ra.mode, self._dec.mode):
             return
         beyond = is_beyond_pole(self._dec.axis.position_deg)
@@ -447,41 +484,47 @@ class SimulatedMount:
         ra_deg, dec_deg = self._sky.reported(ra_axis_deg, dec_axis_deg)
         acks, slewing = self._flags.acknowledged, self.slewing
         tells_places = self.hardware.reports_home_and_park
-        return encode_status(
-            Status(
-                altitude_deg=altitude_deg,
-                azimuth_deg=azimuth_deg,
-                dec_deg=dec_deg,
-                dec_rate_dtics_s=round(self._dec.axis.velocity_deg_s * DTICS_S_PER_DEG_S),
-                ra_h=ra_deg / 15.0,
-                ra_rate_dtics_s=round(self._ra.axis.velocity_deg_s * DTICS_S_PER_DEG_S),
-                sidereal_h=self._sky.sidereal_deg / 15.0,
-                site_height_m=self.site.height_m,
-                site_latitude_deg=self.site.latitude_deg,
-                site_longitude_deg=self.site.longitude_deg,
-                target_ra_h=self._target[0],
-                target_dec_deg=self._target[1],
-                counter=self.counter,
-                dec_guide_rate_dtics_s=GUIDE_RATE_DTICS_S,
-                ra_guide_rate_dtics_s=GUIDE_RATE_DTICS_S,
-                ra_current_10ma=round(self._ra.axis.current_a * 100.0),
-                dec_current_10ma=round(self._dec.axis.current_a * 100.0),
-                at_home=tells_places and self._at_home(ra_axis_deg, dec_axis_deg),
-                at_park=tells_places and self._parked and not (self._ra.turns or self._dec.turns),
-                does_refraction=self.hardware.does_refraction,
-                pulse_guiding=self._ra.pulsing or self._dec.pulsing,
-                side_of_pier=is_beyond_pole(dec_axis_deg),
-                slewing=slewing,
-                tracking=not slewing,
-                ack_move_ra="move_ra" in acks,
-                ack_move_dec="move_dec" in acks,
-                ack_abort="abort" in acks,
-                ack_sync="sync" in acks,
-                ack_pulse_guide="pulse_guide" in acks,
-                ack_slew="slew" in acks,
-            ),
-            self._readings,
+        flags = (
+            tells_places and self._at_home(ra_axis_deg, dec_axis_deg),
+            tells_places and self._parked and not (self._ra.turns or self._dec.turns),
+            True,  # connected
+            self.hardware.does_refraction,
+            False,  # equatorial system JNow
+            self._ra.pulsing or self._dec.pulsing,
+            is_beyond_pole(dec_axis_deg),
+            slewing,
+            not slewing,
+            False,  # tracking rate sidereal
+            *(name in acks for name in ("move_dec", "move_ra")),
+            *(False,) * 7,  # for the future
+            *(name in acks for name in ("abort", "sync", "pulse_guide", "slew")),
+            False,
         )
+        return _STATUS.pack(
+            STATUS_HEADER,
+            altitude_deg,
+            azimuth_deg,
+            dec_deg,
+            self._eight("dec_rate_dtics_s", round(self._dec.axis.velocity_deg_s * DTICS_S_PER_DEG_S)),
+            ra_deg / 15.0,
+            self._eight("ra_rate_dtics_s", round(self._ra.axis.velocity_deg_s * DTICS_S_PER_DEG_S)),
+            self._sky.sidereal_deg / 15.0,
+            self.site.height_m,
+            self.site.latitude_deg,
+            self.site.longitude_deg,
+            self._target[1],
+            self._target[0],
+            self._eight("counter", self.counter),
+            self._eight("dec_guide_rate_dtics_s", GUIDE_RATE_DTICS_S),
+            self._eight("ra_guide_rate_dtics_s", GUIDE_RATE_DTICS_S),
+            round(self._dec.axis.current_a * 100.0),
+            round(self._ra.axis.current_a * 100.0),
+            bytes(0xFF if flag else 0 for flag in flags),
+        )
+
+    def _eight(self, name: str, value: int) -> bytes:
+        """Return the bytes of a field whose type the paper leaves open."""
+        return struct.pack("<d" if self._types[name] == "double" else "<q", value)
 
 
 def _is_direction(ra_h: float, dec_deg: float) -> bool:

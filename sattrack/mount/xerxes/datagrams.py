@@ -22,9 +22,6 @@ COMMAND_HEADER = 0x5555AAAA
 STATUS_HEADER = b"XERXESxx"
 COMMAND_LENGTH = 82
 STATUS_LENGTH = 160
-TICS_PER_TURN = 2**26
-DTICS_S_PER_DEG_S = TICS_PER_TURN / 360.0 * 10.0
-"""Tenths of encoder tics per second in a degree per second."""
 TRUE_BYTE = 0xFF
 
 

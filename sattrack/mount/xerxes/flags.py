@@ -111,7 +111,7 @@ class AbortFlag:
 
     @property
     def on_its_way(self) -> bool:
-        """Whether an abort must be seen through, whatever is wanted by now."""
+        """Whether an abort must go on to its end, even where something else is wanted by now."""
         return self.flag.up or self._blind_left > 0
 
     @property

@@ -271,7 +271,7 @@ class AckWatch:
 
     @property
     def intruder(self) -> str | None:
-        """What to tell of another sender, in words; None while there is no sign of one."""
+        """A warning of another sender; None while there is no sign of one."""
         if len(self._foreign) < INTRUDER_PROOF or self._number - self._foreign[0] > INTRUDER_WITHIN:
             return None
         return "another program is sending commands to this mount: end it, or motions will mix"

@@ -26,6 +26,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from sattrack.mount.model import (
+    DTICS_S_PER_DEG_S,
     SIDEREAL_RATE_DEG_S,
     Hold,
     Motion,
@@ -52,7 +53,6 @@ from sattrack.mount.requests import (
 )
 from sattrack.mount.xerxes.datagrams import (
     DOUBTFUL,
-    DTICS_S_PER_DEG_S,
     Command,
     DatagramError,
     decode_status,
@@ -81,7 +81,7 @@ QUIET_TICKS = 4
 READINGS_EVERY = 20
 REPEAT_AFTER_PERIODS = 0.25
 """When the copy goes, in periods after the datagram, which itself comes half a period before the mount looks:
-late enough to escape what took the first, and early enough to be there whatever the mount's timer does."""
+late enough to escape what took the first, and early enough for any timer of the mount."""
 STREAMING_TICKS = 5
 """Datagrams in a row that say nothing but rates, before one of them is repeated: what came before is over."""
 MARK_EVERY_S = 1.0
@@ -134,7 +134,7 @@ class Repeats:
             self._marks.append((arrival_utc_s, lost))
 
     def copy(self, lost: int) -> bytes | None:
-        """Return the last datagram where it is to be sent once more, else None."""
+        """Return the last datagram where it goes out once more, else None."""
         policy = self.profile.repeat_rates
         if policy == "never" or self.profile.move_axis != "held" or self._streaming < STREAMING_TICKS:
             return None
@@ -244,7 +244,7 @@ class Session:
         self._want(motion)
 
     def submit(self, cleared: ClearedRequest) -> Ticket:
-        """Take one request that safety has cleared; return its ticket, which follows what becomes of it."""
+        """Take one request that safety has cleared; return its ticket, which follows it to its end."""
         ticket = Ticket(cleared.request)
         motion = self._motion_of(cleared.request)
         if motion is None:
@@ -312,7 +312,7 @@ class Session:
 
     @property
     def intruder(self) -> str | None:
-        """What to tell of another sender to the same mount, in words; None without a sign of one."""
+        """A warning of another sender to the same mount; None without a sign of one."""
         return self._acks.intruder
 
     @property
@@ -327,7 +327,7 @@ class Session:
 
     @property
     def stance(self) -> Stance | None:
-        """How the mount stands, as safety wants to know it; None before the first status."""
+        """How the mount stands, for safety to judge; None before the first status."""
         return None if self.status is None else stance_of(self.status, self._standstill.stands)
 
     @property
@@ -403,7 +403,7 @@ class Session:
 
     def _next_command(self) -> Command:
         if self._abort.on_its_way or isinstance(self._wanted, Stop):
-            # An abort that is on its way is seen through, whatever is wanted by now.
+            # An abort that is on its way goes on to its end, even where something else is wanted by now.
             self._move.hush()
             return self._compose_stop()
         if isinstance(self._wanted, MoveAxes):

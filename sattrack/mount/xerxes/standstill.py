@@ -292,21 +292,21 @@ class Fields:
         rates_deg_s, last_deg_s = positions.rates_deg_s(), positions.last_rates_deg_s()
         live = [repeats_s < WINDOWS_S[0] for repeats_s in positions.repeats_s]
         now_utc_s = sample.arrival_utc_s
-        told_deg_s = (sample.ra_drive_deg_s, sample.dec_drive_deg_s)
-        for axis, (name, told) in enumerate(zip((RA_RATE, DEC_RATE), told_deg_s, strict=True)):
+        reported_deg_s = (sample.ra_drive_deg_s, sample.dec_drive_deg_s)
+        for axis, (name, reported) in enumerate(zip((RA_RATE, DEC_RATE), reported_deg_s, strict=True)):
             if name in self.ignored:
                 continue
             rate = 0.0 if rates_deg_s is None else abs(rates_deg_s[axis])
             slack = MOVES_DEG_S + RATE_SHARE * rate
             off = (
                 rate > MOVES_DEG_S
-                and min(abs(abs(told) - one) for one in (rate, abs(last_deg_s[axis]))) > slack
+                and min(abs(abs(reported) - one) for one in (rate, abs(last_deg_s[axis]))) > slack
             )
-            self._agreed[name, True] += rate > MOVES_DEG_S and not off and math.isfinite(told)
+            self._agreed[name, True] += rate > MOVES_DEG_S and not off and math.isfinite(reported)
             self._denied[name] += off
-            stands = rests and not _rate_rests(told, axis == 0)
+            stands = rests and not _rate_rests(reported, axis == 0)
             stands = stands and (live[axis] or not self.confirmed(name))
-            self._hold(name, "is no number", not math.isfinite(told), now_utc_s, NO_NUMBER_S)
+            self._hold(name, "is no number", not math.isfinite(reported), now_utc_s, NO_NUMBER_S)
             self._hold(name, "says motion while positions stand", stands, now_utc_s)
             self._hold(name, "is not the rate at which positions move", off, now_utc_s)
         if SLEWING in self.ignored:
@@ -364,7 +364,7 @@ class Standstill:
     slowing: bool = False
     """Whether the last status showed it slower than the one before."""
     _sample: StatusSample | None = None
-    """The last status, its fields as the mount told them."""
+    """The last status, its fields as the mount sent them."""
     _patience: int = NOT_SLOWING_STATUSES
     _not_slowing: int = 0
     """Statuses in a row that show the mount moving, and no slower than before."""
@@ -452,7 +452,7 @@ class Standstill:
         return self._not_slowing >= self._patience or self.turned
 
     def again(self, heard_utc_s: float) -> None:
-        """Take notice that it is told to stop once more, the last status having come at `heard_utc_s`."""
+        """Note that the stop goes out once more, the last status having come at `heard_utc_s`."""
         self._since_utc_s = heard_utc_s
         self._stops_turned += self.turned
         self._patience = min(2 * self._patience, MOST_PATIENCE)

@@ -18,7 +18,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Slew, Stance, stance_of
+from sattrack.mount.model import DTICS_S_PER_DEG_S, SIDEREAL_RATE_DEG_S, Slew, Stance, stance_of
 from sattrack.mount.requests import (
     EndMove,
     FindHome,
@@ -31,7 +31,6 @@ from sattrack.mount.requests import (
     TrackingRate,
     park_objection,
 )
-from sattrack.mount.xerxes.datagrams import DTICS_S_PER_DEG_S
 from sattrack.mount.xerxes.flags import OneShot
 from sattrack.mount.xerxes.states import Handshake
 
@@ -177,7 +176,7 @@ class Launches:
         self._sync_flag, self._pulse_flag = OneShot(), OneShot()
 
     def tick(self) -> None:
-        """Count one datagram, whatever it says; give up what has waited too long."""
+        """Count one datagram; give up what has waited too long."""
         self._ticks += 1
         self._expire_queue()
         if self._active is not None:

@@ -45,10 +45,24 @@ from sattrack.mount.model import (
 from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_status
 from sattrack.mount.xerxes.flags import LATEST_BEGIN_STATUSES
 from sattrack.mount.xerxes.session import Session
-from sattrack.mount.xerxes.states import LinkState, SlewState
+from sattrack.mount.xerxes.states import (
+    HANDSHAKE,
+    HELD,
+    LINK,
+    LONG_QUIET,
+    SLEW,
+    STOP,
+    Handshake,
+    HeldState,
+    LinkState,
+    SlewState,
+    StopState,
+    follow,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
+    from enum import Enum
 
 TRACKING = Status(
     altitude_deg=50.0,
@@ -951,3 +965,30 @@ class TestNoise:
         client.session.receive(data, client.now)
         taken = [client.hear() is not None for _ in range(5)]
         assert taken[-1]
+
+
+class TestStates:
+    """The tables of states, without a session."""
+
+    @pytest.mark.parametrize(
+        ("table", "start"),
+        [
+            (HANDSHAKE, Handshake.IDLE),
+            (SLEW, SlewState.NONE),
+            (STOP, StopState.ASKED),
+            (HELD, HeldState.OVER),
+            (LINK, LinkState.SILENT),
+        ],
+    )
+    def test_every_state_is_reached_and_left(self, table: Mapping[Any, Any], start: Enum) -> None:
+        events = {event for _, event in table}
+        reached = {start}
+        while more := {follow(table, state, event) for state in reached for event in events} - reached:
+            reached |= more
+        assert reached == set(type(start))
+        assert all(any(follow(table, state, event) is not state for event in events) for state in reached)
+
+    def test_an_event_without_a_row_changes_nothing(self) -> None:
+        assert follow(HANDSHAKE, Handshake.RELEASING, "request") is Handshake.RELEASING
+        assert follow(SLEW, SlewState.WAITING, "acknowledged") is SlewState.WAITING
+        assert follow(LINK, LinkState.SILENT, LONG_QUIET) is LinkState.SILENT
