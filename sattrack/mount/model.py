@@ -162,8 +162,8 @@ class MountProfile(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     the flag rises and stay in force after its fall. Delays are seconds: the mean one from our send call to
     the mount's mailbox, and the shortest one from its sample to our socket, as samples are dated by the
     fastest arrivals. `watchdog_s` is the silence after which the mount stops by itself, None where it never
-    does. `readings` are the types of the doubtful fields of a status. `repeat_rates` tells when rates go
-    out twice in a period (`sattrack.mount.xerxes.repeats`): "when_lossy" while statuses are lost, as commands
+    does. `readings` are the types of the doubtful fields of a status. `repeat_rates` tells when rates go out
+    twice in a period (`xerxes.session`): "when_lossy" while statuses are being lost, as commands
     then are too; a copy helps nowhere else, so a good link carries the paper's 20 datagrams a second.
     """
 

@@ -121,8 +121,12 @@ class Ticket:
     request: Request
     state: TicketState = TicketState.QUEUED
     reason: str | None = None
-    was_acknowledged: bool = False
     history: list[TicketState] = field(default_factory=lambda: [TicketState.QUEUED])
+
+    @property
+    def was_acknowledged(self) -> bool:
+        """Whether the mount has acknowledged it."""
+        return TicketState.ACKNOWLEDGED in self.history
 
     @property
     def settled(self) -> bool:
@@ -134,7 +138,6 @@ class Ticket:
         if state not in TICKET_TRANSITIONS.get(self.state, frozenset()):
             raise ValueError(f"a request that is {self.state.value} cannot become {state.value}")
         self.state, self.reason = state, reason
-        self.was_acknowledged = self.was_acknowledged or state is TicketState.ACKNOWLEDGED
         self.history.append(state)
 
 

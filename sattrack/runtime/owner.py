@@ -8,7 +8,7 @@ who owns the mount, ask for a stop, or look on at the statuses that the session 
 answers, also where the session hangs.
 
 Two machines, or two containers, know nothing of one another's names: there, only acknowledgements that are
-not ours tell of another sender (see `xerxes.ack_watch`).
+not ours tell of another sender (see `xerxes.link`).
 """
 
 from __future__ import annotations
