@@ -10,10 +10,14 @@ import os
 import select
 import subprocess
 import time
+from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from sattrack.core.own_program import own_program
+
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     import msgspec
 
@@ -40,6 +44,8 @@ class LineReader:
 
     def lines(self) -> Sequence[bytes]:
         """Return the lines that are complete now: of one read, so that a flood takes bounded time."""
+        if self.ended:
+            return ()
         try:
             data = os.read(self._descriptor, READ_BYTES)
         except BlockingIOError:
@@ -53,6 +59,9 @@ class LineReader:
         self._rest = rest if len(rest) <= self._longest else b""
         self.overlong |= len(allowed) < len(lines) or len(self._rest) < len(rest)
         return allowed
+
+    def close(self) -> None:
+        """Do nothing: the descriptor is not the reader's own."""
 
     def messages(self, decoder: msgspec.json.Decoder[T]) -> list[T]:
         """Return the messages that have come. Raises msgspec.MsgspecError for a line that is none."""
@@ -87,6 +96,8 @@ class Channel(LineReader):
 
     def send(self, lines: bytes) -> None:
         """Send whole lines, as far as they can be sent now; the rest waits for `flush`."""
+        if self.ended:
+            return
         self.waiting += lines
         self.flush()
         if len(self.waiting) > self._most_waiting:
@@ -111,6 +122,49 @@ class Channel(LineReader):
             os.close(descriptor)
 
 
+def start_process(module: str, *arguments: str, inherits: Iterable[int]) -> subprocess.Popen[bytes]:
+    """Start a module of ours as a process that inherits descriptors, and has neither input nor output.
+
+    It has a session of its own: a Ctrl-C is for the process that starts it. Raises OSError.
+    """
+    return subprocess.Popen(
+        [*own_program(module), *arguments],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        pass_fds=tuple(inherits),
+        start_new_session=True,
+    )
+
+
+@dataclass(slots=True)
+class PipedProcess:
+    """A module of ours as a process whose standard input and output are a channel."""
+
+    process: subprocess.Popen[bytes]
+    channel: Channel
+
+    @classmethod
+    def start(cls, module: str, argument: str) -> PipedProcess:
+        """Start it in a session of its own: it ends with its standard input, not by a Ctrl-C."""
+        process = subprocess.Popen(
+            [*own_program(module), argument],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            start_new_session=True,
+        )
+        assert process.stdin is not None
+        assert process.stdout is not None
+        return cls(process, Channel(process.stdout.fileno(), process.stdin.fileno()))
+
+    def close(self, within_s: float) -> None:
+        """End its standard input, and it by that; kill it where it does not end in time."""
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self.process.stdin.close()
+        see_off(self.process, within_s)
+        self.process.stdout.close()
+
+
 def see_off(process: subprocess.Popen[bytes], within_s: float) -> None:
     """Wait for the end of a process; kill it where it does not end in time."""
     try:
@@ -118,3 +172,13 @@ def see_off(process: subprocess.Popen[bytes], within_s: float) -> None:
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
+
+
+def taken_names(prefix: str) -> set[str]:
+    """Return what follows a prefix in the names of Unix sockets in Linux's abstract namespace."""
+    try:
+        table = Path("/proc/net/unix").read_text(encoding="utf-8", errors="replace")
+    except OSError:
+        return set()
+    names = (line.rpartition(" ")[2] for line in table.splitlines())
+    return {name.removeprefix(f"@{prefix}") for name in names if name.startswith(f"@{prefix}")}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -10,13 +9,12 @@ import msgspec
 
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import SattrackError
-from sattrack.core.own_program import own_program
 from sattrack.mount.simulator.mount import SimulatedSite, Truth
 from sattrack.mount.simulator.process import ClockSetting, Ready, SimulatorConfig
 from sattrack.mount.simulator.settings import simulator_profile
 from sattrack.mount.xerxes.client import Address
 from sattrack.runtime import practice
-from sattrack.runtime.channel import LineReader, see_off
+from sattrack.runtime.channel import PipedProcess
 
 if TYPE_CHECKING:
     from sattrack.core.clock import Clock
@@ -33,8 +31,7 @@ _TRUTHS = msgspec.json.Decoder(Truth)
 class EmbeddedMount:
     """A running simulated mount: its port, and where its axes really are."""
 
-    process: subprocess.Popen[bytes]
-    reader: LineReader
+    running: PipedProcess
     port: int
 
     @property
@@ -44,15 +41,11 @@ class EmbeddedMount:
 
     def truths(self) -> list[Truth]:
         """Return the true positions since the last call."""
-        return self.reader.messages(_TRUTHS)
+        return self.running.channel.messages(_TRUTHS)
 
     def close(self) -> None:
         """End the process."""
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        self.process.stdin.close()
-        see_off(self.process, END_WITHIN_S)
-        self.process.stdout.close()
+        self.running.close(END_WITHIN_S)
 
 
 def simulator_config(
@@ -76,18 +69,9 @@ def simulator_config(
 
 def start_embedded(config: SimulatorConfig) -> EmbeddedMount:
     """Start a simulated mount; raises SattrackError where it does not come up."""
-    process = subprocess.Popen(
-        [*own_program("sattrack.mount.simulator.process"), msgspec.json.encode(config).decode()],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        # A Ctrl-C for the tracker is not one for the mount.
-        start_new_session=True,
-    )
-    assert process.stdout is not None
-    reader = LineReader(process.stdout.fileno())
-    lines = reader.first(START_WITHIN_S)
+    running = PipedProcess.start("sattrack.mount.simulator.process", msgspec.json.encode(config).decode())
+    lines = running.channel.first(START_WITHIN_S)
     if not lines:
-        process.kill()
-        process.wait()
+        running.close(0.0)
         raise SattrackError("the simulated mount did not start; run `sattrack sim --debug` to see why")
-    return EmbeddedMount(process, reader, msgspec.json.decode(lines[0], type=Ready).port)
+    return EmbeddedMount(running, msgspec.json.decode(lines[0], type=Ready).port)

@@ -21,7 +21,7 @@ from typing import Literal
 
 import msgspec
 
-from sattrack.runtime.channel import Channel
+from sattrack.runtime.channel import Channel, taken_names
 from sattrack.runtime.signals import outlive
 from sattrack.servers.callers import Bucket
 from sattrack.views.run import Farewell, Welcome
@@ -297,13 +297,7 @@ def name_for(pid: int) -> str:
 
 def feeders() -> list[int]:
     """Return the processes on this machine whose runs can be looked at, as the kernel lists their names."""
-    try:
-        table = Path("/proc/net/unix").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return []
-    words = (line.rpartition(" ")[2] for line in table.splitlines())
-    ends = {word.removeprefix(f"@{PREFIX}") for word in words if word.startswith(f"@{PREFIX}")}
-    return sorted(int(end) for end in ends if end.isdecimal())
+    return sorted(int(name) for name in taken_names(PREFIX) if name.isdecimal())
 
 
 def started_by(pid: int) -> int | None:

@@ -10,12 +10,11 @@ import errno
 import os
 import socket
 import subprocess
-import time
 from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.core.own_program import own_program
+from sattrack.runtime.channel import start_process
 from sattrack.runtime.facts import encode_facts
 from sattrack.runtime.gallery import (
     FACTS,
@@ -27,7 +26,7 @@ from sattrack.runtime.gallery import (
     VisitorEvent,
     name_for,
 )
-from sattrack.runtime.owner import this_command, this_user
+from sattrack.runtime.owner import this_command, this_user, utc_now
 from sattrack.views.run import SummaryLine
 
 if TYPE_CHECKING:
@@ -52,12 +51,10 @@ class ViewServerLink:
                 door.bind(name_for(os.getpid()))
                 door.listen(BACKLOG)
                 door.setblocking(False)
-                self._process = subprocess.Popen(
-                    [*own_program("sattrack.runtime.gallery"), str(theirs.fileno())],
-                    stdin=subprocess.DEVNULL,
-                    stdout=subprocess.DEVNULL,
-                    pass_fds=[theirs.fileno(), door.fileno()],
-                    start_new_session=True,
+                self._process = start_process(
+                    "sattrack.runtime.gallery",
+                    str(theirs.fileno()),
+                    inherits=(theirs.fileno(), door.fileno()),
                 )
             except OSError:
                 self._socket.close()
@@ -67,7 +64,7 @@ class ViewServerLink:
                 user=this_user(),
                 pid=os.getpid(),
                 command=this_command(),
-                since_utc=time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime()),
+                since_utc=utc_now(),
                 mount=facts.mount_name,
                 name=facts.elements.label,
             )

@@ -86,20 +86,6 @@ class Observers:
             source.close()
 
 
-class StdinLines:
-    """Lines of standard input, whose end means nothing more than that."""
-
-    def __init__(self, descriptor: int | None = None) -> None:
-        self._reader = LineReader(sys.stdin.fileno() if descriptor is None else descriptor)
-
-    def lines(self) -> Sequence[bytes]:
-        """Return the lines that are complete now."""
-        return () if self._reader.ended else self._reader.lines()
-
-    def close(self) -> None:
-        """See Source."""
-
-
 class UdpLines:
     """Lines in datagrams to a port of loopback, one or more in each."""
 
@@ -152,7 +138,7 @@ def open_observers(text: str | None) -> Observers:
     port = check_source(text)
     if port is not None:
         return Observers([UdpLines(port)])
-    return Observers([StdinLines()] if text == "stdin" else [])
+    return Observers([LineReader(sys.stdin.fileno())] if text == "stdin" else [])
 
 
 def read_all(stream: Iterable[bytes]) -> Observers:

@@ -26,7 +26,7 @@ import msgspec
 
 from sattrack.core.errors import SattrackError
 from sattrack.mount.xerxes.client import Arrival
-from sattrack.runtime.channel import LineReader
+from sattrack.runtime.channel import LineReader, taken_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -155,8 +155,8 @@ def owner_of(name: str) -> Owner | None:
 def owners() -> list[Owner]:
     """Return who owns mounts on this machine, each session once."""
     found = []
-    for name in sorted(_names()):
-        owner = _ask_who("\0" + name)
+    for name in sorted(taken_names(PREFIX)):
+        owner = _ask_who(_name(name))
         if owner is not None:
             found.append(owner)
     return found
@@ -207,16 +207,6 @@ def door_to_watch(name: str) -> socket.socket | None:
 
 def _name(mount: str) -> str:
     return f"\0{PREFIX}{mount}"
-
-
-def _names() -> set[str]:
-    """Return the names that are taken, as the kernel lists them."""
-    try:
-        table = Path("/proc/net/unix").read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return set()
-    words = (line.rpartition(" ")[2] for line in table.splitlines())
-    return {word[1:] for word in words if word.startswith(f"@{PREFIX}")}
 
 
 def _ask_who(name: str) -> Owner | None:

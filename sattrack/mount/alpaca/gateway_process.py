@@ -27,7 +27,6 @@ import msgspec
 
 from sattrack.core.clock import Clock, SystemClock
 from sattrack.core.errors import SattrackError
-from sattrack.core.own_program import own_program
 from sattrack.core.realtime import go_before_others
 from sattrack.mount.alpaca.bridge import Bridge
 from sattrack.mount.alpaca.client import (
@@ -43,7 +42,7 @@ from sattrack.mount.alpaca.client import (
 )
 from sattrack.mount.alpaca.device import DeviceFacts, Place, spans_of
 from sattrack.mount.alpaca.link import BYE, GatewayConfig, GatewayNews, GatewayReady, GatewayRefusal
-from sattrack.runtime.channel import Channel
+from sattrack.runtime.channel import Channel, start_process
 
 if TYPE_CHECKING:
     from sattrack.mount.alpaca.address import AlpacaAddress
@@ -242,15 +241,11 @@ class Watched:
         self._started += 1
         ours, theirs = socket.socketpair()
         with theirs:
-            self._process = subprocess.Popen(
-                [
-                    *(*own_program("sattrack.mount.alpaca.warden"), str(theirs.fileno())),
-                    *(str(os.getpid()), self.address.host, str(self.address.port), str(self.address.device)),
-                ],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                pass_fds=[theirs.fileno()],
-                start_new_session=True,
+            self._process = start_process(
+                "sattrack.mount.alpaca.warden",
+                *(str(theirs.fileno()), str(os.getpid())),
+                *(self.address.host, str(self.address.port), str(self.address.device)),
+                inherits=(theirs.fileno(),),
             )
         ours.setblocking(False)
         self._channel = ours

@@ -13,11 +13,10 @@ import sys
 import msgspec
 
 from sattrack.core.errors import LinkLostError, SattrackError
-from sattrack.core.own_program import own_program
 from sattrack.mount.alpaca.address import AlpacaAddress
 from sattrack.mount.alpaca.device import DeviceFacts
 from sattrack.mount.xerxes.client import Address, UdpLink, bind
-from sattrack.runtime.channel import Channel
+from sattrack.runtime.channel import Channel, start_process
 
 
 class GatewayConfig(msgspec.Struct, frozen=True):
@@ -102,13 +101,11 @@ def open_gateway(address: AlpacaAddress) -> GatewayLink:
     ours, theirs = socket.socketpair()
     config = GatewayConfig(address, int(bound.getsockname()[1]), theirs.fileno())
     with theirs:
-        process = subprocess.Popen(
-            [*own_program("sattrack.mount.alpaca.gateway_process"), msgspec.json.encode(config).decode()],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            pass_fds=[theirs.fileno()],
-            # The end of the session must not end the gateway before the telescope is stopped.
-            start_new_session=True,
+        # The end of the session must not end the gateway before the telescope is stopped.
+        process = start_process(
+            "sattrack.mount.alpaca.gateway_process",
+            msgspec.json.encode(config).decode(),
+            inherits=(theirs.fileno(),),
         )
     channel = Channel(ours.detach())
     try:

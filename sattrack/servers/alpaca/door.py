@@ -11,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import ipaddress
 import socket
-import subprocess
 from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
@@ -19,10 +18,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgspec
 
 from sattrack.core.errors import SattrackError
-from sattrack.core.own_program import own_program
 from sattrack.core.utc_json import decode_utc, encode_utc
 from sattrack.mount.model import MountProfile
-from sattrack.runtime.channel import Channel, see_off
+from sattrack.runtime.channel import Channel, see_off, start_process
 from sattrack.safety import SafetyLimits
 from sattrack.servers.alpaca.device import Abilities
 from sattrack.servers.alpaca.messages import (
@@ -43,6 +41,7 @@ from tle.errors import TleError
 from tle.instants import Utc
 
 if TYPE_CHECKING:
+    import subprocess
     from collections.abc import Sequence
 
     from sattrack.runtime.facts import RunFacts
@@ -300,14 +299,9 @@ def open_door(task: AlpacaTask) -> AlpacaHttpProcess:
     """Start the process that clients talk to; raises SattrackError where it does not come up."""
     ours, theirs = socket.socketpair()
     with theirs:
-        process = subprocess.Popen(
-            [*own_program("sattrack.servers.alpaca.process"), str(theirs.fileno())],
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.DEVNULL,
-            pass_fds=(theirs.fileno(), task.listener, *task.discovery),
-            # A Ctrl-C is for the feeding process, which ends this one when the mount stands.
-            start_new_session=True,
-        )
+        # A Ctrl-C is for the feeding process, which ends this one when the mount stands.
+        inherits = (theirs.fileno(), task.listener, *task.discovery)
+        process = start_process("sattrack.servers.alpaca.process", str(theirs.fileno()), inherits=inherits)
     with contextlib.suppress(OSError):
         ours.sendall(encode_task(task))
     door = AlpacaHttpProcess(Channel(ours.detach(), longest=LONGEST_LINE), process)

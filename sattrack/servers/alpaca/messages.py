@@ -111,10 +111,10 @@ class FollowOrder(msgspec.Struct, frozen=True, tag="follow"):
     facts: msgspec.Raw
 
 
-class BiasOrder(msgspec.Struct, frozen=True, tag="bias"):
+class BiasOrder(msgspec.Struct, frozen=True, tag="bias", forbid_unknown_fields=True):
     """Offset the satellite that is followed: seconds along its track, degrees across it.
 
-    None leaves an offset alone; `add` adds to what is in force.
+    None leaves an offset alone; `add` adds to what is in force. An action without offsets only asks for them.
     """
 
     along_s: float | None = None
@@ -241,19 +241,11 @@ class Passes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     min_alt_deg: float | None = None
 
 
-class Bias(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Set, or with `add` change, the offsets of the satellite that is followed; nothing given: tell them."""
-
-    along_s: float | None = None
-    cross_deg: float | None = None
-    add: bool = False
-
-
-CustomAction = TrackSatellite | Passes | Bias
-_KINDS: dict[str, type[TrackSatellite] | type[Passes] | type[Bias]] = {
+CustomAction = TrackSatellite | Passes | BiasOrder
+_KINDS: dict[str, type[TrackSatellite] | type[Passes] | type[BiasOrder]] = {
     "tracksatellite": TrackSatellite,
     "passes": Passes,
-    "bias": Bias,
+    "bias": BiasOrder,
 }
 
 
@@ -264,10 +256,10 @@ def read_action(name: str, parameters: str) -> CustomAction:
         raise Fault(Number.ACTION_NOT_IMPLEMENTED, f"no action {name[:40]!r}: there are {', '.join(ACTIONS)}")
     text = parameters.strip()
     try:
-        if text.startswith("{") or (kind is Bias and text):
+        if text.startswith("{") or (kind is BiasOrder and text):
             action: CustomAction = msgspec.json.decode(text, type=kind)
         else:
-            action = Bias() if kind is Bias else msgspec.convert({"satellite": text}, kind)
+            action = BiasOrder() if kind is BiasOrder else msgspec.convert({"satellite": text}, kind)
     except (msgspec.MsgspecError, RecursionError) as error:
         raise Fault(Number.INVALID_VALUE, f"{name}: {error}") from error
     _check(name, action)
@@ -275,7 +267,7 @@ def read_action(name: str, parameters: str) -> CustomAction:
 
 
 def _check(name: str, action: CustomAction) -> None:
-    if isinstance(action, Bias):
+    if isinstance(action, BiasOrder):
         return
     if not action.satellite:
         raise Fault(Number.INVALID_VALUE, f"{name}: name a satellite, by name, number or designator")

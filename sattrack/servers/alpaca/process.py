@@ -30,7 +30,6 @@ from sattrack.servers.alpaca.door import READY, decode_task, run_told
 from sattrack.servers.alpaca.messages import (
     AbortOrder,
     Answered,
-    Bias,
     BiasOrder,
     Fault,
     FollowOrder,
@@ -218,7 +217,7 @@ class Actions:
 
     async def do(self, asked: CustomAction, order: Callable[[Order], Awaitable[None]]) -> str:
         """Return an action's answer, JSON text; `order` has orders carried out. Raises Fault."""
-        if isinstance(asked, Bias):
+        if isinstance(asked, BiasOrder):
             return await self._bias(asked, order)
         now_utc_s = self._clock.utc_s(time.monotonic())
         if isinstance(asked, Passes):
@@ -239,9 +238,9 @@ class Actions:
         finally:
             self._computing = False
 
-    async def _bias(self, asked: Bias, order: Callable[[Order], Awaitable[None]]) -> str:
+    async def _bias(self, asked: BiasOrder, order: Callable[[Order], Awaitable[None]]) -> str:
         if asked.along_s is not None or asked.cross_deg is not None:
-            await order(BiasOrder(asked.along_s, asked.cross_deg, asked.add))
+            await order(asked)
         state = self._telescope.state
         followed = None if state is None else state.following
         if followed is None:
@@ -355,7 +354,7 @@ class Front:
 
     async def _finish(self, pending: Pending) -> Reply:
         try:
-            if isinstance(pending.order, Bias | Passes | TrackSatellite):
+            if isinstance(pending.order, BiasOrder | Passes | TrackSatellite):
                 value = await self.actions.do(pending.order, self.channel.order)
                 return self.server.finish(pending, value)
             await self.channel.order(pending.order)

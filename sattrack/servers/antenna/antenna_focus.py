@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import select
-import subprocess
 import sys
 import time
 from dataclasses import dataclass, field
@@ -19,9 +18,8 @@ from urllib.parse import parse_qs, urlsplit
 import msgspec
 
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.core.own_program import own_program
 from sattrack.mount.alpaca.client import NOT_IMPLEMENTED, AlpacaDevice, Refusal, Unheard
-from sattrack.runtime.channel import Channel, see_off
+from sattrack.runtime.channel import Channel, PipedProcess
 from sattrack.servers.antenna.focus import FocusNews, FocusOrder, RemoteAxis, RemoteFocuser, swept_mm
 
 if TYPE_CHECKING:
@@ -258,8 +256,7 @@ class FocusAxisProcess:
     """One axis' process, and the axis as the controller has it."""
 
     config: FocuserConfig
-    process: subprocess.Popen[bytes]
-    channel: Channel
+    running: PipedProcess
     axis: RemoteAxis
     trouble: str = ""
 
@@ -270,12 +267,12 @@ class FocusAxisProcess:
 
     def exchange(self, to_ns: Callable[[float], int]) -> str | None:
         """Take in what has come, hand out orders; return what is worth telling."""
-        news = self.channel.messages(_NEWS)
+        news = self.running.channel.messages(_NEWS)
         for one in news:
             self.axis.hear(one, to_ns(one.monotonic_s))
         orders, self.axis.orders = self.axis.orders, []
-        self.channel.send(b"".join(msgspec.json.encode(order) + b"\n" for order in orders))
-        trouble = "it has ended" if self.channel.ended else news[-1].trouble if news else self.trouble
+        self.running.channel.send(b"".join(msgspec.json.encode(order) + b"\n" for order in orders))
+        trouble = "it has ended" if self.running.channel.ended else news[-1].trouble if news else self.trouble
         if trouble == self.trouble:
             return None
         self.trouble = trouble
@@ -283,11 +280,7 @@ class FocusAxisProcess:
 
     def close(self) -> None:
         """End it: it stops its focuser first."""
-        assert self.process.stdin is not None
-        assert self.process.stdout is not None
-        self.process.stdin.close()
-        see_off(self.process, END_WITHIN_S)
-        self.process.stdout.close()
+        self.running.close(END_WITHIN_S)
 
 
 @dataclass(slots=True)
@@ -325,18 +318,11 @@ def start_focusers(configs: Sequence[FocuserConfig]) -> FocusProcesses:
 
 
 def _start(config: FocuserConfig) -> FocusAxisProcess:
-    process = subprocess.Popen(
-        [*own_program("sattrack.servers.antenna.antenna_focus"), msgspec.json.encode(config).decode()],
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        # A Ctrl-C for the antenna is not one for its focuser: that ends with its standard input.
-        start_new_session=True,
+    running = PipedProcess.start(
+        "sattrack.servers.antenna.antenna_focus", msgspec.json.encode(config).decode()
     )
-    assert process.stdin is not None
-    assert process.stdout is not None
-    channel = Channel(process.stdout.fileno(), process.stdin.fileno())
-    part = FocusAxisProcess(config, process, channel, RemoteAxis(0.0, 0.0))
-    lines = channel.first(START_WITHIN_S)
+    part = FocusAxisProcess(config, running, RemoteAxis(0.0, 0.0))
+    lines = running.channel.first(START_WITHIN_S)
     first = _NEWS.decode(lines[0]) if lines else None
     if first is None or first.mm is None:
         part.close()

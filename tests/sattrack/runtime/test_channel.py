@@ -94,6 +94,7 @@ def test_the_first_lines_are_waited_for_but_not_for_ever(ends: Ends) -> None:
     other.close()
     assert channel.first(10.0) == []
     assert channel.ended
+    assert channel.first(10.0) == ()
 
 
 def test_a_pair_of_pipes_is_a_channel_and_messages_have_their_type() -> None:

@@ -10,12 +10,12 @@ import pytest
 from programs import free_port
 
 from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.runtime.channel import LineReader
 from sattrack.runtime.desk import StdinInbox
 from sattrack.runtime.observers import (
     DATAGRAMS_A_TICK,
     QUEUED_MOST,
     Observers,
-    StdinLines,
     open_observers,
 )
 from sattrack.views.messages import Nudge, Observation, StopNow
@@ -134,7 +134,7 @@ def test_a_source_that_is_none_is_refused(text: str) -> None:
 
 
 def test_the_end_of_observations_on_standard_input_means_nothing(pipe: tuple[int, int]) -> None:
-    observers = Observers([StdinLines(pipe[0])])
+    observers = Observers([LineReader(pipe[0])])
     os.write(pipe[1], GOOD + b"\n" + GOOD[:30])
     assert observers.observations() == [SEEN]
     os.write(pipe[1], GOOD[30:] + b"\n")

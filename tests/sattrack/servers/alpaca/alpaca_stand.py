@@ -14,8 +14,6 @@ from sattrack.mount.model import AxesPosition, MountProfile
 from sattrack.servers.alpaca.device import Device
 from sattrack.servers.alpaca.messages import (
     Answered,
-    Bias,
-    BiasOrder,
     Fault,
     Number,
     NumberedOrder,
@@ -81,10 +79,7 @@ class VirtualTelescope(VirtualAntenna):
         if isinstance(asked, Reply):
             return asked
         assert not isinstance(asked.order, TrackSatellite | Passes)
-        order = asked.order
-        if isinstance(order, Bias):
-            order = BiasOrder(order.along_s, order.cross_deg, order.add)
-        return self.answer_of(asked, self.give(order))
+        return self.answer_of(asked, self.give(asked.order))
 
     def give(self, order: Order) -> int:
         """Give the mount's side an order; return its number."""

@@ -259,7 +259,7 @@ def test_a_focuser_is_driven_by_its_process_and_halted_at_the_end() -> None:
             return round(time.monotonic() * NS)
 
         while (focus.focuser.report(at_ns()).axes[0].actual_mm or 0.0) <= 10.0:
-            assert select.select([focus.parts[0].channel], [], [], deadline_s - time.monotonic())[0]
+            assert select.select([focus.parts[0].running.channel], [], [], deadline_s - time.monotonic())[0]
             assert focus.exchange(lambda monotonic_s: round(monotonic_s * NS)) == []
         report = focus.focuser.report(at_ns())
         assert report.moving
