@@ -129,16 +129,12 @@ def _task(
     abilities: Abilities,
 ) -> AlpacaTask:
     """Return the task of the process that clients talk to; the first socket is the one for HTTP."""
-    site = SiteSettings(served.site.latitude_deg, served.site.longitude_deg, served.site.height_m)
     clock = served.clock
     listener, *discovery = sockets
     return AlpacaTask(
         listener=listener.fileno(),
         discovery=tuple(one.fileno() for one in discovery),
         port=int(listener.getsockname()[1]),
-        profile=served.described.mount,
-        site=site,
-        mount=mount,
         version=__version__,
         host=platform.node(),
         callers=options["clients"],
@@ -148,7 +144,7 @@ def _task(
         names=options["names"],
         satellites=Satellites(
             elements=_elements(context, served),
-            site=site,
+            site=SiteSettings(served.site.latitude_deg, served.site.longitude_deg, served.site.height_m),
             profile=served.described.mount,
             limits=context.settings.safety.limits(),
             min_alt_deg=context.settings.min_altitude_deg,

@@ -176,11 +176,11 @@ class Log:
         self._thread.start()
 
     def tell(self, words: str) -> None:
-        """Tell one line, without waiting."""
+        """Log one line, without waiting."""
         self._lines.put(stamp(self._clock.utc_s(time.monotonic())) + words)
 
     def close(self) -> None:
-        """Have the last lines written, if that does not take long."""
+        """Write the last lines, if that does not take long."""
         self._lines.put(None)
         self._thread.join(LAST_LINES_WITHIN_S)
 

@@ -48,7 +48,7 @@ def simulate(context: CommandContext, port: int | None, telescope: Path | None) 
     try:
         ended = asyncio.run(_until_told(settings, port, context.json))
     except OSError as error:
-        raise SattrackError(f"TCP port {port} cannot be had: {error.strerror}") from error
+        raise SattrackError(f"TCP port {port} is not available: {error.strerror}") from error
     return 130 if ended == signal.SIGINT else 0
 
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import msgspec
 
 READ_BYTES = 65536
+CLOSED = -1
 MOST_WAITING_BYTES = 1 << 20
 T = TypeVar("T")
 
@@ -39,7 +40,7 @@ class LineReader:
         """Whether a line was longer than is allowed: it is dropped, and half of it may follow."""
 
     def fileno(self) -> int:
-        """Give the descriptor to wait on."""
+        """Return the descriptor to wait on."""
         return self._descriptor
 
     def lines(self) -> Sequence[bytes]:
@@ -117,9 +118,11 @@ class Channel(LineReader):
         del self.waiting[:sent]
 
     def close(self) -> None:
-        """Close the descriptors, where they are the channel's own."""
-        for descriptor in {self._descriptor, self._writing}:
+        """Close the descriptors, where they are the channel's own; more than once does nothing."""
+        for descriptor in {self._descriptor, self._writing} - {CLOSED}:
             os.close(descriptor)
+        self._descriptor = self._writing = CLOSED
+        self.ended = True
 
 
 def start_process(module: str, *arguments: str, inherits: Iterable[int]) -> subprocess.Popen[bytes]:

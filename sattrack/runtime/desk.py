@@ -192,7 +192,7 @@ class ControlArbiter:
 
 
 def _same(one: Armed, other: Armed) -> bool:
-    """Tell whether two name the same pass."""
+    """Return whether two name the same pass."""
     near = abs(one.culminate_utc_s - other.culminate_utc_s) < SAME_PASS_S
     return one.catalog_number == other.catalog_number and near
 

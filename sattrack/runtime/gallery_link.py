@@ -88,11 +88,11 @@ class ViewServerLink:
         self._send(VIEW + msgspec.json.encode(view))
 
     def tell(self, session: SessionView) -> bool:
-        """Say who has control; tell whether that went through."""
+        """Show who has control; return whether that was sent."""
         return self._send(SESSION + msgspec.json.encode(session))
 
     def tell_end(self, summary: Summary) -> None:
-        """Say what the run came to, when its loop is over."""
+        """Send the summary, when the run's loop is over."""
         with contextlib.suppress(OSError):
             self._socket.settimeout(SUMMARY_WITHIN_S)
             self._socket.send(SUMMARY + msgspec.json.encode(SummaryLine(summary)))

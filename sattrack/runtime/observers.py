@@ -100,7 +100,7 @@ class UdpLines:
         except OSError as error:
             self._socket.close()
             raise SattrackError(
-                f"--observations udp:{port}: UDP port {port} of {LOOPBACK} is not to be had: {error.strerror}"
+                f"--observations udp:{port}: UDP port {port} of {LOOPBACK} is not available: {error.strerror}"
             ) from error
 
     def lines(self) -> Sequence[bytes]:

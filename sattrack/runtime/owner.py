@@ -59,7 +59,7 @@ class Owner(msgspec.Struct, frozen=True):
     """Who goes on stopping the mount where the session has ended without seeing it at rest."""
 
     def __str__(self) -> str:
-        """Say it in words."""
+        """Return it as text."""
         if self.goes_on is not None:
             return f"`{self.command}` has ended, the mount NOT KNOWN AT REST; {self.goes_on}"
         doing = "" if self.state == "running" else f", {self.state}"
@@ -81,7 +81,7 @@ class GoesOn(msgspec.Struct, frozen=True):
     """What it heard last, as text."""
 
     def __str__(self) -> str:
-        """Say it in words."""
+        """Return it as text."""
         who = f"its guardian, process {self.pid}"
         return f"{who}, goes on telling it to stop since {self.since_utc}; {self.heard}"
 
@@ -120,7 +120,7 @@ class Claim:
         self._socket = bound
 
     def fileno(self) -> int:
-        """Give the descriptor to hand on; -1 where there are no names."""
+        """Return the descriptor to hand on; -1 where there are no names."""
         return -1 if self._socket is None else self._socket.fileno()
 
     def close(self) -> None:
@@ -163,7 +163,7 @@ def owners() -> list[Owner]:
 
 
 def ask_stop(owner: Owner, waiting: Callable[[], None], within_s: float = STOP_WITHIN_S) -> Stopped | None:
-    """Have a session stop its mount and end; `waiting` is called now and then until it has.
+    """Ask a session to stop its mount and end; `waiting` is called now and then until it has.
 
     None where the session is gone without an answer. Raises SattrackError where it does not answer in time.
     """
@@ -172,7 +172,7 @@ def ask_stop(owner: Owner, waiting: Callable[[], None], within_s: float = STOP_W
 
 
 def ask_give_up(owner: Owner) -> GoesOn | None:
-    """Have a guardian go on no more; return who did, None where nobody went on. Raises SattrackError."""
+    """Ask a guardian to give up; return who had gone on, None where nobody had. Raises SattrackError."""
     line = _asked(owner, Ask("give-up"), lambda: None, ANSWER_WITHIN_S)
     return msgspec.json.decode(line, type=GivenUp).was if line else None
 
@@ -323,7 +323,7 @@ class OverheardLink:
         self._reader = LineReader(door.fileno())
 
     def fileno(self) -> int:
-        """Give the descriptor to wait on."""
+        """Return the descriptor to wait on."""
         return self._door.fileno()
 
     def send(self, data: bytes) -> None:

@@ -41,7 +41,7 @@ class Service:
             sender.sendto("\n".join(assignments).encode(), self._address)
 
     def status(self, words: str) -> None:
-        """Say in one line what goes on, where that has changed."""
+        """Send one line of status, where it has changed."""
         if words != self._status:
             self._status = words
             self.tell(f"STATUS={words.splitlines()[0] if words else ''}")

@@ -63,7 +63,7 @@ class Bucket:
         return self.left
 
     def take(self, now_s: float) -> bool:
-        """Take one, if there is one; tell whether there was."""
+        """Take one, if there is one; return whether there was."""
         there = self.fill(now_s) >= 1.0
         self.left -= there
         return there
@@ -175,7 +175,7 @@ class HostNames:
         return cls(frozenset({"localhost", own, short, f"{short}.local", *named}) - {"", ".local"})
 
     def hold(self, host: str, at: tuple[str, int] | None) -> bool:
-        """Tell whether a Host header may be for us; `at` is the address of ours that was called."""
+        """Return whether a Host header may be for us; `at` is the address of ours that was called."""
         name = _PORT.sub("", host.strip()).lower().rstrip(".")
         try:
             address = ipaddress.ip_address(name.strip("[]"))
@@ -198,7 +198,7 @@ class TcpChannel:
         self._connection = connection
 
     def fileno(self) -> int:
-        """Give the descriptor to wait on."""
+        """Return the descriptor to wait on."""
         return self._connection.fileno()
 
     def read(self) -> bytes | None:
@@ -238,6 +238,6 @@ def listen(host: str, port: int, backlog: int = 4) -> socket.socket:
     except OSError as error:
         listener.close()
         raise SattrackError(
-            f"TCP port {port} on {host} cannot be had: {error.strerror}; choose another with --port"
+            f"TCP port {port} on {host} is not available: {error.strerror}; choose another with --port"
         ) from error
     return listener

@@ -38,7 +38,7 @@ class AlpacaAddress(NamedTuple):
     """Whether nothing but stops is asked of it: a stop is refused no telescope."""
 
     def __str__(self) -> str:
-        """Give it as a user would write it."""
+        """Return it as a user would write it."""
         return f"alpaca://{self.host}:{self.port}/{self.device}"
 
     @property
@@ -64,8 +64,8 @@ class AlpacaAddress(NamedTuple):
         """What to say of a run without a calibration; None for nothing."""
         return (
             "this telescope is not calibrated: signs, gains, and whether MoveAxis replaces tracking, are "
-            "presumed as the ASCOM standard has them; where it does not tell its AlignmentMode, it is taken "
-            "for an equatorial one; `sattrack mount calibrate` finds out"
+            "presumed as the ASCOM standard has them; where it does not report its AlignmentMode, it is "
+            "taken for an equatorial one; `sattrack mount calibrate` finds out"
         )
 
     @property

@@ -112,7 +112,7 @@ class Lateness:
     _in_a_row: int = 0
 
     def is_late(self, took_s: float) -> bool:
-        """Take one; tell whether it took longer than the median by more than its lead over the fastest."""
+        """Take one; return whether it took longer than the median by more than its lead over the fastest."""
         late = len(self._took) >= FEWEST and took_s > self._limit_s()
         self._took.append(took_s)
         self._in_a_row = self._in_a_row + 1 if late else 0
@@ -215,7 +215,7 @@ class Bridge:
         if self._old_places < OLD_PLACES_PROOF:
             return None
         return (
-            f"the driver tells places that are {1000.0 * self._oldest_s:.0f} ms old or more: the telescope "
+            f"the driver reports places that are {1000.0 * self._oldest_s:.0f} ms old or more: the telescope "
             "is off by what it moves in that time, and the reported error does not show it"
         )
 

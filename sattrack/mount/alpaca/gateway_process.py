@@ -127,7 +127,7 @@ class AlpacaClient:
         return value_in(member, response.status, body)
 
     async def connect(self) -> None:
-        """Have the server connect to its telescope, where it is not. Raises Refusal, Unheard."""
+        """Connect the server to its telescope, where it is not connected. Raises Refusal, Unheard."""
         if await self.get("connected") is True:
             return
         await self.put("connected", ("Connected", "true"))
@@ -205,7 +205,7 @@ class Watched:
         return self._channel is not None
 
     def beat(self, in_force: bool) -> None:
-        """Say that the gateway's loop turns, and whether anything of it may have the telescope moving."""
+        """Send a heartbeat: whether something from here may have the telescope moving."""
         word = MOVING if in_force else RESTING
         if word == RESTING and self._said == RESTING and self._channel is not None:
             return
@@ -398,7 +398,7 @@ class Gateway:
         try:
             place = await self._read_place()
         except (Unheard, Refusal) as error:
-            self._silence = f"the telescope does not tell where it is: {error}"
+            self._silence = f"the telescope does not report where it is: {error}"
             self._try_again_s = time.monotonic() + TRY_AGAIN_S
             if isinstance(error, Refusal) and error.number == NOT_CONNECTED:
                 await self._connect_again()

@@ -58,7 +58,7 @@ def _refusal(telescope: AlpacaDevice, member: str, **fields: str) -> int | None:
 
 
 def rests(telescope: AlpacaDevice) -> bool:
-    """Tell whether it stands, or tracks the sky, by two looks at its place. Raises Refusal, Unheard."""
+    """Return whether it stands, or tracks the sky, by two looks at its place. Raises Refusal, Unheard."""
     looks = []
     for _ in range(2):
         # The middle of each pair of requests is the same for both coordinates.
@@ -116,7 +116,7 @@ def main() -> int:
     at_rest = stop(AlpacaDevice(f"{host}:{port}", "telescope", int(device), ANSWER_WITHIN_S))
     rest = {
         True: "stopped it: seen at rest",
-        False: "told it to stop, and DID NOT SEE IT AT REST: stop it by its own console",
+        False: "sent it stops, and DID NOT SEE IT AT REST: stop it by its own console",
         None: "does NOT HEAR the telescope: stop it by its own console",
     }[at_rest]
     words = f"the gateway to alpaca://{host}:{port}/{device} {why}; its warden {rest}"

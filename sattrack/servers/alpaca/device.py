@@ -41,8 +41,8 @@ class Abilities(msgspec.Struct, frozen=True):
         if member in {"PulseGuide", "IsPulseGuiding"}:
             return None if self.guides else "no guide pulses"
         if member.startswith("GuideRate"):
-            return None if self.guide_rates else "no guide rates to tell"
-        if member.startswith("Slew"):
+            return None if self.guide_rates else "no guide rates to report"
+        if member.startswith("SlewTo"):
             return None if self.slews else "no slews"
         return "no sync" if member.startswith("SyncTo") and not self.syncs else None
 

@@ -186,9 +186,6 @@ class AlpacaTask(msgspec.Struct, frozen=True):
     listener: int
     discovery: tuple[int, ...]
     port: int
-    profile: MountProfile
-    site: SiteSettings
-    mount: str
     version: str
     host: str
     callers: int
@@ -274,11 +271,11 @@ class AlpacaHttpProcess:
         self._obeyed = self._obeyed and now_s < self._next_s
 
     def took(self, seconds: float, now_s: float) -> None:
-        """Note how long an order took: a way that had to be sought takes some tenths of a second."""
+        """Note how long an order took: a path that must be searched for takes some tenths of a second."""
         self._next_s = now_s + PAUSE_FACTOR * seconds
 
     def close(self) -> None:
-        """Have the other process end."""
+        """End the other process."""
         self.line.close()
         see_off(self.process, END_WITHIN_S)
 

@@ -97,7 +97,7 @@ class Doorkeeper:
     """Connections that were silent, or halting, too long."""
 
     def admits(self, address: str, now_s: float) -> bool:
-        """Tell whether an address may come in; whoever must make room for it is hung up on."""
+        """Return whether an address may come in; whoever must make room for it is hung up on."""
         # Whose answer is under way asks for something now.
         seats = {
             line: gate.seat._replace(asked_s=now_s) if gate.at_work else gate.seat
@@ -187,7 +187,7 @@ class Gate(asyncio.Protocol):
         self.seat = self.seat._replace(asked_s=self._since_s)
 
     def overdue(self, now_s: float, idle_s: float) -> bool:
-        """Tell whether this connection must be ended."""
+        """Return whether this connection must be ended."""
         longest_s = min(REQUEST_WITHIN_S, idle_s) if self._unfinished else idle_s
         return not self.at_work and now_s - self._since_s > longest_s
 
@@ -207,7 +207,7 @@ class Actions:
         """Two threads that import what imports each other may find a part of it."""
 
     async def prepare(self) -> None:
-        """Have what computes passes ready before anybody waits for it; the first answers go before."""
+        """Import what computes passes before anybody waits for it, but after the first answers."""
         await asyncio.sleep(PREPARE_AFTER_S)
         async with self._importing:
             await asyncio.to_thread(self._satellites.prepare)
@@ -274,7 +274,7 @@ class FeederLine:
                 waiting.set_result(news)
 
     async def order(self, order: Order) -> None:
-        """Have an order carried out; raises Fault where it is not."""
+        """Send an order and wait for its answer; raises Fault where it is refused."""
         if len(self._waiting) >= MOST_WAITING and not isinstance(order, AbortOrder):
             words = f"{len(self._waiting)} commands wait already: too many at once"
             raise Fault(Number.INVALID_OPERATION, words)
@@ -294,7 +294,7 @@ class FeederLine:
             raise Fault(Number(answer.fault), answer.words)
 
     def tell(self, words: str) -> None:
-        """Have a line logged."""
+        """Log a line."""
         self.writer.write(encode(LogLine(words)))
 
 
@@ -328,7 +328,7 @@ class Front:
             return await self._answer(request)
         except Exception as error:  # noqa: BLE001 - one request that breaks something is no end of the others
             self.channel.tell(f"a defect of sattrack: {error!r} in {request.method} {request.path[:60]!r}")
-            return _hung_up(500, "a defect of sattrack, told in its log")
+            return _hung_up(500, "a defect of sattrack: see its log")
         finally:
             gate.ends()
 
@@ -463,17 +463,18 @@ def _response(reply: Reply) -> web.Response:
 
 async def serve(task: AlpacaTask, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
     """Serve until the feeding process is gone."""
-    device = Device(task.profile, task.site.place(), task.mount, task.version, task.host, task.abilities)
+    known = task.satellites
+    device = Device(known.profile, known.site.place(), known.mount, task.version, task.host, task.abilities)
     setting = task.clock
     clock: Clock = SystemClock()
     if setting is not None:
         clock = SimulatedClock(setting.start_utc_s, setting.anchor_s, setting.speed)
     telescope = Telescope(device)
-    site = task.site
+    site = known.site
     server = Server(telescope, f"{site.latitude_deg:.4f}, {site.longitude_deg:.4f}, {site.height_m:g} m")
     limits = task.limits()
     channel, keeper = FeederLine(reader, writer, telescope), Doorkeeper(limits)
-    actions = Actions(task.satellites, telescope, clock)
+    actions = Actions(known, telescope, clock)
     front = Front(
         server, channel, actions, clock, keeper, task.requests_per_s, HostNames.of(task.host, task.names)
     )

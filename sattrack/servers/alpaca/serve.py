@@ -120,7 +120,7 @@ def discovery_sockets(host: str) -> tuple[Sequence[socket.socket], str | None]:
         except OSError as error:
             for each in opened:
                 each.close()
-            words = f"discovery is not answered: UDP port {PORT} on {address} cannot be had"
+            words = f"discovery is not answered: UDP port {PORT} on {address} is not available"
             return (), f"{words} ({error.strerror})"
         one.setblocking(False)
     return opened, None

@@ -79,7 +79,7 @@ class MountState:
         self._restarts = session.health.restarts
 
     def came_home(self, session: Session) -> bool:
-        """Note that the way home is over; tell whether it ended there, as far as is known."""
+        """Note that the way home is over; return whether it ended there, as far as is known."""
         home, sample = self._profile.home, session.sample
         told = session.status is not None and session.status.at_home
         near = home is not None and sample is not None and off_axes_deg(sample, home) <= SYNCED_WITHIN_DEG
@@ -89,19 +89,19 @@ class MountState:
         return self._home is not None
 
     def at_park(self, session: Session) -> bool:
-        """Tell whether the mount is parked."""
+        """Return whether the mount is parked."""
         status = session.status
         return self._parked or (status is not None and status.at_park and not status.slewing)
 
     def at_home(self, session: Session) -> bool:
-        """Tell whether the mount stands where it was sent home to."""
+        """Return whether the mount stands where it was sent home to."""
         told = session.status is not None and session.status.at_home
         place, sample = self._home, session.sample
         stands = place is not None and sample is not None and off_axes_deg(sample, place) <= NEAR_DEG
         return told or stands
 
     def tracking(self, session: Session) -> bool:
-        """Tell whether the mount follows the sky, or will when what moves it is over."""
+        """Return whether the mount follows the sky, or will when what moves it is over."""
         return self._tracking and not self.at_park(session)
 
 
@@ -190,7 +190,7 @@ def offset(engine: Engine | None, order: BiasOrder, now_utc_s: float) -> None:
 
 
 def receive_or_stop(engine: Engine, data: bytes, arrival_utc_s: float) -> None:
-    """Have an engine take a datagram; one that fails stops the mount."""
+    """Give a datagram to an engine; one that fails stops the mount."""
     try:
         engine.receive(data, arrival_utc_s)
     except Exception as error:  # noqa: BLE001 - no error is worth a mount that is left moving
@@ -198,7 +198,7 @@ def receive_or_stop(engine: Engine, data: bytes, arrival_utc_s: float) -> None:
 
 
 def tick_or_stop(engine: Engine, now_utc_s: float) -> bytes:
-    """Have an engine make the datagram to send now; one that fails stops the mount."""
+    """Return an engine's datagram to send now; one that fails stops the mount."""
     try:
         return engine.tick(now_utc_s)
     except Exception as error:  # noqa: BLE001 - no error is worth a mount that is left moving

@@ -283,7 +283,7 @@ class TelescopeStation:
         self._under_way = None
 
     def _move(self, number: int, order: MoveOrder, now_utc_s: float) -> bool:
-        """Have an axis turn, or be given back; the end of a move is answered when it is seen."""
+        """Turn an axis, or give it back; the end of a move is answered when it is seen."""
         drive = self._drive
         if drive is None:
             if order.rate_deg_s:

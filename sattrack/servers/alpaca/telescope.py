@@ -88,7 +88,7 @@ def told_value(state: TelescopeState, device: Device, name: str, values: Mapping
         raise Fault(Number.DRIVER, state.failure)
     value = _TOLD[name](state)
     if value is None:
-        raise Fault(Number.NOT_IMPLEMENTED, f"{name}: the mount does not tell it")
+        raise Fault(Number.NOT_IMPLEMENTED, f"{name}: the mount does not report it")
     return value
 
 
@@ -249,7 +249,7 @@ class Telescope:
         return state
 
     def _is_parked(self, member: Member, now_utc_s: float) -> bool:
-        """Tell whether the mount is parked; raises Fault where it is not heard, but for a stop."""
+        """Return whether the mount is parked; raises Fault where it is not heard, but for a stop."""
         state = self.state if member.name == "AbortSlew" else self._heard(now_utc_s)
         return state is not None and state.at_park
 

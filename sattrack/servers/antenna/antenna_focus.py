@@ -82,7 +82,7 @@ class AlpacaAxis:
                 raise
             step_um = 0.0
         if step_um <= 0.0:
-            raise FocuserError("it does not tell the size of its steps: add ?step= with their micrometres")
+            raise FocuserError("it does not report the size of its steps: add ?step= with their micrometres")
         return step_um
 
     @property

@@ -172,7 +172,7 @@ class Controller:
             self.antenna.focuser.stop(now_ns)
 
     def reset(self) -> None:
-        """Have what an interlock has stopped made ready again, as RESET does, whoever asks."""
+        """Make ready again what an interlock has stopped, as RESET does, whoever asks."""
         self._rest()
         self.reset_asked = True
 
@@ -409,7 +409,7 @@ def pointing(controller: Controller, request: Request, now_ns: int) -> Nak | Non
 
 
 def _reduce(controller: Controller) -> None:
-    """Have what is followed go by what has been sent since."""
+    """Apply what was sent since to what is followed."""
     reduction = controller.reckoning.reduction
     if isinstance(controller.path, SkyPath):
         controller.path = controller.path.reduced_by(reduction)
@@ -418,7 +418,7 @@ def _reduce(controller: Controller) -> None:
 
 
 def tell_sky(controller: Controller, request: Request, now_ns: int) -> str:
-    """Tell where on the sky the axes point: the pointing model turned round."""
+    """Return where on the sky the axes point, by the inverse pointing model."""
     actual = controller.feedback.actual(now_ns)
     places = [OMITTED] * 4
     if actual is not None:

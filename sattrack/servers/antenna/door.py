@@ -44,7 +44,7 @@ class CallerLine(Protocol):
     """One caller's bytes."""
 
     def fileno(self) -> int:
-        """Give the descriptor to wait on."""
+        """Return the descriptor to wait on."""
 
     def read(self) -> bytes | None:
         """Return what has come, without waiting; None where the caller is gone."""
@@ -89,7 +89,7 @@ class SerialChannel:
         self._check_parity(parity)
 
     def _check_parity(self, parity: str) -> None:
-        """Have characters with a wrong parity come as a zero byte, which no message holds."""
+        """Turn characters with a wrong parity into zero bytes, which no message holds."""
         if parity == "N":
             return
         try:
@@ -176,7 +176,7 @@ class AntennaServer:
     def serve(
         self, ready: list[Any], now: Callable[[], float], answer: Callable[[bytes, float], Answer]
     ) -> bool:
-        """Serve what is ready; tell whether the caller has gone meanwhile.
+        """Serve what is ready; return whether the caller has gone meanwhile.
 
         `now` is read as soon as the bytes are here: that is the instant at which their line-feed came.
         """
@@ -225,7 +225,7 @@ class AntennaServer:
         return told
 
     def _accept(self, listener: socket.socket) -> bool:
-        """Let a caller in where there is room; tell whether another had to make it."""
+        """Let a caller in where there is room; return whether another had to make it."""
         try:
             connection, (address, *_) = listener.accept()
         except OSError:
@@ -250,7 +250,7 @@ class AntennaServer:
         self.channel = self._seat = None
 
     def mend(self, monotonic_s: float) -> bool:
-        """Open a serial line that was lost anew, now and then; tell whether it is there again."""
+        """Open a serial line that was lost anew, now and then; return whether it is there again."""
         if self.channel is not None or self.reopen is None or monotonic_s < self._next_try_s:
             return False
         self._next_try_s = monotonic_s + REOPEN_EVERY_S

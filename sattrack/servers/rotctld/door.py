@@ -46,7 +46,7 @@ class Caller:
     """Whether there may be requests that were not answered yet."""
 
     def fileno(self) -> int:
-        """Give the descriptor to wait on."""
+        """Return the descriptor to wait on."""
         return self.channel.fileno()
 
 

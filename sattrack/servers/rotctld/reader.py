@@ -163,7 +163,7 @@ class Reader:
         return said
 
     def _skip(self) -> bool:
-        """Pass over the rest of a line; tell whether its end has come."""
+        """Pass over the rest of a line; return whether its end has come."""
         ends = [place for end in _ENDS if (place := self._bytes.find(end)) >= 0]
         if not ends:
             self._bytes.clear()

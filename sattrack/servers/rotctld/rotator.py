@@ -210,7 +210,7 @@ class SmoothedTrack:
         return place + left * off + gone * off_rate, rate + left_rate * off + gone_rate * off_rate
 
     def _continues(self, v: Vector, utc_s: float) -> bool:
-        """Tell whether a position continues those before it."""
+        """Return whether a position continues those before it."""
         last = self._points[-1]
         gap_s, step_deg = utc_s - last.utc_s, _apart_deg(last.v, v)
         if not 0.0 < gap_s <= MOST_GAP_S or step_deg > MOST_RATE_DEG_S * gap_s:
@@ -257,7 +257,7 @@ class Reach:
     max_el_deg: float = 180.0
 
     def holds(self, az_deg: float, el_deg: float) -> bool:
-        """Tell whether a position is within; what is no number is not."""
+        """Return whether a position is within; what is no number is not."""
         return self.min_az_deg <= az_deg <= self.max_az_deg and self.min_el_deg <= el_deg <= self.max_el_deg
 
 

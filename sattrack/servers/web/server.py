@@ -122,7 +122,7 @@ class Visit:
 
 
 def needs_token(host: str) -> bool:
-    """Tell whether others than this machine's users can come."""
+    """Return whether others than this machine's users can come."""
     return host not in LOOPBACK
 
 
@@ -175,7 +175,7 @@ class VisitorScreen(AppService):
             return await super().send_bytes(data)
 
     async def send_meta(self, data: dict[str, str | int | bool | None]) -> bool:
-        """Tell of a size, a focus or the end. Raises TimeoutError where the process does not read it."""
+        """Send a size, a focus or the end. Raises TimeoutError where the process does not read it."""
         async with asyncio.timeout(READ_WITHIN_S):
             return await super().send_meta(data)
 
@@ -234,7 +234,7 @@ class RunServer(Server):
         return app
 
     async def _see_off(self, _: web.Application) -> None:
-        """Have every visitor's screen end with the page."""
+        """End every visitor's screen with the page."""
         await asyncio.gather(*(screen.stop() for screen in tuple(self._screens)))
 
     async def _let_in(self, request: web.Request, go_on: Handler) -> web.StreamResponse:

@@ -110,3 +110,18 @@ def test_a_pair_of_pipes_is_a_channel_and_messages_have_their_type() -> None:
     channel.close()
     os.close(there)
     os.close(here)
+
+
+def test_a_closed_channel_touches_no_descriptor_that_has_its_number_since(ends: Ends) -> None:
+    channel, other = ends
+    channel.close()
+    again = os.pipe()
+    channel.close()
+    channel.send(b"one\n")
+    assert channel.lines() == ()
+    assert channel.fileno() == -1
+    os.write(again[1], b"x")
+    assert os.read(again[0], 10) == b"x"
+    assert other.recv(10) == b""
+    for descriptor in again:
+        os.close(descriptor)

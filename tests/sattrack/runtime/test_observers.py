@@ -121,7 +121,7 @@ def test_udp_takes_lines_from_this_machine_a_bounded_number_a_turn() -> None:
         taken = [len(observers.observations(1000)) for _ in range(60)]
         assert max(taken) <= DATAGRAMS_A_TICK
         assert 0 < sum(taken) < 2000, "the system drops what finds no room"
-        with pytest.raises(SattrackError, match=f"UDP port {port} of 127.0.0.1 is not to be had"):
+        with pytest.raises(SattrackError, match=f"UDP port {port} of 127.0.0.1 is not available"):
             open_observers(f"udp:{port}")
     finally:
         observers.close()

@@ -209,18 +209,18 @@ class Telescope:
         return _apparent_sidereal_deg(utc_s, self.settings.longitude_deg) / 15.0
 
     def slewing(self, utc_s: float) -> bool:
-        """Tell whether it goes somewhere, or moves by MoveAxis, or has not come to rest from that."""
+        """Return whether it goes somewhere, or moves by MoveAxis, or has not come to rest from that."""
         self.run_to(utc_s)
         stands = self._stands() or self._guided(GUIDED_LATELY_S)
         return self._target is not None or self._moves != [None, None] or not stands
 
     def guiding(self, utc_s: float) -> bool:
-        """Tell whether a guide pulse is under way."""
+        """Return whether a guide pulse is under way."""
         self.run_to(utc_s)
         return self._guided(0.0)
 
     def tracks(self) -> bool:
-        """Tell whether tracking is on."""
+        """Return whether tracking is on."""
         return self._tracking
 
     def track(self, on: bool, utc_s: float) -> None:

@@ -211,7 +211,7 @@ def test_a_server_that_is_gone_is_a_lost_link_in_words_and_exit_code(telescope: 
                 os.kill(process, signal.SIGKILL)
     assert code == 4
     assert "fell silent" in said
-    assert "the telescope does not tell where it is: nothing listens there" in said
+    assert "the telescope does not report where it is: nothing listens there" in said
 
 
 def test_a_telescope_that_is_parked_meanwhile_refuses_and_the_run_ends_saying_so(

@@ -373,4 +373,4 @@ def test_discovery_listens_where_the_server_does() -> None:
         sockets, trouble = discovery_sockets("127.0.0.1")
         assert not sockets
         assert trouble is not None
-        assert "UDP port 32227 on 127.0.0.1 cannot be had" in trouble
+        assert "UDP port 32227 on 127.0.0.1 is not available" in trouble
