@@ -110,12 +110,12 @@ class AntennaApp(ThemedApp):
 
     def look(self) -> None:
         """Take in what has come, and draw it."""
-        latest = self._feed.latest()
-        self._view = latest.view or self._view
+        view, ended = self._feed.newest()
+        self._view = view or self._view
         if self._view is not None:
             for name, text in drawn(self._view, self.theme).items():
                 self.query_one(f"#{name}", Static).update(text)
-        if latest.ended:
+        if ended:
             self.exit()
 
     def action_say(self, word: str) -> None:

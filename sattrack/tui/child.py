@@ -10,7 +10,6 @@ import signal
 import subprocess
 import tempfile
 import threading
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import msgspec
@@ -154,7 +153,7 @@ class LatestProcess(FeederProcess, Generic[ViewT]):
         self._decoder = msgspec.json.Decoder(view)
         super().__init__(command)
 
-    def _take_newest(self) -> tuple[ViewT | None, bool]:
+    def newest(self) -> tuple[ViewT | None, bool]:
         """Return the view that has come since the last call, if any, and whether nothing more will come."""
         with self._changed:
             view, self._newest = self._newest, None
@@ -177,7 +176,7 @@ class ConsoleProcess(LatestProcess[ConsoleView]):
 
     def latest(self) -> Latest:
         """See ConsoleFeed."""
-        return Latest(*self._take_newest())
+        return Latest(*self.newest())
 
     def tell(self, order: ConsoleMessage) -> bool:
         """See ConsoleFeed. A stop that cannot be written is said by closing the channel instead."""
@@ -187,21 +186,11 @@ class ConsoleProcess(LatestProcess[ConsoleView]):
         return told
 
 
-@dataclass(frozen=True, slots=True)
-class LatestAntenna:
-    """What has come since the last look."""
-
-    view: AntennaView | None = None
-    """The newest; None where none has come."""
-    ended: bool = False
-    """Whether nothing more will come."""
-
-
 class AntennaFeed(Protocol):
     """One antenna, seen from outside. Neither method ever waits."""
 
-    def latest(self) -> LatestAntenna:
-        """Return what has come since the last call."""
+    def newest(self) -> tuple[AntennaView | None, bool]:
+        """Return the view that has come since the last call, if any, and whether nothing more will come."""
 
     def tell(self, word: str) -> None:
         """Hand a word over to the controller's console."""
@@ -212,10 +201,6 @@ class AntennaProcess(LatestProcess[AntennaView]):
 
     def __init__(self, command: Sequence[str]) -> None:
         super().__init__(command, AntennaView)
-
-    def latest(self) -> LatestAntenna:
-        """See AntennaFeed."""
-        return LatestAntenna(*self._take_newest())
 
     def tell(self, word: str) -> None:
         """See AntennaFeed. What cannot be written is said by closing the channel, which stops the mount."""
