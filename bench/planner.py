@@ -22,7 +22,7 @@ from planning_nights import brute_force, can_be_done, greedy, random_night, rand
 
 from sattrack.mount.model import AxesPosition, MountProfile
 from sattrack.safety.limits import SafetyLimits
-from sattrack.schedule.candidates import Loaded, Situation
+from sattrack.schedule.candidates import Loaded, PlanSituation
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import make_plan
 from sattrack.schedule.planner import best_plan
@@ -82,12 +82,12 @@ def whole_plan(shorten: bool, more: str = "", satellites: int = SATELLITES) -> N
         file.write_text(text + f"[[passes]]\nrule = 'all, above 15°{more}'\n", encoding="utf-8")
         schedule = load_schedule(file)
     profile = MountProfile(park=AxesPosition(0.0, 50.0))
-    situation = Situation(
+    situation = PlanSituation(
         (begin, begin + 86400.0), begin, Site(52.1541, 4.4908, 0.0), profile, SafetyLimits(), workers=1
     )
     sky = Loaded(random_sky(satellites), False, "made up")
     began = time.process_time()
-    plan = make_plan(schedule, situation, lambda source: sky)
+    plan, _ = make_plan(schedule, situation, lambda source: sky)
     taken_s = time.process_time() - began
     weighed = len(plan.passes) + sum(one.reason not in ("too many", "cut", "too short") for one in plan.lost)
     print(

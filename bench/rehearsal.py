@@ -18,11 +18,11 @@ from unittest.mock import patch
 
 from rehearsal_draws import draw, fly, noisy
 
-from sattrack.planning.kinematics import ability_at, why_not_feasible
+from sattrack.planning.kinematics import ability_at, verdict_on
 from sattrack.runtime import rehearse as rehearsing
 
 if TYPE_CHECKING:
-    from sattrack.planning.rehearsal import Report
+    from sattrack.planning.rehearsal import RehearsalReport
     from sattrack.planning.trace import Performance
     from sattrack.runtime.facts import RunFacts
     from sattrack.runtime.prepare import Prepared
@@ -95,7 +95,7 @@ def compare(seed: int) -> Row:
     )
 
 
-def rehearsed(prepared: Prepared) -> tuple[Report, float]:
+def rehearsed(prepared: Prepared) -> tuple[RehearsalReport, float]:
     """Return a rehearsal's report, and the virtual seconds of all its runs."""
     perform, flown = rehearsing.perform, []
 
@@ -113,7 +113,8 @@ def judged(prepared: Prepared) -> str | None:
     facts = prepared.facts
     site = facts.site.place()
     span = facts.plan.start_utc_s, facts.plan.end_utc_s
-    return why_not_feasible(facts.elements, site, span, ability_at(site, facts.profile, facts.limits), None)
+    ability = ability_at(site, facts.profile, facts.limits)
+    return verdict_on(facts.elements, site, span, ability, None).why_not
 
 
 def within(values: list[float], most: float) -> int:

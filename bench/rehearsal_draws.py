@@ -135,7 +135,7 @@ def fly(prepared: Prepared) -> Flown:
     mount = SimulatedMount(facts.profile, site, practice.START, simulator_profile(prepared.simulator))
     run = WatchedRun(build_engine(facts), mount, facts.started_utc_s, NoRecording())
     ended_utc_s = run.run()
-    summary = summarise(run.engine, run.ledger, ended_utc_s)
+    summary = summarise(run.engine, run.statistics, ended_utc_s)
     lost_s = facts.plan.end_utc_s - facts.plan.start_utc_s - summary.on_target_s
     return Flown(summary, lost_s, *_peaks(run.rows, facts.plan.on_target_arcsec))
 

@@ -35,8 +35,8 @@ from planning_nights import random_sky
 
 from sattrack.cli.main import run as run_command
 from sattrack.schedule import machine
-from sattrack.schedule.night import Happening, Mount, Run, Started, State
-from sattrack.schedule.night_journal import FILE_NAME, Journal
+from sattrack.schedule.night import Event, Mount, Run, RunState, Started
+from sattrack.schedule.night_files import FILE_NAME, Journal
 from sattrack.schedule.night_virtual import WatchedMount
 from tle.formats.registry import write_elements
 from tle.instants import Utc
@@ -183,12 +183,12 @@ def told(journal: Path) -> Told:
     found, run = Told(), Run()
     for _, _, event, state, _ in rows(journal):
         before = run.state
-        back = msgspec.json.decode(event, type=Happening, dec_hook=lambda _, value: Utc(float(value)))
+        back = msgspec.json.decode(event, type=Event, dec_hook=lambda _, value: Utc(float(value)))
         run, _ = machine.step(run, back)
         assert run.state == state
         if isinstance(back, Started) and back.last_utc_s is not None:
             found.ends.append(back.last_utc_s)
-        if run.state is State.SUMMING_UP and before is not State.SUMMING_UP:
+        if run.state is RunState.SUMMING_UP and before is not RunState.SUMMING_UP:
             found.nights.append(run)
     return found
 
@@ -228,10 +228,10 @@ def _die_at(utc_s: float, before: bool) -> None:
         if at >= utc_s:
             os.kill(os.getpid(), signal.SIGKILL)
 
-    def appending(self, event, run, doing):
+    def appending(self, event, run, order):
         if before:
             die(event.utc_s)
-        append(self, event, run, doing)
+        append(self, event, run, order)
         die(event.utc_s)
 
     def beating(self, sign):

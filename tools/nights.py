@@ -9,8 +9,8 @@ import re
 import sys
 from typing import TYPE_CHECKING
 
-from sattrack.schedule.machine import TABLE, Row, words_of
-from sattrack.schedule.night import State, StopAsked
+from sattrack.schedule.machine import TABLE, TableRow, words_of
+from sattrack.schedule.night import RunState, StopAsked
 from tools.protocol.regions import replace_region
 from tools.writing import write_or_compare
 
@@ -24,8 +24,8 @@ COMMAND = "python -m tools.nights"
 def table() -> str:
     """Return the machine as a Markdown table, without what holds in every state."""
     lines = ["| state | event | if | then | next state |", "|---|---|---|---|---|"]
-    before: State | None = None
-    for row in sorted(TABLE, key=lambda row: list(State).index(row.state)):
+    before: RunState | None = None
+    for row in sorted(TABLE, key=lambda row: list(RunState).index(row.state)):
         if row.event is StopAsked:
             continue
         lines.append(_line(row, row.state is not before))
@@ -33,7 +33,7 @@ def table() -> str:
     return "\n".join(lines)
 
 
-def _line(row: Row, new: bool) -> str:
+def _line(row: TableRow, new: bool) -> str:
     event = re.sub(r"(?<!^)(?=[A-Z])", " ", row.event.__name__).lower()
     then = words_of(row.action)
     cells = (row.state.value if new else "", event, words_of(row.condition), then, row.next_state.value)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sattrack.planning.kinematics import ability_at, why_not_feasible
+from sattrack.planning.kinematics import ability_at, verdict_on
 
 if TYPE_CHECKING:
     from sattrack.cli.passes_rows import PassTable
@@ -24,7 +24,7 @@ def judged_table(table: PassTable, profile: MountProfile, limits: SafetyLimits) 
     first = begin_s + np.nan_to_num(found.rise_s[table.index], nan=0.0)
     last = begin_s + np.nan_to_num(found.set_s[table.index], nan=span_s)
     why_not = tuple(
-        why_not_feasible(task.elements[o], task.site, ends, ability, task.earth)
+        verdict_on(task.elements[o], task.site, ends, ability, task.earth).why_not
         for o, ends in zip(obj, zip(first.tolist(), last.tolist(), strict=True), strict=True)
     )
     return replace(table, judged=True, why_not=why_not)

@@ -9,13 +9,13 @@ import click
 from tle.errors import printable
 
 if TYPE_CHECKING:
-    from sattrack.planning.rehearsal import CutMoment, Report
+    from sattrack.planning.rehearsal import CutMoment, RehearsalReport
 
 ROWS = 9
 """Moments of the pass for which the time after a cut link is printed."""
 
 
-def report_lines(report: Report) -> list[str]:
+def report_lines(report: RehearsalReport) -> list[str]:
     """Return the report in colours."""
     return [
         *_head(report),
@@ -29,7 +29,7 @@ def report_lines(report: Report) -> list[str]:
     ]
 
 
-def _head(report: Report) -> list[str]:
+def _head(report: RehearsalReport) -> list[str]:
     verdict = click.style(report.verdict, fg="green" if report.go else "red", bold=True)
     return [
         f"{printable(report.name)} from {report.start_utc[:19]}Z to {_clock(report.end_utc, report)}, "
@@ -39,7 +39,7 @@ def _head(report: Report) -> list[str]:
     ]
 
 
-def _clock(utc: str, report: Report, decimals: int = 0) -> str:
+def _clock(utc: str, report: RehearsalReport, decimals: int = 0) -> str:
     """Return the time of day of an instant, after month and day where a pass goes on past midnight."""
     first = 11 if report.start_utc[:10] == report.end_utc[:10] else 5
     return utc[first : 19 + (decimals + 1 if decimals else 0)].replace("T", " ")
@@ -49,7 +49,7 @@ def _title(words: str) -> str:
     return click.style(words, bold=True)
 
 
-def _lost(report: Report) -> list[str]:
+def _lost(report: RehearsalReport) -> list[str]:
     if not report.lost:
         return []
     lines = ["", _title(f"{'Lost from':16} {'to':16} {'seconds':>8}  {'limit':13} why")]
@@ -61,7 +61,7 @@ def _lost(report: Report) -> list[str]:
     return lines
 
 
-def _limits(report: Report) -> list[str]:
+def _limits(report: RehearsalReport) -> list[str]:
     lines = [
         "",
         _title(
@@ -89,7 +89,7 @@ def _limits(report: Report) -> list[str]:
     return lines
 
 
-def _keyholes(report: Report) -> list[str]:
+def _keyholes(report: RehearsalReport) -> list[str]:
     lines = []
     for hole in report.keyholes:
         through = "the mount cannot" if hole.through_pole_s is None else f"{hole.through_pole_s:.1f} s"
@@ -101,7 +101,7 @@ def _keyholes(report: Report) -> list[str]:
     return ["", *lines] if lines else []
 
 
-def _sides(report: Report) -> list[str]:
+def _sides(report: RehearsalReport) -> list[str]:
     cables = report.cables
     return [
         "",
@@ -111,7 +111,7 @@ def _sides(report: Report) -> list[str]:
     ]
 
 
-def _link_loss(report: Report) -> list[str]:
+def _link_loss(report: RehearsalReport) -> list[str]:
     loss = report.link_loss
     lines = [
         "",
@@ -131,7 +131,7 @@ def _link_loss(report: Report) -> list[str]:
     return lines
 
 
-def _cut_table(report: Report) -> list[str]:
+def _cut_table(report: RehearsalReport) -> list[str]:
     """Return the time to the first limit from moments of the pass; nothing where none is ever met."""
     loss = report.link_loss
     if loss.worst.seconds_to_limit is None:
@@ -152,7 +152,7 @@ def _cut_table(report: Report) -> list[str]:
     return lines
 
 
-def _cut(moment: CutMoment, report: Report) -> str:
+def _cut(moment: CutMoment, report: RehearsalReport) -> str:
     if moment.seconds_to_limit is None:
         return f"no limit within {report.link_loss.looked_s / 60.0:.0f} minutes, at any moment"
     return (
@@ -161,7 +161,7 @@ def _cut(moment: CutMoment, report: Report) -> str:
     )
 
 
-def _budget(report: Report) -> list[str]:
+def _budget(report: RehearsalReport) -> list[str]:
     budget = report.budget
     lines = [
         "",

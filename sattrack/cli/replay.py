@@ -30,7 +30,7 @@ from sattrack.recording.format import VIEW
 from sattrack.recording.replay import replay
 from sattrack.recording.wording import replay_lines, replay_view
 from sattrack.runtime.facts import engine_of, open_recording
-from sattrack.runtime.outcome import Ledger, summarise
+from sattrack.runtime.outcome import RunStatistics, summarise
 from sattrack.runtime.whatif import read_law, what_if
 from sattrack.views.run import SummaryLine
 from tle.errors import TleError
@@ -168,7 +168,7 @@ def _give_all(recording: Recording, facts: RunFacts) -> int:
             tell("NOT the same as recorded: without --tui, the difference is told")
     told.end()
     if told.engine is not None:
-        summary = summarise(told.engine, Ledger(), told.utc_s)
+        summary = summarise(told.engine, RunStatistics(), told.utc_s)
         click.echo(msgspec.json.encode(SummaryLine(summary)).decode())
     return 0
 
@@ -220,7 +220,9 @@ class _Player(JsonLines):
         self.end()
         if self._engine is not None and self._utc_s is not None:
             click.echo(
-                msgspec.json.encode(SummaryLine(summarise(self._engine, Ledger(), self._utc_s))).decode()
+                msgspec.json.encode(
+                    SummaryLine(summarise(self._engine, RunStatistics(), self._utc_s))
+                ).decode()
             )
 
 

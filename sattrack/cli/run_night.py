@@ -13,35 +13,36 @@ from sattrack.cli.common import tell
 from sattrack.cli.run_plan import (
     loader,
     progress,
+    rehearser,
     said_utc_s,
     situation_of,
     why_left,
     within_half_a_turn,
 )
-from sattrack.cli.run_told import Told
+from sattrack.cli.run_told import RunReporter
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError, TerminatedRunError
+from sattrack.core.own_program import own_program
 from sattrack.runtime import practice
 from sattrack.runtime.mounts import is_antenna, mount_address
 from sattrack.schedule.candidates import named_by
 from sattrack.schedule.file import load_schedule
-from sattrack.schedule.making import make_plan_and_choice
-from sattrack.schedule.night import End, NightPass, Planned, Ways
-from sattrack.schedule.night_commands import Errands, Notifier
-from sattrack.schedule.night_files import NightFiles, take_up
-from sattrack.schedule.night_hands import Kit, LiveHands, drive
-from sattrack.schedule.night_journal import locked
-from sattrack.schedule.night_session import this_program
+from sattrack.schedule.making import make_plan
+from sattrack.schedule.night import End, NightPass, Planned, RunSettings, mean_noon_s
+from sattrack.schedule.night_commands import BackgroundTasks, Notifier
+from sattrack.schedule.night_files import NightFiles, open_run
+from sattrack.schedule.night_hands import LiveExecutor, NightContext, drive
 from sattrack.schedule.night_stop import (
     NightRequests,
-    heeding_signals,
+    handling_signals,
     list_night,
+    locked,
     resume_command,
     stop_of,
     take_back_stop,
     unlist_night,
 )
-from sattrack.schedule.night_virtual import Airspace, Troubles, VirtualHands
+from sattrack.schedule.night_virtual import SimulatedStation, Troubles, VirtualExecutor
 from sattrack.schedule.service import Service
 from tle.errors import TleError
 from tle.instants import Utc
@@ -58,15 +59,14 @@ if TYPE_CHECKING:
     from sattrack.schedule.file import Schedule
     from sattrack.schedule.making import Chosen
     from sattrack.schedule.night import Run
-    from sattrack.schedule.night_hands import Hands
-    from sattrack.schedule.night_journal import Journal
+    from sattrack.schedule.night_files import Journal
+    from sattrack.schedule.night_hands import Executor
     from sattrack.schedule.night_stop import OperatorStop
     from tle.elements import Elements
 
 
-NOON_S, S_PER_DEG = 43200.0, 240.0
 VIRTUAL_DAYS = 1.0
-ERRANDS_WITHIN_S = 30.0
+TASKS_WITHIN_S = 30.0
 """How long those who are notified are waited for at the end."""
 
 
@@ -87,13 +87,9 @@ class NightPlans:
         once = any(entry.conditions.once_a_run for entry in schedule.entries)
         if once and self.journal is not None:
             situation = replace(situation, taken=self.journal.followed())
-        rehearse = None
-        if self.rehearse:
-            from sattrack.cli.run_plan import rehearser
-
-            rehearse = rehearser(self.context, self.profile, schedule)
+        rehearse = rehearser(self.context, self.profile, schedule) if self.rehearse else None
         load = loader(self.context, schedule)
-        plan, chosen = make_plan_and_choice(schedule, situation, load, rehearse, progress())
+        plan, chosen = make_plan(schedule, situation, load, rehearse, progress())
         passes = tuple(_night_pass(k + 1, one, schedule, load) for k, one in enumerate(chosen))
         others = Counter(one.reason for one in plan.lost)
         return Planned(utc_s=now_utc_s, passes=passes, others=dict(sorted(others.items())))
@@ -131,23 +127,25 @@ class Checked:
     schedule: Schedule
     mount_url: str
     profile: ProfileFile
-    ways: Ways
+    settings: RunSettings
 
 
 def check_schedule(context: CommandContext, file: Path, options: dict[str, Any]) -> Checked:
     """Read a schedule, its settings, the mount's address and the elements; nothing is moved.
 
-    What is wrong is told now, and not in the evening. Raises BadInputError, SattrackError, TleError.
+    What is wrong is reported now, and not in the evening. Raises BadInputError, SattrackError, TleError.
     """
     schedule = load_schedule(file)
     mount_url = _mount_url(context, options)
     profile = within_half_a_turn(context.profile(options["profile"], mount_url))
-    ways = _ways(context, schedule, profile, mount_address(mount_url), options)
-    situation_of(context, schedule, profile, (ways.from_utc_s, ways.from_utc_s + 1.0), ways.from_utc_s)
+    settings = _settings(context, schedule, profile, mount_address(mount_url), options)
+    situation_of(
+        context, schedule, profile, (settings.from_utc_s, settings.from_utc_s + 1.0), settings.from_utc_s
+    )
     load = loader(context, schedule)
     for entry in schedule.entries:
         named_by(entry, load(entry.source))
-    return Checked(schedule, mount_url, profile, ways)
+    return Checked(schedule, mount_url, profile, settings)
 
 
 def show_check(context: CommandContext, file: Path, options: dict[str, Any]) -> int:
@@ -167,7 +165,7 @@ def run_schedule(context: CommandContext, file: Path, folder: Path, options: dic
     """Run a schedule, or run it on, to its end. Raises the error whose exit code it ends with."""
     checked = check_schedule(context, file, options)
     requests = NightRequests(folder)
-    with locked(folder), heeding_signals(requests):
+    with locked(folder), handling_signals(requests):
         if options["resume"]:
             take_back(folder)
         refuse_stopped(file, folder)
@@ -176,10 +174,10 @@ def run_schedule(context: CommandContext, file: Path, folder: Path, options: dic
             wrong = list_night(folder, file, None if address is None else address.name)
             if wrong is not None:
                 tell(wrong)
-        run, end, told = _driven(context, file, checked, requests, options)
+        run, end, reporter = _driven(context, file, checked, requests, options)
         if not requests.restarts:
             unlist_night(folder)
-    return _finish(run, end, told, requests, file)
+    return _finish(run, end, reporter, requests, file)
 
 
 def take_back(folder: Path) -> OperatorStop | None:
@@ -198,46 +196,46 @@ def refuse_stopped(file: Path, folder: Path) -> None:
 
 def _driven(
     context: CommandContext, file: Path, checked: Checked, requests: NightRequests, options: dict[str, Any]
-) -> tuple[Run, End | None, Told]:
+) -> tuple[Run, End | None, RunReporter]:
     """Take the journal up and carry the schedule out; return how that ended."""
     folder, schedule = requests.folder, checked.schedule
     plans = NightPlans(context, file, checked.profile, options["rehearse"])
     files = NightFiles(folder, str(file))
-    taken = take_up(folder, float(context.now().unix_s), durable=not options["virtual"])
+    taken = open_run(folder, float(context.now().unix_s), durable=not options["virtual"])
     plans.journal = taken.journal
-    told = Told(files, str(file), context.json, taken.journal, Service())
-    errands: Errands | None = None
+    reporter = RunReporter(files, str(file), context.json, taken.journal, Service())
+    tasks: BackgroundTasks | None = None
 
-    def read_again() -> tuple[Schedule, Ways]:
+    def read_again() -> tuple[Schedule, RunSettings]:
         again = check_schedule(context, file, options)
-        if told.notifier is not None and errands is not None:
-            told.notifier = Notifier(again.schedule.notify, file.absolute().parent, errands)
-        return again.schedule, again.ways
+        if reporter.notifier is not None and tasks is not None:
+            reporter.notifier = Notifier(again.schedule.notify, file.absolute().parent, tasks)
+        return again.schedule, again.settings
 
     try:
-        hands: Hands
+        executor: Executor
         if options["virtual"]:
             parts = (plans, files, taken.journal, requests)
-            hands = _virtual_hands(context, schedule, parts, options["seed"])
-            hands.now_utc_s = checked.ways.from_utc_s
+            executor = _virtual_executor(context, schedule, parts, options["seed"])
+            executor.now_utc_s = checked.settings.from_utc_s
         else:
-            hands = live_hands(
+            executor = live_executor(
                 *(context, schedule, checked.profile, checked.mount_url),
-                (plans, files, taken.journal, told, requests),
+                (plans, files, taken.journal, reporter, requests),
                 read_again,
             )
-            errands = hands.kit.errands
-            told.notifier = Notifier(schedule.notify, file.absolute().parent, errands)
-        told.service.tell("READY=1")
-        run, end = drive(taken, hands, checked.ways, told.event)
-        told.service.tell("STOPPING=1")
+            tasks = executor.context.tasks
+            reporter.notifier = Notifier(schedule.notify, file.absolute().parent, tasks)
+        reporter.service.tell("READY=1")
+        run, end = drive(taken, executor, checked.settings, reporter.event)
+        reporter.service.tell("STOPPING=1")
     finally:
-        told.close()
-        if errands is not None:
-            errands.finish(ERRANDS_WITHIN_S)
+        reporter.close()
+        if tasks is not None:
+            tasks.finish(TASKS_WITHIN_S)
         files.clear_memory()
         taken.journal.close()
-    return run, end, told
+    return run, end, reporter
 
 
 def _mount_url(context: CommandContext, options: dict[str, Any]) -> str:
@@ -257,18 +255,18 @@ def _mount_url(context: CommandContext, options: dict[str, Any]) -> str:
     return str(url)
 
 
-def _virtual_hands(
+def _virtual_executor(
     context: CommandContext,
     schedule: Schedule,
     parts: tuple[NightPlans, NightFiles, Journal, NightRequests],
     seed: int | None,
-) -> VirtualHands:
+) -> VirtualExecutor:
     plans, files, journal, requests = parts
     start = practice.START
     limits = context.settings.safety.limits()
-    air = Airspace(context.site(), plans.profile, limits, start.hour_angle_deg, start.dec_deg)
-    return VirtualHands(
-        air,
+    station = SimulatedStation(context.site(), plans.profile, limits, start.hour_angle_deg, start.dec_deg)
+    return VirtualExecutor(
+        station,
         plans.make,
         files.sum_up,
         journal,
@@ -278,13 +276,13 @@ def _virtual_hands(
     )
 
 
-def _ways(
+def _settings(
     context: CommandContext,
     schedule: Schedule,
     profile: ProfileFile,
     address: MountAddress | None,
     options: dict[str, Any],
-) -> Ways:
+) -> RunSettings:
     virtual = options["virtual"]
     begin = said_utc_s(options["start"], schedule.from_utc_s)
     if begin is None:
@@ -307,35 +305,35 @@ def _ways(
     if left is not None:
         tell(left)
         park = False
-    return Ways(
+    return RunSettings(
         from_utc_s=round(begin, 3),
         to_utc_s=None if end is None else round(end, 3),
-        noon_s=(NOON_S - S_PER_DEG * context.site().longitude_deg) % 86400.0,
+        noon_s=mean_noon_s(context.site().longitude_deg),
         park=park,
         weather_every_s=30.0 if schedule.weather is None else schedule.weather.every_s,
     )
 
 
-def _finish(run: Run, end: End | None, told: Told, requests: NightRequests, file: Path) -> int:
+def _finish(run: Run, end: End | None, reporter: RunReporter, requests: NightRequests, file: Path) -> int:
     if end is None:
         raise TerminatedRunError("terminated; the mount is at rest, and a restart goes on where it was")
     if end.interrupted:
         refuse_stopped(file, requests.folder)
         raise InterruptedRunError(f"{end.why}; run it again to go on with the passes to come")
-    told.end(run)
+    reporter.end(run)
     return 0
 
 
-def live_hands(
+def live_executor(
     context: CommandContext,
     schedule: Schedule,
     profile: ProfileFile,
     mount_url: str,
-    parts: tuple[NightPlans, NightFiles, Journal, Told, NightRequests],
-    read_again: Callable[[], tuple[Schedule, Ways]],
-) -> LiveHands:
+    parts: tuple[NightPlans, NightFiles, Journal, RunReporter, NightRequests],
+    read_again: Callable[[], tuple[Schedule, RunSettings]],
+) -> LiveExecutor:
     """Return what carries a schedule out in real time."""
-    plans, files, journal, told, requests = parts
+    plans, files, journal, reporter, requests = parts
     clock = context.clock()
     simulated = clock if isinstance(clock, SimulatedClock) else None
 
@@ -347,29 +345,29 @@ def live_hands(
             return ()
         return ("--clock", f"{Utc(now()).isoformat('milliseconds')}x{simulated.speed:g}")
 
-    kit = Kit(
+    kit = NightContext(
         schedule=schedule,
         site=context.site(),
         profile=profile.mount,
         address=mount_address(mount_url),
         folder=plans.file.absolute().parent,
-        program=tuple(this_program()),
+        program=tuple(own_program()),
         common=_common(context, mount_url, files.profile(profile)),
         now=now,
         speed=1.0 if simulated is None else simulated.speed,
         clock=clock_option,
         plan=plans.make,
         renew=renewer(context, schedule),
-        waits=told.waits,
-        follows=told.follows,
+        report_waiting=reporter.report_waiting,
+        report_progress=reporter.report_progress,
         tell=tell,
-        troubled=told.troubled,
+        report_trouble=reporter.report_trouble,
         read_again=read_again,
-        errands=Errands(tell),
+        tasks=BackgroundTasks(tell),
         requests=requests,
-        service=told.service,
+        service=reporter.service,
     )
-    return LiveHands(kit, files, journal)
+    return LiveExecutor(kit, files, journal)
 
 
 def _common(context: CommandContext, mount_url: str, profile: Path) -> tuple[str, ...]:

@@ -22,19 +22,24 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sattrack.cli.common import CommandContext
-    from sattrack.schedule.night import Doing, Happening, Run
+    from sattrack.schedule.night import Event, Order, Run
     from sattrack.schedule.night_commands import Notifier
-    from sattrack.schedule.night_files import NightFiles
-    from sattrack.schedule.night_journal import Journal
-    from sattrack.schedule.plan import Asked, LostPass, Plan, PlannedPass
+    from sattrack.schedule.night_files import Journal, NightFiles
     from sattrack.schedule.service import Service
-    from sattrack.views.schedule import PassView, ScheduleView
+    from sattrack.views.schedule import (
+        EntryOutcome,
+        LostPass,
+        PassView,
+        PlannedPass,
+        SchedulePlan,
+        ScheduleView,
+    )
 
 
 FOLLOWS_EVERY_S, STATUS_EVERY_S = 1.0, 1.0
 
 
-class Told:
+class RunReporter:
     """Tells of every event; with `as_json` as lines of JSON on standard output, each the whole view."""
 
     def __init__(
@@ -50,35 +55,35 @@ class Told:
         self._written_utc_s = float("-inf")
         self._view: ScheduleView | None = None
 
-    def event(self, run: Run, event: Happening, doing: Doing) -> None:
-        """Hear of an event, once it is kept."""
-        view = view_of(run, doing, event.utc_s, self._schedule, str(self._files.folder))
+    def event(self, run: Run, event: Event, order: Order) -> None:
+        """Report an event, once it is kept."""
+        view = view_of(run, order, event.utc_s, self._schedule, str(self._files.folder))
         view = self._view = msgspec.structs.replace(view, pid=os.getpid(), events=self._journal.count)
         self._write(view)
         if self._json:
             click.echo(msgspec.json.encode(view).decode())
-        elif run.told is not None:
+        elif run.message is not None:
             self._wipe()
-            tell(f"{Utc(event.utc_s).isoformat('seconds')} {printable(run.told)}")
+            tell(f"{Utc(event.utc_s).isoformat('seconds')} {printable(run.message)}")
         if self.notifier is not None:
             self._notify(run, event, self.notifier)
         self.progress(progress_line(view))
 
-    def _notify(self, run: Run, event: Happening, notifier: Notifier) -> None:
-        """Tell whoever the schedule names, of whatever he wants to hear."""
-        new = run.told if len(run.results) > self._over and not isinstance(event, Started) else None
+    def _notify(self, run: Run, event: Event, notifier: Notifier) -> None:
+        """Notify those whom the schedule names, of what they ask for."""
+        new = run.message if len(run.results) > self._over and not isinstance(event, Started) else None
         self._over = len(run.results)
         if new is not None:
             place = len(run.results) - 1
             result = run.results[place]
             facts = facts_of(run.passes[place], self._schedule, "over", result)
             notifier.tell("lost" if result.state == "lost" else "pass", new, facts)
-        elif run.told is not None:
+        elif run.message is not None:
             facts = {"schedule": self._schedule, "night": run.night}
             if isinstance(event, SummedUp):
                 facts["summary"] = str(self._files.folder / (event.file or ""))
             if not isinstance(event, Planned):
-                notifier.tell("morning" if isinstance(event, SummedUp) else "trouble", run.told, facts)
+                notifier.tell("morning" if isinstance(event, SummedUp) else "trouble", run.message, facts)
 
     def progress(self, line: str) -> None:
         """Show a line that renews itself, on a terminal only."""
@@ -86,8 +91,8 @@ class Told:
             self._line = line
             click.echo(f"\r\x1b[K{line}", nl=False, err=True)
 
-    def waits(self, utc_s: float) -> None:
-        """Hear that time goes by: the countdown is renewed, and the status, which shows that it is alive."""
+    def report_waiting(self, utc_s: float) -> None:
+        """Renew the countdown, and the status, which shows that the run is alive."""
         if self._view is None:
             return
         view = self._view
@@ -99,36 +104,36 @@ class Told:
         self.progress(progress_line(view))
 
     def _write(self, view: ScheduleView) -> None:
-        """Renew the status file; a disk that is full is no reason to end a night, and told once."""
+        """Renew the status file; a full disk does not end a night, and is reported once."""
         self._written_utc_s = view.utc_s
         self.service.status(view.doing)
         try:
             self._files.tell(msgspec.structs.replace(view, troubles=tuple(self._troubles.values())))
         except SattrackError as error:
-            self._hear_trouble("status", str(error))
+            self._note_trouble("status", str(error))
         else:
-            self._hear_trouble("status", None)
+            self._note_trouble("status", None)
 
-    def troubled(self, what: str, words: str | None) -> None:
-        """Hear what is wrong with something, or with None that it is not any more; told where that is new."""
-        if self._hear_trouble(what, words) and self._view is not None:
+    def report_trouble(self, what: str, words: str | None) -> None:
+        """Report what is wrong with something, None for nothing any more; only where that is new."""
+        if self._note_trouble(what, words) and self._view is not None:
             self._write(self._view)
 
-    def _hear_trouble(self, what: str, words: str | None) -> bool:
+    def _note_trouble(self, what: str, words: str | None) -> bool:
         before = self._troubles.pop(what, None)
         if words is not None:
             self._troubles[what] = words
         if (before is None) == (words is None):
             return False
-        told = f"the {what} is all right again" if words is None else words
+        words = f"the {what} is all right again" if words is None else words
         self._wipe()
-        tell(told)
+        tell(words)
         if self.notifier is not None:
-            self.notifier.tell("trouble", told, {"schedule": self._schedule})
+            self.notifier.tell("trouble", words, {"schedule": self._schedule})
         return True
 
-    def follows(self, utc_s: float, on_target_s: float, words: str, silent_s: float = 0.0) -> None:
-        """Hear how a pass goes; told once a second."""
+    def report_progress(self, utc_s: float, on_target_s: float, words: str, silent_s: float = 0.0) -> None:
+        """Report how a pass goes, once a second."""
         view = self._view
         if view is None or view.current is None or 0.0 <= utc_s - view.utc_s < FOLLOWS_EVERY_S:
             return
@@ -240,7 +245,7 @@ _HEAD = "  #  Start UTC  End       Idle     Slew s  Alt°   Sun°  Useful s  Val
 _LOST_HEAD = "     Start UTC  End       Alt°  Value     Why"
 
 
-def plan_lines(plan: Plan) -> list[str]:
+def plan_lines(plan: SchedulePlan) -> list[str]:
     """Return the lines of a table."""
     lines = [
         f"{printable(plan.schedule)}: {_short(plan.from_utc)} to {_short(plan.to_utc)} UTC, "
@@ -303,7 +308,7 @@ def _lost_line(one: LostPass) -> str:
     )
 
 
-def _total(plan: Plan) -> str:
+def _total(plan: SchedulePlan) -> str:
     count = len(plan.passes)
     return (
         f"{count} {'pass' if count == 1 else 'passes'}, {plan.useful_s:.0f} useful seconds, "
@@ -312,13 +317,13 @@ def _total(plan: Plan) -> str:
     )
 
 
-def _asked_line(one: Asked) -> str:
+def _asked_line(one: EntryOutcome) -> str:
     said = [f"{one.passes} seen", f"{one.planned} planned", f"{one.lost} lost"]
     said += [f"{count} {why}" for why, count in one.left_out.items()]
     return f"     {printable(one.asked_at)}: {printable(one.asked_by)}: {', '.join(said)}"
 
 
-def _conditions(plan: Plan) -> str:
+def _conditions(plan: SchedulePlan) -> str:
     weather = "nobody is asked about the weather" if plan.weather is None else f"weather by {plan.weather}"
     return f"     {printable(weather)}; the mount is {'parked' if plan.park_at_end else 'left'} at the end"
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile
     from sattrack.runtime.mounts import MountAddress
     from sattrack.runtime.owner import Owner
-    from sattrack.schedule.night_stop import Night
+    from sattrack.schedule.night_stop import ListedRun
 
 ANSWER_WITHIN_S = 10.0
 """How long the question of which mounts to stop waits, before all of them are stopped."""
@@ -47,7 +47,7 @@ class StopDocument(msgspec.Struct, frozen=True):
 
 
 @dataclass(slots=True)
-class Progress:
+class StopProgress:
     """Says on standard error what is done, and on a terminal for how long it has been waited for."""
 
     monotonic: Callable[[], float] = time.monotonic
@@ -83,14 +83,14 @@ class Mounts:
 
     sessions: tuple[Owner, ...]
     unowned: MountAddress | None
-    nights: tuple[Night, ...] = ()
+    nights: tuple[ListedRun, ...] = ()
 
     def __len__(self) -> int:
         """Return how many there are; a run counts with its mount."""
         return len(self.sessions) + (self.unowned is not None) + len(self.idle)
 
     @property
-    def idle(self) -> tuple[Night, ...]:
+    def idle(self) -> tuple[ListedRun, ...]:
         """The runs that go on with mounts that are none of the others.
 
         One whose runner has died moves nothing, and is no reason for a question.
@@ -106,10 +106,10 @@ class Mounts:
 
     def lines(self) -> list[str]:
         """Return a line for each."""
-        told = [_line(each) for each in self.sessions]
+        lines = [_line(each) for each in self.sessions]
         if self.unowned is not None:
-            told.append(f"{self.unowned.name}  no session owns it")
-        return [*told, *(f"{night.mount or 'sim'}  the schedule {night.schedule}" for night in self.idle)]
+            lines.append(f"{self.unowned.name}  no session owns it")
+        return [*lines, *(f"{night.mount or 'sim'}  the schedule {night.schedule}" for night in self.idle)]
 
     def only(self, number: int) -> Mounts:
         """Return one of them, counted from 0 in the order of the lines."""
@@ -128,11 +128,11 @@ class Mounts:
             sessions, self.unowned, tuple(night for night in self.nights if night.mount is not None)
         )
 
-    def _of(self, mount: str) -> tuple[Night, ...]:
+    def _of(self, mount: str) -> tuple[ListedRun, ...]:
         return tuple(night for night in self.nights if night.mount == mount)
 
 
-def _moves(night: Night, owner: Owner) -> bool:
+def _moves(night: ListedRun, owner: Owner) -> bool:
     """Tell whether a session may be one of a schedule's run; a simulated mount has no name before it runs."""
     return night.mount == owner.mount or (night.mount is None and is_simulated(owner))
 
@@ -168,9 +168,9 @@ def command(
     is stopped then: give --mount URL or --all.
 
     The session that owns a mount (track, demo, mount, serve) stops it and ends. If the session hangs, its
-    guardian stops the mount. A mount that no session owns is told directly. Until the mount is seen at rest,
-    a guardian goes on telling it to stop; --give-up ends that. A schedule's run ends and follows nothing
-    more, restarted or not, until a person says `sattrack run FILE --resume`.
+    guardian stops the mount. A mount that no session owns is stopped directly. Until the mount is seen at
+    rest, a guardian goes on telling it to stop; --give-up ends that. A schedule's run ends and follows
+    nothing more, restarted or not, until a person says `sattrack run FILE --resume`.
     """
     if mount_url is not None and every:
         raise BadInputError("--mount names one mount, --all stops every one: give one of them")
@@ -185,8 +185,8 @@ def command(
         return _give_up(context, mounts.sessions)
     if not every:
         mounts = _chosen(mounts, context.json)
-    progress = Progress()
-    # Before the mount is told: a runner that sees its session end must not begin it again.
+    progress = StopProgress()
+    # Before the mount is stopped: a runner that sees its session end must not begin it again.
     nights = begin_stops(mounts.nights)
     usual = context.profile(profile, url).mount
     done, failed = _stop_all(mounts, usual, progress)
@@ -294,7 +294,7 @@ def _give_up(context: CommandContext, sessions: tuple[Owner, ...]) -> int:
 
 
 def _stop_all(
-    mounts: Mounts, profile: MountProfile, progress: Progress
+    mounts: Mounts, profile: MountProfile, progress: StopProgress
 ) -> tuple[list[MountStop], list[SattrackError]]:
     """Stop each mount. All sessions are asked at once: one that hangs keeps no other waiting."""
     done: list[MountStop] = []
@@ -338,7 +338,9 @@ def _stop_one(owner: Owner, ended: queue.SimpleQueue[tuple[Owner, MountStop | Sa
 
 
 def _as_they_come(
-    ended: queue.SimpleQueue[tuple[Owner, MountStop | SattrackError | None]], count: int, progress: Progress
+    ended: queue.SimpleQueue[tuple[Owner, MountStop | SattrackError | None]],
+    count: int,
+    progress: StopProgress,
 ) -> Iterator[tuple[Owner, MountStop | SattrackError | None]]:
     while count:
         try:
@@ -351,7 +353,7 @@ def _as_they_come(
 
 
 def _tell(done: list[MountStop], nights: list[NightStop], failed: list[SattrackError], as_json: bool) -> None:
-    """Tell what came of it; the first error is told by whoever catches it."""
+    """Report what came of it; the caller reports the first error."""
     if as_json:
         document = StopDocument(tuple(done), tuple(str(error) for error in failed), tuple(nights))
         click.echo(msgspec.json.encode(document).decode())

@@ -12,13 +12,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from sattrack.control.detour import Detour
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
-from sattrack.planning.path import axis_path
+from sattrack.planning.path import axis_path, stretches
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -88,26 +88,8 @@ class _Track:
         return np.interp(time_s, self.time_s, self.dec_deg)
 
 
-@dataclass(frozen=True, slots=True)
-class _Ways:
-    """Ways as arrays, shape (n,): instants to leave and to join, half turns on, rates, seconds lost."""
-
-    leave_s: Array
-    join_s: Array
-    half_turns: Array
-    first_deg_s: Array
-    cruise_deg_s: Array
-    last_deg_s: Array
-    lost_s: Array
-
-    def at(self, index: int) -> _Way:
-        columns = (getattr(self, name) for name in _Way.__slots__)
-        return _Way(*(float(column[index]) for column in columns))
-
-
-@dataclass(frozen=True, slots=True)
-class _Way:
-    """One of them."""
+class _Crossing(NamedTuple):
+    """One path past the pole: instants to leave and to join, half turns on, rates, seconds lost."""
 
     leave_s: float
     join_s: float
@@ -200,12 +182,11 @@ def find_keyholes(
 def _stretches(fast: NDArray[np.bool_], utc_s: Array) -> list[tuple[int, int]]:
     """Return first and last index of each stretch, those joined that are near one another."""
     found: list[tuple[int, int]] = []
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], fast, [False]]).astype(np.int8)))
-    for first, after in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+    for first, last in stretches(fast):
         if found and utc_s[first] - utc_s[found[-1][1]] < JOIN_S:
-            found[-1] = (found[-1][0], after - 1)
+            found[-1] = (found[-1][0], last)
         else:
-            found.append((first, after - 1))
+            found.append((first, last))
     return found
 
 
@@ -236,10 +217,10 @@ def _keyhole(
     )
     begin_s = float(p.utc_s[max(0, first - 1)]) - origin
     end_s = float(p.utc_s[min(last + 1, len(p.utc_s) - 1)]) - origin
-    full = _Search(
+    full = _DetourSearch(
         track, begin_s, end_s, limits.max_rate_deg_s, limits.max_acceleration_deg_s2, tolerance_deg
     )
-    search = _Search(
+    search = _DetourSearch(
         track,
         begin_s,
         end_s,
@@ -268,7 +249,7 @@ def _keyhole(
 
 
 @dataclass(frozen=True, slots=True)
-class _Search:
+class _DetourSearch:
     """The search for the way past one keyhole that loses least, within limits of the hour angle axis."""
 
     track: _Track
@@ -278,7 +259,7 @@ class _Search:
     acceleration_deg_s2: float
     tolerance_deg: float
 
-    def best(self, half_turns: tuple[int, ...], lagging: bool = False) -> _Way | None:
+    def best(self, half_turns: tuple[int, ...], lagging: bool = False) -> _Crossing | None:
         """Return the way that loses least; `lagging` for those that leave only when they must."""
         first_s, last_s = float(self.track.time_s[0]), float(self.track.time_s[-1])
         leaves = np.array([self.begin_s]) if lagging else np.linspace(first_s, self.begin_s, COARSE)
@@ -297,7 +278,7 @@ class _Search:
             leave_span, join_span = leave_span * SHRINK, join_span * SHRINK
         return best
 
-    def _best_of(self, leaves: Array, joins: Array, half_turns: tuple[int, ...]) -> _Way | None:
+    def _best_of(self, leaves: Array, joins: Array, half_turns: tuple[int, ...]) -> _Crossing | None:
         leave, join, turns = (
             a.ravel() for a in np.meshgrid(leaves, joins, np.array(half_turns, dtype=float), indexing="ij")
         )
@@ -314,10 +295,10 @@ class _Search:
         cruise = cruise_deg_s(
             first[index], last[index], seconds[index], turn[index], self.acceleration_deg_s2
         )
-        ways = (leave[index], join[index], turns[index], first[index], cruise, last[index])
-        lost = self._lost_s(*ways)
-        found = _Ways(*ways, lost)
-        return found.at(int(np.argmin(lost)))
+        columns = (leave[index], join[index], turns[index], first[index], cruise, last[index])
+        lost = self._lost_s(*columns)
+        first_of = int(np.argmin(lost))
+        return _Crossing(*(float(column[first_of]) for column in (*columns, lost)))
 
     def _lost_s(
         self, leave: Array, join: Array, turns: Array, first: Array, cruise: Array, last: Array
@@ -349,7 +330,7 @@ class _Search:
         lost: Array = np.sum(outside, axis=1) * (join - leave) / (SAMPLES - 1)
         return lost
 
-    def detour(self, way: _Way, path: AxisPath) -> Detour:
+    def detour(self, way: _Crossing, path: AxisPath) -> Detour:
         """Return a way as rates of the right ascension, which falls as the hour angle rises."""
         begin = self.track.origin_utc_s + way.leave_s
         return Detour(

@@ -11,7 +11,7 @@ import numpy as np
 from sattrack.control.stages import KEYHOLE, RATE
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.planning.keyhole import find_keyholes
-from sattrack.planning.path import axis_path, margins_deg
+from sattrack.planning.path import axis_path, margins_deg, stretches
 from tle.bias import NO_BIAS
 from tle.propagator import Propagator
 from tle.refraction import Refraction
@@ -57,7 +57,7 @@ class Ability:
 
 
 @dataclass(frozen=True, slots=True)
-class Loss:
+class ForetoldLoss:
     """A stretch that is lost: POSIX seconds of UTC, the limit's name, what is asked against what can be.
 
     Where an axis is too slow, `asked_deg_s` is the most that is asked of it, and `can_deg_s` what it can.
@@ -76,25 +76,22 @@ class Loss:
         return self.end_utc_s - self.begin_utc_s
 
 
-def losses(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None = None) -> list[Loss]:
+def losses(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None = None) -> list[ForetoldLoss]:
     """Return what of a path cannot be followed, in order, not overlapping.
 
     At a limit of place the mount is held until the target comes back. The path must hold no NaN; where its
     keyholes are known already they need not be searched.
     """
-    found: list[Loss] = []
-    for loss in sorted([*outside(path, ability), *_too_fast(path, ability, keyholes)], key=_begin):
+    found: list[ForetoldLoss] = []
+    every = [*outside(path, ability), *_too_fast(path, ability, keyholes)]
+    for loss in sorted(every, key=lambda one: one.begin_utc_s):
         begin = max([loss.begin_utc_s, *(other.end_utc_s for other in found)])
         if begin < loss.end_utc_s:
             found.append(replace(loss, begin_utc_s=begin))
     return found
 
 
-def _begin(loss: Loss) -> float:
-    return loss.begin_utc_s
-
-
-def outside(path: AxisPath, ability: Ability) -> list[Loss]:
+def outside(path: AxisPath, ability: Ability) -> list[ForetoldLoss]:
     """Return the stretches in which a path is past a limit of place, by limit.
 
     On the way to a limit the axes are held so much sooner that they would stop inside if nothing were heard
@@ -108,25 +105,25 @@ def outside(path: AxisPath, ability: Ability) -> list[Loss]:
         finite = np.where(np.isfinite(margin), margin, FAR_DEG)
         # A body that comes above the horizon comes no nearer by that.
         closing = np.clip(-np.gradient(finite, path.utc_s), 0.0, 1.1 * speed)
-        for first, last in _stretches(margin < NEAR_DEG + limits.longest_fault_s * closing):
+        for first, last in stretches(margin < NEAR_DEG + limits.longest_fault_s * closing):
             least = float(np.min(margin[first : last + 1]))
             words = f"goes {-least:.1f}° past the limit" if least < 0.0 else f"comes to {least:.1f}° from it"
             speed_deg_s = float(np.max(path.sky_rate_deg_s[first : last + 1])) - SIDEREAL_RATE_DEG_S
             left_behind = name in NO_WAY_ROUND and speed_deg_s > CREEPING_DEG_S
             end = -1 if left_behind else last
-            found.append(Loss(float(path.utc_s[first]), float(path.utc_s[end]), name, words))
+            found.append(ForetoldLoss(float(path.utc_s[first]), float(path.utc_s[end]), name, words))
             if left_behind:
                 break
     return found
 
 
-def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) -> list[Loss]:
+def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) -> list[ForetoldLoss]:
     profile = ability.profile
     if keyholes is None:
         keyholes = find_keyholes(path, profile, ability.tolerance_deg, ways=ability.detours)
     begin_utc_s, end_utc_s = float(path.utc_s[0]), float(path.utc_s[-1])
     found = [
-        Loss(
+        ForetoldLoss(
             *_lost_span(k, ability.detours),
             KEYHOLE,
             f"{k.polar_distance_deg:.2f}° from the pole the hour angle turns {k.peak_rate_deg_s:.3g} °/s "
@@ -153,13 +150,13 @@ def _too_fast(path: AxisPath, ability: Ability, keyholes: list[Keyhole] | None) 
         if peak <= can.max_rate_deg_s:
             continue
         behind = np.abs(_follow(place, path.utc_s, can.max_rate_deg_s) - place) * scale
-        for first, last in _stretches(behind > ability.tolerance_deg):
+        for first, last in stretches(behind > ability.tolerance_deg):
             begin, end = float(path.utc_s[first]), float(path.utc_s[last])
             if any(begin < loss.end_utc_s and end > loss.begin_utc_s for loss in found):
                 continue
             most = float(np.max(np.abs(rate[first : last + 1])))
             words = f"{axis} turns {most:.3g} °/s of {can.max_rate_deg_s:.3g} °/s"
-            found.append(Loss(begin, end, RATE, words, most, can.max_rate_deg_s))
+            found.append(ForetoldLoss(begin, end, RATE, words, most, can.max_rate_deg_s))
     return sorted(found, key=lambda loss: loss.begin_utc_s)
 
 
@@ -190,12 +187,7 @@ def _follow(place: Array, utc_s: Array, limit_deg_s: float) -> Array:
     return at
 
 
-def _stretches(mask: Bools) -> list[tuple[int, int]]:
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
-    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def why_not(lost: Sequence[Loss], whole_s: float) -> str | None:
+def why_not(lost: Sequence[ForetoldLoss], whole_s: float) -> str | None:
     """Return in words what keeps the mount from following enough of so long a pass; None where it can."""
     lost_s = sum(loss.seconds for loss in lost)
     if lost_s <= (1.0 - LEAST_SHARE) * whole_s:
@@ -220,18 +212,7 @@ class Verdict(NamedTuple):
     """Why a mount cannot follow a pass, in words, None where it can; and what it loses of it."""
 
     why_not: str | None
-    lost: tuple[Loss, ...] = ()
-
-
-def why_not_feasible(
-    elements: Elements,
-    site: Site,
-    span: tuple[float, float],
-    ability: Ability,
-    earth: EarthOrientation | None,
-) -> str | None:
-    """Return in words why a mount cannot follow a pass; None where it can. See `verdict_on`."""
-    return verdict_on(elements, site, span, ability, earth).why_not
+    lost: tuple[ForetoldLoss, ...] = ()
 
 
 def verdict_on(

@@ -46,6 +46,10 @@ class Pointing:
     moon_hour_angle_deg: Array
     moon_dec_deg: Array
 
+    def at(self, samples: slice | NDArray[Any]) -> Pointing:
+        """Return some of the samples, by indices or a mask."""
+        return Pointing(*(getattr(self, name)[samples] for name in Pointing.__slots__))
+
 
 @dataclass(frozen=True, slots=True)
 class AxisPath:
@@ -77,21 +81,18 @@ class AxisPath:
         speed: Array = np.hypot(self.hour_angle_rate_deg_s * cos_dec, self.dec_rate_deg_s)
         return speed
 
+    def at(self, samples: slice | NDArray[np.intp]) -> AxisPath:
+        """Return some of the samples."""
+        pointing = self.pointing.at(samples)
+        return AxisPath(pointing, *(getattr(self, name)[samples] for name in AxisPath.__slots__[1:]))
+
     def part(self, first: int, after: int) -> AxisPath:
         """Return the samples from one on, up to another that is left out."""
-        cut = slice(first, after)
-        return AxisPath(
-            Pointing(*(getattr(self.pointing, name)[cut] for name in Pointing.__slots__)),
-            *(getattr(self, name)[cut] for name in AxisPath.__slots__[1:]),
-        )
+        return self.at(slice(first, after))
 
     def thinned(self, every: int) -> AxisPath:
-        """Return each so-manieth sample, the last one kept."""
-        kept = np.unique(np.append(np.arange(0, len(self.utc_s), every), len(self.utc_s) - 1))
-        return AxisPath(
-            Pointing(*(getattr(self.pointing, name)[kept] for name in Pointing.__slots__)),
-            *(getattr(self, name)[kept] for name in AxisPath.__slots__[1:]),
-        )
+        """Return one sample of so many, and the last one."""
+        return self.at(np.unique(np.append(np.arange(0, len(self.utc_s), every), len(self.utc_s) - 1)))
 
     def wound_anew(self) -> AxisPath:
         """Return the same with the cables as a slew to the first sample leaves them: within half a turn."""
@@ -177,9 +178,10 @@ def _over(name: str, latitude_deg: float, longitude_deg: float) -> Wanderer:
     return _OVER[name](latitude_deg, longitude_deg)
 
 
-def altitude_deg(pointing: Pointing, latitude_deg: float) -> Array:
-    """Return the altitude of where the axes point, without regard to air; degrees."""
-    return _altitude_deg(pointing.hour_angle_axis_deg, pointing.dec_axis_deg, latitude_deg)
+def stretches(mask: Bools) -> list[tuple[int, int]]:
+    """Return the first and the last index of each run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(a), int(b) - 1) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _altitude_deg(hour_angle_deg: Array, dec_deg: Array, latitude_deg: float) -> Array:
@@ -189,7 +191,7 @@ def _altitude_deg(hour_angle_deg: Array, dec_deg: Array, latitude_deg: float) ->
     return np.asarray(np.degrees(np.arcsin(np.clip(sine, -1.0, 1.0))))
 
 
-def azimuth_deg(pointing: Pointing, latitude_deg: float) -> Array:
+def _azimuth_deg(pointing: Pointing, latitude_deg: float) -> Array:
     """Return the azimuth of where the axes point, from north through east, 0 to below 360 degrees."""
     h, d = np.radians(pointing.hour_angle_axis_deg), np.radians(pointing.dec_axis_deg)
     p = np.radians(latitude_deg)
@@ -198,7 +200,7 @@ def azimuth_deg(pointing: Pointing, latitude_deg: float) -> Array:
     return np.asarray(np.degrees(np.arctan2(east, north)) % 360.0)
 
 
-def separation_deg(pointing: Pointing, hour_angle_deg: Array, dec_deg: Array) -> Array:
+def _separation_deg(pointing: Pointing, hour_angle_deg: Array, dec_deg: Array) -> Array:
     """Return the distance on the sky between where the axes point and other directions, degrees."""
     h, d = np.radians(pointing.hour_angle_axis_deg), np.radians(pointing.dec_axis_deg)
     k, s = np.radians(hour_angle_deg), np.radians(dec_deg)
@@ -222,7 +224,7 @@ def margins_deg(
     pointing: Pointing, profile: MountProfile, limits: SafetyLimits, latitude_deg: float
 ) -> dict[str, Array]:
     """Return by limit how far inside it the axes stand, degrees; negative outside."""
-    altitude = altitude_deg(pointing, latitude_deg)
+    altitude = _altitude_deg(pointing.hour_angle_axis_deg, pointing.dec_axis_deg, latitude_deg)
     low, high = profile.dec_axis_limits_deg
     found = {
         "altitude": altitude - limits.floor_altitude_deg,
@@ -230,7 +232,7 @@ def margins_deg(
         "declination": np.minimum(pointing.dec_axis_deg - low, high - pointing.dec_axis_deg),
     }
     if limits.horizon:
-        azimuth = azimuth_deg(pointing, latitude_deg)
+        azimuth = _azimuth_deg(pointing, latitude_deg)
         found["horizon"] = altitude - skyline_deg(azimuth, limits)
     if profile.pier_zones:
         found["pier"] = _clear_of_pier_deg(pointing, profile.pier_zones)
@@ -241,7 +243,7 @@ def margins_deg(
     )
     for name, cone_deg, hour_angle, dec in cones:
         if cone_deg > 0.0:
-            apart = separation_deg(pointing, hour_angle, dec) - cone_deg
+            apart = _separation_deg(pointing, hour_angle, dec) - cone_deg
             height = _altitude_deg(hour_angle, dec, latitude_deg)
             found[name] = np.where(height > UP_DEG, apart, np.inf)
     return found

@@ -16,7 +16,7 @@ import numpy as np
 
 from sattrack.mount.model import MountProfile
 from sattrack.planning.budget import Budget
-from sattrack.planning.kinematics import LEAST_SHARE, Ability, Loss, losses
+from sattrack.planning.kinematics import LEAST_SHARE, Ability, ForetoldLoss, losses
 from sattrack.planning.path import Pointing, margins_deg
 from sattrack.planning.sides import Sides
 from tle.instants import Utc
@@ -40,7 +40,7 @@ LATER_S, LOOKED_S = 240.0, 900.0
 MOMENTS = 400
 
 
-class HeldWay(NamedTuple):
+class MountPath(NamedTuple):
     """How the axes stand and turn at instants, degrees and degrees a second, shape (n,)."""
 
     pointing: Pointing
@@ -48,18 +48,18 @@ class HeldWay(NamedTuple):
     dec_rate_deg_s: Array
 
 
-def way_of(path: AxisPath, trace: TraceArrays | None) -> HeldWay:
+def mount_path(path: AxisPath, trace: TraceArrays | None) -> MountPath:
     """Return how the mount went in a rehearsed run; as the target goes if there is none or it failed."""
     p = path.pointing
     rows = np.zeros(0, dtype=bool) if trace is None else trace.moving
     if trace is None or not rows.any():
-        return HeldWay(p, path.hour_angle_rate_deg_s, path.dec_rate_deg_s)
+        return MountPath(p, path.hour_angle_rate_deg_s, path.dec_rate_deg_s)
     utc_s = trace.utc_s[rows]
     bodies = (p.sun_hour_angle_deg, p.sun_dec_deg, p.moon_hour_angle_deg, p.moon_dec_deg)
     turned = (np.degrees(np.unwrap(np.radians(column))) for column in bodies)
     there = (np.interp(utc_s, p.utc_s, column) for column in turned)
     pointing = Pointing(utc_s, trace.hour_angle_axis_deg[rows], trace.dec_axis_deg[rows], *there)
-    return HeldWay(pointing, trace.hour_angle_rate_deg_s[rows], trace.dec_rate_deg_s[rows])
+    return MountPath(pointing, trace.hour_angle_rate_deg_s[rows], trace.dec_rate_deg_s[rows])
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,16 +82,17 @@ class LinkLoss:
         return int(np.argmin(self.seconds))
 
 
-def link_loss(way: HeldWay, profile: MountProfile, limits: SafetyLimits, latitude_deg: float) -> LinkLoss:
-    """Return what a cut at moments spread over a way comes to if both axes hold their rates from then on.
+def link_loss(taken: MountPath, profile: MountProfile, limits: SafetyLimits, latitude_deg: float) -> LinkLoss:
+    """Return what a cut at moments spread over a path comes to if both axes hold their rates from then on.
 
-    Rates beyond what the axes can do count as their limits. The way must hold no NaN.
+    Rates beyond what the axes can do count as their limits. The path must hold no NaN.
     """
-    p = way.pointing
+    p = taken.pointing
     count = len(p.utc_s)
     chosen = np.unique(np.linspace(0, count - 1, min(count, MOMENTS)).astype(int))
-    ha_rate = _within(way.hour_angle_rate_deg_s[chosen], profile.ra.max_rate_deg_s)
-    dec_rate = _within(way.dec_rate_deg_s[chosen], profile.dec.max_rate_deg_s)
+    most_ha, most_dec = profile.ra.max_rate_deg_s, profile.dec.max_rate_deg_s
+    ha_rate = np.clip(taken.hour_angle_rate_deg_s[chosen], -most_ha, most_ha)
+    dec_rate = np.clip(taken.dec_rate_deg_s[chosen], -most_dec, most_dec)
     seconds = np.full(len(chosen), np.inf)
     names: list[str | None] = [None] * len(chosen)
     for k, i in enumerate(chosen.tolist()):
@@ -128,10 +129,6 @@ STRETCHES_S = (
     np.arange(LATER_S, LOOKED_S + LATER_STEP_S, LATER_STEP_S),
 )
 """Most limits are met in the first two; each begins with the end of the one before."""
-
-
-def _within(rates: Array, limit: float) -> Array:
-    return np.clip(rates, -limit, limit)
 
 
 def _first_below_zero(margin: Array, ahead_s: Array) -> float:
@@ -233,7 +230,7 @@ class LinkLossView(msgspec.Struct, frozen=True):
     curve: tuple[CutMoment, ...]
 
 
-class Report(msgspec.Struct, frozen=True):
+class RehearsalReport(msgspec.Struct, frozen=True):
     """All that a rehearsal tells."""
 
     name: str
@@ -272,7 +269,7 @@ NEAR_S = 3.0
 """How far from a stretch that kinematics foretell a lost one of the run may be and have its cause."""
 JOIN_S = 1.0
 AXIS_LIMITS = ("hour_angle", "declination", "pier")
-"""Limits of the axes' places: others are of directions on the sky, whatever side they are seen from."""
+"""Limits of the axes' places: others are of directions on the sky, the same from either side."""
 HELD_SHARE = 0.3
 """Held for so much of a stretch, the mount lost it to that limit; the rest is catching up."""
 
@@ -281,7 +278,7 @@ HELD_SHARE = 0.3
 class Causes:
     """What kinematics say of a path: stretches that are too fast, or past a limit of place."""
 
-    foretold: list[Loss]
+    foretold: list[ForetoldLoss]
     path: AxisPath
     profile: MountProfile
 
@@ -356,7 +353,7 @@ def _held_by(begin: float, end: float, performance: Performance) -> str | None:
     return name if count > HELD_SHARE * len(rows) else None
 
 
-def _overlap(loss: Loss, begin: float, end: float) -> float:
+def _overlap(loss: ForetoldLoss, begin: float, end: float) -> float:
     """Return what a foretold loss and a stretch have in common, as a share of what both take together."""
     common = min(loss.end_utc_s + NEAR_S, end) - max(loss.begin_utc_s - NEAR_S, begin)
     return common / (max(loss.end_utc_s, end) - min(loss.begin_utc_s, begin) + NEAR_S)
@@ -437,24 +434,24 @@ def _peak(
     )
 
 
-def cables(way: HeldWay, profile: MountProfile) -> Cables:
+def cables(taken: MountPath, profile: MountProfile) -> Cables:
     """Return how far the cables are wound on the way that the mount goes."""
-    turned = way.pointing.hour_angle_axis_deg
+    turned = taken.pointing.hour_angle_axis_deg
     return Cables(float(np.min(turned)), float(np.max(turned)), profile.hour_angle_limit_deg)
 
 
-def margins(path: AxisPath, way: HeldWay, ability: Ability) -> tuple[Margin, ...]:
+def margins(path: AxisPath, taken: MountPath, ability: Ability) -> tuple[Margin, ...]:
     """Return how near a pass comes to each limit of place; bodies below the horizon have none.
 
     To limits of the sky as the target goes, which may be past them; to limits of the axes as the mount goes.
     """
     found = []
     limits = ability.profile, ability.limits, ability.latitude_deg
-    of_target, of_axes = margins_deg(path.pointing, *limits), margins_deg(way.pointing, *limits)
+    of_target, of_axes = margins_deg(path.pointing, *limits), margins_deg(taken.pointing, *limits)
     for name, by_target in of_target.items():
         margin, utc_s = by_target, path.utc_s
         if name in AXIS_LIMITS:
-            margin, utc_s = of_axes[name], way.pointing.utc_s
+            margin, utc_s = of_axes[name], taken.pointing.utc_s
         at = int(np.argmin(margin))
         if math.isfinite(margin[at]):
             found.append(Margin(name, float(margin[at]), _iso(float(utc_s[at]))))

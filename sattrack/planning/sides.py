@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.planning.keyhole import Keyhole
-    from sattrack.planning.kinematics import Ability, Loss
+    from sattrack.planning.kinematics import Ability, ForetoldLoss
     from sattrack.planning.path import AxisPath
 
     Bools = NDArray[np.bool_]
@@ -79,11 +79,11 @@ def choose_sides(
 ) -> Sides:
     """Return what can be done about sides and cables over a path, seen from the normal side, without NaN.
 
-    The path's keyholes are the same from both sides. What the mount loses by itself is `known`, or told by
-    kinematics.
+    The path's keyholes are the same from both sides. What the mount loses by itself is `known`, or follows
+    from kinematics.
     """
     thinned = path.thinned(max(1, round(STEP_S / float(path.utc_s[1] - path.utc_s[0]))))
-    search = _Search.over(thinned, ability, rule, keyholes)
+    search = _SideSearch.over(thinned, ability, rule, keyholes)
     own = search.by_itself()
     if known is not None:
         own = msgspec.structs.replace(own, lost_s=known.seconds, limit=known.limit)
@@ -99,7 +99,7 @@ def sides_of(rule: Rule, own: SideOption, best: SideOption | None) -> Sides:
 
 
 @dataclass(frozen=True, slots=True)
-class _Search:
+class _SideSearch:
     """The path from both sides, and the samples from which following can begin otherwise than before."""
 
     path: AxisPath
@@ -111,7 +111,7 @@ class _Search:
     """Samples at which the rule's side or the cables' half turn changes, or that are clear again."""
 
     @classmethod
-    def over(cls, path: AxisPath, ability: Ability, rule: Rule, keyholes: list[Keyhole]) -> _Search:
+    def over(cls, path: AxisPath, ability: Ability, rule: Rule, keyholes: list[Keyhole]) -> _SideSearch:
         views = {beyond: path.seen_from(beyond, ability.latitude_deg) for beyond in (False, True)}
         hour_angle = path.pointing.hour_angle_axis_deg
         lower = np.floor((hour_angle + 180.0) / 360.0)
@@ -134,7 +134,7 @@ class _Search:
         return self.rule == "hour_angle" and hour_angle > 0.0
 
     def by_itself(self) -> SideOption:
-        """Return what the mount does without being told."""
+        """Return what the mount does by itself."""
         beyond = self.beyond_after_slew(0)
         lost = losses(self.views[beyond], self.ability, self.keyholes)
         return SideOption(_side(beyond), None, None, None, sum(one.seconds for one in lost), _worst(lost))
@@ -147,7 +147,7 @@ class _Search:
         begins = [int(np.searchsorted(self.path.utc_s, one.begin_utc_s)) for one in before]
         leaves = np.unique([*np.linspace(0, count - 4, SPLITS).astype(int).tolist(), *begins])
         best: SideOption | None = None
-        known: dict[int, list[Loss]] = {}
+        known: dict[int, list[ForetoldLoss]] = {}
         for leave in leaves.tolist():
             for join in self._joins(first, leave, before):
                 if join not in known:
@@ -164,7 +164,9 @@ class _Search:
         view = self.views[self.beyond_after_slew(join)]
         return view.part(join, len(self.path.utc_s)).wound_anew()
 
-    def _option(self, leave: int, join: int, before: list[Loss], after: list[Loss]) -> SideOption:
+    def _option(
+        self, leave: int, join: int, before: list[ForetoldLoss], after: list[ForetoldLoss]
+    ) -> SideOption:
         utc_s = self.path.utc_s
         begin, end = float(utc_s[leave]), float(utc_s[join])
         lost_s = sum(max(0.0, min(one.end_utc_s, begin) - one.begin_utc_s) for one in before)
@@ -179,7 +181,7 @@ class _Search:
             limit=limit,
         )
 
-    def _joins(self, first: AxisPath, leave: int, before: list[Loss]) -> list[int]:
+    def _joins(self, first: AxisPath, leave: int, before: list[ForetoldLoss]) -> list[int]:
         """Return the samples to begin anew from that are worth a look: the first in reach, and what turns."""
         last = len(self.path.utc_s) - 4
         later = [turn for turn in self.turns if leave < turn <= last]
@@ -193,7 +195,7 @@ class _Search:
         reached = [join for join in later if self._in_reach(here, leave, join)]
         return reached if soonest is None else [soonest, *reached]
 
-    def _stands_at(self, first: AxisPath, leave: int, before: list[Loss]) -> tuple[float, float]:
+    def _stands_at(self, first: AxisPath, leave: int, before: list[ForetoldLoss]) -> tuple[float, float]:
         """Return where the axes are at a sample: with the target, or where they lost it."""
         at = float(self.path.utc_s[leave])
         held = (one for one in before if one.limit not in TOO_FAST)
@@ -214,7 +216,7 @@ class _Search:
 
 
 def with_flips(sides: Sides, flips_utc: tuple[str, ...]) -> Sides:
-    """Return the same with the instants told at which the mount goes over to the other side."""
+    """Return the same with the instants at which the mount goes over to the other side."""
     if not flips_utc:
         return sides
     when = ", ".join(_clock(utc) for utc in flips_utc)
@@ -226,7 +228,7 @@ def _side(beyond: bool) -> Side:
     return "beyond_pole" if beyond else "normal"
 
 
-def _worst(lost: list[Loss]) -> str | None:
+def _worst(lost: list[ForetoldLoss]) -> str | None:
     worst = max(lost, key=lambda loss: loss.seconds, default=None)
     return None if worst is None else worst.limit
 

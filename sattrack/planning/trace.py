@@ -27,7 +27,7 @@ SETTLED_S = 1.0
 
 
 @dataclass(slots=True)
-class Trace:
+class RehearsalTrace:
     """One row a status of the mount, in order; POSIX seconds of UTC, degrees, arcseconds on the sky.
 
     `moving` where the tracker's rates steer the mount, `acquired` from the first acquisition on, `clamping`
@@ -68,7 +68,7 @@ class Trace:
 
 @dataclass(frozen=True, slots=True)
 class TraceArrays:
-    """The columns of a `Trace`, shape (n,)."""
+    """The columns of a `RehearsalTrace`, shape (n,)."""
 
     utc_s: Array
     total_arcsec: Array
@@ -127,6 +127,11 @@ class Performance:
         within = np.clip(utc_s, plan.start_utc_s, end)
         on = self.trace.on_target(plan.on_target_arcsec)[1:]
         return float(np.sum(np.diff(within)[on]))
+
+    def acquired_after_s(self, plan: TrackPlan) -> float | None:
+        """Return the seconds from a plan's start to acquisition; None where there was none."""
+        acquired = self.acquired_utc_s
+        return None if acquired is None else round(max(0.0, acquired - plan.start_utc_s), 3)
 
     def lost_s(self, plan: TrackPlan) -> float:
         """Return the seconds of a plan's window off target."""

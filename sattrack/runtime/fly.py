@@ -54,7 +54,7 @@ def fly_virtual(
             engine.malformed, engine.dropped = observers.malformed, observers.dropped
         run = VirtualRun(engine, mount, facts.started_utc_s, sink, messages, progress)
         ended_utc_s = run.run()
-        summary = summarise(run.engine, run.ledger, ended_utc_s)
+        summary = summarise(run.engine, run.statistics, ended_utc_s)
         kept = keep(run.engine, facts, ended_utc_s, prepared.memory)
         summary = msgspec.structs.replace(summary, bias_memory=kept)
         sink.summary(ended_utc_s, summary)
@@ -95,7 +95,7 @@ def fly_live(
             engine.expect_observations()
         stack.enter_context(stopping(stop))
         ended_utc_s = loop.run()
-        summary = summarise(engine, loop.ledger, ended_utc_s)
+        summary = summarise(engine, loop.statistics, ended_utc_s)
         if summary.message is not None and link.trouble is not None:
             summary = msgspec.structs.replace(summary, message=f"{summary.message}; {link.trouble}")
         kept = keep(engine, facts, ended_utc_s, prepared.memory)

@@ -13,7 +13,7 @@ import msgspec
 
 from sattrack.core.errors import SattrackError
 from sattrack.core.realtime import RealtimeLoop
-from sattrack.runtime.outcome import Ledger
+from sattrack.runtime.outcome import RunStatistics
 from sattrack.views.messages import Message, StopNow
 from tle.errors import TleError
 
@@ -99,7 +99,7 @@ class LiveLoop(RealtimeLoop):
     inbox: Inbox | None = None
     deadline_s: float = float("inf")
     observers: Observers | None = None
-    ledger: Ledger = field(default_factory=Ledger)
+    statistics: RunStatistics = field(default_factory=RunStatistics)
 
     def run(self) -> float:
         """Run to the end; return the UTC instant of the end, POSIX seconds."""
@@ -109,7 +109,7 @@ class LiveLoop(RealtimeLoop):
         if self.driver.finished and not guard.deposed:
             guard.release(self.rest)
         self.guarded(self._show_end)
-        self.ledger.strangers, self.ledger.unsent = link.strangers, link.unsent
+        self.statistics.strangers, self.statistics.unsent = link.strangers, link.unsent
         self.raise_error()
         self.gather()
         return self.connection.now_utc_s()
@@ -139,7 +139,7 @@ class LiveLoop(RealtimeLoop):
 
     def sent(self, now_utc_s: float, datagram: bytes) -> None:
         """Record what was sent, and show how the run stands."""
-        self.ledger.note_sent(time.monotonic() * self.connection.clock.speed)
+        self.statistics.note_sent(time.monotonic() * self.connection.clock.speed)
         self.sink.command(now_utc_s, datagram)
         if self.ticks % VIEW_EVERY_TICKS == 0 and not self.driver.failed:
             view = self._with_trouble(self.driver.view(now_utc_s))
@@ -186,4 +186,4 @@ class LiveLoop(RealtimeLoop):
         if self.connection.simulated is None:
             return
         for truth in self.connection.simulated.truths():
-            self.ledger.note_truth(self.driver, truth.counter, truth.utc_s, truth.ra_deg, truth.dec_deg)
+            self.statistics.note_truth(self.driver, truth.counter, truth.utc_s, truth.ra_deg, truth.dec_deg)

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(slots=True)
-class Ledger:
+class RunStatistics:
     """What the loop gathers beside the engine."""
 
     periods_s: list[float] = field(default_factory=list)
@@ -46,7 +46,7 @@ class Ledger:
         return PeriodView(p50=p50, p99=p99, p999=p999, max=ordered[-1])
 
 
-def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
+def summarise(engine: Engine, statistics: RunStatistics, ended_utc_s: float) -> Summary:
     """Return the summary of a finished run."""
     spec, tracker, health = engine.spec, engine.tracker, engine.session.health
     acquired = tracker.acquired_utc_s
@@ -65,17 +65,17 @@ def summarise(engine: Engine, ledger: Ledger, ended_utc_s: float) -> Summary:
         acquired_after_s=_seconds_between(followable, acquired),
         reported_rms_arcsec=engine.reported.rms_arcsec,
         reported_peak_arcsec=engine.reported.peak_arcsec,
-        true_rms_arcsec=ledger.true_error.rms_arcsec,
-        true_peak_arcsec=ledger.true_error.peak_arcsec,
-        period_ms=ledger.period(),
+        true_rms_arcsec=statistics.true_error.rms_arcsec,
+        true_peak_arcsec=statistics.true_error.peak_arcsec,
+        period_ms=statistics.period(),
         datagrams=DatagramsView(
             sent=health.sent,
             received=health.received,
             lost=health.lost,
             late=health.late,
             duplicate=health.duplicate,
-            rejected=health.rejected + health.frozen + ledger.strangers,
-            unsent=ledger.unsent,
+            rejected=health.rejected + health.frozen + statistics.strangers,
+            unsent=statistics.unsent,
         ),
         bias_along_s=along_s,
         bias_cross_deg=cross_deg,

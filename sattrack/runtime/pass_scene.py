@@ -42,7 +42,7 @@ LOW_DEG = 30.0
 
 
 def pass_scene(facts: RunFacts, clock_error_s: float | None = None) -> PassView:
-    """Return what is told of a pass beforehand; `clock_error_s` is that of this machine's clock, one sigma.
+    """Return the chart of a pass beforehand; `clock_error_s` is that of this machine's clock, one sigma.
 
     Raises PropagationError or TimeRangeError where the path itself cannot be computed.
     """
@@ -123,7 +123,7 @@ def _expected_arcsec(
     try:
         budget = error_budget(spec.propagator, first_bias(facts), span, facts.profile, circumstances)
     except (TleError, ValueError):
-        # Where some of it cannot be told, nothing is: the run itself does not depend on it.
+        # Where some of it is not known, nothing is shown: the run itself does not depend on it.
         return None, None
     return budget.along_arcsec, budget.across_arcsec
 

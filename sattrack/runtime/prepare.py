@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from sattrack.control.tracker import TrackPlan
     from sattrack.mount.model import MountProfile
     from sattrack.runtime.mounts import MountAddress
+    from sattrack.schedule.candidates import Candidate
+    from sattrack.schedule.night import NightPass
     from sattrack.schedule.schema import Terms
     from sattrack.views.run import RememberedView
     from tle.elements import Elements
@@ -88,7 +90,7 @@ class Prepared:
     """What the profile's file says of the simulated mount alone."""
     memory: MemoryMode = "off"
     notes: tuple[str, ...] = ()
-    """What is to be known before the run begins: of the bias memory, of a mount that is not calibrated."""
+    """What to report before the run begins: of the bias memory, of a mount that is not calibrated."""
 
 
 def prepare(request: RunRequest) -> Prepared:
@@ -223,24 +225,8 @@ def _object_and_site(request: RunRequest, practising: bool) -> tuple[list[Elemen
     return request.elements, request.site
 
 
-class PlannedPass(Protocol):
-    """A pass of a plan, chosen or not."""
-
-    @property
-    def elements(self) -> Elements:
-        """Its satellite's elements."""
-
-    @property
-    def culminate_utc_s(self) -> float:
-        """When it is highest, POSIX seconds of UTC."""
-
-    @property
-    def max_alt_deg(self) -> float:
-        """How high it comes."""
-
-
 def planned_facts(
-    one: PlannedPass,
+    one: Candidate | NightPass,
     terms: Terms,
     plan: TrackPlan,
     started_utc_s: float,

@@ -27,25 +27,25 @@ from sattrack.mount.simulator.settings import SimulatorProfile, simulator_profil
 from sattrack.planning.budget import Circumstances, error_budget
 from sattrack.planning.keyhole import find_keyholes
 from sattrack.planning.kinematics import Ability, losses, outside
-from sattrack.planning.path import Pointing, axis_path, margins_deg, skyline_deg
+from sattrack.planning.path import axis_path, margins_deg, skyline_deg
 from sattrack.planning.rehearsal import (
     LOOKED_S,
-    HeldWay,
     LostStretch,
-    Report,
+    MountPath,
+    RehearsalReport,
     cables,
     keyhole_view,
     link_loss,
     link_loss_view,
     lost_stretches,
     margins,
+    mount_path,
     peaks,
     uncalibrated_words,
     verdict,
-    way_of,
 )
 from sattrack.planning.sides import Lost, Sides, choose_sides, sides_of, with_flips
-from sattrack.planning.trace import Performance, TabledPropagator, Trace
+from sattrack.planning.trace import Performance, RehearsalTrace, TabledPropagator
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime import practice
 from sattrack.runtime.facts import SEARCH_HOURS, build_engine, plan_for
@@ -81,11 +81,11 @@ WELL_WITHIN, FAR_BEYOND = 0.3, 5.0
 class RehearsedRun(VirtualRun):
     """A virtual run that notes each status' row."""
 
-    trace: Trace = field(default_factory=Trace)
+    trace: RehearsalTrace = field(default_factory=RehearsalTrace)
     thinned: bool = False
     """Whether statuses are left out while nothing depends on them."""
     _said: bool = True
-    """Whether the mount's last turn was told of."""
+    """Whether the mount's last turn sent a status."""
 
     def _mount_turn(self, now_utc_s: float, _: None) -> None:
         self._said = not (self.thinned and self._said and self._is_clear())
@@ -215,7 +215,7 @@ READY_S = 5.0
 class Rehearsal:
     """A report with what it was made of, for pictures: the path as the mount takes it, and the run."""
 
-    report: Report
+    report: RehearsalReport
     path: AxisPath
     performance: Performance
     ability: Ability
@@ -280,10 +280,11 @@ def rehearse(
     later = _later(path, part.plan.end_utc_s, ability) if part is not facts else ()
     lost_s = performance.lost_s(part.plan) + sum(stretch.seconds for stretch in later)
     pass_s = plan.end_utc_s - plan.start_utc_s
-    way = way_of(path, performance.trace) if part is facts else _kept_in(way_of(path, None), ability)
+    taken = mount_path(path, performance.trace if part is facts else None)
+    if part is not facts:
+        taken = _kept_in(taken, ability)
     go, words = verdict((*lost, *later), lost_s, pass_s)
-    acquired = performance.acquired_utc_s
-    report = Report(
+    report = RehearsalReport(
         name=facts.elements.label,
         catalog_number=facts.elements.catalog_number,
         elements_epoch=facts.elements.epoch.isoformat("seconds"),
@@ -302,14 +303,16 @@ def rehearse(
         rehearsed_until_utc=_iso(min(performance.ended_utc_s, part.plan.end_utc_s)),
         step_s=period_s,
         ended_by=performance.ended_by,
-        acquired_after_s=None if acquired is None else round(max(0.0, acquired - plan.start_utc_s), 3),
+        acquired_after_s=performance.acquired_after_s(plan),
         peaks=peaks(path, performance, facts.profile, plan.on_target_arcsec),
-        margins=margins(path, way, ability),
+        margins=margins(path, taken, ability),
         keyholes=tuple(keyhole_view(k, followed=bool(plan.detours)) for k in keyholes),
-        sides=_sides(part, straight, ability, keyholes, _Run(performance, lost, lost_s, prepared.simulator)),
-        cables=cables(way, facts.profile),
+        sides=_sides(
+            part, straight, ability, keyholes, _RunLosses(performance, lost, lost_s, prepared.simulator)
+        ),
+        cables=cables(taken, facts.profile),
         link_loss=link_loss_view(
-            link_loss(way, facts.profile, facts.limits, facts.site.latitude_deg),
+            link_loss(taken, facts.profile, facts.limits, facts.site.latitude_deg),
             facts.profile.watchdog_s,
             LOOKED_S,
         ),
@@ -338,7 +341,7 @@ def _performance(facts: RunFacts, path: AxisPath, table: dict[str, Any], period_
     return performance
 
 
-class _Run(NamedTuple):
+class _RunLosses(NamedTuple):
     """A rehearsed run, with what it lost, and what the profile says of the simulated mount."""
 
     performance: Performance
@@ -347,7 +350,9 @@ class _Run(NamedTuple):
     table: dict[str, Any]
 
 
-def _sides(facts: RunFacts, path: AxisPath, ability: Ability, keyholes: list[Keyhole], run: _Run) -> Sides:
+def _sides(
+    facts: RunFacts, path: AxisPath, ability: Ability, keyholes: list[Keyhole], run: _RunLosses
+) -> Sides:
     """Return what can be done about sides and cables; another way than the mount's own is run as well."""
     worst = max(run.lost, key=lambda stretch: stretch.seconds, default=None)
     known = Lost(run.lost_s, None if worst is None else worst.limit)
@@ -374,12 +379,12 @@ def _sides(facts: RunFacts, path: AxisPath, ability: Ability, keyholes: list[Key
     lost_s = run.lost_s - run.performance.lost_s(facts.plan)
     lost_s += whole_s - before_s - second.followed_s(again.plan)
     acquired = second.acquired_utc_s
-    told = msgspec.structs.replace(
+    shown = msgspec.structs.replace(
         other,
         lost_s=lost_s,
         again_utc=other.again_utc if acquired is None else Utc(acquired).isoformat("seconds"),
     )
-    return with_flips(sides_of(rule, found.by_itself, told), flips_utc)
+    return with_flips(sides_of(rule, found.by_itself, shown), flips_utc)
 
 
 def _utc_s(utc: str) -> float:
@@ -479,14 +484,15 @@ def _as_taken(path: AxisPath, performance: Performance, ability: Ability) -> Axi
     return view.wound(360.0 * turns)
 
 
-def _kept_in(way: HeldWay, ability: Ability) -> HeldWay:
+def _kept_in(taken: MountPath, ability: Ability) -> MountPath:
     """Return of a way the moments inside all limits: a mount is held elsewhere. All, where there are none."""
-    margins = margins_deg(way.pointing, ability.profile, ability.limits, ability.latitude_deg)
+    margins = margins_deg(taken.pointing, ability.profile, ability.limits, ability.latitude_deg)
     inside = np.all([margin >= 0.0 for margin in margins.values()], axis=0)
     if not inside.any():
-        return way
-    kept = Pointing(*(getattr(way.pointing, name)[inside] for name in Pointing.__slots__))
-    return HeldWay(kept, way.hour_angle_rate_deg_s[inside], way.dec_rate_deg_s[inside])
+        return taken
+    return MountPath(
+        taken.pointing.at(inside), taken.hour_angle_rate_deg_s[inside], taken.dec_rate_deg_s[inside]
+    )
 
 
 def _later(path: AxisPath, from_utc_s: float, ability: Ability) -> tuple[LostStretch, ...]:

@@ -1,6 +1,6 @@
 """What a run takes from the bias memory before it begins, and what it leaves there once it is over.
 
-Nothing of this is in the way of following: a memory that cannot be used is told in a line.
+None of this delays following: a memory that cannot be used is reported in a line.
 """
 
 from __future__ import annotations
@@ -20,12 +20,11 @@ if TYPE_CHECKING:
     from tle.elements import Elements
 
 MemoryMode = Literal["auto", "on", "nudge", "off"]
-MEMORY_MODES = ("auto", "on", "nudge", "off")
 SAME_S, SAME_DEG = 1e-6, 1e-6
 
 
 class Recalled(NamedTuple):
-    """The bias to begin with, if there is one, and what is to be told of the memory."""
+    """The bias to begin with, if there is one, and notes about the memory."""
 
     bias: RememberedView | None
     notes: tuple[str, ...]
@@ -39,7 +38,7 @@ def uses_memory(mode: MemoryMode, simulated: bool) -> bool:
 def recall(elements: Elements, at_utc_s: float, mode: MemoryMode, given: bool) -> Recalled:
     """Return what earlier passes found, for a pass about an instant; UTC as POSIX seconds.
 
-    A fit is what the run begins with; a nudge only with the mode "nudge", and else it is told. Where `given`,
+    A fit is what the run begins with; a nudge only with the mode "nudge", and else a note. Where `given`,
     the user gave a bias, which is taken instead.
     """
     memory = BiasMemory(memory_file())
@@ -118,7 +117,7 @@ def keep_fit(fit: BiasFit, facts: RunFacts, mode: MemoryMode) -> str | None:
 
 
 def run_name(facts: RunFacts) -> str:
-    """Return by what a run is told from others: its mount and its beginning."""
+    """Return the name of a run: its mount and its beginning."""
     return f"{facts.mount_name} {facts.started_utc_s!r}"
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from sattrack.mount.simulator.installation import Installation
 from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
-from sattrack.runtime.outcome import Ledger
+from sattrack.runtime.outcome import RunStatistics
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,7 +40,7 @@ class VirtualRun:
     sink: Sink
     messages: tuple[tuple[float, Message], ...] = ()
     progress: Callable[[TrackView], None] | None = None
-    ledger: Ledger = field(default_factory=Ledger)
+    statistics: RunStatistics = field(default_factory=RunStatistics)
     _queue: list[tuple[float, int, Callable[[float, Any], None], Any]] = field(default_factory=list)
     _order: int = 0
     _installation: Installation = field(init=False)
@@ -71,7 +71,7 @@ class VirtualRun:
     def _client_turn(self, now_utc_s: float, turn: int) -> None:
         profile = self.engine.spec.profile
         datagram = self.engine.tick(now_utc_s)
-        self.ledger.note_sent(now_utc_s)
+        self.statistics.note_sent(now_utc_s)
         self.sink.command(now_utc_s, datagram)
         self._send(now_utc_s, datagram)
         if profile.repeat_rates != "never":
@@ -108,7 +108,7 @@ class VirtualRun:
         status, truth = what
         self.sink.status(now_utc_s, status)
         self.engine.receive(status, now_utc_s)
-        self.ledger.note_truth(self.engine, truth.counter, truth.utc_s, truth.ra_deg, truth.dec_deg)
+        self.statistics.note_truth(self.engine, truth.counter, truth.utc_s, truth.ra_deg, truth.dec_deg)
 
     def _operate(self, now_utc_s: float, message: Message) -> None:
         self.sink.operator(now_utc_s, message)

@@ -98,13 +98,13 @@ def what_if(
 
     run = trace(recording, engine_of, _part(progress, 0, 4))
     mount, hardware, words = fitted_mount(run, facts)
-    told = tuple(_messages(recording, facts))
+    messages = tuple(_messages(recording, facts))
     errors = []
     for number, one in enumerate((facts, with_law(facts, law))):
         part = _part(progress, 1 + number, 4)
         if part is not None:
             part(0.0)
-        figures = _fly(one, mount, hardware, told)
+        figures = _fly(one, mount, hardware, messages)
         errors.append((figures.rms_arcsec or 0.0, figures.peak_arcsec or 0.0))
     replayed = replay(recording, build, choice=choice, progress=_part(progress, 3, 4))
     return WhatIf(replayed, errors[0], errors[1], words)
@@ -117,7 +117,7 @@ def _part(
 
 
 def fitted_mount(run: Trace, facts: RunFacts) -> tuple[MountProfile, SimulatorProfile, str]:
-    """Return the mount of a recording, and how it and its link are to be simulated, with that in words."""
+    """Return the mount of a recording, and how to simulate it and its link, with that in words."""
     ra, dec = fit_axes(run, facts.profile)
     changes: dict[str, float] = {}
     hardware: dict[str, Any] = {}

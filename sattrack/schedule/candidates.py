@@ -14,6 +14,7 @@ from sattrack.core.origin import meant
 from sattrack.planning.kinematics import ability_at, verdict_on
 from sattrack.planning.path import Pointing, body_place_deg, margins_deg
 from sattrack.safety.bodies import sun_over
+from sattrack.safety.geometry import altitude_deg
 from tle.catalogue_passes import find_catalogue_passes
 from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError
 from tle.facts import pass_facts, sun_altitudes_deg
@@ -26,10 +27,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from sattrack.mount.model import MountProfile
-    from sattrack.planning.kinematics import Loss
+    from sattrack.planning.kinematics import ForetoldLoss
     from sattrack.safety.limits import SafetyLimits
-    from sattrack.schedule.file import Entry, Schedule
-    from sattrack.schedule.nodes import Way
+    from sattrack.schedule.file import Schedule, ScheduleEntry
+    from sattrack.schedule.transitions import CandidatePath
     from tle.catalogue_passes import CataloguePasses, SatellitePass
     from tle.elements import Elements
     from tle.facts import PassFacts
@@ -56,7 +57,7 @@ class Loaded:
 
 
 @dataclass(frozen=True, slots=True)
-class Situation:
+class PlanSituation:
     """Where and when: the plan's span in POSIX seconds of UTC, the instant of planning, site and mount."""
 
     span: Span
@@ -98,7 +99,7 @@ class Candidate:
     notes: tuple[str, ...] = ()
     may_join: bool = False
     late_s: float = 0.0
-    foretold: tuple[Loss, ...] = ()
+    foretold: tuple[ForetoldLoss, ...] = ()
     """What the mount's limits take of it; no part of `useful`, unless it is run though infeasible."""
 
     @property
@@ -111,7 +112,7 @@ class Candidate:
         """Give the worth of the whole: priority times useful seconds."""
         return self.priority * self.useful_s
 
-    def without(self, lost: tuple[Loss, ...]) -> Candidate:
+    def without(self, lost: tuple[ForetoldLoss, ...]) -> Candidate:
         """Return the candidate without what the mount's limits take of it."""
         useful = list(self.useful)
         for loss in lost:
@@ -137,7 +138,9 @@ class Found:
 class EntrySearch:
     """The passes that one entry asks for."""
 
-    def __init__(self, number: int, entry: Entry, situation: Situation, progress: Progress | None) -> None:
+    def __init__(
+        self, number: int, entry: ScheduleEntry, situation: PlanSituation, progress: Progress | None
+    ) -> None:
         """Take an entry with its number in the schedule."""
         self.found = Found()
         self._number, self._entry, self._situation = number, entry, situation
@@ -145,7 +148,7 @@ class EntrySearch:
         self._by_name = bool(entry.satellites)
 
     def run(self, loaded: Loaded, magnitudes_known: bool) -> list[Candidate]:
-        """Return those that are to be told of. Raises BadInputError that names the entry, TleError."""
+        """Return those that are reported. Raises BadInputError that names the entry, TleError."""
         entry, span = self._entry, self._situation.span
         if entry.conditions.brighter_than is not None and not magnitudes_known:
             raise entry.origin.wrong(
@@ -247,7 +250,7 @@ class EntrySearch:
         )
 
     def _candidates(self, passes: CataloguePasses, windows: list[Span], loaded: Loaded) -> list[Candidate]:
-        """Return those of the passes that are to be told of: of rules only what they do not rule out."""
+        """Return the passes that are reported: of a rule only those that meet its conditions."""
         self.found.passes = len(passes)
         if not len(passes):
             if not passes.failed:
@@ -282,9 +285,8 @@ class EntrySearch:
         if cut[0][0] <= top <= cut[0][1]:
             return at_culmination_deg
         site = self._situation.site
-        there = sun_over(site.latitude_deg, site.longitude_deg).at(min(max(top, cut[0][0]), cut[0][1]))
-        p = math.radians(site.latitude_deg)
-        return math.degrees(math.asin(math.sin(p) * there.z + math.cos(p) * there.x))
+        sun = sun_over(site.latitude_deg, site.longitude_deg).at(min(max(top, cut[0][0]), cut[0][1]))
+        return altitude_deg(sun.hour_angle_deg, sun.dec_deg, site.latitude_deg)
 
     def _tell_none(self, passes: CataloguePasses) -> None:
         low = self._entry.terms.min_altitude_deg
@@ -323,7 +325,7 @@ class EntrySearch:
         return one.seen.rise_utc is None or one.seen.set_utc is None
 
     def _keep_before_facts(self, one: SatellitePass, sun_deg: float, cut: Cut) -> bool:
-        """Tell whether a pass is told of, by what is known at once; of a rule's, count those that are not."""
+        """Tell whether a pass is reported, by what is known at once; count those of a rule that are not."""
         conditions, terms = self._entry.conditions, self._entry.terms
         if self._by_name:
             return True
@@ -442,7 +444,7 @@ class EntrySearch:
         return f"elements {days:.1f} days old {when}, more than {self._entry.terms.elements_oldest_days:g}"
 
 
-def named_by(entry: Entry, loaded: Loaded) -> list[Elements]:
+def named_by(entry: ScheduleEntry, loaded: Loaded) -> list[Elements]:
     """Return the satellites that an entry names, each once. Raises BadInputError that says where."""
     chosen: dict[int, Elements] = {}
     for key in entry.satellites:
@@ -468,7 +470,7 @@ a verdict asks for nine tenths."""
 
 def gather(
     schedule: Schedule,
-    situation: Situation,
+    situation: PlanSituation,
     load: Callable[[str | None], Loaded],
     progress: Progress | None = None,
 ) -> tuple[list[Candidate], list[Found]]:
@@ -500,7 +502,7 @@ def _most_valuable(candidates: list[Candidate]) -> list[Candidate]:
 class Judge:
     """The mount's verdict on candidates, the one of `passes --feasible`; each is asked for once."""
 
-    def __init__(self, schedule: Schedule, situation: Situation) -> None:
+    def __init__(self, schedule: Schedule, situation: PlanSituation) -> None:
         self._schedule, self._site = schedule, situation.site
         self._ability = ability_at(situation.site, situation.profile, situation.limits)
         self._known: set[int] = set()
@@ -523,17 +525,17 @@ class Judge:
             return replace(one, notes=(*one.notes, f"infeasible, run all the same: {why}"))
         return replace(one, lost=(INFEASIBLE, why))
 
-    def coarsely(self, one: Candidate, way: Way) -> Candidate:
+    def coarsely(self, one: Candidate, path: CandidatePath) -> Candidate:
         """Return a candidate, lost where its way is past a limit of place beyond doubt."""
         if self.knows(one) or self._schedule.entries[one.entry].terms.if_infeasible == "run":
             return one
-        at, site, ability = way.utc_s, self._site, self._ability
+        at, site, ability = path.utc_s, self._site, self._ability
         bodies = [
             place
             for name in ("sun", "moon")
             for place in body_place_deg(name, site.latitude_deg, site.longitude_deg, at)
         ]
-        pointing = Pointing(at, way.hour_angle_axis_deg, way.dec_axis_deg, *bodies)
+        pointing = Pointing(at, path.hour_angle_axis_deg, path.dec_axis_deg, *bodies)
         margins = margins_deg(pointing, ability.profile, ability.limits, site.latitude_deg)
         name, margin = min(margins.items(), key=lambda item: -float(np.mean(item[1] < -PAST_DEG)))
         share = float(np.mean(margin < -PAST_DEG))

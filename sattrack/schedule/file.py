@@ -24,7 +24,14 @@ import msgspec
 from sattrack.core.origin import Origin, meant
 from sattrack.core.toml_text import Positions, read_typed
 from sattrack.schedule.rules import NO_CONDITIONS, Conditions, parse_conditions, parse_rule
-from sattrack.schedule.schema import FIXED_PRIORITY, ONLY_AT_THE_TOP, ScheduleText, Terms, Wishes, terms_of
+from sattrack.schedule.schema import (
+    FIXED_PRIORITY,
+    ONLY_AT_THE_TOP,
+    PassOptions,
+    ScheduleText,
+    Terms,
+    terms_of,
+)
 from tle.errors import TimeFormatError
 from tle.instants import Utc
 from tle.sources import is_fetched
@@ -43,7 +50,7 @@ MOST_FILES = 100
 
 
 @dataclass(frozen=True, slots=True)
-class Entry:
+class ScheduleEntry:
     """Passes that somebody asked for: a rule's, some satellites', or one by fixed times.
 
     `satellites` are keys as `tle.sources.find` takes them, empty for all of `source` (None: of all elements).
@@ -70,7 +77,7 @@ class Schedule:
     to_utc_s: float | None
     elements: tuple[str, ...]
     magnitudes: str | None
-    entries: tuple[Entry, ...]
+    entries: tuple[ScheduleEntry, ...]
     weather: Weather | None
     park_at_end: bool
     wake: Wake | None
@@ -82,10 +89,10 @@ class Schedule:
 
 def load_schedule(path: Path) -> Schedule:
     """Return what a schedule file says. Raises BadInputError with file, line and column."""
-    reader = _Reader()
-    top, positions, zone = reader.read(path, Origin(str(path)), (), Wishes())
+    reader = _ScheduleReader()
+    top, positions, zone = reader.read(path, Origin(str(path)), (), PassOptions())
     span = [
-        None if text is None else float(_moment(text, zone, positions.value(key)).unix_s)
+        None if text is None else _moment(text, zone, positions.value(key))
         for key, text in (("from", top.from_), ("to", top.to))
     ]
     if span[0] is not None and span[1] is not None and span[1] <= span[0]:
@@ -122,15 +129,20 @@ def _source(source: str, path: Path) -> str:
     return str(path.parent / source)
 
 
-class _Reader:
+class _ScheduleReader:
     """Reads a file and what it includes and imports, and gathers the entries."""
 
     def __init__(self) -> None:
-        self.entries: list[Entry] = []
+        self.entries: list[ScheduleEntry] = []
         self.files: list[str] = []
 
     def read(
-        self, path: Path, asked_at: Origin, chain: tuple[Path, ...], defaults: Wishes, zone_name: str = "UTC"
+        self,
+        path: Path,
+        asked_at: Origin,
+        chain: tuple[Path, ...],
+        defaults: PassOptions,
+        zone_name: str = "UTC",
     ) -> tuple[ScheduleText, Positions, tzinfo]:
         """Read one file; `chain` are the files through which it was included."""
         text = self.text_of(path, asked_at, "the schedule")
@@ -162,13 +174,19 @@ class _Reader:
             self.entries.append(_fixed_entry(fixed, ("fixed", number), at, zone, defaults))
         if said.fixed_list is not None:
             lines = read_list(said.fixed_list, zone, at.value("fixed_list"))
-            self.entries += [_line_entry(line, Wishes(), defaults) for line in lines]
+            self.entries += [_line_entry(line, PassOptions(), defaults) for line in lines]
         for number, table in enumerate(said.imports):
             self._import(table, number, at, path, said.timezone or zone_name, defaults)
         return said, at, zone
 
     def _import(
-        self, table: ImportEntry, number: int, at: Positions, path: Path, zone_name: str, defaults: Wishes
+        self,
+        table: ImportEntry,
+        number: int,
+        at: Positions,
+        path: Path,
+        zone_name: str,
+        defaults: PassOptions,
     ) -> None:
         where = at.value("imports", number, "file")
         other = path.parent / table.file
@@ -211,16 +229,17 @@ def _zone(name: str, where: Origin) -> tzinfo:
         raise where.wrong(f"timezone: {error}") from None
 
 
-def _moment(text: str, zone: tzinfo, where: Origin) -> Utc:
+def _moment(text: str, zone: tzinfo, where: Origin) -> float:
+    """Return the instant that a text names, POSIX seconds. Raises BadInputError."""
     try:
-        return parse_moment(text, zone)
+        return float(parse_moment(text, zone).unix_s)
     except ValueError as error:
         raise where.wrong(str(error)) from None
 
 
 def _pass_entry(
-    entry: PassEntry, key: tuple[str, int], at: Positions, path: Path, zone: tzinfo, defaults: Wishes
-) -> Entry:
+    entry: PassEntry, key: tuple[str, int], at: Positions, path: Path, zone: tzinfo, defaults: PassOptions
+) -> ScheduleEntry:
     source, conditions = None, NO_CONDITIONS
     satellites: tuple[str, ...] = ()
     if entry.rule is not None:
@@ -239,7 +258,7 @@ def _pass_entry(
         terms = msgspec.structs.replace(terms, min_altitude_deg=conditions.above_deg)
     if conditions.sun_below_deg is not None:
         terms = msgspec.structs.replace(terms, sun_up_deg=min(terms.sun_up_deg, conditions.sun_below_deg))
-    return Entry(
+    return ScheduleEntry(
         label=entry.name or label,
         origin=at.key(*key),
         terms=terms,
@@ -260,8 +279,7 @@ def _windows(entry: PassEntry, key: tuple[str, int], at: Positions, zone: tzinfo
         raise places[1].wrong("from and to are two times of day, or two dates with times")
     if not daily[0]:
         low, high = (
-            float(_moment(text, zone, where).unix_s)
-            for text, where in zip((entry.from_, entry.to), places, strict=True)
+            _moment(text, zone, where) for text, where in zip((entry.from_, entry.to), places, strict=True)
         )
         if high <= low:
             raise places[1].wrong("the window ends before it starts; swap from and to")
@@ -281,10 +299,10 @@ def _windows(entry: PassEntry, key: tuple[str, int], at: Positions, zone: tzinfo
 
 
 def _fixed_entry(
-    entry: FixedEntry, key: tuple[str, int], at: Positions, zone: tzinfo, defaults: Wishes
-) -> Entry:
+    entry: FixedEntry, key: tuple[str, int], at: Positions, zone: tzinfo, defaults: PassOptions
+) -> ScheduleEntry:
     start, end = (
-        float(_moment(text, zone, at.value(*key, name)).unix_s)
+        _moment(text, zone, at.value(*key, name))
         for name, text in (("start", entry.start), ("end", entry.end))
     )
     if end <= start:
@@ -293,12 +311,12 @@ def _fixed_entry(
     return _line_entry(line, entry, defaults)
 
 
-def _line_entry(line: FixedLine, wishes: Wishes, defaults: Wishes) -> Entry:
-    """Return the entry of a pass by fixed times; these count much more than others unless told otherwise."""
+def _line_entry(line: FixedLine, wishes: PassOptions, defaults: PassOptions) -> ScheduleEntry:
+    """Return the entry of a pass by fixed times; these count much more than others by default."""
     terms = terms_of(wishes, msgspec.structs.replace(defaults, priority=None), priority=FIXED_PRIORITY)
     if line.priority is not None:
         terms = msgspec.structs.replace(terms, priority=line.priority)
-    return Entry(
+    return ScheduleEntry(
         label=line.name or "fixed times",
         origin=line.origin,
         terms=terms,
@@ -307,7 +325,7 @@ def _line_entry(line: FixedLine, wishes: Wishes, defaults: Wishes) -> Entry:
     )
 
 
-def _check_overlaps(entries: list[Entry]) -> None:
+def _check_overlaps(entries: list[ScheduleEntry]) -> None:
     """Raise BadInputError for two fixed passes at one time of which nobody said that one counts more."""
     fixed = sorted((entry.fixed, k) for k, entry in enumerate(entries) if entry.fixed is not None)
     latest: dict[float, tuple[float, int]] = {}
@@ -371,7 +389,7 @@ def read_list(text: str, zone: tzinfo, origin: Origin) -> list[FixedLine]:
                 f"{line.strip()!r} is no line of a list: write start, end and satellite, as "
                 "2026-10-02T19:40:10 2026-10-02T19:46:00 ISS"
             )
-        times = [_line_moment(value, zone, here.moved(at)) for at, value in pieces]
+        times = [_moment(value, zone, here.moved(at)) for at, value in pieces]
         found.append(_fixed(satellite, (times[0], times[1]), here.moved(pieces[0][0])))
     return found
 
@@ -431,7 +449,7 @@ def _row(row: list[str], titles: dict[str, int], zone: tzinfo, here: Origin, lin
         if not field(name)[0]:
             raise here.wrong(f"{name} is empty in this row of {len(row)} fields")
     (start, at), (end, end_at) = field("start"), field("end")
-    times = (_line_moment(start, zone, at), _line_moment(end, zone, end_at))
+    times = (_moment(start, zone, at), _moment(end, zone, end_at))
     priority, place = field("priority")
     try:
         weight = float(priority) if priority else None
@@ -440,13 +458,6 @@ def _row(row: list[str], titles: dict[str, int], zone: tzinfo, here: Origin, lin
     if weight is not None and not 0.0 < weight <= 1e6:
         raise place.wrong(f"priority is {priority}; give a number above 0, 1e+06 at most")
     return _fixed(field("satellite")[0], times, here)._replace(priority=weight, name=field("name")[0])
-
-
-def _line_moment(text: str, zone: tzinfo, origin: Origin) -> float:
-    try:
-        return float(parse_moment(text, zone).unix_s)
-    except ValueError as error:
-        raise origin.wrong(str(error)) from None
 
 
 def _fixed(satellite: str, times: tuple[float, float], origin: Origin) -> FixedLine:

@@ -11,8 +11,11 @@ import numpy as np
 
 from sattrack.safety.route import slew_s
 from sattrack.schedule.candidates import INFEASIBLE, PIER, Judge, gather
-from sattrack.schedule.nodes import (
+from sattrack.schedule.planner import MOST_WORK, TAKEN, Packing, best_packed, packings_of
+from sattrack.schedule.transitions import (
     FEWEST_CUTS,
+    ROUNDING_S,
+    RoutedSlews,
     cuts_for,
     entered_at,
     finer,
@@ -21,24 +24,20 @@ from sattrack.schedule.nodes import (
     is_flexible,
     joined,
     node_set,
-    stand_of,
-    way_of,
+    overhead_of,
+    path_of,
     whole_and_cut,
 )
-from sattrack.schedule.plan import Asked, LostPass, Plan, PlannedPass, Rehearsed
-from sattrack.schedule.planner import MOST_WORK, TAKEN, Packing, best_packed, packings_of
-from sattrack.schedule.transitions import ROUNDING_S, LedSlews
-from sattrack.views.schedule import LostTo
+from sattrack.views.schedule import EntryOutcome, LostPass, LostTo, PlannedPass, Rehearsed, SchedulePlan
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from sattrack.planning.kinematics import Loss
-    from sattrack.schedule.candidates import Candidate, Found, Loaded, Progress, Situation
+    from sattrack.planning.kinematics import ForetoldLoss
+    from sattrack.schedule.candidates import Candidate, Found, Loaded, PlanSituation, Progress
     from sattrack.schedule.file import Schedule
-    from sattrack.schedule.nodes import Node, NodeSet, Way
-    from sattrack.schedule.transitions import Stand
+    from sattrack.schedule.transitions import CandidatePath, Node, NodeSet, Overhead
 
     Rehearse = Callable[[Candidate, float, float], Rehearsed]
 
@@ -134,33 +133,22 @@ MOST_JOININGS = 3
 WORTH_ANOTHER = 1e-4
 """Times that what lies between passes is shared out anew, and the share of the value that is worth it."""
 BOUND_TOLD = 1e-6
-"""By what share more the best plan may be worth than the one that was found, until that is told."""
+"""By what share more the best plan may be worth than the one that was found, before a note says so."""
 SIDES = {False: "normal", True: "beyond_pole"}
 
 
 def make_plan(
     schedule: Schedule,
-    situation: Situation,
+    situation: PlanSituation,
     load: Callable[[str | None], Loaded],
     rehearse: Rehearse | None = None,
     progress: Progress | None = None,
-) -> Plan:
-    """Return the plan of a schedule.
+) -> tuple[SchedulePlan, list[Chosen]]:
+    """Return the plan of a schedule, and its passes with all that is needed to run them.
 
-    With `rehearse` every chosen pass is rehearsed; one that is no go, and not to be run all the same, is
+    With `rehearse` every chosen pass is rehearsed; one that is no go, and need not be run all the same, is
     lost, and the plan made anew. Raises BadInputError, SattrackError, TleError.
     """
-    return make_plan_and_choice(schedule, situation, load, rehearse, progress)[0]
-
-
-def make_plan_and_choice(
-    schedule: Schedule,
-    situation: Situation,
-    load: Callable[[str | None], Loaded],
-    rehearse: Rehearse | None = None,
-    progress: Progress | None = None,
-) -> tuple[Plan, list[Chosen]]:
-    """Return the plan of a schedule, and its passes as whoever runs them needs them; see `make_plan`."""
     found, per_entry = gather(schedule, situation, load, progress)
     judge = Judge(schedule, situation)
     maker = _Maker(schedule, situation, judge.all_if_few(found, progress), judge)
@@ -184,27 +172,27 @@ class _Maker:
     """Candidates, and the choice of them as it stands."""
 
     def __init__(
-        self, schedule: Schedule, situation: Situation, candidates: list[Candidate], judge: Judge
+        self, schedule: Schedule, situation: PlanSituation, candidates: list[Candidate], judge: Judge
     ) -> None:
         self._schedule, self._situation = schedule, situation
         self._candidates, self._judge = candidates, judge
         _leave_out_taken(schedule, candidates, situation.taken)
         self._terms = [entry.terms for entry in schedule.entries]
-        self._ways: dict[int, Way] = {}
+        self._paths: dict[int, CandidatePath] = {}
         self._rehearsed: dict[Node, Rehearsed] = {}
         self._limits = {
             number: entry.conditions.most
             for number, entry in enumerate(schedule.entries)
             if entry.conditions.most is not None
         }
-        self._stands: dict[Node, Stand] = {}
+        self._overheads: dict[Node, Overhead] = {}
         for one in candidates:
             if one.lost is None:
-                way = self._ways[one.number] = way_of(one, situation.site, situation.profile)
-                candidates[one.number] = judge.coarsely(one, way)
+                path = self._paths[one.number] = path_of(one, situation.site, situation.profile)
+                candidates[one.number] = judge.coarsely(one, path)
                 self._check_side(one)
                 self._enter(candidates[one.number])
-        self._led = LedSlews(situation)
+        self._led = RoutedSlews(situation)
         self._extra_s: dict[tuple[int, int], float] = {}
         self._looked_at: set[tuple[int, int, float, float]] = set()
         self._set = self._nodes([])
@@ -215,7 +203,7 @@ class _Maker:
     def _check_side(self, one: Candidate) -> None:
         """Lose a candidate that is wanted on the side of the pier on which the mount does not take it."""
         wanted = self._terms[one.entry].pier_side
-        side = SIDES[self._ways[one.number].beyond_pole]
+        side = SIDES[self._paths[one.number].beyond_pole]
         if wanted not in ("any", side):
             words = f"the mount takes it on the side {side}, not {wanted}"
             self._candidates[one.number] = replace(one, lost=(PIER, words))
@@ -225,7 +213,7 @@ class _Maker:
         if one.lost is not None or not one.may_join:
             return
         begin, profile, terms = self._situation.span[0], self._situation.profile, self._terms[one.entry]
-        start = entered_at(one, lambda node: first_s(self._stand(node), profile), begin)
+        start = entered_at(one, lambda node: first_s(self._overhead(node), profile), begin)
         if start <= one.start_utc_s:
             return
         left_s, least_s = one.end_utc_s - start, min(terms.least_s, terms.longest_s or terms.least_s)
@@ -240,20 +228,20 @@ class _Maker:
             start_utc_s=start,
             latest_start_utc_s=latest,
             culminate_utc_s=max(start, one.culminate_utc_s),
-            max_alt_deg=self._ways[one.number].alt_at(start) if past else one.max_alt_deg,
+            max_alt_deg=self._paths[one.number].alt_at(start) if past else one.max_alt_deg,
             late_s=start - one.start_utc_s,
         )
 
-    def _stand(self, node: Node) -> Stand:
-        if node not in self._stands:
+    def _overhead(self, node: Node) -> Overhead:
+        if node not in self._overheads:
             one = self._candidates[node.candidate]
-            way, terms = self._ways[one.number], self._terms[one.entry]
-            self._stands[node] = stand_of(node, way, terms, self._situation)
-        return self._stands[node]
+            path, terms = self._paths[one.number], self._terms[one.entry]
+            self._overheads[node] = overhead_of(node, path, terms, self._situation)
+        return self._overheads[node]
 
     def _nodes(self, nodes: Sequence[Node]) -> NodeSet:
-        stands = [self._stand(node) for node in nodes]
-        return node_set(nodes, stands, self._candidates, self._situation, self._extra_s)
+        overheads = [self._overhead(node) for node in nodes]
+        return node_set(nodes, overheads, self._candidates, self._situation, self._extra_s)
 
     def _least_s(self) -> list[float]:
         return [self._terms[one.entry].least_s for one in self._candidates]
@@ -295,7 +283,7 @@ class _Maker:
             if key in self._looked_at:
                 continue
             self._looked_at.add(key)
-            leave, want = self._stands[one].after, self._stands[other].before
+            leave, want = self._overheads[one].after, self._overheads[other].before
             more_s = self._led.extra_s(leave.last, want.first, one.end_utc_s + leave.seconds)
             known_s = self._extra_s.get(key[:2], 0.0)
             if more_s > known_s:
@@ -358,7 +346,7 @@ class _Maker:
 
     def _needed_s(self, before: Node, after: Node) -> float:
         """Return the seconds from the end of one node to the start of another."""
-        leave, want = self._stand(before).after, self._stand(after)
+        leave, want = self._overhead(before).after, self._overhead(after)
         slew = slew_s(leave.last, want.before.first, self._situation.profile)
         extra = self._extra_s.get((before.candidate, after.candidate), 0.0)
         return leave.seconds + slew + extra + want.before.seconds + want.settle_s + ROUNDING_S
@@ -373,9 +361,9 @@ class _Maker:
             one = self._candidates[node.candidate]
             if node not in self._rehearsed:
                 self._rehearsed[node] = rehearse(one, node.start_utc_s, node.end_utc_s)
-            told = self._rehearsed[node]
-            if not told.go and self._terms[one.entry].if_infeasible == "skip":
-                lost = (INFEASIBLE, f"by rehearsal: {told.verdict}")
+            report = self._rehearsed[node]
+            if not report.go and self._terms[one.entry].if_infeasible == "skip":
+                lost = (INFEASIBLE, f"by rehearsal: {report.verdict}")
                 self._candidates[one.number] = replace(one, lost=lost)
                 any_lost = True
         if progress is not None and self._chosen:
@@ -398,27 +386,27 @@ class _Maker:
         top = min(max(one.culminate_utc_s, node.start_utc_s), node.end_utc_s)
         if top == one.culminate_utc_s:
             return one
-        return replace(one, culminate_utc_s=top, max_alt_deg=self._ways[one.number].alt_at(top))
+        return replace(one, culminate_utc_s=top, max_alt_deg=self._paths[one.number].alt_at(top))
 
     def _needs(self, place: int) -> tuple[float, float, float]:
         """Return of a chosen pass its slew, with that all it needs before its start, and from when it may."""
         k = self._chosen[place]
-        stand = self._set.stands[k]
+        overhead = self._set.overheads[k]
         if place:
             before = self._chosen[place - 1]
             slew = float(self._set.transitions.slews_s(np.array([before]), k)[0])
-            ready = self._set.nodes[before].end_utc_s + self._set.stands[before].after.seconds
+            ready = self._set.nodes[before].end_utc_s + self._set.overheads[before].after.seconds
         else:
-            slew, ready = first_slew_s(stand, self._situation.profile), self._situation.span[0]
-        return slew, slew + stand.before.seconds + stand.settle_s, ready
+            slew, ready = first_slew_s(overhead, self._situation.profile), self._situation.span[0]
+        return slew, slew + overhead.before.seconds + overhead.settle_s, ready
 
-    def plan(self, per_entry: Sequence[Found]) -> Plan:
-        """Return all that is told."""
+    def plan(self, per_entry: Sequence[Found]) -> SchedulePlan:
+        """Return the plan with its notes."""
         planned = [self._planned(place) for place in range(len(self._chosen))]
         lost = self._lost()
         schedule, span = self._schedule, self._situation.span
         taken = [self._candidates[self._set.nodes[k].candidate].entry for k in self._chosen]
-        return Plan(
+        return SchedulePlan(
             schedule=schedule.file,
             timezone=schedule.zone_name,
             from_utc=_iso(span[0]),
@@ -430,9 +418,9 @@ class _Maker:
             slew_s=round(sum(one.slew_s for one in planned), 3),
             idle_s=round(sum(one.idle_s for one in planned), 3),
             passes=tuple(planned),
-            lost=tuple(told for _, told in lost),
+            lost=tuple(report for _, report in lost),
             asked=tuple(
-                Asked(
+                EntryOutcome(
                     asked_by=entry.label,
                     asked_at=str(entry.origin),
                     passes=found.passes,
@@ -475,9 +463,9 @@ class _Maker:
 
     def _planned(self, place: int) -> PlannedPass:
         k = self._chosen[place]
-        node, stand = self._set.nodes[k], self._set.stands[k]
+        node, overhead = self._set.nodes[k], self._set.overheads[k]
         one = self._taken(node)
-        entry, way = self._schedule.entries[one.entry], self._ways[one.number]
+        entry, path = self._schedule.entries[one.entry], self._paths[one.number]
         slew, needs, ready = self._needs(place)
         useful = one.useful_within(node.start_utc_s, node.end_utc_s)
         return PlannedPass(
@@ -491,19 +479,19 @@ class _Maker:
             shortened=one.late_s > 0.0
             or (node.start_utc_s, node.end_utc_s) != (one.start_utc_s, one.end_utc_s),
             max_alt_deg=round(one.max_alt_deg, 3),
-            start_az_deg=round(way.az_at(node.start_utc_s), 3),
-            end_az_deg=round(way.az_at(node.end_utc_s), 3),
+            start_az_deg=round(path.az_at(node.start_utc_s), 3),
+            end_az_deg=round(path.az_at(node.end_utc_s), 3),
             sun_alt_deg=None if one.sun_alt_deg is None else round(one.sun_alt_deg, 3),
             magnitude=None if one.magnitude is None else round(one.magnitude, 2),
             priority=one.priority,
             useful_s=round(useful, 3),
             value=round(one.priority * useful, 3),
-            pier_side=SIDES[way.beyond_pole],
+            pier_side=SIDES[path.beyond_pole],
             idle_s=round(node.start_utc_s - ready - needs, 3),
             slew_s=round(slew, 3),
-            before_s=round(stand.before.seconds, 3),
-            settle_s=stand.settle_s,
-            after_s=round(stand.after.seconds, 3),
+            before_s=round(overhead.before.seconds, 3),
+            settle_s=overhead.settle_s,
+            after_s=round(overhead.after.seconds, 3),
             leave_utc=_iso(node.start_utc_s - needs),
             asked_by=entry.label,
             asked_at=str(entry.origin),
@@ -542,7 +530,7 @@ class _Maker:
                     self._full(one),
                     self._same_as(one),
                 )
-            lost.append((one.entry, self._told_lost(one, kind, words, others)))
+            lost.append((one.entry, self._lost_pass(one, kind, words, others)))
         return lost
 
     def _full(self, one: Candidate) -> Reason | None:
@@ -569,7 +557,7 @@ class _Maker:
                 return place
         return None
 
-    def _told_lost(self, one: Candidate, kind: str, words: str, others: tuple[int, ...]) -> LostPass:
+    def _lost_pass(self, one: Candidate, kind: str, words: str, others: tuple[int, ...]) -> LostPass:
         entry = self._schedule.entries[one.entry]
         return LostPass(
             name=one.elements.name,
@@ -607,7 +595,7 @@ def _all_lost_to(one: Candidate, node: Node) -> tuple[LostTo, ...]:
     return tuple(_lost_to(loss) for loss in one.foretold if loss.begin_utc_s < end and loss.end_utc_s > start)
 
 
-def _lost_to(loss: Loss) -> LostTo:
+def _lost_to(loss: ForetoldLoss) -> LostTo:
     return LostTo(
         limit=loss.limit,
         from_utc=_iso(loss.begin_utc_s),

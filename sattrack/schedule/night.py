@@ -15,6 +15,7 @@ from msgspec.structs import replace
 from sattrack.schedule.schema import Terms
 from sattrack.views.schedule import LostTo
 from tle.elements import Elements
+from tle.instants import DAY_S
 
 if TYPE_CHECKING:
     from sattrack.schedule.schema import Action
@@ -24,7 +25,7 @@ SAME_PASS_S = 120.0
 """Passes of one satellite that culminate within so long of one another are the same."""
 
 
-class State(StrEnum):
+class RunState(StrEnum):
     """What the runner is doing, in words for people."""
 
     PLANNING = "planning"
@@ -101,8 +102,8 @@ class Result(msgspec.Struct, frozen=True):
     """Largest error meanwhile, and on the way back."""
 
 
-class Go(msgspec.Struct, frozen=True):
-    """How one go at a pass ended: `ended_by` as a run's summary has it, or "weather", "stopped", "crash"."""
+class PassAttempt(msgspec.Struct, frozen=True):
+    """How an attempt at a pass ended: `ended_by` as in a run's summary, "weather", "stopped" or "crash"."""
 
     ended_by: str
     ended_utc_s: float
@@ -118,7 +119,7 @@ class Go(msgspec.Struct, frozen=True):
     """Largest error meanwhile, and on the way back."""
 
 
-class Ways(msgspec.Struct, frozen=True):
+class RunSettings(msgspec.Struct, frozen=True):
     """What holds for all nights: the run's span (None: no end), and what the schedule and the site say.
 
     Nights change at `noon_s`, seconds after midnight UTC: the site's mean noon.
@@ -136,7 +137,7 @@ class Ways(msgspec.Struct, frozen=True):
     long: nothing ends a mount's tracking of the sky but the end of its drives' power."""
 
 
-class Over(msgspec.Struct, frozen=True):
+class FinishedPass(msgspec.Struct, frozen=True):
     """A pass that has a result already, by its satellite and when it is highest."""
 
     catalog_number: int
@@ -155,23 +156,23 @@ class Recovered(msgspec.Struct, frozen=True):
     night_from_utc_s: float
     night_to_utc_s: float
     mount: Mount
-    over: tuple[Over, ...] = ()
+    over: tuple[FinishedPass, ...] = ()
     summary: str | None = None
 
 
-class Event(msgspec.Struct, frozen=True, tag_field="event", kw_only=True):
+class _Event(msgspec.Struct, frozen=True, tag_field="event", kw_only=True):
     """Something happened at an instant."""
 
     utc_s: float
 
 
-class Started(Event, frozen=True, tag="started"):
+class Started(_Event, frozen=True, tag="started"):
     """The runner has come up, for the first time or again; `last_utc_s` is when it was last alive."""
 
-    ways: Ways
+    settings: RunSettings = msgspec.field(name="ways")
     last_utc_s: float | None = None
     on_target_s: float = 0.0
-    """Of the go at a pass that was under way then."""
+    """Of the attempt at a pass that was under way then."""
     recording: str | None = None
     recovered: Recovered | None = None
     """What was known without the journal, where that could not be read."""
@@ -179,24 +180,24 @@ class Started(Event, frozen=True, tag="started"):
     """What is worth telling of the start."""
 
 
-class Reread(Event, frozen=True, tag="reread"):
+class Reread(_Event, frozen=True, tag="reread"):
     """The schedule's file was read again, as somebody asked."""
 
-    ways: Ways
+    settings: RunSettings = msgspec.field(name="ways")
 
 
-class Due(Event, frozen=True, tag="due"):
+class Due(_Event, frozen=True, tag="due"):
     """The instant that was waited for has come."""
 
 
-class ClockSet(Event, frozen=True, tag="clock set"):
+class ClockSet(_Event, frozen=True, tag="clock set"):
     """The machine's clock went by so much more than time did, or the machine slept for so long."""
 
     seconds: float
     slept: bool = False
 
 
-class Planned(Event, frozen=True, tag="planned"):
+class Planned(_Event, frozen=True, tag="planned"):
     """The night has a plan; so many other passes were seen and are not in it, by reason."""
 
     passes: tuple[NightPass, ...]
@@ -204,13 +205,13 @@ class Planned(Event, frozen=True, tag="planned"):
     words: str | None = None
 
 
-class NotPlanned(Event, frozen=True, tag="not planned"):
+class NotPlanned(_Event, frozen=True, tag="not planned"):
     """No plan could be made."""
 
     words: str
 
 
-class Prepared(Event, frozen=True, tag="prepared"):
+class PassPrepared(_Event, frozen=True, tag="prepared"):
     """Elements were renewed where that is due, the drives have power; or why the pass cannot be taken."""
 
     cause: str | None = None
@@ -219,89 +220,89 @@ class Prepared(Event, frozen=True, tag="prepared"):
     woken: bool = False
 
 
-class WeatherTold(Event, frozen=True, tag="weather"):
+class WeatherReported(_Event, frozen=True, tag="weather"):
     """Whether the weather is safe; None where nobody is asked."""
 
     safe: bool | None
     words: str | None = None
 
 
-class StepDone(Event, frozen=True, tag="step done"):
+class StepDone(_Event, frozen=True, tag="step done"):
     """An action before or after a pass is over."""
 
     done: bool
     words: str | None = None
 
 
-class Followed(Event, frozen=True, tag="followed"):
-    """A go at a pass is over."""
+class Followed(_Event, frozen=True, tag="followed"):
+    """An attempt at a pass is over."""
 
-    go: Go
+    attempt: PassAttempt = msgspec.field(name="go")
 
 
-class Laid(Event, frozen=True, tag="laid"):
+class Parked(_Event, frozen=True, tag="laid"):
     """The mount was sent to its park position: is it there, and have its drives no power?"""
 
     mount: Mount
     words: str | None = None
 
 
-class SummedUp(Event, frozen=True, tag="summed up"):
+class SummedUp(_Event, frozen=True, tag="summed up"):
     """The night's summary is written."""
 
     file: str | None = None
     words: str | None = None
 
 
-class StopAsked(Event, frozen=True, tag="stop asked"):
+class StopAsked(_Event, frozen=True, tag="stop asked"):
     """The operator wants an end."""
 
     words: str = "interrupted"
 
 
-Happening = (
+Event = (
     Started
     | Reread
     | Due
     | ClockSet
     | Planned
     | NotPlanned
-    | Prepared
-    | WeatherTold
+    | PassPrepared
+    | WeatherReported
     | StepDone
     | Followed
-    | Laid
+    | Parked
     | SummedUp
     | StopAsked
 )
 
 
-class Order(msgspec.Struct, frozen=True, tag_field="order", kw_only=True):
-    """What is to be done next; each ends with one event."""
+class _Order(msgspec.Struct, frozen=True, tag_field="order", kw_only=True):
+    """What to do next; each order ends with one event."""
 
 
-class Wait(Order, frozen=True, tag="wait"):
+class Wait(_Order, frozen=True, tag="wait"):
     """Wait for an instant: ends with Due, ClockSet or StopAsked."""
 
     until_utc_s: float
 
 
-class MakePlan(Order, frozen=True, tag="plan"):
+class MakePlan(_Order, frozen=True, tag="plan"):
     """Plan the night: ends with Planned or NotPlanned."""
 
 
-class Prepare(Order, frozen=True, tag="prepare"):
-    """Renew a pass' elements, give the drives power where they have none: ends with Prepared."""
+class Prepare(_Order, frozen=True, tag="prepare"):
+    """Renew a pass' elements, give the drives power where they have none: ends with PassPrepared."""
 
     index: int
     wake: bool
 
 
-class AskWeather(Order, frozen=True, tag="ask weather"):
-    """Ask about the weather: ends with WeatherTold."""
+class AskWeather(_Order, frozen=True, tag="ask weather"):
+    """Ask about the weather: ends with WeatherReported."""
 
 
-class DoStep(Order, frozen=True, tag="do"):
+class DoStep(_Order, frozen=True, tag="do"):
     """Carry out an action before or after a pass: ends with StepDone."""
 
     index: int
@@ -314,7 +315,7 @@ class DoStep(Order, frozen=True, tag="do"):
         return (terms.before if self.when == "before" else terms.after)[self.step]
 
 
-class Follow(Order, frozen=True, tag="follow"):
+class Follow(_Order, frozen=True, tag="follow"):
     """Follow a pass, or what is left of it, after a pause: ends with Followed."""
 
     index: int
@@ -323,31 +324,31 @@ class Follow(Order, frozen=True, tag="follow"):
     pause_s: float = 0.0
 
 
-class LayDown(Order, frozen=True, tag="lay down"):
-    """Bring the mount to its park position, and with `power_off` cut its drives' power: ends with Laid."""
+class ParkMount(_Order, frozen=True, tag="lay down"):
+    """Bring the mount to its park position, and with `power_off` cut its drives' power: ends with Parked."""
 
     power_off: bool
 
 
-class SumUp(Order, frozen=True, tag="sum up"):
+class SumUp(_Order, frozen=True, tag="sum up"):
     """Write the night's summary: ends with SummedUp."""
 
 
-class End(Order, frozen=True, tag="end"):
+class End(_Order, frozen=True, tag="end"):
     """Nothing is left to do."""
 
     why: str
     interrupted: bool = False
 
 
-Doing = Wait | MakePlan | Prepare | AskWeather | DoStep | Follow | LayDown | SumUp | End
+Order = Wait | MakePlan | Prepare | AskWeather | DoStep | Follow | ParkMount | SumUp | End
 
 
 class Run(msgspec.Struct, frozen=True):
     """All that the runner knows; every event makes a new one."""
 
-    ways: Ways = Ways(0.0, None, 0.0)
-    state: State = State.PLANNING
+    settings: RunSettings = RunSettings(0.0, None, 0.0)
+    state: RunState = RunState.PLANNING
     mount: Mount = Mount.UNKNOWN
     night: int = 0
     night_from_utc_s: float = 0.0
@@ -356,23 +357,23 @@ class Run(msgspec.Struct, frozen=True):
     results: tuple[Result, ...] = ()
     """Of the passes so far, in their order: those that are over."""
     others: dict[str, int] = {}
-    over: tuple[Over, ...] = ()
+    over: tuple[FinishedPass, ...] = ()
     """Passes of this night that had a result before the journal was set aside."""
     step: int = 0
     part: int = 0
-    goes: tuple[Go, ...] = ()
+    attempts: tuple[PassAttempt, ...] = ()
     """Those at the pass in progress."""
     part_from_utc_s: float = 0.0
     tries: int = 0
-    laid_utc_s: float = 0.0
+    parked_utc_s: float = 0.0
     """When the mount was last sent to its park position."""
     weather: str | None = None
     summary: str | None = None
     notes: tuple[str, ...] = ()
     noted_night: int = 0
     """The night that the notes are of."""
-    told: str | None = None
-    """What is worth telling of the last event."""
+    message: str | None = None
+    """What to report of the last event."""
 
     @property
     def at(self) -> NightPass | None:
@@ -381,7 +382,7 @@ class Run(msgspec.Struct, frozen=True):
         return self.passes[place] if place < len(self.passes) else None
 
 
-DAY_S = 86400.0
+S_PER_DEG = 240.0
 SHORT_S = 4.0 * 3600.0
 """Less than that at the end of a run is no night of its own."""
 LATE_S = 5.0
@@ -397,18 +398,18 @@ def at_of(run: Run) -> NightPass:
 
 def stepped(run: Run) -> NightPass:
     """Return the pass whose actions are carried out: after it, it is the last that has a result."""
-    return run.passes[len(run.results) - 1] if run.state is State.FINISHING else at_of(run)
+    return run.passes[len(run.results) - 1] if run.state is RunState.FINISHING else at_of(run)
 
 
 def actions_of(run: Run) -> tuple[Action, ...]:
     """Return the actions that are being carried out, those before a pass or those after it."""
     terms = stepped(run).terms
-    return terms.after if run.state is State.FINISHING else terms.before
+    return terms.after if run.state is RunState.FINISHING else terms.before
 
 
 def prepared_from_s(run: Run) -> float:
     """Return from when on the next pass is prepared, POSIX seconds."""
-    return at_of(run).leave_utc_s - run.ways.prepare_s
+    return at_of(run).leave_utc_s - run.settings.prepare_s
 
 
 def enough_left(run: Run, utc_s: float, another: bool = False) -> bool:
@@ -420,23 +421,28 @@ def enough_left(run: Run, utc_s: float, another: bool = False) -> bool:
     return left_s >= least_s - 1.0
 
 
+def mean_noon_s(longitude_deg: float) -> float:
+    """Return the site's mean noon, at which nights change, seconds after midnight UTC."""
+    return (0.5 * DAY_S - S_PER_DEG * longitude_deg) % DAY_S
+
+
 def first_night(run: Run, now_utc_s: float) -> Run:
     """Return a run with its first night found: the one in progress, where it could have begun before."""
-    return _night_from(run, max(run.ways.from_utc_s, now_utc_s), 1)
+    return _night_from(run, max(run.settings.from_utc_s, now_utc_s), 1)
 
 
 def recovered_night(run: Run, known: Recovered, now_utc_s: float) -> Run:
     """Return a run that goes on by what the last status says: its night, or the next where that is over."""
     run = replace(run, mount=known.mount, summary=known.summary)
     if now_utc_s >= known.night_to_utc_s:
-        return _night_from(run, max(run.ways.from_utc_s, now_utc_s), known.night + 1)
+        return _night_from(run, max(run.settings.from_utc_s, now_utc_s), known.night + 1)
     run = _night_from(run, known.night_from_utc_s, known.night)
     return replace(run, over=known.over)
 
 
-def with_ways(run: Run, ways: Ways) -> Run:
+def with_settings(run: Run, settings: RunSettings) -> Run:
     """Return the run by what the schedule says now; a night that has begun keeps its beginning."""
-    return _night_from(replace(run, ways=ways), run.night_from_utc_s, run.night)
+    return _night_from(replace(run, settings=settings), run.night_from_utc_s, run.night)
 
 
 def next_night(run: Run, now_utc_s: float) -> Run:
@@ -453,12 +459,12 @@ def _night_from(run: Run, begin: float, number: int) -> Run:
 
 def _end_of(run: Run, begin: float) -> float:
     """Return the end of the night that begins then: the next noon at the site, or the run's end."""
-    noon = run.ways.noon_s
+    noon = run.settings.noon_s
     end = (math.floor((begin - noon) / DAY_S + 1e-9) + 1.0) * DAY_S + noon
-    last = run.ways.to_utc_s
+    last = run.settings.to_utc_s
     # A few hours at the end are no night of their own.
     return last if last is not None and end + SHORT_S >= last else end
 
 
 def _is_last(run: Run, begin: float) -> bool:
-    return run.ways.to_utc_s is not None and _end_of(run, begin) >= run.ways.to_utc_s
+    return run.settings.to_utc_s is not None and _end_of(run, begin) >= run.settings.to_utc_s

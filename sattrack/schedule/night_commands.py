@@ -14,6 +14,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import urlsplit
@@ -32,10 +33,13 @@ if TYPE_CHECKING:
 KILL_AFTER_S = 2.0
 MOST_WORDS = 160
 PREFIX = "SATTRACK_"
+MOST_BYTES = 4096
+"""Of an answer about the weather."""
+CLIENT_ID = 7711
 
 
 def facts_of(one: NightPass, schedule: str, when: str, result: Result | None = None) -> dict[str, Any]:
-    """Return what a program or an address is told of a pass; names carry units."""
+    """Return the facts of a pass for a program or an address; names carry units."""
     facts: dict[str, Any] = {
         "schedule": schedule,
         "when": when,
@@ -127,29 +131,29 @@ def post(url: str, facts: dict[str, Any], timeout_s: float) -> str | None:
     return None
 
 
-class Errands:
-    """What is done beside the run and waited for by nobody; `complaints` hears what went wrong, later."""
+class BackgroundTasks:
+    """Tasks beside the run for which nobody waits; `complaints` is called later with what went wrong."""
 
     def __init__(self, complaints: Callable[[str], None]) -> None:
-        """Take who hears."""
+        """Take what is called with what went wrong."""
         self._complaints = complaints
         self._threads: list[threading.Thread] = []
 
-    def begin(self, words: str, errand: Callable[[], str | None]) -> None:
-        """Begin an errand in a thread of its own."""
+    def begin(self, words: str, task: Callable[[], str | None]) -> None:
+        """Begin a task in a thread of its own."""
 
         def run() -> None:
-            wrong = errand()
+            wrong = task()
             if wrong is not None:
                 self._complaints(f"{words}: {wrong}")
 
         self._threads = [thread for thread in self._threads if thread.is_alive()]
-        thread = threading.Thread(target=run, name="errand", daemon=True)
+        thread = threading.Thread(target=run, name="task", daemon=True)
         self._threads.append(thread)
         thread.start()
 
     def finish(self, within_s: float) -> None:
-        """Wait for errands that are under way, so long at most: the process is about to end."""
+        """Wait for tasks that are under way, so long at most: the process is about to end."""
         until_s = time.monotonic() + within_s
         for thread in self._threads:
             thread.join(max(0.0, until_s - time.monotonic()))
@@ -158,30 +162,21 @@ class Errands:
 class Notifier:
     """Tells whoever the schedule names of what happens."""
 
-    def __init__(self, notify: Sequence[Notify], folder: Path, errands: Errands) -> None:
+    def __init__(self, notify: Sequence[Notify], folder: Path, tasks: BackgroundTasks) -> None:
         """Take whom to tell, and where programs run."""
-        self._notify, self._folder, self._errands = notify, folder, errands
+        self._notify, self._folder, self._tasks = notify, folder, tasks
 
     def tell(self, notice: str, words: str, facts: dict[str, Any]) -> None:
         """Tell of something, without waiting; programs have it in their environment and on standard input."""
-        told = {"notice": notice, "message": words, **facts}
+        facts = {"notice": notice, "message": words, **facts}
         for one in self._notify:
             if notice not in one.on:
                 continue
             if one.run is not None:
-                run = one.run
-                self._errands.begin(
-                    f"notify by {run[0]}",
-                    lambda run=run, one=one: run_program(  # type: ignore[misc]
-                        run, one.timeout_s, self._folder, told, words + "\n"
-                    ),
-                )
+                program = partial(run_program, one.run, one.timeout_s, self._folder, facts, words + "\n")
+                self._tasks.begin(f"notify by {one.run[0]}", program)
             elif one.url is not None:
-                url = one.url
-                self._errands.begin(
-                    "notify by its address",
-                    lambda url=url, one=one: post(url, told, one.timeout_s),  # type: ignore[misc]
-                )
+                self._tasks.begin("notify by its address", partial(post, one.url, facts, one.timeout_s))
 
 
 MOST_BYTES = 4096
@@ -236,7 +231,7 @@ def _by_alpaca(address: str, timeout_s: float) -> WeatherReport:
 
 
 class WeatherWatch:
-    """Asks again and again beside whatever else goes on; `unsafe` says why, once it is."""
+    """Asks again and again in a thread of its own; `unsafe` says why, once it is."""
 
     def __init__(self, weather: Weather, folder: Path) -> None:
         """Begin to ask."""
@@ -252,7 +247,7 @@ class WeatherWatch:
 
     def _ask(self) -> None:
         while not self._over.wait(self._weather.every_s):
-            told = ask_weather(self._weather, self._folder)
-            if not told.safe:
-                self.unsafe = told.words or "unsafe"
+            answer = ask_weather(self._weather, self._folder)
+            if not answer.safe:
+                self.unsafe = answer.words or "unsafe"
                 return

@@ -12,9 +12,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
-from sattrack.core.own_program import own_program
 from sattrack.runtime.channel import LineReader
-from sattrack.schedule.night import Go
+from sattrack.schedule.night import PassAttempt
 from sattrack.schedule.schema import SearchAction
 from sattrack.views.messages import Search, StopNow, encode_message
 from tle.errors import printable
@@ -33,9 +32,9 @@ OVERDUE_S = 120.0
 END_WITHIN_S = 90.0
 MOST_STEP_S = 2.0
 OLD_AFTER_S = 3.0
-"""A session that has said nothing for so long is told of."""
+"""A session that has been silent for so long is reported."""
 HANGS_AFTER_S = 5.0
-"""One that has said nothing for so long is replaced; its guardian has taken the mount from it by then."""
+"""One that has been silent for so long is replaced; its guardian has taken the mount from it by then."""
 BEGINS_WITHIN_S = 120.0
 """How long a session may take before it says its first word."""
 KILLED_WITHIN_S = 10.0
@@ -43,31 +42,31 @@ RECORDING_TROUBLE = ("the recording ", "the disk ")
 TRACKING = "tracking"
 
 
-class Patient(Protocol):
-    """What a session is told while it goes on."""
+class SessionListener(Protocol):
+    """What a session asks and reports while it goes on."""
 
     def now_utc_s(self) -> float:
         """Return the instant that is now."""
 
-    def why_end(self) -> str | None:
-        """Return why the session is to end: "stopped", or "weather"; None while it is not."""
+    def end_reason(self) -> str | None:
+        """Return why the session must end: "stopped", "operator" or "weather"; None while it need not."""
 
-    def hears(self, utc_s: float, on_target_s: float, line: str, silent_s: float = 0.0) -> None:
-        """Hear how it goes; `silent_s` is how long the session has said nothing, where that is too long."""
+    def report_progress(self, utc_s: float, on_target_s: float, line: str, silent_s: float = 0.0) -> None:
+        """Report how it goes; `silent_s` is how long the session has been silent, where that is too long."""
 
-    def hears_trouble(self, words: str | None) -> None:
-        """Hear what is wrong with the recording; None where nothing is."""
+    def report_trouble(self, words: str | None) -> None:
+        """Report what is wrong with the recording; None where nothing is."""
 
 
 @dataclass(slots=True)
-class Session:
+class PassSession:
     """One session: the command that runs it, and the pass it is for."""
 
     command: Sequence[str]
     one: NightPass
     recording: str | None
     log: Path
-    patient: Patient
+    listener: SessionListener
     _on_target_s: float = 0.0
     _tracking_utc_s: float | None = None
     _last_utc_s: float | None = None
@@ -78,7 +77,7 @@ class Session:
     _line: str = "beginning"
     _sent: list[tuple[float, Message]] = field(default_factory=list)
 
-    def run(self) -> Go:
+    def run(self) -> PassAttempt:
         """Run it to its end; return how that was. Raises OSError where it cannot be started."""
         with self._opened_log() as log:
             with contextlib.suppress(OSError):
@@ -96,7 +95,7 @@ class Session:
             self._listen(process)
         finally:
             self._end(process)
-        return self._go(process.returncode, self._last_words(begin))
+        return self._attempt(process.returncode, self._last_words(begin))
 
     @contextlib.contextmanager
     def _opened_log(self) -> Iterator[int]:
@@ -122,17 +121,17 @@ class Session:
             self._silent_s += min(time.monotonic() - looked_s, 2.0 * LOOK_EVERY_S)
             looked_s = time.monotonic()
             for line in reader.lines():
-                self._hear(line, process)
-            self._tell_silence()
-            why = self.patient.why_end()
+                self._take_line(line, process)
+            self._report_silence()
+            why = self.listener.end_reason()
             if why is not None and self._asked is None:
                 self._asked, ends_by_s = why, time.monotonic() + END_WITHIN_S
-                self._say(process, StopNow())
+                self._send(process, StopNow())
             if self._hangs:
                 self._asked = self._asked or "hang"
                 process.kill()
                 return
-            if self.patient.now_utc_s() > overdue_utc_s or time.monotonic() > ends_by_s:
+            if self.listener.now_utc_s() > overdue_utc_s or time.monotonic() > ends_by_s:
                 return
             self._search(process)
 
@@ -141,24 +140,24 @@ class Session:
         within_s = BEGINS_WITHIN_S if self._last_utc_s is None else HANGS_AFTER_S
         return self._summary is None and self._silent_s > within_s
 
-    def _tell_silence(self) -> None:
+    def _report_silence(self) -> None:
         if self._last_utc_s is not None and self._silent_s > OLD_AFTER_S and self._summary is None:
             words = f"NO NEWS for {self._silent_s:.0f} s, before that {self._line}"
-            self.patient.hears(self.patient.now_utc_s(), self._on_target_s, words, self._silent_s)
+            self.listener.report_progress(self.listener.now_utc_s(), self._on_target_s, words, self._silent_s)
 
-    def _hear(self, line: bytes, process: subprocess.Popen[bytes]) -> None:
+    def _take_line(self, line: bytes, process: subprocess.Popen[bytes]) -> None:
         try:
-            told = msgspec.json.decode(line)
+            message = msgspec.json.decode(line)
         except msgspec.DecodeError:
             return
-        if not isinstance(told, dict):
+        if not isinstance(message, dict):
             return
-        if "summary" in told:
-            self._summary = told["summary"]
-        elif told.get("type") == "view":
-            self._see(told)
+        if "summary" in message:
+            self._summary = message["summary"]
+        elif message.get("type") == "view":
+            self._take_view(message)
 
-    def _see(self, view: dict[str, Any]) -> None:
+    def _take_view(self, view: dict[str, Any]) -> None:
         utc_s = float(view["utc_s"])
         self._silent_s = 0.0
         tracking = view.get("phase") == TRACKING
@@ -175,15 +174,15 @@ class Session:
         if tracking and arcsec is not None:
             words += f"  error {arcsec:.2f}″"
         self._line = words
-        self.patient.hears(utc_s, self._on_target_s, words)
+        self.listener.report_progress(utc_s, self._on_target_s, words)
         troubles = [one for one in view.get("warnings") or () if one.startswith(RECORDING_TROUBLE)]
-        self.patient.hears_trouble(troubles[0] if troubles else None)
+        self.listener.report_trouble(troubles[0] if troubles else None)
 
     def _search(self, process: subprocess.Popen[bytes]) -> None:
         while self._sent and self._last_utc_s is not None and self._sent[0][0] <= self._last_utc_s:
-            self._say(process, self._sent.pop(0)[1])
+            self._send(process, self._sent.pop(0)[1])
 
-    def _say(self, process: subprocess.Popen[bytes], message: Message) -> None:
+    def _send(self, process: subprocess.Popen[bytes], message: Message) -> None:
         assert process.stdin is not None
         with contextlib.suppress(OSError):
             process.stdin.write(encode_message(message))
@@ -219,15 +218,15 @@ class Session:
         said = [line.removeprefix("sattrack: ") for line in lines if line.strip()]
         return printable(said[-1])[:300] if said else None
 
-    def _go(self, code: int | None, last_words: str | None) -> Go:
+    def _attempt(self, code: int | None, last_words: str | None) -> PassAttempt:
         found = self._summary
         if found is None and self._asked in (None, "hang"):
             # A session that was ended from outside may be gone before we have looked for a stop.
-            why = self.patient.why_end()
+            why = self.listener.end_reason()
             self._asked = why or self._asked
-        ended_utc_s = self.patient.now_utc_s()
+        ended_utc_s = self.listener.now_utc_s()
         if found is None:
-            return Go(
+            return PassAttempt(
                 self._asked or "crash",
                 ended_utc_s,
                 on_target_s=round(self._on_target_s, 3),
@@ -240,7 +239,7 @@ class Session:
             ended_by, words = str(self._asked), None
         if found.get("mount_stopped") is False:
             words = f"{words or ended_by}; THE MOUNT DID NOT CONFIRM THE STOP"
-        return Go(
+        return PassAttempt(
             ended_by=ended_by,
             ended_utc_s=ended_utc_s,
             on_target_s=float(found.get("on_target_s") or 0.0),
@@ -252,11 +251,6 @@ class Session:
             rejoining_s=float(found.get("rejoining_s") or 0.0),
             lost_peak_arcsec=found.get("lost_peak_arcsec"),
         )
-
-
-def this_program() -> list[str]:
-    """Return how this very program is run."""
-    return own_program()
 
 
 def run_verb(

@@ -1,6 +1,6 @@
-"""An operator's stop of a schedule's run, and the list of this user's runs that may be restarted.
+"""Who runs a schedule, an operator's stop of its run, and the list of this user's runs.
 
-A stop is a file in the run's folder. It is there before the mount is told to stop, a runner that starts
+A stop is a file in the run's folder. It is there before the mount is asked to stop, a runner that starts
 looks for it first, and only `sattrack run FILE --resume` takes it away. That the file exists is the stop: an
 empty or damaged one counts as well.
 """
@@ -8,6 +8,7 @@ empty or damaged one counts as well.
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import hashlib
 import os
 import pwd
@@ -25,16 +26,50 @@ import msgspec
 from sattrack.core.errors import SattrackError
 from sattrack.runtime.owner import this_command, this_user, utc_now
 from sattrack.runtime.signals import handling
-from sattrack.schedule.night_journal import holder
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-STOP_NAME = "stop.json"
+STOP_NAME, LOCK_NAME, PID_CELLS = "stop.json", "lock", 12
 LONGEST_BY = 200
 MOMENT_S, WRITTEN_WITHIN_S, ENDS_WITHIN_S = 0.5, 5.0, 15.0
 LOOK_AGAIN_S = 0.1
+
+
+@contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Be the only runner of a folder. Raises SattrackError, naming the other's process, where one is."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        file = os.fdopen(os.open(folder / LOCK_NAME, os.O_RDWR | os.O_CREAT, 0o644), "rb+", buffering=0)
+    except OSError as error:
+        raise SattrackError(f"cannot keep the journal in {folder}: {error.strerror}") from None
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            who = file.read(PID_CELLS).decode("ascii", "replace").strip() or "another process"
+            raise SattrackError(
+                f"{folder}: process {who} runs this schedule; look at it with run FILE --status, or end it"
+            ) from None
+        # As long as the one before, so that it finds room on a full disk.
+        with contextlib.suppress(OSError):
+            file.write(f"{os.getpid()}\n".ljust(PID_CELLS).encode("ascii"))
+        yield
+
+
+def holder(folder: Path) -> int | None:
+    """Return the process number of the runner of a folder; None where none runs."""
+    try:
+        with (folder / LOCK_NAME).open("r", encoding="ascii") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except OSError:
+                return int(file.read(20))
+    except (OSError, ValueError):
+        pass
+    return None
 
 
 class OperatorStop(msgspec.Struct, frozen=True):
@@ -48,7 +83,7 @@ class OperatorStop(msgspec.Struct, frozen=True):
         return f"stopped by an operator ({self.by}) at {self.since_utc}"
 
 
-class Night(msgspec.Struct, frozen=True):
+class ListedRun(msgspec.Struct, frozen=True):
     """A schedule's run that goes on, or that a restart would continue; `mount` as its owner's name."""
 
     folder: str
@@ -168,7 +203,7 @@ class NightRequests:
 
 
 @contextmanager
-def heeding_signals(requests: NightRequests) -> Iterator[None]:
+def handling_signals(requests: NightRequests) -> Iterator[None]:
     """Turn signals into requests. SIGHUP reloads, unless a terminal has gone; suspending is ignored."""
 
     # A terminal that has gone is none any more when it is asked.
@@ -214,7 +249,7 @@ def _record(folder: Path) -> Path:
 def list_night(folder: Path, schedule: Path, mount: str | None) -> str | None:
     """Put a run on this user's list, where `sattrack stop` finds it; return what went wrong, in words."""
     record = _record(folder)
-    night = Night(str(folder.resolve()), str(schedule.resolve()), mount)
+    night = ListedRun(str(folder.resolve()), str(schedule.resolve()), mount)
     if _listed(record) == night:
         return None
     try:
@@ -233,12 +268,12 @@ def unlist_night(folder: Path) -> None:
         _record(folder).unlink(missing_ok=True)
 
 
-def listed_nights() -> list[Night]:
+def listed_nights() -> list[ListedRun]:
     """Return the runs on this user's list; root has everybody's."""
     lists = [_list_folder()]
     if this_user() == 0:
         lists += [_list_folder(user.pw_dir) for user in pwd.getpwall() if user.pw_uid != 0]
-    found: dict[str, Night] = {}
+    found: dict[str, ListedRun] = {}
     for listed in lists:
         with contextlib.suppress(OSError):
             for record in sorted(listed.glob("*.json")):
@@ -248,10 +283,10 @@ def listed_nights() -> list[Night]:
     return list(found.values())
 
 
-def _listed(record: Path) -> Night | None:
+def _listed(record: Path) -> ListedRun | None:
     """Return the run of a record; None where it is none, or its folder is gone or somebody else's."""
     try:
-        night = msgspec.json.decode(record.read_bytes(), type=Night)
+        night = msgspec.json.decode(record.read_bytes(), type=ListedRun)
         owner = Path(night.folder).stat().st_uid
         return night if owner in (record.stat().st_uid, this_user()) else None
     except (OSError, ValueError, msgspec.MsgspecError):
@@ -264,7 +299,7 @@ class NightStop(msgspec.Struct, frozen=True):
     schedule: str
     folder: str
     kept: bool
-    """Whether the stop is on the disk, for whatever may restart the run."""
+    """Whether the stop is on the disk, for anything that may restart the run."""
     pid: int | None
     """The runner, where one goes on in spite of it."""
     words: str
@@ -274,7 +309,7 @@ class NightStop(msgspec.Struct, frozen=True):
 class BegunStop:
     """The stop of one run, on its way to the disk: a disk that hangs holds up no mount's stop."""
 
-    def __init__(self, night: Night, by: str) -> None:
+    def __init__(self, night: ListedRun, by: str) -> None:
         self._night, self._by = night, by
         self._runner = night.runner
         self._wrong: str | None = f"{night.folder}: the disk does not answer"
@@ -293,7 +328,7 @@ class BegunStop:
         self._thread.join(within_s)
 
     def finish(self, waiting: Callable[[], None]) -> NightStop:
-        """See the runner end; return what came of it. One that cannot be told otherwise is interrupted."""
+        """See the runner end; return what came of it. One that cannot be asked otherwise is interrupted."""
         night, runner = self._night, self._runner
         self.wait(WRITTEN_WITHIN_S)
         kept = self._wrong is None
@@ -315,7 +350,7 @@ class BegunStop:
         return NightStop(night.schedule, night.folder, kept, left, words, night.resume)
 
 
-def begin_stops(nights: Sequence[Night]) -> list[BegunStop]:
+def begin_stops(nights: Sequence[ListedRun]) -> list[BegunStop]:
     """Write an operator's stop of each run to its disk; none is waited for longer than a moment."""
     by = f"`{this_command()}`, process {os.getpid()}, user {this_user()}"
     begun = [BegunStop(night, by) for night in nights]
@@ -323,3 +358,6 @@ def begin_stops(nights: Sequence[Night]) -> list[BegunStop]:
     for stop in begun:
         stop.wait(max(0.0, until_s - time.monotonic()))
     return begun
+
+
+PID_CELLS = 12

@@ -40,23 +40,23 @@ from sattrack.schedule.night import (
     End,
     Follow,
     Followed,
-    Go,
-    Laid,
-    LayDown,
     MakePlan,
     Mount,
     NotPlanned,
+    Parked,
+    ParkMount,
+    PassAttempt,
+    PassPrepared,
     Planned,
     Prepare,
-    Prepared,
     StepDone,
     StopAsked,
     SummedUp,
     SumUp,
     Wait,
-    WeatherTold,
+    WeatherReported,
 )
-from sattrack.schedule.night_journal import Beat, go_name
+from sattrack.schedule.night_files import Heartbeat, attempt_name
 from sattrack.schedule.night_session import search_times
 from sattrack.schedule.night_stop import NightRequests
 from sattrack.schedule.schema import CommandAction, SlewAction
@@ -72,8 +72,8 @@ if TYPE_CHECKING:
     from sattrack.mount.profiles import ProfileFile
     from sattrack.mount.simulator.mount import Truth
     from sattrack.safety import SafetyLimits
-    from sattrack.schedule.night import Doing, Happening, NightPass, Run
-    from sattrack.schedule.night_journal import Journal
+    from sattrack.schedule.night import Event, NightPass, Order, Run
+    from sattrack.schedule.night_files import Journal
     from sattrack.views.messages import Message
     from tle.site import Site
 
@@ -81,7 +81,7 @@ if TYPE_CHECKING:
     """Makes the plan of a night, from one instant to another, at an instant."""
     SumUpNight = Callable[[Run], str]
     Watch = Callable[[float, float], str | None]
-    """Hears now and then of the instant and the seconds on target; says why the run is to end, if it is."""
+    """Called with the instant and the seconds on target; returns why the run must end, if it must."""
 
 
 FAULTS: tuple[tuple[float, str], ...] = (
@@ -129,7 +129,7 @@ class Troubles:
         return Random(" ".join(str(part) for part in (self.seed, *name)))
 
     def faults(self, key: str, part: int) -> str | None:
-        """Return what befalls the mount in a go at a pass; None where the session itself ends."""
+        """Return what befalls the mount in an attempt at a pass; None where the session itself ends."""
         if self.seed is None:
             return ""
         random = self._random("fault", key, part)
@@ -209,7 +209,7 @@ class WatchedRun(VirtualRun):
 
 
 @dataclass(slots=True)
-class Airspace:
+class SimulatedStation:
     """The simulated mount at its site between runs, and what each run begins with."""
 
     site: Site
@@ -218,7 +218,7 @@ class Airspace:
     hour_angle_deg: float
     dec_deg: float
 
-    def fly(self, one: NightPass, now_utc_s: float, faults: str, watch: Watch) -> Go:
+    def fly(self, one: NightPass, now_utc_s: float, faults: str, watch: Watch) -> PassAttempt:
         """Follow a pass from an instant on, with the mount's faults; `watch` may end it.
 
         Raises SessionDiedError where it says "crash"; the mount is at rest then as its guardian leaves it.
@@ -244,8 +244,8 @@ class Airspace:
                 ended_utc_s = run.run()
         finally:
             self._note(mount)
-        summary = summarise(engine, run.ledger, ended_utc_s)
-        return Go(
+        summary = summarise(engine, run.statistics, ended_utc_s)
+        return PassAttempt(
             ended_by=ended[0] if ended else summary.ended_by,
             ended_utc_s=ended_utc_s,
             on_target_s=summary.on_target_s,
@@ -257,7 +257,7 @@ class Airspace:
             lost_peak_arcsec=_rounded(summary.lost_peak_arcsec),
         )
 
-    def go(self, procedure: Procedure, now_utc_s: float) -> tuple[Outcome | None, float]:
+    def perform(self, procedure: Procedure, now_utc_s: float) -> tuple[Outcome | None, float]:
         """Carry out what is asked of the mount by hand; return how that ended, and when."""
         profile = self.profile.mount
         console = Console(profile, self.limits, self.site, SIMULATED)
@@ -325,10 +325,10 @@ NEVER = 1e18
 
 
 @dataclass(slots=True)
-class VirtualHands:
-    """A simulated mount and a clock that is told."""
+class VirtualExecutor:
+    """A simulated mount and a simulated clock."""
 
-    air: Airspace
+    station: SimulatedStation
     plan: Plan
     sum_up: SumUpNight
     journal: Journal
@@ -340,19 +340,19 @@ class VirtualHands:
     _jumped: int = 0
     """Of the nights up to this number the clock's jump was had."""
 
-    def begin(self, beat: Beat | None) -> float:
-        """See Hands."""
+    def begin(self, beat: Heartbeat | None) -> float:
+        """See Executor."""
         if beat is not None:
             self.now_utc_s = beat.utc_s + RESTART_S
             self._power, self._jumped = beat.power, beat.jumps
             if beat.hour_angle_deg is not None and beat.dec_deg is not None:
-                self.air.hour_angle_deg, self.air.dec_deg = beat.hour_angle_deg, beat.dec_deg
+                self.station.hour_angle_deg, self.station.dec_deg = beat.hour_angle_deg, beat.dec_deg
         self._beat()
         return self.now_utc_s
 
-    def perform(self, doing: Doing, run: Run) -> Happening | None:
-        """See Hands."""
-        found = self._perform(doing, run)
+    def perform(self, order: Order, run: Run) -> Event | None:
+        """See Executor."""
+        found = self._perform(order, run)
         if not isinstance(found, Followed):
             self._beat()
         if self.requests.restarts:
@@ -361,25 +361,25 @@ class VirtualHands:
             return StopAsked(utc_s=self.now_utc_s, words=self.requests.words)
         return found
 
-    def _perform(self, doing: Doing, run: Run) -> Happening:
-        found: Happening
-        match doing:
+    def _perform(self, order: Order, run: Run) -> Event:
+        found: Event
+        match order:
             case Wait():
-                found = self._wait(doing.until_utc_s, run)
+                found = self._wait(order.until_utc_s, run)
             case MakePlan():
                 found = self._make_plan(run)
             case Prepare():
-                found = self._prepare(run.passes[doing.index], doing.wake)
+                found = self._prepare(run.passes[order.index], order.wake)
             case AskWeather():
                 words = self._unsafe(run, self.now_utc_s)
                 safe = None if not self.weather_asked else words is None
-                found = WeatherTold(utc_s=self.now_utc_s, safe=safe, words=words)
+                found = WeatherReported(utc_s=self.now_utc_s, safe=safe, words=words)
             case DoStep():
-                found = self._do(doing, run.passes[doing.index])
+                found = self._do(order, run.passes[order.index])
             case Follow():
-                found = self._follow(doing, run)
-            case LayDown():
-                found = self._lay_down(doing, run)
+                found = self._follow(order, run)
+            case ParkMount():
+                found = self._park(order, run)
             case SumUp():
                 file = self.sum_up(run)
                 found = SummedUp(utc_s=self.now_utc_s, file=file, words=headline(run))
@@ -387,20 +387,20 @@ class VirtualHands:
                 raise ValueError("an end is not performed")
         return found
 
-    def _beat(self, go: str | None = None, on_target_s: float = 0.0) -> None:
+    def _beat(self, attempt: str | None = None, on_target_s: float = 0.0) -> None:
         self.journal.beat(
-            Beat(
+            Heartbeat(
                 utc_s=self.now_utc_s,
-                go=go,
+                attempt=attempt,
                 on_target_s=on_target_s,
-                hour_angle_deg=self.air.hour_angle_deg,
-                dec_deg=self.air.dec_deg,
+                hour_angle_deg=self.station.hour_angle_deg,
+                dec_deg=self.station.dec_deg,
                 power=self._power,
                 jumps=self._jumped,
             )
         )
 
-    def _wait(self, until_utc_s: float, run: Run) -> Happening:
+    def _wait(self, until_utc_s: float, run: Run) -> Event:
         jump = self.troubles.jumps(run.night, *_evening(run))
         if jump is not None and run.night > self._jumped and jump.utc_s < until_utc_s:
             self._jumped = run.night
@@ -409,7 +409,7 @@ class VirtualHands:
         self.now_utc_s = max(self.now_utc_s, until_utc_s)
         return Due(utc_s=self.now_utc_s)
 
-    def _make_plan(self, run: Run) -> Happening:
+    def _make_plan(self, run: Run) -> Event:
         begin = max(self.now_utc_s, run.night_from_utc_s)
         try:
             planned = self.plan(begin, run.night_to_utc_s, self.now_utc_s)
@@ -417,15 +417,15 @@ class VirtualHands:
             return NotPlanned(utc_s=self.now_utc_s, words=str(error).splitlines()[0])
         return planned
 
-    def _prepare(self, one: NightPass, wake: bool) -> Prepared:
+    def _prepare(self, one: NightPass, wake: bool) -> PassPrepared:
         now = self.now_utc_s
         if wake:
             if self.troubles.happens(WAKE_FAILS, "wake", one.key):
-                return Prepared(utc_s=now, cause="power", words="the drives' power did not come back")
+                return PassPrepared(utc_s=now, cause="power", words="the drives' power did not come back")
             self._power = True
         if self.troubles.happens(OLD_ELEMENTS, "elements", one.key):
-            return Prepared(utc_s=now, cause="elements too old", words="none newer were to be had")
-        return Prepared(utc_s=now, woken=wake)
+            return PassPrepared(utc_s=now, cause="elements too old", words="none newer are available")
+        return PassPrepared(utc_s=now, woken=wake)
 
     def _unsafe(self, run: Run, utc_s: float) -> str | None:
         if not self.weather_asked:
@@ -435,13 +435,13 @@ class VirtualHands:
             return None
         return "clouds, made up"
 
-    def _do(self, doing: DoStep, one: NightPass) -> StepDone:
-        action = doing.action_of(one)
+    def _do(self, order: DoStep, one: NightPass) -> StepDone:
+        action = order.action_of(one)
         if isinstance(action, SlewAction):
             return self._slew(action)
         words = None
         if isinstance(action, CommandAction):
-            name = (one.key, doing.when, doing.step)
+            name = (one.key, order.when, order.step)
             if self.troubles.happens(ACTION_HANGS, "hangs", *name):
                 words = f"not done within {action.timeout_s:g} s"
                 self.now_utc_s += action.timeout_s if action.wait else 0.0
@@ -450,24 +450,24 @@ class VirtualHands:
         return StepDone(utc_s=self.now_utc_s, done=words is None, words=words)
 
     def _slew(self, action: SlewAction) -> StepDone:
-        slew = slew_of(action, self.now_utc_s, self.air.site, self.air.profile.mount)
-        outcome, self.now_utc_s = self.air.go(SlewThere(slew), self.now_utc_s)
+        slew = slew_of(action, self.now_utc_s, self.station.site, self.station.profile.mount)
+        outcome, self.now_utc_s = self.station.perform(SlewThere(slew), self.now_utc_s)
         self.now_utc_s += action.wait_s
         done = outcome is not None and outcome.state is TicketState.COMPLETE
         words = None if done else "no outcome" if outcome is None else outcome.reason or outcome.state.value
         return StepDone(utc_s=self.now_utc_s, done=done, words=words)
 
-    def _follow(self, doing: Follow, run: Run) -> Followed:
-        one = run.passes[doing.index]
-        self.now_utc_s += doing.pause_s
+    def _follow(self, order: Follow, run: Run) -> Followed:
+        one = run.passes[order.index]
+        self.now_utc_s += order.pause_s
         if not self._power:
-            go = Go("error", self.now_utc_s, words="the drives have no power")
-            return Followed(utc_s=self.now_utc_s, go=go)
-        faults = self.troubles.faults(one.key, doing.part)
+            attempt = PassAttempt("error", self.now_utc_s, words="the drives have no power")
+            return Followed(utc_s=self.now_utc_s, attempt=attempt)
+        faults = self.troubles.faults(one.key, order.part)
         dies_at = NEVER
         if faults is None:
             begin = max(one.start_utc_s, self.now_utc_s)
-            dies_at = begin + self.troubles.ends_after_s(one.key, doing.part)
+            dies_at = begin + self.troubles.ends_after_s(one.key, order.part)
         on_target = [0.0]
         beaten = [self.now_utc_s]
 
@@ -475,7 +475,7 @@ class VirtualHands:
             self.now_utc_s, on_target[0] = utc_s, on_target_s
             if utc_s - beaten[0] >= BEAT_EVERY_S:
                 beaten[0] = utc_s
-                self._beat(go_name(one, doing.part), on_target_s)
+                self._beat(attempt_name(one, order.part), on_target_s)
             if utc_s >= dies_at:
                 return "crash"
             if self.requests.asked:
@@ -484,27 +484,29 @@ class VirtualHands:
             return None if unsafe is None else "weather"
 
         try:
-            go = self.air.fly(one, self.now_utc_s, faults or "", watch)
+            attempt = self.station.fly(one, self.now_utc_s, faults or "", watch)
         except SessionDiedError:
             words = "the session's process ended without a word"
-            go = Go("crash", self.now_utc_s, on_target_s=round(on_target[0], 3), words=words)
-        self.now_utc_s = max(self.now_utc_s, go.ended_utc_s)
-        self._beat(go_name(one, doing.part), go.on_target_s)
-        return Followed(utc_s=self.now_utc_s, go=go)
+            attempt = PassAttempt("crash", self.now_utc_s, on_target_s=round(on_target[0], 3), words=words)
+        self.now_utc_s = max(self.now_utc_s, attempt.ended_utc_s)
+        self._beat(attempt_name(one, order.part), attempt.on_target_s)
+        return Followed(utc_s=self.now_utc_s, attempt=attempt)
 
-    def _lay_down(self, doing: LayDown, run: Run) -> Laid:
+    def _park(self, order: ParkMount, run: Run) -> Parked:
         if self.troubles.happens(PARK_FAILS, "park", run.night, run.tries, len(run.results)):
             self.now_utc_s += RESTART_S
-            return Laid(utc_s=self.now_utc_s, mount=Mount.AT_REST, words="the mount did not answer, made up")
+            return Parked(
+                utc_s=self.now_utc_s, mount=Mount.AT_REST, words="the mount did not answer, made up"
+            )
         if not self._power:
-            return Laid(utc_s=self.now_utc_s, mount=Mount.PARKED)
-        park = ParkThere(self.air.profile.mount, power_off=doing.power_off)
-        outcome, self.now_utc_s = self.air.go(park, self.now_utc_s)
+            return Parked(utc_s=self.now_utc_s, mount=Mount.PARKED)
+        park = ParkThere(self.station.profile.mount, power_off=order.power_off)
+        outcome, self.now_utc_s = self.station.perform(park, self.now_utc_s)
         if outcome is None or outcome.state not in (TicketState.COMPLETE, TicketState.UNCONFIRMED):
             words = "no outcome" if outcome is None else outcome.reason or outcome.state.value
-            return Laid(utc_s=self.now_utc_s, mount=Mount.AT_REST, words=words)
-        self._power = not doing.power_off
-        return Laid(utc_s=self.now_utc_s, mount=Mount.PARKED if doing.power_off else Mount.AT_PARK)
+            return Parked(utc_s=self.now_utc_s, mount=Mount.AT_REST, words=words)
+        self._power = not order.power_off
+        return Parked(utc_s=self.now_utc_s, mount=Mount.PARKED if order.power_off else Mount.AT_PARK)
 
 
 def _evening(run: Run) -> tuple[float, float]:

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, NamedTuple, Protocol
 import numpy as np
 
 from sattrack.core.errors import SattrackError
+from sattrack.schedule.night import mean_noon_s
 from tle.instants import DAY_S
 
 if TYPE_CHECKING:
@@ -227,7 +228,7 @@ def _one_less(shape: tuple[int, ...], position: int) -> Index:
 PRICINGS = 25
 """Rounds in which prices are moved, for each case."""
 MOST_WORK = 60_000
-"""Cases are weighed until so many nodes have been planned with; then the plan's bound is told."""
+"""Cases are weighed until so many nodes have been planned with; then the plan is reported with its bound."""
 MOST_REPAIRS = 20
 EQUAL = 1e-9
 LEAST_FALL, STALE = 1e-6, 4
@@ -267,7 +268,7 @@ def best_packed(
     `known` is a plan that keeps them, where there is one already. Cases are weighed until `work` nodes have
     been planned with. Raises SattrackError as `best_plan`.
     """
-    return _Search(problem, limits, packings, of, work).run(list(known))
+    return _PackingSearch(problem, limits, packings, of, work).run(list(known))
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,7 +279,7 @@ class _Case:
     prices: dict[int, float]
 
 
-class _Search:
+class _PackingSearch:
     def __init__(
         self,
         problem: Problem,
@@ -432,12 +433,12 @@ class _Search:
 
 
 ONCE, TAKEN, HOUR_FULL = "once", "taken", "hour full"
-HOUR_S, NOON_S, S_PER_DEG = 3600.0, 43200.0, 240.0
+HOUR_S = 3600.0
 
 
 def packings_of(schedule: Schedule, candidates: Sequence[Candidate], site: Site) -> list[Packing]:
     """Return the sets of candidates, by number, of which a schedule's rules take only so many."""
-    noon_s = NOON_S - S_PER_DEG * site.longitude_deg
+    noon_s = mean_noon_s(site.longitude_deg)
     found: list[Packing] = []
     for number, entry in enumerate(schedule.entries):
         c = entry.conditions

@@ -22,8 +22,8 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
 from sattrack.core.origin import meant
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from sattrack.core.errors import BadInputError
     from sattrack.core.origin import Origin
 
-    _Take = Callable[["Conditions", re.Match[str]], "Conditions"]
+    _Take = Callable[[re.Match[str]], dict[str, Any]]
 
 DARK_SUN_DEG = -6.0
 _NUMBER = r"([+\-]?\d+(?:\.\d*)?|[+\-]?\.\d+)"
@@ -132,8 +132,8 @@ def _parts(text: str) -> list[tuple[int, str]]:
 
 
 def _conditions(parts: list[tuple[int, str]], origin: Origin) -> Conditions:
-    found = Conditions()
-    seen: set[_Take] = set()
+    found: dict[str, Any] = {}
+    seen: set[str] = set()
     for at, words in parts:
         here = origin.moved(at)
         if not words:
@@ -143,17 +143,20 @@ def _conditions(parts: list[tuple[int, str]], origin: Origin) -> Conditions:
             if match is None:
                 continue
             try:
-                changed = take(found, match)
+                said = take(match)
+                twice = next((_TWICE[name] for name in said if name in _TWICE and name in found), None)
+                if twice is not None:
+                    raise ValueError(twice)
             except ValueError as error:
                 raise here.moved(match.start(1)).wrong(f"{words!r}: {error}") from None
-            if take in seen:
+            if pattern in seen:
                 raise here.wrong(f"{words!r}: that is said twice; keep one")
-            seen.add(take)
-            found = changed
+            seen.add(pattern)
+            found |= said
             break
         else:
             raise _unknown(words, here)
-    return found
+    return Conditions(**found)
 
 
 def _unknown(words: str, here: Origin) -> BadInputError:
@@ -174,106 +177,58 @@ def _within(text: str, low: float, high: float, what: str) -> float:
     return value
 
 
-def _above(c: Conditions, m: re.Match[str]) -> Conditions:
-    return replace(c, above_deg=_within(m[1], -5.0, 89.0, "altitudes"))
-
-
-def _culminates(c: Conditions, m: re.Match[str]) -> Conditions:
-    return replace(c, culminates_deg=_within(m[1], -5.0, 90.0, "altitudes"))
-
-
-def _sunlit(c: Conditions, m: re.Match[str]) -> Conditions:
-    del m
-    return replace(c, sunlit=True)
-
-
-def _dark(c: Conditions, m: re.Match[str]) -> Conditions:
-    del m
-    if c.sun_below_deg is not None:
-        raise ValueError("the Sun's altitude is asked twice; keep one")
-    return replace(c, sun_below_deg=DARK_SUN_DEG)
-
-
-def _sun_below(c: Conditions, m: re.Match[str]) -> Conditions:
-    if c.sun_below_deg is not None:
-        raise ValueError("the Sun's altitude is asked twice; keep one")
-    return replace(c, sun_below_deg=_within(m[1], -90.0, 90.0, "altitudes of the Sun"))
-
-
-def _magnitude(c: Conditions, m: re.Match[str]) -> Conditions:
-    return replace(c, brighter_than=_within(m[1], -30.0, 30.0, "magnitudes"))
-
-
-def _rate(c: Conditions, m: re.Match[str]) -> Conditions:
-    return replace(c, slower_than_deg_s=_within(m[1], 1e-4, 1000.0, "rates in degrees a second"))
-
-
-def _longer(c: Conditions, m: re.Match[str]) -> Conditions:
-    scale = 60.0 if m[2].lower().startswith("m") else 1.0
-    return replace(c, longer_than_s=scale * _within(m[1], 0.0, 86400.0, "durations"))
-
-
-def _named(c: Conditions, m: re.Match[str]) -> Conditions:
-    return replace(c, named=m[1])
-
-
-def _most(c: Conditions, m: re.Match[str]) -> Conditions:
-    return replace(c, most=int(_within(m[1], 1.0, 10_000.0, "numbers of passes")))
-
-
-def _designator(c: Conditions, m: re.Match[str]) -> Conditions:
-    if not re.match(r"\d{4}-|\d{0,4}[*?\[]", m[1]):
-        raise ValueError("a designator begins with the year of launch, as 1998-067A or 2024-*")
-    return replace(c, designator=m[1])
-
-
 def _year(text: str) -> int:
     if not text.isdigit():
         raise ValueError("elements tell the year of launch alone: give a year, as launched since 2024")
     return int(_within(text, 1957.0, 2056.0, "years of launch"))
 
 
-def _launched(c: Conditions, m: re.Match[str]) -> Conditions:
-    if c.launched_from is not None or c.launched_before is not None:
-        raise ValueError("the launch is asked twice; keep one")
-    return replace(c, launched_from=_year(m[1]), launched_before=_year(m[1]) + 1)
+def _designator(text: str) -> str:
+    if not re.match(r"\d{4}-|\d{0,4}[*?\[]", text):
+        raise ValueError("a designator begins with the year of launch, as 1998-067A or 2024-*")
+    return text
 
 
-def _launched_since(c: Conditions, m: re.Match[str]) -> Conditions:
-    if c.launched_from is not None:
-        raise ValueError("the launch is asked twice; keep one")
-    return replace(c, launched_from=_year(m[1]))
+def _seconds(m: re.Match[str]) -> float:
+    return (60.0 if m[2].lower().startswith("m") else 1.0) * _within(m[1], 0.0, 86400.0, "durations")
 
 
-def _launched_before(c: Conditions, m: re.Match[str]) -> Conditions:
-    if c.launched_before is not None:
-        raise ValueError("the launch is asked twice; keep one")
-    return replace(c, launched_before=_year(m[1]))
-
-
-def _once(c: Conditions, m: re.Match[str]) -> Conditions:
-    return replace(c, once_a_night=True) if m[1].lower() == "night" else replace(c, once_a_run=True)
-
-
-def _an_hour(c: Conditions, m: re.Match[str]) -> Conditions:
-    return replace(c, most_an_hour=int(_within(m[1], 1.0, 1000.0, "passes an hour")))
-
-
+_TWICE = {
+    "sun_below_deg": "the Sun's altitude is asked twice; keep one",
+    "launched_from": "the launch is asked twice; keep one",
+    "launched_before": "the launch is asked twice; keep one",
+}
+"""Fields that more than one form sets."""
 _GRAMMAR: tuple[tuple[str, _Take], ...] = (
-    (rf"above\s+{_NUMBER}{_DEG}", _above),
-    (rf"culminates\s+above\s+{_NUMBER}{_DEG}", _culminates),
-    (r"(sunlit)", _sunlit),
-    (r"(dark)", _dark),
-    (rf"sun\s+below\s+{_NUMBER}{_DEG}", _sun_below),
-    (rf"magnitude\s*<\s*{_NUMBER}", _magnitude),
-    (rf"rate\s*<\s*{_NUMBER}\s*(?:°/s|deg/s)?", _rate),
-    (rf"longer\s+than\s+{_NUMBER}\s*(s|sec|seconds|min|minutes)", _longer),
-    (r"named\s+(\S(?:.*\S)?)", _named),
-    (r"max\s+(\d+)", _most),
-    (r"designator\s+(\S+)", _designator),
-    (r"launched\s+(\d[\d-]*)", _launched),
-    (r"launched\s+since\s+(\d[\d-]*)", _launched_since),
-    (r"launched\s+before\s+(\d[\d-]*)", _launched_before),
-    (r"once\s+a\s+(night|run)", _once),
-    (r"at\s+most\s+(\d+)\s+an\s+hour", _an_hour),
+    (rf"above\s+{_NUMBER}{_DEG}", lambda m: {"above_deg": _within(m[1], -5.0, 89.0, "altitudes")}),
+    (
+        rf"culminates\s+above\s+{_NUMBER}{_DEG}",
+        lambda m: {"culminates_deg": _within(m[1], -5.0, 90.0, "altitudes")},
+    ),
+    (r"(sunlit)", lambda _: {"sunlit": True}),
+    (r"(dark)", lambda _: {"sun_below_deg": DARK_SUN_DEG}),
+    (
+        rf"sun\s+below\s+{_NUMBER}{_DEG}",
+        lambda m: {"sun_below_deg": _within(m[1], -90.0, 90.0, "altitudes of the Sun")},
+    ),
+    (rf"magnitude\s*<\s*{_NUMBER}", lambda m: {"brighter_than": _within(m[1], -30.0, 30.0, "magnitudes")}),
+    (
+        rf"rate\s*<\s*{_NUMBER}\s*(?:°/s|deg/s)?",
+        lambda m: {"slower_than_deg_s": _within(m[1], 1e-4, 1000.0, "rates in degrees a second")},
+    ),
+    (rf"longer\s+than\s+{_NUMBER}\s*(s|sec|seconds|min|minutes)", lambda m: {"longer_than_s": _seconds(m)}),
+    (r"named\s+(\S(?:.*\S)?)", lambda m: {"named": m[1]}),
+    (r"max\s+(\d+)", lambda m: {"most": int(_within(m[1], 1.0, 10_000.0, "numbers of passes"))}),
+    (r"designator\s+(\S+)", lambda m: {"designator": _designator(m[1])}),
+    (
+        r"launched\s+(\d[\d-]*)",
+        lambda m: {"launched_from": _year(m[1]), "launched_before": _year(m[1]) + 1},
+    ),
+    (r"launched\s+since\s+(\d[\d-]*)", lambda m: {"launched_from": _year(m[1])}),
+    (r"launched\s+before\s+(\d[\d-]*)", lambda m: {"launched_before": _year(m[1])}),
+    (r"once\s+a\s+(night|run)", lambda m: {f"once_a_{m[1].lower()}": True}),
+    (
+        r"at\s+most\s+(\d+)\s+an\s+hour",
+        lambda m: {"most_an_hour": int(_within(m[1], 1.0, 1000.0, "passes an hour"))},
+    ),
 )

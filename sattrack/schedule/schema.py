@@ -1,6 +1,6 @@
 """The schedule's file as TOML has it: its tables and keys, and what each may be; and the stars to slew to.
 
-Times are text here, of whatever kind TOML had them; `file` reads them in the file's time zone. Stars are
+Times are text here, of any TOML type; `file` reads them in the file's time zone. Stars are
 those of Hipparcos, ICRS at epoch J2000.
 """
 
@@ -15,6 +15,7 @@ import msgspec
 
 from sattrack.control.orders import MOST_ALONG_S, MOST_CROSS_DEG
 from sattrack.core.origin import meant
+from tle.instants import DAY_S
 
 LONGEST_S = 86_400.0
 OnFailure = Literal["go_on", "skip"]
@@ -184,9 +185,9 @@ Notice = Literal["pass", "lost", "trouble", "morning"]
 
 
 class Notify(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Who is told of what: a program that is run, or an address to which JSON is posted.
+    """Whom to notify of what: a program that is run, or an address to which JSON is posted.
 
-    `on`: "pass" (one was followed), "lost" (one was not), "trouble" (whatever else is worth telling),
+    `on`: "pass" (one was followed), "lost" (one was not), "trouble" (anything else worth reporting),
     "morning" (the night's summary). Nobody waits for it. Raises ValueError.
     """
 
@@ -264,7 +265,6 @@ def between(name: str, value: float | None, low: float, high: float) -> None:
 
 
 _UNIX_EPOCH_JD = 2440587.5
-_DAY_S = 86400.0
 _TT_MINUS_UTC_S = 69.184
 _MAS_RAD = math.radians(1.0 / 3.6e6)
 
@@ -327,7 +327,7 @@ STARS = {
 
 
 def find_star(name: str) -> Star | None:
-    """Return a star by its name, whatever the case; None where it is not known."""
+    """Return a star by its name in upper or lower case; None where it is not known."""
     return next((star for known, star in STARS.items() if known.casefold() == name.strip().casefold()), None)
 
 
@@ -336,11 +336,11 @@ def hour_angle_and_dec_deg(star: Star, utc_s: float, longitude_deg: float) -> tu
 
     To some arcseconds: UT1 is taken as UTC, and parallax left out.
     """
-    day = _UNIX_EPOCH_JD + utc_s / _DAY_S
+    day = _UNIX_EPOCH_JD + utc_s / DAY_S
     ra, dec = math.radians(star.ra_deg), math.radians(star.dec_deg)
     pm_ra = star.pm_ra_mas * _MAS_RAD / math.cos(dec)
     ri, di, _ = erfa.atci13(
-        ra, dec, pm_ra, star.pm_dec_mas * _MAS_RAD, 0.0, 0.0, day, _TT_MINUS_UTC_S / _DAY_S
+        ra, dec, pm_ra, star.pm_dec_mas * _MAS_RAD, 0.0, 0.0, day, _TT_MINUS_UTC_S / DAY_S
     )
     turned = math.degrees(erfa.era00(day, 0.0) - float(ri)) + longitude_deg
     return (turned + 180.0) % 360.0 - 180.0, math.degrees(float(di))
@@ -348,13 +348,13 @@ def hour_angle_and_dec_deg(star: Star, utc_s: float, longitude_deg: float) -> tu
 
 MOST_PRIORITY = 1e6
 FIXED_PRIORITY = 100.0
-"""What a pass by fixed times counts unless it is told otherwise: somebody waits for it."""
+"""The priority of a pass by fixed times, by default: somebody waits for it."""
 PierSide = Literal["any", "normal", "beyond_pole"]
 SkipOrRun = Literal["skip", "run"]
 OnWeather = Literal["wait", "skip", "run"]
 
 
-class Wishes(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class PassOptions(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """What may be said of passes, in `[defaults]` or with each; absent is what the next wider place says.
 
     Raises ValueError, naming the key, for a value that cannot be one.
@@ -395,7 +395,7 @@ class Wishes(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=Tr
 
 
 class Terms(msgspec.Struct, frozen=True, kw_only=True):
-    """Wishes with all that nobody said filled in: degrees, seconds, days."""
+    """PassOptions with all that nobody said filled in: degrees, seconds, days."""
 
     priority: float = 1.0
     min_altitude_deg: float = 10.0
@@ -416,16 +416,16 @@ class Terms(msgspec.Struct, frozen=True, kw_only=True):
     sun_up_deg: float = -6.0
 
 
-def terms_of(*wishes: Wishes, **last: float) -> Terms:
+def terms_of(*wishes: PassOptions, **last: float) -> Terms:
     """Return what holds for a pass: the first of the wishes that says something, then `last`, then ours."""
     values = dict(last)
     for one in reversed(wishes):
-        said = {name: getattr(one, name) for name in Wishes.__struct_fields__}
+        said = {name: getattr(one, name) for name in PassOptions.__struct_fields__}
         values |= {name: value for name, value in said.items() if value is not None}
     return Terms(**values)  # type: ignore[arg-type]
 
 
-class PassEntry(Wishes, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class PassEntry(PassOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """`[[passes]]`: passes by a rule, or of satellites named; `from` and `to` are a window."""
 
     name: str | None = None
@@ -449,7 +449,7 @@ class PassEntry(Wishes, frozen=True, forbid_unknown_fields=True, kw_only=True):
             raise ValueError("from and to go together; one is missing")
 
 
-class FixedEntry(Wishes, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class FixedEntry(PassOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """`[[fixed]]`: a satellite from one instant to another."""
 
     satellite: str
@@ -458,7 +458,7 @@ class FixedEntry(Wishes, frozen=True, forbid_unknown_fields=True, kw_only=True):
     name: str | None = None
 
 
-class ImportEntry(Wishes, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class ImportEntry(PassOptions, frozen=True, forbid_unknown_fields=True, kw_only=True):
     """`[[imports]]`: fixed times from another file, a table (CSV) or a list."""
 
     file: str
@@ -480,7 +480,7 @@ class ScheduleText(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     wake: Wake | None = None
     notify: tuple[Notify, ...] = ()
     recordings: Recordings = Recordings()
-    defaults: Wishes = msgspec.field(default_factory=Wishes)
+    defaults: PassOptions = msgspec.field(default_factory=PassOptions)
     passes: tuple[PassEntry, ...] = ()
     fixed: tuple[FixedEntry, ...] = ()
     imports: tuple[ImportEntry, ...] = ()

@@ -5,43 +5,60 @@ from __future__ import annotations
 import math
 from collections import Counter
 from html import escape
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from sattrack.schedule.night import Followed, Go, Happening, Mount, NightPass, Result, Started, State, Wait
+from sattrack.schedule.night import (
+    Event,
+    Followed,
+    Mount,
+    NightPass,
+    PassAttempt,
+    Result,
+    RunState,
+    Started,
+    Wait,
+)
 from sattrack.views.schedule import PassView, ScheduleView
 from tle.errors import printable
 from tle.instants import Utc
 
 if TYPE_CHECKING:
-    from sattrack.schedule.night import Doing, NightPass, Run
+    from sattrack.schedule.night import NightPass, Order, Run
 
 
 DONE_SHARE = 0.9
+"""Share of a pass that must have been on target for "done"."""
 TOLD_S = 0.5
 
 
-def go_of(event: Happening) -> Go:
-    """Return the go that has just ended: as it was told, or as the last that was known of it."""
+def attempt_of(event: Event) -> PassAttempt:
+    """Return the attempt that has just ended: as reported, or the last that was known of it."""
     if isinstance(event, Followed):
-        return event.go
+        return event.attempt
     assert isinstance(event, Started)
     last = event.utc_s if event.last_utc_s is None else event.last_utc_s
-    return Go("restart", last, event.on_target_s, words="the runner ended", recording=event.recording)
+    return PassAttempt(
+        "restart", last, event.on_target_s, words="the runner ended", recording=event.recording
+    )
 
 
-def result_of(one: NightPass, goes: tuple[Go, ...]) -> Result:
-    """Return what became of a pass of all goes at it."""
-    on_target_s = sum(go.on_target_s for go in goes)
+def result_of(one: NightPass, attempts: tuple[PassAttempt, ...]) -> Result:
+    """Return the result of a pass, of all attempts at it."""
+    on_target_s = sum(attempt.on_target_s for attempt in attempts)
     whole_s = one.end_utc_s - one.start_utc_s
-    last = goes[-1]
-    rms = [(go.rms_arcsec, go.on_target_s) for go in goes if go.rms_arcsec is not None and go.on_target_s]
+    last = attempts[-1]
+    rms = [
+        (attempt.rms_arcsec, attempt.on_target_s)
+        for attempt in attempts
+        if attempt.rms_arcsec is not None and attempt.on_target_s
+    ]
     weight = sum(seconds for _, seconds in rms)
     together = math.sqrt(sum(r * r * s for r, s in rms) / weight) if weight else None
-    peaks = [go.peak_arcsec for go in goes if go.peak_arcsec is not None]
+    peaks = [attempt.peak_arcsec for attempt in attempts if attempt.peak_arcsec is not None]
     state = "done" if on_target_s >= DONE_SHARE * whole_s else "partly" if on_target_s > 0.0 else "lost"
     cause = words = None
     if state != "done" or last.ended_by not in ("set", "restart"):
-        broken = [go for go in goes if go.ended_by != "set"] or [last]
+        broken = [attempt for attempt in attempts if attempt.ended_by != "set"] or [last]
         cause, words = broken[-1].ended_by, broken[-1].words
         if cause == "set":
             cause, words = "late", words or "the mount was not on the satellite for all of it"
@@ -53,45 +70,51 @@ def result_of(one: NightPass, goes: tuple[Go, ...]) -> Result:
         lost_s=round(max(0.0, whole_s - on_target_s), 3),
         rms_arcsec=None if together is None else round(together, 4),
         peak_arcsec=max(peaks) if peaks else None,
-        parts=len(goes),
-        recordings=tuple(go.recording for go in goes if go.recording is not None),
-        held_s=_summed(goes),
-        rejoining_s=round(sum(go.rejoining_s for go in goes), 3),
-        lost_peak_arcsec=max((go.lost_peak_arcsec for go in goes if go.lost_peak_arcsec), default=None),
+        parts=len(attempts),
+        recordings=tuple(attempt.recording for attempt in attempts if attempt.recording is not None),
+        held_s=_summed(attempts),
+        rejoining_s=round(sum(attempt.rejoining_s for attempt in attempts), 3),
+        lost_peak_arcsec=max(
+            (attempt.lost_peak_arcsec for attempt in attempts if attempt.lost_peak_arcsec), default=None
+        ),
     )
 
 
-def _summed(goes: tuple[Go, ...]) -> dict[str, float]:
-    names = dict.fromkeys(name for go in goes for name in go.held_s)
-    return {name: round(sum(go.held_s.get(name, 0.0) for go in goes), 3) for name in names}
+def _summed(attempts: tuple[PassAttempt, ...]) -> dict[str, float]:
+    names = dict.fromkeys(name for attempt in attempts for name in attempt.held_s)
+    return {name: round(sum(attempt.held_s.get(name, 0.0) for attempt in attempts), 3) for name in names}
 
 
 def held_words(result: Result | PassView) -> str:
     """Return what limits took of a pass, in words; empty for nothing that is worth a word."""
-    told = [
+    parts = [
         f"{seconds:.0f} s to the {name} limit" for name, seconds in result.held_s.items() if seconds >= TOLD_S
     ]
-    if not told:
+    if not parts:
         return ""
     if result.rejoining_s >= TOLD_S:
-        told.append(f"{result.rejoining_s:.0f} s on the way back")
+        parts.append(f"{result.rejoining_s:.0f} s on the way back")
     if result.lost_peak_arcsec is not None:
-        told.append(f"{result.lost_peak_arcsec / 3600.0:.2g}° off at most")
-    return ", ".join(told)
+        parts.append(f"{result.lost_peak_arcsec / 3600.0:.2g}° off at most")
+    return ", ".join(parts)
 
 
-BUSY = (State.READYING, State.FOLLOWING, State.FINISHING, State.PARKING)
-WITH_A_PASS = (State.PREPARING, State.ASKING, State.HOLDING, State.READYING, State.FOLLOWING)
+BUSY = (RunState.READYING, RunState.FOLLOWING, RunState.FINISHING, RunState.PARKING)
+WITH_A_PASS = (RunState.PREPARING, RunState.ASKING, RunState.HOLDING, RunState.READYING, RunState.FOLLOWING)
 NOTES = 8
+RESULT_SHOWN = (
+    *("state", "cause", "words", "on_target_s", "rms_arcsec", "parts", "recordings"),
+    *("held_s", "rejoining_s", "lost_peak_arcsec"),
+)
 
 
-def view_of(run: Run, doing: Doing | None, utc_s: float, schedule: str, folder: str = "") -> ScheduleView:
+def view_of(run: Run, doing: Order | None, utc_s: float, schedule: str, folder: str = "") -> ScheduleView:
     """Return the view of a run at an instant; `doing` is what was ordered last."""
     place = len(run.results)
     following = place if run.state in WITH_A_PASS and run.at is not None else None
-    if run.state is State.FINISHING:
+    if run.state is RunState.FINISHING:
         following = place - 1
-    upcoming = run.at if run.state not in (State.FOLLOWING, State.ENDED) else None
+    upcoming = run.at if run.state not in (RunState.FOLLOWING, RunState.ENDED) else None
     return ScheduleView(
         utc_s=utc_s,
         schedule=schedule,
@@ -117,7 +140,11 @@ def view_of(run: Run, doing: Doing | None, utc_s: float, schedule: str, folder: 
 
 
 def _pass_view(one: NightPass, result: Result | None, current: bool, run: Run) -> PassView:
-    in_progress = current and run.state is State.FOLLOWING
+    shown: dict[str, Any] = {"state": "waiting"}
+    if current and run.state is RunState.FOLLOWING:
+        shown = {"state": "in progress", "parts": run.part}
+    elif result is not None:
+        shown = {name: getattr(result, name) for name in RESULT_SHOWN}
     return PassView(
         number=one.number,
         name=one.name,
@@ -127,34 +154,25 @@ def _pass_view(one: NightPass, result: Result | None, current: bool, run: Run) -
         end_utc=_iso(one.end_utc_s),
         max_alt_deg=one.max_alt_deg,
         priority=one.priority,
-        state="in progress" if in_progress else "waiting" if result is None else result.state,
-        cause=None if result is None else result.cause,
-        words=None if result is None else result.words,
-        on_target_s=None if result is None else result.on_target_s,
-        rms_arcsec=None if result is None else result.rms_arcsec,
-        parts=run.part if in_progress else 0 if result is None else result.parts,
-        recordings=() if result is None else result.recordings,
         lost_to=one.lost_to,
-        held_s={} if result is None else result.held_s,
-        rejoining_s=0.0 if result is None else result.rejoining_s,
-        lost_peak_arcsec=None if result is None else result.lost_peak_arcsec,
+        **shown,
     )
 
 
-def doing_words(run: Run, doing: Doing | None) -> str:
+def doing_words(run: Run, doing: Order | None) -> str:
     """Return what the runner does, in a few words."""
     one = run.at
     name = "" if one is None else f" {one.number}, {one.name}"
     match run.state:
-        case State.WAITING if one is not None:
+        case RunState.WAITING if one is not None:
             words = f"waiting for{name}"
-        case State.PREPARING | State.ASKING | State.READYING if one is not None:
+        case RunState.PREPARING | RunState.ASKING | RunState.READYING if one is not None:
             words = f"getting ready for{name}"
-        case State.HOLDING:
+        case RunState.HOLDING:
             words = f"holding{name} for the weather: {run.weather}"
-        case State.FOLLOWING:
+        case RunState.FOLLOWING:
             words = f"following{name}" + (f", part {run.part}" if run.part > 1 else "")
-        case State.RESTING if isinstance(doing, Wait):
+        case RunState.RESTING if isinstance(doing, Wait):
             words = f"resting until {_iso(doing.until_utc_s)}, mount {_mount_short(run.mount)}"
         case _:
             words = run.state.value
@@ -168,7 +186,7 @@ def _mount_short(mount: Mount) -> str:
 COLOURS = {"done": "#2e7d32", "partly": "#b26a00", "lost": "#b3261e"}
 
 
-class Figures(NamedTuple):
+class NightFigures(NamedTuple):
     """What a night came to, in numbers; seconds."""
 
     planned: int
@@ -181,7 +199,7 @@ class Figures(NamedTuple):
     others: dict[str, int]
 
 
-def figures(run: Run) -> Figures:
+def figures(run: Run) -> NightFigures:
     """Return the figures of a night; a pass without a result counts as lost, "not reached"."""
     pairs = list(zip(run.passes, run.results, strict=False))
     states = Counter(result.state for _, result in pairs)
@@ -189,7 +207,7 @@ def figures(run: Run) -> Figures:
     missing = len(run.passes) - len(pairs)
     if missing:
         causes["not reached"] = missing
-    return Figures(
+    return NightFigures(
         planned=len(run.passes),
         done=states["done"],
         partly=states["partly"],
@@ -327,7 +345,7 @@ def _mount_words(run: Run) -> str:
         return "the mount is parked"
     if run.mount is Mount.AT_PARK:
         return "the mount rests at its park position, drives on"
-    return "THE MOUNT IS NOT PARKED" if run.ways.park else "the mount is left where it is"
+    return "THE MOUNT IS NOT PARKED" if run.settings.park else "the mount is left where it is"
 
 
 def _iso(utc_s: float) -> str:

@@ -1,9 +1,14 @@
-"""From one pass to the next: actions after and before, the slews between and round obstacles, settling."""
+"""Candidates as the planner weighs them, and what lies between two: actions, slews, settling.
+
+A candidate that may be shortened is cut in several ways. Slews are straight, or go round what is in their way
+as the safety gate routes them.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,21 +16,25 @@ import numpy as np
 
 from sattrack.mount.model import Slew, mean_sidereal_deg
 from sattrack.safety.bounds import HOLD_MARGIN_DEG, Bounds
+from sattrack.safety.geometry import Place, altitude_deg, azimuth_deg
 from sattrack.safety.regions import is_clear
 from sattrack.safety.route import HANDSHAKE_S, RAMP, axes_of, direction_of, slew_s
 from sattrack.safety.slews import SlewGate
+from sattrack.schedule.planner import Problem
 from sattrack.schedule.schema import CommandAction, SlewAction, Star, find_star, hour_angle_and_dec_deg
+from tle.instants import Utc
+from tle.propagator import Propagator
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
     from sattrack.mount.model import AxisLimits, MountProfile
-    from sattrack.safety.geometry import Box, Place
+    from sattrack.safety.geometry import Box
     from sattrack.safety.regions import Cone
-    from sattrack.schedule.candidates import Situation
-    from sattrack.schedule.schema import Action
+    from sattrack.schedule.candidates import Candidate, PlanSituation
+    from sattrack.schedule.schema import Action, Terms
     from tle.site import Site
 
     Array = NDArray[np.float64]
@@ -35,7 +44,7 @@ if TYPE_CHECKING:
 ROUNDING_S = 1e-6
 
 
-class Errands(NamedTuple):
+class ActionCost(NamedTuple):
     """What a list of actions takes: where its first slew goes, its seconds, where the mount stands then.
 
     The way to the first place is not counted, that from each to the next is.
@@ -46,18 +55,20 @@ class Errands(NamedTuple):
     last: Place
 
 
-class Stand(NamedTuple):
+class Overhead(NamedTuple):
     """What a pass needs around it: before its start, and from its end on; all but the slew between two."""
 
-    before: Errands
+    before: ActionCost
     settle_s: float
-    after: Errands
+    after: ActionCost
 
 
 def place_of(action: SlewAction, utc_s: float, site: Site, profile: MountProfile) -> Place:
     """Return how the axes stand at an action's direction at an instant, by the profile's rule."""
     if action.alt_deg is not None and action.az_deg is not None:
-        hour_angle, dec = _equatorial_deg(action.alt_deg, action.az_deg, site.latitude_deg)
+        # From the horizon to the equator it is the same turn as back.
+        turned = (action.az_deg, action.alt_deg, site.latitude_deg)
+        hour_angle, dec = azimuth_deg(*turned), altitude_deg(*turned)
     else:
         star = find_star(action.star) if action.star is not None else None
         if star is None:
@@ -72,29 +83,20 @@ def slew_of(action: SlewAction, utc_s: float, site: Site, profile: MountProfile)
     return Slew((mean_sidereal_deg(utc_s, site.longitude_deg) - hour_angle_deg) % 360.0, dec_deg)
 
 
-def _equatorial_deg(alt_deg: float, az_deg: float, latitude_deg: float) -> tuple[float, float]:
-    """Return hour angle and declination of an altitude and azimuth, degrees."""
-    a, z, p = math.radians(alt_deg), math.radians(az_deg), math.radians(latitude_deg)
-    up, north, east = math.sin(a), math.cos(a) * math.cos(z), math.cos(a) * math.sin(z)
-    dec = math.asin(max(-1.0, min(1.0, math.sin(p) * up + math.cos(p) * north)))
-    meridian = math.cos(p) * up - math.sin(p) * north
-    return math.degrees(math.atan2(-east, meridian)), math.degrees(dec)
-
-
-def errands_before(
+def cost_before(
     actions: Sequence[Action], start: Place, utc_s: float, site: Site, profile: MountProfile
-) -> Errands:
+) -> ActionCost:
     """Return what is done before a pass that starts at a place of the axes, the slew to it included."""
     places, seconds = _places(actions, utc_s, site, profile)
-    return Errands((*places, start)[0], seconds + _ways_s([*places, start], profile), start)
+    return ActionCost((*places, start)[0], seconds + _slews_s([*places, start], profile), start)
 
 
-def errands_after(
+def cost_after(
     actions: Sequence[Action], end: Place, utc_s: float, site: Site, profile: MountProfile
-) -> Errands:
+) -> ActionCost:
     """Return what is done after a pass that ends at a place of the axes, the slew from it included."""
     places, seconds = _places(actions, utc_s, site, profile)
-    return Errands(end, seconds + _ways_s([end, *places], profile), (end, *places)[-1])
+    return ActionCost(end, seconds + _slews_s([end, *places], profile), (end, *places)[-1])
 
 
 def _places(
@@ -111,7 +113,7 @@ def _places(
     return places, seconds
 
 
-def _ways_s(places: list[Place], profile: MountProfile) -> float:
+def _slews_s(places: list[Place], profile: MountProfile) -> float:
     return sum(slew_s(one, other, profile) for one, other in pairwise(places))
 
 
@@ -135,26 +137,28 @@ class SlewTransitions:
     @classmethod
     def of(
         cls,
-        stands: Sequence[Stand],
+        overheads: Sequence[Overhead],
         profile: MountProfile,
         extra_s: Mapping[int, tuple[Index, Array]] | None = None,
     ) -> SlewTransitions:
         """Return those of some passes by a mount's axes."""
         axes = (profile.ra, profile.dec)
-        leave = np.array([stand.after.last for stand in stands], dtype=np.float64).reshape(-1, 2)
+        leave = np.array([overhead.after.last for overhead in overheads], dtype=np.float64).reshape(-1, 2)
         ranges = [
             (float(np.min(column, initial=math.inf)), float(np.max(column, initial=-math.inf)))
             for column in leave.T
         ]
         return cls(
             leave,
-            np.array([stand.before.first for stand in stands], dtype=np.float64).reshape(-1, 2),
-            np.array([stand.after.seconds for stand in stands], dtype=np.float64),
-            np.array([stand.before.seconds + stand.settle_s for stand in stands], dtype=np.float64),
+            np.array([overhead.before.first for overhead in overheads], dtype=np.float64).reshape(-1, 2),
+            np.array([overhead.after.seconds for overhead in overheads], dtype=np.float64),
+            np.array(
+                [overhead.before.seconds + overhead.settle_s for overhead in overheads], dtype=np.float64
+            ),
             (axes[0].slew_rate_deg_s, axes[1].slew_rate_deg_s),
             (_ramp_s(axes[0]), _ramp_s(axes[1])),
             (ranges[0], ranges[1]),
-            max((stand.after.seconds for stand in stands), default=0.0),
+            max((overhead.after.seconds for overhead in overheads), default=0.0),
             extra_s or {},
         )
 
@@ -243,10 +247,10 @@ def _surely_outside(cone: Cone) -> tuple[float, float, float, float]:
     return math.cos(dec) * math.cos(ha), math.cos(dec) * math.sin(ha), math.sin(dec), wide
 
 
-class LedSlews:
+class RoutedSlews:
     """Slews at a site with a mount as its gate would lead them."""
 
-    def __init__(self, situation: Situation) -> None:
+    def __init__(self, situation: PlanSituation) -> None:
         """Build the gate of a situation's mount, limits and site."""
         site, profile = situation.site, situation.profile
         self._site, self._profile = site, profile
@@ -274,3 +278,275 @@ class LedSlews:
             total += slew_s(at, there, self._profile)
             at = there
         return max(0.0, total - slew_s(leave, want, self._profile))
+
+
+STEP_S = 10.0
+FEWEST, MOST = 13, 400
+MOST_NODES = 4000
+MOST_CUTS, FEWEST_CUTS = 9, 2
+"""Instants at which a pass that may be shortened is entered, and left: so many each."""
+MOST_ROUNDS = 50
+"""Rounds in which the instant is found at which a mount reaches a target that moves meanwhile."""
+MOST_FINER, FEWEST_FINER, MOST_FINER_SIDE = 2000, 5, 17
+"""So many nodes more, for those that are shortened in a first plan; of one, so many instants each way."""
+
+
+class Node(NamedTuple):
+    """A candidate by its number, taken from one instant to another; POSIX seconds of UTC."""
+
+    candidate: int
+    start_utc_s: float
+    end_utc_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class CandidatePath:
+    """How the mount's axes turn over a candidate's pass, begun on the side that its profile's rule gives."""
+
+    utc_s: Array
+    hour_angle_axis_deg: Array
+    dec_axis_deg: Array
+    az_deg: Array
+    alt_deg: Array
+    beyond_pole: bool
+
+    def at(self, utc_s: float) -> Place:
+        """Return how the axes stand at an instant."""
+        return Place(
+            float(np.interp(utc_s, self.utc_s, self.hour_angle_axis_deg)),
+            float(np.interp(utc_s, self.utc_s, self.dec_axis_deg)),
+        )
+
+    def az_at(self, utc_s: float) -> float:
+        """Return the azimuth at an instant, 0 to below 360 degrees."""
+        return float(np.interp(utc_s, self.utc_s, self.az_deg)) % 360.0
+
+    def alt_at(self, utc_s: float) -> float:
+        """Return the altitude at an instant, degrees."""
+        return float(np.interp(utc_s, self.utc_s, self.alt_deg))
+
+
+def path_of(candidate: Candidate, site: Site, profile: MountProfile) -> CandidatePath:
+    """Return the way of a candidate's pass. Raises TimeRangeError."""
+    duration_s = candidate.end_utc_s - candidate.start_utc_s
+    count = min(max(math.ceil(duration_s / STEP_S) + 1, FEWEST), MOST)
+    utc_s = np.linspace(candidate.start_utc_s, candidate.end_utc_s, count)
+    seen: Any = Propagator(candidate.elements, site).at(Utc(utc_s))
+    hour_angle = np.degrees(np.unwrap(np.radians(np.asarray(seen.ha_deg))))
+    dec = np.asarray(seen.dec_deg)
+    first = axes_of(float(hour_angle[0]), float(dec[0]), profile, site.latitude_deg)
+    beyond = abs(first.dec_deg) > 90.0
+    axis_dec = math.copysign(180.0, site.latitude_deg) - dec if beyond else dec
+    azimuth = np.degrees(np.unwrap(np.radians(np.asarray(seen.az_deg))))
+    return CandidatePath(
+        utc_s,
+        hour_angle - hour_angle[0] + first.ha_deg,
+        axis_dec,
+        azimuth,
+        np.asarray(seen.alt_deg, dtype=np.float64),
+        beyond,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class NodeSet:
+    """Nodes with what each needs around it, and the problem that they make."""
+
+    nodes: tuple[Node, ...]
+    overheads: tuple[Overhead, ...]
+    problem: Problem
+    transitions: SlewTransitions
+
+
+def cuts_for(flexible: int, all_told: int) -> int:
+    """Return at how many instants each of the candidates that may be shortened is entered, and left."""
+    if not flexible:
+        return MOST_CUTS
+    return min(max(int(math.sqrt(max(MOST_NODES - all_told, 0) / flexible)), FEWEST_CUTS), MOST_CUTS)
+
+
+def whole_and_cut(candidates: Sequence[Candidate], cuts: int, least_s: Sequence[float]) -> list[Node]:
+    """Return the nodes of candidates; `least_s` is by number how long one must stay."""
+    nodes = []
+    for one in candidates:
+        if not is_flexible(one):
+            nodes.append(Node(one.number, one.start_utc_s, one.end_utc_s))
+            continue
+        starts = np.linspace(one.start_utc_s, one.latest_start_utc_s, cuts)
+        ends = np.linspace(one.earliest_end_utc_s, one.end_utc_s, cuts)
+        nodes += _grid(one, starts.tolist(), ends.tolist(), least_s[one.number])
+    return nodes
+
+
+def is_flexible(one: Candidate) -> bool:
+    """Tell whether a candidate may be shortened."""
+    return one.latest_start_utc_s > one.start_utc_s or one.earliest_end_utc_s < one.end_utc_s
+
+
+def finer(
+    taken: Sequence[Node], candidates: Sequence[Candidate], cuts: int, least_s: Sequence[float]
+) -> list[Node]:
+    """Return nodes about those taken that are shortened, between their neighbours of the coarser cut."""
+    whole = {(one.number, one.start_utc_s, one.end_utc_s) for one in candidates}
+    shortened = [node for node in taken if node not in whole]
+    if not shortened:
+        return []
+    side = min(max(int(math.sqrt(MOST_FINER / len(shortened))), FEWEST_FINER), MOST_FINER_SIDE)
+    offsets = np.linspace(-1.0, 1.0, side) / (cuts - 1)
+    found: dict[Node, None] = {}
+    for node in shortened:
+        one = candidates[node.candidate]
+        start_s, end_s = one.latest_start_utc_s - one.start_utc_s, one.end_utc_s - one.earliest_end_utc_s
+        starts = np.clip(node.start_utc_s + start_s * offsets, one.start_utc_s, one.latest_start_utc_s)
+        ends = np.clip(node.end_utc_s + end_s * offsets, one.earliest_end_utc_s, one.end_utc_s)
+        found |= dict.fromkeys(_grid(one, starts.tolist(), ends.tolist(), least_s[one.number]))
+    return list(found)
+
+
+def joined(
+    taken: Sequence[Node],
+    candidates: Sequence[Candidate],
+    least_s: Sequence[float],
+    needed_s: Callable[[Node, Node], float],
+) -> list[Node]:
+    """Return nodes of those taken that leave no time unused between two that follow one another.
+
+    The later one is entered as soon as the mount can be there, or the earlier one left as late as it may,
+    whichever way the time between two is shared. `needed_s` gives the seconds from one node to another.
+    """
+    starts = [{node.start_utc_s} for node in taken]
+    ends = [{node.end_utc_s} for node in taken]
+    for k, (before, after) in enumerate(pairwise(taken)):
+        one, other = candidates[before.candidate], candidates[after.candidate]
+        for end in {before.end_utc_s, one.earliest_end_utc_s, one.end_utc_s}:
+            ends[k].add(end)
+            left = before._replace(end_utc_s=end)
+            starts[k + 1].add(_earliest(other, after, partial(needed_s, left), end))
+        for start in {after.start_utc_s, other.latest_start_utc_s, other.start_utc_s}:
+            starts[k + 1].add(start)
+            ends[k].add(_latest(one, before, after._replace(start_utc_s=start), needed_s))
+    found: dict[Node, None] = {}
+    for node, begins, stops in zip(taken, starts, ends, strict=True):
+        one = candidates[node.candidate]
+        found |= dict.fromkeys(_grid(one, sorted(begins), sorted(stops), least_s[one.number]))
+    return list(found)
+
+
+def entered_at(one: Candidate, needed_s: Callable[[Node], float], from_utc_s: float) -> float:
+    """Return when the mount can be there at the earliest, at the candidate's start or later.
+
+    `needed_s` gives the seconds that a node needs before its start, from an instant on.
+    """
+    return _earliest(one, Node(one.number, one.start_utc_s, one.end_utc_s), needed_s, from_utc_s, math.inf)
+
+
+def _earliest(
+    one: Candidate,
+    node: Node,
+    needed_s: Callable[[Node], float],
+    free_utc_s: float,
+    latest_utc_s: float | None = None,
+) -> float:
+    """Return the first instant at which a node can be entered by a mount that is free from an instant on."""
+    latest = one.latest_start_utc_s if latest_utc_s is None else latest_utc_s
+    start = one.start_utc_s
+    for _ in range(MOST_ROUNDS):
+        ready = free_utc_s + needed_s(node._replace(start_utc_s=min(start, one.end_utc_s)))
+        if ready <= start or start > latest:
+            break
+        start = ready
+    return min(start, latest)
+
+
+def _latest(one: Candidate, node: Node, after: Node, needed_s: Callable[[Node, Node], float]) -> float:
+    """Return the last instant at which a node can be left so that the mount is at another in time."""
+    end = one.end_utc_s
+    for _ in range(MOST_ROUNDS):
+        last = after.start_utc_s - needed_s(node._replace(end_utc_s=end), after)
+        if last >= end or end < one.earliest_end_utc_s:
+            break
+        end = last
+    return max(end, one.earliest_end_utc_s)
+
+
+def _grid(one: Candidate, starts: list[float], ends: list[float], least_s: float) -> list[Node]:
+    found: dict[Node, None] = {}
+    for start in starts:
+        for end in ends:
+            whole = start == one.start_utc_s and end == one.end_utc_s
+            enough = end - start >= least_s and one.useful_within(start, end) > 0.0
+            if whole or enough:
+                found[Node(one.number, start, end)] = None
+    return list(found)
+
+
+def overhead_of(node: Node, path: CandidatePath, asked: Terms, situation: PlanSituation) -> Overhead:
+    """Return what a node needs around it."""
+    site, profile = situation.site, situation.profile
+    start, end = path.at(node.start_utc_s), path.at(node.end_utc_s)
+    return Overhead(
+        cost_before(asked.before, start, node.start_utc_s, site, profile),
+        asked.settle_s,
+        cost_after(asked.after, end, node.end_utc_s, site, profile),
+    )
+
+
+def node_set(
+    nodes: Sequence[Node],
+    overheads: Sequence[Overhead],
+    candidates: Sequence[Candidate],
+    situation: PlanSituation,
+    extra_s: Mapping[tuple[int, int], float],
+) -> NodeSet:
+    """Return nodes as a problem; `candidates` by number, `extra_s` what slews between two take longer."""
+    profile = situation.profile
+    longer = _by_node(nodes, extra_s) if extra_s else {}
+    transitions = SlewTransitions.of(overheads, profile, longer)
+    values = [
+        candidates[n.candidate].priority * candidates[n.candidate].useful_within(n.start_utc_s, n.end_utc_s)
+        for n in nodes
+    ]
+    first = [
+        situation.span[0] + first_s(overhead, profile) <= node.start_utc_s
+        for node, overhead in zip(nodes, overheads, strict=True)
+    ]
+    problem = Problem(
+        start_s=np.array([node.start_utc_s for node in nodes]),
+        end_s=np.array([node.end_utc_s for node in nodes]),
+        value=np.array(values),
+        first=np.array(first, dtype=bool),
+        group=np.array([candidates[node.candidate].entry for node in nodes], dtype=np.intp),
+        transitions=transitions,
+    )
+    return NodeSet(tuple(nodes), tuple(overheads), problem, transitions)
+
+
+def _by_node(
+    nodes: Sequence[Node], extra_s: Mapping[tuple[int, int], float]
+) -> dict[int, tuple[NDArray[np.intp], Array]]:
+    """Return by the later node which earlier ones take longer to come from, and by how much."""
+    of: dict[int, list[int]] = {}
+    for k, node in enumerate(nodes):
+        of.setdefault(node.candidate, []).append(k)
+    earlier: dict[int, list[tuple[int, float]]] = {}
+    for (before, after), seconds in extra_s.items():
+        earlier.setdefault(after, []).extend((k, seconds) for k in of.get(before, []))
+    return {
+        k: (np.array([at for at, _ in found], dtype=np.intp), np.array([more for _, more in found]))
+        for after, found in earlier.items()
+        for k in of.get(after, [])
+        if found
+    }
+
+
+def first_s(overhead: Overhead, profile: MountProfile) -> float:
+    """Return how long the first pass of a plan needs before its start, from the park position if known."""
+    return first_slew_s(overhead, profile) + overhead.before.seconds + overhead.settle_s
+
+
+def first_slew_s(overhead: Overhead, profile: MountProfile) -> float:
+    """Return the seconds of the first slew, 0 where nobody knows where the mount stands before it."""
+    park = profile.park
+    if park is None:
+        return 0.0
+    return slew_s(Place(park.hour_angle_deg, park.dec_deg), overhead.before.first, profile)

@@ -15,9 +15,9 @@ from sattrack.cli.main import run
 from sattrack.cli.run import command
 from sattrack.core.errors import InterruptedRunError, TerminatedRunError
 from sattrack.schedule import machine, schema
-from sattrack.schedule.conditions import BROKE_OFF
 from sattrack.schedule.file import load_schedule
-from sattrack.schedule.night import NightPass, Result, State
+from sattrack.schedule.machine import BROKE_OFF
+from sattrack.schedule.night import NightPass, Result, RunState
 from sattrack.schedule.night_commands import as_environment, facts_of
 from sattrack.schedule.schema import Terms
 
@@ -39,7 +39,7 @@ def check(root: Path) -> subprocess.CompletedProcess[str]:
 def test_the_table_is_the_machine_that_runs(tmp_path: Path) -> None:
     assert check(ROOT).returncode == 0
     table = TEXT.partition("BEGIN machine")[2].partition("END machine")[0]
-    assert all(f"| {state.value} |" in table for state in State if state is not State.STOPPED)
+    assert all(f"| {state.value} |" in table for state in RunState if state is not RunState.STOPPED)
     assert table.count("\n| ") - 1 == sum(row.event.__name__ != "StopAsked" for row in machine.TABLE)
     (tmp_path / "docs").mkdir()
     (tmp_path / "docs" / PAGE.name).write_text(TEXT.replace("| Follow it |", "| Leave it |", 1))

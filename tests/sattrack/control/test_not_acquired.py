@@ -11,7 +11,7 @@ import pytest
 
 from sattrack.control.not_acquired import Attempt, AxisAttempt, why_not
 from sattrack.mount.model import AxisLimits, MountProfile
-from sattrack.runtime.outcome import Ledger, failure, summarise
+from sattrack.runtime.outcome import RunStatistics, failure, summarise
 from sattrack.views.run import LearntView
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -125,7 +125,7 @@ def fly(profile: dict[str, Any], seconds: float, number: int = 4, **hardware: An
 
 def test_a_delay_that_is_told_300_ms_too_long_is_named() -> None:
     run = fly({"command_delay_s": 0.32}, 3.0)
-    summary = summarise(run.engine, Ledger(), run.errors[-1].utc_s)
+    summary = summarise(run.engine, RunStatistics(), run.errors[-1].utc_s)
     assert summary.ended_by == "set"
     assert summary.acquired_after_s is None
     assert "command_delay_s is too large" in (summary.why_not_acquired or "")

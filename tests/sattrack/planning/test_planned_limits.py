@@ -12,7 +12,7 @@ from planning_builders import path_of
 from sattrack.mount.model import AxisLimits, MountProfile, PierZone
 from sattrack.planning.kinematics import Ability, losses, why_not
 from sattrack.planning.path import AxisPath, Pointing, axis_path, margins_deg
-from sattrack.planning.rehearsal import HeldWay, link_loss
+from sattrack.planning.rehearsal import MountPath, link_loss
 from sattrack.planning.sides import choose_sides
 from sattrack.planning.trace import TabledPropagator
 from sattrack.runtime import practice
@@ -68,8 +68,8 @@ def test_a_pier_zone_counts_on_its_side_and_after_whole_turns() -> None:
     assert margins_deg(pointing(-150.0, 162.0), profile, DARK, 0.0)["pier"][0] > 0.0
 
 
-def held(path: AxisPath) -> HeldWay:
-    return HeldWay(path.pointing, path.hour_angle_rate_deg_s, path.dec_rate_deg_s)
+def held(path: AxisPath) -> MountPath:
+    return MountPath(path.pointing, path.hour_angle_rate_deg_s, path.dec_rate_deg_s)
 
 
 def test_a_cut_link_leads_to_the_horizon_in_the_time_that_the_rate_says() -> None:

@@ -147,7 +147,7 @@ def run(
         loop.run()
     finally:
         link.close()
-    link.periods_s = loop.ledger.periods_s
+    link.periods_s = loop.statistics.periods_s
     return link
 
 

@@ -17,7 +17,7 @@ from sattrack.control.engine_view import LOOSE_FACTOR, learnt_view
 from sattrack.core.errors import BadInputError
 from sattrack.mount.model import AxisLimits, CalibrationRecord, MountProfile
 from sattrack.mount.profiles import load_profile, load_profile_file, write_profile
-from sattrack.runtime.outcome import Ledger, summarise
+from sattrack.runtime.outcome import RunStatistics, summarise
 from sattrack.views.run import LearntView
 from sattrack.views.summary_text import summary_lines
 
@@ -206,7 +206,7 @@ def test_a_file_that_is_there_or_has_no_folder_or_a_faster_clock_is_refused(tmp_
 
 
 def test_the_summary_tells_what_was_learnt(first: family.Run) -> None:
-    summary = summarise(first.engine, Ledger(), first.errors[-1].utc_s)
+    summary = summarise(first.engine, RunStatistics(), first.errors[-1].utc_s)
     assert summary.learnt == learnt_of(first)
     assert summary.why_not_acquired is None
     line = next(line for line in summary_lines(summary) if "learnt of the mount" in line)

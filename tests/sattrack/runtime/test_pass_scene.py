@@ -15,7 +15,7 @@ from sattrack.cli.running import announcement
 from sattrack.mount.model import CalibrationRecord, MountProfile
 from sattrack.runtime import practice
 from sattrack.runtime.facts import build_engine
-from sattrack.runtime.outcome import Ledger, summarise
+from sattrack.runtime.outcome import RunStatistics, summarise
 from sattrack.runtime.pass_scene import keyhole_deg, pass_scene, uncalibrated
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.views.summary_text import summary_lines
@@ -172,6 +172,6 @@ def test_view_and_summary_say_whether_the_profile_was_measured() -> None:
     ):
         engine = build_engine(facts)
         assert engine.view(facts.plan.start_utc_s).calibrated is calibrated
-        summary = summarise(engine, Ledger(), facts.plan.end_utc_s)
+        summary = summarise(engine, RunStatistics(), facts.plan.end_utc_s)
         assert summary.calibrated is calibrated
         assert ("uncalibrated" in summary_lines(summary)[0]) is named

@@ -342,7 +342,7 @@ def test_a_mount_that_stands_in_the_suns_way_is_led_out_of_it() -> None:
     led_out = [v for v in run.views if any("led out of the Sun" in words for words in v.warnings)]
     assert led_out
     assert not any(view.pause is None or view.pause.at_rest for view in led_out)
-    summary = summarise(run.engine, run.ledger, run.truths[-1].utc_s)
+    summary = summarise(run.engine, run.statistics, run.truths[-1].utc_s)
     assert (summary.ended_by, summary.mount_stopped) == ("set", True), "a paused pass ends as ever"
     assert "before the mount was on the satellite (it was paused for" in (summary.message or "")
 

@@ -106,7 +106,7 @@ def fly(longer_s: float = 0.0, min_alt_deg: float = 50.0, **strange: Any) -> tup
     run = StrangeRun(build_engine(facts), mount, facts.started_utc_s, NoRecording(), (), **strange)
     run.progress = run.views.append
     ended_utc_s = run.run()
-    return summarise(run.engine, run.ledger, ended_utc_s), run
+    return summarise(run.engine, run.statistics, ended_utc_s), run
 
 
 def at_rest(run: StrangeRun) -> bool:

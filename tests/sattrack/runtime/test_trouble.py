@@ -96,7 +96,7 @@ def fly(
     run = TroubledRun(build_engine(facts), mount, facts.started_utc_s, NoRecording(), timed, **trouble)
     run.progress = run.views.append
     ended_utc_s = run.run()
-    return Flown(summarise(run.engine, run.ledger, ended_utc_s), run)
+    return Flown(summarise(run.engine, run.statistics, ended_utc_s), run)
 
 
 def test_an_outage_that_ends_finds_the_stop_still_being_sent() -> None:
@@ -183,7 +183,7 @@ def test_a_pass_that_ends_before_it_is_reached_is_not_a_success() -> None:
     facts = prepare(request).facts
     mount = SimulatedMount(facts.profile, SimulatedSite(52.1541, 4.4908), practice.START)
     run = VirtualRun(build_engine(facts), mount, facts.started_utc_s, NoRecording())
-    summary = summarise(run.engine, run.ledger, run.run())
+    summary = summarise(run.engine, run.statistics, run.run())
     error = failure(summary, interrupted=False)
     assert error is not None
     assert error.exit_code == 1

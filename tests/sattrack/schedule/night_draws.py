@@ -9,28 +9,28 @@ from sattrack.runtime import practice
 from sattrack.schedule.night import (
     AskWeather,
     ClockSet,
-    Doing,
     DoStep,
     Due,
+    Event,
     Follow,
     Followed,
-    Go,
-    Happening,
-    Laid,
-    LayDown,
     MakePlan,
     Mount,
     NightPass,
     NotPlanned,
+    Order,
+    Parked,
+    ParkMount,
+    PassAttempt,
+    PassPrepared,
     Planned,
     Prepare,
-    Prepared,
     Run,
+    RunSettings,
     StepDone,
     SummedUp,
     Wait,
-    Ways,
-    WeatherTold,
+    WeatherReported,
 )
 from sattrack.schedule.schema import CommandAction, SlewAction, Terms, WebhookAction
 
@@ -44,8 +44,8 @@ ACTIONS = (
 )
 
 
-def ways(nights: float) -> Ways:
-    return Ways(BEGIN, BEGIN + nights * 86400.0, NOON_S)
+def settings(nights: float) -> RunSettings:
+    return RunSettings(BEGIN, BEGIN + nights * 86400.0, NOON_S)
 
 
 def drawn_passes(random: Random, night: int, begin: float, end: float) -> tuple[NightPass, ...]:
@@ -98,10 +98,10 @@ class World:
     def goes_wrong(self, share: float = 1.0) -> bool:
         return self.random.random() < self.harm * share
 
-    def answer(self, doing: Doing, run: Run) -> Happening:
-        match doing:
+    def answer(self, order: Order, run: Run) -> Event:
+        match order:
             case Wait():
-                return self._wait(doing.until_utc_s)
+                return self._wait(order.until_utc_s)
             case MakePlan():
                 if self.goes_wrong():
                     return NotPlanned(utc_s=self.now, words="no elements")
@@ -115,28 +115,28 @@ class World:
             case Prepare():
                 self.now += 1.0
                 cause = "elements too old" if self.goes_wrong(0.3) else None
-                self.power = self.power or doing.wake
-                return Prepared(utc_s=self.now, cause=cause, woken=doing.wake)
+                self.power = self.power or order.wake
+                return PassPrepared(utc_s=self.now, cause=cause, woken=order.wake)
             case AskWeather():
-                return WeatherTold(utc_s=self.now, safe=not self.goes_wrong(), words="rain")
+                return WeatherReported(utc_s=self.now, safe=not self.goes_wrong(), words="rain")
             case DoStep():
-                terms = run.passes[doing.index].terms
-                action = (terms.before if doing.when == "before" else terms.after)[doing.step]
+                terms = run.passes[order.index].terms
+                action = (terms.before if order.when == "before" else terms.after)[order.step]
                 if not isinstance(action, SlewAction):
-                    self.commands.append((run.passes[doing.index].key, doing.when, doing.step))
+                    self.commands.append((run.passes[order.index].key, order.when, order.step))
                 self.now += self.random.uniform(0.0, 20.0)
                 return StepDone(utc_s=self.now, done=not self.goes_wrong(), words="failed")
             case Follow():
-                return self._follow(doing, run.passes[doing.index])
-            case LayDown():
+                return self._follow(order, run.passes[order.index])
+            case ParkMount():
                 self.now += 10.0
                 if self.goes_wrong():
-                    return Laid(utc_s=self.now, mount=Mount.AT_REST, words="no answer")
-                self.power = not doing.power_off
-                return Laid(utc_s=self.now, mount=Mount.PARKED if doing.power_off else Mount.AT_PARK)
+                    return Parked(utc_s=self.now, mount=Mount.AT_REST, words="no answer")
+                self.power = not order.power_off
+                return Parked(utc_s=self.now, mount=Mount.PARKED if order.power_off else Mount.AT_PARK)
         return SummedUp(utc_s=self.now, file="summary")
 
-    def _wait(self, until: float) -> Happening:
+    def _wait(self, until: float) -> Event:
         if self.goes_wrong(0.1):
             seconds = self.random.choice((-3600.0, 1800.0, 90000.0))
             self.now = max(self.now, min(until, self.now + 100.0)) + seconds
@@ -144,7 +144,7 @@ class World:
         self.now = max(self.now, until)
         return Due(utc_s=self.now)
 
-    def _follow(self, doing: Follow, one: NightPass) -> Followed:
+    def _follow(self, order: Follow, one: NightPass) -> Followed:
         assert self.power
         begin = max(self.now, one.start_utc_s)
         ended_by, end = "set", one.end_utc_s
@@ -153,5 +153,5 @@ class World:
             end = self.random.uniform(begin, one.end_utc_s)
         self.followed.append((one.key, begin, end))
         self.now = max(self.now, end)
-        go = Go(ended_by, self.now, on_target_s=max(0.0, end - begin), rms_arcsec=0.5)
-        return Followed(utc_s=self.now, go=go)
+        attempt = PassAttempt(ended_by, self.now, on_target_s=max(0.0, end - begin), rms_arcsec=0.5)
+        return Followed(utc_s=self.now, attempt=attempt)

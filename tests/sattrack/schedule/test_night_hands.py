@@ -31,7 +31,7 @@ from sattrack.safety import SafetyLimits
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.night import NightPass, Result
 from sattrack.schedule.night_commands import (
-    Errands,
+    BackgroundTasks,
     Notifier,
     WeatherWatch,
     as_environment,
@@ -40,10 +40,10 @@ from sattrack.schedule.night_commands import (
     post,
     run_program,
 )
-from sattrack.schedule.night_files import NightFiles, read_status
-from sattrack.schedule.night_hands import Readings, jump_between
-from sattrack.schedule.night_journal import Journal, locked
-from sattrack.schedule.night_virtual import Airspace
+from sattrack.schedule.night_files import Journal, NightFiles, read_status
+from sattrack.schedule.night_hands import ClockReadings, jump_between
+from sattrack.schedule.night_stop import locked
+from sattrack.schedule.night_virtual import SimulatedStation
 from sattrack.schedule.schema import Notify, Terms, Weather
 from sattrack.settings import Settings
 from tle.formats.registry import write_elements
@@ -178,7 +178,7 @@ def test_those_to_be_notified_hear_of_what_they_want_to_hear_and_nothing_else(tm
     told = Notify(run=(*SHELL, "cat >> told.txt; echo $SATTRACK_NOTICE >> told.txt"), on=("lost",))
     wrong = Notify(run=("./no-such-program",), on=("morning",))
     before = set(threading.enumerate())
-    notifier = Notifier((told, wrong), tmp_path, Errands(complaints.append))
+    notifier = Notifier((told, wrong), tmp_path, BackgroundTasks(complaints.append))
     for notice in ("pass", "lost", "morning"):
         notifier.tell(notice, f"words of {notice}", {"number": 3})
     for thread in set(threading.enumerate()) - before:
@@ -293,8 +293,8 @@ def test_elements_are_renewed_before_each_pass_and_the_provider_asked_once_in_tw
 def test_clocks_tell_a_set_clock_from_a_sleep(
     utc_s: float, awake_s: float, boot_s: float, jump: tuple[float, bool] | None
 ) -> None:
-    before = Readings(1e9, 500.0, 700.0)
-    after = Readings(1e9 + utc_s, 500.0 + awake_s, 700.0 + boot_s)
+    before = ClockReadings(1e9, 500.0, 700.0)
+    after = ClockReadings(1e9 + utc_s, 500.0 + awake_s, 700.0 + boot_s)
     assert jump_between(before, after) == jump
 
 
@@ -329,7 +329,7 @@ def test_a_journal_that_is_none_or_another_versions_is_refused(tmp_path: Path) -
 
 def test_a_folder_is_free_again_once_its_runner_is_gone_however_it_went(tmp_path: Path) -> None:
     holds = (
-        "import sys, time; from pathlib import Path; from sattrack.schedule.night_journal import locked\n"
+        "import sys, time; from pathlib import Path; from sattrack.schedule.night_stop import locked\n"
         "with locked(Path(sys.argv[1])): print('mine', flush=True); time.sleep(600)"
     )
     process = subprocess.Popen([sys.executable, "-c", holds, str(tmp_path)], stdout=subprocess.PIPE)
@@ -350,13 +350,13 @@ def test_a_mount_is_laid_down_at_its_park_position_with_its_drives_on_or_off(
     power_off: bool, state: TicketState
 ) -> None:
     profile = ProfileFile(park=AxesPosition(-20.0, 40.0))
-    air = Airspace(practice.SITE.place(), profile, SafetyLimits(), 50.0, 15.0)
+    station = SimulatedStation(practice.SITE.place(), profile, SafetyLimits(), 50.0, 15.0)
     midnight = BEGIN + 43_200.0
-    outcome, ended = air.go(ParkThere(profile.mount, power_off=power_off), midnight)
+    outcome, ended = station.perform(ParkThere(profile.mount, power_off=power_off), midnight)
     assert outcome is not None
     assert outcome.state is state
-    assert air.hour_angle_deg == pytest.approx(-20.0, abs=0.1)
-    assert air.dec_deg == pytest.approx(40.0, abs=0.1)
+    assert station.hour_angle_deg == pytest.approx(-20.0, abs=0.1)
+    assert station.dec_deg == pytest.approx(40.0, abs=0.1)
     assert 5.0 < ended - midnight < 60.0
 
 

@@ -13,11 +13,12 @@ import sys
 from random import Random
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
+from unittest.mock import ANY
 
 import msgspec
 import pytest
 from msgspec.structs import replace
-from night_draws import BEGIN, World, drawn_passes, ways
+from night_draws import BEGIN, World, drawn_passes, settings
 from schedule_night import Plan, rows
 
 from sattrack.cli.main import run
@@ -27,24 +28,36 @@ from sattrack.schedule.night import (
     End,
     Follow,
     Followed,
-    Go,
-    LayDown,
     MakePlan,
     Mount,
     NightPass,
+    Parked,
+    ParkMount,
+    PassAttempt,
     Planned,
     Reread,
     Result,
     Run,
+    RunSettings,
+    RunState,
     Started,
-    State,
     StopAsked,
     Wait,
+    WeatherReported,
 )
-from sattrack.schedule.night_files import NightFiles, TakenUp, read_status, take_up
-from sattrack.schedule.night_hands import LiveHands, drive
-from sattrack.schedule.night_journal import FILE_NAME, Beat, Journal, parts_of
-from sattrack.schedule.night_session import Session
+from sattrack.schedule.night_files import (
+    FILE_NAME,
+    Heartbeat,
+    Journal,
+    NightFiles,
+    OpenedRun,
+    encoded,
+    open_run,
+    parts_of,
+    read_status,
+)
+from sattrack.schedule.night_hands import LiveExecutor, drive
+from sattrack.schedule.night_session import PassSession
 from sattrack.schedule.night_stop import NightRequests, keep_stop, stop_of
 from sattrack.schedule.schema import Recordings
 from sattrack.schedule.service import Service
@@ -55,47 +68,47 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
-    from sattrack.schedule.night import Doing, Happening
-    from sattrack.schedule.night_hands import Kit
+    from sattrack.schedule.night import Event, Order
+    from sattrack.schedule.night_hands import NightContext
 
 NIGHTS = 1.0
 
 
-class WorldHands:
-    """Hands of a world that answers at random, until so many events have happened."""
+class WorldExecutor:
+    """Executor of a world that answers at random, until so many events have happened."""
 
     def __init__(self, world: World, events: int) -> None:
         self.world, self.left = world, events
 
-    def begin(self, beat: Beat | None) -> float:
+    def begin(self, beat: Heartbeat | None) -> float:
         del beat
         return self.world.now
 
-    def perform(self, doing: Doing, at: Run) -> Happening | None:
+    def perform(self, order: Order, at: Run) -> Event | None:
         self.left -= 1
-        return self.world.answer(doing, at) if self.left > 0 else None
+        return self.world.answer(order, at) if self.left > 0 else None
 
 
 def kept_run(folder: Path, events: int = 40, seed: int = 3, file: Journal | None = None) -> Run:
     """Run a night for so many events, with its journal and status in a folder; return what is known."""
-    taken = TakenUp(file or Journal(folder / FILE_NAME, durable=False), Run())
+    taken = OpenedRun(file or Journal(folder / FILE_NAME, durable=False), Run())
     files = NightFiles(folder, "night.toml")
 
-    def told(at: Run, event: Happening, doing: Doing) -> None:
-        view = view_of(at, doing, event.utc_s, "night.toml", str(folder))
+    def told(at: Run, event: Event, order: Order) -> None:
+        view = view_of(at, order, event.utc_s, "night.toml", str(folder))
         files.tell(replace(view, events=taken.journal.count))
 
-    at, _ = drive(taken, WorldHands(World(seed, harm=0.1), events), ways(NIGHTS), told)
+    at, _ = drive(taken, WorldExecutor(World(seed, harm=0.1), events), settings(NIGHTS), told)
     taken.journal.close()
     return at
 
 
-def harmed(folder: Path, into: Path, harm: Any) -> tuple[TakenUp, list[str]]:
+def harmed(folder: Path, into: Path, harm: Any) -> tuple[OpenedRun, list[str]]:
     """Copy a run's folder, do harm to its journal, take it up; return that, and the files' names."""
     shutil.copytree(folder, into)
     data = bytearray((into / FILE_NAME).read_bytes())
     (into / FILE_NAME).write_bytes(harm(data))
-    taken = take_up(into, BEGIN, durable=False)
+    taken = open_run(into, BEGIN, durable=False)
     taken.journal.close()
     return taken, sorted(one.name for one in into.iterdir())
 
@@ -110,7 +123,7 @@ def night(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Run]:
     return folder, at
 
 
-def check_taken(taken: TakenUp, names: list[str], at: Run) -> str:
+def check_taken(taken: OpenedRun, names: list[str], at: Run) -> str:
     """Check that nothing which is over can come again, whatever was harmed; return how it was taken up."""
     if taken.words is None:
         assert taken.run in (at, taken.run)
@@ -119,16 +132,18 @@ def check_taken(taken: TakenUp, names: list[str], at: Run) -> str:
     assert taken.run == Run()
     (aside,) = [name for name in names if ".damaged-" in name and not name.endswith(("-wal", "-shm"))]
     assert aside in taken.words
-    event = Started(utc_s=BEGIN + 60.0, ways=ways(NIGHTS), recovered=taken.recovered, words=taken.words)
-    again, doing = machine.step(Run(), event)
-    assert isinstance(doing, MakePlan)
+    event = Started(
+        utc_s=BEGIN + 60.0, settings=settings(NIGHTS), recovered=taken.recovered, words=taken.words
+    )
+    again, order = machine.step(Run(), event)
+    assert isinstance(order, MakePlan)
     assert (again.night, again.mount) == (at.night, Mount.UNKNOWN if at.state in BUSY else at.mount)
     again, _ = machine.step(again, Planned(utc_s=BEGIN + 61.0, passes=at.passes))
     assert [one.key for one in again.passes] == [one.key for one in at.passes[len(at.results) :]]
     return "set aside"
 
 
-BUSY = (State.READYING, State.FOLLOWING, State.FINISHING, State.PARKING)
+BUSY = (RunState.READYING, RunState.FOLLOWING, RunState.FINISHING, RunState.PARKING)
 
 
 def test_a_journal_with_any_byte_changed_is_taken_up_or_set_aside_and_nothing_comes_twice(
@@ -173,7 +188,7 @@ def test_an_event_that_was_changed_is_seen_by_its_checksum(
         changed = value if column == "utc_s" else value.replace("1", "2")
         base.execute(f"UPDATE events SET {column} = ? WHERE number = 3", (changed,))
     base.close()
-    assert "event 3 was changed" in str(take_up(into, BEGIN).words)
+    assert "event 3 was changed" in str(open_run(into, BEGIN).words)
 
 
 def test_a_last_event_that_is_cut_off_is_left_out_and_the_run_goes_on(
@@ -186,7 +201,7 @@ def test_a_last_event_that_is_cut_off_is_left_out_and_the_run_goes_on(
         (last,) = base.execute("SELECT max(number) FROM events").fetchone()
         base.execute("UPDATE events SET event = substr(event, 1, 20) WHERE number = ?", (last,))
     base.close()
-    taken = take_up(into, BEGIN)
+    taken = open_run(into, BEGIN)
     assert taken.words is None
     assert taken.journal.count == last - 1
     taken.journal.append(StopAsked(utc_s=BEGIN), taken.run, End(why="x"))
@@ -202,14 +217,31 @@ def test_a_journal_of_the_layout_before_is_taken_up_as_it_is(night: tuple[Path, 
         base.execute("ALTER TABLE events DROP COLUMN checksum")
         base.execute("PRAGMA user_version = 1")
     base.close()
-    taken = take_up(into, BEGIN)
+    taken = open_run(into, BEGIN)
     assert (taken.words, taken.run) == (None, night[1])
     event = StopAsked(utc_s=BEGIN)
     taken.journal.append(event, *machine.step(taken.run, event))
     taken.journal.close()
-    again = take_up(into, BEGIN)
-    assert (again.words, again.run.state) == (None, State.STOPPED)
+    again = open_run(into, BEGIN)
+    assert (again.words, again.run.state) == (None, RunState.STOPPED)
     assert again.journal.count == taken.journal.count
+
+
+@pytest.mark.parametrize(
+    ("kept", "names"),
+    [
+        (Started(utc_s=BEGIN, settings=RunSettings(BEGIN, None, 0.0)), {"event": "started", "ways": ANY}),
+        (Reread(utc_s=BEGIN, settings=RunSettings(BEGIN, None, 0.0)), {"event": "reread", "ways": ANY}),
+        (WeatherReported(utc_s=BEGIN, safe=True), {"event": "weather", "safe": True}),
+        (Followed(utc_s=BEGIN, attempt=PassAttempt("set", BEGIN)), {"event": "followed", "go": ANY}),
+        (Parked(utc_s=BEGIN, mount=Mount.PARKED), {"event": "laid", "mount": "parked"}),
+        (ParkMount(power_off=True), {"order": "lay down", "power_off": True}),
+        (Heartbeat(BEGIN, attempt="key#1"), {"go": "key#1"}),
+    ],
+)
+def test_what_is_kept_has_the_names_of_older_journals(kept: Any, names: dict[str, Any]) -> None:
+    stored = json.loads(encoded(kept))
+    assert {name: value for name, value in stored.items() if name in names} == names
 
 
 def test_a_journal_of_a_later_version_is_set_aside_with_its_name_told(
@@ -220,12 +252,12 @@ def test_a_journal_of_a_later_version_is_set_aside_with_its_name_told(
     with sqlite3.connect(into / FILE_NAME) as base:
         base.execute("PRAGMA user_version = 99")
     base.close()
-    first = take_up(into, BEGIN)
+    first = open_run(into, BEGIN)
     assert "another version of sattrack; it was set aside as journal.sqlite3.damaged-" in str(first.words)
     first.journal.close()
     # A second one in the same second has a name of its own.
     (into / FILE_NAME).write_bytes(b"no journal" * 1000)
-    second = take_up(into, BEGIN)
+    second = open_run(into, BEGIN)
     assert str(second.words).partition(" as ")[2].startswith(f"{FILE_NAME}.damaged-20261002T120000Z-2")
 
 
@@ -235,7 +267,7 @@ def test_an_event_of_a_later_version_is_not_guessed_at(night: tuple[Path, Run], 
     with sqlite3.connect(into / FILE_NAME) as base:
         base.execute("UPDATE events SET version = 2, checksum = NULL WHERE number = 5")
     base.close()
-    assert "event 5 is of version 2, not 1" in str(take_up(into, BEGIN).words)
+    assert "event 5 is of version 2, not 1" in str(open_run(into, BEGIN).words)
 
 
 def test_a_journal_that_is_older_than_the_status_is_not_gone_by(
@@ -246,7 +278,7 @@ def test_a_journal_that_is_older_than_the_status_is_not_gone_by(
     with sqlite3.connect(into / FILE_NAME) as base:
         base.execute("DELETE FROM events WHERE number > 20")
     base.close()
-    taken = take_up(into, BEGIN)
+    taken = open_run(into, BEGIN)
     assert f"holds 20 events, and status.json was written after {len(rows(night[0] / FILE_NAME))}" in str(
         taken.words
     )
@@ -257,7 +289,7 @@ def test_a_journal_that_is_older_than_the_status_is_not_gone_by(
 def test_without_a_status_too_a_damaged_journal_begins_the_night_anew(tmp_path: Path) -> None:
     (tmp_path / FILE_NAME).write_bytes(b"no journal" * 1000)
     (tmp_path / "status.json").write_bytes(b'{"type":')
-    taken = take_up(tmp_path, BEGIN)
+    taken = open_run(tmp_path, BEGIN)
     assert "the night begins anew" in str(taken.words)
     assert (taken.run, taken.recovered) == (Run(), None)
 
@@ -301,20 +333,20 @@ def test_a_full_disk_ends_no_run_and_what_happened_meanwhile_is_kept_when_there_
 ) -> None:
     journal = Journal(tmp_path / FILE_NAME, durable=False)
     disk = failing(journal, monkeypatch)
-    event: Happening = Started(utc_s=BEGIN, ways=ways(NIGHTS))
-    at, doing = machine.step(Run(), event)
-    journal.append(event, at, doing)
+    event: Event = Started(utc_s=BEGIN, settings=settings(NIGHTS))
+    at, order = machine.step(Run(), event)
+    journal.append(event, at, order)
     next(disk)
     world, troubles = World(3), []
     for _ in range(20):
-        event = world.answer(doing, at)
-        at, doing = machine.step(at, event)
-        journal.append(event, at, doing)
-        journal.beat(Beat(world.now))
+        event = world.answer(order, at)
+        at, order = machine.step(at, event)
+        journal.append(event, at, order)
+        journal.beat(Heartbeat(world.now))
         troubles.append(journal.trouble)
     assert all("the run goes on without it" in str(trouble) for trouble in troubles)
     next(disk)
-    journal.beat(Beat(world.now))
+    journal.beat(Heartbeat(world.now))
     assert journal.trouble is None
     journal.close()
     again = Journal(tmp_path / FILE_NAME)
@@ -336,7 +368,7 @@ def test_a_run_that_starts_on_a_full_disk_goes_on_by_its_journal(
 
     monkeypatch.setattr(Journal, "_opened", full)
     before = [part.name for part in parts_of(night[0] / FILE_NAME)]
-    taken = take_up(night[0], BEGIN)
+    taken = open_run(night[0], BEGIN)
     assert (taken.words, taken.run) == (None, night[1])
     assert "the run goes on without it" in str(taken.journal.trouble)
     taken.journal.append(StopAsked(utc_s=BEGIN), taken.run, End(why="x"))
@@ -412,30 +444,30 @@ def test_tonights_recordings_stay_where_the_disk_is_full_of_them_and_passes_go_u
 
 def test_a_journal_knows_the_recordings_that_its_run_made(tmp_path: Path) -> None:
     journal = Journal(tmp_path / FILE_NAME, durable=False)
-    go = Go("set", BEGIN, recording="recordings/a.mcap")
+    attempt = PassAttempt("set", BEGIN, recording="recordings/a.mcap")
     for event in (
-        Started(utc_s=BEGIN, ways=ways(1.0), recording="recordings/b.mcap"),
-        Followed(utc_s=BEGIN + 5.0, go=go),
-        Followed(utc_s=BEGIN + 6.0, go=Go("set", BEGIN)),
+        Started(utc_s=BEGIN, settings=settings(1.0), recording="recordings/b.mcap"),
+        Followed(utc_s=BEGIN + 5.0, attempt=attempt),
+        Followed(utc_s=BEGIN + 6.0, attempt=PassAttempt("set", BEGIN)),
     ):
         journal.append(event, Run(), End(why="x"))
     assert journal.recordings() == [(BEGIN, "recordings/b.mcap"), (BEGIN + 5.0, "recordings/a.mcap")]
     journal.close()
 
 
-def hands_of(folder: Path) -> tuple[LiveHands, NightRequests]:
-    """Return hands that have nothing to work with but what they are asked from outside."""
+def executor_of(folder: Path) -> tuple[LiveExecutor, NightRequests]:
+    """Return an executor that has nothing to work with but what is asked from outside."""
     requests = NightRequests(folder)
-    kit = SimpleNamespace(requests=requests, troubled=lambda *_: None, now=lambda: BEGIN)
+    context = SimpleNamespace(requests=requests, report_trouble=lambda *_: None, now=lambda: BEGIN)
     journal = Journal(folder / FILE_NAME, durable=False)
-    return LiveHands(cast("Kit", kit), NightFiles(folder, "n"), journal), requests
+    return LiveExecutor(cast("NightContext", context), NightFiles(folder, "n"), journal), requests
 
 
 def test_while_a_stop_stands_nothing_is_begun_and_the_journal_has_the_stop(tmp_path: Path) -> None:
-    hands, requests = hands_of(tmp_path)
+    executor, requests = executor_of(tmp_path)
     keep_stop(tmp_path, "x")
     requests.terminated = True
-    found = hands.perform(Follow(index=0, part=1, from_utc_s=BEGIN), Run())
+    found = executor.perform(Follow(index=0, part=1, from_utc_s=BEGIN), Run())
     assert isinstance(found, StopAsked)
     assert found.words.startswith("stopped by an operator (x)")
 
@@ -443,28 +475,28 @@ def test_while_a_stop_stands_nothing_is_begun_and_the_journal_has_the_stop(tmp_p
 def test_a_runner_that_is_terminated_begins_nothing_and_keeps_no_event_of_what_it_cut_off(
     tmp_path: Path,
 ) -> None:
-    hands, requests = hands_of(tmp_path)
+    executor, requests = executor_of(tmp_path)
     requests.terminated = True
-    assert hands.perform(Follow(index=0, part=1, from_utc_s=BEGIN), Run()) is None
+    assert executor.perform(Follow(index=0, part=1, from_utc_s=BEGIN), Run()) is None
     requests.interrupted = True
-    assert hands.perform(Wait(until_utc_s=BEGIN), Run()) == StopAsked(utc_s=BEGIN)
+    assert executor.perform(Wait(until_utc_s=BEGIN), Run()) == StopAsked(utc_s=BEGIN)
 
 
 def test_a_stop_at_a_sessions_screen_is_an_operators_and_an_end_by_a_limit_is_none(tmp_path: Path) -> None:
-    hands, _ = hands_of(tmp_path)
-    hands._heed_end(Go("limit:sun", BEGIN))
+    executor, _ = executor_of(tmp_path)
+    executor._keep_end(PassAttempt("limit:sun", BEGIN))
     assert stop_of(tmp_path) is None
-    hands._heed_end(Go("operator", BEGIN))
+    executor._keep_end(PassAttempt("operator", BEGIN))
     assert stop_of(tmp_path) is not None
 
 
 def test_how_far_a_pass_had_come_is_kept_when_the_runner_is_terminated(tmp_path: Path) -> None:
-    hands, _ = hands_of(tmp_path)
-    hands._go, hands._recording = "key#1", "recordings/a.mcap"
-    hands._heed_end(Go("stopped", BEGIN, on_target_s=12.0))
-    beat = hands.journal.last_beat()
+    executor, _ = executor_of(tmp_path)
+    executor._attempt, executor._recording = "key#1", "recordings/a.mcap"
+    executor._keep_end(PassAttempt("stopped", BEGIN, on_target_s=12.0))
+    beat = executor.journal.last_heartbeat()
     assert beat is not None
-    assert (beat.go, beat.on_target_s, beat.recording) == ("key#1", 12.0, "recordings/a.mcap")
+    assert (beat.attempt, beat.on_target_s, beat.recording) == ("key#1", 12.0, "recordings/a.mcap")
 
 
 VIEW = '{"type": "view", "utc_s": 1, "phase": "tracking", "target_alt_deg": 30.0, "warnings": [%s]}'
@@ -479,14 +511,14 @@ class Listener:
     def now_utc_s(self) -> float:
         return BEGIN
 
-    def why_end(self) -> str | None:
+    def end_reason(self) -> str | None:
         return self.why
 
-    def hears(self, utc_s: float, on_target_s: float, line: str, silent_s: float = 0.0) -> None:
+    def report_progress(self, utc_s: float, on_target_s: float, line: str, silent_s: float = 0.0) -> None:
         del utc_s, on_target_s
         self.lines.append((line, silent_s))
 
-    def hears_trouble(self, words: str | None) -> None:
+    def report_trouble(self, words: str | None) -> None:
         self.troubles.append(words)
 
 
@@ -495,9 +527,9 @@ def one_pass() -> NightPass:
     return first
 
 
-def session(folder: Path, script: str, listener: Listener) -> Session:
+def session(folder: Path, script: str, listener: Listener) -> PassSession:
     command = [sys.executable, "-c", script]
-    return Session(command, one_pass(), "recordings/a.mcap", folder / "sessions.log", listener)
+    return PassSession(command, one_pass(), "recordings/a.mcap", folder / "sessions.log", listener)
 
 
 def hanging(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -513,17 +545,17 @@ def test_a_session_that_stands_still_is_told_of_and_ended_so_that_another_can_fo
 ) -> None:
     hanging(monkeypatch)
     listener = Listener()
-    go = session(tmp_path, STANDS_STILL, listener).run()
-    assert (go.ended_by, go.words) == ("hang", "the session said nothing for 1 s, and was ended")
+    attempt = session(tmp_path, STANDS_STILL, listener).run()
+    assert (attempt.ended_by, attempt.words) == ("hang", "the session said nothing for 1 s, and was ended")
     silent = [(line, silent_s) for line, silent_s in listener.lines if silent_s > 0.0]
     assert silent
     assert all("NO NEWS for " in line and "before that tracking" in line for line, _ in silent)
-    at = machine.step(Run(), Started(utc_s=BEGIN, ways=ways(1.0)))[0]
+    at = machine.step(Run(), Started(utc_s=BEGIN, settings=settings(1.0)))[0]
     one = one_pass()
-    at = replace(at, state=State.FOLLOWING, passes=(one,), part=1)
-    at, doing = machine.step(at, Followed(utc_s=one.start_utc_s + 5.0, go=go))
-    assert isinstance(doing, Follow)
-    assert doing.part == 2
+    at = replace(at, state=RunState.FOLLOWING, passes=(one,), part=1)
+    at, order = machine.step(at, Followed(utc_s=one.start_utc_s + 5.0, attempt=attempt))
+    assert isinstance(order, Follow)
+    assert order.part == 2
 
 
 def test_a_stop_by_an_operator_is_what_ended_a_session_that_was_killed_for_it(
@@ -553,7 +585,7 @@ def test_a_view_older_than_three_seconds_is_shown_as_old(
     folder = tmp_path / "night.run"
     folder.mkdir()
     kept_run(folder, 20)
-    from sattrack.schedule.night_journal import locked
+    from sattrack.schedule.night_stop import locked
 
     def shown() -> tuple[str, dict[str, Any]]:
         assert run(["run", str(tmp_path / "night.toml"), "--status"]) == 0
@@ -579,43 +611,45 @@ def test_a_view_older_than_three_seconds_is_shown_as_old(
 
 def test_a_schedule_that_was_read_again_is_planned_anew_for_what_is_not_over() -> None:
     passes = drawn_passes(Random(1), 1, BEGIN + 3000.0, BEGIN + 80000.0)
-    at, _ = machine.step(Run(), Started(utc_s=BEGIN, ways=ways(1.0)))
+    at, _ = machine.step(Run(), Started(utc_s=BEGIN, settings=settings(1.0)))
     at, _ = machine.step(at, Planned(utc_s=BEGIN, passes=passes))
     at = replace(at, results=(Result("done"),))
-    again = replace(ways(2.0), park=False)
-    at, doing = machine.step(at, Reread(utc_s=BEGIN + 5000.0, ways=again))
-    assert isinstance(doing, MakePlan)
-    assert at.ways == again
-    at, doing = machine.step(at, Planned(utc_s=BEGIN + 5001.0, passes=(passes[0], *passes[2:])))
-    assert isinstance(doing, Wait)
+    again = replace(settings(2.0), park=False)
+    at, order = machine.step(at, Reread(utc_s=BEGIN + 5000.0, settings=again))
+    assert isinstance(order, MakePlan)
+    assert at.settings == again
+    at, order = machine.step(at, Planned(utc_s=BEGIN + 5001.0, passes=(passes[0], *passes[2:])))
+    assert isinstance(order, Wait)
     assert [one.key for one in at.passes] == [passes[0].key, *(one.key for one in passes[2:])]
     assert [one.number for one in at.passes] == list(range(1, len(at.passes) + 1))
     assert at.results == (Result("done"),)
 
 
 def test_a_run_stopped_by_day_waits_for_its_night_when_it_is_resumed() -> None:
-    at, _ = machine.step(Run(), Started(utc_s=BEGIN, ways=ways(3.0)))
-    at = replace(at, night_from_utc_s=BEGIN + 40_000.0, state=State.RESTING)
-    at, doing = machine.step(at, StopAsked(utc_s=BEGIN + 10.0))
-    assert isinstance(doing, End)
-    at, doing = machine.step(at, Started(utc_s=BEGIN + 20.0, ways=ways(3.0)))
-    assert doing == Wait(until_utc_s=BEGIN + 40_000.0)
-    assert at.state is State.RESTING
+    at, _ = machine.step(Run(), Started(utc_s=BEGIN, settings=settings(3.0)))
+    at = replace(at, night_from_utc_s=BEGIN + 40_000.0, state=RunState.RESTING)
+    at, order = machine.step(at, StopAsked(utc_s=BEGIN + 10.0))
+    assert isinstance(order, End)
+    at, order = machine.step(at, Started(utc_s=BEGIN + 20.0, settings=settings(3.0)))
+    assert order == Wait(until_utc_s=BEGIN + 40_000.0)
+    assert at.state is RunState.RESTING
 
 
 def test_a_recovered_night_that_is_over_is_followed_by_the_next(tmp_path: Path) -> None:
     kept_run(tmp_path)
     (tmp_path / FILE_NAME).write_bytes(b"no journal" * 1000)
-    taken = take_up(tmp_path, BEGIN)
+    taken = open_run(tmp_path, BEGIN)
     assert taken.recovered is not None
     late = taken.recovered.night_to_utc_s + 100.0
-    at, _ = machine.step(Run(), Started(utc_s=late, ways=ways(3.0), recovered=taken.recovered, words="x"))
+    at, _ = machine.step(
+        Run(), Started(utc_s=late, settings=settings(3.0), recovered=taken.recovered, words="x")
+    )
     assert at.night == taken.recovered.night + 1
     assert at.night_from_utc_s <= late < at.night_to_utc_s
     assert at.over == ()
-    at, doing = machine.step(at, Planned(utc_s=late, passes=()))
-    at, doing = machine.step(at, Due(utc_s=late))
-    assert isinstance(doing, LayDown)
+    at, order = machine.step(at, Planned(utc_s=late, passes=()))
+    at, order = machine.step(at, Due(utc_s=late))
+    assert isinstance(order, ParkMount)
 
 
 def heard(listener: socket.socket) -> list[str]:
@@ -735,11 +769,11 @@ def test_a_check_names_file_line_and_column_of_what_is_wrong(
 def test_a_hang_up_reloads_without_a_terminal_and_is_no_end(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from sattrack.schedule.night_stop import NightRequests, heeding_signals
+    from sattrack.schedule.night_stop import NightRequests, handling_signals
 
     requests = NightRequests(tmp_path)
     monkeypatch.setattr(os, "isatty", lambda _: False)
-    with heeding_signals(requests):
+    with handling_signals(requests):
         signal.raise_signal(signal.SIGHUP)
         assert (requests.reload, requests.asked) == (True, False)
         signal.raise_signal(signal.SIGTERM)

@@ -7,7 +7,7 @@ from random import Random
 import msgspec
 import pytest
 from msgspec.structs import replace
-from night_draws import BEGIN, World, drawn_passes, ways
+from night_draws import BEGIN, World, drawn_passes, settings
 
 from sattrack.schedule import machine
 from sattrack.schedule.night import (
@@ -16,28 +16,28 @@ from sattrack.schedule.night import (
     DoStep,
     Due,
     End,
+    Event,
     Follow,
     Followed,
-    Go,
-    Happening,
-    Laid,
-    LayDown,
     MakePlan,
     Mount,
     NightPass,
+    Parked,
+    ParkMount,
+    PassAttempt,
+    PassPrepared,
     Planned,
     Prepare,
-    Prepared,
     Result,
     Run,
+    RunSettings,
+    RunState,
     Started,
-    State,
     StepDone,
     StopAsked,
     SummedUp,
     Wait,
-    Ways,
-    WeatherTold,
+    WeatherReported,
 )
 from sattrack.schedule.schema import CommandAction, Terms
 from tle.instants import Utc
@@ -45,29 +45,29 @@ from tle.instants import Utc
 NIGHTS = 3.0
 
 
-def started(world: World, at: Ways, last: float | None = None) -> Started:
-    return Started(utc_s=world.now, ways=at, last_utc_s=last)
+def started(world: World, at: RunSettings, last: float | None = None) -> Started:
+    return Started(utc_s=world.now, settings=at, last_utc_s=last)
 
 
-def carried_out(world: World, at: Ways, ends: Random | None = None) -> tuple[Run, list[Run]]:
+def carried_out(world: World, at: RunSettings, ends: Random | None = None) -> tuple[Run, list[Run]]:
     """Run to the end; with `ends`, the runner dies now and then: before an order, or with it half done."""
-    run, doing = machine.step(Run(), started(world, at))
+    run, order = machine.step(Run(), started(world, at))
     nights: list[Run] = []
     for _ in range(20_000):
-        if isinstance(doing, End):
+        if isinstance(order, End):
             return run, nights
         if ends is not None and ends.random() < 0.15:
             half_done = ends.random() < 0.5
             if half_done:
-                world.answer(doing, run)
+                world.answer(order, run)
             last = world.now
             world.now += ends.choice((5.0, 5.0, 5.0, 300.0, 4000.0))
-            event: Happening = started(world, at, last)
+            event: Event = started(world, at, last)
         else:
-            event = world.answer(doing, run)
+            event = world.answer(order, run)
         before = run
-        run, doing = machine.step(run, event)
-        if run.state is State.SUMMING_UP and before.state is not State.SUMMING_UP:
+        run, order = machine.step(run, event)
+        if run.state is RunState.SUMMING_UP and before.state is not RunState.SUMMING_UP:
             nights.append(run)
     raise AssertionError("it does not end")
 
@@ -77,7 +77,7 @@ def test_every_pass_of_every_night_ends_done_or_lost_to_a_named_cause(dies: bool
     planned = 0
     for seed in range(60):
         world = World(seed)
-        _, nights = carried_out(world, ways(NIGHTS), Random(seed) if dies else None)
+        _, nights = carried_out(world, settings(NIGHTS), Random(seed) if dies else None)
         for night in nights:
             planned += len(night.passes)
             assert len(night.results) == len(night.passes)
@@ -91,7 +91,7 @@ def test_every_pass_of_every_night_ends_done_or_lost_to_a_named_cause(dies: bool
 def test_the_mount_is_parked_at_each_nights_end_as_far_as_it_obeys(dies: bool) -> None:
     for seed in range(40):
         world = World(seed, harm=0.1)
-        _, nights = carried_out(world, ways(NIGHTS), Random(seed) if dies else None)
+        _, nights = carried_out(world, settings(NIGHTS), Random(seed) if dies else None)
         assert nights
         for night in nights:
             if night.passes:
@@ -101,7 +101,7 @@ def test_the_mount_is_parked_at_each_nights_end_as_far_as_it_obeys(dies: bool) -
 def test_no_instant_of_a_pass_is_followed_twice_and_no_command_is_run_twice() -> None:
     for seed in range(60):
         world = World(seed, harm=0.1)
-        carried_out(world, ways(NIGHTS), Random(seed))
+        carried_out(world, settings(NIGHTS), Random(seed))
         assert len(world.commands) == len(set(world.commands))
         keys = [key for key, _, _ in world.followed]
         # Goes at one pass come one after the other, and none comes back to it later.
@@ -111,9 +111,9 @@ def test_no_instant_of_a_pass_is_followed_twice_and_no_command_is_run_twice() ->
 def test_without_harm_a_run_that_dies_loses_only_what_it_was_dead_for() -> None:
     for seed in range(40):
         whole = World(seed, harm=0.0)
-        _, undisturbed = carried_out(whole, ways(NIGHTS))
+        _, undisturbed = carried_out(whole, settings(NIGHTS))
         world = World(seed, harm=0.0)
-        _, disturbed = carried_out(world, ways(NIGHTS), Random(seed))
+        _, disturbed = carried_out(world, settings(NIGHTS), Random(seed))
         reached = [(night.night, len(night.passes)) for night in disturbed]
         assert reached == [(night.night, len(night.passes)) for night in undisturbed][: len(reached)]
         for one, other in zip(undisturbed, disturbed, strict=False):
@@ -124,24 +124,24 @@ def test_without_harm_a_run_that_dies_loses_only_what_it_was_dead_for() -> None:
 
 def test_the_same_events_lead_to_the_same_states_after_a_way_through_json() -> None:
     world = World(7)
-    at = ways(NIGHTS)
-    event: Happening = started(world, at)
-    run, doing = machine.step(Run(), event)
+    at = settings(NIGHTS)
+    event: Event = started(world, at)
+    run, order = machine.step(Run(), event)
     again = Run()
     for _ in range(20_000):
         told = msgspec.json.encode(event, enc_hook=lambda value: float(value.unix_s))
-        back = msgspec.json.decode(told, type=Happening, dec_hook=lambda _, value: Utc(float(value)))
+        back = msgspec.json.decode(told, type=Event, dec_hook=lambda _, value: Utc(float(value)))
         again, same = machine.step(again, back)
-        assert (again, same) == (run, doing)
-        if isinstance(doing, End):
+        assert (again, same) == (run, order)
+        if isinstance(order, End):
             return
-        event = world.answer(doing, run)
-        run, doing = machine.step(run, event)
+        event = world.answer(order, run)
+        run, order = machine.step(run, event)
     raise AssertionError("it does not end")
 
 
 def test_every_state_knows_what_to_do_after_a_restart_and_when_asked_to_stop() -> None:
-    for state in State:
+    for state in RunState:
         rows = [row for row in machine.TABLE if row.state is state]
         for event in (Started, StopAsked):
             last = [row for row in rows if row.event is event]
@@ -161,20 +161,20 @@ def one_pass(**terms: object) -> NightPass:
 
 
 def waiting_for(one: NightPass) -> Run:
-    run, doing = machine.step(Run(), Started(utc_s=BEGIN, ways=ways(1.0)))
-    assert isinstance(doing, MakePlan)
-    run, doing = machine.step(run, Planned(utc_s=BEGIN, passes=(one,)))
-    assert isinstance(doing, Wait)
+    run, order = machine.step(Run(), Started(utc_s=BEGIN, settings=settings(1.0)))
+    assert isinstance(order, MakePlan)
+    run, order = machine.step(run, Planned(utc_s=BEGIN, passes=(one,)))
+    assert isinstance(order, Wait)
     return run
 
 
 def following(one: NightPass) -> Run:
     run = waiting_for(one)
     run, _ = machine.step(run, Due(utc_s=one.leave_utc_s - 10.0))
-    run, doing = machine.step(run, Prepared(utc_s=one.leave_utc_s - 9.0))
-    assert isinstance(doing, AskWeather)
-    run, doing = machine.step(run, WeatherTold(utc_s=one.leave_utc_s - 8.0, safe=None))
-    assert isinstance(doing, Follow)
+    run, order = machine.step(run, PassPrepared(utc_s=one.leave_utc_s - 9.0))
+    assert isinstance(order, AskWeather)
+    run, order = machine.step(run, WeatherReported(utc_s=one.leave_utc_s - 8.0, safe=None))
+    assert isinstance(order, Follow)
     return run
 
 
@@ -182,13 +182,18 @@ def test_a_pass_in_progress_is_followed_on_after_a_restart_while_it_is_up() -> N
     one = one_pass()
     run = following(one)
     again = Started(
-        utc_s=one.start_utc_s + 30.0, ways=ways(1.0), last_utc_s=one.start_utc_s + 20.0, on_target_s=19.0
+        utc_s=one.start_utc_s + 30.0,
+        settings=settings(1.0),
+        last_utc_s=one.start_utc_s + 20.0,
+        on_target_s=19.0,
     )
-    run, doing = machine.step(run, again)
-    assert isinstance(doing, Follow)
-    assert doing.part == 2
+    run, order = machine.step(run, again)
+    assert isinstance(order, Follow)
+    assert order.part == 2
     length = one.end_utc_s - one.start_utc_s - 30.0
-    run, _ = machine.step(run, Followed(utc_s=one.end_utc_s, go=Go("set", one.end_utc_s, on_target_s=length)))
+    run, _ = machine.step(
+        run, Followed(utc_s=one.end_utc_s, attempt=PassAttempt("set", one.end_utc_s, on_target_s=length))
+    )
     (result,) = run.results
     assert result.on_target_s == pytest.approx(19.0 + length, abs=1e-3)
     assert result.lost_s == pytest.approx(11.0, abs=1e-3)
@@ -199,38 +204,41 @@ def test_a_pass_that_was_over_at_the_restart_is_accounted_for_by_what_was_known(
     one = one_pass()
     run = following(one)
     again = Started(
-        utc_s=one.end_utc_s + 500.0, ways=ways(1.0), last_utc_s=one.start_utc_s + 20.0, on_target_s=15.0
+        utc_s=one.end_utc_s + 500.0,
+        settings=settings(1.0),
+        last_utc_s=one.start_utc_s + 20.0,
+        on_target_s=15.0,
     )
-    run, doing = machine.step(run, again)
+    run, order = machine.step(run, again)
     (result,) = run.results
     assert (result.state, result.cause, result.on_target_s) == ("partly", "restart", 15.0)
-    assert not isinstance(doing, Follow)
+    assert not isinstance(order, Follow)
 
 
 def test_a_command_that_was_under_way_at_the_restart_is_not_run_again() -> None:
     one = one_pass(before=(CommandAction(run=("x",)), CommandAction(run=("y",))))
     run = waiting_for(one)
     run, _ = machine.step(run, Due(utc_s=one.leave_utc_s - 10.0))
-    run, _ = machine.step(run, Prepared(utc_s=one.leave_utc_s - 9.0))
-    run, doing = machine.step(run, WeatherTold(utc_s=one.leave_utc_s - 8.0, safe=True))
-    assert doing == DoStep(index=0, when="before", step=0)
-    run, doing = machine.step(run, Started(utc_s=one.leave_utc_s, ways=ways(1.0)))
-    assert doing == DoStep(index=0, when="before", step=1)
+    run, _ = machine.step(run, PassPrepared(utc_s=one.leave_utc_s - 9.0))
+    run, order = machine.step(run, WeatherReported(utc_s=one.leave_utc_s - 8.0, safe=True))
+    assert order == DoStep(index=0, when="before", step=0)
+    run, order = machine.step(run, Started(utc_s=one.leave_utc_s, settings=settings(1.0)))
+    assert order == DoStep(index=0, when="before", step=1)
     assert "not repeated" in run.notes[-1]
 
 
 def test_a_session_that_breaks_off_is_begun_again_while_enough_is_left_and_not_for_ever() -> None:
     one = one_pass()
     run = following(one)
-    goes = 1
+    attempts = 1
     at = one.start_utc_s
     while True:
         at += 1.0
-        run, doing = machine.step(run, Followed(utc_s=at, go=Go("crash", at, words="gone")))
-        if not isinstance(doing, Follow):
+        run, order = machine.step(run, Followed(utc_s=at, attempt=PassAttempt("crash", at, words="gone")))
+        if not isinstance(order, Follow):
             break
-        goes += 1
-    assert 2 <= goes <= 20
+        attempts += 1
+    assert 2 <= attempts <= 20
     (result,) = run.results
     assert (result.state, result.cause) == ("lost", "crash")
 
@@ -239,29 +247,29 @@ def test_unsafe_weather_is_waited_out_while_enough_is_left_and_then_costs_the_pa
     one = one_pass(if_weather_unsafe="wait")
     run = waiting_for(one)
     run, _ = machine.step(run, Due(utc_s=one.leave_utc_s - 10.0))
-    run, doing = machine.step(run, Prepared(utc_s=one.leave_utc_s - 9.0))
+    run, order = machine.step(run, PassPrepared(utc_s=one.leave_utc_s - 9.0))
     at, asked = one.leave_utc_s, 0
-    while isinstance(doing, AskWeather):
+    while isinstance(order, AskWeather):
         asked += 1
-        run, doing = machine.step(run, WeatherTold(utc_s=at, safe=False, words="rain"))
-        if run.state is State.HOLDING:
-            assert isinstance(doing, Wait)
-            at = doing.until_utc_s
-            run, doing = machine.step(run, Due(utc_s=at))
+        run, order = machine.step(run, WeatherReported(utc_s=at, safe=False, words="rain"))
+        if run.state is RunState.HOLDING:
+            assert isinstance(order, Wait)
+            at = order.until_utc_s
+            run, order = machine.step(run, Due(utc_s=at))
     assert asked > 1
     assert (run.results[0].state, run.results[0].cause) == ("lost", "weather")
     assert at <= one.end_utc_s
 
 
-@pytest.mark.parametrize(("policy", "state"), [("skip", State.WAITING), ("run", State.FOLLOWING)])
+@pytest.mark.parametrize(("policy", "state"), [("skip", RunState.WAITING), ("run", RunState.FOLLOWING)])
 def test_unsafe_weather_costs_the_pass_at_once_or_nothing_where_the_schedule_says_so(
-    policy: str, state: State
+    policy: str, state: RunState
 ) -> None:
     one = one_pass(if_weather_unsafe=policy)
     run = waiting_for(one)
     run, _ = machine.step(run, Due(utc_s=one.leave_utc_s - 10.0))
-    run, _ = machine.step(run, Prepared(utc_s=one.leave_utc_s - 9.0))
-    run, _ = machine.step(run, WeatherTold(utc_s=one.leave_utc_s, safe=False, words="rain"))
+    run, _ = machine.step(run, PassPrepared(utc_s=one.leave_utc_s - 9.0))
+    run, _ = machine.step(run, WeatherReported(utc_s=one.leave_utc_s, safe=False, words="rain"))
     assert run.state is state
 
 
@@ -269,30 +277,32 @@ def test_a_stop_from_any_terminal_ends_the_run_and_moves_nothing_more() -> None:
     one = one_pass()
     run = following(one)
     at = one.start_utc_s + 5.0
-    run, doing = machine.step(run, Followed(utc_s=at, go=Go("operator", at, on_target_s=3.0)))
-    assert run.state is State.STOPPED
-    assert isinstance(doing, End)
-    assert doing.interrupted
+    run, order = machine.step(run, Followed(utc_s=at, attempt=PassAttempt("operator", at, on_target_s=3.0)))
+    assert run.state is RunState.STOPPED
+    assert isinstance(order, End)
+    assert order.interrupted
     # Run again, it goes on with what is to come, and not with that pass.
-    run, doing = machine.step(run, Started(utc_s=at + 60.0, ways=ways(1.0)))
-    assert isinstance(doing, Wait)
-    run, doing = machine.step(run, Due(utc_s=at + 60.0))
-    assert isinstance(doing, LayDown)
+    run, order = machine.step(run, Started(utc_s=at + 60.0, settings=settings(1.0)))
+    assert isinstance(order, Wait)
+    run, order = machine.step(run, Due(utc_s=at + 60.0))
+    assert isinstance(order, ParkMount)
 
 
 def test_a_clock_set_back_while_waiting_is_told_and_no_pass_comes_twice() -> None:
     one = one_pass()
     run = following(one)
-    run, _ = machine.step(run, Followed(utc_s=one.end_utc_s, go=Go("set", one.end_utc_s, on_target_s=500.0)))
-    run, doing = machine.step(run, ClockSet(utc_s=one.end_utc_s - 3600.0, seconds=-3600.0))
-    assert isinstance(doing, Wait)
+    run, _ = machine.step(
+        run, Followed(utc_s=one.end_utc_s, attempt=PassAttempt("set", one.end_utc_s, on_target_s=500.0))
+    )
+    run, order = machine.step(run, ClockSet(utc_s=one.end_utc_s - 3600.0, seconds=-3600.0))
+    assert isinstance(order, Wait)
     assert "set back by 1.00 h" in run.notes[-1]
-    run, doing = machine.step(run, Due(utc_s=one.end_utc_s - 3600.0))
-    assert isinstance(doing, LayDown)
+    run, order = machine.step(run, Due(utc_s=one.end_utc_s - 3600.0))
+    assert isinstance(order, ParkMount)
 
 
 def test_a_mount_with_long_to_wait_is_sent_to_its_park_position_each_half_an_hour_as_it_drifts() -> None:
-    at = Ways(BEGIN, BEGIN + 86400.0, 41_522.0)
+    at = RunSettings(BEGIN, BEGIN + 86400.0, 41_522.0)
     first, second = drawn_passes(Random(1), 1, BEGIN + 3000.0, BEGIN + 80000.0)[:2]
     second = replace(
         second,
@@ -300,47 +310,47 @@ def test_a_mount_with_long_to_wait_is_sent_to_its_park_position_each_half_an_hou
         end_utc_s=first.end_utc_s + 9300.0,
         leave_utc_s=first.end_utc_s + 9090.0,
     )
-    run, doing = machine.step(Run(), Started(utc_s=BEGIN, ways=at))
-    run, doing = machine.step(run, Planned(utc_s=BEGIN, passes=(first, second)))
+    run, order = machine.step(Run(), Started(utc_s=BEGIN, settings=at))
+    run, order = machine.step(run, Planned(utc_s=BEGIN, passes=(first, second)))
     run = replace(run, mount=Mount.AT_REST, results=(Result("done"),))
     now, sent = first.end_utc_s, 0
-    run, doing = machine.step(run, Due(utc_s=now))
-    while not isinstance(doing, Prepare):
-        if isinstance(doing, LayDown):
-            assert not doing.power_off
+    run, order = machine.step(run, Due(utc_s=now))
+    while not isinstance(order, Prepare):
+        if isinstance(order, ParkMount):
+            assert not order.power_off
             sent += 1
-            run, doing = machine.step(run, Laid(utc_s=now + 20.0, mount=Mount.AT_PARK))
+            run, order = machine.step(run, Parked(utc_s=now + 20.0, mount=Mount.AT_PARK))
         else:
-            assert isinstance(doing, Wait)
-            assert doing.until_utc_s >= now
-            now = doing.until_utc_s
-            run, doing = machine.step(run, Due(utc_s=now))
+            assert isinstance(order, Wait)
+            assert order.until_utc_s >= now
+            now = order.until_utc_s
+            run, order = machine.step(run, Due(utc_s=now))
     # After 0, 1820, 3640 and 5460 s; what is left after 7280 is less than half an hour.
     assert sent == 4
     assert now == pytest.approx(second.leave_utc_s - at.prepare_s)
 
 
 def test_a_night_slept_through_is_left_out_and_the_one_in_progress_planned() -> None:
-    at = ways(5.0)
-    run, _ = machine.step(Run(), Started(utc_s=BEGIN, ways=at))
+    at = settings(5.0)
+    run, _ = machine.step(Run(), Started(utc_s=BEGIN, settings=at))
     run, _ = machine.step(run, Planned(utc_s=BEGIN, passes=()))
     run, _ = machine.step(run, Due(utc_s=BEGIN))
-    run = replace(run, state=State.SUMMING_UP)
+    run = replace(run, state=RunState.SUMMING_UP)
     late = BEGIN + 3.3 * 86400.0
-    run, doing = machine.step(run, SummedUp(utc_s=late))
-    assert isinstance(doing, Wait)
+    run, order = machine.step(run, SummedUp(utc_s=late))
+    assert isinstance(order, Wait)
     assert run.night_from_utc_s <= late < run.night_to_utc_s
 
 
 def test_a_schedule_without_an_end_goes_on_night_after_night_at_the_sites_noon() -> None:
-    at = Ways(BEGIN, None, 41_522.0)
-    run, _ = machine.step(Run(), Started(utc_s=BEGIN, ways=at))
+    at = RunSettings(BEGIN, None, 41_522.0)
+    run, _ = machine.step(Run(), Started(utc_s=BEGIN, settings=at))
     for _ in range(30):
         end = run.night_to_utc_s
         assert (end - 41_522.0) % 86400.0 == pytest.approx(0.0, abs=1e-3)
-        run = replace(run, state=State.SUMMING_UP, mount=Mount.PARKED)
+        run = replace(run, state=RunState.SUMMING_UP, mount=Mount.PARKED)
         run, _ = machine.step(run, SummedUp(utc_s=run.night_from_utc_s + 3600.0))
-        assert run.state is State.RESTING
+        assert run.state is RunState.RESTING
         assert run.night_from_utc_s == end
 
 

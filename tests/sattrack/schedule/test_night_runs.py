@@ -17,7 +17,7 @@ from schedule_night import Margins, Plan, rows, told, watched
 
 from sattrack.cli.main import run
 from sattrack.schedule.night import Mount
-from sattrack.schedule.night_journal import locked
+from sattrack.schedule.night_stop import locked
 
 AROUND = (
     'before = [{ do = "slew", star = "Vega", wait_s = 3 },\n'
@@ -189,14 +189,14 @@ def test_a_schedule_that_is_changed_by_day_into_something_wrong_costs_nights_and
     plan = small(tmp_path, nights=3, most=1)
     from sattrack.schedule import night_virtual
 
-    schedule, perform = tmp_path / "nights.toml", night_virtual.VirtualHands.perform
+    schedule, perform = tmp_path / "nights.toml", night_virtual.VirtualExecutor.perform
     good = schedule.read_text()
 
-    def edited(self: Any, doing: Any, at: Any) -> Any:
+    def edited(self: Any, order: Any, at: Any) -> Any:
         schedule.write_text("[[passes]]\nrule = 7\n" if at.night == 2 else good)
-        return perform(self, doing, at)
+        return perform(self, order, at)
 
-    monkeypatch.setattr(night_virtual.VirtualHands, "perform", edited)
+    monkeypatch.setattr(night_virtual.VirtualExecutor, "perform", edited)
     assert plan.run() == 0
     nights = told(plan.journal()).nights
     assert [len(night.passes) for night in nights] == [1, 0, 1]

@@ -14,16 +14,16 @@ from planning_nights import random_sky
 
 from sattrack.cli.icalendar import Event, calendar_text
 from sattrack.cli.main import run
-from sattrack.cli.run_plot import plot_plan
+from sattrack.cli.run_plan import plot_plan
 from sattrack.mount.model import MountProfile
 from sattrack.runtime import practice
 from sattrack.safety.limits import SafetyLimits
 from sattrack.safety.route import axes_of, slew_s
 from sattrack.schedule import candidates
-from sattrack.schedule.candidates import Candidate, Loaded, Situation
+from sattrack.schedule.candidates import Candidate, Loaded, PlanSituation
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import make_plan
-from sattrack.schedule.plan import Plan, Rehearsed
+from sattrack.views.schedule import Rehearsed, SchedulePlan
 from tle.formats.registry import write_elements
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -514,12 +514,12 @@ def test_text_in_a_calendar_is_escaped_as_in_the_examples_of_rfc_5545() -> None:
     assert "DTSTART:19970902T170000Z\r\n" in text
 
 
-def made(folder: Path, text: str, rehearse: Any = None) -> Plan:
+def made(folder: Path, text: str, rehearse: Any = None) -> SchedulePlan:
     """Return a plan over the made-up sky, without the command line."""
     schedule = load_schedule(Path(written(folder, text)))
     span = (utc_s("2026-10-02T18:00:00Z"), utc_s("2026-10-02T23:00:00Z"))
-    situation = Situation(span, span[0], Site(52.1541, 4.4908, 0.0), MountProfile(), SafetyLimits())
-    return make_plan(schedule, situation, lambda _: Loaded(made_up_sky(24), False, "sky"), rehearse)
+    situation = PlanSituation(span, span[0], Site(52.1541, 4.4908, 0.0), MountProfile(), SafetyLimits())
+    return make_plan(schedule, situation, lambda _: Loaded(made_up_sky(24), False, "sky"), rehearse)[0]
 
 
 def test_a_pass_that_is_no_go_when_rehearsed_makes_room_for_others(tmp_path: Path) -> None:
@@ -586,12 +586,12 @@ def stays_up(one: Elements, minutes: float) -> bool:
     return bool(np.min(Propagator(one, Site(52.1541, 4.4908, 0.0)).at(at).alt_deg) > 30.0)
 
 
-def planned_of(folder: Path, text: str, sky: list[Elements], minutes: float) -> Plan:
+def planned_of(folder: Path, text: str, sky: list[Elements], minutes: float) -> SchedulePlan:
     schedule = load_schedule(Path(written(folder, text)))
     begin = utc_s("2026-10-02T18:00:00Z")
     span = (begin, begin + 60.0 * minutes)
-    situation = Situation(span, begin, Site(52.1541, 4.4908, 0.0), MountProfile(), SafetyLimits())
-    return make_plan(schedule, situation, lambda _: Loaded(sky, False, "sky"))
+    situation = PlanSituation(span, begin, Site(52.1541, 4.4908, 0.0), MountProfile(), SafetyLimits())
+    return make_plan(schedule, situation, lambda _: Loaded(sky, False, "sky"))[0]
 
 
 JOINED = (
@@ -628,7 +628,7 @@ def test_what_the_plan_cannot_reach_in_time_is_no_conflict(tmp_path: Path) -> No
             assert "are left when the mount can be there from the beginning" in one.why
 
 
-def best_sharing(plan: Plan, sky: list[Elements], step_s: float) -> float:
+def best_sharing(plan: SchedulePlan, sky: list[Elements], step_s: float) -> float:
     """Return the largest worth of following two satellites or one, by trying all instants of change."""
     site, profile = Site(52.1541, 4.4908, 0.0), MountProfile()
     begin, end = utc_s(plan.from_utc), utc_s(plan.to_utc)

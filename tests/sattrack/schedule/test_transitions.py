@@ -14,7 +14,7 @@ from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.safety.geometry import Place
 from sattrack.safety.limits import SafetyLimits
 from sattrack.safety.route import HANDSHAKE_S, RAMP, slew_s
-from sattrack.schedule.candidates import Situation
+from sattrack.schedule.candidates import PlanSituation
 from sattrack.schedule.schema import (
     STARS,
     CommandAction,
@@ -25,12 +25,12 @@ from sattrack.schedule.schema import (
     hour_angle_and_dec_deg,
 )
 from sattrack.schedule.transitions import (
-    Errands,
-    LedSlews,
+    ActionCost,
+    Overhead,
+    RoutedSlews,
     SlewTransitions,
-    Stand,
-    errands_after,
-    errands_before,
+    cost_after,
+    cost_before,
     place_of,
     slew_of,
 )
@@ -46,15 +46,15 @@ NOW_UTC_S = float(Utc.parse("2026-10-02T20:00:00Z").unix_s)
 
 def test_slews_take_as_long_as_the_gate_says() -> None:
     rng = np.random.default_rng(7)
-    stands = []
+    overheads = []
     for _ in range(20):
         first, last = (Place(*rng.uniform(-180.0, 180.0, 2).tolist()) for _ in range(2))
-        before = Errands(first, float(rng.uniform(0.0, 60.0)), first)
-        stands.append(Stand(before, float(rng.uniform(0.0, 9.0)), Errands(last, 30.0, last)))
-    transitions = SlewTransitions.of(stands, MOUNT)
-    for after, there in enumerate(stands):
+        before = ActionCost(first, float(rng.uniform(0.0, 60.0)), first)
+        overheads.append(Overhead(before, float(rng.uniform(0.0, 9.0)), ActionCost(last, 30.0, last)))
+    transitions = SlewTransitions.of(overheads, MOUNT)
+    for after, there in enumerate(overheads):
         seconds = transitions.seconds(np.arange(20), after)
-        for k, here in enumerate(stands):
+        for k, here in enumerate(overheads):
             slew = slew_s(here.after.last, there.before.first, MOUNT)
             assert seconds[k] == pytest.approx(30.0 + slew + there.before.seconds + there.settle_s)
 
@@ -68,20 +68,20 @@ def test_actions_before_a_pass_take_their_slews_waits_and_commands() -> None:
         WebhookAction(url="https://example.org/x"),
         SearchAction(how="spiral", spacing_deg=0.1, speed_deg_s=0.1),
     )
-    found = errands_before(actions, start, NOW_UTC_S, LEIDEN, MOUNT)
+    found = cost_before(actions, start, NOW_UTC_S, LEIDEN, MOUNT)
     there = place_of(actions[0], NOW_UTC_S, LEIDEN, MOUNT)  # type: ignore[arg-type]
-    assert found == Errands(there, pytest.approx(65.0 + slew_s(there, start, MOUNT)), start)
+    assert found == ActionCost(there, pytest.approx(65.0 + slew_s(there, start, MOUNT)), start)
 
 
 def test_actions_after_a_pass_leave_the_mount_where_they_end() -> None:
     end = Place(-40.0, 50.0)
     action = SlewAction(alt_deg=52.1541, az_deg=0.0)
-    found = errands_after((action,), end, NOW_UTC_S, LEIDEN, MOUNT)
+    found = cost_after((action,), end, NOW_UTC_S, LEIDEN, MOUNT)
     assert found.first == end
     # At an altitude of the latitude, north, is the pole.
     assert found.last.dec_deg == pytest.approx(90.0, abs=1e-4)
     assert found.seconds == pytest.approx(slew_s(end, found.last, MOUNT))
-    assert errands_after((), end, NOW_UTC_S, LEIDEN, MOUNT) == Errands(end, 0.0, end)
+    assert cost_after((), end, NOW_UTC_S, LEIDEN, MOUNT) == ActionCost(end, 0.0, end)
 
 
 @pytest.mark.parametrize(
@@ -114,7 +114,7 @@ def test_a_slew_to_an_altitude_and_azimuth_goes_to_the_right_ascension_that_is_t
 def test_a_slew_whose_box_goes_below_the_horizon_is_led_round_and_takes_longer() -> None:
     mount = MountProfile()
     span = (NOW_UTC_S, NOW_UTC_S + 3600.0)
-    led = LedSlews(Situation(span, NOW_UTC_S, LEIDEN, mount, SafetyLimits()))
+    led = RoutedSlews(PlanSituation(span, NOW_UTC_S, LEIDEN, mount, SafetyLimits()))
     # Seen from Leiden, hour angle 120° and declination -10° are 28° below the horizon: a corner of this box.
     north_west, south_east = Place(120.0, 60.0), Place(-30.0, -10.0)
     slower_s = led.extra_s(north_west, south_east, NOW_UTC_S)
@@ -123,7 +123,7 @@ def test_a_slew_whose_box_goes_below_the_horizon_is_led_round_and_takes_longer()
     assert slower_s < slew_s(north_west, south_east, mount)
     assert led.extra_s(Place(10.0, 20.0), Place(-30.0, 40.0), NOW_UTC_S) == 0.0
     fenced = SafetyLimits(floor_altitude_deg=70.0)
-    high_only = LedSlews(Situation(span, NOW_UTC_S, LEIDEN, mount, fenced))
+    high_only = RoutedSlews(PlanSituation(span, NOW_UTC_S, LEIDEN, mount, fenced))
     assert high_only.extra_s(Place(0.0, 50.0), Place(0.0, 60.0), NOW_UTC_S) == 0.0
 
 

@@ -17,7 +17,7 @@ from tui_builders import SUMMARY, changed
 
 from sattrack.runtime.gallery import SUPPORTED, name_for, started_by
 from sattrack.schedule.night_files import STATUS
-from sattrack.schedule.night_journal import locked
+from sattrack.schedule.night_stop import locked
 from sattrack.tui.attached import AttachedRun
 from sattrack.tui.feed import News
 from sattrack.views.messages import StopNow
