@@ -340,22 +340,23 @@ def live_executor(
     def now() -> float:
         return time.time() if simulated is None else simulated.utc_s(time.monotonic())
 
-    def clock_option() -> tuple[str, ...]:
-        if simulated is None:
-            return ()
-        return ("--clock", f"{Utc(now()).isoformat('milliseconds')}x{simulated.speed:g}")
+    options = _common(context, mount_url, files.profile(profile))
 
-    kit = NightContext(
+    def command(*words: str) -> list[str]:
+        clock: tuple[str, ...] = ()
+        if simulated is not None:
+            clock = ("--clock", f"{Utc(now()).isoformat('milliseconds')}x{simulated.speed:g}")
+        return [*own_program(), *words, *options, *clock]
+
+    night = NightContext(
         schedule=schedule,
         site=context.site(),
         profile=profile.mount,
         address=mount_address(mount_url),
         folder=plans.file.absolute().parent,
-        program=tuple(own_program()),
-        common=_common(context, mount_url, files.profile(profile)),
+        command=command,
         now=now,
         speed=1.0 if simulated is None else simulated.speed,
-        clock=clock_option,
         plan=plans.make,
         renew=renewer(context, schedule),
         report_waiting=reporter.report_waiting,
@@ -367,7 +368,7 @@ def live_executor(
         requests=requests,
         service=reporter.service,
     )
-    return LiveExecutor(kit, files, journal)
+    return LiveExecutor(night, files, journal)
 
 
 def _common(context: CommandContext, mount_url: str, profile: Path) -> tuple[str, ...]:

@@ -290,7 +290,7 @@ TABLE: tuple[TableRow, ...] = (
     TableRow(S.FINISHING, StepDone, another_after, do.next_action, S.FINISHING),
     TableRow(S.FINISHING, StepDone, always, do.look, S.WAITING),
     TableRow(S.FINISHING, Due, always, do.look, S.WAITING),
-    # The mount laid down, the morning.
+    # The mount parked, the morning.
     TableRow(S.PARKING, Parked, not_parked, do.pause, S.PAUSING),
     TableRow(S.PARKING, Parked, passes_left, do.look_parked, S.WAITING),
     TableRow(S.PARKING, Parked, always, do.sum_up, S.SUMMING_UP),

@@ -117,14 +117,10 @@ class NightContext:
     address: MountAddress | None
     folder: Path
     """Where the schedule's programs run."""
-    program: tuple[str, ...]
-    """The beginning of every command of ours."""
-    common: tuple[str, ...]
-    """Options of every command: which mount, site, settings."""
+    command: Callable[..., list[str]]
+    """Completes a command of ours: the program before it; the mount, site, settings and clock after it."""
     now: Callable[[], float]
     speed: float
-    clock: Callable[[], tuple[str, ...]]
-    """The option that sets a command's clock by ours; none by the machine's own."""
     plan: Callable[[float, float, float], Planned]
     renew: Callable[[NightPass], Elements | None]
     report_waiting: Callable[[float], None]
@@ -337,8 +333,7 @@ class LiveExecutor:
         context = self.context
         try:
             self._wait_until_free()
-            command = [*context.program, "mount", *verb, *context.common, *context.clock()]
-            code, words = run_verb(command, VERB_WITHIN_S, self._verb_must_end)
+            code, words = run_verb(context.command("mount", *verb), VERB_WITHIN_S, self._verb_must_end)
         except SattrackError as error:
             return str(error)
         except OSError as error:
@@ -426,17 +421,14 @@ class LiveExecutor:
     def _track_command(self, one: NightPass, recording: str | None) -> list[str]:
         context, terms = self.context, one.terms
         iso = [Utc(utc_s).isoformat("milliseconds") for utc_s in (one.start_utc_s, one.end_utc_s)]
-        return [
-            *context.program,
+        return context.command(
             *("track", str(one.elements.catalog_number), "--headless", "--stream", "--control"),
             *(() if recording is None else ("--record", str((self.files.folder / recording).absolute()))),
             *("--elements", str(self.files.elements(one))),
             *("--from", iso[0], "--to", iso[1]),
             *("--min-alt", f"{terms.min_altitude_deg:g}"),
             *("--bias-along", f"{terms.bias_along_s:g}", "--bias-cross", f"{terms.bias_cross_deg:g}"),
-            *context.common,
-            *context.clock(),
-        ]
+        )
 
     def end_reason(self) -> str | None:
         """See SessionListener."""

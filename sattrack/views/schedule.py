@@ -28,7 +28,7 @@ class PassView(msgspec.Struct, frozen=True):
     """One pass of the night's plan, and what has become of it.
 
     `state` is "waiting", "in progress", "done", "partly" or "lost"; `cause` and `words` say why it is one of
-    the last two. `parts` counts the goes at it: more than one after a restart or a lost link.
+    the last two. `parts` counts the attempts at it: more than one after a restart or a lost link.
     """
 
     number: int
