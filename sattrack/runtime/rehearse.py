@@ -67,6 +67,7 @@ if TYPE_CHECKING:
     from sattrack.planning.keyhole import Keyhole
     from sattrack.planning.path import AxisPath
     from sattrack.planning.sides import Rule
+    from sattrack.planning.trace import TraceArrays
     from sattrack.runtime.facts import RunFacts
     from sattrack.runtime.prepare import Prepared
 
@@ -280,9 +281,7 @@ def rehearse(
     later = _later(path, part.plan.end_utc_s, ability) if part is not facts else ()
     lost_s = performance.lost_s(part.plan) + sum(stretch.seconds for stretch in later)
     pass_s = plan.end_utc_s - plan.start_utc_s
-    taken = mount_path(path, performance.trace if part is facts else None)
-    if part is not facts:
-        taken = _kept_in(taken, ability)
+    taken = _taken(path, performance.trace if part is facts else None, ability)
     go, words = verdict((*lost, *later), lost_s, pass_s)
     report = RehearsalReport(
         name=facts.elements.label,
@@ -484,8 +483,14 @@ def _as_taken(path: AxisPath, performance: Performance, ability: Ability) -> Axi
     return view.wound(360.0 * turns)
 
 
-def _kept_in(taken: MountPath, ability: Ability) -> MountPath:
-    """Return of a way the moments inside all limits: a mount is held elsewhere. All, where there are none."""
+def _taken(path: AxisPath, trace: TraceArrays | None, ability: Ability) -> MountPath:
+    """Return how the mount went; without the trace of a whole pass, the moments inside all limits.
+
+    A mount is held outside them. All moments, where none are inside.
+    """
+    taken = mount_path(path, trace)
+    if trace is not None:
+        return taken
     margins = margins_deg(taken.pointing, ability.profile, ability.limits, ability.latitude_deg)
     inside = np.all([margin >= 0.0 for margin in margins.values()], axis=0)
     if not inside.any():
