@@ -16,9 +16,8 @@ import pytest
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from sattrack.recording.comparison import Tolerances
     from sattrack.recording.reading import Recording
-    from sattrack.recording.replay import Output, Replay
+    from sattrack.recording.replay import Output, Replay, Tolerances
 
 FOLDER = "passes"
 EXPECTED = ".expected.mcap"
@@ -101,8 +100,7 @@ def check_pass(path: Path, config: pytest.Config, tolerances: Tolerances | None 
     With the option to update, keep what came out instead.
     """
     from sattrack.recording.reading import Recording
-    from sattrack.recording.replay import replay
-    from sattrack.recording.wording import replay_lines
+    from sattrack.recording.replay import replay, replay_lines
     from sattrack.runtime.facts import engine_of, open_recording
 
     recording, _ = open_recording(path)
@@ -130,7 +128,7 @@ def _keep(path: Path, recording: Recording, result: Replay, outputs: list[Output
     from sattrack.recording.recorder import Recorder
 
     figures = result.replayed
-    told = {
+    summary = {
         "reported_rms_arcsec": figures.rms_arcsec,
         "reported_peak_arcsec": figures.peak_arcsec,
         "samples": figures.samples,
@@ -141,7 +139,7 @@ def _keep(path: Path, recording: Recording, result: Replay, outputs: list[Output
         recorder = Recorder(stream, recording.header.spec)
         for output in outputs:
             recorder.write(output.topic, output.utc_s, output.replayed)
-        recorder.write(SUMMARY, outputs[-1].utc_s if outputs else 0.0, msgspec.json.encode(told))
+        recorder.write(SUMMARY, outputs[-1].utc_s if outputs else 0.0, msgspec.json.encode(summary))
         recorder.close()
     if recorder.trouble is not None:
         raise PassDiffersError(f"{path}: {recorder.trouble}")

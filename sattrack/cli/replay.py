@@ -25,10 +25,8 @@ from sattrack.cli.replay_views import LeftError, ViewsAtOnce
 from sattrack.cli.screened import can_draw_lines_anew, needed_terminal, tui_possible
 from sattrack.core.errors import BadInputError
 from sattrack.core.own_program import own_program
-from sattrack.recording.comparison import Choice
 from sattrack.recording.format import VIEW
-from sattrack.recording.replay import replay
-from sattrack.recording.wording import replay_lines, replay_view
+from sattrack.recording.replay import Choice, replay, replay_lines, replay_view
 from sattrack.runtime.facts import engine_of, open_recording
 from sattrack.runtime.outcome import RunStatistics, summarise
 from sattrack.runtime.whatif import read_law, what_if

@@ -87,8 +87,7 @@ def _draw(
     html_file: Path | None,
     folder: Path | None,
 ) -> None:
-    from sattrack.recording.plots import save
-    from sattrack.recording.report_plots import figures, trend
+    from sattrack.recording.plots import figures, save, trend
 
     plots = [(report, figures(run, fit)) for _, _, run, report, fit in found]
     over_time = trend([report for report, _ in plots])

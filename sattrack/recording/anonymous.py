@@ -2,7 +2,7 @@
 
 Labels alone hide nothing: sidereal time with UTC gives the longitude, and so do directions to a satellite
 with its elements. So the site goes round the Earth's axis, and all instants with the sidereal time that it
-has there: right ascensions, hour angles and every datagram stay what they were. What cannot be moved is told
+has there: right ascensions, hour angles and every datagram stay what they were. What cannot be moved is
 in docs/recordings.md: the latitude, and the orbit's own numbers.
 """
 
@@ -13,7 +13,9 @@ import secrets
 import struct
 from typing import TYPE_CHECKING, Any
 
+import erfa
 import msgspec
+import numpy as np
 
 from sattrack.core.errors import BadInputError
 from sattrack.mount.xerxes.datagrams import STATUS_FIELDS, STATUS_LENGTH
@@ -24,12 +26,11 @@ from sattrack.recording.recorder import Recorder
 from tle.earth import EarthOrientation, to_tirs
 from tle.instants import Utc
 from tle.places import apparent_unit
-from tle.site import EARTH_RADIUS_KM, FLATTENING, Site
+from tle.site import Site
 
 if TYPE_CHECKING:
     from typing import BinaryIO
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from sattrack.recording.reading import Recording
@@ -52,11 +53,13 @@ _CHANGED: dict[str, Any] = {
     "warnings": [],
     "horizon": [],
 }
-"""What stands in the place of fields that may tell who, where or what; null stays null."""
+"""What stands in the place of fields that may reveal who, where or what; null stays null."""
 _JSON = {OPERATOR, VIEW, SUMMARY, FAILURE}
 _AT = {field.name: field.offset for field in STATUS_FIELDS}
 _DOUBLE = struct.Struct("<d")
 _ROUNDS = 8
+WGS84 = 1
+"""ERFA's number of the ellipsoid."""
 
 
 def random_shift_s() -> int:
@@ -77,8 +80,8 @@ def write_anonymous(recording: Recording, stream: BinaryIO, shift_s: int) -> Non
         spec = msgspec.Raw(msgspec.json.encode(moving.facts(facts)))
     except (msgspec.MsgspecError, KeyError, TypeError, AttributeError) as error:
         raise BadInputError(f"{recording.path}: the run's facts cannot be read: {error}") from error
-    told = msgspec.structs.replace(header, spec=spec, anonymous=True)
-    recorder = Recorder(stream, spec, told)
+    moved = msgspec.structs.replace(header, spec=spec, anonymous=True)
+    recorder = Recorder(stream, spec, moved)
     for entry in recording.entries():
         if entry.topic == GAP:
             recorder.skip()
@@ -139,7 +142,7 @@ class _Moving:
         return moved
 
     def value(self, key: str, value: Any) -> Any:
-        """Return a field's value: instants moved, what tells who, where or what replaced."""
+        """Return a field's value: instants moved, what reveals who, where or what replaced."""
         if key in _CHANGED and value is not None:
             return _CHANGED[key]
         if isinstance(value, dict):
@@ -214,14 +217,6 @@ def _moved_site(site: Site, utc_s: float, shift_s: int) -> tuple[Site, float]:
 
 
 def _site_at(itrs_km: tuple[float, float, float]) -> Site:
-    """Return the site of a position near the ground, to a millimetre (Bowring's iteration)."""
-    x, y, z = itrs_km
-    e2 = FLATTENING * (2.0 - FLATTENING)
-    out_km = math.hypot(x, y)
-    phi = math.atan2(z, out_km * (1.0 - e2))
-    for _ in range(_ROUNDS):
-        normal_km = EARTH_RADIUS_KM / math.sqrt(1.0 - e2 * math.sin(phi) ** 2)
-        phi = math.atan2(z + e2 * normal_km * math.sin(phi), out_km)
-    normal_km = EARTH_RADIUS_KM / math.sqrt(1.0 - e2 * math.sin(phi) ** 2)
-    height_km = out_km * math.cos(phi) + z * math.sin(phi) - normal_km * (1.0 - e2 * math.sin(phi) ** 2)
-    return Site(math.degrees(phi), math.degrees(math.atan2(y, x)), round(height_km * 1000.0, 3))
+    """Return the site of a position, its height to a millimetre."""
+    longitude, latitude, height_m = erfa.gc2gd(WGS84, np.multiply(itrs_km, 1000.0))
+    return Site(math.degrees(latitude), math.degrees(longitude), round(float(height_m), 3))

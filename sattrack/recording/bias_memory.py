@@ -183,7 +183,7 @@ class BiasMemory:
             )
 
     def drop(self, entry: int) -> bool:
-        """Offer an entry no more; tell whether there was one of that number."""
+        """Offer an entry no more; return whether there was one of that number."""
         if not self._exists():
             return False
         with self._open(create=True) as connection:
@@ -208,11 +208,11 @@ class BiasMemory:
         try:
             return self.path.exists()
         except OSError as error:
-            raise SattrackError(f"the bias memory {self.path} cannot be used: {_words(error)}") from error
+            raise SattrackError(f"the bias memory {self.path} cannot be used: {_trouble(error)}") from error
 
     @contextmanager
     def _open(self, create: bool) -> Iterator[sqlite3.Connection]:
-        """Open the file for one transaction; SQLite's own errors become words."""
+        """Open the file for one transaction; SQLite's own errors become SattrackError."""
         try:
             if create:
                 self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -227,7 +227,7 @@ class BiasMemory:
             finally:
                 connection.close()
         except (sqlite3.Error, OSError) as error:
-            raise SattrackError(f"the bias memory {self.path} cannot be used: {_words(error)}") from error
+            raise SattrackError(f"the bias memory {self.path} cannot be used: {_trouble(error)}") from error
 
     def _check_layout(self, connection: sqlite3.Connection, create: bool) -> None:
         if create:
@@ -242,20 +242,20 @@ class BiasMemory:
             connection.execute(f"PRAGMA user_version = {LAYOUT}")
 
 
-def _words(error: sqlite3.Error | OSError) -> str:
-    """Return what to do beside what went wrong."""
+def _trouble(error: sqlite3.Error | OSError) -> str:
+    """Return what went wrong, and what to do."""
     if isinstance(error, OSError):
         return str(error.strerror or error)
-    told = str(error)
-    if "locked" in told:
-        return f"{told}: another program holds it"
+    text = str(error)
+    if "locked" in text:
+        return f"{text}: another program holds it"
     if isinstance(error, sqlite3.OperationalError):
-        return told
-    return f"{told}: move it away, and a new one is begun"
+        return text
+    return f"{text}: move it away, and a new one is begun"
 
 
 def told(bias: KeptBias, at_utc_s: float) -> str:
-    """Return a bias in words, with the time from its own instant to another."""
+    """Return a bias as text, with the time from its own instant to another."""
     hours = abs(at_utc_s - bias.utc_s) / 3600.0
     when = f"{hours:.1f} h" if hours < 48.0 else f"{hours / 24.0:.1f} days"
     when += " before" if bias.utc_s <= at_utc_s else " later"

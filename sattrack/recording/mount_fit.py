@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 LONGEST_DELAY_S = 0.5
 LEAST_SAMPLES = 200
 LEAST_PIECE = 100
-"""Samples of a piece of the run that counts; shorter ones tell little more than their own beginning."""
+"""Samples of a piece of the run that counts; shorter ones show little more than their own beginning."""
 LEAST_CHANGE_DEG_S = 0.01
 """A rate that changes less than this over the run shows no delay."""
 ROUNDS = 6
@@ -51,7 +51,7 @@ class AxisFit(NamedTuple):
 
     The gain is that of the axis over what the command asked for; the delay is from a command's tick to when
     it acted, the wait for the mount's loop included, as statuses are dated: below zero where those dates are
-    wrong. The delay is None where the data do not tell it; `untold` then says why.
+    wrong. The delay is None where the data do not give it; `missing` then says why.
     """
 
     gain: float
@@ -59,29 +59,29 @@ class AxisFit(NamedTuple):
     delay_s: float | None
     delay_sigma_s: float | None
     residual_arcsec: float
-    untold: str | None = None
+    missing: str | None = None
 
 
-class Untold(NamedTuple):
-    """What a fit lacked, in words."""
+class NoFit(NamedTuple):
+    """Why there is no fit."""
 
     why: str
 
 
-class Line(msgspec.Struct, frozen=True):
+class SpectralLine(msgspec.Struct, frozen=True):
     """One line of a spectrum: cycles a turn of the axis, its amplitude in arcseconds."""
 
     cycles_a_turn: float
     amplitude_arcsec: float
 
 
-def fit_axes(run: Trace, profile: MountProfile) -> tuple[AxisFit | Untold, AxisFit | Untold]:
+def fit_axes(run: Trace, profile: MountProfile) -> tuple[AxisFit | NoFit, AxisFit | NoFit]:
     """Return gain and delay of both axes, right ascension first, or why there is none.
 
     Of an axis that takes rates by edges nothing is fitted: which of them acted, the datagrams do not tell.
     """
     if profile.move_axis == "edge":
-        edges = Untold("the mount takes rates by edges, and which of them acted the datagrams do not tell")
+        edges = NoFit("the mount takes rates by edges, and which of them acted the datagrams do not tell")
         return edges, edges
     return _fit_axis(run, 0, not profile.additive), _fit_axis(run, 1, False)
 
@@ -99,11 +99,11 @@ class _Data(NamedTuple):
     """How far the commands had moved the axis by each: their integral, linear between them."""
 
 
-def _fit_axis(run: Trace, axis: int, drifts: bool) -> AxisFit | Untold:
+def _fit_axis(run: Trace, axis: int, drifts: bool) -> AxisFit | NoFit:
     """Fit one axis; `drifts` where rates count from the sky at rest and not from the sky that turns."""
     data = _gathered(run, axis)
     if len(data.at) < LEAST_SAMPLES:
-        return Untold(
+        return NoFit(
             f"the mount followed on target for {len(data.at)} samples in pieces that are long enough; "
             f"a fit takes {LEAST_SAMPLES}"
         )
@@ -118,22 +118,21 @@ def _fit_axis(run: Trace, axis: int, drifts: bool) -> AxisFit | Untold:
             break
     residual = data.angle - columns @ solution
     gain_sigma, delay_sigma_s = _sigmas(columns, data.angle, residual, changes)
-    untold = _delay_untold(delay_s, delay_sigma_s, changes)
-    told = untold is None
+    missing = _delay_missing(delay_s, delay_sigma_s, changes)
     return AxisFit(
         abs(float(solution[0])),
         gain_sigma,
-        delay_s if told else None,
-        delay_sigma_s if told else None,
+        delay_s if missing is None else None,
+        delay_sigma_s if missing is None else None,
         float(np.std(residual)) * 3600.0,
-        untold,
+        missing,
     )
 
 
 def _gathered(run: Trace, axis: int) -> _Data:
-    """Return the samples that tell of an axis, each piece's own level taken out of their angles.
+    """Return the samples that show an axis, each piece's own level taken out of their angles.
 
-    Commands tell nothing of the way between two pieces: it may have been a slew, or somebody's by hand.
+    Commands do not give the path between two pieces: it may have been a slew, or motion by hand.
     """
     good = ~np.isnan(run.sent[:, axis])
     sent_at, rates = run.sent_utc_s[good], run.sent[good, axis]
@@ -194,7 +193,7 @@ def _jackknife(without: Array) -> float:
     return math.sqrt((len(without) - 1) * float(np.var(without)))
 
 
-def _delay_untold(delay_s: float, sigma_s: float | None, changes: bool) -> str | None:
+def _delay_missing(delay_s: float, sigma_s: float | None, changes: bool) -> str | None:
     """Return why a fitted delay says nothing; None where it does."""
     if not changes or sigma_s is None:
         return f"the delay: the rate changed by less than {LEAST_CHANGE_DEG_S:g} °/s"
@@ -210,7 +209,7 @@ def _stretches(marked: NDArray[np.bool_]) -> list[slice]:
 
 
 def _correlated(residual: Array) -> float:
-    """Return over how many samples residuals hang together: by so much less do they tell."""
+    """Return over how many samples residuals are correlated: by so much less do they count."""
     centred = residual - residual.mean()
     variance = float(centred @ centred)
     if variance == 0.0:
@@ -227,22 +226,22 @@ def one_way(angle_deg: Array) -> slice:
     return slice(ends[0], ends[1] + 1)
 
 
-def repeats(angle_deg: Array, error_arcsec: Array) -> list[Line] | Untold:
-    """Return what repeats with an axis' angle, or why the data do not tell; the angle must go one way.
+def repeats(angle_deg: Array, error_arcsec: Array) -> list[SpectralLine] | NoFit:
+    """Return what repeats with an axis' angle, or why the data do not show it; the angle must go one way.
 
     A line counts where it stands out of its neighbourhood, and is there without any sixth of the angle too.
     """
     span = float(np.ptp(angle_deg)) if len(angle_deg) else 0.0
     cycles, amplitude = spectrum(angle_deg, error_arcsec)
     if not len(cycles):
-        return Untold(
+        return NoFit(
             f"what repeats with its angle: on target it turned {span:.1f}° one way in {len(angle_deg)} "
             f"samples; that takes {LEAST_TURN_DEG:g}° and {LEAST_SAMPLES}"
         )
     return [one for one in lines(cycles, amplitude) if _everywhere(one, angle_deg, error_arcsec)]
 
 
-def _everywhere(line: Line, angle_deg: Array, error_arcsec: Array) -> bool:
+def _everywhere(line: SpectralLine, angle_deg: Array, error_arcsec: Array) -> bool:
     phase = np.radians(angle_deg * line.cycles_a_turn)
     ramp = angle_deg - angle_deg.mean()
     columns = np.stack([np.sin(phase), np.cos(phase), np.ones_like(phase), ramp], axis=1)
@@ -283,12 +282,12 @@ MOST_CYCLES = 2000.0
 """No motor has more poles, and no encoder's error that repeats faster is seen at twenty samples a second."""
 
 
-def lines(cycles: Array, amplitude: Array, most: int = 3) -> list[Line]:
+def lines(cycles: Array, amplitude: Array, most: int = 3) -> list[SpectralLine]:
     """Return the strongest lines of a spectrum that stand out of their neighbourhood.
 
     The neighbourhood reaches as far down as up, so that errors which only wander make no line.
     """
-    found: list[Line] = []
+    found: list[SpectralLine] = []
     if len(amplitude) < 40:
         return found
     for i in np.argsort(amplitude)[::-1]:
@@ -297,7 +296,7 @@ def lines(cycles: Array, amplitude: Array, most: int = 3) -> list[Line]:
         near = any(abs(cycles[i] - line.cycles_a_turn) < SKIRT * cycles[1] for line in found)
         counts = i >= LEAST_PERIODS and amplitude[i] > max(LEAST_LINE_ARCSEC, STRONG * background)
         if counts and not near and cycles[i] < MOST_CYCLES:
-            found.append(Line(float(cycles[i]), float(amplitude[i])))
+            found.append(SpectralLine(float(cycles[i]), float(amplitude[i])))
         if len(found) >= most or amplitude[i] < float(np.median(amplitude)):
             break
     return found

@@ -1,4 +1,4 @@
-"""Reading a recording, whatever became of the file: cut off, damaged, two in one, or somebody else's.
+"""Reading a recording, whatever happened to the file: cut off, damaged, two in one, or another program's.
 
 An MCAP file is a row of chunks, each compressed and with a checksum of its own. They are found by what they
 begin with and not by the lengths before them, so that one damaged byte costs one chunk, 0.8 s of the run.
@@ -9,13 +9,27 @@ from __future__ import annotations
 
 import struct
 import zlib
+from collections import Counter
 from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 import zstandard
 
 from sattrack.core.errors import BadInputError
-from sattrack.recording.format import FORMAT_VERSION, RUN, RunHeader, from_ns
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.xerxes.datagrams import DatagramError, decode_status
+from sattrack.recording.format import (
+    COMMAND,
+    FORMAT_VERSION,
+    REPEAT,
+    RUN,
+    STATUS,
+    SUMMARY,
+    Environment,
+    RunHeader,
+    from_ns,
+)
+from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -51,9 +65,9 @@ class Entry(NamedTuple):
 
 
 class Recording:
-    """A recording: its header, its entries, and what is wrong with the file in `problems`, in words.
+    """A recording: its header, its entries, and what is wrong with the file in `problems`.
 
-    `part` says which, where a file holds several one after the other. `cut_off` tells that the file ends
+    `part` says which, where a file holds several one after the other. `cut_off` says that the file ends
     without its proper end, `whole` that no message is missing before that.
     """
 
@@ -107,8 +121,8 @@ class Recording:
             self.whole = False
             self.problems.append(f"damaged: the last {count - len(self._entries) - 1} messages are lost")
 
-    def _note(self, words: str) -> None:
-        self.problems.append(words)
+    def _note(self, problem: str) -> None:
+        self.problems.append(problem)
 
     def _read_header(self, data: bytes) -> RunHeader:
         version = _VersionOnly(0, "")
@@ -209,11 +223,11 @@ def _chunks(data: bytes, note: Callable[[str], None]) -> Iterator[tuple[int, byt
     mark = data.find(_ZSTD, _BEFORE_ZSTD)
     while mark >= 0:
         at, begin = mark - _BEFORE_ZSTD, mark + len(_ZSTD) + _U64.size
-        code, told, _, _, size, checksum = _CHUNK_HEAD.unpack_from(data, at)
+        code, stated, _, _, size, checksum = _CHUNK_HEAD.unpack_from(data, at)
         length = _U64.unpack_from(data, begin - _U64.size)[0] if begin <= len(data) else len(data)
         # The index at a file's end has the same mark. One damaged byte leaves one of the two right.
         packed = code == _CHUNK_CODE and data[begin : begin + 4] == _ZSTD_FRAME
-        is_chunk = packed or told == length + begin - at - _RECORD.size
+        is_chunk = packed or stated == length + begin - at - _RECORD.size
         later = data.find(_ZSTD, mark + 1)
         content = _decompressed(data[begin : begin + length], size) if begin + length <= len(data) else None
         if is_chunk and content is not None and zlib.crc32(content) == checksum:
@@ -233,3 +247,90 @@ def _decompressed(packed: bytes, size: int) -> bytes | None:
         return zstandard.ZstdDecompressor().decompress(packed)
     except zstandard.ZstdError:
         return None
+
+
+STEP_S = 0.5
+"""A clock that gains or loses this much from one status to the next was set."""
+
+
+class ClockStep(msgspec.Struct, frozen=True):
+    """Where one of the clocks was set: ours against the mount's own, positive where ours jumped ahead."""
+
+    utc: str
+    ahead_s: float
+
+
+class RecordingView(msgspec.Struct, frozen=True):
+    """What a recording holds; times ISO 8601 UTC, null where it is not known."""
+
+    recording: str
+    format_version: int
+    program_version: str
+    fingerprint: str | None
+    environment: Environment | None
+    began_utc: str | None
+    ended_utc: str | None
+    seconds: float
+    bytes: int
+    messages: dict[str, int]
+    whole: bool
+    ended_properly: bool
+    clock_steps: tuple[ClockStep, ...]
+    problems: tuple[str, ...]
+    summary: msgspec.Raw | None
+
+
+def look(recording: Recording) -> RecordingView:
+    """Return what a recording holds."""
+    steps = clock_steps(recording)
+    problems = list(recording.problems)
+    problems += [f"a clock was set at {step.utc}, by {step.ahead_s:+.3f} s" for step in steps]
+    instants = [e.utc_s for e in recording.entries() if e.topic in {STATUS, COMMAND, REPEAT}]
+    first, last = (min(instants), max(instants)) if instants else (None, None)
+    summary = next((e.data for e in recording.entries() if e.topic == SUMMARY), None)
+    header = recording.header
+    return RecordingView(
+        recording=str(recording.path),
+        format_version=header.format_version,
+        program_version=header.program_version,
+        fingerprint=header.fingerprint,
+        environment=header.environment,
+        began_utc=_iso(first),
+        ended_utc=_iso(last),
+        seconds=0.0 if first is None or last is None else round(last - first, 3),
+        bytes=recording.path.stat().st_size,
+        messages=dict(Counter(entry.topic for entry in recording.entries())),
+        whole=recording.whole,
+        ended_properly=not recording.cut_off,
+        clock_steps=tuple(steps),
+        problems=tuple(problems),
+        summary=None if summary is None else msgspec.Raw(summary),
+    )
+
+
+def clock_steps(recording: Recording) -> list[ClockStep]:
+    """Return where our clock jumped against the mount's sidereal one, from status to status."""
+    found: list[ClockStep] = []
+    before: tuple[float, float] | None = None
+    for entry in recording.entries():
+        if entry.topic != STATUS:
+            continue
+        try:
+            sidereal_h = decode_status(entry.data).sidereal_h
+        except DatagramError:
+            continue
+        if before is not None:
+            turned_deg = (sidereal_h - before[1]) * 15.0
+            passed_s = entry.utc_s - before[0]
+            # The mount's clock gives the time within a day; the difference is taken the short way round.
+            off_deg = (passed_s * SIDEREAL_RATE_DEG_S - turned_deg + 180.0) % 360.0 - 180.0
+            if abs(off_deg) > STEP_S * SIDEREAL_RATE_DEG_S:
+                found.append(
+                    ClockStep(Utc(entry.utc_s).isoformat("milliseconds"), off_deg / SIDEREAL_RATE_DEG_S)
+                )
+        before = entry.utc_s, sidereal_h
+    return found
+
+
+def _iso(utc_s: float | None) -> str | None:
+    return None if utc_s is None else Utc(utc_s).isoformat("milliseconds")

@@ -5,14 +5,14 @@ from __future__ import annotations
 import queue
 import threading
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, BinaryIO, Protocol
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import msgspec
 from mcap.writer import CompressionType, Writer
 
 from sattrack import __version__
 from sattrack.core.errors import BadInputError
-from sattrack.recording.environment import fingerprint, here
+from sattrack.mount.xerxes.datagrams import COMMAND_FIELDS, STATUS_FIELDS
 from sattrack.recording.format import (
     CHANNELS,
     COMMAND,
@@ -27,86 +27,144 @@ from sattrack.recording.format import (
     VIEW,
     Failure,
     RunHeader,
+    fingerprint,
+    here,
     to_ns,
 )
-from sattrack.recording.schemas import ChannelSchema, channel_schemas
+from sattrack.views.messages import Message
+from sattrack.views.run import Summary, TrackView
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-    from sattrack.views.messages import Message
-    from sattrack.views.run import Summary, TrackView
+    from sattrack.mount.xerxes.datagrams import Field
 
-    _Told = bytes | Message | TrackView | Summary | Failure
+    _Content = bytes | Message | TrackView | Summary | Failure | RunHeader
+
+JSON_SCHEMA, LAYOUT = "jsonschema", "layout.csv"
+"""Encodings of schemas: the well-known one, and our own, a line a field of a datagram."""
+
+
+class ChannelSchema(NamedTuple):
+    """A schema's name, its encoding and its text."""
+
+    name: str
+    encoding: str
+    text: bytes
+
+
+def channel_schemas() -> dict[str, ChannelSchema]:
+    """Return the schema of each topic.
+
+    References are written out and null is left out of JSON types, as not all readers know them: a field that
+    has a default may be null.
+    """
+    status = ChannelSchema("xerxes.Status", LAYOUT, _layout(STATUS_FIELDS))
+    command = ChannelSchema("xerxes.Command", LAYOUT, _layout(COMMAND_FIELDS))
+    kinds = {RUN: RunHeader, VIEW: TrackView, SUMMARY: Summary, FAILURE: Failure}
+    found = {topic: _json(f"sattrack.{kind.__name__}", kind) for topic, kind in kinds.items()}
+    found[OPERATOR] = _json("sattrack.Message", Message)
+    return found | {STATUS: status, COMMAND: command, REPEAT: command}
+
+
+def _layout(fields: Sequence[Field]) -> bytes:
+    """Return a datagram's fields, little-endian: offset, type as `struct` writes it, name with its unit."""
+    lines = [f"{one.offset},{one.kind.value.replace('S', 's')},{one.name}" for one in fields]
+    return "\n".join(["offset,type,name", *lines, ""]).encode()
+
+
+def _json(name: str, kind: Any) -> ChannelSchema:
+    (schema,), parts = msgspec.json.schema_components([kind])
+    # Of a union of messages, the fields of any of them.
+    every = [_plain(one, parts) for one in schema.get("anyOf", [schema])]
+    fields = {key: value for one in every for key, value in one["properties"].items()}
+    joined = {"title": name, "type": "object", "properties": fields}
+    return ChannelSchema(name, JSON_SCHEMA, msgspec.json.encode(joined))
+
+
+def _plain(schema: dict[str, Any], parts: dict[str, Any]) -> dict[str, Any]:
+    """Return a schema without references, alternatives of null, defaults and what must be there."""
+    if "$ref" in schema:
+        return _plain(parts[schema["$ref"].rsplit("/", 1)[1]], parts)
+    if "anyOf" in schema:
+        others = [one for one in schema["anyOf"] if one.get("type") != "null"]
+        return _plain(others[0], parts) if others else {"type": "null"}
+    if "enum" in schema:
+        return {"type": "string"}
+    if schema.get("type") == "object" and "properties" in schema:
+        fields = {key: _plain(value, parts) for key, value in schema["properties"].items()}
+        return {"type": "object", "properties": fields}
+    if schema.get("type") == "array":
+        items = schema.get("items") or next(iter(schema.get("prefixItems", ())), None)
+        return {"type": "array", "items": _plain(items, parts) if items else {"type": "object"}}
+    return {"type": schema.get("type", "object")}
+
 
 FLUSH_EVERY_S = 0.8
-"""Seconds of the run after which what was told is on its way to the disk: a killed process loses no more."""
+"""Seconds of the run after which messages are on their way to the disk: a killed process loses no more."""
 QUEUED_MOST = 20_000
 """Messages kept for a disk that is slow: eight minutes of a run, some ten megabytes."""
 CLOSE_PATIENCE_S = 10.0
 """How long a disk may take at the end before it is left to itself."""
 
 
-class Sink(Protocol):
-    """What a loop tells of its inputs and outputs."""
+def _encoded(content: _Content) -> bytes:
+    return content if isinstance(content, bytes) else msgspec.json.encode(content)
 
-    @property
-    def wanted(self) -> bool:
-        """Whether anything is kept of what is told."""
 
-    def status(self, utc_s: float, data: bytes) -> None:
-        """Take a datagram from the mount, with its arrival."""
+class Sink:
+    """What a loop hands its inputs and outputs to; a subclass keeps them."""
 
-    def command(self, utc_s: float, data: bytes) -> None:
-        """Take the datagram of a tick, with the tick's instant."""
+    wanted = True
+    """Whether anything is kept of what is handed over."""
 
-    def repeat(self, utc_s: float, data: bytes) -> None:
-        """Take a datagram that was sent once more, with the instant of that."""
-
-    def operator(self, utc_s: float, message: Message) -> None:
-        """Take the operator's word."""
-
-    def view(self, utc_s: float, view: TrackView) -> None:
-        """Take a state as it was shown."""
-
-    def failure(self, utc_s: float, words: str) -> None:
-        """Take what turned the run into a stop from outside the engine."""
-
-    def summary(self, utc_s: float, summary: Summary) -> None:
-        """Take what the run came to."""
+    _trouble: str | None = None
 
     @property
     def trouble(self) -> str | None:
-        """What is wrong with the recording, in words; None where nothing is."""
+        """What is wrong with the recording; None where nothing is."""
+        return self._trouble
+
+    def status(self, utc_s: float, data: bytes) -> None:
+        """Take a datagram from the mount, with its arrival."""
+        self._put(STATUS, utc_s, data)
+
+    def command(self, utc_s: float, data: bytes) -> None:
+        """Take the datagram of a tick, with the tick's instant."""
+        self._put(COMMAND, utc_s, data)
+
+    def repeat(self, utc_s: float, data: bytes) -> None:
+        """Take a datagram that was sent once more, with the instant of that."""
+        self._put(REPEAT, utc_s, data)
+
+    def operator(self, utc_s: float, message: Message) -> None:
+        """Take the operator's message."""
+        self._put(OPERATOR, utc_s, message)
+
+    def view(self, utc_s: float, view: TrackView) -> None:
+        """Take a state as it was shown."""
+        self._put(VIEW, utc_s, view)
+
+    def failure(self, utc_s: float, text: str) -> None:
+        """Take what turned the run into a stop from outside the engine."""
+        self._put(FAILURE, utc_s, Failure(text))
+
+    def summary(self, utc_s: float, summary: Summary) -> None:
+        """Take the figures of the whole run."""
+        self._put(SUMMARY, utc_s, summary)
+
+    def _put(self, topic: str, utc_s: float, content: _Content) -> None:
+        raise NotImplementedError
 
 
-class NoRecording:
+class NoRecording(Sink):
     """A sink that keeps nothing."""
 
     wanted = False
-    trouble = None
 
-    def status(self, utc_s: float, data: bytes) -> None:
-        """See Sink."""
-
-    def command(self, utc_s: float, data: bytes) -> None:
-        """See Sink."""
-
-    def repeat(self, utc_s: float, data: bytes) -> None:
-        """See Sink."""
-
-    def operator(self, utc_s: float, message: Message) -> None:
-        """See Sink."""
-
-    def view(self, utc_s: float, view: TrackView) -> None:
-        """See Sink."""
-
-    def failure(self, utc_s: float, words: str) -> None:
-        """See Sink."""
-
-    def summary(self, utc_s: float, summary: Summary) -> None:
-        """See Sink."""
+    def _put(self, topic: str, utc_s: float, content: _Content) -> None:
+        pass
 
 
 def create(path: Path) -> BinaryIO:
@@ -119,26 +177,22 @@ def create(path: Path) -> BinaryIO:
         raise BadInputError(f"--record {path}: cannot be written: {error.strerror}") from error
 
 
-class Recorder:
-    """A sink that writes an MCAP file as it is told.
+class Recorder(Sink):
+    """A sink that writes an MCAP file.
 
     Where the disk refuses, `trouble` says so and nothing more is written: no recording is worth a run.
     """
 
-    wanted = True
-
     def __init__(self, stream: BinaryIO, spec: msgspec.Raw, header: RunHeader | None = None) -> None:
         """Write the header, so that the file opens from the first moment; a copy has its original's."""
-        self.trouble: str | None = None
         self._stream = stream
         self._writer = Writer(stream, compression=CompressionType.ZSTD)
         self._sequence = 0
         self._flushed_utc_s = 0.0
-        self._encoder = msgspec.json.Encoder()
         self._channels: dict[str, int] = {}
         header = header or RunHeader(FORMAT_VERSION, __version__, spec, fingerprint(), here())
         with self._troubled():
-            self._begin(self._encoder.encode(header))
+            self._begin(_encoded(header))
 
     def _begin(self, header: bytes) -> None:
         self._writer.start(profile=PROFILE, library=f"sattrack {__version__}")
@@ -151,33 +205,8 @@ class Recorder:
         self._add(RUN, 0.0, header)
         self._writer.flush()  # type: ignore[no-untyped-call]
 
-    def status(self, utc_s: float, data: bytes) -> None:
-        """See Sink."""
-        self.write(STATUS, utc_s, data)
-
-    def command(self, utc_s: float, data: bytes) -> None:
-        """See Sink."""
-        self.write(COMMAND, utc_s, data)
-
-    def repeat(self, utc_s: float, data: bytes) -> None:
-        """See Sink."""
-        self.write(REPEAT, utc_s, data)
-
-    def operator(self, utc_s: float, message: Message) -> None:
-        """See Sink."""
-        self.write(OPERATOR, utc_s, self._encoder.encode(message))
-
-    def view(self, utc_s: float, view: TrackView) -> None:
-        """See Sink."""
-        self.write(VIEW, utc_s, self._encoder.encode(view))
-
-    def failure(self, utc_s: float, words: str) -> None:
-        """See Sink."""
-        self.write(FAILURE, utc_s, self._encoder.encode(Failure(words)))
-
-    def summary(self, utc_s: float, summary: Summary) -> None:
-        """See Sink."""
-        self.write(SUMMARY, utc_s, self._encoder.encode(summary))
+    def _put(self, topic: str, utc_s: float, content: _Content) -> None:
+        self.write(topic, utc_s, _encoded(content))
 
     def write(self, topic: str, utc_s: float, data: bytes) -> None:
         """Append one message."""
@@ -209,29 +238,26 @@ class Recorder:
 
     @contextmanager
     def _troubled(self) -> Iterator[None]:
-        """Turn what goes wrong into words; the first says it."""
+        """Turn what goes wrong into a message; the first one stays."""
         try:
             yield
         except OSError as error:
             reason = error.strerror or str(error)
-            self.trouble = self.trouble or f"the recording cannot be written: {reason}; it ends here"
+            self._trouble = self.trouble or f"the recording cannot be written: {reason}; it ends here"
 
 
-class BackgroundRecorder:
+class BackgroundRecorder(Sink):
     """A recorder behind a queue and a thread, so that a slow disk never holds the loop.
 
     The loop takes no lock that the thread may hold: a thread that is kept from running would hold it up.
     `trouble` says what went wrong, if anything did; the run goes on without its recording then.
     """
 
-    wanted = True
-
     def __init__(self, recorder: Recorder, patience_s: float = CLOSE_PATIENCE_S) -> None:
         self._recorder = recorder
         self._patience_s = patience_s
-        self._queue: queue.SimpleQueue[tuple[str, float, _Told] | None]
+        self._queue: queue.SimpleQueue[tuple[str, float, _Content] | None]
         self._queue = queue.SimpleQueue()
-        self._trouble: str | None = None
         self._thread = threading.Thread(target=self._work, name="recorder", daemon=True)
         self._thread.start()
 
@@ -239,34 +265,6 @@ class BackgroundRecorder:
     def trouble(self) -> str | None:
         """See Sink."""
         return self._trouble or self._recorder.trouble
-
-    def status(self, utc_s: float, data: bytes) -> None:
-        """See Sink."""
-        self._put((STATUS, utc_s, data))
-
-    def command(self, utc_s: float, data: bytes) -> None:
-        """See Sink."""
-        self._put((COMMAND, utc_s, data))
-
-    def repeat(self, utc_s: float, data: bytes) -> None:
-        """See Sink."""
-        self._put((REPEAT, utc_s, data))
-
-    def operator(self, utc_s: float, message: Message) -> None:
-        """See Sink."""
-        self._put((OPERATOR, utc_s, message))
-
-    def view(self, utc_s: float, view: TrackView) -> None:
-        """See Sink."""
-        self._put((VIEW, utc_s, view))
-
-    def failure(self, utc_s: float, words: str) -> None:
-        """See Sink."""
-        self._put((FAILURE, utc_s, Failure(words)))
-
-    def summary(self, utc_s: float, summary: Summary) -> None:
-        """See Sink."""
-        self._put((SUMMARY, utc_s, summary))
 
     def close(self) -> None:
         """Write what is queued and finish the file; a disk that stands still is left after a while."""
@@ -277,21 +275,20 @@ class BackgroundRecorder:
         else:
             self._recorder.close()
 
-    def _put(self, item: tuple[str, float, _Told]) -> None:
+    def _put(self, topic: str, utc_s: float, content: _Content) -> None:
         if self.trouble is not None:
             return
         if self._queue.qsize() >= QUEUED_MOST:
             self._trouble = "the disk is too slow; the recording ends here"
             return
-        self._queue.put(item)
+        self._queue.put((topic, utc_s, content))
 
     def _work(self) -> None:
-        encoder = msgspec.json.Encoder()
         while (item := self._queue.get()) is not None:
             if self.trouble is not None:
                 continue
-            topic, utc_s, what = item
+            topic, utc_s, content = item
             try:
-                self._recorder.write(topic, utc_s, what if isinstance(what, bytes) else encoder.encode(what))
+                self._recorder.write(topic, utc_s, _encoded(content))
             except Exception as error:  # noqa: BLE001 - a thread that died would leave the queue to fill
                 self._trouble = f"the recording cannot be written: {error}; it ends here"

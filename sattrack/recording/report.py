@@ -1,4 +1,4 @@
-"""What a recorded pass tells: figures, the satellite's biases, what the mount did, and what to change."""
+"""The report of a recorded pass: figures, the satellite's biases, what the mount did, and what to change."""
 
 from __future__ import annotations
 
@@ -8,19 +8,12 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from sattrack.control.stages import Doing
-from sattrack.recording.advice import advice
+from sattrack.control.stages import KEYHOLE, RATE, Doing
 from sattrack.recording.format import OPERATOR
-from sattrack.recording.mount_fit import (
-    AxisFit,
-    Line,
-    Untold,
-    fit_axes,
-    one_way,
-    repeats,
-)
+from sattrack.recording.mount_fit import SURE_SIGMAS, AxisFit, NoFit, SpectralLine, fit_axes, one_way, repeats
 from sattrack.recording.observed import FRAMES, observations
-from sattrack.recording.smoothing import BiasFit, Said, fit_biases
+from sattrack.recording.smoothing import BiasFit, ObservedBias, fit_biases
+from sattrack.safety import ROWS
 from sattrack.views.messages import Nudge, OffsetBy, decode_message
 from tle.errors import ObservationError
 from tle.instants import Utc
@@ -30,7 +23,7 @@ from tle.residuals import bias_from_observation
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sattrack.mount.model import AxisLimits
+    from sattrack.mount.model import AxisLimits, MountProfile
     from sattrack.recording.reading import Recording
     from sattrack.recording.trace import Trace
     from sattrack.views.messages import Observation
@@ -123,19 +116,19 @@ class BiasFigures(msgspec.Struct, frozen=True):
 class AxisFigures(msgspec.Struct, frozen=True):
     """What one axis made of its commands, as `mount_fit.AxisFit` has it, and what repeats with its angle.
 
-    `untold` says why what is missing is missing.
+    `untold` says why something is missing.
     """
 
     gain: float | None
     gain_sigma: float | None
     delay_s: float | None
     delay_sigma_s: float | None
-    lines: tuple[Line, ...]
+    lines: tuple[SpectralLine, ...]
     untold: tuple[str, ...] = ()
 
 
 class Report(msgspec.Struct, frozen=True):
-    """Everything that a report says of one recording; null where nothing tells."""
+    """Everything that a report says of one recording; null where it is not known."""
 
     recording: str
     name: str
@@ -267,17 +260,17 @@ def _share(marked: NDArray[np.bool_]) -> float:
     return round(float(marked.mean()), 4) if len(marked) else 0.0
 
 
-def _axis(run: Trace, fit: AxisFit | Untold, axis: int) -> AxisFigures:
+def _axis(run: Trace, fit: AxisFit | NoFit, axis: int) -> AxisFigures:
     if not run.acquired:
-        words = "gain, delay or what repeats: the mount was never on target"
-        return AxisFigures(None, None, None, None, (), (words,))
+        reason = "gain, delay or what repeats: the mount was never on target"
+        return AxisFigures(None, None, None, None, (), (reason,))
     found = repeats(*repeating(run, axis))
-    lines = () if isinstance(found, Untold) else tuple(found)
-    untold = (found.why,) if isinstance(found, Untold) else ()
-    if isinstance(fit, Untold):
+    lines = () if isinstance(found, NoFit) else tuple(found)
+    untold = (found.why,) if isinstance(found, NoFit) else ()
+    if isinstance(fit, NoFit):
         return AxisFigures(None, None, None, None, lines, (f"gain or delay: {fit.why}", *untold))
-    if fit.untold is not None:
-        untold = (fit.untold, *untold)
+    if fit.missing is not None:
+        untold = (fit.missing, *untold)
     return AxisFigures(fit.gain, fit.gain_sigma, fit.delay_s, fit.delay_sigma_s, lines, untold)
 
 
@@ -296,17 +289,17 @@ def repeating(run: Trace, axis: int) -> tuple[NDArray[np.float64], NDArray[np.fl
 def find_biases(recording: Recording, run: Trace) -> tuple[BiasFit | None, BiasFigures | None]:
     """Return what observations say of the biases, else the operator's last word; None for neither.
 
-    A mount that follows tells nothing of the satellite: without observations nothing is fitted.
+    A mount that follows shows nothing of the satellite: without observations nothing is fitted.
     """
     spec = run.engine.spec
     elements, site = spec.propagator.elements, spec.propagator.site
     airless = Propagator(elements, site)
-    said = []
+    observed = []
     for seen in observations(recording, elements.catalog_number):
-        one = _said(seen, spec.propagator if seen.frame == "of_date" else airless)
+        one = _observed_bias(seen, spec.propagator if seen.frame == "of_date" else airless)
         if one is not None:
-            said.append(one)
-    fit = fit_biases(said)
+            observed.append(one)
+    fit = fit_biases(observed)
     if fit is None:
         return None, _nudged(recording, run)
     range_km = float(airless.at(Utc(fit.utc_s + fit.along.value)).range_km)
@@ -323,12 +316,12 @@ def find_biases(recording: Recording, run: Trace) -> tuple[BiasFit | None, BiasF
         cross_drift_km_s=fit.cross.drift,
         cross_drift_sigma_km_s=fit.cross.drift_sigma,
         observations=fit.taken,
-        rejected=fit.rejected + len(observations(recording, elements.catalog_number)) - len(said),
+        rejected=fit.rejected + len(observations(recording, elements.catalog_number)) - len(observed),
     )
     return fit, figures
 
 
-def _said(seen: Observation, propagator: Propagator) -> Said | None:
+def _observed_bias(seen: Observation, propagator: Propagator) -> ObservedBias | None:
     """Return what one observation says; None where no bias leads from the elements to it."""
     t = Utc.parse(seen.utc)
     try:
@@ -340,7 +333,7 @@ def _said(seen: Observation, propagator: Propagator) -> Said | None:
     utc_s = float(t.unix_s)
     range_km = float(propagator.at(Utc(utc_s + found.along_s)).range_km)
     cross = math.radians(found.cross_deg)
-    return Said(
+    return ObservedBias(
         utc_s,
         found.along_s,
         range_km * math.tan(cross),
@@ -365,3 +358,162 @@ def _nudged(recording: Recording, run: Trace) -> BiasFigures | None:
     view = run.engine.view(float(run.utc_s[-1]) if len(run.utc_s) else last_utc_s)
     at = Utc(last_utc_s).isoformat("milliseconds")
     return BiasFigures("nudge", at, view.bias_along_goal_s, view.bias_cross_goal_deg)
+
+
+GAIN_OFF = 0.002
+DELAY_OFF_S = 0.01
+LOST_SHARE = 0.01
+DRIFT_SIGMAS = 3.0
+BIAS_SIGMAS = 3.0
+LINE_ARCSEC = 0.2
+LIMIT_SHARE = 0.1
+"""Share of the commands at a limit from which on the limit is given as a cause."""
+OFF_SHARE = 0.1
+"""Share of the following off target from which on that is reported."""
+ONE_AXIS = 5.0
+"""By so much one axis must be farther off than the other to be named alone."""
+REPORTED_S = 1.0
+"""Spans that are shorter than this are not reported."""
+
+
+def advice(report: Report, run: Trace) -> list[str]:
+    """Return what to change, the most telling first; empty where nothing asks for it."""
+    profile, times, link = run.engine.spec.profile, report.times, report.link
+    found = []
+    if not report.acquired:
+        why = run.engine.why_not_acquired()
+        # The engine's reason is of today's commands: it holds where the mount was sent these. Of a run that
+        # limits held, the limits' own messages say more.
+        found += [why] if why is not None and run.result.agrees and not times.held_s else []
+        found += _why_missed(profile, report.missed, times)
+    elif times.off_target_s > OFF_SHARE * times.following_s:
+        found.append(_off_advice(run, times))
+    if report.bias is not None:
+        found += _bias_advice(report.bias)
+    found += _mount_advice(profile, report.ra, report.dec)
+    found += _ripple_advice(report.ra, report.dec)
+    if link is not None and link.lost > LOST_SHARE * max(1, link.received + link.lost):
+        found.append(
+            f"{100.0 * link.lost / (link.received + link.lost):.1f} % of the statuses were lost: look at the "
+            "network"
+        )
+    return [*found, *_held_advice(times)]
+
+
+def _bias_advice(bias: BiasFigures) -> list[str]:
+    if bias.along_sigma_s is None or bias.cross_sigma_deg is None:
+        return []
+    found = []
+    significant = (
+        abs(bias.along_s) > BIAS_SIGMAS * bias.along_sigma_s
+        or abs(bias.cross_deg) > BIAS_SIGMAS * bias.cross_sigma_deg
+    )
+    if significant:
+        found.append(
+            "with these elements, begin with "
+            f"--bias-along {bias.along_s:.2f} --bias-cross {bias.cross_deg:.3f}, or fetch newer ones"
+        )
+    drift, sigma = bias.along_drift_s_s, bias.along_drift_sigma_s_s
+    if drift is not None and sigma is not None and abs(drift) > DRIFT_SIGMAS * sigma:
+        found.append(f"the satellite runs away by {drift * 60.0:+.2f} s a minute: the elements are old")
+    return found
+
+
+def _mount_advice(profile: MountProfile, ra: AxisFigures, dec: AxisFigures) -> list[str]:
+    """Return where gains and delays are surely not those of the profile."""
+    found = []
+    for name, fit, gain in (("ra", ra, profile.ra_rate_gain), ("dec", dec, profile.dec_rate_gain)):
+        if _is_off(fit.gain, fit.gain_sigma, gain, GAIN_OFF * gain):
+            found.append(f"set {name}_rate_gain = {fit.gain:.4f} in the mount's profile; it says {gain:g}")
+    expected_s = profile.command_delay_s + 0.5 * profile.period_s
+    for name, fit in (("right ascension", ra), ("declination", dec)):
+        if fit.delay_s is None or not _is_off(fit.delay_s, fit.delay_sigma_s, expected_s, DELAY_OFF_S):
+            continue
+        delay_ms = fit.delay_s * 1000.0
+        if delay_ms < 0.0:
+            found.append(
+                f"commands in {name} seem to act {-delay_ms:.0f} ms before they are sent: the profile dates "
+                "statuses wrongly (status_delay_s, clock_offset_s): run sattrack mount calibrate"
+            )
+        else:
+            found.append(
+                f"commands in {name} act {delay_ms:.0f} ms after their tick, "
+                f"{expected_s * 1000.0:.0f} ms are expected: run sattrack mount calibrate"
+            )
+    return found
+
+
+def _ripple_advice(ra: AxisFigures, dec: AxisFigures) -> list[str]:
+    return [
+        f"the {name} axis errs by {line.amplitude_arcsec:.2f}″ {line.cycles_a_turn:.0f} times "
+        "a turn: its motor's ripple, or its encoder"
+        for name, fit in (("hour angle", ra), ("declination", dec))
+        for line in fit.lines
+        if line.amplitude_arcsec > LINE_ARCSEC
+    ]
+
+
+def _is_off(value: float | None, sigma: float | None, expected: float, least: float) -> bool:
+    """Tell whether a fitted value is surely another than the expected one, by so much at least."""
+    if value is None or sigma is None:
+        return False
+    return abs(value - expected) > max(least, SURE_SIGMAS * sigma)
+
+
+def _why_missed(profile: MountProfile, missed: MissedFigures | None, times: TimeFigures) -> list[str]:
+    """Return what may be done about a mount that was never on target."""
+    held_s = sum(times.held_s.values())
+    if held_s > times.acquiring_s:
+        # What was seen in between, on the way to where a limit held it, is no cause.
+        return []
+    if missed is None:
+        return ["the mount never came to follow: look at the run's messages, and rehearse the pass"]
+    found = []
+    for name, axis, other in (
+        ("right ascension", missed.ra, missed.dec),
+        ("declination", missed.dec, missed.ra),
+    ):
+        if max(axis.at_rate_limit, axis.at_acceleration_limit) > LIMIT_SHARE:
+            found.append(
+                f"{100.0 * axis.at_rate_limit:.0f} % of the commands in {name} were at the rate limit and "
+                f"{100.0 * axis.at_acceleration_limit:.0f} % at the acceleration limit: `sattrack rehearse` "
+                "tells whether the mount is fast enough for the pass"
+            )
+        if axis.typical_arcsec > ONE_AXIS * other.typical_arcsec:
+            found.append(f"only {name} was far off: look for what is peculiar to that axis")
+    if profile.calibration is None:
+        found.append("the mount's profile was never measured: run sattrack mount calibrate")
+    return found or ["the recording does not tell why: measure the mount again, sattrack mount calibrate"]
+
+
+def _off_advice(run: Trace, times: TimeFigures) -> str:
+    """Say for how long a mount that had been on target was off it, and by how much."""
+    off = run.off_target
+    ra, dec = (float(np.median(np.abs(error[off]))) for error in (run.ra_error, run.dec_error))
+    spec = run.engine.spec
+    measure = ""
+    if spec.profile.calibration is None:
+        measure = "; the mount's profile was never measured: run sattrack mount calibrate"
+    return (
+        f"the mount was more than {spec.plan.on_target_arcsec:g}″ off for {times.off_target_s:.0f} of the "
+        f"{times.following_s:.0f} s that it followed, typically by {ra:.1f}″ in right ascension and "
+        f"{dec:.1f}″ in declination{measure}"
+    )
+
+
+def _held_advice(times: TimeFigures) -> list[str]:
+    return [
+        f"{_held_by(name)} for {seconds:.0f} s: `sattrack rehearse` shows that beforehand"
+        for name, seconds in times.held_s.items()
+        if seconds > REPORTED_S
+    ]
+
+
+def _held_by(name: str) -> str:
+    if name == KEYHOLE:
+        return "the target was too fast for the hour angle axis near the pole (the keyhole)"
+    if name == RATE:
+        return "the target was too fast for the axes (max_rate_deg_s, max_acceleration_deg_s2)"
+    row = ROWS.get(name)
+    bound = "" if row is None else f" ({row.bound} sets it)"
+    return f"the {name.replace('_', ' ')} limit held the mount off its target{bound}"

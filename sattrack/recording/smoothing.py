@@ -24,6 +24,8 @@ TRACK_TIME_S = 1.0
 GATE_SIGMAS = 4.0
 ROUNDS = 4
 LEAST_NOISE_ARCSEC = 1e-4
+PRIOR_SIGMAS = (60.0, 0.003, 20.0, 0.01)
+"""Of a satellite's biases before any observation: along s, its drift s/s, across km, its drift km/s."""
 
 
 class Track(NamedTuple):
@@ -74,7 +76,7 @@ def _scatter(values: Array) -> float:
 
 
 @dataclass(frozen=True, slots=True)
-class Said:
+class ObservedBias:
     """What one observation says of the biases: seconds along, km across, with one sigma each."""
 
     utc_s: float
@@ -84,17 +86,7 @@ class Said:
     cross_sigma_km: float
 
 
-@dataclass(frozen=True, slots=True)
-class BiasNoise:
-    """What is expected of a satellite's biases before any observation, one sigma."""
-
-    along_s: float = 60.0
-    cross_km: float = 20.0
-    along_drift_s_s: float = 0.003
-    cross_drift_km_s: float = 0.01
-
-
-class Along(NamedTuple):
+class DriftingBias(NamedTuple):
     """One bias with its drift, each with one sigma; seconds and seconds a second, or km and km a second."""
 
     value: float
@@ -108,8 +100,8 @@ class BiasFit:
     """Biases fitted to observations, as of `utc_s`, the mean instant of the observations that were taken."""
 
     utc_s: float
-    along: Along
-    cross: Along
+    along: DriftingBias
+    cross: DriftingBias
     taken: int
     rejected: int
     chi_square: float
@@ -119,19 +111,19 @@ class BiasFit:
     along_sigma_all: Array
     cross_all: Array
     cross_sigma_all: Array
-    said_along: Array
-    said_along_sigma: Array
-    said_cross: Array
-    said_cross_sigma: Array
+    observed_along: Array
+    observed_along_sigma: Array
+    observed_cross: Array
+    observed_cross_sigma: Array
 
 
-def fit_biases(said: Sequence[Said], noise: BiasNoise | None = None) -> BiasFit | None:
+def fit_biases(observed: Sequence[ObservedBias]) -> BiasFit | None:
     """Return biases smoothed over all observations, with drifts; None where none is left.
 
     Observations that lie GATE_SIGMAS off what the others say are left out. Where the observations show more
     scatter than they claim, the sigmas grow by it.
     """
-    ordered = sorted(said, key=lambda one: one.utc_s)
+    ordered = sorted(observed, key=lambda one: one.utc_s)
     if not ordered:
         return None
     keep = np.ones(len(ordered), dtype=bool)
@@ -139,7 +131,7 @@ def fit_biases(said: Sequence[Said], noise: BiasNoise | None = None) -> BiasFit 
         taken = [one for one, kept in zip(ordered, keep, strict=True) if kept]
         if not taken:
             return None
-        fit = _smoothed(taken, noise or BiasNoise(), len(ordered) - len(taken))
+        fit = _smoothed(taken, len(ordered) - len(taken))
         off = _off(ordered, fit)
         scale = np.maximum(1.0, 1.4826 * np.median(np.abs(off), axis=0))
         now = np.max(np.abs(off) / scale, axis=1) <= GATE_SIGMAS
@@ -149,12 +141,11 @@ def fit_biases(said: Sequence[Said], noise: BiasNoise | None = None) -> BiasFit 
     return fit
 
 
-def _smoothed(taken: Sequence[Said], noise: BiasNoise, rejected: int) -> BiasFit:
+def _smoothed(taken: Sequence[ObservedBias], rejected: int) -> BiasFit:
     from filterpy.kalman import KalmanFilter
 
     kalman = KalmanFilter(dim_x=4, dim_z=2)
-    first = [noise.along_s, noise.along_drift_s_s, noise.cross_km, noise.cross_drift_km_s]
-    kalman.P = np.diag(np.square(first))
+    kalman.P = np.diag(np.square(PRIOR_SIGMAS))
     kalman.H = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
     middle_utc_s = float(np.mean([one.utc_s for one in taken]))
     # The filter begins in the middle of time: the drift's prior is not to weigh on one end.
@@ -178,7 +169,7 @@ def _smoothed(taken: Sequence[Said], noise: BiasNoise, rejected: int) -> BiasFit
     back = _move(-at[-1])
     mean, covariance = back @ x[-1], back @ p[-1] @ back.T
     along, cross = (
-        Along(
+        DriftingBias(
             float(mean[i, 0]),
             grown * math.sqrt(float(covariance[i, i])),
             float(mean[i + 1, 0]),
@@ -211,7 +202,7 @@ def _move(dt: float) -> Array:
     return np.array([[1.0, dt, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, dt], [0.0, 0.0, 0.0, 1.0]])
 
 
-def _off(ordered: Sequence[Said], fit: BiasFit) -> Array:
+def _off(ordered: Sequence[ObservedBias], fit: BiasFit) -> Array:
     """Return how far each observation lies from a fit, in its own sigmas: along, across."""
     off = []
     for one in ordered:

@@ -38,14 +38,14 @@ STEADY_DEG_S = 0.002
 SETTLES_S = 2.0
 """For how long after a change the drives may still show it."""
 FIT_WITHIN = 5.0
-"""Spans of SPAN_S whose median is so many times what counts as on target tell of no gain, delay or ripple."""
+"""Spans of SPAN_S whose median is so many times what counts as on target show no gain, delay or ripple."""
 SPAN_S = 20.0
 FOLLOWED = frozenset({HOLDING, *(phase.value for phase in FOLLOWING)})
 ACQUIRED = ("following", "rejoining")
 DENSE_S = 0.75
-"""Views that come so often tell what the run did between two, where the recording holds no stages."""
+"""Views that come so often show what the run did between two, where the recording holds no stages."""
 UNKNOWN = "unknown"
-"""The name of a limit that a recording does not tell."""
+"""The name of a limit that a recording does not give."""
 LONGEST_STEP_S = 0.5
 """A gap between samples that is longer counts for no time."""
 
@@ -96,7 +96,7 @@ class Trace:
 
     @property
     def fit_for(self) -> NDArray[np.bool_]:
-        """The samples that tell of the mount: it followed on target, and no offset changed, for SETTLES_S.
+        """The samples that show the mount: it followed on target, and no offset changed, for SETTLES_S.
 
         After each disturbance the mount must have been on target again.
         """
@@ -129,7 +129,7 @@ class Trace:
         return float(steps[counted].sum())
 
 
-class _Seen(msgspec.Struct):
+class _RecordedView(msgspec.Struct):
     """What a recorded view says of the run; `stages` is None in recordings that are older than those."""
 
     phase: str
@@ -140,8 +140,8 @@ class _Seen(msgspec.Struct):
 
     def situation(self, acquired: bool, error_arcsec: float) -> Situation:
         """Return what was known of the run then."""
-        said = (re.match(r"held at the (\w+) limit", words) for words in self.warnings)
-        name = next((one[1] for one in said if one is not None), UNKNOWN)
+        names = (re.match(r"held at the (\w+) limit", text) for text in self.warnings)
+        name = next((one[1] for one in names if one is not None), UNKNOWN)
         return Situation(
             following=self.phase in FOLLOWED,
             tracking=self.phase == Phase.TRACKING,
@@ -154,7 +154,7 @@ class _Seen(msgspec.Struct):
 
 
 class _Sample(NamedTuple):
-    """One status; `situation` is as today's code has it, for recordings that do not tell."""
+    """One status; `situation` is as today's code has it, for recordings that do not say."""
 
     columns: tuple[float, ...]
     target: Target
@@ -163,7 +163,7 @@ class _Sample(NamedTuple):
 
 
 class _Columns:
-    """Gathers what a run shows while it is made again; what it did, later views tell."""
+    """Gathers what a run shows while it is made again; later views show what it did."""
 
     def __init__(self) -> None:
         self.samples: list[_Sample] = []
@@ -185,7 +185,7 @@ class _Columns:
             self._take_status(engine)
         elif entry.topic == VIEW:
             try:
-                seen = msgspec.json.decode(entry.data, type=_Seen)
+                seen = msgspec.json.decode(entry.data, type=_RecordedView)
             except msgspec.MsgspecError:
                 return
             near = entry.utc_s - self._seen_utc_s < DENSE_S
@@ -219,7 +219,7 @@ class _Columns:
             sky = float(known.alt_deg), float(known.az_deg)
         self.samples.append(_Sample(columns, engine.tracker.target, sky, engine.situation(error)))
 
-    def sort(self, engine: Engine, seen: _Seen | None, near: bool) -> None:
+    def sort(self, engine: Engine, seen: _RecordedView | None, near: bool) -> None:
         """Tell of the samples since the last view what the run did, by this one where it is near enough."""
         if self._sorted is None:
             self._sorted = Stages(engine.spec.plan, engine.spec.profile)
@@ -228,7 +228,7 @@ class _Columns:
             self.acquired |= any(stage.doing in ACQUIRED for stage in seen.stages)
         for one in self.samples[len(self.doing) :]:
             if self._stages:
-                doing, held = self._told(one.columns[0])
+                doing, held = self._recorded(one.columns[0])
             else:
                 now = one.situation
                 if seen is not None and near:
@@ -238,7 +238,7 @@ class _Columns:
             self.doing.append(doing)
             self.held.append(held)
 
-    def _told(self, utc_s: float) -> tuple[Doing, str]:
+    def _recorded(self, utc_s: float) -> tuple[Doing, str]:
         """Return what the recording says that the run did at a status."""
         last = next((one for one in reversed(self._stages.values()) if one.utc_s <= utc_s), None)
         return (Doing.OTHER, "") if last is None else (Doing[last.doing.upper()], last.held_by or "")

@@ -13,11 +13,10 @@ from sattrack.core.errors import BadInputError
 from sattrack.core.toml_file import read_toml
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
 from sattrack.mount.simulator.settings import SimulatorProfile
-from sattrack.recording.comparison import Figures
 from sattrack.recording.format import OPERATOR
 from sattrack.recording.mount_fit import AxisFit, fit_axes
 from sattrack.recording.recorder import NoRecording
-from sattrack.recording.replay import Replay, replay
+from sattrack.recording.replay import Figures, Replay, replay
 from sattrack.recording.trace import trace
 from sattrack.runtime import practice
 from sattrack.runtime.facts import RunFacts, build_engine, decode_facts, engine_of
@@ -30,8 +29,8 @@ if TYPE_CHECKING:
 
     from sattrack.control.engine import Engine
     from sattrack.mount.model import MountProfile
-    from sattrack.recording.comparison import Choice
     from sattrack.recording.reading import Recording
+    from sattrack.recording.replay import Choice
     from sattrack.recording.trace import Trace
     from sattrack.views.messages import Message
 

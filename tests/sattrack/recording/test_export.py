@@ -16,10 +16,9 @@ from mcap.reader import make_reader
 
 from sattrack.cli.main import run
 from sattrack.recording.format import COMMAND, OPERATOR, STATUS
-from sattrack.recording.looking import clock_steps
-from sattrack.recording.reading import Recording
+from sattrack.recording.observed import SeenDirection, tdm_text
+from sattrack.recording.reading import Recording, clock_steps
 from sattrack.recording.recorder import Recorder
-from sattrack.recording.tdm import Seen, tdm_text
 from sattrack.runtime import practice
 from tle.errors import ObservationError
 from tle.observations import Stations, read_observations
@@ -161,7 +160,7 @@ def test_a_reports_figures_can_be_made_again_from_the_exported_errors(
 def test_sigmas_of_a_tdm_come_back_each_with_its_own_observation(tmp_path: Path) -> None:
     site = Site(52.1541, 4.4908, 0.0)
     seen = [
-        Seen(1790946324.0 + k, 10.0 + 0.123456789012 * k, -20.0 + k / 7.0, frame, sigma)
+        SeenDirection(1790946324.0 + k, 10.0 + 0.123456789012 * k, -20.0 + k / 7.0, frame, sigma)
         for k, (frame, sigma) in enumerate(
             [("icrs", 2.5), ("icrs", 20.0), ("icrs", 2.5), ("icrs", None), ("of_date", 0.1), ("of_date", 0.3)]
         )

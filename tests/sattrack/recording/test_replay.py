@@ -13,22 +13,23 @@ import pytest
 
 from sattrack.cli.main import run
 from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_command
-from sattrack.recording.comparison import (
+from sattrack.recording.format import COMMAND, FAILURE, OPERATOR, Environment, RunHeader, fingerprint, here
+from sattrack.recording.reading import Recording
+from sattrack.recording.recorder import Recorder
+from sattrack.recording.replay import (
     Choice,
+    Difference,
     Figures,
+    Replay,
     Tolerances,
     beyond_rounding,
     choose,
     differences,
     larger_than,
+    replay,
+    replay_lines,
     worse,
 )
-from sattrack.recording.environment import Environment, fingerprint, here
-from sattrack.recording.format import COMMAND, FAILURE, OPERATOR, RunHeader
-from sattrack.recording.reading import Recording
-from sattrack.recording.recorder import Recorder
-from sattrack.recording.replay import Replay, replay
-from sattrack.recording.wording import replay_lines
 from sattrack.runtime.facts import build_engine, decode_facts, engine_of
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ def test_differences_are_told_by_field_and_a_negative_zero_is_one() -> None:
     assert differences(one, one) == []
     minus = differences(encode_command(Command()), encode_command(Command(move_dec_rate_deg_s=-0.0)))
     assert [d.field for d in minus] == ["move_dec_rate_deg_s"]
-    assert differences(one, b"") == [("length", 82, 0)]
+    assert differences(one, b"") == [Difference("length", 82, 0)]
 
 
 @pytest.mark.parametrize(("off_deg_s", "beyond"), [(9e-10, False), (1.1e-9, True), (float("nan"), True)])

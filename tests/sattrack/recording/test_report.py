@@ -17,9 +17,9 @@ import pytest
 from sattrack.cli.main import run
 from sattrack.mount.profiles import load_profile_file
 from sattrack.recording.format import COMMAND, STATUS
-from sattrack.recording.mount_fit import Untold, lines, one_way, repeats, spectrum
+from sattrack.recording.mount_fit import NoFit, lines, one_way, repeats, spectrum
 from sattrack.recording.reading import Recording
-from sattrack.recording.smoothing import Said, fit_biases, smooth_track
+from sattrack.recording.smoothing import ObservedBias, fit_biases, smooth_track
 from sattrack.runtime import practice
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import RunRequest, prepare
@@ -219,7 +219,7 @@ def fitted(seed: int, count: int) -> tuple[BiasFit, float]:
         )
         range_km = float(elements.at(Utc(utc_s + found.along_s)).range_km)
         said.append(
-            Said(
+            ObservedBias(
                 utc_s,
                 found.along_s - along,
                 range_km * math.tan(math.radians(found.cross_deg)) + cross,
@@ -248,8 +248,8 @@ def test_smoothed_biases_are_as_near_to_the_truth_as_they_say(seeds: int, slack:
 
 def test_outliers_are_left_out_and_more_scatter_than_claimed_grows_the_sigma() -> None:
     rng = random.Random(1)
-    said = [Said(10.0 * i, 1.0 + rng.gauss(0.0, 0.03), 0.2, 0.01, 0.05) for i in range(30)]
-    fit = fit_biases([*said, Said(15.0, 30.0, 0.2, 0.01, 0.05)])
+    said = [ObservedBias(10.0 * i, 1.0 + rng.gauss(0.0, 0.03), 0.2, 0.01, 0.05) for i in range(30)]
+    fit = fit_biases([*said, ObservedBias(15.0, 30.0, 0.2, 0.01, 0.05)])
     assert fit is not None
     assert (fit.taken, fit.rejected) == (30, 1)
     assert fit.along.value == pytest.approx(1.0, abs=0.03)
@@ -517,7 +517,7 @@ def test_a_gap_in_the_angle_neither_hides_a_ripple_nor_makes_one() -> None:
 def test_a_part_of_a_turn_that_is_too_small_is_said() -> None:
     angle = np.linspace(10.0, 25.0, 400)
     found = repeats(angle, np.sin(angle))
-    assert isinstance(found, Untold)
+    assert isinstance(found, NoFit)
     assert "15.0° one way in 400 samples; that takes 20°" in found.why
     there_and_back = np.concatenate([np.linspace(50.0, 65.0, 200), np.linspace(65.0, 20.0, 300)])
     assert one_way(there_and_back) == slice(199, 500)
