@@ -37,7 +37,7 @@ def command(context: CommandContext, pid: int | None, name: str | None, **option
         return _as_json(pid, name)
     if importlib.util.find_spec("textual_plot") is None:
         raise SattrackError("the screen needs textual: pip install 'sattrack[tui]'")
-    from sattrack.tui.attach_launch import SEEN_BY_BROWSER, attach_with_tui
+    from sattrack.tui.launch import SEEN_BY_BROWSER, attach_with_tui
 
     if not (tui_possible() or SEEN_BY_BROWSER in os.environ):
         raise BadInputError(f"attach needs {needed_terminal()}; --json is for programs")

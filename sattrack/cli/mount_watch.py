@@ -61,7 +61,7 @@ def watch(context: CommandContext, stream: bool, control: bool, park: bool, **op
         raise BadInputError(
             f"watch needs {needed_terminal()}; `sattrack mount status` is one look, --stream is for programs"
         )
-    from sattrack.tui.console_launch import watch_with_tui
+    from sattrack.tui.launch import watch_with_tui
 
     called = [word for word in sys.argv[1:] if word != "--park"]
     command = [*own_program(), *called, "--stream", "--control"]

@@ -225,8 +225,7 @@ class _Player(JsonLines):
 
 
 def _with_tui(file: Path, context: CommandContext, options: dict[str, Any]) -> int:
-    from sattrack.tui.replay_launch import replay_with_tui
-    from sattrack.tui.tape import Tape
+    from sattrack.tui.launch import replay_with_tui
 
     if not tui_possible():
         raise BadInputError(f"--tui needs {needed_terminal()}, and textual: pip install 'sattrack[tui]'")
@@ -235,8 +234,7 @@ def _with_tui(file: Path, context: CommandContext, options: dict[str, Any]) -> i
     if fov_deg is not None:
         arguments += ["--fov", str(fov_deg)]
     look = appearance(context, options["theme"], options["plain"])
-    tape = Tape(file.name, options["speed"] or 1.0)
-    return replay_with_tui([*own_program(), *arguments], tape, look)
+    return replay_with_tui([*own_program(), *arguments], file.name, options["speed"] or 1.0, look)
 
 
 def _progress() -> Callable[[float], None] | None:

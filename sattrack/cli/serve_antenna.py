@@ -169,7 +169,7 @@ def _with_console(context: CommandContext, options: dict[str, Any]) -> int:
         raise BadInputError("--console is for people, --stream and --control are for programs: give either")
     if not tui_possible():
         raise BadInputError("--console needs a terminal, and textual: pip install 'sattrack[tui]'")
-    from sattrack.tui.antenna_app import serve_with_console
+    from sattrack.tui.launch import serve_with_console
 
     arguments = [one for one in sys.argv[1:] if one != "--console"]
     look = appearance(context, options["theme"], options["plain"])

@@ -2,24 +2,19 @@
 
 from __future__ import annotations
 
-import signal
 from functools import cache
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
-import click
 from rich.text import Text
 from textual.binding import Binding, BindingType
 from textual.widgets import Static
 
 from sattrack.tui import look, words
-from sattrack.tui.child import AntennaProcess
-from sattrack.tui.hangup import end_with_the_terminal
+from sattrack.tui.appearance import NIGHT
 from sattrack.tui.scene import Tone
-from sattrack.tui.themed import NIGHT_LOOK, ThemedApp, TooSmall
+from sattrack.tui.screen_app import ScreenApp, TooSmall
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from textual.app import ComposeResult
 
     from sattrack.tui.appearance import Appearance
@@ -27,9 +22,6 @@ if TYPE_CHECKING:
     from sattrack.views.run import AntennaView, AxesView
 
 LOOK_EVERY_S = 0.2
-PATIENCE_S = 75.0
-GRACE_S = 2.0
-INTERRUPTED = 130
 SHORT_ANSWER = 24
 """Characters of an answer that stand behind its command."""
 REFUSED_CHARACTERS = 26
@@ -57,11 +49,10 @@ def inks(theme: str) -> Inks:
     return Inks(spoken, plate, look.concrete(look.DIM, colours))
 
 
-class AntennaApp(ThemedApp):
+class AntennaApp(ScreenApp):
     """Shows one antenna and takes its operator's keys."""
 
     TITLE = "sattrack serve antenna"
-    ENABLE_COMMAND_PALETTE = False
     CSS = """
     Screen { background: $background; color: $foreground; }
     Static { padding: 0 1; }
@@ -74,20 +65,14 @@ class AntennaApp(ThemedApp):
     #refusals { height: auto; max-height: 9; }
     """
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("space", "say('stop')", "stop", priority=True),
         Binding("l", "say('local')", "local"),
         Binding("r", "say('remote')", "remote"),
         Binding("x", "say('reset')", "reset"),
-        Binding("t", "next_theme", "theme"),
-        Binding("q", "leave", "quit"),
-        Binding("ctrl+q", "leave", "quit", priority=True),
-        Binding("ctrl+c", "interrupt", "interrupt", priority=True),
     ]
 
-    def __init__(self, feed: AntennaFeed, appearance: Appearance = NIGHT_LOOK) -> None:
+    def __init__(self, feed: AntennaFeed, appearance: Appearance = NIGHT) -> None:
         super().__init__(appearance)
         self._feed = feed
-        self.interrupted = False
         self._view: AntennaView | None = None
 
     def compose(self) -> ComposeResult:
@@ -115,12 +100,16 @@ class AntennaApp(ThemedApp):
         if self._view is not None:
             for name, text in drawn(self._view, self.theme).items():
                 self.query_one(f"#{name}", Static).update(text)
-        if ended:
+        if ended or self._was_asked_to_leave():
             self.exit()
 
     def action_say(self, word: str) -> None:
         """Say a word to the controller."""
         self._feed.tell(word)
+
+    def action_stop(self) -> None:
+        """Stop the mount."""
+        self._feed.tell("stop")
 
     def action_leave(self) -> None:
         """Leave the screen; the mount is brought to rest then."""
@@ -130,10 +119,6 @@ class AntennaApp(ThemedApp):
         """Leave, as a program that was interrupted."""
         self.interrupted = True
         self.exit()
-
-    async def action_quit(self) -> None:
-        """Leave, whoever asks."""
-        self.action_leave()
 
 
 def drawn(view: AntennaView, theme: str = look.NIGHT.name) -> dict[str, Text]:
@@ -226,28 +211,3 @@ def _refusals(view: AntennaView, ink: Inks) -> Text:
         text.append(f"{received:{REFUSED_CHARACTERS}}", ink.spoken[Tone.NOTICE]).append(f"  {one.why}\n")
     text.rstrip()
     return text
-
-
-def serve_with_console(command: Sequence[str], appearance: Appearance = NIGHT_LOOK) -> int:
-    """Run `command` (`serve antenna` with --stream and --control) under the screen; return its exit code."""
-    antenna = AntennaProcess(command)
-    end_with_the_terminal(antenna, PATIENCE_S, GRACE_S)
-    app = AntennaApp(antenna, appearance)
-    for number in (signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: antenna.close_input())
-    code: int | None = None
-    try:
-        if antenna.wait_first_view():
-            app.run()
-    except KeyboardInterrupt:
-        app.interrupted = True
-    finally:
-        antenna.close_input()
-        code = antenna.wait(PATIENCE_S)
-        if code is None:
-            click.echo("sattrack: THE SERVICE DOES NOT END: STOP THE MOUNT BY HAND", err=True)
-            code = antenna.end_by_force(GRACE_S)
-        told = antenna.close()
-        if told:
-            click.echo(told, err=True, nl=not told.endswith("\n"))
-    return INTERRUPTED if app.interrupted and code == 0 else code

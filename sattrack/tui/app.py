@@ -1,4 +1,4 @@
-"""The screen of a run. It sees views and sends messages; whatever it does, the mount is fed elsewhere."""
+"""The screen of a run. It sees views and sends messages; another process feeds the mount."""
 
 from __future__ import annotations
 
@@ -9,29 +9,22 @@ from textual.binding import Binding, BindingType
 from textual.containers import Container, Horizontal
 
 from sattrack.tui import figures, look
-from sattrack.tui.bars import Cautions, HeadlineBar, TapeBar, TitleBar
-from sattrack.tui.bias_panel import BiasPanel
-from sattrack.tui.error_plot import ErrorPanel
-from sattrack.tui.hand import Hand
-from sattrack.tui.help import TEXTS, HelpScreen
-from sattrack.tui.history import ErrorHistory
-from sattrack.tui.key_bar import KeyBar
-from sattrack.tui.leave_dialog import LEAVE, STOP, LeaveDialog
-from sattrack.tui.log_page import LogPage
-from sattrack.tui.mount_page import MountPage
-from sattrack.tui.page_keys import PageKeys
-from sattrack.tui.pages import LIVE, PAGES
+from sattrack.tui.appearance import NIGHT
+from sattrack.tui.bars import Cautions, HeadlineBar, KeyBar, SessionBar, TapeBar, TitleBar
+from sattrack.tui.console_panels import MountPage
+from sattrack.tui.dialogs import LEAVE, STOP, TEXTS, HelpScreen, LeaveDialog
+from sattrack.tui.error_plot import ErrorHistory, ErrorPanel
+from sattrack.tui.figures import BiasPanel
+from sattrack.tui.log import LogPage
+from sattrack.tui.offsets import OffsetKeys
 from sattrack.tui.panels import Panel
-from sattrack.tui.rest_keys import RestHand, RestKeys
-from sattrack.tui.scene import REFUSAL_SHOWN_S, Scene
+from sattrack.tui.run_keys import RestState, RunKeys
+from sattrack.tui.scene import LIVE, PAGES, REFUSAL_SHOWN_S, Scene
 from sattrack.tui.schedule_page import SchedulePage
-from sattrack.tui.screen_app import ScreenApp
+from sattrack.tui.screen_app import TooSmall
 from sattrack.tui.screens import Screens
-from sattrack.tui.session_bar import SessionBar
-from sattrack.tui.sky_panel import NotesPanel, SkyPanel, chart_columns
-from sattrack.tui.target_keys import TargetKeys
-from sattrack.tui.themed import NIGHT_LOOK, TooSmall
-from sattrack.tui.tonight_page import TonightPage
+from sattrack.tui.sky_chart import NotesPanel, SkyPanel, chart_columns
+from sattrack.tui.tonight import TonightPage
 from sattrack.views.messages import LeaveRunning, StopNow, TakeControl, YieldControl
 from sattrack.views.run import STARTER
 
@@ -43,17 +36,17 @@ if TYPE_CHECKING:
 
     from sattrack.tui.appearance import Appearance
     from sattrack.tui.beside import Aside
-    from sattrack.tui.feed import Feed
+    from sattrack.tui.seen_run import Feed
     from sattrack.views.messages import Message, SessionMessage
     from sattrack.views.run import PassView, SessionView, Summary, TrackView
 
 LOOK_EVERY_S = 0.1
 PLOT_EVERY_S = 0.25
 LEAVE_WITHIN_S = 4.0
-"""How long the screen stays for the mount to come to rest once it is to be left."""
+"""How long the screen stays for the mount to come to rest before it is left."""
 
 
-class TrackApp(ScreenApp, RestKeys, PageKeys, TargetKeys):
+class TrackApp(RunKeys):
     """Shows a run and takes the operator's keys.
 
     With `stay`, the screen of an ended run remains until it is left. `monotonic` is this process's own
@@ -103,7 +96,7 @@ class TrackApp(ScreenApp, RestKeys, PageKeys, TargetKeys):
         feed: Feed,
         stay: bool = True,
         monotonic: Callable[[], float] = time.monotonic,
-        appearance: Appearance = NIGHT_LOOK,
+        appearance: Appearance = NIGHT,
         aside: Aside | None = None,
     ) -> None:
         super().__init__(appearance)
@@ -116,13 +109,13 @@ class TrackApp(ScreenApp, RestKeys, PageKeys, TargetKeys):
         self._sky: PassView | None = None
         self._ended = False
         self._beginning = False
-        """Whether another run was told of, and no view of it has come."""
+        """Whether another run was announced, and no view of it has come."""
         self._between = False
         """Whether the next run of a schedule is waited for."""
         self._gone = False
-        """Whether nothing more will come of whatever brings the views."""
-        self._hand = Hand()
-        self._rest = RestHand()
+        """Whether no more views will come."""
+        self._offsets = OffsetKeys()
+        self._rest = RestState()
         self._screens = Screens(aside)
         self._session: SessionView | None = None
         self._you = STARTER
@@ -200,7 +193,7 @@ class TrackApp(ScreenApp, RestKeys, PageKeys, TargetKeys):
         self._ended = self._ended or news.ended or news.between or news.summary is not None
         self._draw()
         if self._gone and self._view is None:
-            # It never began; why, is told on the plain terminal.
+            # It never began; the plain terminal shows why.
             self.exit()
         self._leave_when_due()
         self._park_when_due()
@@ -208,7 +201,7 @@ class TrackApp(ScreenApp, RestKeys, PageKeys, TargetKeys):
     def _begin_anew(self) -> None:
         self._history = ErrorHistory()
         self._ended, self._summary, self._stop_sent_s = False, None, None
-        self._hand.forget()
+        self._offsets.forget()
         self._beginning = True
 
     def plot(self) -> None:
@@ -221,19 +214,19 @@ class TrackApp(ScreenApp, RestKeys, PageKeys, TargetKeys):
 
     @property
     def scene(self) -> Scene | None:
-        """What is to be drawn; None before the first view."""
+        """What to draw; None before the first view."""
         if self._view is None:
             return None
         now_s = self._monotonic()
         return Scene(
             view=self._view,
-            step=self._hand.step,
+            step=self._offsets.step,
             news_age_s=now_s - self._heard_s,
             stop_sent_s=None if self._stop_sent_s is None else now_s - self._stop_sent_s,
             leaving=self._leaving_since_s is not None,
             ended=self._ended,
             summary=self._summary,
-            frame=self._hand.frame,
+            frame=self._offsets.frame,
             sky=self._sky,
             plain=self._appearance.plain,
             session=self._session,
@@ -252,7 +245,7 @@ class TrackApp(ScreenApp, RestKeys, PageKeys, TargetKeys):
         self._leave_running = self._rest.park_due = False
         if self._stop_sent_s is None:
             self._stop_sent_s = self._monotonic()
-        self._tell(StopNow())
+        self._send(StopNow())
 
     def action_interrupt(self) -> None:
         """Stop the mount and leave, for a program that was interrupted."""
@@ -281,12 +274,12 @@ class TrackApp(ScreenApp, RestKeys, PageKeys, TargetKeys):
             self._leave()
         elif answer == LEAVE:
             self._leave_running = True
-            self._tell(LeaveRunning())
+            self._send(LeaveRunning())
 
     def action_control(self) -> None:
         """Take control, or give it up."""
         if self._session is not None:
-            self._tell(YieldControl() if self._session.controller == self._you else TakeControl())
+            self._send(YieldControl() if self._session.controller == self._you else TakeControl())
 
     def on_unmount(self) -> None:
         """End what was started for the screens."""
@@ -311,21 +304,15 @@ class TrackApp(ScreenApp, RestKeys, PageKeys, TargetKeys):
     def _attached(self) -> bool:
         return self._you != STARTER
 
-    def _may(self) -> bool:
-        """Tell whether keys that move the target are obeyed from here; where not, have that shown."""
-        if self._screens.page != LIVE:
-            return False
-        return self._may_say()
-
-    def _may_say(self) -> bool:
+    def _may_command(self) -> bool:
         if self._session is None or self._session.controller == self._you:
             return True
         self._refused_s = self._monotonic()
         self._draw()
         return False
 
-    def _tell(self, message: Message | SessionMessage) -> None:
-        # After a run, another may be about to begin: a stop is said as long as there is anybody to hear it.
+    def _send(self, message: Message | SessionMessage) -> None:
+        # After a run, another may be about to begin: a stop is sent as long as anybody can receive it.
         if not (self._gone if isinstance(message, StopNow) else self._ended):
             self._feed.send(message)
         self._draw()

@@ -13,6 +13,9 @@ class Appearance:
     plain: bool = False
 
 
+NIGHT = Appearance()
+
+
 def can_show(encoding: str | None) -> bool:
     """Tell whether a terminal of an encoding has the characters that the screens are drawn with."""
     try:

@@ -1,19 +1,21 @@
-"""A run that goes on elsewhere, looked at from here: a thread reads what its gallery tells, words go back."""
+"""A run that goes on elsewhere, seen from here, and the runs of its schedule that come after it."""
 
 from __future__ import annotations
 
 import contextlib
+import os
+import signal
 import socket
 import threading
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 import msgspec
 
 from sattrack.core.errors import SattrackError
-from sattrack.runtime.gallery import name_for
+from sattrack.runtime.gallery import feeders, name_for, started_by
 from sattrack.runtime.owner import ask_stop, owners
-from sattrack.tui.schedule_runs import LOOK_EVERY_S, goes_on, next_run, stop_schedule
 from sattrack.tui.seen_run import SeenRun
 from sattrack.views.messages import StopNow, encode_message
 from sattrack.views.run import Farewell, PassView, SessionView, TrackView, Welcome
@@ -24,15 +26,98 @@ if TYPE_CHECKING:
 
     from sattrack.runtime.facts import RunFacts
     from sattrack.views.messages import Message, SessionMessage
+    from sattrack.views.schedule import ScheduleView
+
+LOOK_EVERY_S = 0.5
+RUNNER_BACK_WITHIN_S = 15.0
+"""How long a schedule is waited for whose runner is gone: it may be about to be started again."""
+OVER = frozenset({"ended", "stopped"})
+
+
+def schedule_in(folder: Path) -> ScheduleView | None:
+    """Return what the runner of a schedule says in its folder; raises SattrackError, as `read_status`."""
+    from sattrack.schedule.night_files import read_status
+
+    return read_status(folder)
+
+
+def folder_of(recording: str) -> Path:
+    """Return the folder of the schedule that a run of this recording would belong to."""
+    return Path(recording).parent.parent
+
+
+def goes_on(recording: str | None) -> bool:
+    """Tell whether a run of this recording is one of a schedule's that is not over."""
+    return _is_on(_schedule_of(recording))
+
+
+def next_run(recording: str | None, waits: Callable[[float], bool]) -> int | None:
+    """Wait for the next run of the schedule that a run of this recording was of; return its process.
+
+    None where none will come: the schedule is over, or nobody runs it any more. `waits` is called to wait so
+    many seconds, and returns whether to go on.
+    """
+    gone_s: float | None = None
+    while _is_on(view := _schedule_of(recording)):
+        runner = None if view is None else view.pid
+        now_s = time.monotonic()
+        gone_s = None if runner is not None else now_s if gone_s is None else gone_s
+        if gone_s is not None and now_s - gone_s > RUNNER_BACK_WITHIN_S:
+            break
+        found = [pid for pid in feeders() if runner is not None and started_by(pid) == runner]
+        if found:
+            return found[-1]
+        if not waits(LOOK_EVERY_S):
+            break
+    return None
+
+
+def stop_schedule(recording: str | None) -> bool:
+    """Have the runner of a run's schedule stop the mount, and end; False where none runs.
+
+    It is an operator's stop: a restart follows nothing either.
+    """
+    from sattrack.schedule.night_stop import keep_stop
+
+    view = _schedule_of(recording)
+    if recording is None or view is None or view.pid is None:
+        return False
+    try:
+        keep_stop(folder_of(recording), "at the session's screen")
+    except OSError:
+        return _interrupt(view.pid)
+    return True
+
+
+def _interrupt(process_id: int) -> bool:
+    try:
+        os.kill(process_id, signal.SIGINT)
+    except OSError:
+        return False
+    return True
+
+
+def _is_on(view: ScheduleView | None) -> bool:
+    return view is not None and (view.running or view.state not in OVER)
+
+
+def _schedule_of(recording: str | None) -> ScheduleView | None:
+    if recording is None:
+        return None
+    try:
+        return schedule_in(folder_of(recording))
+    except SattrackError:
+        return None
+
 
 WELCOME_WITHIN_S = 5.0
 TRY_AGAIN_S = 0.02
 STOP_WITHIN_S = 1.0
-"""How long a stop may take to show, before it is said another way."""
+"""How long a stop may take to show, before it is sent another way."""
 LONGEST_UNREAD = 20_000
 
-_Told = TrackView | SessionView | Welcome | Farewell
-_TOLD: msgspec.json.Decoder[_Told] = msgspec.json.Decoder(_Told)
+_Message = TrackView | SessionView | Welcome | Farewell
+_MESSAGES: msgspec.json.Decoder[_Message] = msgspec.json.Decoder(_Message)
 
 
 class AttachedRun(SeenRun):
@@ -151,16 +236,16 @@ class AttachedRun(SeenRun):
 
     def _take(self, line: bytes) -> None:
         try:
-            told = _TOLD.decode(line)
+            message = _MESSAGES.decode(line)
         except msgspec.MsgspecError:
             if not self._see_summary(line):
                 self._take_facts(line)
             return
-        if isinstance(told, TrackView):
-            self._stopping = told.ended_by is not None
-            self._recording = told.recording
-        if isinstance(told, TrackView | SessionView):
-            self._see(told)
+        if isinstance(message, TrackView):
+            self._stopping = message.ended_by is not None
+            self._recording = message.recording
+        if isinstance(message, TrackView | SessionView):
+            self._see(message)
 
     def _take_facts(self, line: bytes) -> None:
         """Take the facts from which a run's sky is drawn; anything else is later's."""
@@ -182,7 +267,7 @@ def welcomed(pid: int, name: str) -> tuple[socket.socket, BinaryIO, Welcome]:
         _knock(door, name_for(pid))
         door.sendall(msgspec.json.encode({"type": "hello", "name": name}) + b"\n")
         lines = door.makefile("rb")
-        first = _TOLD.decode(lines.readline())
+        first = _MESSAGES.decode(lines.readline())
     except (OSError, msgspec.MsgspecError):
         door.close()
         raise SattrackError(f"process {pid} has no run to look at, or does not answer") from None

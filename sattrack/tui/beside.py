@@ -16,7 +16,6 @@ from sattrack.core.own_program import ending_with_us, own_program
 from sattrack.runtime.owner import owners
 from sattrack.tui.child import ConsoleProcess
 from sattrack.tui.console_feed import Latest
-from sattrack.tui.tonight import PassRow, read_passes
 from sattrack.views.messages import Leave
 from tle.instants import Utc
 
@@ -25,8 +24,41 @@ if TYPE_CHECKING:
 
 HOURS = 12.0
 LOWEST_PRIORITY = 19
-LATE_AFTER_S = 180.0
 GRACE_S = 2.0
+SAME_PASS_S = 120.0
+
+
+class PassRow(msgspec.Struct, frozen=True):
+    """One pass, as `passes --json` gives it."""
+
+    name: str
+    catalog_number: int
+    rise_utc: str | None
+    culminate_utc: str
+    set_utc: str | None
+    max_alt_deg: float
+    rise_az_deg: float | None
+    set_az_deg: float | None
+    sunlit_from_utc: str | None
+    sunlit_to_utc: str | None
+    sun_alt_deg: float | None
+    feasible: bool | None
+    why_not: str | None
+
+    @property
+    def culminate_utc_s(self) -> float:
+        """When it culminates, POSIX seconds."""
+        return float(Utc.parse(self.culminate_utc).unix_s)
+
+    def is_of(self, catalog_number: int, culminate_utc_s: float) -> bool:
+        """Tell whether it is the pass that somebody names so."""
+        near = abs(self.culminate_utc_s - culminate_utc_s) < SAME_PASS_S
+        return self.catalog_number == catalog_number and near
+
+
+def read_passes(data: bytes) -> tuple[PassRow, ...]:
+    """Return the passes of `passes --json`; raises msgspec.MsgspecError."""
+    return tuple(msgspec.json.decode(data, type=list[PassRow]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +85,7 @@ class PassSearch:
         self._process: subprocess.Popen[bytes] | None = None
         self._found: tuple[PassRow, ...] | None = None
         self.trouble = "" if beside.passes is not None else beside.why
-        """Why there is no list, in words."""
+        """Why there is no list; empty where there is one."""
         self.begun_utc_s: float | None = None
         """From which instant on the last search looks."""
 
@@ -90,13 +122,13 @@ class PassSearch:
             self._process.kill()
 
     def _run(self, command: list[str]) -> None:
-        with tempfile.TemporaryFile() as told:
+        with tempfile.TemporaryFile() as errors:
             try:
                 self._process = subprocess.Popen(
                     command,
                     stdin=subprocess.PIPE,
                     stdout=subprocess.PIPE,
-                    stderr=told,
+                    stderr=errors,
                     start_new_session=True,
                     env=ending_with_us(),
                 )
@@ -106,13 +138,13 @@ class PassSearch:
             with contextlib.suppress(OSError):
                 os.setpriority(os.PRIO_PROCESS, self._process.pid, LOWEST_PRIORITY)
             out, _ = self._process.communicate(self._beside.elements or b"")
-            told.seek(0)
-            words = told.read().decode(errors="replace").strip().splitlines()
+            errors.seek(0)
+            lines = errors.read().decode(errors="replace").strip().splitlines()
         try:
             self._found = read_passes(out)
             self.trouble = ""
         except msgspec.MsgspecError:
-            self.trouble = words[-1] if words else "the search for passes said nothing"
+            self.trouble = lines[-1] if lines else "the search for passes said nothing"
 
 
 class MountLook:

@@ -13,11 +13,10 @@ from sattrack.mount.model import Slew
 from sattrack.mount.requests import Abort, FindHome, Park, Sync
 from sattrack.tui import console_panels as panels
 from sattrack.tui import words
-from sattrack.tui.console_dialogs import HELP, Direction, DirectionDialog, Question
-from sattrack.tui.console_scene import FIRST_RATE, ConsoleScene, jog_rates_deg_s
-from sattrack.tui.help import HelpScreen
-from sattrack.tui.screen_app import ScreenApp
-from sattrack.tui.themed import NIGHT_LOOK, TooSmall
+from sattrack.tui.appearance import NIGHT
+from sattrack.tui.console_panels import FIRST_RATE, ConsoleScene, jog_rates_deg_s
+from sattrack.tui.dialogs import CONSOLE_TEXT, DirectionDialog, EnteredDirection, HelpScreen, Question
+from sattrack.tui.screen_app import ScreenApp, TooSmall
 from sattrack.views import console_words
 from sattrack.views.messages import Jog, Leave, Reset
 
@@ -38,23 +37,11 @@ LAGGING_S = 0.5
 LEAVE_WITHIN_S = 70.0
 OBEYED_WORDS = ("stopping", "idle")
 
-TITLES = {
-    "#pointing": "pointing",
-    "#drives": "drives (tics/10 s)",
-    "#state": "state",
-    "#acks": "acknowledged",
-    "#readings": "read as",
-    "#place": "site and datagram",
-    "#link": "link",
-    "#asked": "asked of late",
-    "#jog": "jog",
-}
-
 
 class ConsoleApp(ScreenApp):
     """Shows a mount and takes the operator's keys. `monotonic` is this process's own clock, seconds.
 
-    `first` was asked for before there was a screen: it is said as soon as the mount is heard.
+    `first` was asked for before there was a screen: it is sent as soon as the mount is heard.
     """
 
     TITLE = "sattrack mount watch"
@@ -77,7 +64,7 @@ class ConsoleApp(ScreenApp):
         feed: ConsoleFeed,
         monotonic: Callable[[], float] = time.monotonic,
         first: ConsoleMessage | None = None,
-        appearance: Appearance = NIGHT_LOOK,
+        appearance: Appearance = NIGHT,
     ) -> None:
         super().__init__(appearance)
         self._feed = feed
@@ -103,7 +90,7 @@ class ConsoleApp(ScreenApp):
         with Container(id="below"):
             yield panels.GroupPanel(console_words.place, "place")
             yield panels.ReadingsPanel("readings")
-            yield panels.LinkPanel("link")
+            yield panels.MountLinkPanel("link")
         with Container(id="bottom"):
             yield panels.AskedPanel("asked")
             yield panels.JogPanel("jog")
@@ -113,8 +100,6 @@ class ConsoleApp(ScreenApp):
     def on_mount(self) -> None:
         """Set the look, and look at the feed from now on."""
         self.set_look()
-        for name, title in TITLES.items():
-            self.query_one(name).border_title = title
         self.every(LOOK_EVERY_S, self.look)
         self.look()
 
@@ -135,7 +120,7 @@ class ConsoleApp(ScreenApp):
 
     @property
     def scene(self) -> ConsoleScene | None:
-        """What is to be drawn; None before the first view."""
+        """What to draw; None before the first view."""
         if self._view is None:
             return None
         now_s = self._monotonic()
@@ -186,7 +171,7 @@ class ConsoleApp(ScreenApp):
     def action_slew(self) -> None:
         """Ask where to, and slew there."""
 
-        def go(direction: Direction | None) -> None:
+        def go(direction: EnteredDirection | None) -> None:
             if direction is not None:
                 self._tell(Slew(direction.ra_deg, direction.dec_deg))
 
@@ -195,7 +180,7 @@ class ConsoleApp(ScreenApp):
     def action_sync(self) -> None:
         """Ask for the direction that the mount points to, ask again, and sync."""
 
-        def ask(direction: Direction | None) -> None:
+        def ask(direction: EnteredDirection | None) -> None:
             if direction is None:
                 return
             text = f"The mount will report {_spoken(direction)} for where it points now{self._reported()}."
@@ -224,13 +209,13 @@ class ConsoleApp(ScreenApp):
 
     def action_help(self) -> None:
         """Show what the keys do."""
-        self.push_screen(HelpScreen(HELP))
+        self.push_screen(HelpScreen(CONSOLE_TEXT))
 
     def _reported(self) -> str:
         status = None if self._view is None else self._view.status
         if status is None:
             return ""
-        return f", which it reports as {_spoken(Direction(status.ra_h * 15.0, status.dec_deg))}"
+        return f", which it reports as {_spoken(EnteredDirection(status.ra_h * 15.0, status.dec_deg))}"
 
     def _tell(self, order: ConsoleMessage) -> None:
         if not self._ended:
@@ -256,5 +241,5 @@ def _show(main: DOMNode, scene: ConsoleScene) -> None:
         panel.show(scene)
 
 
-def _spoken(direction: Direction) -> str:
+def _spoken(direction: EnteredDirection) -> str:
     return f"RA {words.right_ascension(direction.ra_deg)} Dec {words.declination(direction.dec_deg)}"

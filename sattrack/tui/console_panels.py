@@ -1,34 +1,177 @@
-"""The panels of the console's screen."""
+"""The panels of a mount, for the console and for a run's mount screen, and the scene they draw."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from rich.cells import cell_len
+from textual.containers import Container, Vertical
 from textual.content import Content
+from textual.widgets import Static
 
+from sattrack.mount.model import DTICS_S_PER_DEG_S
 from sattrack.tui import words
-from sattrack.tui.console_scene import ConsoleScene, cautions, headline, jog_rates_deg_s
 from sattrack.tui.look import DIM, PLATE, SPOKEN
-from sattrack.tui.panels import CautionsPanel, HeadlinePanel, Part, Row, ScenePanel, labelled, rows_content
-from sattrack.tui.scene import Caution, Headline, Tone
-from sattrack.tui.touch import Touch, TouchBar
+from sattrack.tui.panels import (
+    STOP_PLATE,
+    CautionsPanel,
+    HeadlinePanel,
+    Part,
+    Row,
+    ScenePanel,
+    Touch,
+    TouchBar,
+    labelled,
+    rows_content,
+)
+from sattrack.tui.scene import NO_NEWS_AFTER_S, STOP_UNHEARD_AFTER_S, Caution, Headline, Tone
 from sattrack.views import console_words
-from sattrack.views.console_words import Group, Line, number
+from sattrack.views.console_words import SIDEREAL_DTICS_S, Group, Line, number
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from textual.app import ComposeResult
+
     from sattrack.mount.model import Status
     from sattrack.views.run import AskedView, ConsoleView
+
+JOG_RATES_DEG_S = (0.02, 0.1, 0.5, 2.0)
+"""Between the guide rate and the profile's limit."""
+FIRST_RATE = 2
+RATES = len(JOG_RATES_DEG_S) + 2
+HALF_SIDEREAL_DEG_S = SIDEREAL_DTICS_S / DTICS_S_PER_DEG_S / 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class ConsoleScene:
+    """Everything the screen draws from."""
+
+    view: ConsoleView
+    rate: int = FIRST_RATE
+    """Which of the six jog rates is chosen, 1 to 6."""
+    news_age_s: float = 0.0
+    """Seconds since the console was last heard, by this process's own clock."""
+    stop_sent_s: float | None = None
+    """Seconds since the stop key was pressed; None where it was not, or was obeyed."""
+    leaving: bool = False
+    ended: bool = False
+    """Whether the console's process has ended its stream."""
+    by_brackets: bool = False
+    """Whether the brackets choose the jog rate, and not its own key."""
+
+
+def jog_rates_deg_s(view: ConsoleView) -> tuple[float, ...]:
+    """Return the six rates of the keys 1 to 6, growing: the mount's guide rate first, the limit last."""
+    limit = min(view.max_ra_rate_deg_s, view.max_dec_rate_deg_s)
+    guide = view.guide_rate_deg_s
+    if guide is None or not 0.0 < guide < JOG_RATES_DEG_S[0]:
+        guide = HALF_SIDEREAL_DEG_S
+    return tuple(min(rate, limit) for rate in (guide, *JOG_RATES_DEG_S, limit))
+
+
+def headline(scene: ConsoleScene) -> Headline:
+    """Return what to read first."""
+    view = scene.view
+    if scene.ended:
+        return Headline("CONSOLE ENDED", "nothing here is live; q leaves", Tone.BAD)
+    if scene.news_age_s > NO_NEWS_AFTER_S:
+        rest = f"from the console for {scene.news_age_s:.0f} s: everything below is old"
+        return Headline("NO NEWS", rest, Tone.BAD)
+    if view.link.state == "silent":
+        return Headline("NOT HEARD", "no status from the mount yet", Tone.NOTICE)
+    if view.link.state == "lost":
+        return Headline("LINK LOST", "the mount is silent: everything below is old", Tone.BAD)
+    if scene.stop_sent_s is not None:
+        return Headline("STOP SENT", "not confirmed yet", Tone.NOTICE)
+    return _doing(view) if view.status is None else _doing_of(view, view.status)
+
+
+def _doing(view: ConsoleView) -> Headline:
+    return Headline(view.doing.upper(), "", Tone.NOTICE)
+
+
+def _doing_of(view: ConsoleView, status: Status) -> Headline:
+    if view.doing == "stopping":
+        return Headline("STOPPING", "bringing the mount to rest", Tone.NOTICE)
+    if view.tripped is not None and view.at_rest:
+        return Headline("LIMIT", f"stopped at the {view.tripped} limit; r lets it move again", Tone.BAD)
+    if view.doing == "jogging":
+        ra, dec = number(view.ra_rate_deg_s, 4, sign=True), number(view.dec_rate_deg_s, 4, sign=True)
+        return Headline("JOGGING", f"RA {ra}  Dec {dec} °/s against the stars", Tone.NOTICE)
+    if view.doing != "idle":
+        word, _, rest = view.doing.partition(" ")
+        return Headline(word.upper(), rest or "by order from here", Tone.NOTICE)
+    return _idle(view, status)
+
+
+def _idle(view: ConsoleView, status: Status) -> Headline:
+    if status.slewing or not view.at_rest:
+        return Headline("MOVING", "not by this console", Tone.NOTICE)
+    if status.at_park:
+        return Headline("PARKED", "the drives have no power", Tone.CALM)
+    if abs(status.ra_rate_dtics_s) < SIDEREAL_DTICS_S / 2.0:
+        return Headline("AT REST", "the axes stand still", Tone.CALM)
+    return Headline("TRACKING", "following the stars", Tone.GOOD)
+
+
+_ADVICE = (
+    ("another program", "SPACE stops the mount all the same"),
+    ("safety stopped", "once it is at rest, r lets it move again"),
+)
+
+
+def cautions(scene: ConsoleScene) -> tuple[Caution, ...]:
+    """Return what wants attention, the gravest first."""
+    view, found = scene.view, []
+    if scene.leaving and not scene.ended:
+        found.append(Caution("leaving as soon as nothing moves", "q again leaves at once", Tone.CALM))
+    if scene.ended:
+        return (Caution("the console has ended", "make sure that the mount is at rest", Tone.BAD),)
+    if scene.news_age_s > NO_NEWS_AFTER_S:
+        found.append(
+            Caution("the console says nothing", "press SPACE, then use the mount's own stop", Tone.BAD)
+        )
+    elif scene.stop_sent_s is not None and scene.stop_sent_s > STOP_UNHEARD_AFTER_S:
+        found.append(Caution("the stop was not obeyed", "use the mount's own stop", Tone.BAD))
+    if view.refusal is not None and view.refusal not in view.warnings:
+        found.append(Caution("not done", view.refusal, Tone.NOTICE))
+    for text in view.warnings:
+        advice = next((do for begins, do in _ADVICE if text.startswith(begins)), "")
+        found.append(Caution(text, advice, Tone.BAD if view.link.state == "lost" else Tone.NOTICE))
+    if view.link.state == "silent":
+        found.append(
+            Caution("the mount has not answered yet", "is it on, and set to send here?", Tone.NOTICE)
+        )
+    return tuple(found)
+
 
 LOUD = SPOKEN[Tone.NOTICE]
 ASKED_AT_MOST = 5
 LAMP_ON, LAMP_OFF = "●", "○"
 
 
+TITLES = {
+    "pointing": "pointing",
+    "drives": "drives (tics/10 s)",
+    "state": "state",
+    "acks": "acknowledged",
+    "readings": "read as",
+    "place": "site and datagram",
+    "link": "link",
+    "asked": "asked of late",
+    "jog": "jog",
+}
+"""By the panels' names; on a run's mount screen these begin with `m-`."""
+
+
 class ConsolePanel(ScenePanel[ConsoleScene]):
-    """A panel of the console's screen."""
+    """A panel of the console's screen, or of a run's mount screen."""
+
+    def __init__(self, id: str | None = None) -> None:  # noqa: A002 - Textual's own name
+        super().__init__(id)
+        self.border_title = None if id is None else TITLES.get(id.removeprefix("m-"))
 
 
 class ConsoleTitle(ConsolePanel):
@@ -55,19 +198,15 @@ class ConsoleTitle(ConsolePanel):
 
 
 class ConsoleHeadline(ConsolePanel, HeadlinePanel[ConsoleScene]):
-    """What the mount does, or whatever matters more."""
+    """What the mount does, or what matters more."""
 
-    def headline_of(self, scene: ConsoleScene) -> Headline:
-        """Return what is to be read first."""
-        return headline(scene)
+    headline_of = staticmethod(headline)
 
 
 class ConsoleCautions(ConsolePanel, CautionsPanel[ConsoleScene]):
     """What wants attention about a mount."""
 
-    def cautions_of(self, scene: ConsoleScene) -> tuple[Caution, ...]:
-        """Return what wants attention."""
-        return cautions(scene)
+    cautions_of = staticmethod(cautions)
 
 
 class GroupPanel(ConsolePanel):
@@ -143,7 +282,7 @@ class ReadingsPanel(ConsolePanel):
         return [first, [*second, ("   MoveAxis ", DIM), f"{scene.view.move_axis}, by the profile"]]
 
 
-class LinkPanel(ConsolePanel):
+class MountLinkPanel(ConsolePanel):
     """How the mount is heard."""
 
     small: ClassVar[int] = 3
@@ -164,7 +303,12 @@ class LinkPanel(ConsolePanel):
         """Return them in three rows."""
         state, *others = console_words.link(scene.view).lines
         return [
-            [("link    ", DIM), (_said(state), LOUD if state.loud else "bold"), "  ", *_joined(others[:5])],
+            [
+                ("link    ", DIM),
+                (_shown(state), LOUD if state.loud else "bold"),
+                "  ",
+                *_joined(others[:5]),
+            ],
             ["        ", *_joined(others[5:10])],
             ["        ", *_joined(others[10:])],
         ]
@@ -183,11 +327,11 @@ class AskedPanel(ConsolePanel):
             return [[("nothing asked yet: g slew  s sync  p park  h home, arrows jog", DIM)]]
         rows: list[Row] = []
         for one in reversed(asked):
-            what, became = _asked(one)
+            what, outcome = _asked(one)
             if self.content_size.height < 2 * ASKED_AT_MOST:
-                rows.append([*what, ": ", *became])
+                rows.append([*what, ": ", *outcome])
             else:
-                rows += [what, [" " * 9, *became]]
+                rows += [what, [" " * 9, *outcome]]
         return rows
 
 
@@ -227,7 +371,7 @@ class ConsoleKeys(ConsolePanel, TouchBar[ConsoleScene]):
         keys = [("g", "slew"), ("s", "sync"), ("p", "park"), ("h", "home")]
         if scene is not None and scene.view.tripped is not None:
             keys.append(("r", "reset"))
-        stop: list[Touch] = [(" SPACE STOP ", PLATE[Tone.BAD], "space"), ("   ", "", None)]
+        stop: list[Touch] = [(STOP_PLATE, PLATE[Tone.BAD], "space"), ("   ", "", None)]
         return [*_touches(keys), *stop, *_touches([("q", "leave"), ("?", "help")])]
 
 
@@ -248,10 +392,10 @@ def _rows(lines: tuple[Line, ...]) -> list[Row]:
 
 
 def _row(line: Line, cells: int) -> Row:
-    return labelled(line.name, (_said(line), LOUD if line.loud else "bold"), cells=cells)
+    return labelled(line.name, (_shown(line), LOUD if line.loud else "bold"), cells=cells)
 
 
-def _said(line: Line) -> str:
+def _shown(line: Line) -> str:
     """Return a value as it is shown: what is wrong with the link in capitals, as on the screen of a run."""
     return line.value.upper() if line.loud and line.name == "state" else line.value
 
@@ -264,7 +408,7 @@ def _joined(lines: Iterable[Line]) -> Row:
 
 
 def _asked(asked: AskedView) -> tuple[Row, Row]:
-    """Return what was asked, and what became of it."""
+    """Return what was asked, and the outcome."""
     good = asked.state == "complete"
     tone = Tone.GOOD if good else Tone.CALM if not asked.settled else Tone.NOTICE
     reason = f" ({asked.reason})" if asked.reason else ""
@@ -276,3 +420,38 @@ def _rate_key(before: str, rate_deg_s: float, chosen: bool, unit: str = "") -> P
     digits = number(rate_deg_s, 4).rstrip("0").rstrip(".")
     text = f"{before}{digits:<6}{unit}" if unit else before + digits
     return (f"[{text}]", PLATE[Tone.CALM]) if chosen else (f" {text} ", DIM)
+
+
+class MountPage(Vertical):
+    """Every field of the mount's last status, as the run hears it."""
+
+    def __init__(self) -> None:
+        super().__init__(id="mount-page")
+
+    def compose(self) -> ComposeResult:
+        """Make the parts."""
+        yield Static("", id="m-note", markup=False)
+        with Container(id="m-fields"):
+            yield GroupPanel(console_words.pointing, "m-pointing")
+            yield GroupPanel(console_words.drives, "m-drives")
+            yield GroupPanel(console_words.state, "m-state")
+        yield JogPanel("m-jog")
+        yield AcksPanel("m-acks")
+        with Container(id="m-below"):
+            yield GroupPanel(console_words.place, "m-place")
+            yield ReadingsPanel("m-readings")
+            yield MountLinkPanel("m-link")
+
+    def draw(self, view: ConsoleView | None, news_age_s: float, note: str, jog_rate: int | None) -> None:
+        """Take the newest look at the mount, and a note on it.
+
+        `jog_rate` is which rate is chosen, where the arrows jog; None where they do not.
+        """
+        self.query_one("#m-note", Static).update(note)
+        self.query_one("#m-jog").display = jog_rate is not None
+        if view is None:
+            return
+        rate = FIRST_RATE if jog_rate is None else jog_rate
+        scene = ConsoleScene(view=view, rate=rate, news_age_s=news_age_s, by_brackets=True)
+        for panel in self.query(ConsolePanel):
+            panel.show(scene)

@@ -1,7 +1,10 @@
-"""The panels of figures."""
+"""The panels of figures: error, satellite, times, link, mount, bias, and the error expected in the field."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,15 +13,124 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import Digits, Static
 
 from sattrack.tui import words
-from sattrack.tui.field import SIGMAS, field_of, figures, picture
 from sattrack.tui.look import DIM, SPOKEN
-from sattrack.tui.panels import Panel, Part, Row, labelled
+from sattrack.tui.offsets import LABELS, TRACK
+from sattrack.tui.panels import (
+    DOTS_ACROSS,
+    DOTS_DOWN,
+    DotCanvas,
+    Layer,
+    Panel,
+    Part,
+    Row,
+    cells_of,
+    labelled,
+)
 from sattrack.tui.scene import Scene, Tone, headline
 
 if TYPE_CHECKING:
     from textual.app import ComposeResult
 
-    from sattrack.views.run import LinkView
+    from sattrack.tui.offsets import Move
+    from sattrack.views.run import LinkView, PassView, TrackView
+
+ARCSEC = 3600.0
+SIGMAS = 2.0
+FIELD_ROOM = 1.08
+CENTRE, PLAIN_CENTRE = "×", "x"
+
+
+class FieldLayer(IntEnum):
+    """What a dot belongs to."""
+
+    FIELD = 0
+    EXPECTED = 1
+
+
+FIELD_LAYERS = (Layer("$quiet", "."), Layer("bold $primary", "o"))
+
+
+@dataclass(frozen=True, slots=True)
+class ExpectedField:
+    """What is drawn, arcseconds on the sky: one sigma along and across, the field's radius, its offsets."""
+
+    along_arcsec: float
+    across_arcsec: float
+    radius_arcsec: float | None
+    offset_along_arcsec: float
+    offset_across_arcsec: float
+
+    @property
+    def seen(self) -> str | None:
+        """How much of two sigmas lies in the field; None where no field is known."""
+        if self.radius_arcsec is None:
+            return None
+        corners = [
+            math.hypot(
+                SIGMAS * self.along_arcsec * math.cos(turn) - self.offset_along_arcsec,
+                SIGMAS * self.across_arcsec * math.sin(turn) - self.offset_across_arcsec,
+            )
+            for turn in (math.tau * step / 72 for step in range(72))
+        ]
+        inside = sum(distance <= self.radius_arcsec for distance in corners)
+        return "inside" if inside == len(corners) else "partly" if inside else "outside"
+
+
+def field_of(pass_view: PassView | None, view: TrackView) -> ExpectedField | None:
+    """Return what to draw at a view's instant; None where the expected error is not known."""
+    if pass_view is None or pass_view.along_arcsec is None or pass_view.across_arcsec is None:
+        return None
+    near = min(pass_view.path, key=lambda point: abs(point.utc_s - view.utc_s), default=None)
+    along_deg_s = 0.0 if near is None else near.along_deg_s
+    return ExpectedField(
+        pass_view.along_arcsec,
+        pass_view.across_arcsec,
+        None if pass_view.fov_deg is None else 0.5 * pass_view.fov_deg * ARCSEC,
+        view.bias_along_s * along_deg_s * ARCSEC,
+        view.bias_cross_deg * ARCSEC,
+    )
+
+
+def field_picture(field: ExpectedField, columns: int, rows: int, plain: bool = False) -> list[Row]:
+    """Return the ellipse of two sigmas and the field's circle, as large as fits."""
+    canvas = DotCanvas(columns, rows, FIELD_LAYERS, plain)
+    x, y = 0.5 * columns * DOTS_ACROSS, 0.5 * rows * DOTS_DOWN
+    wide, high = SIGMAS * field.along_arcsec, SIGMAS * field.across_arcsec
+    if field.radius_arcsec is not None:
+        wide = max(wide, field.radius_arcsec + abs(field.offset_along_arcsec))
+        high = max(high, field.radius_arcsec + abs(field.offset_across_arcsec))
+    scale = min((x - 0.5) / max(wide, 1e-9), (y - 0.5) / max(high, 1e-9)) / FIELD_ROOM
+    if field.radius_arcsec is not None:
+        middle = x + scale * field.offset_along_arcsec, y - scale * field.offset_across_arcsec
+        _oval(canvas, middle, scale * field.radius_arcsec, scale * field.radius_arcsec, FieldLayer.FIELD)
+        mark = PLAIN_CENTRE if plain else CENTRE
+        canvas.write(int(middle[0]) // DOTS_ACROSS, int(middle[1]) // DOTS_DOWN, mark, DIM)
+    axes = scale * SIGMAS * field.along_arcsec, scale * SIGMAS * field.across_arcsec
+    _oval(canvas, (x, y), *axes, FieldLayer.EXPECTED)
+    return canvas.drawn()
+
+
+def field_rows(field: ExpectedField | None, plain: bool = False) -> list[Row]:
+    """Return its sizes, a name and a figure in turn: two sigmas of the error, and the field's diameter."""
+    if field is None:
+        return [[("no error", DIM)], [("known", DIM)]]
+    rows: list[Row] = [
+        [("along", DIM)],
+        [(words.within(words.arcsec(SIGMAS * field.along_arcsec), plain), "bold")],
+        [("across", DIM)],
+        [(words.within(words.arcsec(SIGMAS * field.across_arcsec), plain), "bold")],
+    ]
+    if field.radius_arcsec is None:
+        return [*rows, [("field", DIM)], [("--fov", DIM)]]
+    return [*rows, [("field", DIM)], [(words.arcsec(2.0 * field.radius_arcsec), "bold")]]
+
+
+def _oval(canvas: DotCanvas, middle: tuple[float, float], wide: float, high: float, kind: FieldLayer) -> None:
+    count = max(16, math.ceil(math.tau * max(wide, high)))
+    for step in range(count):
+        turn = math.tau * step / count
+        canvas.dot(middle[0] + wide * math.cos(turn), middle[1] + high * math.sin(turn), kind)
+
 
 RATE_NEAR_LIMIT = 0.95
 FIELD_FIGURES_CELLS = 8
@@ -144,12 +256,12 @@ class TimesPanel(Panel):
 
 def _ends(scene: Scene) -> tuple[str, str]:
     """Return what a pass' two ends are called: a window in time neither rises nor sets."""
-    told = scene.sky
-    last = "set" if told is None or told.sets else "end"
+    pass_view = scene.sky
+    last = "set" if pass_view is None or pass_view.sets else "end"
     if scene.view.utc_s >= scene.view.start_utc_s:
-        # Whether by rising or by our coming late is not told.
+        # Whether by rising or because we came late is not known.
         return "begun", last
-    return "rise" if told is None or told.rises else "begin", last
+    return "rise" if pass_view is None or pass_view.rises else "begin", last
 
 
 def _until(seconds: float) -> str:
@@ -180,7 +292,7 @@ class LinkPanel(Panel):
             counts += [(f"   {name} ", DIM), _count(count)]
         # As wide for 9 ms as for 900: what stands to its right is not to jump.
         delay: Row = [] if link.delay_ms is None else [("  delay ", DIM), f"{_delay(link):<6}"]
-        fits = _cells([*row, *delay, *counts]) <= self.content_size.width
+        fits = cells_of([*row, *delay, *counts]) <= self.content_size.width
         return [[*row, *delay, *counts] if fits else [*row, *counts]]
 
 
@@ -226,16 +338,12 @@ def _clock(link: LinkView) -> Part:
     return f"{words.signed(offset_s, 3 if abs(offset_s) < 9.9995 else 1)} s"
 
 
-def _cells(row: Row) -> int:
-    return sum(cell_len(part if isinstance(part, str) else part[0]) for part in row)
-
-
 def _count(count: int) -> Part:
     return (str(count), SPOKEN[Tone.NOTICE] if count else "")
 
 
 class MountPanel(Panel):
-    """Where the mount says it is, and the rates it is told against what it can."""
+    """Where the mount says it is, and the rates commanded against its limits."""
 
     def full(self, scene: Scene) -> list[Row]:
         """Return position and rates in rows."""
@@ -245,9 +353,9 @@ class MountPanel(Panel):
         rows: list[Row] = [labelled("at RA", ra), labelled("at Dec", dec)]
         for name, rate, reached, limit in self._rates(scene):
             rows.append(labelled(f"{name} rate", *_rate_of(rate, limit)))
-            told = words.NOTHING if reached is None else words.signed(reached, 3)
+            text = words.NOTHING if reached is None else words.signed(reached, 3)
             cells = max(4, self.content_size.width - FULL_GAUGE_FREE_CELLS)
-            rows.append(labelled("reached", f"{told:<7} ", _gauge(rate, reached, limit, cells)))
+            rows.append(labelled("reached", f"{text:<7} ", _gauge(rate, reached, limit, cells)))
         return rows
 
     def compact(self, scene: Scene) -> list[Row]:
@@ -306,10 +414,10 @@ class RunPanel(Panel):
             row += [("  clock ", DIM), _clock(scene.view.link)]
         label = ("   recording ", DIM)
         whole = _recording(scene, self.content_size.width)
-        if _cells([*row, label, whole]) > self.content_size.width:
+        if cells_of([*row, label, whole]) > self.content_size.width:
             row[1], label = words.age(scene.view.elements_age_s), ("  rec ", DIM)
         row.append(label)
-        return [[*row, _recording(scene, self.content_size.width - _cells(row))]]
+        return [[*row, _recording(scene, self.content_size.width - cells_of(row))]]
 
 
 class FieldPanel(Panel):
@@ -318,14 +426,14 @@ class FieldPanel(Panel):
     def full(self, scene: Scene) -> list[Row]:
         """Return the picture with the figures to its right."""
         expected = field_of(scene.sky, scene.view)
-        told = figures(expected, scene.plain)
+        rows = field_rows(expected, scene.plain)
         if expected is None:
-            return told
+            return rows
         height = self.content_size.height
         columns = max(2, min(2 * height, self.content_size.width - FIELD_FIGURES_CELLS))
-        drawn = picture(expected, columns, height, scene.plain)
+        drawn = field_picture(expected, columns, height, scene.plain)
         return [
-            [*row, " ", *(told[number] if number < len(told) else [])] for number, row in enumerate(drawn)
+            [*row, " ", *(rows[number] if number < len(rows) else [])] for number, row in enumerate(drawn)
         ]
 
 
@@ -341,3 +449,128 @@ def _recording(scene: Scene, room: int) -> Part:
     if cell_len(path) > room:
         path = Path(path).name
     return (path if cell_len(path) <= room else f"…{path[1 - max(room, 2) :]}", "bold")
+
+
+CELLS = 8
+
+
+class BiasPanel(Panel):
+    """What is added to the satellite's direction, and which key moves it which way."""
+
+    def full(self, scene: Scene) -> list[Row]:
+        """Return the biases, the frame that the arrows move in, and what searches and observes, in rows."""
+        along, across = _track_values(scene)
+        rows = [labelled("along", *along, cells=CELLS), labelled("across", *across, cells=CELLS)]
+        if scene.tape is not None or not scene.in_control:
+            return [*rows, _others(scene), _news(scene)[:1]]
+        for move, keys in _moves(scene):
+            hint = "  ".join(keys)
+            if scene.frame is TRACK:
+                rows.append(labelled("", hint, cells=CELLS))
+                continue
+            value = _values(scene, move)
+            if len(value) == 1:
+                value.append((f"  {hint}", DIM))
+            rows.append(labelled(move.label, *value, cells=CELLS))
+        step: Row = [f"{scene.step.along_s:g} s", (" and ", DIM), f"{scene.step.cross_deg:g}°"]
+        rows.append(labelled("step", *step, ("  f ", DIM), scene.frame.name, cells=CELLS))
+        rows.append(_news(scene) or _others(scene))
+        return rows
+
+    def compact(self, scene: Scene) -> list[Row]:
+        """Return two rows: the track's, or beside them in few words what is more to the point."""
+        along, across = _track_values(scene)
+        news = _news(scene)
+        if scene.tape is not None or not scene.in_control:
+            return [labelled("along", *along, "   ", *news[:1]), labelled("across", *across)]
+        if scene.frame is TRACK:
+            rows = [labelled("along", *along), labelled("across", *across)]
+            hints: list[Row] = [
+                [("   ← behind  → ahead on track by ", DIM), f"{scene.step.along_s:g} s"],
+                [("   ↑ left  ↓ right of motion by ", DIM), f"{scene.step.cross_deg:g}°"],
+            ]
+            if news:
+                hints[1] = [("   ", DIM), *news]
+        else:
+            rows = [labelled(move.label, *_values(scene, move)) for move, _ in _moves(scene)]
+            by: Row = [(" by ", DIM), f"{scene.step.cross_deg:g}°"]
+            hints = [[(f"   {'  '.join(keys)}", DIM), *by] for _, keys in _moves(scene)]
+            if news:
+                hints[1] = [("   ", DIM), *news]
+        return [row + hint for row, hint in zip(rows, hints, strict=True)]
+
+
+def _moves(scene: Scene) -> list[tuple[Move, tuple[str, str]]]:
+    """Return what the arrows change, and what each of the two does."""
+    across, upward = scene.frame.across, scene.frame.upward
+    return [
+        (across, (f"← {across.minus}", f"→ {across.plus}")),
+        (upward, (f"↑ {upward.plus}", f"↓ {upward.minus}")),
+    ]
+
+
+def _track_values(scene: Scene) -> tuple[Row, Row]:
+    view = scene.view
+    along: Row = [
+        (f"{words.signed(view.bias_along_s, 3)} s", "bold"),
+        *_asked(scene, TRACK.across.what, f"{words.signed(view.bias_along_goal_s, 3)} s"),
+    ]
+    across: Row = [
+        (f"{words.signed(view.bias_cross_deg, 4)}°", "bold"),
+        *_asked(scene, TRACK.upward.what, f"{words.signed(view.bias_cross_goal_deg, 4)}°"),
+    ]
+    return along, across
+
+
+def _asked(scene: Scene, what: str, goal: str) -> Row:
+    """Return what was asked for; where that changes gradually, the change per second."""
+    rate = next((one.rate for one in scene.view.offsets if one.what == what), 0.0)
+    if rate == 0.0:
+        return [("  asked ", DIM), goal]
+    return [("  by ", DIM), f"{words.signed(rate, 5)}/s"]
+
+
+def _values(scene: Scene, move: Move) -> Row:
+    one = next((one for one in scene.view.offsets if one.what == move.what), None)
+    applied, total = (0.0, 0.0) if one is None else (one.applied, one.total)
+    value: Row = [(f"{words.signed(applied, 4)}°", "bold")]
+    if round(applied, 4) != round(total, 4):
+        value += [("  asked ", DIM), f"{words.signed(total, 4)}°"]
+    return value
+
+
+def _news(scene: Scene) -> Row:
+    """Return what searches, else what was estimated, else what was remembered; nothing where nothing is."""
+    search, estimate = scene.view.search, scene.view.estimate
+    if search is not None:
+        return [(f"{search.how} {search.elapsed_s:.0f} s", "bold"), ("   s keep  Esc cancel", DIM)]
+    if estimate is None:
+        return _remembered(scene)
+    counts: Part = f"{estimate.accepted} seen"
+    if estimate.rejected or estimate.refused:
+        counts = f"{estimate.accepted} of {estimate.accepted + estimate.rejected + estimate.refused} seen"
+    if estimate.along_sigma_s is None or estimate.cross_sigma_deg is None:
+        return [counts]
+    sigmas = (f"{estimate.along_sigma_s:.4f} s", f"{estimate.cross_sigma_deg:.4f}°")
+    return [counts, (f" {' '.join(words.within(text, scene.plain) for text in sigmas)}", DIM)]
+
+
+def _remembered(scene: Scene) -> Row:
+    """Return the bias that an earlier pass left, as long as it is in force."""
+    known = scene.view.remembered
+    if known is None or known.state != "in force":
+        return []
+    hours = (scene.view.utc_s - known.utc_s) / 3600.0
+    if known.along_sigma_s is None:
+        return [(f"{hours:.1f} h old nudge", "bold"), ("   m drop", DIM)]
+    return [
+        (f"{hours:.1f} h old {words.within(f'{known.along_sigma_s:.3f} s', scene.plain)}", "bold"),
+        ("   m drop", DIM),
+    ]
+
+
+def _others(scene: Scene) -> Row:
+    """Return the offsets of other frames that are not nothing."""
+    shown = {scene.frame.across.what, scene.frame.upward.what, TRACK.across.what, TRACK.upward.what}
+    others = [LABELS.get(one.what, one.what) for one in scene.view.offsets if one.what not in shown]
+    return [("also ", DIM), ", ".join(others)] if others else []

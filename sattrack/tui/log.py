@@ -1,4 +1,4 @@
-"""What was said during runs, line by line: phases, warnings, control, ends. No drawing."""
+"""The log of runs: phases, warnings, control, ends, a line each; and its screen."""
 
 from __future__ import annotations
 
@@ -6,10 +6,15 @@ import re
 from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.tui import words
+from sattrack.tui.look import DIM, SPOKEN
+from sattrack.tui.panels import ListPage, Row, rows_content
 from sattrack.tui.scene import Tone, why_ended
 
 if TYPE_CHECKING:
+    from textual.content import Content
+
     from sattrack.views.run import SessionView, Summary, TrackView
+
 
 MOST_LINES = 2000
 FILTERS = ("all", "warnings", "people")
@@ -17,8 +22,8 @@ FILTERS = ("all", "warnings", "people")
 _NUMBERS = re.compile(r"[-+−]?[0-9][0-9.]*")
 
 
-class Said(NamedTuple):
-    """One line: when (UTC, POSIX seconds), how loud, who said it, and the words."""
+class LogLine(NamedTuple):
+    """One line: when (UTC, POSIX seconds), its tone, its source, and the text."""
 
     utc_s: float
     tone: Tone
@@ -30,13 +35,13 @@ class LogBook:
     """Lines as they come, a bounded number."""
 
     def __init__(self) -> None:
-        self.lines: list[Said] = []
+        self.lines: list[LogLine] = []
         self.dropped = 0
         """How many old lines were let go."""
         self._phase = self._link = ""
         self._ended_by: str | None = None
         self._warned: set[str] = set()
-        self._said: str | None = None
+        self._last_event: str | None = None
         self._utc_s = 0.0
 
     def take(self, view: TrackView) -> None:
@@ -66,9 +71,9 @@ class LogBook:
 
     def hear(self, session: SessionView) -> None:
         """Take in what happened among the people before the run."""
-        if session.said is not None and session.said != self._said:
+        if session.said is not None and session.said != self._last_event:
             self.say(Tone.CALM, "people", session.said)
-        self._said = session.said
+        self._last_event = session.said
 
     def end(self, summary: Summary) -> None:
         """Take in what a run came to."""
@@ -81,12 +86,62 @@ class LogBook:
 
     def say(self, tone: Tone, source: str, text: str) -> None:
         """Add a line, dated by the last view."""
-        self.lines.append(Said(self._utc_s, tone, source, text))
+        self.lines.append(LogLine(self._utc_s, tone, source, text))
         if len(self.lines) > MOST_LINES:
             self.dropped += len(self.lines) - MOST_LINES
             del self.lines[:-MOST_LINES]
 
-    def shown(self, chosen: str) -> list[Said]:
+    def shown(self, chosen: str) -> list[LogLine]:
         """Return the lines that a filter lets through."""
         source = {"warnings": "warning", "people": "people"}.get(chosen)
         return [one for one in self.lines if source is None or one.source == source]
+
+
+class LogPage(ListPage):
+    """Draws a part of the log. Scrolled back, it keeps its place while lines are added."""
+
+    def __init__(self) -> None:
+        super().__init__(id="log")
+        self._book = LogBook()
+        self._filter = 0
+        self._top: LogLine | None = None
+        """The first line shown; None where it follows."""
+
+    def draw(self, book: LogBook) -> None:
+        """Take the log; nothing is redrawn where nothing has changed."""
+        self._book = book
+        self.renew()
+
+    def turn_filter(self) -> None:
+        """Go on to the next filter."""
+        self._filter = (self._filter + 1) % len(FILTERS)
+        self._top = None
+        self.refresh()
+
+    def move(self, rows: int) -> None:
+        """Scroll by so many rows, down where positive; at the end it follows again."""
+        lines = self._book.shown(FILTERS[self._filter])
+        first = max(0, min(self._first(lines) + rows, len(lines) - self._room))
+        self._top = None if first >= len(lines) - self._room else lines[first]
+        self.refresh()
+
+    def _first(self, lines: list[LogLine]) -> int:
+        if self._top is not None and self._top in lines:
+            return lines.index(self._top)
+        return max(0, len(lines) - self._room)
+
+    def _content(self) -> Content:
+        chosen = FILTERS[self._filter]
+        lines = self._book.shown(chosen)
+        first = self._first(lines)
+        shown = lines[first : first + self._room]
+        later = len(lines) - first - len(shown)
+        place = "the newest" if later == 0 else f"{later} later ones below"
+        head: Row = [("log ", DIM), (chosen, "bold"), (f"   {len(lines)} lines, {place}", DIM)]
+        return rows_content([head, *(self._row(one) for one in shown)])
+
+    def _row(self, one: LogLine) -> Row:
+        return [
+            (f"{words.clock(one.utc_s)} ", DIM),
+            (one.text, SPOKEN[one.tone] if one.source != "run" else ""),
+        ]

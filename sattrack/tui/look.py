@@ -1,15 +1,21 @@
-"""Colours and layout. Restrained and dark; every state that has a colour has a word as well."""
+"""Colours, layout, plain characters. Restrained and dark; every state that has a colour has a word too."""
 
 from __future__ import annotations
 
 import re
+from typing import TYPE_CHECKING
 
+from rich.segment import Segment
+from textual.filter import LineFilter
 from textual.theme import Theme
 
 from sattrack.tui.scene import Tone
 
+if TYPE_CHECKING:
+    from textual.color import Color
+
 DIM = "$quiet"
-"""Labels and whatever is not to be read first; styles name a theme's colours, so that it can be changed."""
+"""Labels, and what need not be read first; styles name a theme's colours, so that it can be changed."""
 
 NIGHT = Theme(
     name="night",
@@ -235,3 +241,72 @@ HelpScreen > VerticalScroll {
 }
 HelpScreen Static { height: auto; }
 """
+
+
+_ALIKE = {
+    "°": "d",
+    "′": "'",
+    "″": '"',
+    "−": "-",
+    "–": "-",
+    "…": "~",
+    "·": ".",
+    "•": ".",
+    "●": "@",
+    "○": "o",
+    "⊕": "&",
+    "×": "x",
+    "±": "~",
+    "σ": "s",
+    "←": "<",
+    "→": ">",
+    "↑": "^",
+    "↓": "v",
+    "▶": ">",
+    "▏": "|",
+    "▎": "|",
+    "▍": "|",
+    "▌": "|",
+    "┃": "|",
+    "│": "|",
+    "╻": "|",
+    "╹": "|",
+    "╷": "|",
+    "╵": "|",
+    "━": "-",
+    "─": "-",
+    "╺": "-",
+    "╸": "-",
+    "╴": "-",
+    "╶": "-",
+}
+BOX, BLOCKS, BRAILLE = range(0x2500, 0x2580), range(0x2580, 0x25A0), range(0x2800, 0x2900)
+
+
+def ascii_of(text: str) -> str:
+    """Return a text of as many characters, all of them ASCII: alike where there is something alike."""
+    return text if text.isascii() else "".join(_one(character) for character in text)
+
+
+def _one(character: str) -> str:
+    if character.isascii():
+        return character
+    if character in _ALIKE:
+        return _ALIKE[character]
+    code = ord(character)
+    if code in BOX:
+        return "+"
+    if code in BLOCKS:
+        return "#"
+    if code in BRAILLE:
+        return " " if code == BRAILLE.start else "."
+    return "?"
+
+
+class PlainFilter(LineFilter):
+    """Turns what is drawn into ASCII, last of all."""
+
+    def apply(self, segments: list[Segment], background: Color) -> list[Segment]:
+        """Return the segments with the same styles."""
+        del background
+        return [Segment(ascii_of(text), style, control) for text, style, control in segments]

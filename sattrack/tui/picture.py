@@ -1,4 +1,8 @@
-"""Draw the screens of a real pass, run in virtual time, as SVG: `python -m sattrack.tui.picture FOLDER`."""
+"""Draw the screens as SVG: `python -m sattrack.tui.picture FOLDER`.
+
+A run's screens are those of a real pass in virtual time. The console's mount is a simulated one in a process
+of its own, met over UDP and asked to slew; the clock is set to the practice pass.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +18,8 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
+from sattrack.core.own_program import own_program
+from sattrack.mount.model import Slew
 from sattrack.runtime import practice
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.pass_scene import pass_scene
@@ -21,19 +27,25 @@ from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.tui.app import TrackApp
 from sattrack.tui.appearance import Appearance
 from sattrack.tui.beside import Aside, Beside
-from sattrack.tui.feed import News
-from sattrack.tui.replay_app import ReplayApp, TapeFeed
-from sattrack.tui.tape import Tape
+from sattrack.tui.child import ConsoleProcess
+from sattrack.tui.console_app import ConsoleApp
+from sattrack.tui.console_feed import Latest
+from sattrack.tui.replay_app import ReplayApp, Tape, TapeFeed
+from sattrack.tui.seen_run import News
+from sattrack.views.messages import Leave
 from tle.elements import Elements
 
 if TYPE_CHECKING:
-    from sattrack.views.messages import Message, SessionMessage
-    from sattrack.views.run import PassView, TrackView
+    from sattrack.views.messages import ConsoleMessage, Message, SessionMessage
+    from sattrack.views.run import ConsoleView, PassView, TrackView
 
 COLUMNS, ROWS = 120, 40
 LOOK_EVERY_S = 0.05
 SKYLINE = ((0.0, 8.0), (60.0, 5.0), (110.0, 12.0), (170.0, 6.0), (200.0, 6.0), (250.0, 9.0), (310.0, 14.0))
 FIELD_DEG = 0.25
+EAST_OF_MERIDIAN_DEG = 20.0
+DEC_DEG = 40.0
+END_WITHIN_S = 30.0
 _MENDED = (
     (re.compile(r"@font-face\s*\{[^}]*\}\s*"), ""),
     (re.compile(r"<!--.*?-->\s*", re.DOTALL), ""),
@@ -68,7 +80,7 @@ SHOTS = {
 
 
 class RecordedFeed:
-    """Views that are there already; messages go nowhere. `ended` tells that there will be no more."""
+    """Views that are there already; messages go nowhere. `ended`: there will be no more."""
 
     def __init__(self, views: list[TrackView], sky: PassView | None = None, ended: bool = False) -> None:
         self._views = tuple(views)
@@ -94,7 +106,7 @@ def practice_views() -> list[TrackView]:
 
 
 def practice_sky() -> PassView:
-    """Return what is told of that pass beforehand: a skyline and a field of view are made up for it."""
+    """Return what is known of that pass beforehand, with a made-up skyline and field of view."""
     return msgspec.structs.replace(pass_scene(prepare(_request()).facts), horizon=SKYLINE)
 
 
@@ -155,6 +167,60 @@ def _app(views: list[TrackView], shot: Shot, sky: PassView | None) -> TrackApp:
     return ReplayApp(feed, _still, appearance)
 
 
+class StillFeed:
+    """One view, for good; orders go nowhere."""
+
+    def __init__(self, view: ConsoleView) -> None:
+        self._view = view
+
+    def latest(self) -> Latest:
+        """Return it."""
+        return Latest(self._view)
+
+    def tell(self, order: ConsoleMessage) -> bool:
+        """Take an order to nobody."""
+        del order
+        return False
+
+
+def slewing_view() -> ConsoleView:
+    """Return the view of a mount half-way through a slew."""
+    options = ["--mount", "sim", "--clock", practice.BEFORE_PASS, "--stream", "--control"]
+    console = ConsoleProcess([*own_program(), "mount", "watch", *options])
+    asked = False
+    try:
+        console.wait_first_view()
+        while True:
+            latest = console.latest()
+            view = latest.view
+            if latest.ended:
+                raise click.ClickException("the console ended before it slewed")
+            if view is None or view.status is None:
+                continue
+            if not asked and view.link.received > 40:
+                ra_deg = (view.status.sidereal_h * 15.0 + EAST_OF_MERIDIAN_DEG) % 360.0
+                asked = console.tell(Slew(ra_deg, DEC_DEG))
+            if asked and view.status.slewing and view.status.dec_deg > DEC_DEG / 2.0:
+                return view
+    finally:
+        console.tell(Leave())
+        console.close_input()
+        console.wait(END_WITHIN_S)
+        console.close()
+
+
+async def draw_console(
+    view: ConsoleView, columns: int = COLUMNS, rows: int = ROWS, keys: tuple[str, ...] = ()
+) -> str:
+    """Return the console's screen of a view, after some keys, as self-contained SVG."""
+    app = ConsoleApp(StillFeed(view), monotonic=_still)
+    async with app.run_test(size=(columns, rows)) as pilot:
+        await pilot.press(*keys)
+        await pilot.pause()
+        svg = app.export_screenshot(title="sattrack mount watch")
+    return self_contained(svg)
+
+
 def _still() -> float:
     return 0.0
 
@@ -171,10 +237,11 @@ def main() -> None:
     if len(sys.argv) != 2 or not Path(sys.argv[1]).is_dir():
         click.echo("usage: python -m sattrack.tui.picture FOLDER", err=True)
         sys.exit(2)
-    views, sky = practice_views(), practice_sky()
+    folder, views, sky = Path(sys.argv[1]), practice_views(), practice_sky()
     for name, shot in SHOTS.items():
         svg = asyncio.run(draw(views, shot, sky))
-        (Path(sys.argv[1]) / name).write_text(svg, encoding="utf-8")
+        (folder / name).write_text(svg, encoding="utf-8")
+    (folder / "console.svg").write_text(asyncio.run(draw_console(slewing_view())), encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What one look must tell: the newest view, what the keys have asked for, and how both read in words."""
+"""What one look must show: the newest view, what the keys have asked for, and how both read as text."""
 
 from __future__ import annotations
 
@@ -7,15 +7,18 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.tui import words
-from sattrack.tui.frames import TRACK
-from sattrack.tui.pages import LIVE
+from sattrack.tui.offsets import TRACK
 from sattrack.views.run import STARTER
 
 if TYPE_CHECKING:
-    from sattrack.tui.frames import Frame
-    from sattrack.tui.steps import Step
-    from sattrack.tui.tape import TapeView
+    from sattrack.tui.offsets import Frame, NudgeStep
+    from sattrack.tui.replay_app import TapeView
     from sattrack.views.run import PassView, SessionView, Summary, TrackView
+
+LIVE, TONIGHT, MOUNT, SCHEDULE, LOG = "live", "tonight", "mount", "schedule", "log"
+PAGES = {"1": LIVE, "2": TONIGHT, "3": MOUNT, "4": SCHEDULE, "5": LOG}
+PAGE_CLASSES = {page: f"-page-{page}" for page in PAGES.values()}
+
 
 ON_TARGET_ARCSEC = 2.0
 NO_NEWS_AFTER_S = 1.5
@@ -27,7 +30,7 @@ PAUSED = "paused"
 
 
 class Tone(StrEnum):
-    """How loudly something is said; also the style class it is drawn in."""
+    """How urgent something is; also the style class it is drawn in."""
 
     GOOD = "good"
     CALM = "calm"
@@ -56,7 +59,7 @@ class Scene:
     """Everything the screen draws from."""
 
     view: TrackView
-    step: Step
+    step: NudgeStep
     news_age_s: float = 0.0
     """Seconds since the feeder was last heard, by this process's own clock."""
     stop_sent_s: float | None = None
@@ -68,7 +71,7 @@ class Scene:
     frame: Frame = TRACK
     """What the arrow keys move the target by."""
     sky: PassView | None = None
-    """What was told of the pass beforehand; None where nothing was."""
+    """What is known of the pass beforehand; None where nothing is."""
     tape: TapeView | None = None
     """Where a recording stands that is shown; None for a run that goes on now."""
     plain: bool = False
@@ -86,7 +89,7 @@ class Scene:
     refused_s: float | None = None
     """Seconds since a key was of no use for want of control; None where none was."""
     hint: str = ""
-    """What was just answered to a key that did nothing, in words."""
+    """The answer to a key that did nothing."""
     jog_rate: int | None = None
     """Which jog rate is chosen, 1 to 6, while the run is paused; None while it is not."""
 
@@ -125,7 +128,7 @@ _ADVICE = (
 
 
 def headline(scene: Scene) -> Headline:
-    """Return what is to be read first."""
+    """Return what to read first."""
     view = scene.view
     if scene.ended or scene.beginning:
         return _over(scene)
@@ -222,7 +225,7 @@ def _between(scene: Scene, doing: str) -> Headline:
 
 
 def why_ended(ended_by: str) -> str:
-    """Return the reason of an end in words."""
+    """Return the reason of an end as text."""
     if ended_by.startswith("limit:"):
         return f"safety's {ended_by.removeprefix('limit:')} limit was reached"
     plain = {

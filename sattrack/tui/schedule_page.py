@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from sattrack.tui import words
 from sattrack.tui.look import DIM, PLATE, SPOKEN
-from sattrack.tui.panels import Redrawn, Row, rows_content
+from sattrack.tui.panels import ListPage, Row, rows_content
 from sattrack.tui.scene import Tone
 from tle.instants import Utc
 
@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 
 NAME_CELLS, SHORT_NAME_CELLS = 24, 18
 ROOM_FOR_LONG_NAMES = 100
-HEAD_ROWS = 4
 FOLLOWING, WAITING, IN_PROGRESS = "following", "waiting", "in progress"
 TONES = {"done": Tone.GOOD, IN_PROGRESS: Tone.CALM, "partly": Tone.NOTICE, "lost": Tone.BAD}
 RESULTS = ("done", "partly", "lost")
@@ -25,12 +24,14 @@ OVER = {
     "ended": ("the schedule is over", Tone.CALM),
     "stopped": ("its runner has ended; run it again to go on", Tone.NOTICE),
 }
-"""What is said of a schedule that nobody runs, by its last state."""
+"""The text for a schedule that nobody runs, by its last state."""
 NO_SCHEDULE = "this run is of no schedule; `sattrack run FILE` runs one"
 
 
-class SchedulePage(Redrawn):
+class SchedulePage(ListPage):
     """Draws what the runner of a schedule says of it, the passes about the present one."""
+
+    rows_that_stay = 4
 
     def __init__(self) -> None:
         super().__init__(id="schedule")
@@ -40,7 +41,7 @@ class SchedulePage(Redrawn):
         """How far it was scrolled from where it stands by itself."""
 
     def draw(self, view: ScheduleView | None, trouble: str) -> None:
-        """Take what was said last; nothing is redrawn where nothing has changed."""
+        """Take the newest status; nothing is redrawn where nothing has changed."""
         self._view, self._trouble = view, trouble
         self.renew()
 
@@ -49,14 +50,6 @@ class SchedulePage(Redrawn):
         count = 0 if self._view is None else len(self._view.passes)
         self._below = max(-count, min(count, self._below + rows))
         self.refresh()
-
-    def page(self, pages: int) -> None:
-        """Scroll by screens."""
-        self.move(pages * max(1, self._room - 1))
-
-    @property
-    def _room(self) -> int:
-        return max(1, self.content_size.height - HEAD_ROWS)
 
     def _content(self) -> Content:
         view = self._view
@@ -108,11 +101,11 @@ class SchedulePage(Redrawn):
         return [*row, *_state(view, one)]
 
 
-def in_words(view: ScheduleView) -> str:
+def schedule_text(view: ScheduleView) -> str:
     """Return what a runner does between two runs, and in how long the next pass begins."""
     left_s = next_in_s(view)
     if view.state == FOLLOWING:
-        # It was said while the run went on that is over.
+        # It is from the time of the run that is over.
         coming = _coming(view)
         doing = "its schedule goes on" if coming is None else f"next {coming.name}"
     else:
@@ -142,7 +135,7 @@ def _count(view: ScheduleView) -> Row:
 
 
 def _state(view: ScheduleView, one: PassView) -> Row:
-    """Return what became of a pass, or how long it is to it, or to its end."""
+    """Return the outcome of a pass, or the time to its beginning or end."""
     coming_s, left_s = _utc_s(one.start_utc) - view.utc_s, _utc_s(one.end_utc) - view.utc_s
     if not view.running:
         coming_s = left_s = 0.0

@@ -8,14 +8,12 @@ import msgspec
 
 from sattrack.core.errors import SattrackError
 from sattrack.tui import words
-from sattrack.tui.log import LogBook
-from sattrack.tui.log_page import LogPage
-from sattrack.tui.mount_page import MountPage
-from sattrack.tui.pages import LIVE, LOG, MOUNT, PAGE_CLASSES, SCHEDULE, TONIGHT
-from sattrack.tui.schedule_page import SchedulePage, in_words
-from sattrack.tui.schedule_runs import folder_of, schedule_in
-from sattrack.tui.tonight import Night
-from sattrack.tui.tonight_page import TonightPage
+from sattrack.tui.attached import folder_of, schedule_in
+from sattrack.tui.console_panels import MountPage
+from sattrack.tui.log import LogBook, LogPage
+from sattrack.tui.scene import LIVE, LOG, MOUNT, PAGE_CLASSES, SCHEDULE, TONIGHT
+from sattrack.tui.schedule_page import SchedulePage, schedule_text
+from sattrack.tui.tonight import PassList, TonightPage
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -23,10 +21,10 @@ if TYPE_CHECKING:
 
     from textual.dom import DOMNode
 
-    from sattrack.tui.beside import Aside
-    from sattrack.tui.feed import News
+    from sattrack.tui.beside import Aside, PassRow
+    from sattrack.tui.panels import ListPage
     from sattrack.tui.scene import Scene
-    from sattrack.tui.tonight import PassRow
+    from sattrack.tui.seen_run import News
     from sattrack.views.messages import SessionMessage
     from sattrack.views.run import ConsoleView, LearntView
     from sattrack.views.schedule import ScheduleView
@@ -35,6 +33,7 @@ SEARCH_AGAIN_S = 600.0
 READ_AGAIN_S = 2.0
 LOOK_AWAY_S = 30.0
 """How long a look at the mount lasts after its screen was left."""
+LISTS: dict[str, type[ListPage]] = {TONIGHT: TonightPage, SCHEDULE: SchedulePage, LOG: LogPage}
 NO_ASIDE = "nothing to show: this screen was started for the pass alone"
 
 
@@ -47,14 +46,14 @@ class Screens:
         self._read = read
         self._aside = aside
         self.page = LIVE
-        self.night = Night()
+        self.night = PassList()
         self.book = LogBook()
         self._console: ConsoleView | None = None
         self._heard_s = self._looked_s = 0.0
         self._ended = False
         self._schedule: tuple[ScheduleView | None, str] = (None, "")
         self._read_s: float | None = None
-        self._told_s = 0.0
+        self._changed_s = 0.0
         self._recording: str | None = None
 
     def take(self, news: News) -> None:
@@ -120,30 +119,10 @@ class Screens:
         """Return what operates the mount by hand; None for a simulated one, which ends with its run."""
         return None if self._aside is None else self._aside.console
 
-    def move(self, main: DOMNode, rows: int) -> None:
-        """Go down a list, or up where negative."""
-        if self.page == TONIGHT:
-            self.night.move(rows)
-        elif self.page == SCHEDULE:
-            main.query_one(SchedulePage).move(rows)
-        elif self.page == LOG:
-            main.query_one(LogPage).move(rows)
-
-    def turn_leaf(self, main: DOMNode, pages: int) -> None:
-        """Go down a list by screens."""
-        if self.page == TONIGHT:
-            main.query_one(TonightPage).page(pages)
-        elif self.page == SCHEDULE:
-            main.query_one(SchedulePage).page(pages)
-        elif self.page == LOG:
-            main.query_one(LogPage).page(pages)
-
-    def turn_filter(self, main: DOMNode) -> None:
-        """Go on to the next filter of a list."""
-        if self.page == TONIGHT:
-            self.night.turn_filter()
-        elif self.page == LOG:
-            main.query_one(LogPage).turn_filter()
+    def list_shown(self, main: DOMNode) -> ListPage | None:
+        """Return the list on the screen that is shown; None where it has none."""
+        kind = LISTS.get(self.page)
+        return None if kind is None else main.query_one(kind)
 
     def close(self) -> None:
         """End what was started for them."""
@@ -151,7 +130,7 @@ class Screens:
             self._aside.close()
 
     def _search(self, utc_s: float) -> str:
-        """Have the passes looked for where that is due; return what is to be said of it."""
+        """Search for passes where that is due; return the state of the search."""
         if self._aside is None:
             return NO_ASIDE
         search = self._aside.search
@@ -163,11 +142,11 @@ class Screens:
         return search.trouble
 
     def between(self, now_s: float) -> str:
-        """Return what the schedule does of which a run is over, in words."""
+        """Return what the schedule does between two runs."""
         view, _ = self._schedule_of(now_s)
         if view is None:
             return "its schedule goes on"
-        return in_words(self._gone_by(view, now_s))
+        return schedule_text(self._gone_by(view, now_s))
 
     def _schedule_of(self, now_s: float) -> tuple[ScheduleView | None, str]:
         """Return what stands in the folder of the schedule that a run belongs to, and what is wrong with it.
@@ -183,7 +162,7 @@ class Screens:
             except SattrackError as error:
                 self._schedule = None, str(error)
             if self._schedule[0] != before:
-                self._told_s = now_s
+                self._changed_s = now_s
         return self._schedule
 
     def _as_of(self, view: ScheduleView | None, scene: Scene, now_s: float) -> ScheduleView | None:
@@ -195,7 +174,7 @@ class Screens:
         return msgspec.structs.replace(view, utc_s=scene.view.utc_s)
 
     def _gone_by(self, view: ScheduleView, now_s: float) -> ScheduleView:
-        return msgspec.structs.replace(view, utc_s=view.utc_s + now_s - self._told_s)
+        return msgspec.structs.replace(view, utc_s=view.utc_s + now_s - self._changed_s)
 
     def _look_at_mount(self, scene: Scene, now_s: float) -> None:
         if self._aside is None:

@@ -1,24 +1,59 @@
-"""What is kept of a run that another process tells of, between a screen's looks."""
+"""A run seen from outside: what a screen needs of it, and what is kept between a screen's looks."""
 
 from __future__ import annotations
 
 import threading
 from collections import deque
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 
-from sattrack.tui.feed import News
 from sattrack.views.run import STARTER, SessionView, SummaryLine, TrackView
 
 if TYPE_CHECKING:
+    from sattrack.views.messages import Message, SessionMessage
     from sattrack.views.run import PassView, Summary
+
+
+@dataclass(frozen=True, slots=True)
+class News:
+    """What has come since the last look, oldest first."""
+
+    views: tuple[TrackView, ...] = ()
+    ended: bool = False
+    """Whether nothing more will come."""
+    summary: Summary | None = None
+    """What the run came to, once it has ended as it should."""
+    sky: PassView | None = None
+    """What is known of the pass, once it has come."""
+    rewound: bool = False
+    """Whether the views begin anew, at an earlier instant: what was drawn from those before is void."""
+    session: SessionView | None = None
+    """Who has control and who looks on, once that is known."""
+    you: int = STARTER
+    """The number by which that knows whoever looks here."""
+    run: int | None = None
+    """The process of the run, where it can become another one."""
+    between: bool = False
+    """Whether a run of a schedule is over, and the next one is waited for."""
+
+
+class Feed(Protocol):
+    """One run, seen from outside. Neither method ever waits."""
+
+    def news(self) -> News:
+        """Return what has come since the last call."""
+
+    def send(self, message: Message | SessionMessage) -> bool:
+        """Hand a message over; False where the run can no longer be reached."""
+
 
 _SUMMARY: msgspec.json.Decoder[SummaryLine] = msgspec.json.Decoder(SummaryLine)
 
 
 class SeenRun:
-    """Views and what else was told of a run: taken in by a thread of a subclass, handed out by `news`.
+    """Views and what else is known of a run: taken in by a thread of a subclass, handed out by `news`.
 
     At most `most_unread` views wait, the newest; None: all.
     """
@@ -65,17 +100,17 @@ class SeenRun:
                 self._between,
             )
 
-    def _see(self, told: TrackView | SessionView) -> None:
+    def _see(self, message: TrackView | SessionView) -> None:
         with self._changed:
-            if isinstance(told, TrackView):
-                self._views.append(told)
+            if isinstance(message, TrackView):
+                self._views.append(message)
                 self.viewed = True
             else:
-                self._session = told
+                self._session = message
             self._changed.notify_all()
 
     def _see_summary(self, line: bytes) -> bool:
-        """Take what the run came to; False where a line tells of something else."""
+        """Take the run's summary; False where a line is something else."""
         try:
             summary = _SUMMARY.decode(line).summary
         except msgspec.MsgspecError:

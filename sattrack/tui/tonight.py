@@ -1,56 +1,34 @@
-"""The passes to come as a list to choose from: filters, a cursor, what is armed. No drawing, no I/O."""
+"""The passes to come: a list to choose from, with filters, a cursor and what is armed; and its screen."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, NamedTuple
 
-import msgspec
+from textual.content import Content
 
+from sattrack.tui import words
+from sattrack.tui.beside import SAME_PASS_S, PassRow
+from sattrack.tui.look import DIM, PLATE, SPOKEN
+from sattrack.tui.panels import ListPage, Row, rows_content
+from sattrack.tui.scene import Tone
 from sattrack.views.messages import Arm, Disarm
-from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from textual.events import Click
+
+    from sattrack.tui.scene import Scene
     from sattrack.views.messages import SessionMessage
     from sattrack.views.run import Armed
 
-SAME_PASS_S = 120.0
 HIGH_DEG = 30.0
 
 
-class PassRow(msgspec.Struct, frozen=True):
-    """One pass, as `passes --json` tells it."""
-
-    name: str
-    catalog_number: int
-    rise_utc: str | None
-    culminate_utc: str
-    set_utc: str | None
-    max_alt_deg: float
-    rise_az_deg: float | None
-    set_az_deg: float | None
-    sunlit_from_utc: str | None
-    sunlit_to_utc: str | None
-    sun_alt_deg: float | None
-    feasible: bool | None
-    why_not: str | None
-
-    @property
-    def culminate_utc_s(self) -> float:
-        """When it culminates, POSIX seconds."""
-        return float(Utc.parse(self.culminate_utc).unix_s)
-
-    def is_of(self, catalog_number: int, culminate_utc_s: float) -> bool:
-        """Tell whether it is the pass that somebody names so."""
-        near = abs(self.culminate_utc_s - culminate_utc_s) < SAME_PASS_S
-        return self.catalog_number == catalog_number and near
-
-
 class Filter(NamedTuple):
-    """Which passes are shown, in words and as a test."""
+    """A label of which passes are shown, and the test."""
 
-    words: str
+    label: str
     lets: Callable[[PassRow], bool]
 
 
@@ -64,7 +42,7 @@ FILTERS = (
 )
 
 
-class Night:
+class PassList:
     """The passes to come, the one that is pointed at, and what to say to have one followed."""
 
     def __init__(self) -> None:
@@ -74,9 +52,9 @@ class Night:
         self.cursor = 0
 
     @property
-    def filter_words(self) -> str:
+    def filter_label(self) -> str:
         """Which passes are shown."""
-        return FILTERS[self._filter].words
+        return FILTERS[self._filter].label
 
     @property
     def count(self) -> int:
@@ -135,6 +113,102 @@ class Night:
             self.cursor = next(found, 0)
 
 
-def read_passes(data: bytes) -> tuple[PassRow, ...]:
-    """Return the passes of `passes --json`; raises msgspec.MsgspecError."""
-    return tuple(msgspec.json.decode(data, type=list[PassRow]))
+NAME_CELLS = 24
+HEAD_ROWS = 2
+
+
+class TonightPage(ListPage):
+    """Draws the list about its cursor, and details of the pass under it."""
+
+    rows_that_stay = HEAD_ROWS + 2
+
+    def __init__(self) -> None:
+        super().__init__(id="tonight")
+        self._night: PassList | None = None
+        self._scene: Scene | None = None
+        self._state = ""
+        self._first = 0
+
+    def draw(self, night: PassList, scene: Scene | None, state: str) -> None:
+        """Take the list and the run that goes on; `state` says what is going on with the search."""
+        self._night, self._scene, self._state = night, scene, state
+        self.renew()
+
+    def move(self, rows: int) -> None:
+        """Move the cursor by so many rows."""
+        if self._night is not None:
+            self._night.move(rows)
+            self.refresh()
+
+    def turn_filter(self) -> None:
+        """Go on to the next filter."""
+        if self._night is not None:
+            self._night.turn_filter()
+
+    def on_click(self, event: Click) -> None:
+        """Point to the row that was clicked."""
+        row = event.y - HEAD_ROWS
+        if self._night is not None and 0 <= row < self._room:
+            self.move(self._first + row - self._night.cursor)
+
+    def _content(self) -> Content:
+        night = self._night
+        if night is None:
+            return Content("")
+        last = max(0, len(night.rows) - self._room)
+        self._first = min(last, max(night.cursor - self._room + 1, min(self._first, night.cursor)))
+        shown = night.rows[self._first : self._first + self._room]
+        head: Row = [("passes to come ", DIM), (night.filter_label, "bold")]
+        head.append((f"   {len(night.rows)} of {night.count}", DIM))
+        if self._state:
+            head += ["   ", (self._state, SPOKEN[Tone.NOTICE])]
+        else:
+            head += ["   ", ("Enter", "bold"), (" arms  ", DIM), ("a", "bold"), (" follows now  ", DIM)]
+            head += [("f", "bold"), (" filters", DIM)]
+        columns: Row = [
+            (f"  {'rise':<9}{'highest':<9}{'set':<9}{'alt':>4}  {'satellite':<{NAME_CELLS}}  ", DIM)
+        ]
+        rows = [head, columns]
+        rows += [self._row(row, self._first + n == night.cursor) for n, row in enumerate(shown)]
+        rows += [[] for _ in range(self._room - len(shown))]
+        return rows_content([*rows, *_about(night.pointed)])
+
+    def _row(self, row: PassRow, pointed: bool) -> Row:
+        style = "reverse" if pointed else ""
+        name = words.fitted(row.name, NAME_CELLS)
+        rise = "is up" if row.rise_utc is None else words.iso_clock(row.rise_utc)
+        times = (rise, words.iso_clock(row.culminate_utc), words.iso_clock(row.set_utc))
+        text = "".join(f"{time:<9}" for time in times)
+        text += f"{row.max_alt_deg:3.0f}°  {name}"
+        return [("▶ " if pointed else "  ", "bold"), (text, style), "  ", *self._verdict(row)]
+
+    def _verdict(self, row: PassRow) -> Row:
+        scene = self._scene
+        queue: Sequence[Armed] = () if scene is None or scene.session is None else scene.session.queue
+        for place, one in enumerate(queue, start=1):
+            if row.is_of(one.catalog_number, one.culminate_utc_s):
+                return [(f" armed {place} ", PLATE[Tone.CALM])]
+        if scene is not None and row.is_of(scene.view.catalog_number, scene.view.culminate_utc_s):
+            return [
+                (" over " if scene.ended else " this one ", PLATE[Tone.CALM if scene.ended else Tone.GOOD])
+            ]
+        if row.feasible is None:
+            return [(words.NOTHING, DIM)]
+        return [("go", SPOKEN[Tone.GOOD])] if row.feasible else [("NO-GO", SPOKEN[Tone.BAD])]
+
+
+def _about(row: PassRow | None) -> list[Row]:
+    """Return details of a pass, in two rows."""
+    if row is None:
+        return [[], []]
+    way: Row = [(f"{row.catalog_number}  ", DIM)]
+    if row.rise_az_deg is not None and row.set_az_deg is not None:
+        way += [("from ", DIM), words.azimuth(row.rise_az_deg), (" to ", DIM), words.azimuth(row.set_az_deg)]
+    lit = "in shadow throughout"
+    if row.sunlit_from_utc is not None:
+        lit = f"sunlit {words.iso_clock(row.sunlit_from_utc)} to {words.iso_clock(row.sunlit_to_utc)}"
+    way.append((f"  {lit}", DIM))
+    verdict: Row = [("the mount can follow it", DIM)] if row.feasible else []
+    if row.why_not:
+        verdict = [("no-go: ", SPOKEN[Tone.BAD]), row.why_not]
+    return [way, verdict]

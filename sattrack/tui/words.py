@@ -71,7 +71,7 @@ def span(seconds: float) -> str:
 
 
 def age(seconds: float) -> str:
-    """Return an age in words; a negative one, of something that lies ahead, is told as such."""
+    """Return an age as text; a negative one, of something that lies ahead, says so."""
     size = abs(seconds)
     if size < HOUR_S:
         text = f"{size / 60.0:.0f} min"
@@ -119,7 +119,7 @@ def iso_clock(utc: str | None) -> str:
 
 
 def within(text: str, plain: bool = False) -> str:
-    """Return a size as one either way: one character of ASCII would not tell that."""
+    """Return a size as one either way; ASCII needs two characters for that."""
     return f"+-{text}" if plain else f"±{text}"
 
 

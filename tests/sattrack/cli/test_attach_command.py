@@ -14,15 +14,15 @@ from programs import ended, sattrack
 from sattrack.recording.format import COMMAND, OPERATOR
 from sattrack.recording.reading import Recording
 from sattrack.runtime.gallery import SUPPORTED
-from sattrack.tui.attach_launch import sky_of_run
 from sattrack.tui.attached import AttachedRun
+from sattrack.tui.launch import sky_of_run
 from sattrack.views.messages import LeaveRunning, Nudge, StopNow, TakeControl, encode_message
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from sattrack.tui.feed import News
+    from sattrack.tui.seen_run import News
 
 ABORT = 73
 """Where a command has its flag to stop, by the protocol's table."""

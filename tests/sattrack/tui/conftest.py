@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from tui_builders import VIEW, FakeFeed, HandClock
 
-from sattrack.tui.feed import News
+from sattrack.tui.seen_run import News
 
 
 @pytest.fixture

@@ -22,8 +22,8 @@ from tui_builders import SKY, VIEW, FakeFeed, HandClock, changed  # noqa: E402
 
 from sattrack.tui.app import TrackApp  # noqa: E402
 from sattrack.tui.appearance import Appearance  # noqa: E402
-from sattrack.tui.feed import News  # noqa: E402
-from sattrack.tui.pages import PAGES  # noqa: E402
+from sattrack.tui.scene import PAGES  # noqa: E402
+from sattrack.tui.seen_run import News  # noqa: E402
 from sattrack.views.run import (  # noqa: E402
     STARTER,
     Armed,

@@ -13,9 +13,8 @@ from tui_builders import SKY, UTC_S, FakeFeed, HandClock, changed
 from sattrack.tui.app import TrackApp
 from sattrack.tui.appearance import Appearance, can_show
 from sattrack.tui.console_app import ConsoleApp
-from sattrack.tui.feed import News
-from sattrack.tui.look import THEME_NAMES
-from sattrack.tui.plain import ascii_of
+from sattrack.tui.look import THEME_NAMES, ascii_of
+from sattrack.tui.seen_run import News
 
 if TYPE_CHECKING:
     from collections.abc import Callable

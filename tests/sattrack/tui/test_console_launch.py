@@ -15,7 +15,7 @@ from test_terminal import Terminal, on_terminal
 from sattrack.core.errors import SattrackError
 from sattrack.mount.requests import Abort
 from sattrack.tui.child import ConsoleProcess
-from sattrack.tui.console_launch import watch_with_tui
+from sattrack.tui.launch import watch_with_tui
 from sattrack.views.messages import Jog
 
 if TYPE_CHECKING:
@@ -107,7 +107,7 @@ def test_what_the_console_could_not_do_outweighs_an_interrupt(console_command) -
 def test_a_console_that_hangs_is_ended_in_bounded_time(
     console_command, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sattrack.tui.console_launch.GRACE_S", 0.2)
+    monkeypatch.setattr("sattrack.tui.launch.GRACE_S", 0.2)
     body = "signal.signal(signal.SIGTERM, signal.SIG_IGN)\nsay(VIEW)\nwhile True: signal.pause()"
     assert watch_with_tui(console_command(body), show=no_screen, patience_s=0.2) == 1
     assert "STOP THE MOUNT BY HAND" in capsys.readouterr().err

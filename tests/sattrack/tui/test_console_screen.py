@@ -12,9 +12,10 @@ from tui_builders import HandClock
 from sattrack.mount.model import Readings
 from sattrack.tui.console_app import ConsoleApp
 from sattrack.tui.console_feed import Latest
-from sattrack.tui.console_picture import draw
-from sattrack.tui.console_scene import ConsoleScene, headline
+from sattrack.tui.console_panels import ConsoleScene, headline
+from sattrack.tui.picture import draw_console
 from sattrack.views.console_words import clock_words, degrees, hours, number, status_groups, status_text
+from sattrack.views.run import ConsoleView
 
 if TYPE_CHECKING:
     from sattrack.views.run import ConsoleView
@@ -175,7 +176,7 @@ def test_numbers_that_the_mount_does_not_have_are_dashes() -> None:
 
 
 def test_the_picture_refers_to_nothing_elsewhere() -> None:
-    svg = asyncio.run(draw(VIEW))
+    svg = asyncio.run(draw_console(VIEW))
     namespace = "http://www.w3.org/2000/svg"
     assert ET.fromstring(svg).tag == f"{{{namespace}}}svg"
     assert set(re.findall(r"\w+://[^\s\"')<]+", svg)) - {"xerxes://192.0.2.7:15001"} == {namespace}

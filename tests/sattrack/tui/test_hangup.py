@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sattrack.tui.hangup import HUNG_UP
+from sattrack.tui.launch import HUNG_UP
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -38,8 +38,8 @@ print("watched", flush=True)
     ("module", "launch", "also"),
     [
         ("sattrack.tui.launch", "fly_with_tui", "show=stuck, patience_s=20.0"),
-        ("sattrack.tui.console_launch", "watch_with_tui", "show=stuck, patience_s=20.0"),
-        ("sattrack.tui.replay_launch", "replay_with_tui", "None, None, show=stuck"),
+        ("sattrack.tui.launch", "watch_with_tui", "show=stuck, patience_s=20.0"),
+        ("sattrack.tui.launch", "replay_with_tui", "None, 1.0, show=stuck"),
     ],
     ids=["track", "console", "replay"],
 )

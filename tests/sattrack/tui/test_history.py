@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tui_builders import UTC_S, changed
 
-from sattrack.tui.history import ErrorHistory, Scale
+from sattrack.tui.error_plot import ErrorHistory, Scale
 
 
 def filled(*points: tuple[float, float], phase: str = "tracking") -> ErrorHistory:

@@ -7,9 +7,9 @@ import pytest
 from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed, press
 
 from sattrack.tui.app import LEAVE_WITHIN_S, TrackApp
-from sattrack.tui.feed import News
-from sattrack.tui.help import HelpScreen
-from sattrack.tui.steps import FIRST_STEP, STEPS
+from sattrack.tui.dialogs import HelpScreen
+from sattrack.tui.offsets import FIRST_STEP, STEPS
+from sattrack.tui.seen_run import News
 from sattrack.views.messages import ClearBias, DropRemembered, Nudge, StopNow
 
 if TYPE_CHECKING:

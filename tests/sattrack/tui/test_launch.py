@@ -17,7 +17,7 @@ from sattrack.views.messages import ClearBias, Nudge, StopNow
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from sattrack.tui.feed import Feed
+    from sattrack.tui.seen_run import Feed
 
 VIEW_LINE = msgspec.json.encode(VIEW).decode()
 SUMMARY_LINE = json.dumps({"summary": msgspec.to_builtins(SUMMARY)})
@@ -48,8 +48,9 @@ say(SUMMARY)
 """
 
 
-def no_screen(feed: Feed, stay: bool) -> None:
+def no_screen(feed: Feed) -> bool:
     """Stand in for a screen that is left at once."""
+    return False
 
 
 def test_a_feeder_that_dies_at_once_shows_no_screen(
@@ -58,7 +59,7 @@ def test_a_feeder_that_dies_at_once_shows_no_screen(
     shown = []
     command = feeder_command("tell('sattrack: no site: give --site'); sys.exit(2)")
 
-    assert fly_with_tui(command, show=lambda *what: shown.append(what)) == 2
+    assert fly_with_tui(command, show=lambda feed: bool(shown.append(feed))) == 2
     assert shown == []
     assert capsys.readouterr() == ("", "sattrack: no site: give --site\n")
 
@@ -77,11 +78,11 @@ def test_leaving_stops_the_mount_and_tells_the_summary(
 def test_messages_arrive_in_order_and_the_exit_code_is_the_feeders(
     feeder_command, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def show(feed: Feed, stay: bool) -> None:
-        assert stay
+    def show(feed: Feed) -> bool:
         assert feed.news().views == (VIEW,)
         for message in (Nudge(along_s=0.1), ClearBias()):
             assert feed.send(message)
+        return False
 
     assert fly_with_tui(feeder_command(OBEDIENT + "sys.exit(4)"), show=show) == 4
     told = [line for line in capsys.readouterr().err.splitlines() if line.startswith("got")]
@@ -96,7 +97,7 @@ def test_messages_arrive_in_order_and_the_exit_code_is_the_feeders(
 def test_a_broken_screen_stops_the_mount(
     feeder_command, capsys: pytest.CaptureFixture[str], failure: Exception
 ) -> None:
-    def show(feed: Feed, stay: bool) -> None:
+    def show(feed: Feed) -> bool:
         raise failure
 
     with pytest.raises(type(failure)):
@@ -107,7 +108,7 @@ def test_a_broken_screen_stops_the_mount(
 def test_an_interrupt_while_the_feeder_starts_ends_it(
     feeder_command, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def show(feed: Feed, stay: bool) -> None:
+    def show(feed: Feed) -> bool:
         raise KeyboardInterrupt
 
     assert fly_with_tui(feeder_command(OBEDIENT), show=show) == 130

@@ -15,12 +15,12 @@ from tui_builders import SUMMARY, UTC_S, VIEW, FakeFeed, HandClock, changed
 
 from sattrack.core.errors import SattrackError
 from sattrack.tui.app import TrackApp
+from sattrack.tui.beside import PassRow, read_passes
 from sattrack.tui.console_feed import Latest
-from sattrack.tui.feed import News
 from sattrack.tui.log import MOST_LINES, LogBook
-from sattrack.tui.pages import PAGES
-from sattrack.tui.scene import Tone
-from sattrack.tui.tonight import Night, PassRow, read_passes
+from sattrack.tui.scene import PAGES, Tone
+from sattrack.tui.seen_run import News
+from sattrack.tui.tonight import PassList
 from sattrack.views.messages import Arm, Disarm, StopNow
 from sattrack.views.run import STARTER, Armed, LearntView, SessionView
 from sattrack.views.schedule import PassView as SchedulePass
@@ -349,12 +349,12 @@ def test_the_search_begins_when_it_is_first_wanted_and_again_when_it_is_old() ->
 
 
 def test_filters_let_through_what_they_say_and_the_cursor_stays_on_its_pass() -> None:
-    night = Night()
+    night = PassList()
     night.take(ROWS)
     night.move(3)
     shown = []
     for _ in range(4):
-        shown.append((night.filter_words, [row.catalog_number for row in night.rows]))
+        shown.append((night.filter_label, [row.catalog_number for row in night.rows]))
         assert night.pointed is not None
         night.turn_filter()
 

@@ -17,10 +17,10 @@ from sattrack.mount.requests import Park
 from sattrack.tui.app import TrackApp
 from sattrack.tui.console_app import ConsoleApp
 from sattrack.tui.console_feed import Latest
-from sattrack.tui.feed import News
 from sattrack.tui.log import LogBook
-from sattrack.tui.rest_keys import RestHand
+from sattrack.tui.run_keys import RestState
 from sattrack.tui.scene import headline
+from sattrack.tui.seen_run import News
 from sattrack.views.messages import Go, Jog, Nudge, Pause, StopNow
 from sattrack.views.run import STARTER, PauseView, SessionView, Watcher
 
@@ -82,7 +82,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
 
     monkeypatch.setattr("textual.drivers.headless_driver.HeadlessDriver.can_suspend", True)
     monkeypatch.setattr(TrackApp, "suspend", suspend)
-    monkeypatch.setattr("sattrack.tui.rest_keys.subprocess.run", run)
+    monkeypatch.setattr("sattrack.tui.run_keys.subprocess.run", run)
     return given
 
 
@@ -94,7 +94,7 @@ def test_each_key_says_what_it_means() -> None:
         async with app.run_test(size=(80, 24)) as pilot:
             for view, session, keys, messages in CASES:
                 app._close_dialogs()
-                app._rest, app._stop_sent_s, app._refused_s = RestHand(), None, None
+                app._rest, app._stop_sent_s, app._refused_s = RestState(), None, None
                 feed.coming.append(News((view,), session=session, sky=PARKS))
                 app.look()
                 app.action_page("live")

@@ -16,10 +16,9 @@ from tui_builders import SKY, SUMMARY, UTC_S, FakeFeed, HandClock, changed
 
 from sattrack.cli.main import run as run_program
 from sattrack.tui.appearance import Appearance
-from sattrack.tui.feed import News
-from sattrack.tui.replay_app import NOTHING_MOVES, ReplayApp, TapeFeed
-from sattrack.tui.replay_launch import replay_with_tui
-from sattrack.tui.tape import Tape
+from sattrack.tui.launch import replay_with_tui
+from sattrack.tui.replay_app import NOTHING_MOVES, ReplayApp, Tape, TapeFeed
+from sattrack.tui.seen_run import News
 from sattrack.views.run import PassView, TrackView
 
 if TYPE_CHECKING:
@@ -250,7 +249,7 @@ def test_the_views_of_a_recording_come_all_at_once_after_what_is_told_of_the_pas
 def test_a_reading_that_fails_shows_no_screen_and_gives_its_code(capfd: pytest.CaptureFixture[str]) -> None:
     shown: list[object] = []
     command = [sys.executable, "-c", "import sys; print('no such pass', file=sys.stderr); sys.exit(2)"]
-    code = replay_with_tui(command, Tape("x"), Appearance(), lambda *what: shown.append(what))
+    code = replay_with_tui(command, "x", 1.0, show=lambda feed: bool(shown.append(feed)))
     assert (code, shown) == (2, [])
     assert capfd.readouterr().err == "no such pass\n"
 
@@ -262,4 +261,4 @@ def test_leaving_before_all_is_read_ends_the_reading_and_is_no_failure() -> None
         "-c",
         f"print({line!r}, flush=True); import sys; sys.exit(len(sys.stdin.read()) + 3)",
     ]
-    assert replay_with_tui(command, Tape("x"), Appearance(), lambda *what: None) == 0
+    assert replay_with_tui(command, "x", 1.0, show=lambda feed: False) == 0

@@ -12,7 +12,7 @@ from textual.events import Paste
 from tui_builders import SKY, UTC_S, VIEW, FakeFeed, HandClock, changed
 
 from sattrack.tui.app import TrackApp
-from sattrack.tui.feed import News
+from sattrack.tui.seen_run import News
 from sattrack.views.messages import (
     Arm,
     ClearBias,

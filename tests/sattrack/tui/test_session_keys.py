@@ -9,9 +9,9 @@ import pytest
 from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed, press
 
 from sattrack.tui.app import TrackApp
-from sattrack.tui.feed import News
-from sattrack.tui.hand import SHOWN_AFTER_S, Hand
-from sattrack.tui.leave_dialog import LeaveDialog
+from sattrack.tui.dialogs import LeaveDialog
+from sattrack.tui.offsets import SHOWN_AFTER_S, OffsetKeys
+from sattrack.tui.seen_run import News
 from sattrack.views.messages import (
     ClearBias,
     LeaveRunning,
@@ -84,7 +84,7 @@ def test_each_key_says_what_one_may_say() -> None:
         async with app.run_test(size=(80, 24)) as pilot:
             for session, you, keys, messages in CASES:
                 app._close_dialogs()
-                app._hand, app._leaving_since_s, app._stop_sent_s = Hand(), None, None
+                app._offsets, app._leaving_since_s, app._stop_sent_s = OffsetKeys(), None, None
                 app._leave_running, app._session, app._you = False, None, STARTER
                 feed.coming.append(News((VIEW,), session=session, you=you))
                 app.look()
@@ -103,7 +103,7 @@ def test_a_gradual_nudge_goes_on_from_what_was_asked_for_and_undo_goes_back_ther
 
 
 def test_what_views_say_counts_once_they_can_show_what_was_asked_for() -> None:
-    hand, later = Hand(), changed(utc_s=VIEW.utc_s + SHOWN_AFTER_S, offsets=OFFSETS)
+    hand, later = OffsetKeys(), changed(utc_s=VIEW.utc_s + SHOWN_AFTER_S, offsets=OFFSETS)
     hand.nudge(1, 0, VIEW)
     assert hand.creep(1, 0, changed(offsets=OFFSETS)) == [OffsetBy("along_s", "gradual", 1.1, 20.0)]
     assert hand.creep(1, 0, later) == [OffsetBy("along_s", "gradual", 1.3, 20.0)]
@@ -209,7 +209,7 @@ def test_who_looks_on_is_offered_control_and_no_key_that_needs_it(size: tuple[in
 def test_who_has_control_is_said_to_whoever_is_not_alone(
     session: SessionView, you: int, shown: bool, words: str
 ) -> None:
-    from sattrack.tui.session_bar import SessionBar
+    from sattrack.tui.bars import SessionBar
 
     async def run() -> tuple[bool, str]:
         app = TrackApp(told(session, you), monotonic=HandClock())

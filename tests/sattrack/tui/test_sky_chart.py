@@ -8,35 +8,44 @@ import msgspec
 import pytest
 from tui_builders import SKY, UTC_S, changed
 
-from sattrack.tui import field
-from sattrack.tui.dome import (
+from sattrack.tui.figures import ExpectedField, field_of, field_picture, field_rows
+from sattrack.tui.panels import DotCanvas, Layer
+from sattrack.tui.sky_chart import (
+    BOTH,
+    LAYERS,
+    MOUNT,
+    SATELLITE,
+    ChartedSky,
     Disc,
-    Spot,
+    SkyLayer,
+    SkySpot,
     apart_deg,
     at_instant,
+    chart,
     circle,
+    ground,
+    legend,
+    notes,
     over_site,
     skyline_deg,
     spot_of,
     vector,
 )
-from sattrack.tui.dots import DotCanvas, Layer
-from sattrack.tui.sky_chart import BOTH, LAYERS, MOUNT, SATELLITE, Kind, Sky, chart, ground, legend, notes
 from sattrack.views.run import PassView, SkyPoint
 
-NOW = Sky(SKY, UTC_S, Spot(55.0, 235.0), Spot(20.0, 300.0))
+NOW = ChartedSky(SKY, UTC_S, SkySpot(55.0, 235.0), SkySpot(20.0, 300.0))
 
 
 def text_of(rows: list) -> list[str]:
     return ["".join(part if isinstance(part, str) else part[0] for part in row) for row in rows]
 
 
-def drawn(sky: Sky, columns: int = 22, rows: int = 11, plain: bool = False) -> list[str]:
+def drawn(sky: ChartedSky, columns: int = 22, rows: int = 11, plain: bool = False) -> list[str]:
     return text_of(chart(sky, ground(sky, columns, rows, plain)).drawn())
 
 
-def told(**changes: object) -> Sky:
-    return Sky(msgspec.structs.replace(SKY, **changes), UTC_S, NOW.satellite, NOW.mount)
+def told(**changes: object) -> ChartedSky:
+    return ChartedSky(msgspec.structs.replace(SKY, **changes), UTC_S, NOW.satellite, NOW.mount)
 
 
 def test_dots_are_braille_as_unicode_numbers_it() -> None:
@@ -66,16 +75,16 @@ def test_of_two_layers_in_a_cell_the_later_gives_its_look_and_characters_lie_ove
 @pytest.mark.parametrize(
     ("spot", "place"),
     [
-        (Spot(90.0, 0.0), (20.0, 20.0)),
-        (Spot(0.0, 0.0), (20.0, 20.0 - 19.4)),
-        (Spot(0.0, 90.0), (20.0 - 19.4, 20.0)),
-        (Spot(45.0, 180.0), (20.0, 20.0 + 9.7)),
-        (Spot(30.0, 270.0), (20.0 + 19.4 * 2.0 / 3.0, 20.0)),
-        (Spot(-0.1, 0.0), None),
+        (SkySpot(90.0, 0.0), (20.0, 20.0)),
+        (SkySpot(0.0, 0.0), (20.0, 20.0 - 19.4)),
+        (SkySpot(0.0, 90.0), (20.0 - 19.4, 20.0)),
+        (SkySpot(45.0, 180.0), (20.0, 20.0 + 9.7)),
+        (SkySpot(30.0, 270.0), (20.0 + 19.4 * 2.0 / 3.0, 20.0)),
+        (SkySpot(-0.1, 0.0), None),
     ],
 )
 def test_north_is_up_and_east_to_the_left_with_heights_to_scale(
-    spot: Spot, place: tuple[float, float] | None
+    spot: SkySpot, place: tuple[float, float] | None
 ) -> None:
     disc = Disc.within(20, 10)
     assert disc.place(spot) == (None if place is None else pytest.approx(place))
@@ -88,16 +97,16 @@ def test_north_is_up_and_east_to_the_left_with_heights_to_scale(
 @pytest.mark.parametrize(
     ("hour_angle_deg", "dec_deg", "latitude_deg", "spot"),
     [
-        (0.0, 52.0, 52.0, Spot(90.0, 0.0)),
-        (0.0, 10.0, 52.0, Spot(48.0, 180.0)),
-        (90.0, 0.0, 40.0, Spot(0.0, 270.0)),
-        (-90.0, 0.0, -30.0, Spot(0.0, 90.0)),
-        (123.0, 90.0, 35.0, Spot(35.0, 0.0)),
-        (0.0, -20.0, -33.0, Spot(77.0, 0.0)),
+        (0.0, 52.0, 52.0, SkySpot(90.0, 0.0)),
+        (0.0, 10.0, 52.0, SkySpot(48.0, 180.0)),
+        (90.0, 0.0, 40.0, SkySpot(0.0, 270.0)),
+        (-90.0, 0.0, -30.0, SkySpot(0.0, 90.0)),
+        (123.0, 90.0, 35.0, SkySpot(35.0, 0.0)),
+        (0.0, -20.0, -33.0, SkySpot(77.0, 0.0)),
     ],
 )
 def test_a_direction_of_date_stands_where_the_sky_has_turned_it(
-    hour_angle_deg: float, dec_deg: float, latitude_deg: float, spot: Spot
+    hour_angle_deg: float, dec_deg: float, latitude_deg: float, spot: SkySpot
 ) -> None:
     # At 0 h UTC on 1 January 2000, mean sidereal time at Greenwich was 6h 39m 52.27s (Astronomical Almanac).
     utc_s, sidereal_deg = 946684800.0, (6.0 + 39.0 / 60.0 + 52.27 / 3600.0) * 15.0
@@ -106,8 +115,8 @@ def test_a_direction_of_date_stands_where_the_sky_has_turned_it(
 
 
 def test_a_circle_keeps_its_distance_and_closes() -> None:
-    points = list(circle(Spot(50.0, 10.0), 12.0, 40))
-    assert [apart_deg(Spot(50.0, 10.0), point) for point in points] == pytest.approx([12.0] * 41)
+    points = list(circle(SkySpot(50.0, 10.0), 12.0, 40))
+    assert [apart_deg(SkySpot(50.0, 10.0), point) for point in points] == pytest.approx([12.0] * 41)
     assert apart_deg(points[0], points[-1]) == pytest.approx(0.0, abs=1e-6)
 
 
@@ -120,10 +129,10 @@ def test_between_two_points_a_path_goes_through_north_and_over_the_zenith() -> N
     top = at_instant(over, 5.0)
     assert top is not None
     assert top.alt_deg == pytest.approx(90.0)
-    assert at_instant(north, -5.0) == pytest.approx(Spot(0.0, 350.0))
-    assert at_instant(north, 50.0) == pytest.approx(Spot(0.0, 10.0))
+    assert at_instant(north, -5.0) == pytest.approx(SkySpot(0.0, 350.0))
+    assert at_instant(north, 50.0) == pytest.approx(SkySpot(0.0, 10.0))
     assert at_instant((), 0.0) is None
-    assert spot_of(vector(Spot(12.0, 345.0))) == pytest.approx(Spot(12.0, 345.0))
+    assert spot_of(vector(SkySpot(12.0, 345.0))) == pytest.approx(SkySpot(12.0, 345.0))
 
 
 @pytest.mark.parametrize(
@@ -209,7 +218,7 @@ def test_the_keyhole_is_as_wide_as_it_is_and_lies_about_the_pole_that_is_up() ->
 
 def test_what_was_flown_is_told_from_what_is_to_come() -> None:
     def lines(utc_s: float) -> tuple[int, int]:
-        text = "".join(drawn(Sky(SKY, utc_s, NOW.satellite, None), plain=True))
+        text = "".join(drawn(ChartedSky(SKY, utc_s, NOW.satellite, None), plain=True))
         return text.count("-"), text.count("=")
 
     before, after = lines(SKY.path[0].utc_s - 1.0), lines(SKY.path[-1].utc_s + 1.0)
@@ -220,9 +229,9 @@ def test_what_was_flown_is_told_from_what_is_to_come() -> None:
 
 
 def test_a_mount_on_the_satellite_shares_its_mark_and_one_below_the_horizon_has_none() -> None:
-    on = "".join(drawn(Sky(SKY, UTC_S, NOW.satellite, NOW.satellite)))
+    on = "".join(drawn(ChartedSky(SKY, UTC_S, NOW.satellite, NOW.satellite)))
     assert (on.count(BOTH), on.count(SATELLITE), on.count(MOUNT)) == (1, 0, 0)
-    down = "".join(drawn(Sky(SKY, UTC_S, NOW.satellite, Spot(-5.0, 100.0))))
+    down = "".join(drawn(ChartedSky(SKY, UTC_S, NOW.satellite, SkySpot(-5.0, 100.0))))
     assert (down.count(SATELLITE), down.count(MOUNT)) == (1, 0)
     away = "".join(drawn(NOW))
     assert (away.count(SATELLITE), away.count(MOUNT)) == (1, 1)
@@ -260,14 +269,12 @@ def test_any_size_of_a_chart_is_survived(size: tuple[int, int]) -> None:
 
 
 def test_every_kind_of_line_has_its_own_character_without_unicode_but_the_two_cones_of_one_kind() -> None:
-    assert len(LAYERS) == len(Kind)
-    assert len({layer.plain for layer in LAYERS}) == len(Kind)
+    assert len(LAYERS) == len(SkyLayer)
+    assert len({layer.plain for layer in LAYERS}) == len(SkyLayer)
 
 
-def expected(**changes: object) -> field.Field:
-    found = field.field_of(
-        msgspec.structs.replace(SKY, **changes), changed(bias_along_s=0.0, bias_cross_deg=0.0)
-    )
+def expected(**changes: object) -> ExpectedField:
+    found = field_of(msgspec.structs.replace(SKY, **changes), changed(bias_along_s=0.0, bias_cross_deg=0.0))
     assert found is not None
     return found
 
@@ -290,12 +297,12 @@ def test_two_sigmas_are_held_against_the_field(
 
 def test_offsets_carry_the_field_away_from_where_the_elements_have_it() -> None:
     view = changed(bias_along_s=0.1, bias_cross_deg=0.02)
-    found = field.field_of(SKY, view)
+    found = field_of(SKY, view)
     assert found is not None
     # 0.1 s at half a degree a second, and 0.02 degrees.
     assert (found.offset_along_arcsec, found.offset_across_arcsec) == pytest.approx((180.0, 72.0))
     assert found.seen == "partly"
-    assert text_of(field.picture(found, 16, 8, plain=True)) == [
+    assert text_of(field_picture(found, 16, 8, plain=True)) == [
         "                ",
         "      ......... ",
         "     .        . ",
@@ -308,11 +315,11 @@ def test_offsets_carry_the_field_away_from_where_the_elements_have_it() -> None:
 
 
 def test_an_error_that_is_not_known_is_not_drawn() -> None:
-    assert field.field_of(None, changed()) is None
-    assert field.field_of(msgspec.structs.replace(SKY, along_arcsec=None), changed()) is None
-    assert text_of(field.figures(None)) == ["no error", "known"]
-    assert text_of(field.figures(expected())) == ["along", "±400″", "across", "±100″", "field", "15.0′"]
-    assert text_of(field.figures(expected(fov_deg=None)))[-1] == "--fov"
+    assert field_of(None, changed()) is None
+    assert field_of(msgspec.structs.replace(SKY, along_arcsec=None), changed()) is None
+    assert text_of(field_rows(None)) == ["no error", "known"]
+    assert text_of(field_rows(expected())) == ["along", "±400″", "across", "±100″", "field", "15.0′"]
+    assert text_of(field_rows(expected(fov_deg=None)))[-1] == "--fov"
 
 
 def test_the_pass_told_comes_back_from_the_pipe_as_it_was() -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 from tui_builders import UTC_S, changed
 
-from sattrack.tui.tape import FASTEST, LONGEST_PAUSE_S, SLOWEST, SPEEDS, Tape
+from sattrack.tui.replay_app import FASTEST, LONGEST_PAUSE_S, SLOWEST, SPEEDS, Tape
 
 if TYPE_CHECKING:
     from sattrack.views.run import TrackView

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import msgspec
 
 from sattrack.tui.app import TrackApp
-from sattrack.tui.feed import News
+from sattrack.tui.seen_run import News
 from sattrack.views.run import (
     DatagramsView,
     ErrorView,

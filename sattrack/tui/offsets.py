@@ -2,17 +2,68 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
-from sattrack.tui.frames import FRAMES, TRACK
-from sattrack.tui.steps import FIRST_STEP, STEPS
 from sattrack.views.messages import ClearBias, Nudge, OffsetBy, Search
 
 if TYPE_CHECKING:
-    from sattrack.tui.frames import Frame
-    from sattrack.tui.steps import Step
     from sattrack.views.messages import Message
     from sattrack.views.run import TrackView
+
+
+class Move(NamedTuple):
+    """One pair of arrows: the offset that they change, its label, and what each arrow does in a word."""
+
+    what: str
+    label: str
+    minus: str
+    plus: str
+
+
+class Frame(NamedTuple):
+    """A frame: its name, and what left and right, down and up change."""
+
+    name: str
+    across: Move
+    upward: Move
+
+
+FRAMES = (
+    Frame(
+        "track",
+        Move("along_s", "along", "behind", "ahead"),
+        Move("cross_deg", "across", "right of motion", "left"),
+    ),
+    Frame("sky", Move("ra_cos_dec_deg", "RA sky", "west", "east"), Move("dec_deg", "Dec", "south", "north")),
+    Frame(
+        "axes",
+        Move("ra_axis_deg", "RA axis", "less", "more"),
+        Move("dec_axis_deg", "Dec axis", "less", "more"),
+    ),
+    Frame(
+        "camera", Move("camera_x_deg", "cam x", "less", "more"), Move("camera_y_deg", "cam y", "less", "more")
+    ),
+)
+TRACK = FRAMES[0]
+LABELS = {move.what: move.label for frame in FRAMES for move in (frame.across, frame.upward)}
+
+
+class NudgeStep(NamedTuple):
+    """One press of an arrow: seconds along the track, degrees across it."""
+
+    along_s: float
+    cross_deg: float
+
+
+STEPS = (
+    NudgeStep(0.01, 0.001),
+    NudgeStep(0.05, 0.005),
+    NudgeStep(0.1, 0.01),
+    NudgeStep(0.5, 0.05),
+    NudgeStep(1.0, 0.1),
+)
+FIRST_STEP = 2
+
 
 SPIRAL_STEPS = 10.0
 SPIRAL_ARMS_S = 0.5
@@ -27,7 +78,7 @@ SHOWN_AFTER_S = 0.5
 """After how long a view shows what was asked for at the latest."""
 
 
-class Hand:
+class OffsetKeys:
     """The step and the frame that are chosen, and what was done with them."""
 
     def __init__(self) -> None:
@@ -38,7 +89,7 @@ class Hand:
         """The total that each offset was last moved to from here, and the instant of the view seen then."""
 
     @property
-    def step(self) -> Step:
+    def step(self) -> NudgeStep:
         """By how much an arrow moves."""
         return STEPS[self._step]
 
@@ -67,10 +118,10 @@ class Hand:
             move, sign = (frame.across, along) if along else (frame.upward, across)
             value = sign * step.cross_deg
             self._keep(OffsetBy(move.what, "add", -value))
-            return self._said([OffsetBy(move.what, "add", value)], view)
+            return self._expect([OffsetBy(move.what, "add", value)], view)
         there = Nudge(along * step.along_s if along else 0.0, across * step.cross_deg if across else 0.0)
         self._keep(Nudge(0.0 - there.along_s, 0.0 - there.cross_deg))
-        return self._said([there], view)
+        return self._expect([there], view)
 
     def creep(self, along: int, across: int, view: TrackView) -> list[Message]:
         """Move the target gently, by ten steps in GRADUAL_S."""
@@ -79,7 +130,7 @@ class Hand:
         before = self._total(view, move.what)
         self._keep(OffsetBy(move.what, "set", before))
         value = before + sign * GRADUAL_STEPS * size
-        return self._said([OffsetBy(move.what, "gradual", value, GRADUAL_S)], view)
+        return self._expect([OffsetBy(move.what, "gradual", value, GRADUAL_S)], view)
 
     def search(self, how: str, view: TrackView | None) -> list[Message]:
         """Begin a search, its size by the step; or end the one that runs where it is."""
@@ -109,9 +160,9 @@ class Hand:
 
     def undo(self, view: TrackView | None = None) -> list[Message]:
         """Take back what was done last to the offsets."""
-        return self._said(list(self._undo.pop()) if self._undo else [], view)
+        return self._expect(list(self._undo.pop()) if self._undo else [], view)
 
-    def _said(self, messages: list[Message], view: TrackView | None) -> list[Message]:
+    def _expect(self, messages: list[Message], view: TrackView | None) -> list[Message]:
         """Keep what these come to, until a view shows it; return them."""
         if view is None:
             return messages

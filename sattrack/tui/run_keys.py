@@ -1,0 +1,327 @@
+"""What a run's screen does by its keys: move the target, choose screens and passes, pause, jog and park."""
+
+from __future__ import annotations
+
+import subprocess
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from textual.app import SuspendNotSupported
+
+from sattrack.tui import words
+from sattrack.tui.console_app import LAGGING_S
+from sattrack.tui.console_panels import FIRST_RATE, RATES, jog_rates_deg_s
+from sattrack.tui.dialogs import Question
+from sattrack.tui.scene import LIVE, MOUNT, PAUSED, TONIGHT
+from sattrack.tui.screen_app import ScreenApp
+from sattrack.views.messages import Arm, DropRemembered, Go, Jog, Pause, StopNow
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from textual.dom import DOMNode
+
+    from sattrack.tui.offsets import OffsetKeys
+    from sattrack.tui.panels import ListPage
+    from sattrack.tui.scene import Scene
+    from sattrack.tui.screens import Screens
+    from sattrack.tui.seen_run import Feed
+    from sattrack.views.messages import Message, SessionMessage
+    from sattrack.views.run import Summary, TrackView
+
+PAUSE_FIRST = "by hand only while the pass is paused: p pauses it"
+PARK = (
+    "the mount slews to its profile's park position and stops; then the drives' power is cut. There is no "
+    "unpark: the mount's own window gives the power back. SPACE stops it on its way."
+)
+
+
+@dataclass(slots=True)
+class RestState:
+    """What the operator has chosen for a mount at rest, and the hint shown last."""
+
+    jog_rate: int = FIRST_RATE
+    """Which of the six jog rates is chosen, 1 to 6."""
+    park_due: bool = False
+    """Whether to park the mount as soon as the run is over."""
+    hint: str = ""
+    hinted_s: float = 0.0
+    looked_s: float = 0.0
+    """When this process last came to look, by its own clock."""
+
+
+class RunKeys(ScreenApp):
+    """The actions of a run's screen; how the screen is drawn and left, its subclass says."""
+
+    _feed: Feed
+    _offsets: OffsetKeys
+    _rest: RestState
+    _screens: Screens
+    _view: TrackView | None
+    _summary: Summary | None
+    _ended: bool
+    _gone: bool
+    _stop_sent_s: float | None
+    _monotonic: Callable[[], float]
+
+    @property
+    def scene(self) -> Scene | None:
+        """What to draw; None before the first view."""
+        raise NotImplementedError
+
+    def plot(self) -> None:
+        """Draw the error against time."""
+        raise NotImplementedError
+
+    def _may_command(self) -> bool:
+        """Return whether commands from here are obeyed; where not, show that."""
+        raise NotImplementedError
+
+    def _send(self, message: Message | SessionMessage) -> None:
+        raise NotImplementedError
+
+    def _draw(self) -> None:
+        raise NotImplementedError
+
+    def _may_move(self) -> bool:
+        """Return whether keys that move the target are obeyed from here; where not, show that."""
+        return self._screens.page == LIVE and self._may_command()
+
+    def action_nudge(self, along: int, across: int) -> None:
+        """Move the target by one step, along its track, across it, or as the frame has it.
+
+        On other screens: down a list, or the mount by hand while the pass is paused.
+        """
+        if self._screens.page == MOUNT:
+            self._jog(east=-along, north=across)
+        elif self._screens.page != LIVE:
+            self._scroll(lambda listed: listed.move(-across))
+        elif self._may_move():
+            self._send_all(self._offsets.nudge(along, across, self._view))
+
+    def action_creep(self, along: int, across: int) -> None:
+        """Move the target gently, by several steps."""
+        if self._may_move() and self._view is not None:
+            self._send_all(self._offsets.creep(along, across, self._view))
+
+    def action_undo(self) -> None:
+        """Take back what was last done to the offsets."""
+        if self._may_move():
+            self._send_all(self._offsets.undo(self._view))
+
+    def action_step(self, by: int) -> None:
+        """Choose a smaller or a larger step, of a nudge or of a jog."""
+        if self._screens.page == MOUNT:
+            self._resize_jog(by)
+            return
+        self._offsets.resize(by)
+        self._draw()
+
+    def action_frame(self) -> None:
+        """Go on to the next frame in which the arrows move, or to the next filter of a list."""
+        if self._screens.page == LIVE:
+            self._offsets.turn_frame()
+            self._draw()
+        else:
+            self._scroll(lambda listed: listed.turn_filter())
+
+    def action_search(self, how: str) -> None:
+        """Begin a search, its size by the step; or end the one that runs where it is."""
+        if self._may_move():
+            self._send_all(self._offsets.search(how, self._view))
+
+    def action_cancel_search(self) -> None:
+        """End a search that runs, back in its centre."""
+        if self._may_move():
+            self._send_all(self._offsets.cancel_search(self._view))
+
+    def action_reset(self) -> None:
+        """Take the offsets of the frame away."""
+        if self._may_move():
+            self._send_all(self._offsets.reset(self._view))
+
+    def action_clear_bias(self) -> None:
+        """Take everything back: nudges, offsets, search and estimate."""
+        if self._may_move():
+            self._send_all(self._offsets.clear(self._view))
+
+    def action_drop_remembered(self) -> None:
+        """Take back the bias that an earlier pass left, and have it offered no more."""
+        if self._may_move():
+            self._send(DropRemembered())
+
+    def _send_all(self, messages: Sequence[Message]) -> None:
+        for message in messages:
+            self._send(message)
+
+    def action_page(self, page: str) -> None:
+        """Show another screen."""
+        self._draw_on_main(lambda main: self._screens.turn_to(page, main))
+        self._draw()
+        self.call_after_refresh(self.plot)
+
+    def action_leaf(self, by: int) -> None:
+        """Go down a list by screens, or up."""
+        self._scroll(lambda listed: listed.page(by))
+
+    def action_look_again(self) -> None:
+        """Search for the passes anew."""
+        if self._screens.page == TONIGHT:
+            self._screens.look_again()
+            self._draw()
+
+    def action_arm(self) -> None:
+        """Arm the pass under the cursor, or take it back; once a run is over, follow it.
+
+        Where there is no list of passes: go on with a pass that is paused.
+        """
+        scene = self.scene
+        if self._screens.page != TONIGHT:
+            self._go_on()
+        if self._screens.page == TONIGHT and scene is not None and self._may_command():
+            self._order(self._screens.arm(scene, now=False))
+
+    def action_follow(self, which: str) -> None:
+        """Leave this satellite for another: ask first where a pass is being followed."""
+        scene = self.scene
+        if scene is None or (which == "pointed" and self._screens.page != TONIGHT) or not self._may_command():
+            return
+        by = {"next": 1, "before": -1}.get(which, 0)
+        row = self._screens.beside(by, scene) if by else self._screens.night.pointed
+        if row is None:
+            self.action_page(TONIGHT)
+            return
+        order = Arm(row.catalog_number, row.culminate_utc_s, row.name, now=True)
+        if scene.ended or scene.view.phase == "waiting":
+            self._order(order)
+            return
+        when = f"highest at {words.iso_clock(row.culminate_utc)} with {row.max_alt_deg:.0f}°"
+        text = f"{scene.view.name} is left, and the mount goes on to {row.name}, {when}."
+        if row.feasible is False:
+            text += f" That pass is no-go: {row.why_not or 'the mount cannot follow it'}."
+        question = Question(f"leave {scene.view.name} for {row.name}?", text)
+        self.push_screen(question, lambda sure: self._order(order) if sure else None)
+
+    def _order(self, order: SessionMessage | None) -> None:
+        """Send what to follow; it is received after the end of a run too."""
+        if order is not None and not self._gone:
+            self._feed.send(order)
+        self._draw()
+
+    def _scroll(self, act: Callable[[ListPage], None]) -> None:
+        """Do something with the list that is shown, if there is one."""
+
+        def on_main(main: DOMNode) -> None:
+            listed = self._screens.list_shown(main)
+            if listed is not None:
+                act(listed)
+
+        self._draw_on_main(on_main)
+        self._draw()
+
+    @property
+    def _paused(self) -> bool:
+        return self._view is not None and self._view.phase == PAUSED and not self._ended
+
+    def action_pause_or_go(self) -> None:
+        """Pause the pass, or go on with it."""
+        if self._paused:
+            self._go_on()
+        elif self._view is not None and self._view.ended_by is None and self._may_command():
+            self._send(Pause())
+
+    def _go_on(self) -> None:
+        """Go on with a pass that is paused."""
+        if self._paused and self._may_command():
+            self._send(Go())
+
+    def _jog(self, east: int, north: int) -> None:
+        """Move the mount by one touch, unless the key is an old one."""
+        if self._ended or not self._may_command():
+            return
+        seen = self._screens.mount
+        if not self._paused or seen is None:
+            self._hint("the mount is not seen yet" if self._paused else PAUSE_FIRST)
+            return
+        if self._monotonic() - self._rest.looked_s > LAGGING_S:
+            return
+        rate = jog_rates_deg_s(seen)[self._rest.jog_rate - 1]
+        self._send(Jog(ra_rate_deg_s=east * rate) if east else Jog(dec_rate_deg_s=north * rate))
+
+    def _resize_jog(self, by: int) -> None:
+        self._rest.jog_rate = min(RATES, max(1, self._rest.jog_rate + by))
+        self._draw()
+
+    def action_by_hand(self) -> None:
+        """Operate the mount by hand, by the console's own screen, once no run has it."""
+        command = self._screens.console_command()
+        if self._screens.page != MOUNT:
+            return
+        if not self._ended:
+            self._hint("the arrows jog, [ ] choose how fast" if self._paused else PAUSE_FIRST)
+        elif command is not None:
+            self._hand_over(command)
+
+    def action_park(self) -> None:
+        """Ask, end the run, and have the mount parked by the console."""
+        scene = self.scene
+        if scene is None or not self._may_command():
+            return
+        why_not = self._no_parking(scene)
+        if why_not is not None:
+            self._hint(why_not)
+            return
+        text = PARK[0].upper() + PARK[1:] if scene.ended else f"The run ends, and {PARK}"
+        self.push_screen(Question("park?", text), lambda sure: self._begin_parking() if sure else None)
+
+    def _no_parking(self, scene: Scene) -> str | None:
+        """Return why the mount cannot be parked from here, or None where it can."""
+        if self._screens.console_command() is None:
+            if scene.view.mount == "sim":
+                return "the simulated mount ends with its run: there is nothing to park"
+            return "not parked from here: press P where the run was started, or `sattrack mount park`"
+        if scene.sky is None or not scene.sky.can_park:
+            return "not parked: the mount's profile has no park position"
+        if scene.beginning or scene.between is not None:
+            return "not parked: another run is about to begin"
+        if self._driver is None or not self._driver.can_suspend:
+            return "parking needs a terminal to be shown on: `sattrack mount park` parks it"
+        return None
+
+    def _begin_parking(self) -> None:
+        if self._ended:
+            # Whatever ended the run, whoever asks now has read it.
+            self._park(self._summary is None or self._summary.mount_stopped is not False)
+            return
+        self._rest.park_due = True
+        if self._stop_sent_s is None:
+            self._stop_sent_s = self._monotonic()
+        self._send(StopNow())
+
+    def _park_when_due(self) -> None:
+        """Hand a mount over to the console to be parked, once its run is over and it stands."""
+        if not (self._rest.park_due and self._ended):
+            return
+        self._rest.park_due = False
+        summary = self._summary
+        planned = summary is not None and summary.ended_by in {"operator", "set"}
+        self._park(planned and summary is not None and summary.mount_stopped is True)
+
+    def _park(self, well: bool) -> None:
+        command = self._screens.console_command()
+        if well and command is not None:
+            self._hand_over([*command, "--park"])
+        else:
+            self._hint("not parked: the run did not end as asked, with the mount seen at rest")
+
+    def _hand_over(self, command: list[str]) -> None:
+        """Give the terminal to the console until that ends; it looks as this screen does."""
+        plain = ("--ascii",) if self._appearance.plain else ()
+        with suppress(SuspendNotSupported), self.suspend():
+            subprocess.run([*command, "--theme", self.theme, *plain], check=False)
+        self.refresh()
+
+    def _hint(self, text: str) -> None:
+        self._rest.hint, self._rest.hinted_s = text, self._monotonic()
+        self._draw()
