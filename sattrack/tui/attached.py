@@ -132,7 +132,7 @@ class AttachedRun(SeenRun):
         self._run, self._name, self._scene = pid, name, scene
         self._recording: str | None = None
         self._left = threading.Event()
-        self._door, self._lines, self.welcome = welcomed(pid, name)
+        self._connection, self._lines, self.welcome = welcomed(pid, name)
         self._stopping = self._stop_said = False
         self._reader = threading.Thread(target=self._read, name="run's views", daemon=True)
         self._reader.start()
@@ -154,7 +154,7 @@ class AttachedRun(SeenRun):
                     return stop_schedule(self._recording)
             threading.Thread(target=self._see_stop_through, name="stop", daemon=True).start()
         try:
-            self._door.send(encode_message(message), socket.MSG_DONTWAIT)
+            self._connection.send(encode_message(message), socket.MSG_DONTWAIT)
         except OSError:
             return False
         return True
@@ -163,7 +163,7 @@ class AttachedRun(SeenRun):
         """Look away."""
         self._left.set()
         with contextlib.suppress(OSError):
-            self._door.shutdown(socket.SHUT_RDWR)
+            self._connection.shutdown(socket.SHUT_RDWR)
 
     def wait(self, seconds: float) -> int | None:
         """Tell that there is nothing to wait for: the run is not ours."""
@@ -179,7 +179,7 @@ class AttachedRun(SeenRun):
         """Look away, and let go of everything."""
         self.close_input()
         self._reader.join(1.0)
-        self._door.close()
+        self._connection.close()
 
     def _see_stop_through(self) -> None:
         with self._changed:
@@ -212,23 +212,23 @@ class AttachedRun(SeenRun):
             self._changed.notify_all()
         while (pid := next_run(self._recording, self._waits)) is not None:
             try:
-                door, lines, welcome = welcomed(pid, self._name)
+                connection, lines, welcome = welcomed(pid, self._name)
             except SattrackError:
                 if not self._waits(LOOK_EVERY_S):
                     return False
                 continue
-            self._join(pid, door, lines, welcome)
+            self._join(pid, connection, lines, welcome)
             return not self._left.is_set()
         return False
 
     def _waits(self, seconds: float) -> bool:
         return not self._left.wait(seconds)
 
-    def _join(self, pid: int, door: socket.socket, lines: BinaryIO, welcome: Welcome) -> None:
+    def _join(self, pid: int, connection: socket.socket, lines: BinaryIO, welcome: Welcome) -> None:
         with self._changed:
             self._lines.close()
-            self._door.close()
-            self._run, self._door, self._lines, self.welcome = pid, door, lines, welcome
+            self._connection.close()
+            self._run, self._connection, self._lines, self.welcome = pid, connection, lines, welcome
             self.summary, self._session, self._rewound = None, None, True
             self._views.clear()
             self._between = self._stopping = self._stop_said = False
@@ -261,29 +261,29 @@ class AttachedRun(SeenRun):
 
 def welcomed(pid: int, name: str) -> tuple[socket.socket, BinaryIO, Welcome]:
     """Connect to a run's gallery; return the connection, its lines and the welcome. Raises SattrackError."""
-    door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    door.settimeout(WELCOME_WITHIN_S)
+    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    connection.settimeout(WELCOME_WITHIN_S)
     try:
-        _knock(door, name_for(pid))
-        door.sendall(msgspec.json.encode({"type": "hello", "name": name}) + b"\n")
-        lines = door.makefile("rb")
+        _connect(connection, name_for(pid))
+        connection.sendall(msgspec.json.encode({"type": "hello", "name": name}) + b"\n")
+        lines = connection.makefile("rb")
         first = _MESSAGES.decode(lines.readline())
     except (OSError, msgspec.MsgspecError):
-        door.close()
+        connection.close()
         raise SattrackError(f"process {pid} has no run to look at, or does not answer") from None
     if not isinstance(first, Welcome):
-        door.close()
+        connection.close()
         raise SattrackError(first.why if isinstance(first, Farewell) else f"process {pid} said no welcome")
-    door.settimeout(None)
-    return door, lines, first
+    connection.settimeout(None)
+    return connection, lines, first
 
 
-def _knock(door: socket.socket, name: str) -> None:
+def _connect(connection: socket.socket, name: str) -> None:
     """Connect, however many stand there; raises OSError."""
     until_s = time.monotonic() + WELCOME_WITHIN_S
     while True:
         try:
-            door.connect(name)
+            connection.connect(name)
         except BlockingIOError:
             if time.monotonic() > until_s:
                 raise

@@ -201,14 +201,14 @@ def _about(row: PassRow | None) -> list[Row]:
     """Return details of a pass, in two rows."""
     if row is None:
         return [[], []]
-    way: Row = [(f"{row.catalog_number}  ", DIM)]
+    path: Row = [(f"{row.catalog_number}  ", DIM)]
     if row.rise_az_deg is not None and row.set_az_deg is not None:
-        way += [("from ", DIM), words.azimuth(row.rise_az_deg), (" to ", DIM), words.azimuth(row.set_az_deg)]
+        path += [("from ", DIM), words.azimuth(row.rise_az_deg), (" to ", DIM), words.azimuth(row.set_az_deg)]
     lit = "in shadow throughout"
     if row.sunlit_from_utc is not None:
         lit = f"sunlit {words.iso_clock(row.sunlit_from_utc)} to {words.iso_clock(row.sunlit_to_utc)}"
-    way.append((f"  {lit}", DIM))
+    path.append((f"  {lit}", DIM))
     verdict: Row = [("the mount can follow it", DIM)] if row.feasible else []
     if row.why_not:
         verdict = [("no-go: ", SPOKEN[Tone.BAD]), row.why_not]
-    return [way, verdict]
+    return [path, verdict]
