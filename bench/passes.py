@@ -2,11 +2,10 @@
 
 A random 300 objects of each class of orbit (near the Earth and round; near and eccentric; about synchronous;
 deep space and eccentric; other deep space) stand for the class: skyfield's time is extrapolated by the
-class's size, ours is of the whole catalogue, by default and with the extra `fast` (where numba is there),
-each with all processors. Both get the same Earth orientation. Prints each class, then the ratios for 24 h
-above 10° over one site, what is missed or invented of passes longer than a second, how far apart the times
-are, the largest memory, what compiling costs the first time, and the ratios for one satellite over ten days
-and for the command's start. Times are compared with skyfield's own root of its altitude: `find_events` stops
+class's size, ours is of the whole catalogue, with all processors. Both get the same Earth orientation. Prints
+each class, then the ratios for 24 h above 10° over one site, what is missed or invented of passes longer than
+a second, how far apart the times are, the largest memory, and the ratios for one satellite over ten days and
+for the command's start. Times are compared with skyfield's own root of its altitude: `find_events` stops
 within a tenth of a second of it.
 
 Run it as `python bench/passes.py CATALOGUE` with a TLE file, gzipped or not; `--each N` takes N instead of
@@ -33,7 +32,6 @@ from pathlib import Path
 import numpy as np
 
 from tle.catalogue_passes import find_catalogue_passes
-from tle.compiled_start import numba_is_there
 from tle.earth import EarthOrientation
 from tle.elements import Elements
 from tle.errors import TleError
@@ -54,8 +52,7 @@ REPEATS = 10
 ISS = 25544
 # Matches no name: the command reads the catalogue and ends.
 _NOBODY = "no such satellite"
-PATHS = {"by default": False, "with the extra fast": True} if numba_is_there() else {"by default": False}
-PEERS = ("skyfield", "sgp4", "numpy", *(["numba"] if numba_is_there() else []))
+PEERS = ("skyfield", "sgp4", "numpy")
 
 
 def timescale():  # type: ignore[no-untyped-def]
@@ -193,7 +190,6 @@ def main() -> None:
     one_satellite(next((e for e in catalogue if e.catalog_number == ISS), catalogue[0]))
     start_up()
     whole_command(given.catalogue)
-    first_time()
 
 
 def compare_catalogue(catalogue: list[Elements], names: list[str], given: argparse.Namespace) -> None:
@@ -201,9 +197,9 @@ def compare_catalogue(catalogue: list[Elements], names: list[str], given: argpar
     peer, site = Peer(HOURS), Site(*SITE)
     rng = np.random.default_rng(20250901)
     theirs_s: list[np.ndarray] = []
-    ours_s: dict[str, list[np.ndarray]] = {path: [] for path in PATHS}
-    totals = {path: np.zeros(3, dtype=int) for path in PATHS}
-    apart: dict[str, list[float]] = {path: [] for path in PATHS}
+    ours_s: list[np.ndarray] = []
+    totals = np.zeros(3, dtype=int)
+    apart: list[float] = []
     for number in range(ROUNDS):
         # A part of each class at a time, so that both meet the same other work on the machine.
         whole_s = np.zeros(2)
@@ -213,49 +209,37 @@ def compare_catalogue(catalogue: list[Elements], names: list[str], given: argpar
             chosen = [members[i] for i in rng.choice(len(members), share, replace=False)]
             spent, events = timed_twice(lambda chosen=chosen: [safely(peer, e) for e in chosen])
             whole_s += spent * len(members) / share
-            for path, compiled in PATHS.items():
-                passes = find_catalogue_passes(
-                    chosen, site, START, HOURS, MIN_ALT_DEG, earth=EARTH, compiled=compiled
-                )
-                failed = {id(e) for e, _ in passes.failed}
-                for one, pair in zip(chosen, events, strict=True):
-                    if pair is None or id(one) in failed:
-                        continue
-                    mine = [p.seen for p in passes if p.elements is one]
-                    counts = compare(peer, one, mine, pair)
-                    totals[path] += counts[:3]
-                    apart[path] += counts[3]
+            passes = find_catalogue_passes(chosen, site, START, HOURS, MIN_ALT_DEG, earth=EARTH)
+            failed = {id(e) for e, _ in passes.failed}
+            for one, pair in zip(chosen, events, strict=True):
+                if pair is None or id(one) in failed:
+                    continue
+                mine = [p.seen for p in passes if p.elements is one]
+                counts = compare(peer, one, mine, pair)
+                totals += counts[:3]
+                apart += counts[3]
             print(
                 f"  {name}: {len(members)} objects, skyfield {spent[0] / share * 1e3:.2f} ms each", flush=True
             )
         theirs_s.append(whole_s)
         print(f"round {number + 1}: skyfield {whole_s[0]:.1f} s (extrapolated)", flush=True)
-        for path, compiled in PATHS.items():
-            spent, passes = timed_twice(
-                lambda compiled=compiled: find_catalogue_passes(
-                    catalogue,
-                    site,
-                    START,
-                    HOURS,
-                    MIN_ALT_DEG,
-                    earth=EARTH,
-                    workers=given.workers,
-                    compiled=compiled,
-                )
+        spent, passes = timed_twice(
+            lambda: find_catalogue_passes(
+                catalogue, site, START, HOURS, MIN_ALT_DEG, earth=EARTH, workers=given.workers
             )
-            ours_s[path].append(spent)
-            print(f"  ours {path} {spent[0]:.2f} s, {len(passes)} passes", flush=True)
-    for path in PATHS:
-        wall, processor = np.sort(np.array(theirs_s) / np.array(ours_s[path]), axis=0).T
-        print(
-            f"whole catalogue {path}: {np.median(wall):.0f} times as fast as skyfield "
-            f"({wall[0]:.0f} to {wall[-1]:.0f}), {np.median(processor):.0f} times by processors' time "
-            f"({processor[0]:.0f} to {processor[-1]:.0f})"
         )
-        print(
-            f"  {totals[path][0]} passes compared: {totals[path][1]} missed, {totals[path][2]} invented of "
-            f"those over 1 s; times apart by at most {max(apart[path]):.4f} s"
-        )
+        ours_s.append(spent)
+        print(f"  ours {spent[0]:.2f} s, {len(passes)} passes", flush=True)
+    wall, processor = np.sort(np.array(theirs_s) / np.array(ours_s), axis=0).T
+    print(
+        f"whole catalogue: {np.median(wall):.0f} times as fast as skyfield "
+        f"({wall[0]:.0f} to {wall[-1]:.0f}), {np.median(processor):.0f} times by processors' time "
+        f"({processor[0]:.0f} to {processor[-1]:.0f})"
+    )
+    print(
+        f"  {totals[0]} passes compared: {totals[1]} missed, {totals[2]} invented of "
+        f"those over 1 s; times apart by at most {max(apart):.4f} s"
+    )
     memory = sum(
         resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
     )
@@ -346,34 +330,6 @@ def run_whole(command: list[str]) -> tuple[float, float, float]:
     process.returncode = 0
     spent = time.perf_counter() - start
     return spent, used.ru_utime + used.ru_stime, used.ru_maxrss / 1024.0
-
-
-def first_time() -> None:
-    """Print what compiling costs where nothing is kept, and loading where it is."""
-    if not numba_is_there():
-        return
-    code = (
-        "import time; from tle.compiled_start import prepare; "
-        "t = time.perf_counter(); prepare(); print(time.perf_counter() - t)"
-    )
-    with tempfile.TemporaryDirectory() as folder:
-        told = [
-            float(
-                subprocess.run(
-                    [sys.executable, "-c", code],
-                    env={**os.environ, "NUMBA_CACHE_DIR": folder},
-                    check=True,
-                    capture_output=True,
-                    text=True,
-                ).stdout
-            )
-            for _ in range(2)
-        ]
-        kept = sum(f.stat().st_size for f in Path(folder).rglob("*") if f.is_file())
-    print(
-        f"with the extra fast, the first time: {told[0]:.1f} s to compile, then {told[1]:.2f} s a process "
-        f"to load; {kept / 1e6:.1f} MB kept"
-    )
 
 
 if __name__ == "__main__":

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, overload
@@ -10,7 +9,6 @@ from typing import TYPE_CHECKING, overload
 import numpy as np
 
 from tle.catalogue_search import CatalogueSearch, SearchTask, shared
-from tle.compiled_start import NoCompilerError, is_worth_compiling, prepare
 from tle.crossing_columns import joined, select
 from tle.horizon import Horizon
 from tle.instants import Utc
@@ -86,7 +84,7 @@ class CataloguePasses(Sequence[SatellitePass]):
         return [SatellitePass(self.elements[o], p) for o, p in zip(chosen.obj.tolist(), passes, strict=True)]
 
 
-def find_catalogue_passes(  # noqa: PLR0913 - all that a search needs, most of it by name
+def find_catalogue_passes(
     elements: Sequence[Elements],
     site: Site,
     start: Utc,
@@ -96,29 +94,19 @@ def find_catalogue_passes(  # noqa: PLR0913 - all that a search needs, most of i
     earth: EarthOrientation | None = None,
     workers: int = 1,
     progress: Callable[[int, int], None] | None = None,
-    compiled: bool | None = None,
 ) -> CataloguePasses:
     """Return the passes of many satellites over a site, geometric and airless, as `find_passes` does for one.
 
     `horizon` is a least altitude in degrees, or a `Horizon` with a mask.
-    No pass longer than half a second is missed; see `gate` and `crossings` for the proof. `progress` is told,
-    now and then, how many objects are done and how many there are. `compiled` searches with code compiled by
-    numba (the extra `fast`), which finds the same; if not said, where numba is installed and the work is
-    enough to outweigh its start. `workers` above 1 share large catalogues with as many threads of compiled
-    code, or processes; a script that asks for these must guard its own work by `if __name__ == "__main__"`.
-    The first compiled search takes some ten seconds more, once: `compiled_start` tells and does that apart.
-    Where `compiled` is not said and numba does not work, that is warned of, and done without.
-    Raises TimeRangeError, SiteError, NoCompilerError where numba is wanted and does not work; what SGP4
-    refuses is listed in `failed`.
+    No pass longer than half a second is missed; see `gate` and `crossings` for the proof. `progress` is
+    called now and then with how many objects are done and how many there are. `workers` above 1 share large
+    catalogues among as many processes; a script that asks for them must guard its own work by
+    `if __name__ == "__main__"`. Raises TimeRangeError, SiteError; what SGP4 refuses is listed in `failed`.
     """
     check_hours(hours)
     level = horizon if isinstance(horizon, Horizon) else Horizon(horizon)
     task = SearchTask(elements, site, (float(start.unix_s), hours * HOUR_S), level, earth)
-    if compiled is None:
-        compiled = is_worth_compiling(len(elements), hours) and _prepared()
-    elif compiled:
-        prepare()
-    search = CatalogueSearch(task, compiled)
+    search = CatalogueSearch(task)
     pieces: list[Crossings] = []
     left: list[int] = []
     done = 0
@@ -130,13 +118,3 @@ def find_catalogue_passes(  # noqa: PLR0913 - all that a search needs, most of i
             progress(done, len(elements))
     failed = search.one_by_one(sorted(left), pieces)
     return CataloguePasses(task, joined(pieces), failed)
-
-
-def _prepared() -> bool:
-    """Get ready to search compiled; warn, and tell that it is not, where numba does not work."""
-    try:
-        prepare()
-    except NoCompilerError as error:
-        warnings.warn(str(error), RuntimeWarning, stacklevel=3)
-        return False
-    return True

@@ -71,10 +71,9 @@ class Chunk:
 class CatalogueSearch:
     """A search for the passes of many objects, a chunk at a time. Raises TimeRangeError, SiteError."""
 
-    def __init__(self, task: SearchTask, compiled: bool = False) -> None:
-        """Look up what all chunks share; `compiled` wants numba."""
+    def __init__(self, task: SearchTask) -> None:
+        """Look up what all chunks share."""
         self.task = task
-        self.compiled = compiled
         self.elements = task.elements
         self.start_s, self.span_s = task.span
         self.horizon = task.horizon
@@ -173,12 +172,7 @@ class CatalogueSearch:
             )
 
     def _near(self, chunk: Index, c: NearEarth) -> Found:
-        if self.compiled:
-            from tle import compiled_search
-
-            found, left = compiled_search.near_crossings(c, self.ground, self.task.span, self.horizon)
-        else:
-            found, left = near_crossings(c, self.ground, self.task.span, self.horizon)
+        found, left = near_crossings(c, self.ground, self.task.span, self.horizon)
         return len(chunk), found.renamed(chunk), chunk[left].tolist()
 
     def _deep_space(self, obj: Index) -> DeepSpace:
@@ -192,12 +186,7 @@ class CatalogueSearch:
         windows, pieces = records.windows(self.horizon.lowest_deg)
         terms = terms_for(self.elements[int(chunk[-1])].eccentricity)
         arcs, without = fit_arcs(windows, pieces, records.places, terms)
-        if self.compiled:
-            from tle import compiled_search
-
-            found = compiled_search.crossings(compiled_search.rows_of(arcs), self.horizon)
-        else:
-            found = find_crossings(arcs, self.horizon)
+        found = find_crossings(arcs, self.horizon)
         return len(chunk), found.renamed(chunk), chunk[without].tolist()
 
 
@@ -206,32 +195,8 @@ def shared(search: CatalogueSearch, chunks: list[Chunk], workers: int) -> Iterat
     if workers <= 1 or len(search.elements) * max(1.0, search.span_s / DAY_S) < _FEWEST_TO_SHARE:
         for chunk in chunks:
             yield search.run(chunk)
-    elif search.compiled:
-        yield from _by_threads(search, chunks, workers)
     else:
         yield from _by_processes(search, chunks, workers)
-
-
-def _by_threads(search: CatalogueSearch, chunks: list[Chunk], workers: int) -> Iterator[Found]:
-    """Yield what is found in each chunk by threads of this process: compiled code holds no lock."""
-    from concurrent.futures import ThreadPoolExecutor, as_completed
-
-    with ThreadPoolExecutor(workers) as pool:
-        flying = [pool.submit(search.run, chunk) for chunk in _mixed(chunks)]
-        try:
-            for done in as_completed(flying):
-                yield done.result()
-        finally:
-            for waiting in flying:
-                waiting.cancel()
-
-
-def _mixed(chunks: list[Chunk]) -> list[Chunk]:
-    """Return chunks with those of deep space spread among the rest: they hold the interpreter's lock."""
-    deep = [chunk for chunk in chunks if chunk.near is None]
-    near = [chunk for chunk in chunks if chunk.near is not None]
-    places = [((k + 0.5) / len(part), chunk) for part in (deep, near) for k, chunk in enumerate(part)]
-    return [chunk for _, chunk in sorted(places, key=lambda place: place[0])]
 
 
 def _by_processes(search: CatalogueSearch, chunks: list[Chunk], workers: int) -> Iterator[Found]:

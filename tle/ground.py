@@ -63,11 +63,6 @@ class Ground:
         """Return the Earth's turn, GMST82, with the middle day's offset: good to a thousandth of a second."""
         return _even(since_s, self._knots_s[0] - start_s) + self._turn
 
-    @property
-    def knots(self) -> tuple[Array, Array, Array, Array]:
-        """Give what is linear between: POSIX seconds; the Earth's turn less the even one; the pole; rad."""
-        return self._knots_s, self._theta, np.array(self._xp), np.array(self._yp)
-
     def stretched(self, place: Array, part: float = 1.0) -> Array:
         """Return a place east, north, up from the Earth's centre, in equatorial radii, shape (3, ...).
 

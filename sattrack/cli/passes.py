@@ -168,30 +168,7 @@ def _search(
         _horizon(context, options),
         workers=os.cpu_count() or 1,
         progress=_progress("searched {done} of {total} objects", len(chosen)),
-        compiled=_may_compile(len(chosen), options["hours"]),
     )
-
-
-def _may_compile(objects: int, hours: float) -> bool:
-    """Tell whether to search compiled; where numba does not work, that is told, and done without."""
-    from tle.compiled_start import NoCompilerError, is_compiled, is_worth_compiling, prepare
-
-    if not is_worth_compiling(objects, hours):
-        return False
-    is_slow = sys.stderr.isatty() and not is_compiled()
-    if is_slow:
-        _show("compiling the search: some ten seconds, the first time only")
-    try:
-        prepare()
-    except NoCompilerError as error:
-        problem: NoCompilerError | None = error
-    else:
-        problem = None
-    if is_slow:
-        _show("")
-    if problem is not None:
-        click.echo(f"sattrack: {problem}; searching without it", err=True)
-    return problem is None
 
 
 def _horizon(context: CommandContext, options: dict[str, Any]) -> Horizon:

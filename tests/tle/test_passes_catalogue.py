@@ -14,7 +14,6 @@ from skyfield.timelib import Timescale
 from tle_facts import DECAYING, ISS, LEIDEN, MOLNIYA, PARANAL, STARLINK_ALPHA5, TDRS3
 
 from tle.catalogue_passes import find_catalogue_passes
-from tle.compiled_start import numba_is_there
 from tle.crossings import SURE_S, highest_between
 from tle.deep_gate import gated, mean_places
 from tle.deep_space import DeepSpace
@@ -30,14 +29,6 @@ from tle.passes import find_passes
 from tle.propagator import Propagator
 from tle.site import Site
 
-# The search by numpy, and by code compiled with numba where the extra `fast` is installed.
-PATHS = [
-    pytest.param(False, id="default"),
-    pytest.param(
-        True, id="fast", marks=pytest.mark.skipif(not numba_is_there(), reason="numba is not installed")
-    ),
-]
-both_paths = pytest.mark.parametrize("compiled", PATHS)
 SETS = (ISS, STARLINK_ALPHA5, MOLNIYA, TDRS3)
 START = Utc.parse("2026-10-02")
 EARTH = EarthOrientation.fixed(0.05, 0.17, 0.32)
@@ -103,8 +94,8 @@ def sites(draw):
     return Site(latitude, longitude, draw(st.floats(-400.0, 6000.0)))
 
 
-def is_as_every_second(compiled, elements, site, min_alt_deg):
-    passes = find_catalogue_passes([elements], site, START, 12.0, min_alt_deg, earth=EARTH, compiled=compiled)
+def is_as_every_second(elements, site, min_alt_deg):
+    passes = find_catalogue_passes([elements], site, START, 12.0, min_alt_deg, earth=EARTH)
     since, above = above_every_second(elements, site, START, 12.0, Horizon(min_alt_deg))
     if passes.failed:
         # Drag has ended the orbit, says SGP4 itself, and nothing was to be seen before that.
@@ -115,29 +106,26 @@ def is_as_every_second(compiled, elements, site, min_alt_deg):
     assert (passes.found.max_alt_deg > min_alt_deg).all()
 
 
-@both_paths
 @settings(max_examples=40, deadline=None, derandomize=True)
 @given(elements=orbits(), site=sites(), min_alt_deg=st.floats(-5.0, 80.0))
-def test_nothing_is_missed_or_invented(compiled, elements, site, min_alt_deg):
-    is_as_every_second(compiled, elements, site, min_alt_deg)
+def test_nothing_is_missed_or_invented(elements, site, min_alt_deg):
+    is_as_every_second(elements, site, min_alt_deg)
 
 
-@both_paths
 @pytest.mark.parametrize("inclination_deg", [5e-324, 2e-309, 1e-200])
-def test_an_inclination_next_to_none_is_none(compiled, inclination_deg):
+def test_an_inclination_next_to_none_is_none(inclination_deg):
     """SGP4 divides by its sine, and numbers so small give no place."""
     elements = replace(Elements.from_tle(*MOLNIYA), inclination_deg=inclination_deg, epoch=START)
-    is_as_every_second(compiled, elements, Site(0.0, 0.0, 0.0), 5.0)
+    is_as_every_second(elements, Site(0.0, 0.0, 0.0), 5.0)
     _, above = above_every_second(elements, Site(0.0, 0.0, 0.0), START, 12.0, Horizon(5.0))
     assert above.any()
 
 
 @pytest.mark.soak
-@both_paths
 @settings(max_examples=1500, deadline=None)
 @given(elements=orbits(), site=sites(), min_alt_deg=st.floats(-5.0, 80.0))
-def test_nothing_is_missed_or_invented_in_many_orbits(compiled, elements, site, min_alt_deg):
-    is_as_every_second(compiled, elements, site, min_alt_deg)
+def test_nothing_is_missed_or_invented_in_many_orbits(elements, site, min_alt_deg):
+    is_as_every_second(elements, site, min_alt_deg)
 
 
 SKYLINES = (
@@ -148,24 +136,22 @@ SKYLINES = (
 )
 
 
-@both_paths
 @pytest.mark.parametrize("mask", SKYLINES, ids=["hills", "tower", "one point", "wall across north"])
 @pytest.mark.parametrize("lines", SETS, ids=["ISS", "Starlink", "Molniya", "TDRS"])
-def test_a_skyline(lines, mask, compiled):
+def test_a_skyline(lines, mask):
     elements, site = Elements.from_tle(*lines), Site(*LEIDEN)
     horizon = Horizon(3.0, mask)
-    passes = find_catalogue_passes([elements], site, START, 24.0, horizon, earth=EARTH, compiled=compiled)
+    passes = find_catalogue_passes([elements], site, START, 24.0, horizon, earth=EARTH)
     since, above = above_every_second(elements, site, START, 24.0, horizon)
     assert (told_every_second(passes.found, since) == above).all()
     alone = find_passes(Propagator(elements, site, earth=EARTH), START, 24.0, 3.0, mask)
     assert len(alone) == len(passes)
 
 
-@both_paths
 @pytest.mark.parametrize("place", [LEIDEN, PARANAL])
-def test_many_are_found_as_one_is(place, compiled):
+def test_many_are_found_as_one_is(place):
     elements, site = [Elements.from_tle(*lines) for lines in SETS], Site(*place)
-    passes = find_catalogue_passes(elements, site, START, 48.0, 5.0, earth=EARTH, compiled=compiled)
+    passes = find_catalogue_passes(elements, site, START, 48.0, 5.0, earth=EARTH)
     alone = [
         (one, p)
         for one in elements
@@ -183,16 +169,15 @@ def test_many_are_found_as_one_is(place, compiled):
     assert passes[1:3] == list(passes)[1:3]
 
 
-@both_paths
-def test_grazing_passes_down_to_the_stated_length(compiled):
+def test_grazing_passes_down_to_the_stated_length():
     site = Site(*LEIDEN)
     elements = Elements.from_tle(*ISS)
     tops = [p.seen.max_alt_deg for p in find_catalogue_passes([elements], site, START, 24.0, 0.0)]
     for top in tops:
         for below_deg in (1e-6, 1e-5, 1e-3, 0.1):
-            passes = find_catalogue_passes([elements], site, START, 24.0, top - below_deg, compiled=compiled)
+            passes = find_catalogue_passes([elements], site, START, 24.0, top - below_deg)
             assert np.abs(passes.found.max_alt_deg - top).min() < 5e-7
-        over = find_catalogue_passes([elements], site, START, 24.0, top + 1e-6, compiled=compiled)
+        over = find_catalogue_passes([elements], site, START, 24.0, top + 1e-6)
         assert np.abs(over.found.max_alt_deg - top).min(initial=9.0) > 5e-7
     assert SURE_S <= 1.0
 
@@ -326,8 +311,7 @@ def test_skyfield_finds_the_same(catalogue):
     assert compared > 80
 
 
-@both_paths
-def test_two_at_work_find_what_one_does(catalogue, compiled):
+def test_two_at_work_find_what_one_does(catalogue):
     # Just enough that the work is shared.
     chosen = catalogue[::7]
     told = []
@@ -339,30 +323,12 @@ def test_two_at_work_find_what_one_does(catalogue, compiled):
             6.0,
             workers=n,
             progress=lambda *a: told.append(a),
-            compiled=compiled,
         )
         for n in (1, 2)
     )
     assert np.array_equal(one.found.rise_s, two.found.rise_s, equal_nan=True)
     assert np.array_equal(one.found.obj, two.found.obj)
     assert told[-1] == (len(chosen), len(chosen))
-
-
-@pytest.mark.skipif(not numba_is_there(), reason="numba is not installed")
-def test_compiled_code_finds_the_same_in_a_catalogue(catalogue):
-    chosen = catalogue[::24]
-    one, two = (
-        find_catalogue_passes(
-            chosen, Site(*LEIDEN), Utc.parse("2025-09-01"), 24.0, earth=EARTH, compiled=compiled
-        ).found
-        for compiled in (False, True)
-    )
-    assert len(one.obj) > 4000
-    assert np.array_equal(one.obj, two.obj)
-    assert np.array_equal(one.peak_run, two.peak_run)
-    for name in ("rise_s", "set_s", "culminate_s", "peak_s"):
-        np.testing.assert_allclose(getattr(two, name), getattr(one, name), rtol=0.0, atol=5e-3)
-    np.testing.assert_allclose(two.max_alt_deg, one.max_alt_deg, rtol=0.0, atol=1e-5)
 
 
 def _timescale(dut1_s, xp_arcsec, yp_arcsec):
