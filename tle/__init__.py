@@ -19,10 +19,11 @@ if TYPE_CHECKING:
     from tle.elements import Elements
     from tle.errors import TleError
     from tle.facts import PassFacts, pass_facts
+    from tle.formats.observations import read_observations
     from tle.formats.registry import parse_elements, write_elements
     from tle.horizon import Horizon, HorizonMask
     from tle.instants import Utc
-    from tle.observations import Observation, read_observations
+    from tle.observations import Observation
     from tle.passes import Pass, find_passes
     from tle.propagator import Propagator
     from tle.refraction import Refraction
@@ -88,7 +89,7 @@ _HOMES = {
     "parse_elements": "formats.registry",
     "pass_facts": "facts",
     "read_elements": "sources",
-    "read_observations": "observations",
+    "read_observations": "formats.observations",
     "write_elements": "formats.registry",
 }
 

@@ -13,32 +13,86 @@ of the altitude, which are looked at too, find all but the pathological.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from tle.arcs import places, with_slopes
-from tle.roots import roots
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
     from tle.arcs import Arcs
     from tle.horizon import Horizon
+    from tle.passes import Pass
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
     Flags = NDArray[np.bool_]
 
+_MOST_ROUNDS = 60
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 SURE_S = 0.5
 _LOOKS = 9
 _GRID = np.linspace(-1.0, 1.0, _LOOKS)
 # Ridders' method squares the error: the step after one of this size is about a millisecond.
 CLOSE_S, _WALL_CLOSE_S = 2e-2, 1e-5
 _DEG = 180.0 / math.pi
+
+
+def roots(
+    value: Callable[[Array], Array],
+    low: Array,
+    high: Array,
+    close: Array | float,
+    at_ends: tuple[Array, Array] | None = None,
+) -> Array:
+    """Return a root in each bracket (m,), by Ridders' method, until none moves by `close` any more.
+
+    The values at the ends of a bracket, `at_ends` where they are known, have different signs, zero counting
+    as negative. Near the end the method squares the error from step to step.
+    """
+    if len(low) == 0:
+        return low
+    at_low, at_high = (value(low), value(high)) if at_ends is None else at_ends
+    found = low
+    for _ in range(_MOST_ROUNDS):
+        middle = 0.5 * (low + high)
+        at_middle = value(middle)
+        spread = np.sqrt(np.maximum(at_middle * at_middle - at_low * at_high, 1e-300))
+        new = middle + (middle - low) * np.sign(at_low - at_high) * at_middle / spread
+        moved = np.abs(new - found)
+        found = new
+        if (moved < close).all():
+            break
+        at_new = value(new)
+        # The bracket goes on from the new point to the closest one on the other side of the root.
+        over = at_new > 0.0
+        by_middle, by_low = (at_middle > 0.0) != over, (at_low > 0.0) != over
+        high = np.where(by_middle, middle, np.where(by_low, low, high))
+        at_high = np.where(by_middle, at_middle, np.where(by_low, at_low, at_high))
+        low, at_low = new, at_new
+    return found
+
+
+def least(value: Callable[[Array], Array], low: Array, high: Array, rounds: int = 15) -> tuple[Array, Array]:
+    """Return where values are least within brackets (m,) of one valley each, and the values there.
+
+    By the golden section: each round leaves 0.62 of a bracket.
+    """
+    left, right = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
+    at_left, at_right = value(left), value(right)
+    for _ in range(rounds):
+        first = at_left < at_right
+        low, high = np.where(first, low, left), np.where(first, right, high)
+        new = np.where(first, high - _GOLDEN * (high - low), low + _GOLDEN * (high - low))
+        at_new = value(new)
+        left, right = np.where(first, new, right), np.where(first, left, new)
+        at_left, at_right = np.where(first, at_new, at_right), np.where(first, at_left, at_new)
+    return np.where(at_left < at_right, left, right), np.minimum(at_left, at_right)
 
 
 @dataclass(frozen=True, slots=True)
@@ -301,3 +355,51 @@ def _borders(
     found[closed] = arcs.seconds(looks.arc[low], x)
     place[:, closed] = arcs.at(looks.arc[low], x)
     return found, place
+
+
+def crossings_of(passes: Sequence[Pass], obj: int, start_s: float) -> Crossings:
+    """Return passes of one object as columns."""
+
+    def column(name: str) -> Array:
+        values = [getattr(p, name) for p in passes]
+        return np.array(
+            [math.nan if v is None else getattr(v, "unix_s", v) for v in values], dtype=np.float64
+        )
+
+    tops = [(k, t.unix_s - start_s) for k, p in enumerate(passes) for t in p.culminations_utc]
+    return Crossings(
+        obj=np.full(len(passes), obj, dtype=np.intp),
+        rise_s=column("rise_utc") - start_s,
+        set_s=column("set_utc") - start_s,
+        culminate_s=column("culminate_utc") - start_s,
+        rise_az_deg=column("rise_az_deg"),
+        set_az_deg=column("set_az_deg"),
+        culminate_az_deg=column("culminate_az_deg"),
+        max_alt_deg=column("max_alt_deg"),
+        peak_run=np.array([k for k, _ in tops], dtype=np.intp),
+        peak_s=np.array([s for _, s in tops], dtype=np.float64),
+    )
+
+
+def joined(pieces: Sequence[Crossings]) -> Crossings:
+    """Return crossings put together, in order of object and time."""
+    pieces = [p for p in pieces if len(p.obj)] or list(pieces[:1])
+    if not pieces:
+        none, no = np.empty(0), np.empty(0, dtype=np.intp)
+        return Crossings(no, none, none, none, none, none, none, none, no, none)
+    columns = {f.name: np.concatenate([getattr(p, f.name) for p in pieces]) for f in fields(Crossings)}
+    starts = np.cumsum([0, *(len(p.obj) for p in pieces[:-1])])
+    columns["peak_run"] = np.concatenate([p.peak_run + s for p, s in zip(pieces, starts, strict=True)])
+    whole = Crossings(**columns)
+    return select(whole, np.lexsort((whole.culminate_s, whole.obj)))
+
+
+def select(found: Crossings, index: Index) -> Crossings:
+    """Return the crossings of these indices, in their order."""
+    position = np.full(len(found.obj), -1, dtype=np.intp)
+    position[index] = np.arange(len(index))
+    owner = position[found.peak_run]
+    kept = np.flatnonzero(owner >= 0)
+    kept = kept[np.argsort(owner[kept], kind="stable")]
+    columns = {f.name: getattr(found, f.name)[index] for f in fields(found)[:-2]}
+    return Crossings(**columns, peak_run=owner[kept], peak_s=found.peak_s[kept])

@@ -3,6 +3,9 @@
 The sidereal angle of TEME is GMST82 of UT1 (Vallado 2006); the step from TEME to the true equator and equinox
 of date is a turn about the pole by GAST06A - GMST82 (IAU 2006/2000A, IERS Conventions 2010, 5.5.7). Both, and
 the polar motion, are held as polynomials a day long, made on first use.
+
+The IERS table finals2000A.all has one record of fixed width a day since 1973-01-02, so that a day's place in
+the file is known and the 3.7 MB need not be parsed. Layout: the IERS's readme.finals2000A.
 """
 
 from __future__ import annotations
@@ -11,30 +14,28 @@ import math
 import warnings
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import erfa
 import numpy as np
 
-from tle.errors import EarthOrientationWarning, TimeRangeError
-from tle.iers import (
-    FIRST_MJD,
-    UNIX_EPOCH_MJD,
-    IersTable,
-    Orientation,
-    installed_table,
-    tai_minus_utc_s,
-)
+from tle.errors import EarthOrientationWarning, SourceError, TimeRangeError
 from tle.instants import DAY_S, Utc
-from tle.site import Site, Vector
+from tle.quantities import functions_for
+from tle.site import EARTH_RADIUS_KM, FLATTENING, Site, Vector
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tle.quantities import Quantity
 
-__all__ = ["EarthOrientation", "EarthOrientationAge", "Rotation", "Site", "earth_orientation_age", "to_tirs"]
+    Array = NDArray[np.float64]
 
+_RECORD = 188
+_TAIL_RECORDS = 800
+UNIX_EPOCH_MJD = 40587
+FIRST_MJD = 41684
 Status = Literal["observed", "predicted", "extrapolated", "fixed"]
 
 _MJD_JD = 2400000.5
@@ -48,6 +49,90 @@ _TO_CUBIC = np.linalg.inv(np.vander(_NODES_S / DAY_S, increasing=True)) / DAY_S 
 
 # θ = GMST82 and its rate, E = GAST06A - GMST82 and its rate, pole x and y: rad and rad/s.
 Rotation = tuple["Quantity", "Quantity", "Quantity", "Quantity", "Quantity", "Quantity"]
+Triple = tuple["Quantity", "Quantity", "Quantity"]
+# A revolution in a mean sidereal day.
+EVEN_TURN_RAD_S = 7.292115855e-5
+
+
+@dataclass(frozen=True, slots=True)
+class Orientation:
+    """Earth orientation at 0h UTC of one day: UT1-UTC in seconds, pole in arcseconds."""
+
+    mjd: int
+    dut1_s: float
+    xp_arcsec: float
+    yp_arcsec: float
+
+
+class IersTable:
+    """finals2000A.all (Bulletin A): days read on demand, last observed and last predicted day known."""
+
+    def __init__(self, path: str | Path) -> None:
+        """Open the table and find its end. Raises SourceError where the file is no such table."""
+        self._path = Path(path)
+        try:
+            self._text = self._path.read_bytes()
+        except OSError as error:
+            raise SourceError(f"{path}: cannot read Earth orientation: {error.strerror}") from None
+        count = len(self._text) // _RECORD
+        tail = range(max(0, count - _TAIL_RECORDS), count)
+        last = [i for i in tail if self._field(i, 58, 68).strip()]
+        observed = [i for i in last if self._field(i, 57, 58) == "I" and self._field(i, 16, 17) == "I"]
+        if not observed or self._mjd(0) != FIRST_MJD:
+            raise SourceError(
+                f"{path}: is no finals2000A.all as the IERS publishes it: install astropy-iers-data"
+            )
+        self.last_observed_mjd = FIRST_MJD + observed[-1]
+        self.last_mjd = FIRST_MJD + last[-1]
+
+    def day(self, mjd: int) -> Orientation:
+        """Return the record of a day from FIRST_MJD to `last_mjd`. Raises SourceError where it is damaged."""
+        index = mjd - FIRST_MJD
+        try:
+            if index < 0 or self._mjd(index) != mjd:
+                raise ValueError
+            return Orientation(
+                mjd,
+                dut1_s=float(self._field(index, 58, 68)),
+                xp_arcsec=float(self._field(index, 18, 27)),
+                yp_arcsec=float(self._field(index, 37, 46)),
+            )
+        except ValueError:
+            raise SourceError(
+                f"{self._path}: no Earth orientation for MJD {mjd}: install astropy-iers-data again"
+            ) from None
+
+    def _field(self, index: int, first: int, last: int) -> str:
+        start = index * _RECORD
+        return self._text[start + first : start + last].decode("ascii", errors="replace")
+
+    def _mjd(self, index: int) -> int:
+        return int(float(self._field(index, 7, 15)))
+
+
+@lru_cache(maxsize=1)
+def installed_table() -> IersTable:
+    """Return the table of the installed astropy-iers-data."""
+    import astropy_iers_data
+
+    return IersTable(astropy_iers_data.IERS_A_FILE)
+
+
+@lru_cache(maxsize=1)
+def _leap_seconds() -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return the days (MJD) from which TAI-UTC has its values since 1972, and the values in seconds."""
+    table = erfa.leap_seconds.get()
+    table = table[table["year"] >= 1972]
+    starts = [
+        int(erfa.cal2jd(int(y), int(m), 1)[1]) for y, m in zip(table["year"], table["month"], strict=True)
+    ]
+    return np.array(starts, dtype=np.int64), np.asarray(table["tai_utc"], dtype=np.float64)
+
+
+def tai_minus_utc_s(mjd: int) -> float:
+    """Return TAI-UTC on a day since 1972, in seconds."""
+    starts, values = _leap_seconds()
+    return float(values[max(0, int(np.searchsorted(starts, mjd, side="right")) - 1)])
 
 
 @dataclass(frozen=True, slots=True)
@@ -264,7 +349,14 @@ def earth_orientation_age(at: Utc, earth: EarthOrientation | None = None) -> Ear
     return (earth or EarthOrientation.installed()).age(at)
 
 
-def to_tirs(vector: Vector, xp: Quantity, yp: Quantity) -> tuple[Quantity, Quantity, Quantity]:
+def turned(q: Triple, angle: Quantity) -> Triple:
+    """Return a vector turned about the pole by an angle in rad."""
+    fn = functions_for(angle)
+    c, s = fn.cos(angle), fn.sin(angle)
+    return q[0] * c - q[1] * s, q[0] * s + q[1] * c, q[2]
+
+
+def to_tirs(vector: Vector, xp: Quantity, yp: Quantity) -> Triple:
     """Return a vector of the ITRS in the TIRS, for a pole in rad (IERS Conventions 2010, 5.4.1).
 
     To first order: poles stay within 1″, so the second order is below 1e-11. The locator s', 0.00001″, is
@@ -272,3 +364,78 @@ def to_tirs(vector: Vector, xp: Quantity, yp: Quantity) -> tuple[Quantity, Quant
     """
     x, y, z = vector
     return x - xp * z, y + yp * z, z + xp * x - yp * y
+
+
+class Ground:
+    """A site during a span. Earth orientation is linear between its values at 0h UTC, as `earth` has it.
+
+    `place`, `axes` (east, north, up) and `direction` (unit, from the Earth's centre) are in the ITRS,
+    `distance_km` is from the Earth's centre and `tilt_rad` bounds the angle of `up` from `direction`.
+    """
+
+    def __init__(self, site: Site, earth: EarthOrientation, start_s: float, span_s: float) -> None:
+        """Look the Earth's orientation up for each day of the span. Raises TimeRangeError."""
+        first, last = math.floor(start_s / DAY_S), math.floor((start_s + span_s) / DAY_S)
+        # Both ends of each day, a second before its end: UT1-UTC may leap there.
+        edges = [(day * DAY_S, (day + 1) * DAY_S - 1.0) for day in range(first, last + 1)]
+        knots = np.array([edge for pair in edges for edge in pair])
+        theta, _, _, _, xp, yp = earth.rotation(knots)
+        self._knots_s = knots
+        self._xp, self._yp = np.broadcast_to(xp, knots.shape), np.broadcast_to(yp, knots.shape)
+        turn = theta - _even(knots, knots[0])
+        # All are the same but for whole turns and the drift of UT1.
+        self._theta = turn[0] + (turn - turn[0] + math.pi) % (2.0 * math.pi) - math.pi
+        self._turn = float(self._theta.mean())
+        self.place: Vector = site.itrs_km
+        self.up: Vector = site.up
+        self.distance_km = math.hypot(*site.itrs_km)
+        x, y, z = (k / self.distance_km for k in site.itrs_km)
+        self.direction: Vector = (x, y, z)
+        cosine = sum(a * b for a, b in zip(self.direction, site.up, strict=True))
+        # A metre of polar motion and rounding are within the last term.
+        self.tilt_rad = math.acos(min(1.0, cosine)) + 1e-5
+        # Cosine and sine of the latitude: how the vertical is made of the equator's plane and the pole.
+        phi = math.radians(site.latitude_deg)
+        self.up_axis = (math.cos(phi), math.sin(phi))
+        self._centre = tuple(
+            -sum(a * b for a, b in zip(axis, site.itrs_km, strict=True))
+            for axis in (site.east, site.north, site.up)
+        )
+        self.axes = (site.east, site.north, site.up)
+
+    def turn_rad(self, start_s: float, since_s: Array) -> Array:
+        """Return the Earth's turn, GMST82, with the middle day's offset: good to a thousandth of a second."""
+        return _even(since_s, self._knots_s[0] - start_s) + self._turn
+
+    def stretched(self, place: Array, part: float = 1.0) -> Array:
+        """Return a place east, north, up from the Earth's centre, in equatorial radii, shape (3, ...).
+
+        Stretched along the pole so that the ellipsoid of WGS 84 becomes a ball of radius 1. With a `part` of
+        0 the site is taken for the Earth's centre, as for differences of places.
+        """
+        east, north, up = (place[i] - part * self._centre[i] for i in range(3))
+        cos, sin = self.up_axis
+        more = (north * cos + up * sin) * (1.0 / (1.0 - FLATTENING) - 1.0)
+        return np.stack([east, north + more * cos, up + more * sin]) / EARTH_RADIUS_KM
+
+    def east_north_up(self, unix_s: Array, teme_km: tuple[Array, Array, Array]) -> Array:
+        """Return places relative to the site, shape (3, ...), of positions in TEME at POSIX seconds."""
+        x, y, z = teme_km
+        theta = _even(unix_s, self._knots_s[0]) + np.interp(unix_s, self._knots_s, self._theta)
+        c, s = np.cos(theta), np.sin(theta)
+        x, y = x * c + y * s, y * c - x * s
+        xp = np.interp(unix_s, self._knots_s, self._xp)
+        yp = np.interp(unix_s, self._knots_s, self._yp)
+        sx, sy, sz = self.place
+        x, y, z = x + xp * z - sx, y - yp * z - sy, z - xp * x + yp * y - sz
+        place = np.empty((3, *x.shape))
+        for k, (a, b, c) in enumerate(self.axes):
+            np.multiply(x, a, out=place[k])
+            place[k] += y * b
+            place[k] += z * c
+        return place
+
+
+def _even(instants: Array, zero: float) -> Array:
+    """Return an even turn, a revolution in a mean sidereal day, since an instant."""
+    return (instants - zero) * EVEN_TURN_RAD_S

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from importlib import import_module
 from typing import TYPE_CHECKING
 
 from sgp4.api import SGP4_ERRORS, WGS72, Satrec
@@ -22,6 +23,8 @@ from tle.errors import (
 from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from tle.quantities import Quantity
 
 _SGP4_EPOCH_JD = 2433281.5
@@ -37,6 +40,12 @@ _NAMED_ERRORS: dict[int, type[PropagationError]] = {
     3: PerturbedElementsError,
     4: SemiLatusRectumError,
 }
+# About 0.4 km of a low orbit, at the epoch and again for each day of age.
+_AT_EPOCH_S = 0.05
+_A_DAY_S = 0.05
+_SHARE_OF_DRAG = 0.15
+# Below this height nothing is in orbit, and angles would grow without bound.
+_LOWEST_KM = 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,8 +80,8 @@ class Elements:
 
         Raises a subclass of ElementsError that says which line and columns are wrong.
         """
-        from tle.formats.tle import parse_set
-
+        # Looked up when it is asked for: the readers are made of this class.
+        parse_set: Callable[[str, str, str], Elements] = import_module("tle.formats.tle").parse_set
         return parse_set(line1, line2, name or "")
 
     @property
@@ -201,3 +210,27 @@ def format_alpha5(number: int) -> str | None:
     if number <= 339_999:
         return f"{_ALPHA5[number // 10_000 - 10]}{number % 10_000:04d}"
     return None
+
+
+def expected_along_s(elements: Elements, at: Utc) -> float:
+    """Return the along-track error to expect at an instant, in seconds; at most half a revolution.
+
+    A typical figure, not a bound, and as large before the epoch as after it. It joins three parts as the root
+    of their squares: what elements miss at their own epoch, what errors of mean motion add a day, and a share
+    of what drag has done since by the elements, because drag changes with the Sun's activity. The three
+    constants describe objects in low orbit that do not manoeuvre; one that does may be anywhere on its orbit.
+    """
+    days = abs(elements.age_s(at)) / DAY_S
+    revolutions_by_drag = abs(elements.mean_motion_dot_rev_day2) * days * days
+    by_drag_s = revolutions_by_drag * elements.period_s
+    error_s = math.hypot(_AT_EPOCH_S, _A_DAY_S * days, _SHARE_OF_DRAG * by_drag_s)
+    return min(error_s, 0.5 * elements.period_s)
+
+
+def expected_along_arcsec(elements: Elements, at: Utc) -> float:
+    """Return what `expected_along_s` is on the sky, in arcsec, at its largest: perigee straight overhead."""
+    height_km = max(elements.perigee_km, _LOWEST_KM)
+    speed_km_s = math.sqrt(
+        _MU_KM3_S2 * (2.0 / (_EARTH_RADIUS_KM + height_km) - 1.0 / elements.semi_major_axis_km)
+    )
+    return math.degrees(math.atan(expected_along_s(elements, at) * speed_km_s / height_km)) * 3600.0

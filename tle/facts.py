@@ -6,21 +6,18 @@ import math
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from tle.arcs import ROUND_BELOW, Windows, basis_of, longest_piece_s, places
-from tle.brightness import magnitude
-from tle.catalogue_search import CatalogueSearch
-from tle.crossing_columns import select
-from tle.crossings import altaz_deg
-from tle.earth import EarthOrientation
-from tle.ground import Ground
+from tle.catalogue_passes import CatalogueSearch
+from tle.crossings import altaz_deg, least, roots, select
+from tle.earth import EarthOrientation, Ground
+from tle.errors import SourceError, printable
 from tle.instants import Utc
-from tle.roots import least, roots
-from tle.sky_bodies import sun_and_moon
-from tle.sun import SUN_RADIUS_KM
+from tle.sun import SUN_RADIUS_KM, sun_and_moon
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -29,7 +26,8 @@ if TYPE_CHECKING:
 
     from tle.catalogue_passes import CataloguePasses
     from tle.crossings import Crossings
-    from tle.sky_bodies import SkyBody
+    from tle.quantities import Quantity
+    from tle.sun import SkyBody
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
@@ -64,6 +62,8 @@ NUMBERS = (
     "magnitude",
 )
 """The facts that are one number each, as `PassFacts` and `FactColumns` name them."""
+_STANDARD_KM = 1000.0
+_LARGEST_NUMBER = 999_999_999
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,9 +179,9 @@ def fact_columns(
 ) -> FactColumns:
     """Return the facts of passes by index, of all without one; separations from Sun and Moon only if wanted.
 
-    `magnitudes` are intrinsic ones by catalogue number; see `brightness`. `progress` is told, now and then,
-    how many passes are done and how many there are. `workers` threads share very many passes: most of the
-    work is numpy's, which lets other threads run. The result is the same.
+    `magnitudes` are intrinsic ones by catalogue number; see `magnitude`. `progress` is called now and then
+    with how many passes are done and how many there are. `workers` threads share very many passes: most of
+    the work is numpy's, which lets other threads run. The result is the same.
     """
     chosen = np.arange(len(passes)) if index is None else np.asarray(index, dtype=np.intp)
     search = CatalogueSearch(passes.task)
@@ -565,3 +565,43 @@ def _as_utc(spans: Intervals, count: int, start_s: float) -> list[tuple[Interval
     pairs = [(Utc(low), Utc(high)) for low, high in zip(first, last, strict=True)]
     starts = spans.starts(count).tolist()
     return [tuple(pairs[low:high]) for low, high in pairwise(starts)]
+
+
+def magnitude(intrinsic: Quantity, range_km: Quantity, phase_rad: Quantity) -> Quantity:
+    """Return the apparent magnitude without air of a sphere that scatters light evenly (Lambert's law).
+
+    `intrinsic` is the magnitude at 1000 km with half of the disc lit, the convention of observers' lists;
+    `phase_rad` is the angle at the satellite between Sun and observer. A satellite with flat panels may
+    differ by magnitudes, and flash. Formula: phase function of a diffuse sphere, (sin φ + (π - φ) cos φ),
+    which is 1 at a right angle.
+    """
+    lit = np.sin(phase_rad) + (math.pi - phase_rad) * np.cos(phase_rad)
+    return intrinsic + 5.0 * np.log10(range_km / _STANDARD_KM) - 2.5 * np.log10(np.maximum(lit, 1e-12))
+
+
+def read_magnitudes(path: str | Path) -> dict[int, float]:
+    """Return intrinsic magnitudes by catalogue number, from lines of those two numbers.
+
+    More on a line, and lines that begin with `#`, are passed over. Raises SourceError, naming file and line.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        why = (error.strerror or str(error)) if isinstance(error, OSError) else "is not text"
+        raise SourceError(f"{path}: cannot read magnitudes: {why}") from None
+    known: dict[int, float] = {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        words = line.split("#")[0].replace(",", " ").split()
+        if not words:
+            continue
+        try:
+            catalog_number, value = int(words[0]), float(words[1])
+            if not math.isfinite(value) or not 0 < catalog_number <= _LARGEST_NUMBER:
+                raise ValueError
+        except (ValueError, IndexError):
+            raise SourceError(
+                f"{path}:{number}: {printable(line.strip())!r} is no magnitude: "
+                "write catalogue number and intrinsic magnitude, as 25544 -1.8"
+            ) from None
+        known[catalog_number] = value
+    return known

@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import math
-import re
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tle.errors import ObservationError, SourceError
+from tle.errors import ObservationError
 from tle.residuals import BiasEstimate, Frame, bias_from_observation
-from tle.site import Site
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -18,6 +15,7 @@ if TYPE_CHECKING:
     from tle.earth import EarthOrientation
     from tle.elements import Elements
     from tle.instants import Utc
+    from tle.site import Site
 
 DEFAULT_SIGMA_ARCSEC = 1.0
 
@@ -88,73 +86,8 @@ class Stations:
         return self.by_name.get(name.strip(), self.default)
 
 
-def read_observations(path: str | Path, stations: Stations) -> list[Observation]:
-    """Return the observations in a file of CSV, IOD or CCSDS TDM (KVN or XML), told by its content.
-
-    Raises SourceError where the file cannot be read, ObservationError where it, or one of them, is wrong.
-    """
-    try:
-        text = Path(path).read_bytes().decode("utf-8-sig", errors="replace")
-    except (OSError, ValueError) as error:
-        reason = error.strerror if isinstance(error, OSError) else str(error)
-        raise SourceError(f"{path}: cannot read observations: {reason}") from None
-    return parse_observations(text, stations, str(path))
-
-
-def parse_observations(text: str, stations: Stations, source: str = "") -> list[Observation]:
-    """Return the observations in a text of CSV, IOD or CCSDS TDM. Raises ObservationError."""
-    from tle.formats import iod, observations_csv, tdm
-
-    if "CCSDS_TDM_VERS" in text or "<tdm" in text:
-        found = tdm.parse_text(text, stations, source)
-    elif iod.looks_like_iod(text):
-        found = iod.parse_text(text, stations, source)
-    elif observations_csv.looks_like_csv(text):
-        found = observations_csv.parse_text(text, stations, source)
-    else:
-        raise ObservationError(
-            placed(source, None, "holds no observations: give CSV with utc, ra_deg and dec_deg, IOD, or TDM")
-        )
-    if not found:
-        raise ObservationError(placed(source, None, "holds no observations of RA and Dec"))
-    return found
-
-
-def read_stations(path: str | Path, default: Site | None = None) -> Stations:
-    """Return the stations of an observers' list: number, initials, latitude and longitude in degrees, metres.
-
-    Blank lines and `#` comments are skipped. Raises SourceError, ObservationError for a bad line, SiteError.
-    """
-    try:
-        text = Path(path).read_bytes().decode("utf-8-sig", errors="replace")
-    except OSError as error:
-        raise SourceError(f"{path}: cannot read stations: {error.strerror}") from None
-    number = r"[+-]?\d+\.?\d*"
-    line_format = re.compile(rf"(\S+) +\S+ +({number}) +({number}) +({number})(?: .*)?", re.ASCII)
-    sites = {}
-    for at, line in enumerate(text.splitlines(), start=1):
-        if not line.strip() or line.startswith("#"):
-            continue
-        match = line_format.fullmatch(line.expandtabs().strip())
-        if match is None:
-            raise ObservationError(
-                placed(str(path), at, "is no station: write number, initials, latitude, longitude, height")
-            )
-        sites[match.group(1)] = Site(*(float(g) for g in match.groups()[1:]))
-    return Stations(sites, default)
-
-
 def placed(source: str, line: int | None, reason: str) -> str:
     """Return a reason with the file and line it is about."""
     if source and line:
         return f"{source}:{line}: {reason}"
     return f"{source}: {reason}" if source else reason
-
-
-def site_of(stations: Stations, name: str, source: str, line: int | None) -> Site:
-    """Return a station's site. Raises ObservationError where it is unknown and there is no default."""
-    site = stations.find(name)
-    if site is None:
-        told = f"station {name.strip()!r} is not known" if name.strip() else "no station is named"
-        raise ObservationError(placed(source, line, f"{told}: give a list of stations, or a site"))
-    return site

@@ -10,12 +10,12 @@ import numpy as np
 from tle.arcs import Windows, anomaly_pieces, fit_arcs, terms_for
 from tle.bias import NO_BIAS
 from tle.crossings import Crossings, find_crossings
+from tle.earth import Ground
 from tle.errors import TimeRangeError
-from tle.ground import Ground
+from tle.gate import near_crossings
 from tle.horizon import Horizon
 from tle.instants import Utc
 from tle.near_earth import DEEP_SPACE_MIN, start_near_earth
-from tle.near_search import near_crossings
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Literal, get_args
 import numpy as np
 
 from tle.bias import NO_BIAS, Bias
-from tle.direction import Direction, Sight, Triple, stacked, teme_axis, turned, unit_of
-from tle.earth import EarthOrientation, Rotation
+from tle.direction import Direction, Sight, stacked, teme_axis, unit_of
+from tle.earth import EarthOrientation, Rotation, Triple, turned
 from tle.errors import PlaceError
 from tle.motion import Motion, State, gravity_km_s2
 from tle.quantities import ARRAYS, FLOATS, Functions

@@ -1,24 +1,31 @@
-"""The Sun as seen from the Earth's centre, and whether it shines on a satellite."""
+"""Sun and Moon, from the Earth's centre and over a site, and whether the Sun shines on a satellite."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import erfa
 import numpy as np
 
-from tle.iers import UNIX_EPOCH_MJD, tai_minus_utc_s
-from tle.instants import DAY_S
+from tle.earth import UNIX_EPOCH_MJD, tai_minus_utc_s, turned
+from tle.instants import DAY_S, Utc
 from tle.site import EARTH_RADIUS_KM, FLATTENING
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from numpy.typing import NDArray
 
-    from tle.instants import Utc
+    from tle.earth import EarthOrientation, Ground
+
+    Array = NDArray[np.float64]
 
 AU_KM = 149597870.7
 SUN_RADIUS_KM = 695700.0
 _MJD_JD = 2400000.5
+# Between two looks the Moon's way bends by 0.07″, and the Sun's by 0.02″.
+_MOON_STEP_S, _SUN_STEP_S = 600.0, 3600.0
 
 
 def terrestrial_time(at: Utc) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -57,3 +64,48 @@ def is_sunlit(satellite_km: NDArray[np.float64], sun: NDArray[np.float64]) -> ND
     nearest2 = np.sum(place * place, axis=-1) - along * along
     lit: NDArray[np.bool_] = (along > 0.0) | (nearest2 > 1.0)
     return lit
+
+
+def moon_km(at: Utc) -> NDArray[np.float64]:
+    """Return the geometric Moon from the Earth's centre, GCRS, km, shape (3,) or (n, 3) (ERFA's moon98).
+
+    Meeus's series: good to about 10″ and 20 km.
+    """
+    place: NDArray[np.float64] = erfa.moon98(*terrestrial_time(at))["p"] * AU_KM
+    return place if at.is_array else place[0]
+
+
+class SkyBody:
+    """Where a body stands: east, north, up of the site in km, geometric, shape (3, m), by interpolation."""
+
+    def __init__(
+        self,
+        place_km: Callable[[Utc], Array],
+        ground: Ground,
+        earth: EarthOrientation,
+        span: tuple[float, float],
+        step_s: float,
+    ) -> None:
+        """Look the body up over a span, first second (POSIX) and length. Raises TimeRangeError."""
+        start_s, span_s = span
+        self._times = start_s + np.linspace(0.0, span_s, math.ceil(span_s / step_s) + 2)
+        at = Utc(self._times)
+        of_date = np.einsum("nij,nj->in", earth.celestial_matrix(at), place_km(at))
+        equinoxes = np.broadcast_to(earth.rotation(self._times)[2], self._times.shape)
+        self._teme = turned((of_date[0], of_date[1], of_date[2]), -equinoxes)
+        self._ground = ground
+
+    def east_north_up(self, unix_s: Array) -> Array:
+        """Return the place at POSIX seconds within the span."""
+        x, y, z = (np.interp(unix_s, self._times, column) for column in self._teme)
+        return self._ground.east_north_up(unix_s, (x, y, z))
+
+
+def sun_and_moon(
+    ground: Ground, earth: EarthOrientation, span: tuple[float, float]
+) -> tuple[SkyBody, SkyBody]:
+    """Return both over a span."""
+    return (
+        SkyBody(sun_km, ground, earth, span, _SUN_STEP_S),
+        SkyBody(moon_km, ground, earth, span, _MOON_STEP_S),
+    )

@@ -11,9 +11,9 @@ import click
 
 from sattrack.cli.common import CommandContext, common_options, tell
 from sattrack.core.errors import BadInputError, SattrackError
+from tle.elements import expected_along_arcsec, expected_along_s
 from tle.errors import PropagationError, TleError
 from tle.formats.registry import WRITTEN, write_elements
-from tle.freshness import expected_along_arcsec, expected_along_s
 from tle.instants import Utc
 from tle.motion import Motion
 from tle.sources import find, newest
@@ -225,7 +225,8 @@ def _residuals(
     context: CommandContext, sets: ElementSets, observations: Path, stations: Path | None
 ) -> list[dict[str, Any]]:
     """Return one row for each observation: the biases that it implies, or the reason why it implies none."""
-    from tle.observations import Stations, read_observations, read_stations
+    from tle.formats.observations import read_observations, read_stations
+    from tle.observations import Stations
 
     site = context.site() if context.has_site() else None
     known = read_stations(stations, site) if stations else Stations({}, site)

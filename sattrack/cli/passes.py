@@ -222,7 +222,7 @@ def _magnitudes(options: dict[str, Any]) -> dict[int, float]:
     """Return the intrinsic magnitudes of --magnitudes by catalogue number."""
     if options["magnitudes_file"] is None:
         return {}
-    from tle.brightness import read_magnitudes
+    from tle.facts import read_magnitudes
 
     return read_magnitudes(options["magnitudes_file"])
 

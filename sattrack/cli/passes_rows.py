@@ -13,7 +13,7 @@ import click
 import msgspec
 import numpy as np
 
-from tle.crossing_columns import select
+from tle.crossings import select
 from tle.errors import printable
 from tle.facts import NUMBERS
 from tle.instants import Utc

@@ -25,8 +25,8 @@ from sattrack.safety.geometry import altitude_deg
 from sattrack.schedule.candidates import Loaded, PlanSituation
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import SAME, make_plan
-from tle.brightness import read_magnitudes
 from tle.errors import EarthOrientationWarning, printable
+from tle.facts import read_magnitudes
 from tle.instants import Utc
 from tle.sources import is_fetched, newest
 
@@ -135,6 +135,7 @@ def situation_of(
     context: CommandContext, schedule: Schedule, profile: ProfileFile, span: Span, now_utc_s: float
 ) -> PlanSituation:
     """Return where and when a plan is made. Raises BadInputError, naming what does not go together."""
+
     site = context.site()
     check_site(profile.mount, site)
     limits = context.settings.safety.limits()

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 from sattrack.control.course import Course
 from sattrack.control.offset import REST, Bounds, Offset, State, added
 from tle.bias import Bias
+from tle.direction import Turn
 from tle.instants import Utc
-from tle.turns import Turn
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -24,7 +24,7 @@ from filterpy.kalman import KalmanFilter
 from sattrack.views.messages import MOST_SIGMA_ARCSEC, Observation
 from tle.bias import Bias
 from tle.instants import Utc
-from tle.places import apparent_unit
+from tle.residuals import apparent_unit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

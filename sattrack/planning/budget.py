@@ -2,7 +2,7 @@
 
 | part | size | known from |
 |---|---|---|
-| elements | `tle.freshness` along; across, a share of what that is at the epoch | their age |
+| elements | `tle.elements` along; across, a share of what that is at the epoch | their age |
 | clock | its error times the direction's rate | what sets the clock, else taken as 10 ms |
 | Earth orientation | UT1: 0.25 ms times days^0.75; the pole: 0.68 mas times days^0.8 | the last observation |
 | refraction | 10 hPa and 10 K of the air; all of it where none is applied | taken |
@@ -23,7 +23,7 @@ import numpy as np
 
 from tle.bias import Bias
 from tle.earth import EarthOrientation
-from tle.freshness import expected_along_s
+from tle.elements import expected_along_s
 from tle.instants import DAY_S, Utc
 from tle.propagator import Propagator
 from tle.refraction import Refraction

@@ -25,7 +25,7 @@ from sattrack.recording.reading import GAP
 from sattrack.recording.recorder import Recorder
 from tle.earth import EarthOrientation, to_tirs
 from tle.instants import Utc
-from tle.places import apparent_unit
+from tle.residuals import apparent_unit
 from tle.site import Site
 
 if TYPE_CHECKING:

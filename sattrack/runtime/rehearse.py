@@ -53,11 +53,11 @@ from sattrack.runtime.pass_scene import AT_FASTEST, fastest_deg_s
 from sattrack.runtime.prepare import with_detours
 from sattrack.runtime.virtual import VirtualRun
 from sattrack.safety.bounds import CONES
-from tle.ground import Ground
+from tle.earth import Ground
 from tle.instants import Utc
 from tle.passes import find_passes
 from tle.propagator import Propagator
-from tle.sky_bodies import sun_and_moon
+from tle.sun import sun_and_moon
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

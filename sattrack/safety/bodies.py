@@ -13,8 +13,7 @@ import erfa
 
 from sattrack.mount.model import mean_sidereal_deg
 from tle.instants import Utc
-from tle.moon import moon_km
-from tle.sun import sun_km, terrestrial_time
+from tle.sun import moon_km, sun_km, terrestrial_time
 
 if TYPE_CHECKING:
     from collections.abc import Callable

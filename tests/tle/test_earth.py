@@ -8,9 +8,16 @@ import numpy as np
 import pytest
 from tle_facts import LEIDEN
 
-from tle.earth import EarthOrientation, earth_orientation_age, to_tirs
+from tle.earth import (
+    FIRST_MJD,
+    EarthOrientation,
+    IersTable,
+    earth_orientation_age,
+    installed_table,
+    tai_minus_utc_s,
+    to_tirs,
+)
 from tle.errors import EarthOrientationWarning, SourceError, TimeRangeError
-from tle.iers import FIRST_MJD, IersTable, installed_table, tai_minus_utc_s
 from tle.instants import Utc
 from tle.site import Site
 

@@ -13,17 +13,17 @@ from tle_facts import ISS, TDRS3
 
 from tle.elements import Elements
 from tle.errors import ElementsError, SourceError
-from tle.formats import gpredict, omm_csv, omm_json, omm_kvn, omm_xml, tle
+from tle.formats import omm_notations, tle
 from tle.formats.registry import parse_elements
 from tle.sources import load_elements
 
 READERS = {
-    "tle": tle.read,
-    "gpredict": gpredict.read,
-    "csv": omm_csv.read,
-    "json": omm_json.read,
-    "xml": omm_xml.read,
-    "kvn": omm_kvn.read,
+    "tle": tle.read_tle,
+    "gpredict": tle.read_gpredict,
+    "csv": omm_notations.read_csv,
+    "json": omm_notations.read_json,
+    "xml": omm_notations.read_xml,
+    "kvn": omm_notations.read_kvn,
 }
 GPREDICT = f"[25544]\nVERSION=1.1\nNAME=ISS\nTLE1={ISS[0]}\nTLE2={ISS[1]}\n"
 WHOLE = ["\n".join(ISS), CSV, as_json(SPACE_TRACK, SPACE_TRACK), XML, KVN, GPREDICT, BOMB]

@@ -13,7 +13,7 @@ from sgp4.api import Satrec
 from tle.elements import Elements
 from tle.formats import tle
 from tle.formats.registry import WRITTEN, parse_elements, write_elements
-from tle.formats.tle_regular import regular_set
+from tle.formats.tle import regular_set
 from tle.motion import Motion
 from tle.sources import load_elements
 

@@ -16,7 +16,7 @@ from tle_facts import DECAYING, ISS, MOLNIYA, STARLINK_ALPHA5, TDRS3
 from tle.elements import Elements, format_alpha5, parse_alpha5
 from tle.errors import SourceError, UnwritableError
 from tle.formats.registry import WRITTEN, parse_elements, write_elements
-from tle.formats.tle_writer import format_set
+from tle.formats.tle import format_set
 from tle.instants import Utc
 
 OMM = ("csv", "json", "xml", "kvn")

@@ -10,8 +10,9 @@ from tle_facts import ISS, LEIDEN
 from tle.bias import Bias
 from tle.elements import Elements
 from tle.errors import ObservationError, SiteError, SourceError, TleError
+from tle.formats.observations import parse_observations, read_observations, read_stations
 from tle.instants import Utc
-from tle.observations import Stations, parse_observations, read_observations, read_stations
+from tle.observations import Stations
 from tle.propagator import Propagator
 from tle.site import Site
 

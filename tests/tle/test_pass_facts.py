@@ -13,16 +13,15 @@ from skyfield.api import EarthSatellite, load, wgs84
 from skyfield.framelib import true_equator_and_equinox_of_date
 from tle_facts import ISS, LEIDEN, MOLNIYA, STARLINK_ALPHA5, TDRS3
 
-from tle.brightness import magnitude, read_magnitudes
 from tle.catalogue_passes import find_catalogue_passes
+from tle.crossings import least, roots
 from tle.elements import Elements
 from tle.errors import SourceError
-from tle.facts import pass_facts, sun_altitudes_deg
+from tle.facts import magnitude, pass_facts, read_magnitudes, sun_altitudes_deg
 from tle.instants import Utc
-from tle.moon import moon_km
 from tle.propagator import Propagator
-from tle.roots import least, roots
 from tle.site import Site
+from tle.sun import moon_km
 
 START = Utc.parse("2026-10-02T12:00:00Z")
 HOURS = 30.0

@@ -15,13 +15,11 @@ from tle_facts import DECAYING, ISS, LEIDEN, MOLNIYA, PARANAL, STARLINK_ALPHA5, 
 
 from tle.catalogue_passes import find_catalogue_passes
 from tle.crossings import SURE_S, highest_between
-from tle.deep_gate import gated, mean_places
-from tle.deep_space import DeepSpace
-from tle.earth import EarthOrientation
+from tle.deep_space import DeepSpace, gated, mean_places
+from tle.earth import EarthOrientation, Ground
 from tle.elements import Elements
 from tle.formats.registry import parse_elements
 from tle.gate import orbit_bounds
-from tle.ground import Ground
 from tle.horizon import Horizon, HorizonMask
 from tle.instants import Utc
 from tle.near_earth import brouwer_mean_motion, in_plane, mean_orbit, start_near_earth, teme_km

@@ -8,14 +8,14 @@ import erfa
 import numpy as np
 import pytest
 
+from tle.direction import Turn, turned_on_sky
 from tle.earth import EarthOrientation
 from tle.elements import Elements
 from tle.errors import ObservationError, PlaceError
 from tle.instants import Utc
-from tle.places import apparent_unit
 from tle.propagator import Propagator
+from tle.residuals import apparent_unit
 from tle.site import Site
-from tle.turns import Turn, turned_on_sky
 
 LEIDEN = Site(52.1541, 4.4908, 0.0)
 ISS = Elements.from_tle(

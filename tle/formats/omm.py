@@ -125,6 +125,18 @@ def elements_of(values: Mapping[str, object], place: Place) -> Elements:
         raise named(error, values) from None
 
 
+def set_or_refusal(
+    values: Mapping[str, object], place: Place, wrong: ElementsError | None = None
+) -> Elements | ElementsError:
+    """Return the elements that keywords and values say, or the reason they are refused: `wrong`, if given."""
+    if wrong is not None:
+        return named(wrong, values)
+    try:
+        return elements_of(values, place)
+    except ElementsError as error:
+        return error
+
+
 def named(error: ElementsError, values: Mapping[str, object]) -> ElementsError:
     """Return an error that knows name and catalogue number of its set, as far as those can be read."""
     name, number = values.get("OBJECT_NAME"), values.get("NORAD_CAT_ID")

@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 
 # Name, what a text of it cannot be without, and the module, imported only for a text that may be of it.
 _READERS: tuple[tuple[str, Callable[[str], bool], str], ...] = (
-    ("xml", lambda text: text.lstrip()[:1] == "<", "omm_xml"),
-    ("json", lambda text: text.lstrip()[:1] in ("[", "{"), "omm_json"),
-    ("gpredict", lambda text: "TLE1=" in text, "gpredict"),
-    ("csv", lambda text: "MEAN_MOTION" in text or "NORAD_CAT_ID" in text, "omm_csv"),
-    ("kvn", lambda text: "=" in text, "omm_kvn"),
+    ("xml", lambda text: text.lstrip()[:1] == "<", "omm_notations"),
+    ("json", lambda text: text.lstrip()[:1] in ("[", "{"), "omm_notations"),
+    ("gpredict", lambda text: "TLE1=" in text, "tle"),
+    ("csv", lambda text: "MEAN_MOTION" in text or "NORAD_CAT_ID" in text, "omm_notations"),
+    ("kvn", lambda text: "=" in text, "omm_notations"),
     ("tle", lambda _: True, "tle"),
 )
 WRITTEN = ("csv", "json", "xml", "kvn", "tle", "2le")
@@ -45,7 +45,7 @@ def _reader(text: str) -> tuple[str, _Reader] | None:
             continue
         module = importlib.import_module(f"tle.formats.{module_name}")
         if getattr(module, f"looks_like_{name}")(text):
-            return name, module.read
+            return name, getattr(module, f"read_{name}")
     return None
 
 
@@ -78,15 +78,15 @@ def write_elements(elements: Iterable[Elements], form: str, created: str = "", o
     cannot hold a value, SourceError for an unknown format.
     """
     if form in ("tle", "2le"):
-        from tle.formats import tle_writer
+        from tle.formats import tle
 
-        return tle_writer.write(elements, names=form == "tle")
+        return tle.write_tle(elements, names=form == "tle")
+    from tle.formats import omm_notations as omm
+
     if form in ("csv", "json"):
-        text: str = importlib.import_module(f"tle.formats.omm_{form}").write(elements)
-        return text
+        return omm.write_csv(elements) if form == "csv" else omm.write_json(elements)
     if form in ("xml", "kvn"):
-        headed: str = importlib.import_module(f"tle.formats.omm_{form}").write(elements, created, originator)
-        return headed
+        return (omm.write_xml if form == "xml" else omm.write_kvn)(elements, created, originator)
     raise SourceError(f"{form!r} is no format of elements: give one of {', '.join(WRITTEN)}")
 
 

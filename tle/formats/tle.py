@@ -1,4 +1,4 @@
-"""Two-line and three-line element sets: text to `Elements`, every column checked.
+"""Two-line and three-line element sets: text to `Elements`, every column checked, and back to text.
 
 Columns as in Space-Track's "Basic Description of the Two Line Element (TLE) Format", with Alpha-5 numbers.
 """
@@ -8,9 +8,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from datetime import date
+from functools import cache
 from typing import TYPE_CHECKING
 
-from tle.elements import Elements, parse_alpha5
+from tle.elements import Elements, epoch_jd, format_alpha5, parse_alpha5
 from tle.errors import (
     ChecksumError,
     ElementsError,
@@ -21,20 +22,115 @@ from tle.errors import (
     MismatchedLinesError,
     MissingLineError,
     SwappedLinesError,
+    UnwritableError,
     printable,
 )
 from tle.formats.omm import EPHEMERIS_TYPES, MAX_REV_DAY, wrong_theory
-from tle.formats.tle_regular import checksum, regular_set
-from tle.instants import DAY_S, Utc
+from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
+_DAY_ZERO = date(1970, 1, 1).toordinal()
+_WORTH = bytes(c - 48 if 48 <= c <= 57 else c == 45 for c in range(256))
+_POWERS = {f"{sign}{power}": 10.0 ** int(f"{sign}{power}") for power in range(10) for sign in "+-"}
+_TWICE = {str(digit): 2 * digit % 10 for digit in range(10)}
+_LINE_1 = re.compile(
+    r"1 ([A-HJ-NP-Z\d ][\d ]{3}\d)([A-Z]) (\d{5}[A-Z](?:[A-Z] | {2}|[A-Z]{2})| {8}) "
+    r"(\d\d)([ \d]{2}\d)(\.\d{8}) ([ +-]\.\d{8}) ([ +-]\d{5})([+-]\d) ([ +-]\d{5})([+-]\d) "
+    r"([0-3]) ([ \d]{3}\d)(\d)",
+    re.ASCII,
+)
+_LINE_2 = re.compile(
+    r"2 (.{5}) ([ \d]{2}\d\.\d{4}) ([ \d]{2}\d\.\d{4}) (\d{7}) ([ \d]{2}\d\.\d{4}) ([ \d]{2}\d\.\d{4}) "
+    r"([ \d]\d\.\d{8})([ \d]{4}\d)(\d)",
+    re.ASCII,
+)
 _LENGTH = 69
 _ELEMENT_LINE = re.compile(r"[12] [ 0-9A-Z][ 0-9]{3}[0-9]|[12] .{30,}", re.ASCII)
 _ANY_ELEMENT_LINE = re.compile(rf"^(?:{_ELEMENT_LINE.pattern})", re.ASCII | re.MULTILINE)
 _COPY = "copy the set again from its source"
 _SPACES = {1: (2, 9, 18, 33, 44, 53, 62, 64), 2: (2, 8, 17, 26, 34, 43, 52)}
+_SECTION = re.compile(r"\[\d{1,9}\]", re.ASCII)
+_MARK = re.compile(r"^\[\d{1,9}\][ \t\r]*$", re.MULTILINE | re.ASCII)
+_TICKS_A_DAY = 100_000_000
+_DESIGNATOR = re.compile(r"(\d\d)(\d\d)-(\d{3}[A-Z]{1,3})", re.ASCII)
+
+
+def checksum(line: str) -> int:
+    """Return the sum, modulo 10, of a line's columns 1 to 68: a minus counts one, letters nothing."""
+    return sum(line[:68].encode("ascii", "replace").translate(_WORTH)) % 10
+
+
+def regular_set(line1: str, line2: str, name: str) -> Elements | None:
+    """Return the elements of two lines that keep every rule to the column; None for any others.
+
+    The numbers are the same, to the last bit, as those of the reader that checks column by column.
+    """
+    # Both match ASCII only. The sums are taken over all 69 columns, so the digit of the sum counts twice.
+    first, second = _LINE_1.fullmatch(line1), _LINE_2.fullmatch(line2)
+    if first is None or second is None:
+        return None
+    field, letter, launch, year, day, fraction, dot, ddot, ddot_power, bstar, bstar_power, *last = (
+        first.groups()
+    )
+    field2, inclination, raan, eccentricity, perigee, anomaly, motion, turns, sum2 = second.groups()
+    kind, number, sum1 = last
+    if field != field2 or _sum(line1) != _TWICE[sum1] or _sum(line2) != _TWICE[sum2]:
+        return None
+    start, length = _year(year)
+    try:
+        catalog_number = int(field) if field[0] < "A" else parse_alpha5(field)
+        days = int(day)
+        inclination_deg, raan_deg = float(inclination), float(raan)
+        perigee_deg, anomaly_deg = float(perigee), float(anomaly)
+        rev_day = float(motion)
+        set_number, revolutions = int(number), int(turns)
+    except ValueError:
+        # A blank between digits.
+        return None
+    if (
+        catalog_number is None
+        or not 1 <= days <= length
+        or inclination_deg > 180.0
+        or raan_deg > 360.0
+        or perigee_deg > 360.0
+        or anomaly_deg > 360.0
+        or not 0.0 < rev_day <= MAX_REV_DAY
+    ):
+        return None
+    century = "19" if launch >= "57" else "20"
+    return Elements(
+        name,
+        catalog_number,
+        letter,
+        f"{century}{launch[:2]}-{launch[2:].rstrip()}" if launch[0] != " " else "",
+        Utc((start + days - 1) * DAY_S + float(fraction) * DAY_S),
+        inclination_deg,
+        raan_deg,
+        float("." + eccentricity),
+        perigee_deg,
+        anomaly_deg,
+        rev_day,
+        float(dot),
+        float(f"{ddot[0]}.{ddot[1:]}") * _POWERS[ddot_power],
+        float(f"{bstar[0]}.{bstar[1:]}") * _POWERS[bstar_power],
+        int(kind),
+        set_number,
+        revolutions,
+    )
+
+
+def _sum(line: str) -> int:
+    return sum(line.encode().translate(_WORTH)) % 10
+
+
+@cache
+def _year(two_digits: str) -> tuple[int, int]:
+    """Return the day number since 1970 of a year's first day, and how many days the year has."""
+    year = int(two_digits) + (1900 if two_digits >= "57" else 2000)
+    first = date(year, 1, 1).toordinal()
+    return first - _DAY_ZERO, date(year + 1, 1, 1).toordinal() - first
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +162,7 @@ def is_element_line(text: str) -> bool:
     return text[:2] in ("1 ", "2 ") and _ELEMENT_LINE.match(text) is not None
 
 
-def read(text: str, source: str = "") -> Iterator[Elements | ElementsError]:
+def read_tle(text: str, source: str = "") -> Iterator[Elements | ElementsError]:
     """Yield, in the order of the text, the elements of each set or the reason it is refused.
 
     Name lines are optional and may begin with "0 "; blank lines, `#` comments and CRLF are accepted.
@@ -335,3 +431,150 @@ def _whole(line: Line, first: int, last: int, field: str) -> int:
     if not re.fullmatch(r" *\d* *", text, re.ASCII):
         raise line.says(FieldError, f"{field} {text.strip()!r} is no whole number: {_COPY}", (first, last))
     return int(text.strip() or "0")
+
+
+def looks_like_gpredict(text: str) -> bool:
+    """Tell whether a text has section lines such as [25544] and element lines behind TLE1=."""
+    return "TLE1=" in text and _MARK.search(text) is not None
+
+
+def read_gpredict(text: str, source: str = "") -> Iterator[Elements | ElementsError]:
+    """Yield, in the order of the text, the elements of each section or the reason it is refused."""
+    section: Line | None = None
+    values: dict[str, Line] = {}
+    for number, raw in enumerate(text.split("\n"), start=1):
+        line = raw.strip()
+        if _SECTION.fullmatch(line):
+            if section is not None:
+                yield _section_or_refusal(section, values)
+            section, values = Line(line, source, number), {}
+            continue
+        key, _, value = line.partition("=")
+        if key in ("NAME", "TLE1", "TLE2"):
+            values[key] = Line(value.strip(), source, number)
+    if section is not None:
+        yield _section_or_refusal(section, values)
+
+
+def _section_or_refusal(section: Line, values: dict[str, Line]) -> Elements | ElementsError:
+    name = clean_name(values["NAME"].text) if "NAME" in values else ""
+    try:
+        for key in ("TLE1", "TLE2"):
+            if key not in values:
+                raise section.says(MissingLineError, f"the section has no {key}: update the list in gpredict")
+        return parse_lines(values["TLE1"], values["TLE2"], name)
+    except ElementsError as error:
+        error.name, error.catalog_number = name, int(section.text[1:-1])
+        return error
+
+
+def write_tle(elements: Iterable[Elements], names: bool = True) -> str:
+    """Return element sets as TLE text, with a name line before each that has a name, unless told not to.
+
+    Raises UnwritableError where a TLE cannot hold a value.
+    """
+    lines: list[str] = []
+    for one in elements:
+        if names and one.name:
+            lines.append(_name_line(one.name))
+        lines.extend(format_set(one))
+    return "".join(f"{line}\n" for line in lines)
+
+
+def format_set(elements: Elements) -> tuple[str, str]:
+    """Return the two lines of an element set; revolutions count on from 0 after 99999, as in every TLE.
+
+    Raises UnwritableError, naming object and value, for a catalogue number above 339999 (where Alpha-5
+    ends), and for any other value that the columns cannot hold.
+    """
+    number = format_alpha5(elements.catalog_number)
+    if number is None:
+        why = "Alpha-5 ends at 339999: write an OMM instead"
+        raise _unwritable(elements, "catalogue number", elements.catalog_number, why)
+    if elements.element_set_number > 9999:
+        raise _unwritable(elements, "element set number", elements.element_set_number, "it has four columns")
+    ddot, bstar = elements.mean_motion_ddot_rev_day3, elements.bstar_per_earth_radius
+    line1 = (
+        f"1 {number}{elements.classification} {_designator_columns(elements):8} {_epoch_columns(elements)} "
+        f"{_dot(elements)} {_power_columns(elements, ddot, 'second derivative of mean motion')} "
+        f"{_power_columns(elements, bstar, 'drag term B*')} "
+        f"{elements.ephemeris_type} {elements.element_set_number:4d}"
+    )
+    line2 = (
+        f"2 {number} {elements.inclination_deg:8.4f} {_turn(elements.raan_deg)} {_eccentricity(elements)} "
+        f"{_turn(elements.arg_perigee_deg)} {_turn(elements.mean_anomaly_deg)} "
+        f"{_motion_columns(elements)}{elements.revolution_number % 100_000:5d}"
+    )
+    return line1 + str(checksum(line1)), line2 + str(checksum(line2))
+
+
+def _unwritable(elements: Elements, what: str, value: object, why: str) -> UnwritableError:
+    error = UnwritableError(f"{elements.label}: {what} {value} does not fit a TLE: {why}")
+    error.name, error.catalog_number = elements.name, elements.catalog_number
+    return error
+
+
+def _name_line(name: str) -> str:
+    """Return the name, with "0 " before it where it would not be read as a name otherwise."""
+    return f"0 {name}" if name.startswith(("#", "0 ")) or is_element_line(name) else name
+
+
+def _designator_columns(elements: Elements) -> str:
+    match = _DESIGNATOR.fullmatch(elements.designator)
+    if match is None:
+        if len(elements.designator) <= 8 and elements.designator.isascii():
+            return elements.designator
+        raise _unwritable(elements, "designator", elements.designator, "it has eight columns")
+    century, year, piece = match.groups()
+    if century != ("19" if year >= "57" else "20"):
+        raise _unwritable(elements, "designator", elements.designator, "its years are 1957 to 2056")
+    return f"{year}{piece}"
+
+
+def _epoch_columns(elements: Elements) -> str:
+    jd, fraction = epoch_jd(elements.epoch)
+    days, ticks = divmod(round(fraction * _TICKS_A_DAY), _TICKS_A_DAY)
+    day = date.fromordinal(_DAY_ZERO + int(jd - UNIX_EPOCH_JD) + days)
+    if not 1957 <= day.year <= 2056:
+        raise _unwritable(elements, "epoch", elements.epoch.isoformat(), "its years are 1957 to 2056")
+    return f"{day.year % 100:02d}{day.timetuple().tm_yday:03d}.{ticks:08d}"
+
+
+def _turn(angle_deg: float) -> str:
+    text = f"{angle_deg % 360.0 if angle_deg < 0.0 else angle_deg:8.4f}"
+    return "  0.0000" if text == "360.0000" and angle_deg != 360.0 else text
+
+
+def _eccentricity(elements: Elements) -> str:
+    text = f"{elements.eccentricity:.7f}"
+    if not text.startswith("0."):
+        raise _unwritable(elements, "eccentricity", elements.eccentricity, "it rounds to 1")
+    return text[2:]
+
+
+def _motion_columns(elements: Elements) -> str:
+    text = f"{elements.mean_motion_rev_day:11.8f}"
+    if not float(text):
+        raise _unwritable(elements, "mean motion", elements.mean_motion_rev_day, "it rounds to 0")
+    return text
+
+
+def _dot(elements: Elements) -> str:
+    value = elements.mean_motion_dot_rev_day2
+    text = f"{abs(value):.8f}"
+    if not text.startswith("0."):
+        raise _unwritable(elements, "first derivative of mean motion", value, "its columns hold less than 1")
+    return ("-" if value < 0.0 else " ") + text[1:]
+
+
+def _power_columns(elements: Elements, value: float, what: str) -> str:
+    """Return five digits after an implied point and a power of ten of one digit."""
+    digits, power = f"{abs(value):.4e}".split("e")
+    digits, exponent = digits.replace(".", ""), int(power) + 1
+    if exponent < -9:
+        digits, exponent = f"{round(abs(value) * 1e14):05d}", -9
+    if int(digits) == 0:
+        return " 00000+0"
+    if exponent > 9:
+        raise _unwritable(elements, what, value, "its power of ten has one digit")
+    return f"{'-' if value < 0.0 else ' '}{digits}{exponent:+d}"

@@ -22,8 +22,7 @@ from tle.bias import NO_BIAS, Bias
 from tle.elements import Elements, parse_alpha5
 from tle.errors import ElementsError, FieldRangeError, MissingFieldError
 from tle.formats.omm import KEYWORDS, Place, elements_of
-from tle.formats.tle import parse_set
-from tle.formats.tle_regular import checksum
+from tle.formats.tle import checksum, parse_set
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.refraction import Refraction

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from tle.earth import EarthOrientation, to_tirs
 from tle.instants import Utc
-from tle.places import apparent_unit
+from tle.residuals import apparent_unit
 
 if TYPE_CHECKING:
     from tle.site import Site

@@ -26,8 +26,9 @@ from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.safety import SafetyLimits
 from sattrack.views.messages import Go, Message, Nudge, Pause
 from tle.bias import Bias
+from tle.formats.observations import read_observations
 from tle.instants import Utc
-from tle.observations import Stations, read_observations
+from tle.observations import Stations
 from tle.propagator import Propagator
 from tle.residuals import bias_from_observation
 

@@ -1,0 +1,432 @@
+"""Observed directions from files: CSV, IOD and CCSDS TDM, recognised by content; and observers' stations.
+
+CSV: utc, ra_deg, dec_deg and, if known, frame, station, object and uncertainties. IOD: the format of
+satellite observers (G. Lewis, 1998, clarified 2002), RA and Dec only. TDM: RA and Dec of a Tracking Data
+Message (CCSDS 503.0-B-2), KVN or XML. TDM has no keyword for the uncertainty of angles: a comment in a
+segment's metadata gives it for the whole segment, one sigma on the sky: `COMMENT SIGMA_ARCSEC = 20`.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from dataclasses import dataclass, field
+from datetime import date
+from pathlib import Path
+from typing import TYPE_CHECKING, get_args
+
+from tle.errors import ObservationError, SiteError, SourceError, TimeFormatError
+from tle.instants import DAY_S, Utc
+from tle.observations import Observation, Stations, placed
+from tle.residuals import Frame
+from tle.site import Site
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+_IOD_LINE = re.compile(r"[ 0-9]{5} [ 0-9]{2} [ 0-9]{3}[ A-Z]{3} \d{4} [A-Z ] \d{8}", re.ASCII)
+_HAS_POSITION = 47
+# Angle formats: sexagesimal places of RA and Dec, and the unit of the uncertainty in arcsec.
+_FORMATS = {
+    "1": ("HHMMSSs", "DDMMSS", 1.0),
+    "2": ("HHMMmmm", "DDMMmm", 60.0),
+    "3": ("HHMMmmm", "DDdddd", 3600.0),
+    "7": ("HHMMSSs", "DDdddd", 3600.0),
+}
+_UNITS = {"H": 15.0, "D": 1.0}
+_EPOCHS: dict[str, Frame] = {" ": "of_date", "0": "of_date", "5": "j2000"}
+_NEEDED = ("utc", "ra_deg", "dec_deg")
+_KNOWN = (
+    *_NEEDED,
+    "frame",
+    "station",
+    "latitude_deg",
+    "longitude_deg",
+    "height_m",
+    "object",
+    "sigma_arcsec",
+    "sigma_time_s",
+)
+_FRAMES: dict[str, Frame] = {
+    "EME2000": "j2000",
+    "J2000": "j2000",
+    "ICRF": "icrf",
+    "GCRF": "icrf",
+    "TOD": "of_date",
+}
+_SIGMA = re.compile(r"SIGMA_ARCSEC\s*=\s*(\S+)")
+_DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})(T.*)?", re.ASCII)
+
+
+def read_observations(path: str | Path, stations: Stations) -> list[Observation]:
+    """Return the observations in a file of CSV, IOD or CCSDS TDM (KVN or XML), told by its content.
+
+    Raises SourceError where the file cannot be read, ObservationError where it, or one of them, is wrong.
+    """
+    try:
+        text = Path(path).read_bytes().decode("utf-8-sig", errors="replace")
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) else str(error)
+        raise SourceError(f"{path}: cannot read observations: {reason}") from None
+    return parse_observations(text, stations, str(path))
+
+
+def parse_observations(text: str, stations: Stations, source: str = "") -> list[Observation]:
+    """Return the observations in a text of CSV, IOD or CCSDS TDM. Raises ObservationError."""
+    if "CCSDS_TDM_VERS" in text or "<tdm" in text:
+        found = _read_tdm(text, stations, source)
+    elif _looks_like_iod(text):
+        found = _read_iod(text, stations, source)
+    elif _looks_like_csv(text):
+        found = _read_csv(text, stations, source)
+    else:
+        raise ObservationError(
+            placed(source, None, "holds no observations: give CSV with utc, ra_deg and dec_deg, IOD, or TDM")
+        )
+    if not found:
+        raise ObservationError(placed(source, None, "holds no observations of RA and Dec"))
+    return found
+
+
+def read_stations(path: str | Path, default: Site | None = None) -> Stations:
+    """Return the stations of an observers' list: number, initials, latitude and longitude in degrees, metres.
+
+    Blank lines and `#` comments are skipped. Raises SourceError, ObservationError for a bad line, SiteError.
+    """
+    try:
+        text = Path(path).read_bytes().decode("utf-8-sig", errors="replace")
+    except OSError as error:
+        raise SourceError(f"{path}: cannot read stations: {error.strerror}") from None
+    number = r"[+-]?\d+\.?\d*"
+    line_format = re.compile(rf"(\S+) +\S+ +({number}) +({number}) +({number})(?: .*)?", re.ASCII)
+    sites = {}
+    for at, line in enumerate(text.splitlines(), start=1):
+        if not line.strip() or line.startswith("#"):
+            continue
+        match = line_format.fullmatch(line.expandtabs().strip())
+        if match is None:
+            raise ObservationError(
+                placed(str(path), at, "is no station: write number, initials, latitude, longitude, height")
+            )
+        sites[match.group(1)] = Site(*(float(g) for g in match.groups()[1:]))
+    return Stations(sites, default)
+
+
+def site_of(stations: Stations, name: str, source: str, line: int | None) -> Site:
+    """Return a station's site. Raises ObservationError where it is unknown and there is no default."""
+    site = stations.find(name)
+    if site is None:
+        told = f"station {name.strip()!r} is not known" if name.strip() else "no station is named"
+        raise ObservationError(placed(source, line, f"{told}: give a list of stations, or a site"))
+    return site
+
+
+def _looks_like_iod(text: str) -> bool:
+    """Tell whether any line of a text is an observation of this format."""
+    return any(_IOD_LINE.match(line) for line in text.splitlines())
+
+
+def _read_iod(text: str, stations: Stations, source: str) -> list[Observation]:
+    """Return the observations with a position; lines of station status and brightness alone are skipped.
+
+    Lines that are not of the format, as the mail around them, are skipped too. Raises ObservationError.
+    """
+    found = []
+    for number, line in enumerate(text.splitlines(), start=1):
+        if _IOD_LINE.match(line) and line[_HAS_POSITION:54].strip():
+            found.append(_iod_observation(line, stations, source, number))
+    return found
+
+
+def _iod_observation(line: str, stations: Stations, source: str, number: int) -> Observation:
+    def wrong(reason: str) -> ObservationError:
+        return ObservationError(placed(source, number, reason))
+
+    code, epoch = line[44:45], line[45:46]
+    if code not in _FORMATS:
+        raise wrong(f"angle format {code!r} is none of 1, 2, 3, 7: only RA and Dec can be read")
+    if epoch not in _EPOCHS:
+        raise wrong(f"epoch code {epoch!r} is none of 0 (of date), 5 (J2000): convert the directions first")
+    ra_places, dec_places, unit_arcsec = _FORMATS[code]
+    ra_deg = _angle(line[47:54], ra_places)
+    dec_deg = _angle(line[55:61], dec_places)
+    sign = line[54:55]
+    if ra_deg is None or dec_deg is None or sign not in ("+", "-"):
+        raise wrong(f"{line[47:61]!r} is no {ra_places}±{dec_places}")
+    try:
+        utc = _iod_time(line[23:40])
+    except TimeFormatError as error:
+        raise wrong(str(error)) from None
+    year = line[6:8].strip()
+    designator = f"{year}{line[9:15].strip()}" if year else ""
+    sigma_arcsec, sigma_time_s = _uncertainty(line[62:64]), _uncertainty(line[41:43])
+    return Observation(
+        utc,
+        ra_deg,
+        -dec_deg if sign == "-" else dec_deg,
+        _EPOCHS[epoch],
+        site_of(stations, line[16:20], source, number),
+        line[0:5].strip().lstrip("0") or designator,
+        None if sigma_arcsec is None else sigma_arcsec * unit_arcsec,
+        sigma_time_s,
+        source,
+        number,
+    )
+
+
+def _iod_time(field: str) -> Utc:
+    text = field.ljust(17).replace(" ", "0")
+    if not re.fullmatch(r"\d{17}", text, re.ASCII):
+        raise TimeFormatError(f"{field!r} is no YYYYMMDDHHMMSSsss")
+    date = f"{text[:4]}-{text[4:6]}-{text[6:8]}"
+    return Utc.parse(f"{date}T{text[8:10]}:{text[10:12]}:{text[12:14]}.{text[14:]}Z")
+
+
+def _angle(field: str, places: str) -> float | None:
+    """Return degrees of digits whose meaning `places` gives letter by letter; blanks at the end are zeros."""
+    text = field.ljust(len(places)).rstrip().ljust(len(places), "0")
+    if not re.fullmatch(r"\d+", text, re.ASCII):
+        return None
+    value = float(text[:2])
+    rest = places[2:]
+    if rest.startswith("d"):
+        value += float(f"0.{text[2:]}")
+    elif rest.startswith("MMm"):
+        value += float(f"{text[2:4]}.{text[4:]}") / 60.0
+    else:
+        value += float(text[2:4]) / 60.0 + float(f"{text[4:6]}.{text[6:] or 0}") / 3600.0
+    return value * _UNITS[places[0]]
+
+
+def _uncertainty(field: str) -> float | None:
+    """Return the number that MX stands for: M times ten to the power of X - 8."""
+    if not re.fullmatch(r"\d\d", field, re.ASCII):
+        return None
+    return float(int(field[0]) * 10.0 ** (int(field[1]) - 8))
+
+
+def _looks_like_csv(text: str) -> bool:
+    """Tell whether the first line that is no comment names the columns that are needed."""
+    for line in text.splitlines():
+        if line.strip() and not line.startswith("#"):
+            return set(_NEEDED) <= {name.strip() for name in line.split(",")}
+    return False
+
+
+def _read_csv(text: str, stations: Stations, source: str) -> list[Observation]:
+    """Return the observations; `frame` is icrf (default), j2000 or of_date. Raises ObservationError."""
+    lines = text.splitlines()
+    kept = [(n, line) for n, line in enumerate(lines, start=1) if line.strip() and not line.startswith("#")]
+    header = [name.strip() for name in kept[0][1].split(",")]
+    unknown = [name for name in header if name not in _KNOWN]
+    if unknown:
+        raise ObservationError(
+            placed(source, kept[0][0], f"column {unknown[0]!r} is not known: use {', '.join(_KNOWN)}")
+        )
+    found = []
+    for number, line in kept[1:]:
+        try:
+            cells = next(csv.reader(io.StringIO(line)))
+        except csv.Error as error:
+            raise ObservationError(placed(source, number, str(error))) from None
+        if len(cells) != len(header):
+            raise ObservationError(
+                placed(source, number, f"has {len(cells)} columns, the header {len(header)}")
+            )
+        row = {name: cell.strip() for name, cell in zip(header, cells, strict=True)}
+        found.append(_csv_observation(row, stations, source, number))
+    return found
+
+
+def _csv_observation(row: Mapping[str, str], stations: Stations, source: str, line: int) -> Observation:
+    frame = row.get("frame") or "icrf"
+    if frame not in get_args(Frame):
+        raise ObservationError(
+            placed(source, line, f"{frame!r} is no frame: use one of {', '.join(get_args(Frame))}")
+        )
+    try:
+        utc = Utc.parse(row["utc"])
+    except TimeFormatError as error:
+        raise ObservationError(placed(source, line, str(error))) from None
+    numbers = {name: _number(row, name, source, line) for name in _KNOWN if name.endswith(("_deg", "_m"))}
+    ra_deg, dec_deg = numbers["ra_deg"], numbers["dec_deg"]
+    if ra_deg is None or dec_deg is None:
+        raise ObservationError(placed(source, line, "ra_deg or dec_deg is empty: give both, in degrees"))
+    latitude, longitude = numbers["latitude_deg"], numbers["longitude_deg"]
+    if latitude is not None and longitude is not None:
+        try:
+            site = Site(latitude, longitude, numbers["height_m"] or 0.0)
+        except SiteError as error:
+            raise ObservationError(placed(source, line, str(error))) from None
+    else:
+        site = site_of(stations, row.get("station", ""), source, line)
+    return Observation(
+        utc,
+        ra_deg,
+        dec_deg,
+        frame,  # type: ignore[arg-type] # one of the frames, as checked above
+        site,
+        row.get("object", ""),
+        _number(row, "sigma_arcsec", source, line),
+        _number(row, "sigma_time_s", source, line),
+        source,
+        line,
+    )
+
+
+def _number(row: Mapping[str, str], name: str, source: str, line: int) -> float | None:
+    text = row.get(name, "")
+    if not text:
+        return None
+    try:
+        return float(text)
+    except ValueError:
+        raise ObservationError(placed(source, line, f"{name} {text!r} is no number")) from None
+
+
+@dataclass(slots=True)
+class _Segment:
+    """The metadata of one segment, and its data as (line, keyword, epoch, value)."""
+
+    meta: dict[str, str] = field(default_factory=dict)
+    data: list[tuple[int | None, str, str, str]] = field(default_factory=list)
+    sigma_arcsec: float | None = None
+
+    def take_comment(self, text: str, source: str, line: int | None) -> None:
+        """Take the uncertainty where a comment says one. Raises ObservationError where that is no number."""
+        match = _SIGMA.fullmatch(text.strip())
+        if match is None:
+            return
+        try:
+            self.sigma_arcsec = float(match[1])
+        except ValueError:
+            raise ObservationError(placed(source, line, f"SIGMA_ARCSEC is {match[1]!r}: no number")) from None
+
+
+def _read_tdm(text: str, stations: Stations, source: str) -> list[Observation]:
+    """Return the pairs of RA and Dec of every segment whose angles are RADEC. Raises ObservationError."""
+    read = _from_xml if text.lstrip().startswith("<") else _from_kvn
+    segments = read(text, source)
+    return [one for segment in segments for one in _tdm_observations(segment, stations, source)]
+
+
+def _from_kvn(text: str, source: str) -> list[_Segment]:
+    segments: list[_Segment] = []
+    part = "header"
+    for number, raw in enumerate(text.splitlines(), start=1):
+        line = raw.strip()
+        if not line:
+            continue
+        if line.split()[0] == "COMMENT":
+            if part == "META_START":
+                segments[-1].take_comment(line.removeprefix("COMMENT"), source, number)
+            continue
+        if line in ("META_START", "META_STOP", "DATA_START", "DATA_STOP"):
+            part = line
+            if part == "META_START":
+                segments.append(_Segment())
+            continue
+        key, equals, value = (piece.strip() for piece in line.partition("="))
+        if not equals:
+            raise ObservationError(placed(source, number, f"{line!r} is no KEYWORD = value"))
+        if part == "META_START":
+            segments[-1].meta[key] = value
+        elif part == "DATA_START":
+            epoch, _, measured = value.partition(" ")
+            if not segments:
+                raise ObservationError(placed(source, number, "data without metadata before them"))
+            segments[-1].data.append((number, key, epoch, measured.strip()))
+    return segments
+
+
+def _from_xml(text: str, source: str) -> list[_Segment]:
+    from xml.etree import ElementTree
+
+    try:
+        root = ElementTree.fromstring(text)
+    except (ElementTree.ParseError, ValueError) as error:
+        raise ObservationError(placed(source, None, f"is no XML: {error}")) from None
+    segments = []
+    for element in root.iter("segment"):
+        meta = {child.tag: (child.text or "").strip() for child in element.iterfind("metadata/*")}
+        segment = _Segment(meta)
+        for comment in element.iterfind("metadata/COMMENT"):
+            segment.take_comment(comment.text or "", source, None)
+        for observed in element.iterfind("data/observation"):
+            epoch = (observed.findtext("EPOCH") or "").strip()
+            segment.data += [
+                (None, child.tag, epoch, (child.text or "").strip())
+                for child in observed
+                if child.tag != "EPOCH"
+            ]
+        segments.append(segment)
+    return segments
+
+
+def _tdm_observations(segment: _Segment, stations: Stations, source: str) -> list[Observation]:
+    meta = segment.meta
+    if meta.get("ANGLE_TYPE") != "RADEC":
+        return []
+    first = segment.data[0][0] if segment.data else None
+    if meta.get("TIME_SYSTEM", "UTC") != "UTC":
+        raise ObservationError(placed(source, first, f"time system {meta['TIME_SYSTEM']} is not UTC"))
+    frame = _FRAMES.get(meta.get("REFERENCE_FRAME", ""))
+    if frame is None:
+        told = meta.get("REFERENCE_FRAME", "none")
+        raise ObservationError(
+            placed(source, first, f"reference frame {told} is none of {', '.join(_FRAMES)}")
+        )
+    station, seen = _participants(meta, stations)
+    found = []
+    right_ascensions = {epoch: value for _, key, epoch, value in segment.data if key == "ANGLE_1"}
+    for line, key, epoch, value in segment.data:
+        if key != "ANGLE_2":
+            continue
+        if epoch not in right_ascensions:
+            raise ObservationError(placed(source, line, f"ANGLE_2 at {epoch} has no ANGLE_1"))
+        try:
+            ra_deg, dec_deg, utc = float(right_ascensions[epoch]), float(value), _tdm_time(epoch)
+        except (ValueError, TimeFormatError) as error:
+            raise ObservationError(placed(source, line, str(error))) from None
+        site = site_of(stations, station, source, line)
+        found.append(
+            Observation(
+                utc,
+                ra_deg % 360.0,
+                dec_deg,
+                frame,
+                site,
+                seen,
+                sigma_arcsec=segment.sigma_arcsec,
+                source=source,
+                line=line,
+            )
+        )
+    return found
+
+
+def _participants(meta: dict[str, str], stations: Stations) -> tuple[str, str]:
+    """Return the names of the station and of the satellite: the station is the one that the stations know.
+
+    Where they know none, it is the last of the signal's path, where the light arrives.
+    """
+    names = [meta[key] for key in sorted(meta) if key.startswith("PARTICIPANT_")]
+    known = [name for name in names if name in stations.by_name]
+    if known:
+        station = known[0]
+    else:
+        path = [int(p) for p in re.findall(r"\d+", meta.get("PATH", ""))]
+        station = names[path[-1] - 1] if path and 0 < path[-1] <= len(names) else (names or [""])[0]
+    others = [name for name in names if name != station]
+    return station, others[0] if others else ""
+
+
+def _tdm_time(text: str) -> Utc:
+    """Return the instant of a calendar date or of a day of the year."""
+    match = _DAY_OF_YEAR.fullmatch(text)
+    if match is None:
+        return Utc.parse(text)
+    year, day, clock = match.groups()
+    start = Utc.parse(f"{date(int(year), 1, 1).isoformat()}{clock or ''}")
+    return start.plus((int(day) - 1) * DAY_S)
