@@ -10,7 +10,7 @@ from typing import Literal
 import msgspec
 
 from sattrack.core.errors import BadInputError
-from sattrack.core.toml_file import line_of_key, read_toml
+from sattrack.core.toml_text import line_of_key, read_toml
 from sattrack.safety.settings import SafetySettings
 from tle.site import Site
 

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.cli.aside import beside
 from sattrack.cli.common import CommandContext, appearance, common_options, screen_options
-from sattrack.cli.screened import needed_terminal, tui_possible
+from sattrack.cli.screened import beside, needed_terminal, tui_possible
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.runtime.gallery import SUPPORTED, feeders
 

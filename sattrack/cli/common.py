@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.cli.changed import SettingsWatch
 from sattrack.core.clock import Clock, make_clock
-from sattrack.core.errors import BadInputError
-from sattrack.settings import Settings, load_settings
+from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.settings import Settings, find_settings_file, load_settings
 from tle.site import Site
 
 if TYPE_CHECKING:
@@ -253,3 +252,40 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
         return result
 
     return wrapper
+
+
+class SettingsWatch:
+    """Remembers how the files stand from which settings came."""
+
+    def __init__(self, config: Path | None, named: list[Path]) -> None:
+        found = find_settings_file(config)
+        self._config = config
+        self._before = {path: _stamp(path) for path in ([found] if found else []) + named}
+
+    def words(self) -> str | None:
+        """Return what to tell where a file is not as it was, and None where all are."""
+        changed = [path for path, stamp in self._before.items() if _stamp(path) != stamp]
+        if not changed:
+            return None
+        names = ", ".join(str(path) for path in changed)
+        kept = f"{names} changed meanwhile: what ran kept the settings with which it began"
+        try:
+            load_settings(self._config).safety.limits()
+        except SattrackError as error:
+            return f"{kept}; the next command will refuse them: {error}"
+        return f"{kept}; the next command takes them"
+
+
+def _stamp(path: Path) -> tuple[int, int] | None:
+    try:
+        stat = path.stat()
+    except OSError:
+        return None
+    return stat.st_mtime_ns, stat.st_size
+
+
+def mount_option(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add `--mount URL`, handed on as `mount_url`, which `runtime.mounts.mount_address` reads."""
+    from sattrack.runtime.mounts import FORMS
+
+    return click.option("--mount", "mount_url", metavar="URL", help=f"sim, {FORMS}; else as set.")(function)

@@ -8,7 +8,6 @@ from typing import Any
 
 import click
 
-from sattrack.cli.aside import beside
 from sattrack.cli.common import (
     CommandContext,
     appearance,
@@ -20,14 +19,14 @@ from sattrack.cli.common import (
     stream_options,
     tell,
 )
-from sattrack.cli.flying import fly_and_tell
 from sattrack.cli.running import (
     Progress,
     Stream,
     check_observations,
     finish,
+    fly_and_tell,
 )
-from sattrack.cli.screened import tui_possible, with_tui
+from sattrack.cli.screened import beside, tui_possible, with_tui
 from sattrack.core.errors import BadInputError
 from sattrack.mount.profiles import ProfileFile
 from sattrack.runtime import practice

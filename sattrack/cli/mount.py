@@ -7,13 +7,13 @@ import importlib
 import click
 
 VERBS = {
-    "status": ("mount_look", "status", "All that the mount tells, once; nothing is sent to a real mount."),
+    "status": ("mount_move", "status", "All that the mount tells, once; nothing is sent to a real mount."),
     "watch": ("mount_watch", "watch", "A full-screen manual console: status live, jog, slew, sync, park."),
-    "slew": ("mount_point", "slew", "Go to a right ascension and declination, and track there."),
-    "sync": ("mount_point", "sync", "Make the mount report a direction for where it points."),
-    "abort": ("mount_rest", "abort", "Stop both axes, and see them at rest."),
-    "park": ("mount_rest", "park", "Slew to the park position, stop there, cut the drives' power."),
-    "home": ("mount_rest", "home", "Go to the home position."),
+    "slew": ("mount_move", "slew", "Go to a right ascension and declination, and track there."),
+    "sync": ("mount_move", "sync", "Make the mount report a direction for where it points."),
+    "abort": ("mount_move", "abort", "Stop both axes, and see them at rest."),
+    "park": ("mount_move", "park", "Slew to the park position, stop there, cut the drives' power."),
+    "home": ("mount_move", "home", "Go to the home position."),
     "move": ("mount_move", "move", "Move at rates for some seconds, then track."),
     "pulse": ("mount_move", "pulse", "Guide: move at the guide rate for some milliseconds."),
     "fine-rate": ("mount_move", "fine_rate", "Adjust the tracking by small rates."),

@@ -14,8 +14,7 @@ import click
 import msgspec
 
 from sattrack import __version__
-from sattrack.cli.common import CommandContext, common_options
-from sattrack.cli.mount_option import mount_option
+from sattrack.cli.common import CommandContext, common_options, mount_option
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
 from sattrack.runtime import practice
 

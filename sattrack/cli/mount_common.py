@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from sattrack.cli.common import CommandContext, common_options, profile_option
-from sattrack.cli.mount_option import mount_option
+from sattrack.cli.common import CommandContext, common_options, mount_option, profile_option
 from sattrack.control.manual.console import Console
 from sattrack.control.manual.errand import DONE, ManualOperation
 from sattrack.control.manual.report import view_of

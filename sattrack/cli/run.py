@@ -7,8 +7,7 @@ from typing import Any
 
 import click
 
-from sattrack.cli.common import CommandContext, common_options, profile_option
-from sattrack.cli.mount_option import mount_option
+from sattrack.cli.common import CommandContext, common_options, mount_option, profile_option
 from sattrack.core.errors import BadInputError
 
 

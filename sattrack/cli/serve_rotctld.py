@@ -8,9 +8,8 @@ from typing import Any
 import click
 
 from sattrack import __version__
-from sattrack.cli.common import CommandContext, common_options, profile_option
+from sattrack.cli.common import CommandContext, common_options, mount_option, profile_option
 from sattrack.cli.json_lines import JsonLines
-from sattrack.cli.mount_option import mount_option
 from sattrack.cli.serving import (
     Log,
     caller_limits,

@@ -9,9 +9,9 @@ from typing import Any
 import click
 import msgspec
 
-from sattrack.cli.aside import given
 from sattrack.cli.attach import welcome_of
 from sattrack.cli.common import CommandContext, common_options, screen_options, tell
+from sattrack.cli.screened import given
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.own_program import own_program
 from sattrack.runtime.gallery import feeders

@@ -11,7 +11,7 @@ import click
 import msgspec
 
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.core.toml_file import read_toml
+from sattrack.core.toml_text import read_toml
 from sattrack.mount.alpaca.address import DEFAULT_PORT
 from sattrack.mount.simulator.alpaca.server import serve
 from sattrack.mount.simulator.alpaca.telescope import TelescopeSettings

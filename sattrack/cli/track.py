@@ -75,7 +75,7 @@ def _wants_screen(context: CommandContext, options: dict[str, Any], url: str | N
 
 
 def _on_screen(context: CommandContext, options: dict[str, Any], url: str | None) -> int:
-    from sattrack.cli.aside import beside
+    from sattrack.cli.screened import beside
 
     practising = url == "sim" and not context.sources() and not context.has_site()
     look = appearance(context, options["theme"], options["plain"])

@@ -12,13 +12,13 @@ import click
 
 from sattrack.calibration.profile import learnt_text, with_learnt
 from sattrack.cli.common import tell
-from sattrack.cli.flying import fly_and_tell
 from sattrack.cli.running import (
     Progress,
     Stream,
     announcement,
     check_observations,
     finish,
+    fly_and_tell,
     tell_malformed,
 )
 from sattrack.core.errors import BadInputError

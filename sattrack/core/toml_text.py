@@ -1,21 +1,34 @@
-"""TOML text to a typed value, every error with line and column and what was meant."""
+"""TOML to a typed value, every error with file, line and column and what was meant.
+
+The parser of the standard library tells no places of values: a scanner of our own finds where each key and
+value stands in text which that parser has found valid. Paths are tuples of keys and of indices from 0.
+"""
 
 from __future__ import annotations
 
 import re
 import tomllib
 from datetime import date, datetime, time
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import msgspec
 
+from sattrack.core.errors import BadInputError
 from sattrack.core.origin import Origin, meant
-from sattrack.core.toml_positions import toml_positions
 
 if TYPE_CHECKING:
-    from sattrack.core.errors import BadInputError
-    from sattrack.core.toml_positions import Path, Spot
+    from pathlib import Path
 
+KeyPath = tuple[str | int, ...]
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+_PLAIN = re.compile(r"[^,\]}#\n]+")
+_STRINGS = (
+    ('"""', re.compile(r'"""(?:[^\\]|\\.)*?"{3,5}', re.DOTALL)),
+    ("'''", re.compile(r"'''.*?'{3,5}", re.DOTALL)),
+    ('"', re.compile(r'"(?:[^"\\\n]|\\.)*"')),
+    ("'", re.compile(r"'[^'\n]*'")),
+)
 T = TypeVar("T")
 _AT = re.compile(r" - at `\$([^`]*)`$")
 _STEP = re.compile(r"\.([^.\[\]]+)|\[(\d+)\]")
@@ -24,10 +37,161 @@ _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`")
 _TAG = re.compile(r"Invalid value '(.*)'")
 
 
+class Spot(NamedTuple):
+    """Line and column, from 1, of a key and of its value; of the value's first character within quotes."""
+
+    line: int
+    column: int
+    value_line: int
+    value_column: int
+    plain: bool
+    """Whether the value is text as it stands, so that columns within it can be counted."""
+
+
+def toml_positions(text: str) -> dict[KeyPath, Spot]:
+    """Return where everything stands."""
+    return _Scanner(text.replace("\r\n", "\n")).scan()
+
+
+class _Scanner:
+    """One way through the text."""
+
+    def __init__(self, text: str) -> None:
+        self._text = text
+        self._at = 0
+        self._found: dict[KeyPath, Spot] = {}
+        self._counts: dict[KeyPath, int] = {}
+
+    def scan(self) -> dict[KeyPath, Spot]:
+        table: KeyPath = ()
+        while self._skip("\n"):
+            if self._peek() == "[":
+                table = self._header()
+            else:
+                self._pair(table)
+        return self._found
+
+    def _header(self) -> KeyPath:
+        begin = self._at
+        many = self._text.startswith("[[", self._at)
+        self._at += 2 if many else 1
+        keys = self._keys()
+        self._at += 2 if many else 1
+        path: KeyPath = ()
+        for key in keys[:-1]:
+            path = self._current((*path, key))
+        path = (*path, keys[-1])
+        if many:
+            number = self._counts.get(path, 0)
+            self._counts[path] = number + 1
+            self._found.setdefault(path, self._spot(begin, begin, plain=False))
+            path = (*path, number)
+        self._found[path] = self._spot(begin, begin, plain=False)
+        return path
+
+    def _current(self, path: KeyPath) -> KeyPath:
+        """Return the path of the latest table of an array of tables, or of a table itself."""
+        return (*path, self._counts[path] - 1) if path in self._counts else path
+
+    def _pair(self, table: KeyPath) -> None:
+        self._skip("")
+        begin = self._at
+        path = (*table, *self._keys())
+        self._at += 1
+        self._skip("")
+        self._value(path, begin)
+
+    def _keys(self) -> list[str]:
+        keys = []
+        while True:
+            self._skip("")
+            quoted = self._string()
+            if quoted is not None:
+                keys.append(quoted)
+            else:
+                match = _BARE.match(self._text, self._at)
+                keys.append(match.group() if match else "")
+                self._at += len(keys[-1])
+            self._skip("")
+            if self._peek() != ".":
+                return keys
+            self._at += 1
+
+    def _value(self, path: KeyPath, begin: int) -> None:
+        first = self._at
+        opening = self._peek()
+        if opening == "[":
+            self._found[path] = self._spot(begin, first, plain=False)
+            self._array(path)
+        elif opening == "{":
+            self._found[path] = self._spot(begin, first, plain=False)
+            self._inline(path)
+        else:
+            content = self._string()
+            if content is None:
+                match = _PLAIN.match(self._text, self._at)
+                self._at += len(match.group()) if match else 1
+                self._found[path] = self._spot(begin, first, plain=False)
+                return
+            quotes = 3 if self._text[first : first + 3] in ('"""', "'''") else 1
+            inside = first + quotes
+            if quotes == 3 and self._text[inside] == "\n":
+                inside += 1
+            plain = self._text[first] == "'" or "\\" not in content
+            self._found[path] = self._spot(begin, inside, plain=plain)
+
+    def _array(self, path: KeyPath) -> None:
+        self._at += 1
+        number = 0
+        while self._skip("\n,") and self._peek() != "]":
+            self._value((*path, number), self._at)
+            number += 1
+        self._at += 1
+
+    def _inline(self, path: KeyPath) -> None:
+        self._at += 1
+        while self._skip("\n,") and self._peek() != "}":
+            self._pair(path)
+        self._at += 1
+
+    def _string(self) -> str | None:
+        """Pass over a string and return what stands within its quotes; None where none begins here."""
+        for quote, pattern in _STRINGS:
+            if self._text.startswith(quote, self._at):
+                match = pattern.match(self._text, self._at)
+                whole = match.group() if match else quote * 2
+                self._at += len(whole)
+                return whole[len(quote) : -len(quote)]
+        return None
+
+    def _skip(self, also: str) -> bool:
+        """Pass over blanks, comments and what else is named; tell whether there is more."""
+        while self._at < len(self._text):
+            character = self._text[self._at]
+            if character == "#" and also:
+                end = self._text.find("\n", self._at)
+                self._at = len(self._text) if end < 0 else end
+            elif character in " \t" or character in also:
+                self._at += 1
+            else:
+                return True
+        return False
+
+    def _peek(self) -> str:
+        return self._text[self._at : self._at + 1]
+
+    def _spot(self, key_at: int, value_at: int, *, plain: bool) -> Spot:
+        return Spot(*self._place(key_at), *self._place(value_at), plain)
+
+    def _place(self, at: int) -> tuple[int, int]:
+        before = self._text.rfind("\n", 0, at)
+        return self._text.count("\n", 0, at) + 1, at - before
+
+
 class Positions:
     """Where the keys and values of one file stand."""
 
-    def __init__(self, file: str, spots: dict[Path, Spot], columns: bool = True) -> None:
+    def __init__(self, file: str, spots: dict[KeyPath, Spot], columns: bool = True) -> None:
         """Keep what the scanner found; without `columns`, lines are told alone."""
         self.file = file
         self._spots = spots
@@ -105,7 +269,7 @@ def _without_times(value: Any) -> Any:
 def _told(message: str, document: Any, positions: Positions, kind: type) -> BadInputError:
     """Return the decoder's refusal as an error that names place, key, and what was meant."""
     found = _AT.search(message)
-    path: Path = ()
+    path: KeyPath = ()
     if found is not None:
         path = tuple(int(number) if number else name for name, number in _STEP.findall(found[1]))
         message = message[: found.start()]
@@ -158,7 +322,7 @@ def _shown(value: Any) -> str:
     return text if len(text) <= 60 else text[:57] + "..."
 
 
-def _value_at(document: Any, path: Path) -> Any:
+def _value_at(document: Any, path: KeyPath) -> Any:
     for part in path:
         try:
             document = document[part]
@@ -167,7 +331,7 @@ def _value_at(document: Any, path: Path) -> Any:
     return document
 
 
-def _types_at(kind: Any, path: Path, document: Any) -> list[Any]:
+def _types_at(kind: Any, path: KeyPath, document: Any) -> list[Any]:
     """Return the types that may stand at a path; of several kinds of table those of the tag there."""
     info: list[Any] = [msgspec.inspect.type_info(kind)]
     for part in path:
@@ -192,7 +356,7 @@ def _inner(info: Any, part: str | int) -> list[Any]:
     return [inner for one in found for inner in (one.types if isinstance(one, kinds.UnionType) else [one])]
 
 
-def _keys_at(kind: Any, path: Path, document: Any) -> list[str]:
+def _keys_at(kind: Any, path: KeyPath, document: Any) -> list[str]:
     found: dict[str, None] = {}
     for info in _types_at(kind, path, document):
         if isinstance(info, msgspec.inspect.StructType):
@@ -201,7 +365,7 @@ def _keys_at(kind: Any, path: Path, document: Any) -> list[str]:
     return list(found)
 
 
-def _choices(kind: Any, path: Path, document: Any) -> list[str]:
+def _choices(kind: Any, path: KeyPath, document: Any) -> list[str]:
     found: dict[str, None] = {}
     for info in _types_at(kind, path, document):
         if isinstance(info, msgspec.inspect.StructType):
@@ -209,3 +373,24 @@ def _choices(kind: Any, path: Path, document: Any) -> list[str]:
         elif isinstance(info, msgspec.inspect.LiteralType):
             found |= dict.fromkeys(str(value) for value in info.values)
     return list(found)
+
+
+def read_toml(path: Path, kind: type[T], what: str) -> T:
+    """Return what a file says, as a `kind`; `what` names it in errors ("the settings").
+
+    Raises BadInputError, naming file, line and key, where the file is missing, is no TOML, or says something
+    that has no place in it.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise BadInputError(f"{path}: cannot read {what}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise BadInputError(f"{path}: cannot read {what}: it is not UTF-8 text") from error
+    return read_typed(text, str(path), kind, columns=False)[0]
+
+
+def line_of_key(path: Path, name: str) -> str:
+    """Return ':LINE' of a key in a TOML file that was read before, or '' where it does not stand there."""
+    spots = toml_positions(path.read_text(encoding="utf-8"))
+    return next((f":{spot.line}" for where, spot in spots.items() if where[-1] == name), "")

@@ -10,7 +10,7 @@ from typing import Any
 import msgspec
 
 from sattrack.core.errors import SattrackError
-from sattrack.core.toml_file import read_toml
+from sattrack.core.toml_text import read_toml
 from sattrack.mount.model import MountProfile
 
 

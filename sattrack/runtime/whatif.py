@@ -10,7 +10,7 @@ import numpy as np
 
 from sattrack.control.law import ControlLaw
 from sattrack.core.errors import BadInputError
-from sattrack.core.toml_file import read_toml
+from sattrack.core.toml_text import read_toml
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
 from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.recording.format import OPERATOR

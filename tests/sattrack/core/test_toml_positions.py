@@ -9,7 +9,7 @@ import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sattrack.core.toml_positions import Path, toml_positions
+from sattrack.core.toml_text import KeyPath, toml_positions
 
 TEXT = '''# a comment with [brackets] and "quotes"
 name = "a" # after
@@ -34,7 +34,7 @@ a = 2
 
 def test_places_are_where_one_counts_them() -> None:
     found = toml_positions(TEXT)
-    counted: dict[Path, tuple[int, int, int, int]] = {
+    counted: dict[KeyPath, tuple[int, int, int, int]] = {
         ("name",): (2, 1, 2, 9),
         ("odd key", "inner"): (3, 1, 3, 23),
         ("one", "two"): (5, 1, 5, 1),
@@ -63,7 +63,7 @@ VALUES = st.recursive(
 )
 
 
-def leaves(value: Any, path: Path = ()) -> list[tuple[Path, Any]]:
+def leaves(value: Any, path: KeyPath = ()) -> list[tuple[KeyPath, Any]]:
     if isinstance(value, dict):
         return [leaf for key, one in value.items() for leaf in leaves(one, (*path, key))]
     if isinstance(value, list):
