@@ -108,9 +108,9 @@ def _show_passes(table: PassTable, as_json: bool, options: dict[str, Any]) -> No
     elif options["as_csv"]:
         write_csv(table, sys.stdout.write)
     elif options["as_ics"]:
-        from sattrack.cli.passes_calendar import as_calendar
+        from sattrack.cli.passes_calendar import passes_calendar
 
-        sys.stdout.write(as_calendar(table))
+        sys.stdout.write(passes_calendar(table).decode())
     elif len(table):
         # https://no-color.org: any value but an empty one; elsewhere click leaves colour to terminals.
         colour = False if os.environ.get("NO_COLOR") else None

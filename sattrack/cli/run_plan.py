@@ -14,7 +14,6 @@ import msgspec
 import numpy as np
 
 from sattrack.cli.common import tell
-from sattrack.cli.icalendar import Event, calendar_text, stamp
 from sattrack.cli.run_told import plan_lines
 from sattrack.core.errors import BadInputError
 from sattrack.mount.alpaca.address import parse_alpaca
@@ -98,8 +97,10 @@ def _situation(
 
 def _write(plan: SchedulePlan, context: CommandContext, options: dict[str, Any]) -> None:
     if options["ics"] is not None:
+        from sattrack.cli.passes_calendar import plan_calendar
+
         try:
-            options["ics"].write_bytes(as_calendar(plan, context.now()).encode())
+            options["ics"].write_bytes(plan_calendar(plan, context.now()))
         except OSError as error:
             raise BadInputError(
                 f"--ics {options['ics']}: cannot write the calendar: {error.strerror}"
@@ -226,36 +227,6 @@ def rehearser(
         return Rehearsed(report.go, report.verdict, report.on_target_s, report.lost_s)
 
     return run
-
-
-def as_calendar(plan: SchedulePlan, made: Utc) -> str:
-    """Return the passes of a plan as events, made at an instant."""
-    return calendar_text("schedule", [_event(one, made) for one in plan.passes])
-
-
-def _event(one: PlannedPass, made: Utc) -> Event:
-    label = printable(one.name or str(one.catalog_number))
-    lines = [
-        f"Highest at {one.culminate_utc[:19]}Z: {one.max_alt_deg:.0f}°.",
-        f"From azimuth {one.start_az_deg:.0f}° to {one.end_az_deg:.0f}°.",
-        f"{one.useful_s:.0f} useful seconds, priority {one.priority:g}.",
-        f"The mount sets out by {one.leave_utc[:19]}Z.",
-        *(["Shortened."] if one.shortened else []),
-        f"Asked by {printable(one.asked_by)}",
-    ]
-    if one.before:
-        lines.append(f"Before: {'; '.join(one.before)}")
-    if one.after:
-        lines.append(f"After: {'; '.join(one.after)}")
-    return Event(
-        uid=f"{one.catalog_number}-{stamp(Utc.parse(one.culminate_utc))}-plan@sattrack",
-        stamp=made,
-        start=Utc.parse(one.start_utc),
-        end=Utc.parse(one.end_utc),
-        summary=f"{label} {one.max_alt_deg:.0f}°",
-        description="\n".join(lines),
-        categories="satellite pass",
-    )
 
 
 FOLLOW, SHORTENED, SLEW, AROUND = "#1b7f5c", "#58b08f", "#4f5d75", "#d9822b"

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from planning_nights import random_sky
 
-from sattrack.cli.icalendar import Event, calendar_text
 from sattrack.cli.main import run
 from sattrack.cli.run_plan import plot_plan
 from sattrack.mount.model import MountProfile
@@ -491,27 +490,6 @@ def test_the_calendar_holds_the_plan(tmp_path: Path, capsys: pytest.CaptureFixtu
             "Asked by one, two; three \\ € and so on, and so on, and so on, and so on",
             "Before: slew to Vega",
         ]
-
-
-def test_text_in_a_calendar_is_escaped_as_in_the_examples_of_rfc_5545() -> None:
-    # Section 3.3.11: "Project XYZ Final Review\nConference Room - 3B\nCome Prepared."
-    at = Utc.parse("1997-09-02T17:00:00Z")
-    text = calendar_text(
-        "x",
-        [
-            Event(
-                "1@x",
-                at,
-                at,
-                at,
-                "a;b,c\\d",
-                "Project XYZ Final Review\nConference Room - 3B\nCome Prepared.",
-            )
-        ],
-    )
-    assert "SUMMARY:a\\;b\\,c\\\\d\r\n" in text
-    assert "Project XYZ Final Review\\nConference Room - 3B\\nCome Prepared.\r\n" in text
-    assert "DTSTART:19970902T170000Z\r\n" in text
 
 
 def made(folder: Path, text: str, rehearse: Any = None) -> SchedulePlan:
