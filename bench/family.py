@@ -25,9 +25,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from acquisition import NO_LIMITS, Moving, least_s
 from feeder_harness import Timer as WindowsTimer
 
-from sattrack.control.kalman import wrap180
 from sattrack.control.sky_error import Target, sky_error
 from sattrack.control.tracker import TrackPlan
+from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, mean_sidereal_deg
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.simulator.settings import ServoSettings, SimulatorProfile

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 from feeder_harness import PERIOD_S, World, wire
 
 from sattrack.control.feeder import correction_deg_s, settling_s
-from sattrack.control.kalman import AxisFilter, Noise, wrap180
+from sattrack.control.kalman import AxisFilter, Noise
+from sattrack.core.angles import wrap180
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.datagrams import Command, decode_status, encode_command
 from sattrack.mount.xerxes.flags import AxisRates, EdgeMove

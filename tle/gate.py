@@ -24,6 +24,7 @@ import numpy as np
 
 from tle.arcs import Windows, even_pieces, fit_arcs, longest_piece_s, terms_for
 from tle.crossings import Crossings, find_crossings, highest_between
+from tle.earth import EVEN_TURN_RAD_S
 from tle.near_earth import RADIUS_KM, in_plane, mean_longitude, mean_orbit, short_period_bound_km, teme_km
 
 if TYPE_CHECKING:
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     Index = NDArray[np.intp]
 
 _MU_KM3_S2 = 398600.8
-_EARTH_RAD_S = 7.2921159e-5
 STRETCHES_A_TURN = 8
 # Below this eccentricity the mean longitude alone tells well enough where an object is.
 ROUND_BELOW = 0.02
@@ -97,8 +97,10 @@ def orbit_bounds(c: NearEarth, start_s: float, span_s: float) -> Bounds:
     highest = high * (1.0 + e) * RADIUS_KM + sway
     regular &= lowest > RADIUS_KM
     safe = np.maximum(lowest, 0.9 * RADIUS_KM)
-    speed = np.sqrt(2.0 * _MU_KM3_S2 / safe) * _GRAVITY_SLACK + _EARTH_RAD_S * safe
-    bend = _MU_KM3_S2 / safe**2 * _GRAVITY_SLACK + 2.0 * _EARTH_RAD_S * speed + _EARTH_RAD_S**2 * highest
+    speed = np.sqrt(2.0 * _MU_KM3_S2 / safe) * _GRAVITY_SLACK + EVEN_TURN_RAD_S * safe
+    bend = (
+        _MU_KM3_S2 / safe**2 * _GRAVITY_SLACK + 2.0 * EVEN_TURN_RAD_S * speed + EVEN_TURN_RAD_S**2 * highest
+    )
     return Bounds(regular, safe, highest, e, drag, speed, bend, sway + _SLACK_KM)
 
 
@@ -140,7 +142,7 @@ def gate_of(
     reach = np.where(ground.distance_km < bounds.highest_km, reach, math.pi)
     reach = reach + bounds.margin_km / bounds.lowest_km
     t_most = np.abs(c.nodecf) * np.maximum(np.abs(start_s - c.epoch_s), np.abs(start_s + span_s - c.epoch_s))
-    sway_rad_s = _EARTH_RAD_S * 1.001 + (np.abs(c.nodedot) + t_most / 30.0) / 60.0
+    sway_rad_s = EVEN_TURN_RAD_S * 1.001 + (np.abs(c.nodedot) + t_most / 30.0) / 60.0
     sway = 0.5 * step_s * sway_rad_s
     plane = np.where(reach < math.pi / 2.0, np.sin(np.clip(reach, 0.0, math.pi / 2.0)), 2.0) + sway
     # SGP4's own quickening by drag is three times its share at most.
@@ -356,7 +358,7 @@ class _Rough:
         since: Array = ((since_s - self._middle_s) / 60.0).astype(np.float32)
         orbit = mean_orbit(c, self._age_min[obj] + since, since)
         cosu, sinu, radius, _, _ = in_plane(orbit, exact=False)
-        node = orbit.node - np.float32(_EARTH_RAD_S * 60.0) * since - np.float32(self._turn)
+        node = orbit.node - np.float32(EVEN_TURN_RAD_S * 60.0) * since - np.float32(self._turn)
         radius = radius * np.float32(RADIUS_KM)
         cosu, sinu = cosu * radius, sinu * radius
         cn, sn = np.cos(node), np.sin(node)

@@ -25,6 +25,7 @@ from sattrack.calibration.guard import CalibrationEndedError, Kind
 from sattrack.calibration.motion import AxisName, AxisResponse, Stretch, axis_response, steady_part
 from sattrack.calibration.script import AXIS_WORDS, LegHeard, Observations
 from sattrack.calibration.transients import AxisMotion, axis_motion
+from sattrack.core.angles import wrap180
 from sattrack.mount.model import DTICS_S_PER_DEG_S, SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 
 if TYPE_CHECKING:
@@ -316,7 +317,7 @@ def split_delays(
     arrival = float(line.arrival_at(last.mount_s))
     true_deg = mean_sidereal_deg(arrival, longitude_deg)
     # As if the status had taken no time at all; each second that it took, the clock is ahead by as much.
-    ahead = ((last.status.sidereal_h * 15.0 - true_deg + 180.0) % 360.0 - 180.0) / SIDEREAL_RATE_DEG_S
+    ahead = wrap180(last.status.sidereal_h * 15.0 - true_deg) / SIDEREAL_RATE_DEG_S
     offset = (ahead - trip.margin_s, ahead + trip.fastest_s + trip.margin_s)
     unknown = Delays(trip, (0.0, most), (0.0, most), offset, trip.fastest_s / 2.0, trip.fastest_s / 2.0)
     if truth is None:

@@ -12,10 +12,11 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from sattrack.calibration.plan import BOX_DEG, LARGEST_DISPLACEMENT_DEG, LARGEST_GAIN
+from sattrack.core.angles import altitude_deg, separation_deg, wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, STATUS_LOST_S, mean_sidereal_deg
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.mount.xerxes.session import says_the_same
-from sattrack.safety import ROWS, altitude_deg, separation_deg
+from sattrack.safety import ROWS
 from sattrack.safety.geometry import Box
 
 if TYPE_CHECKING:
@@ -144,7 +145,7 @@ class Guard:
     def _refuse_place(self, last: Heard, now_utc_s: float) -> None:
         around, status = self._around, last.status
         true_deg = mean_sidereal_deg(now_utc_s, around.longitude_deg)
-        off_s = ((status.sidereal_h * 15.0 - true_deg + 180.0) % 360.0 - 180.0) / SIDEREAL_RATE_DEG_S
+        off_s = wrap180(status.sidereal_h * 15.0 - true_deg) / SIDEREAL_RATE_DEG_S
         if abs(off_s) > LARGEST_CLOCK_ERROR_S:
             raise CalibrationEndedError(
                 Kind.REFUSED,
@@ -155,7 +156,7 @@ class Guard:
             latitude_deg, longitude_deg = status.site_deg
             apart = max(
                 abs(latitude_deg - around.latitude_deg),
-                abs((longitude_deg - around.longitude_deg + 180.0) % 360.0 - 180.0),
+                abs(wrap180(longitude_deg - around.longitude_deg)),
             )
             if apart > SITE_WITHIN_DEG:
                 raise CalibrationEndedError(

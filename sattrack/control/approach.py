@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.control.kalman import wrap180
+from sattrack.core.angles import wrap180
 from sattrack.mount.model import Motion, MoveAxes, Slew
 
 if TYPE_CHECKING:

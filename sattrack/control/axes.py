@@ -12,8 +12,9 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sattrack.control.kalman import AxisFilter, wrap180
+from sattrack.control.kalman import AxisFilter
 from sattrack.control.response import SETTLED_S, TURN_S, Commanded, Step, Turn, rest_of
+from sattrack.core.angles import wrap180
 
 if TYPE_CHECKING:
     from sattrack.control.history import CommandHistory

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from sattrack.control.kalman import wrap180
+from sattrack.core.angles import wrap180
 from tle.bias import Bias
 from tle.instants import Utc
 

@@ -6,8 +6,8 @@ import math
 from typing import TYPE_CHECKING, TypedDict
 
 from sattrack.control.feeder import FREE_REST_DEG_S
-from sattrack.control.kalman import wrap180
 from sattrack.control.tracker import FOLLOWING, Phase
+from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 from sattrack.mount.xerxes.states import STALE_AFTER_S, LinkState
 from sattrack.safety import ROWS

@@ -12,9 +12,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, NamedTuple
 
-from sattrack.control.kalman import wrap180
 from sattrack.control.law import FeederLaw
 from sattrack.control.response import TURN_S
+from sattrack.core.angles import wrap180
 
 if TYPE_CHECKING:
     from sattrack.control.axes import Axes

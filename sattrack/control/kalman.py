@@ -17,6 +17,7 @@ from filterpy.kalman import KalmanFilter
 
 from sattrack.control import response
 from sattrack.control.response import SHARES
+from sattrack.core.angles import wrap180
 
 if TYPE_CHECKING:
     from sattrack.control.response import Array, Lag
@@ -369,8 +370,3 @@ class AxisFilter:
             covariance[1, 1] += min(abs(surprise_deg) / self._seconds, LARGEST_RATE_DEG_S) ** 2
         covariance[0, 0] += surprise_deg * surprise_deg
         return 0.0
-
-
-def wrap180(angle_deg: float) -> float:
-    """Return an angle in -180 to 180, degrees."""
-    return (angle_deg + 180.0) % 360.0 - 180.0

@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 
 if TYPE_CHECKING:
@@ -242,7 +243,7 @@ class KnownClock:
     def date(self, sidereal_h: float, near_utc_s: float) -> float:
         """Return the UTC instant, POSIX seconds, nearest to `near_utc_s` at which that clock shows this."""
         expected_deg = mean_sidereal_deg(near_utc_s, self.longitude_deg)
-        ahead_deg = (sidereal_h * 15.0 - expected_deg + 180.0) % 360.0 - 180.0
+        ahead_deg = wrap180(sidereal_h * 15.0 - expected_deg)
         return near_utc_s + ahead_deg / SIDEREAL_RATE_DEG_S - self.offset_s
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.control.kalman import wrap180
+from sattrack.core.angles import wrap180
 from sattrack.views.run import ErrorView
 
 if TYPE_CHECKING:

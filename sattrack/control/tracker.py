@@ -17,12 +17,12 @@ from sattrack.control.axes import Axes
 from sattrack.control.detour import Detour, Passage, Place
 from sattrack.control.feeder import Learning, Way, ramped_deg_s, rate_deg_s
 from sattrack.control.history import CommandHistory, MountLoop, SentRates
-from sattrack.control.kalman import wrap180
 from sattrack.control.latency import KnownClock, MountClock
 from sattrack.control.law import ControlLaw
 from sattrack.control.rest import Rest
 from sattrack.control.sky_error import Target, sky_error
 from sattrack.control.steering import Steering
+from sattrack.core.angles import wrap180
 from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, Slew, StatusSample, Stop
 from sattrack.views.messages import Go, Jog, Message, Observation, Pause, Search, StopNow
 

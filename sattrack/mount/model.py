@@ -11,7 +11,8 @@ from typing import Literal, NamedTuple
 
 import msgspec
 
-SIDEREAL_RATE_DEG_S = 360.0 / 86164.0905
+SIDEREAL_DAY_S = 86164.0905
+SIDEREAL_RATE_DEG_S = 360.0 / SIDEREAL_DAY_S
 """Rate of the hour angle of a fixed direction, degrees per second of UTC."""
 
 

@@ -15,6 +15,7 @@ import msgspec
 import numpy as np
 
 from sattrack.control.approach import MARGIN_S, slew_time_s
+from sattrack.core.angles import wrap180
 from sattrack.planning.kinematics import NEAR_DEG, NO_WAY_ROUND, losses
 from sattrack.planning.path import margins_deg
 from tle.instants import Utc
@@ -130,7 +131,7 @@ class _SideSearch:
 
     def beyond_after_slew(self, index: int) -> bool:
         """Tell on which side a slew to a place of the path ends."""
-        hour_angle = (float(self.path.pointing.hour_angle_axis_deg[index]) + 180.0) % 360.0 - 180.0
+        hour_angle = wrap180(float(self.path.pointing.hour_angle_axis_deg[index]))
         return self.rule == "hour_angle" and hour_angle > 0.0
 
     def by_itself(self) -> SideOption:
@@ -207,7 +208,7 @@ class _SideSearch:
     def _in_reach(self, here: tuple[float, float], leave: int, join: int) -> bool:
         """Tell whether a slew that begins at one sample is at another in time."""
         p = self.views[self.beyond_after_slew(join)].pointing
-        hour_angle = (float(p.hour_angle_axis_deg[join]) + 180.0) % 360.0 - 180.0
+        hour_angle = wrap180(float(p.hour_angle_axis_deg[join]))
         takes_s = MARGIN_S + max(
             slew_time_s(hour_angle - here[0], self.ability.profile.ra),
             slew_time_s(float(p.dec_axis_deg[join]) - here[1], self.ability.profile.dec),

@@ -17,6 +17,7 @@ import erfa
 import msgspec
 import numpy as np
 
+from sattrack.core.angles import wrap180
 from sattrack.core.errors import BadInputError
 from sattrack.mount.xerxes.datagrams import STATUS_FIELDS, STATUS_LENGTH
 from sattrack.recording.format import COMMAND, FAILURE, OPERATOR, REPEAT, STATUS, SUMMARY, VIEW
@@ -164,7 +165,7 @@ class _Moving:
         wanted = _angles_deg(apparent_unit(ra_deg, dec_deg, then, frame, self._here, earth))
         for _ in range(_ROUNDS):
             found = _angles_deg(apparent_unit(ra_deg, dec_deg, later, frame, self.site, earth))
-            ra_deg += _wrapped(wanted[0] - found[0])
+            ra_deg += wrap180(wanted[0] - found[0])
             dec_deg = max(-90.0, min(90.0, dec_deg + wanted[1] - found[1]))
         return {"ra_deg": ra_deg % 360.0, "dec_deg": dec_deg}
 
@@ -184,7 +185,7 @@ class _Moving:
         latitude_deg, longitude_deg = (_DOUBLE.unpack_from(data, at)[0] for at in (north, east))
         if latitude_deg or longitude_deg:
             _DOUBLE.pack_into(moved, north, latitude_deg + self._north_deg)
-            _DOUBLE.pack_into(moved, east, _wrapped(longitude_deg + self._east_deg))
+            _DOUBLE.pack_into(moved, east, wrap180(longitude_deg + self._east_deg))
         for name in ("utc_1", "utc_2", "utc_3"):
             moved[_AT[name]] = 0
         return bytes(moved)
@@ -193,10 +194,6 @@ class _Moving:
 def _angles_deg(unit: NDArray[np.float64]) -> tuple[float, float]:
     x, y, z = (float(one) for one in unit)
     return math.degrees(math.atan2(y, x)), math.degrees(math.atan2(z, math.hypot(x, y)))
-
-
-def _wrapped(longitude_deg: float) -> float:
-    return (longitude_deg + 180.0) % 360.0 - 180.0
 
 
 def _moved_site(site: Site, utc_s: float, shift_s: int) -> tuple[Site, float]:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, Kind, Surroundings
 from sattrack.calibration.plan import Plan, sun_hour_angle_and_dec
+from sattrack.core.angles import altitude_deg, separation_deg
 from sattrack.core.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
 from sattrack.core.realtime import RealtimeLoop
 from sattrack.mount.profiles import ProfileFile, load_profile_file
@@ -24,7 +25,7 @@ from sattrack.runtime.console import Connection
 from sattrack.runtime.embedded import simulator_config, start_embedded
 from sattrack.runtime.guard import owned
 from sattrack.runtime.signals import StopRequest, stopping
-from sattrack.safety import SafetyLimits, altitude_deg, separation_deg
+from sattrack.safety import SafetyLimits
 from sattrack.safety.bounds import Bounds
 
 if TYPE_CHECKING:

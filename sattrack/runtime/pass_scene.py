@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sattrack.core.angles import altitude_deg, azimuth_deg
 from sattrack.planning.budget import Circumstances, error_budget
 from sattrack.planning.rehearsal import uncalibrated_words
 from sattrack.runtime.facts import SEARCH_HOURS, SIMULATED, build_engine, first_bias
 from sattrack.safety.bodies import moon_over, sun_over
-from sattrack.safety.geometry import altitude_deg, azimuth_deg
 from sattrack.views.run import PassView, PathPoint, SkyPoint
 from tle.bias import Bias
 from tle.errors import TleError

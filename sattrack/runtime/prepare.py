@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgspec
 
 from sattrack.control.orders import MOST_ALONG_S, MOST_CROSS_DEG
+from sattrack.core.angles import wrap180
 from sattrack.core.clock import Clock, make_clock
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.profiles import ProfileFile
@@ -193,7 +194,7 @@ def check_site(profile: MountProfile, site: Site) -> None:
     made = profile.stands_at
     if made is None:
         return
-    east_deg = (made.longitude_deg - site.longitude_deg + 180.0) % 360.0 - 180.0
+    east_deg = wrap180(made.longitude_deg - site.longitude_deg)
     if max(abs(made.latitude_deg - site.latitude_deg), abs(east_deg)) > SAME_SITE_DEG:
         raise BadInputError(
             f"the profile {profile.name!r} is of a mount at {made.latitude_deg:.2f}, "

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from sattrack.safety.gate import Safety
-    from sattrack.safety.geometry import altitude_deg, separation_deg
     from sattrack.safety.limits import SUN_CONE_DEG, SafetyLimits
     from sattrack.safety.table import INTERLOCKS, ROWS, Interlock, Reaction
 
@@ -23,8 +22,6 @@ __all__ = [
     "Reaction",
     "Safety",
     "SafetyLimits",
-    "altitude_deg",
-    "separation_deg",
 ]
 
 _HOMES = {
@@ -35,8 +32,6 @@ _HOMES = {
     "Reaction": "table",
     "Safety": "gate",
     "SafetyLimits": "limits",
-    "altitude_deg": "geometry",
-    "separation_deg": "geometry",
 }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from sattrack.core.angles import altitude_deg
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MoveAxes, Slew
 from sattrack.mount.requests import (
     FindHome,
@@ -16,7 +17,7 @@ from sattrack.mount.requests import (
     park_objection,
 )
 from sattrack.safety.ahead import Spot
-from sattrack.safety.geometry import Box, altitude_deg
+from sattrack.safety.geometry import Box
 from sattrack.safety.standing import axis_rates
 from sattrack.safety.table import ROWS
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from sattrack.core.angles import altitude_deg
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
-from sattrack.safety.geometry import Box, altitude_deg
+from sattrack.safety.geometry import Box
 from sattrack.safety.regions import Cone, Region, Travel, fixed_regions, judge_of
 
 if TYPE_CHECKING:

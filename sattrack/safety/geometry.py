@@ -103,32 +103,6 @@ class Box(NamedTuple):
         )
 
 
-def altitude_deg(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> float:
-    """Return the altitude of a direction given by hour angle and declination, degrees, without air."""
-    h, d, p = (math.radians(x) for x in (hour_angle_deg, dec_deg, latitude_deg))
-    return _arcsine_deg(math.sin(p) * math.sin(d) + math.cos(p) * math.cos(d) * math.cos(h))
-
-
-def azimuth_deg(hour_angle_deg: float, dec_deg: float, latitude_deg: float) -> float:
-    """Return the azimuth of a direction, degrees from north through east, 0 to below 360."""
-    h, d, p = (math.radians(x) for x in (hour_angle_deg, dec_deg, latitude_deg))
-    east = -math.cos(d) * math.sin(h)
-    north = math.cos(p) * math.sin(d) - math.sin(p) * math.cos(d) * math.cos(h)
-    return math.degrees(math.atan2(east, north)) % TURN_DEG
-
-
-def separation_deg(ha_1: float, dec_1: float, ha_2: float, dec_2: float) -> float:
-    """Return the great-circle angle between two directions given by hour angle and declination, degrees."""
-    h, d1, d2 = (math.radians(x) for x in (ha_1 - ha_2, dec_1, dec_2))
-    across = math.hypot(
-        math.cos(d2) * math.sin(h),
-        math.cos(d1) * math.sin(d2) - math.sin(d1) * math.cos(d2) * math.cos(h),
-    )
-    return math.degrees(
-        math.atan2(across, math.sin(d1) * math.sin(d2) + math.cos(d1) * math.cos(d2) * math.cos(h))
-    )
-
-
 def nearest_deg(box: Box, hour_angle_deg: float, dec_deg: float) -> float:
     """Return the least great-circle angle between a direction and anything in a box, degrees; exact."""
     return Toward(hour_angle_deg, dec_deg).nearest_deg(box)
@@ -220,7 +194,3 @@ def _is_inside(x: float, y: float, edges: list[tuple[tuple[float, float], tuple[
         if (y1 > y) != (y2 > y) and x < x1 + (y - y1) / (y2 - y1) * (x2 - x1):
             inside = not inside
     return inside
-
-
-def _arcsine_deg(sine: float) -> float:
-    return math.degrees(math.asin(max(-1.0, min(1.0, sine))))

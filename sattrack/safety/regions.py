@@ -12,14 +12,8 @@ from bisect import bisect_left, bisect_right
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-from sattrack.safety.geometry import (
-    TURN_DEG,
-    Box,
-    Toward,
-    azimuth_deg,
-    lowest_altitude_deg,
-    meets_polygon,
-)
+from sattrack.core.angles import azimuth_deg
+from sattrack.safety.geometry import TURN_DEG, Box, Toward, lowest_altitude_deg, meets_polygon
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

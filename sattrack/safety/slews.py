@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from sattrack.core.angles import separation_deg
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, Slew
-from sattrack.safety.geometry import Box, Place, separation_deg
+from sattrack.safety.geometry import Box, Place
 
 if TYPE_CHECKING:
     from sattrack.mount.model import Seen

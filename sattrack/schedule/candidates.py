@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sattrack.core.angles import altitude_deg
 from sattrack.core.origin import meant
 from sattrack.planning.kinematics import ability_at, verdict_on
 from sattrack.planning.path import Pointing, body_place_deg, margins_deg
 from sattrack.safety.bodies import sun_over
-from sattrack.safety.geometry import altitude_deg
 from tle.catalogue_passes import find_catalogue_passes
 from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError
 from tle.facts import pass_facts, sun_altitudes_deg

@@ -14,9 +14,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from sattrack.core.angles import altitude_deg, azimuth_deg
 from sattrack.mount.model import Slew, mean_sidereal_deg
 from sattrack.safety.bounds import HOLD_MARGIN_DEG, Bounds
-from sattrack.safety.geometry import Place, altitude_deg, azimuth_deg
+from sattrack.safety.geometry import Place
 from sattrack.safety.regions import is_clear
 from sattrack.safety.route import HANDSHAKE_S, RAMP, axes_of, direction_of, slew_s
 from sattrack.safety.slews import SlewGate

@@ -26,6 +26,7 @@ from typing import Any, Literal, NamedTuple
 
 import erfa
 
+from sattrack.core.angles import altitude_deg, azimuth_deg
 from sattrack.mount.alpaca.device import (
     J2000_SYSTEM,
     DeviceFacts,
@@ -471,12 +472,12 @@ class Bridge:
         facts, standing, command = self.facts, self._standing, self._command
         hour_angle_rate, dec_rate = self._rates_deg_s
         latitude_deg = self.latitude_deg if facts.latitude_deg is None else facts.latitude_deg
-        altitude_deg, azimuth_deg = _horizontal(seen, latitude_deg or 0.0)
+        place = seen.hour_angle_deg, seen.dec_deg, latitude_deg or 0.0
         primary, secondary = self._axes
         ra_guide_rate, dec_guide_rate = facts.guide_rates_deg_s or (0.0, 0.0)
         return Status(
-            altitude_deg=altitude_deg,
-            azimuth_deg=azimuth_deg,
+            altitude_deg=altitude_deg(*place),
+            azimuth_deg=azimuth_deg(*place),
             dec_deg=seen.dec_deg,
             dec_guide_rate_dtics_s=dec_guide_rate * DTICS_S_PER_DEG_S,
             dec_rate_dtics_s=(-dec_rate if standing.beyond_pole else dec_rate) * DTICS_S_PER_DEG_S,
@@ -504,14 +505,3 @@ class Bridge:
             ack_pulse_guide=command.pulse_guide and "pulse_guide" not in self._refused,
             ack_slew=command.slew and "slew" not in self._refused,
         )
-
-
-def _horizontal(seen: _Seen, latitude_deg: float) -> tuple[float, float]:
-    """Return altitude and azimuth, degrees, azimuth from north through east."""
-    hour_angle, dec, latitude = (
-        math.radians(angle) for angle in (seen.hour_angle_deg, seen.dec_deg, latitude_deg)
-    )
-    east = -math.cos(dec) * math.sin(hour_angle)
-    north = math.sin(dec) * math.cos(latitude) - math.cos(dec) * math.sin(latitude) * math.cos(hour_angle)
-    up = math.sin(dec) * math.sin(latitude) + math.cos(dec) * math.cos(latitude) * math.cos(hour_angle)
-    return math.degrees(math.asin(max(-1.0, min(1.0, up)))), math.degrees(math.atan2(east, north)) % 360.0

@@ -16,14 +16,15 @@ import socket
 import sys
 import time
 
+from sattrack.core.angles import wrap180
 from sattrack.mount.alpaca.client import PARKED, AlpacaDevice, Refusal, Unheard
 from sattrack.mount.link_loss import STOPS_MOVING_S, STOPS_SENT_S
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 
 HANG_AFTER_S = 1.5
 ANSWER_WITHIN_S = 1.0
 AGAIN_S = 0.3
-SIDEREAL_DEG_S = 360.0 / 86164.0905
-RESTS_DEG_S = 0.5 * SIDEREAL_DEG_S
+RESTS_DEG_S = 0.5 * SIDEREAL_RATE_DEG_S
 IGNORED = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP, signal.SIGPIPE)
 
 
@@ -70,8 +71,8 @@ def rests(telescope: AlpacaDevice) -> bool:
         time.sleep(AGAIN_S)
     (t1, ra1, dec1), (t2, ra2, dec2) = looks
     seconds = t2 - t1
-    ra_rate = ((ra2 - ra1) * 15.0 + 180.0) % 360.0 - 180.0
-    off = min(abs(ra_rate / seconds), abs(ra_rate / seconds - SIDEREAL_DEG_S))
+    ra_rate = wrap180((ra2 - ra1) * 15.0)
+    off = min(abs(ra_rate / seconds), abs(ra_rate / seconds - SIDEREAL_RATE_DEG_S))
     return not _slews(telescope) and max(off, abs(dec2 - dec1) / seconds) < RESTS_DEG_S
 
 

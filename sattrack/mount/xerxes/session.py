@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from sattrack.core.angles import separation_deg
 from sattrack.mount.model import (
     DTICS_S_PER_DEG_S,
     SIDEREAL_RATE_DEG_S,
@@ -536,14 +537,6 @@ def _launch_fields(request: Launchable | None) -> dict[str, float | bool]:
             return {"park": True}
     # Fine rates and the tracking rate are levels, in every datagram.
     return {}
-
-
-def separation_deg(ra1_deg: float, dec1_deg: float, ra2_deg: float, dec2_deg: float) -> float:
-    """Return the angle between two directions, degrees; haversine, good at any size."""
-    d1, d2 = math.radians(dec1_deg), math.radians(dec2_deg)
-    half_ra, half_dec = math.radians(ra2_deg - ra1_deg) / 2.0, (d2 - d1) / 2.0
-    chord = math.sin(half_dec) ** 2 + math.cos(d1) * math.cos(d2) * math.sin(half_ra) ** 2
-    return 2.0 * math.degrees(math.asin(min(1.0, math.sqrt(chord))))
 
 
 def _off_target_deg(target: Slew, status: Status) -> float:

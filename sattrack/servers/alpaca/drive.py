@@ -18,6 +18,7 @@ from sattrack.control.manual.procedures import (
     procedure_for,
     refused,
 )
+from sattrack.core.angles import altitude_deg
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Slew
 from sattrack.mount.requests import (
     Abort,
@@ -31,7 +32,6 @@ from sattrack.mount.requests import (
     Ticket,
     TicketState,
 )
-from sattrack.safety.geometry import altitude_deg
 from sattrack.servers.alpaca.messages import (
     Fault,
     FineOrder,

@@ -15,8 +15,8 @@ from ramp_mount import RampMount
 
 from sattrack.calibration.findings import slewing_field
 from sattrack.calibration.guard import CalibrationEndedError, Guard, Kind
+from sattrack.core.angles import separation_deg
 from sattrack.mount.xerxes.datagrams import Command
-from sattrack.safety import separation_deg
 
 if TYPE_CHECKING:
     from sattrack.calibration.calibrator import Calibrator

@@ -9,8 +9,9 @@ import pytest
 from filterpy.kalman import KalmanFilter
 
 from sattrack.control import response
-from sattrack.control.kalman import AxisFilter, LeanKalmanFilter, Noise, wrap180
+from sattrack.control.kalman import AxisFilter, LeanKalmanFilter, Noise
 from sattrack.control.response import SHARES
+from sattrack.core.angles import wrap180
 
 STEP_S = 0.05
 QUIET = Noise(

@@ -11,9 +11,10 @@ import pytest
 
 from sattrack.control.axes import Axes
 from sattrack.control.history import CommandHistory, MountLoop, SentRates
-from sattrack.control.kalman import AxisFilter, wrap180
+from sattrack.control.kalman import AxisFilter
 from sattrack.control.latency import MountClock
 from sattrack.control.response import Commanded, Step
+from sattrack.core.angles import wrap180
 from sattrack.mount.model import MountProfile, StatusSample
 from sattrack.mount.xerxes.datagrams import decode_command, decode_status
 from sattrack.recording.format import COMMAND, STATUS

@@ -10,6 +10,7 @@ import msgspec
 import pytest
 
 from sattrack.control.sky_error import sky_error
+from sattrack.core.angles import altitude_deg
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, Truth
 from sattrack.mount.xerxes.datagrams import (
     Command,
@@ -24,7 +25,6 @@ from sattrack.runtime.facts import build_engine
 from sattrack.runtime.outcome import summarise
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.runtime.virtual import VirtualRun
-from sattrack.safety.geometry import altitude_deg
 from tle.instants import Utc
 
 if TYPE_CHECKING:

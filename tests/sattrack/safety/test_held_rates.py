@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from safety_stand import LATITUDE_DEG, LONGITUDE_DEG, PERIOD_S, T0, Stand, axis_speed_deg_s, steadily
 
+from sattrack.core.angles import altitude_deg, separation_deg
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes, Slew, mean_sidereal_deg
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.safety import SafetyLimits
 from sattrack.safety.bodies import Body, sun_over
-from sattrack.safety.geometry import altitude_deg, separation_deg
 from sattrack.safety.held import nearest_rates
 
 DARK = SafetyLimits(floor_altitude_deg=-90.0, optical=False)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import sattrack
+from sattrack.core.angles import altitude_deg
 from sattrack.mount.model import (
     SIDEREAL_RATE_DEG_S,
     AxisLimits,
@@ -23,7 +24,7 @@ from sattrack.mount.model import (
     Slew,
     Stop,
 )
-from sattrack.safety import INTERLOCKS, Safety, SafetyLimits, altitude_deg
+from sattrack.safety import INTERLOCKS, Safety, SafetyLimits
 
 LATITUDE_DEG = 52.0
 PROFILE = MountProfile(ra=AxisLimits(max_rate_deg_s=6.0), dec=AxisLimits(max_rate_deg_s=4.0))

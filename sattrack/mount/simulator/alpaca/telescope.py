@@ -14,11 +14,12 @@ from typing import Literal, NamedTuple
 import erfa
 import msgspec
 
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+
 LONGEST_S = 10.0
 EquatorialSystem = Literal["jnow", "j2000"]
 AlignmentMode = Literal["altaz", "polar", "german"]
 STEP_S = 0.002
-SIDEREAL_DEG_S = 360.0 / 86164.0905
 SLEW_GAIN_HZ = 4.0
 ARRIVED_DEG = 0.5 / 3600.0
 ARRIVED_DEG_S = 1.0 / 3600.0
@@ -313,7 +314,7 @@ class Telescope:
     def _sky(self) -> tuple[float, float]:
         """Return the rates of both axes that follow the sky."""
         if self.settings.alignment != "altaz":
-            return SIDEREAL_DEG_S, 0.0
+            return SIDEREAL_RATE_DEG_S, 0.0
         azimuth, altitude, latitude = (
             math.radians(angle_deg)
             for angle_deg in (
@@ -324,7 +325,7 @@ class Telescope:
         )
         turning = math.sin(latitude) - math.cos(latitude) * math.cos(azimuth) * math.tan(altitude)
         rising = math.cos(latitude) * math.sin(azimuth)
-        return SIDEREAL_DEG_S * turning, SIDEREAL_DEG_S * rising
+        return SIDEREAL_RATE_DEG_S * turning, SIDEREAL_RATE_DEG_S * rising
 
     def _due(self, seconds: float) -> bool:
         turn = math.floor((self._utc_s - self._begun_s) / self.settings.cache_s)
