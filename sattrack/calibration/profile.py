@@ -180,7 +180,7 @@ def _limits(base: AxisLimits, found: AxisResponse, motion: AxisMotion) -> AxisLi
     return msgspec.structs.replace(base, **changes)
 
 
-def table(found: Findings) -> list[tuple[str, str]]:
+def found_rows(found: Findings) -> list[tuple[str, str]]:
     """Return rows of name and value, each value with its uncertainty, for the operator."""
     delays, trip = found.delays, found.delays.round_trip
     rows = [

@@ -6,7 +6,7 @@ import functools
 import sys
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
@@ -16,7 +16,9 @@ from sattrack.settings import Settings, find_settings_file, load_settings
 from tle.site import Site
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterable, Sequence
+
+    from rich.table import Table
 
     from sattrack.elements.downloads import Downloads
     from sattrack.mount.profiles import ProfileFile
@@ -24,6 +26,9 @@ if TYPE_CHECKING:
     from tle.elements import Elements
     from tle.instants import Utc
     from tle.sources import ElementSets
+
+WIDEST = 4000
+"""Columns of what is printed for a pipe or a file: nothing is wrapped there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,6 +114,34 @@ class CommandContext:
 def tell(words: str) -> None:
     """Tell the user something on standard error, in one line."""
     click.echo(f"sattrack: {words}", err=True)
+
+
+def table(*heads: str, rows: Iterable[Sequence[str]] = ()) -> Table:
+    """Return a table for `show`; a head that begins with > is of numbers, empty ones are not shown.
+
+    The last column is wrapped where a terminal is narrow.
+    """
+    from rich.table import Table
+
+    made = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), show_header=any(heads), header_style="bold")
+    for number, head in enumerate(heads, start=1):
+        justify: Literal["left", "right"] = "right" if head.startswith(">") else "left"
+        made.add_column(head.removeprefix(">"), justify=justify, no_wrap=number < len(heads))
+    for row in rows:
+        made.add_row(*row)
+    return made
+
+
+def show(*parts: str | Table) -> None:
+    """Print texts and tables: coloured and wrapped as a terminal can, plain and unwrapped elsewhere."""
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(width=None if sys.stdout.isatty() else WIDEST)
+    with console.capture() as captured:
+        for part in parts:
+            console.print(Text.from_ansi(part) if isinstance(part, str) else part)
+    click.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
 
 
 def _fetcher() -> Callable[[str], str]:

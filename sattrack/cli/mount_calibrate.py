@@ -14,7 +14,7 @@ import click
 import msgspec
 
 from sattrack import __version__
-from sattrack.cli.common import CommandContext, common_options, mount_option
+from sattrack.cli.common import CommandContext, common_options, mount_option, show, table
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
 from sattrack.runtime import practice
 
@@ -215,7 +215,7 @@ def _write(target: Path, base: ProfileFile, found: Findings, name: str | None) -
 
 
 def _tell(found: Findings, profile: MountProfile, target: Path, as_json: bool) -> None:
-    from sattrack.calibration.profile import table
+    from sattrack.calibration.profile import found_rows
 
     for note in found.notes:
         click.echo(f"sattrack: {note}", err=True)
@@ -223,8 +223,5 @@ def _tell(found: Findings, profile: MountProfile, target: Path, as_json: bool) -
         told = {"profile": profile, "out": str(target), "notes": found.notes}
         click.echo(msgspec.json.encode({"calibration": told}).decode())
         return
-    rows = table(found)
-    width = max(len(name) for name, _ in rows)
-    for name, value in rows:
-        click.echo(f"{name:<{width}}  {value}")
+    show(table("", "", rows=found_rows(found)))
     click.echo(f"sattrack: written to {target}", err=True)

@@ -10,11 +10,11 @@ import click
 import msgspec
 
 from sattrack import __version__
-from sattrack.cli.common import CommandContext, common_options, tell
+from sattrack.cli.common import CommandContext, common_options, show, table, tell
 from sattrack.cli.recording import write_tdm
 from sattrack.core.errors import BadInputError
 from sattrack.recording.report import make_report
-from sattrack.recording.report_text import report_html, report_lines, trend_lines
+from sattrack.recording.report_text import TREND_HEADS, all_rows, report_html, trend_rows
 from sattrack.recording.trace import trace
 from sattrack.runtime.facts import engine_of, open_recording
 from sattrack.runtime.remembering import keep_fit
@@ -76,9 +76,9 @@ def command(context: CommandContext, files: tuple[Path, ...], **options: Any) ->
         click.echo(msgspec.json.encode(reports if len(reports) > 1 else reports[0]).decode())
         return 0
     for report in reports:
-        click.echo("\n".join(report_lines(report)) + ("\n" if len(reports) > 1 else ""))
+        show(table("", "", rows=all_rows(report)), *([""] if len(reports) > 1 else []))
     if len(reports) > 1:
-        click.echo("\n".join(trend_lines(reports)))
+        show(table(*TREND_HEADS, rows=trend_rows(reports)))
     return 0
 
 

@@ -151,12 +151,14 @@ def nothing_to_change(report: Report) -> str:
     return "nothing, as far as this recording tells"
 
 
-def report_lines(report: Report) -> list[str]:
-    """Return a report for a terminal."""
-    lines = [f"{name:<23} {value}" for name, value in report_rows(report)]
-    lines += [f"{'to change':<23} {words}" for words in report.advice or (nothing_to_change(report),)]
-    lines += [f"{'wrong with the file':<23} {words}" for words in report.problems]
-    return lines
+def all_rows(report: Report) -> list[tuple[str, str]]:
+    """Return a report for a terminal: what it says, what to change, and what is wrong with the file."""
+    advice = report.advice or (nothing_to_change(report),)
+    return [
+        *report_rows(report),
+        *(("to change", words) for words in advice),
+        *(("wrong with the file", words) for words in report.problems),
+    ]
 
 
 TREND_HEADS = ("began", "object", "RMS ″", "peak ″", "along s", "across °", "gain HA", "gain Dec", "delay ms")
@@ -186,13 +188,6 @@ def trend_rows(reports: Sequence[Report]) -> list[tuple[str, ...]]:
 
 def _number(value: float | None, digits: int) -> str:
     return "–" if value is None else f"{value:.{digits}f}"
-
-
-def trend_lines(reports: Sequence[Report]) -> list[str]:
-    """Return the trend for a terminal."""
-    rows = [TREND_HEADS, *trend_rows(reports)]
-    widths = [max(len(row[i]) for row in rows) for i in range(len(TREND_HEADS))]
-    return ["  ".join(f"{cell:<{w}}" for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
 def report_html(reports: Sequence[tuple[Report, Mapping[str, Any]]], trend: Any | None, version: str) -> str:

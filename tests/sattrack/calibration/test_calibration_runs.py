@@ -12,7 +12,7 @@ from ramp_mount import RampMount
 
 from sattrack.calibration.findings import ClockTruth, conclude
 from sattrack.calibration.guard import Kind
-from sattrack.calibration.profile import table
+from sattrack.calibration.profile import found_rows
 
 
 def drawn(seed: int) -> tuple[RampMount, Network, Timer]:
@@ -144,7 +144,7 @@ def test_the_same_inputs_give_the_same_datagrams() -> None:
 
 def test_every_finding_is_told_with_what_is_not_known_of_it() -> None:
     mount, network, timer = drawn(2)
-    rows = dict(table(conclude(run(mount, network, timer).calibrator.seen, mount.longitude)))
+    rows = dict(found_rows(conclude(run(mount, network, timer).calibrator.seen, mount.longitude)))
     assert "±" in rows["right ascension, gain"]
     assert "±" in rows["round trip"]
     assert " to " in rows["status delay"]
