@@ -1,4 +1,7 @@
-"""`sattrack doctor`: settings, clock, elements, Earth orientation, priority, terminal, mount: fine or not."""
+"""`sattrack doctor`: what is fine, what is not, and what to do about it; each check a pure function of facts.
+
+`bad` is what will spoil a pass or keep it from beginning, `warn` what may.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +11,14 @@ import os
 import shutil
 import sys
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 import msgspec
 
-from sattrack.cli import doctor_checks as doctor
 from sattrack.cli.common import CommandContext, common_options, profile_option
-from sattrack.cli.doctor_checks import Check, ElementFacts, TerminalFacts
 from sattrack.core.errors import SattrackError
 from sattrack.core.realtime import how_to_grant, undisturbed
 from sattrack.mount.model import MountProfile
@@ -24,21 +26,270 @@ from sattrack.runtime.kernel_clock import read_kernel_clock
 from sattrack.settings import find_settings_file, load_settings
 from tle.earth import earth_orientation_age
 from tle.errors import TleError
+from tle.instants import DAY_S, Utc
 from tle.sources import newest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping, Sequence
 
-    from tle.instants import Utc
+    from sattrack.core.realtime import Grant
+    from sattrack.mount.xerxes.link import LinkHealth
+    from sattrack.runtime.kernel_clock import KernelClock
+    from tle.earth import EarthOrientationAge
+    from tle.site import Site
 
+State = Literal["ok", "warn", "bad"]
+
+OLD_ELEMENTS_DAYS = 3.0
+"""From here on an element set of a low orbit is off by arcminutes along its track."""
+OLD_ORIENTATION_DAYS = 60.0
+"""From here on a prediction of UT1 may be off by tenths of an arcsecond."""
+POOR_CLOCK_S = 0.01
+ARCSEC_PER_MS = 3.6
+"""What a millisecond is on a target that moves by 1°/s."""
+LEAST_COLUMNS, LEAST_ROWS = 80, 24
+LITTLE_SPACE_BYTES = 200e6
+NO_SPACE_BYTES = 10e6
+UNEVEN_MS = 10.0
+EXTRAS = {"tui": "the terminal screen", "plot": "plots to files", "keyring": "passwords in the key ring"}
 EXTRA_MODULES = {"tui": ("textual", "textual_plot"), "plot": ("matplotlib",), "keyring": ("keyring",)}
 COLOURS = {"ok": "green", "warn": "yellow", "bad": "red"}
+
+
+class Check(msgspec.Struct, frozen=True):
+    """One line of the doctor's: what it is about, how it is, in words, what to do (the best way first)."""
+
+    subject: str
+    state: State
+    what: str
+    do: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ElementFacts:
+    """What the element sources held; epochs are POSIX seconds of UTC, one an object."""
+
+    sources: tuple[str, ...]
+    epochs_utc_s: tuple[float, ...] = ()
+    refused: int = 0
+    first_refusal: str | None = None
+    error: str | None = None
+    """Why a source could not be read."""
+
+
+@dataclass(frozen=True, slots=True)
+class TerminalFacts:
+    """The terminal: columns and rows, None where there is none."""
+
+    size: tuple[int, int] | None
+    kind: str
+    encoding: str
+    colour_refused: bool = False
+
+
+def worst(checks: Sequence[Check]) -> State:
+    """Return the worst state of all."""
+    order: tuple[State, ...] = ("ok", "warn", "bad")
+    return max((check.state for check in checks), key=order.index, default="ok")
+
+
+def check_settings(path: Path | None, error: str | None) -> Check:
+    """Judge the settings file: `error` is what is wrong in it."""
+    if error is not None:
+        return Check("settings", "bad", error, ("correct that line; what follows is without the file",))
+    if path is None:
+        return Check("settings", "ok", "no sattrack.toml: options and built-in values are in force")
+    return Check("settings", "ok", f"{path} is in force")
+
+
+def check_site(site: Site | None, error: str | None) -> Check:
+    """Judge where the mount stands."""
+    ways = ("give --site LAT,LON,HEIGHT, or set [site] in sattrack.toml",)
+    if error is not None:
+        return Check("site", "bad", error, ways)
+    if site is None:
+        return Check("site", "warn", "none is set: only practice with --mount sim is possible", ways)
+    where = f"{site.latitude_deg:.5f}° north, {site.longitude_deg:.5f}° east, {site.height_m:.0f} m"
+    return Check("site", "ok", where)
+
+
+def check_elements(facts: ElementFacts, now_utc_s: float) -> Check:
+    """Judge the elements by their number, their age and what was refused."""
+    if facts.error is not None:
+        return Check("elements", "bad", facts.error, ("name a source that can be read with --elements",))
+    if not facts.sources:
+        ways = (
+            "give --elements FILE, or set elements in sattrack.toml; `sattrack elements get` fetches them",
+        )
+        return Check("elements", "warn", "none are set: only practice with --mount sim is possible", ways)
+    refusal = "" if not facts.refused else f", {facts.refused} refused, the first: {facts.first_refusal}"
+    if not facts.epochs_utc_s:
+        ways = ("`sattrack elements check` tells what is wrong with each",)
+        return Check("elements", "bad", f"no set in {', '.join(facts.sources)} can be used{refusal}", ways)
+    newest_s, oldest_s = max(facts.epochs_utc_s), min(facts.epochs_utc_s)
+    ages = [(now_utc_s - epoch_s) / DAY_S for epoch_s in facts.epochs_utc_s]
+    old = sum(abs(age) > OLD_ELEMENTS_DAYS for age in ages)
+    what = (
+        f"{len(ages)} objects, epochs {Utc(oldest_s).isoformat('seconds')} to "
+        f"{Utc(newest_s).isoformat('seconds')}, the newest {_age(now_utc_s - newest_s)}, "
+        f"{old} more than {OLD_ELEMENTS_DAYS:g} days off{refusal}"
+    )
+    todo: list[str] = []
+    if old == len(ages):
+        todo.append("fetch new ones (`sattrack elements get`): these are off by arcminutes along track")
+    if facts.refused:
+        todo.append("`sattrack elements check` tells what is wrong with those refused")
+    return Check("elements", "warn" if todo else "ok", what, tuple(todo))
+
+
+def check_earth(age: EarthOrientationAge | None, error: str | None) -> Check:
+    """Judge the Earth orientation for the instant that is now."""
+    ways = ("update the package: pip install --upgrade astropy-iers-data",)
+    if age is None or age.observed_until is None or age.predicted_until is None or age.age_s is None:
+        return Check("earth", "bad", error or "no table of the Earth's orientation", ways)
+    observed, predicted = (at.isoformat("seconds")[:10] for at in (age.observed_until, age.predicted_until))
+    what = f"{age.status} today; table observed to {observed}, predicted to {predicted}"
+    if age.status == "extrapolated":
+        return Check("earth", "bad", f"{what}: directions may be off by seconds of arc", ways)
+    if age.status == "predicted" and age.age_s > OLD_ORIENTATION_DAYS * DAY_S:
+        words = f"{what}: {age.age_s / DAY_S:.0f} days of prediction may be off by tenths of an arcsecond"
+        return Check("earth", "warn", words, ways)
+    return Check("earth", "ok", what)
+
+
+def check_clock(clock: KernelClock | None) -> Check:
+    """Judge the machine's clock: time is pointing."""
+    scale = f"1 ms is {ARCSEC_PER_MS:g}″ on a target at 1°/s"
+    ways = (
+        "run chrony (or another NTP or PTP daemon), a receiver for GNSS time beside it where there is one; "
+        "`chronyc tracking` says how it does",
+    )
+    if clock is None:
+        return Check("clock", "warn", f"this system does not say how good its clock is; {scale}", ways)
+    if not clock.synchronised:
+        return Check("clock", "warn", f"nothing disciplines it, so its error is not known; {scale}", ways)
+    what = (
+        f"synchronised, error {1e3 * clock.estimated_error_s:.3g} ms by estimate, "
+        f"{1e3 * clock.largest_error_s:.3g} ms at most; {scale}"
+    )
+    poor = clock.estimated_error_s > POOR_CLOCK_S
+    return Check("clock", "warn" if poor else "ok", what, ways if poor else ())
+
+
+def check_priority(grant: Grant, ways: Sequence[str]) -> Check:
+    """Judge whether the loop that feeds the mount goes before everything else."""
+    if grant.priority is not None:
+        return Check("priority", "ok", f"real-time priority {grant.priority} is granted")
+    why = "; ".join(words for words in grant.refusals if "memory" not in words) or "not granted"
+    return Check("priority", "warn", f"{why}; on a busy machine datagrams go out late", tuple(ways))
+
+
+def check_memory(grant: Grant, ways: Sequence[str]) -> Check:
+    """Judge whether the loop's memory stays in memory."""
+    if grant.memory_locked:
+        return Check("memory", "ok", "can be locked: the loop never waits for a page from the disk")
+    why = "; ".join(words for words in grant.refusals if "memory" in words) or "not locked"
+    return Check("memory", "warn", why, tuple(ways) if grant.realtime else ("as for the priority",))
+
+
+def check_terminal(facts: TerminalFacts) -> Check:
+    """Judge what the terminal screen will look like."""
+    if facts.size is None:
+        return Check("terminal", "ok", "none here: runs tell their progress in lines")
+    columns, rows = facts.size
+    colours = "no colours, as NO_COLOR asks" if facts.colour_refused else f"TERM={facts.kind or '(not set)'}"
+    what = f"{columns} × {rows}, {facts.encoding}, {colours}"
+    todo: list[str] = []
+    if columns < LEAST_COLUMNS or rows < LEAST_ROWS:
+        todo.append(f"make it {LEAST_COLUMNS} × {LEAST_ROWS} or larger")
+    if facts.encoding.lower().replace("-", "") != "utf8":
+        todo.append("set a UTF-8 locale (LANG=C.UTF-8): the screen draws with Unicode")
+    if facts.kind in ("", "dumb"):
+        todo.append("set TERM to what the terminal is, or use --headless")
+    return Check("terminal", "warn" if todo else "ok", what, tuple(todo))
+
+
+def check_extras(installed: Mapping[str, bool]) -> Check:
+    """Judge the optional parts; only the terminal screen is missed in every run."""
+    missing = [name for name in EXTRAS if not installed.get(name, False)]
+    if not missing:
+        return Check("extras", "ok", f"all installed: {', '.join(EXTRAS)}")
+    what = "not installed: " + ", ".join(f"{name} ({EXTRAS[name]})" for name in missing)
+    ways = (f"pip install 'sattrack[{','.join(missing)}]'",)
+    return Check("extras", "warn" if "tui" in missing else "ok", what, ways)
+
+
+def check_profile(path: str | None, profile: MountProfile | None, error: str | None, real: bool) -> Check:
+    """Judge the mount's profile; `real` where a real mount is set."""
+    ways = ("`sattrack mount calibrate` measures the mount and writes a profile",)
+    if profile is None:
+        return Check("profile", "bad", error or "cannot be read", ("correct the file, or measure it again",))
+    record = profile.calibration
+    name = profile.name if path is None else f"{profile.name} ({path})"
+    if record is None:
+        what = (
+            f"{name}, uncalibrated: signs, gains, delays and MoveAxis semantics ({profile.move_axis}) "
+            f"are not measured; 20 ms of delay are {20.0 * ARCSEC_PER_MS:g}″ on a target at 1°/s"
+        )
+        return Check("profile", "warn" if real else "ok", what, ways if real else ())
+    what = (
+        f"{name}: calibrated {record.utc}, {record.side_of_pier.replace('_', ' ')} side"
+        f"{' and the other' if record.both_sides else ''}; MoveAxis is {profile.move_axis}, "
+        f"delays {1e3 * profile.command_delay_s:.1f} ms out and {1e3 * profile.status_delay_s:.1f} ms back"
+    )
+    return Check("profile", "ok", what)
+
+
+def check_link(mount: str, health: LinkHealth | None, listened_s: float, error: str | None) -> Check:
+    """Judge the link by what came while nothing was sent; `health` None where nobody listened."""
+    if error is not None:
+        return Check("link", "bad", error)
+    if health is None:
+        return Check("link", "ok", f"{mount}: nothing to listen to")
+    if health.received == 0:
+        beside = f", {health.rejected} datagrams that are no status" if health.rejected else ""
+        beside += f", {health.strangers} from other hosts" if health.strangers else ""
+        ways = ("is the mount on, set to send to this host and port, and no firewall between?",)
+        return Check("link", "bad", f"{mount}: no status within {listened_s:g} s{beside}", ways)
+    rate = "" if health.rate_hz is None else f", {health.rate_hz:.1f} a second"
+    jitter_ms = None if health.jitter_s is None else 1e3 * health.jitter_s
+    jitter = "" if jitter_ms is None else f", uneven by {jitter_ms:.1f} ms"
+    what = (
+        f"{mount}: {health.received} statuses{rate}{jitter}; {health.lost} lost, {health.late} late, "
+        f"{health.rejected} rejected, {health.strangers} from other hosts"
+    )
+    todo: list[str] = []
+    if health.lost or health.late:
+        todo.append("use a wire and a switch of the mount's own: datagrams are lost or overtaken on the way")
+    if jitter_ms is not None and jitter_ms > UNEVEN_MS:
+        todo.append("look for what holds the mount's computer up, or the network")
+    if health.rejected or health.strangers:
+        todo.append("something else sends to this port: give the mount one of its own")
+    return Check("link", "warn" if todo else "ok", what, tuple(todo))
+
+
+def check_disk(folder: Path, free_bytes: float | None, writable: bool) -> Check:
+    """Judge the folder that recordings would go to; `free_bytes` None where it cannot be asked."""
+    if free_bytes is None:
+        return Check("disk", "bad", f"{folder}: no such folder", ("give another with --record-folder",))
+    if not writable:
+        return Check("disk", "warn", f"{folder}: cannot be written", ("record elsewhere: --record FILE",))
+    what = f"{folder}: {free_bytes / 1e9:.1f} GB free for recordings"
+    if free_bytes < LITTLE_SPACE_BYTES:
+        state: State = "bad" if free_bytes < NO_SPACE_BYTES else "warn"
+        return Check("disk", state, what, ("make room, or record elsewhere: --record FILE",))
+    return Check("disk", "ok", what)
+
+
+def _age(seconds: float) -> str:
+    days = seconds / DAY_S
+    return f"{days:.1f} days old" if days >= 0.0 else f"{-days:.1f} days in the future"
 
 
 class Findings(msgspec.Struct, frozen=True):
     """What `--json` prints."""
 
-    worst: doctor.State
+    worst: State
     checks: list[Check]
 
 
@@ -82,8 +333,8 @@ def command(context: CommandContext, **options: Any) -> int:
         if not context.json:
             _tell(check)
     if context.json:
-        click.echo(msgspec.json.encode(Findings(doctor.worst(checks), checks)).decode())
-    return 1 if doctor.worst(checks) == "bad" else 0
+        click.echo(msgspec.json.encode(Findings(worst(checks), checks)).decode())
+    return 1 if worst(checks) == "bad" else 0
 
 
 def _tell(check: Check) -> None:
@@ -95,20 +346,20 @@ def _tell(check: Check) -> None:
 
 def _checks(context: CommandContext, options: dict[str, Any]) -> Iterator[Check]:
     path, settings_error = click.get_current_context().meta[__name__]
-    yield doctor.check_settings(path, settings_error)
+    yield check_settings(path, settings_error)
     yield _check_site(context)
     now = context.now()
-    yield doctor.check_elements(_element_facts(context), float(now.unix_s))
+    yield check_elements(_element_facts(context), float(now.unix_s))
     yield _check_earth(now)
-    yield doctor.check_clock(read_kernel_clock())
+    yield check_clock(read_kernel_clock())
     with undisturbed() as grant:
         # Asked for and given back at once: nothing else tells for certain what a run will get.
         pass
     ways = how_to_grant(_user())
-    yield doctor.check_priority(grant, ways)
-    yield doctor.check_memory(grant, ways)
-    yield doctor.check_terminal(_terminal_facts())
-    yield doctor.check_extras(
+    yield check_priority(grant, ways)
+    yield check_memory(grant, ways)
+    yield check_terminal(_terminal_facts())
+    yield check_extras(
         {
             name: all(importlib.util.find_spec(module) is not None for module in modules)
             for name, modules in EXTRA_MODULES.items()
@@ -120,11 +371,11 @@ def _checks(context: CommandContext, options: dict[str, Any]) -> Iterator[Check]
 
 def _check_site(context: CommandContext) -> Check:
     if not context.has_site():
-        return doctor.check_site(None, None)
+        return check_site(None, None)
     try:
-        return doctor.check_site(context.site(), None)
+        return check_site(context.site(), None)
     except (SattrackError, TleError) as error:
-        return doctor.check_site(None, str(error))
+        return check_site(None, str(error))
 
 
 def _element_facts(context: CommandContext) -> ElementFacts:
@@ -145,9 +396,9 @@ def _element_facts(context: CommandContext) -> ElementFacts:
 
 def _check_earth(now: Utc) -> Check:
     try:
-        return doctor.check_earth(earth_orientation_age(now), None)
+        return check_earth(earth_orientation_age(now), None)
     except (TleError, OSError) as error:
-        return doctor.check_earth(None, str(error))
+        return check_earth(None, str(error))
 
 
 def _terminal_facts() -> TerminalFacts:
@@ -171,7 +422,7 @@ def _check_mount(context: CommandContext, url: str | None, explicit: Path | None
         profile = context.profile(explicit, url).mount
     except SattrackError as refusal:
         error = str(refusal)
-    yield doctor.check_profile(configured, profile, error, real)
+    yield check_profile(configured, profile, error, real)
     if url is None:
         words = "no mount is set: with --mount, or [mount] url in sattrack.toml, its statuses are listened to"
         yield Check("link", "ok", words)
@@ -188,8 +439,8 @@ def _check_link(url: str, profile: MountProfile) -> Check:
         address = mount_address(url)
         health = None if address is None else listen(address, profile)
     except SattrackError as refusal:
-        return doctor.check_link(url, None, LISTEN_S, str(refusal))
-    return doctor.check_link(url, health, LISTEN_S, None)
+        return check_link(url, None, LISTEN_S, str(refusal))
+    return check_link(url, health, LISTEN_S, None)
 
 
 def _check_disk(folder: Path) -> Check:
@@ -198,7 +449,7 @@ def _check_disk(folder: Path) -> Check:
         free_bytes: float | None = shutil.disk_usage(absolute).free
     except OSError:
         free_bytes = None
-    return doctor.check_disk(absolute, free_bytes, os.access(absolute, os.W_OK))
+    return check_disk(absolute, free_bytes, os.access(absolute, os.W_OK))
 
 
 def _user() -> str:

@@ -7,8 +7,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from sattrack.cli import doctor_checks as doctor
-from sattrack.cli.doctor_checks import Check, ElementFacts, TerminalFacts
+from sattrack.cli import doctor
+from sattrack.cli.doctor import Check, ElementFacts, TerminalFacts
 from sattrack.core.realtime import Grant
 from sattrack.mount.model import CalibrationRecord, MountProfile
 from sattrack.mount.xerxes.link import LinkHealth

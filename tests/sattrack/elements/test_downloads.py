@@ -19,14 +19,17 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.elements.cache import DownloadCache, user_cache_folder
-from sattrack.elements.downloads import DownloadError, Downloads, age_words
-from sattrack.elements.providers import (
+from sattrack.elements.downloads import (
     KEYRING_SERVICE,
     PASSWORD_VARIABLE,
     USER_VARIABLE,
+    DownloadCache,
+    DownloadError,
+    Downloads,
+    age_words,
     credentials,
     query_of,
+    user_cache_folder,
 )
 from tle.sources import load_elements
 
