@@ -192,21 +192,15 @@ def _print_table(times: list[Utc], columns: dict[str, list[Any]]) -> None:
 
 def _plot(path: Path, elements: Elements, seen: Direction) -> None:
     """Draw the track on the sky, and the rates against time. Raises BadInputError where that cannot be."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise BadInputError("--plot needs matplotlib: pip install 'sattrack[plot]'") from None
+    from sattrack.recording.plots import new_figure, save, sky_axes
+
     minutes = (seen.utc.unix_s - seen.utc.unix_s[0]) / 60.0
-    figure = Figure(figsize=(11.0, 5.0), layout="constrained")
-    sky: Any = figure.add_subplot(1, 2, 1, projection="polar")
+    figure = new_figure(11.0, 5.0)
+    sky = figure.add_subplot(1, 2, 1, projection="polar")
     rates = figure.add_subplot(1, 2, 2)
-    sky.set_theta_zero_location("N")
-    sky.set_theta_direction(1)
+    sky_axes(sky)
     up = seen.alt_deg > 0.0
     sky.plot(np.radians(seen.az_deg), np.where(up, 90.0 - seen.alt_deg, np.nan), color="tab:blue")
-    sky.set_rlim(0.0, 90.0)
-    sky.set_rticks([30.0, 60.0, 90.0], ["60°", "30°", "0°"])
-    sky.set_xticks(np.radians([0.0, 90.0, 180.0, 270.0]), ["N", "E", "S", "W"])
     sky.set_title("Sky, seen from below")
     rates.plot(minutes, seen.ha_rate_deg_s, label="hour angle")
     rates.plot(minutes, seen.dec_rate_deg_s, label="declination")
@@ -215,7 +209,4 @@ def _plot(path: Path, elements: Elements, seen: Direction) -> None:
     rates.legend()
     rates.grid(visible=True, alpha=0.3)
     figure.suptitle(f"{elements.label} ({elements.catalog_number})")
-    try:
-        figure.savefig(path)
-    except (OSError, ValueError) as error:
-        raise BadInputError(f"{path}: cannot write the plot: {error}") from None
+    save(figure, path)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from sattrack.core.errors import BadInputError
+from sattrack.recording.plots import new_figure, save, sky_axes
 from tle.instants import Utc
 from tle.propagator import Propagator
 
@@ -27,20 +27,12 @@ def plot_passes(path: Path, table: PassTable) -> None:
 
     Raises BadInputError where that cannot be.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise BadInputError("--plot needs matplotlib: pip install 'sattrack[plot]'") from None
+    figure = new_figure(10.0, 7.0)
     passes = table.passes
     if len(table) > _MOST_PASSES:
         click.echo(f"sattrack: the chart shows the first {_MOST_PASSES} of {len(table)} passes", err=True)
-    figure = Figure(figsize=(10.0, 7.0), layout="constrained")
-    sky: Any = figure.add_subplot(projection="polar")
-    sky.set_theta_zero_location("N")
-    sky.set_theta_direction(1)
-    sky.set_rlim(0.0, 90.0)
-    sky.set_rticks([0.0, 30.0, 60.0, 90.0], ["", "60°", "30°", "0°"])
-    sky.set_xticks(np.radians(np.arange(0.0, 360.0, 45.0)), ["N", "NE", "E", "SE", "S", "SW", "W", "NW"])
+    sky = figure.add_subplot(projection="polar")
+    sky_axes(sky)
     _draw_horizon(sky, passes.task.horizon)
     for number, row in enumerate(table.take(np.arange(min(len(table), _MOST_PASSES))).rows()):
         _draw_pass(sky, row, passes, f"C{number % 10}")
@@ -50,10 +42,7 @@ def plot_passes(path: Path, table: PassTable) -> None:
     )
     if len(table):
         figure.legend(loc="outside right upper", fontsize="small", title="highest (UTC), dashed: not sunlit")
-    try:
-        figure.savefig(path, dpi=110)
-    except (OSError, ValueError) as error:
-        raise BadInputError(f"{path}: cannot write the chart: {error}") from None
+    save(figure, path)
 
 
 def _draw_horizon(sky: Any, horizon: Horizon) -> None:

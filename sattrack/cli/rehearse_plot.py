@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import importlib
-from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sattrack.core.errors import BadInputError
+from sattrack.recording.plots import INK, PALE, label_times, new_figure, save, sky_axes, times
 from tle.instants import Utc
 
 if TYPE_CHECKING:
+    from datetime import datetime
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 
 LABELS_APART_DEG = 11.0
 NEARLY_S = 5.0
-INK, PALE, GOOD, BAD, SUN, MOON = "#1b2a41", "#8a99ad", "#1f77b4", "#d1495b", "#edae49", "#7d7d8a"
+GOOD, BAD, SUN, MOON = "#1f77b4", "#d1495b", "#edae49", "#7d7d8a"
 COLOURS = {
     "keyhole": "#d1495b",
     "rate": "#e07a1f",
@@ -37,12 +36,8 @@ COLOURS = {
 
 def plot_rehearsal(path: Path, rehearsal: Rehearsal) -> None:
     """Draw a rehearsal; raises BadInputError where that cannot be."""
-    try:
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise BadInputError("--plot needs matplotlib: pip install 'sattrack[plot]'") from None
     report = rehearsal.report
-    figure = Figure(figsize=(13.0, 8.0), layout="constrained", facecolor="white")
+    figure = new_figure(13.0, 8.0)
     grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.25), height_ratios=(1.0, 1.0, 0.9))
     _draw_sky(figure.add_subplot(grid[:2, 0], projection="polar"), rehearsal)
     _draw_error(figure.add_subplot(grid[2, 0]), rehearsal)
@@ -57,14 +52,7 @@ def plot_rehearsal(path: Path, rehearsal: Rehearsal) -> None:
         fontsize="medium",
         fontweight="bold",
     )
-    try:
-        figure.savefig(path, dpi=120)
-    except (OSError, ValueError) as error:
-        raise BadInputError(f"{path}: cannot write the chart: {error}") from None
-
-
-def _times(utc_s: Array) -> list[datetime]:
-    return [datetime.fromtimestamp(t, UTC) for t in utc_s.tolist()]
+    save(figure, path)
 
 
 def _stretches(rehearsal: Rehearsal) -> list[tuple[float, float, str]]:
@@ -76,12 +64,7 @@ def _stretches(rehearsal: Rehearsal) -> list[tuple[float, float, str]]:
 
 def _draw_sky(sky: Any, rehearsal: Rehearsal) -> None:
     path = rehearsal.path
-    sky.set_theta_zero_location("N")
-    sky.set_theta_direction(1)
-    sky.set_rlim(0.0, 90.0)
-    sky.set_rticks([30.0, 60.0, 90.0], ["60°", "30°", ""], color=PALE, fontsize="small")
-    sky.set_xticks(np.radians(np.arange(0.0, 360.0, 45.0)), ["N", "NE", "E", "SE", "S", "SW", "W", "NW"])
-    sky.grid(color="0.9")
+    sky_axes(sky)
     azimuths = np.linspace(0.0, 360.0, 721)
     floor = np.clip(rehearsal.skyline_deg(azimuths), 0.0, 90.0)
     sky.fill_between(np.radians(azimuths), 90.0 - floor, 90.0, color="0.86", linewidth=0.0)
@@ -153,7 +136,7 @@ def _mark_minutes(sky: Any, rehearsal: Rehearsal) -> None:
 
 def _shade(axes: Any, rehearsal: Rehearsal) -> None:
     for begin, end, limit in _stretches(rehearsal):
-        low, high = _times(np.array([begin, end]))
+        low, high = times(np.array([begin, end]))
         axes.axvspan(low, high, color=COLOURS.get(limit, BAD), alpha=0.18, linewidth=0.0)
 
 
@@ -165,14 +148,14 @@ def _tidy(axes: Any) -> None:
 
 def _draw_rates(axes: Any, rehearsal: Rehearsal) -> None:
     path, profile = rehearsal.path, rehearsal.ability.profile
-    times = _times(path.utc_s)
+    at = times(path.utc_s)
     limits = profile.ra.max_rate_deg_s, profile.dec.max_rate_deg_s
     same = limits[0] == limits[1]
     for name, rate, limit, colour in (
         ("hour angle", path.hour_angle_rate_deg_s, limits[0], GOOD),
         ("declination", path.dec_rate_deg_s, limits[1], "#2a9d8f"),
     ):
-        axes.plot(times, np.abs(rate), color=colour, linewidth=1.8, label=f"{name} asked")
+        axes.plot(at, np.abs(rate), color=colour, linewidth=1.8, label=f"{name} asked")
         if not same:
             axes.axhline(limit, color=colour, linestyle=(0, (4, 3)), linewidth=1.2, label=f"{name} limit")
     if same:
@@ -181,11 +164,11 @@ def _draw_rates(axes: Any, rehearsal: Rehearsal) -> None:
     rows = trace.moving
     if rows.any():
         reached = np.where(rows, np.abs(trace.hour_angle_rate_deg_s), np.nan)
-        axes.plot(_times(trace.utc_s), reached, color=INK, linewidth=0.8, label="hour angle reached")
+        axes.plot(times(trace.utc_s), reached, color=INK, linewidth=0.8, label="hour angle reached")
     axes.set_yscale("log")
     typical = float(np.median(np.hypot(path.hour_angle_rate_deg_s, path.dec_rate_deg_s)))
     axes.set_ylim(bottom=float(np.clip(0.1 * typical, 1e-5, 0.005)))
-    axes.set_xlim(times[0], times[-1])
+    axes.set_xlim(at[0], at[-1])
     axes.set_ylabel("rate, °/s")
     axes.legend(fontsize="x-small", ncols=3, frameon=False, loc="upper right", bbox_to_anchor=(1.0, 1.16))
     _shade(axes, rehearsal)
@@ -195,13 +178,13 @@ def _draw_rates(axes: Any, rehearsal: Rehearsal) -> None:
 
 def _nearly_end(rehearsal: Rehearsal) -> datetime:
     """Return a little before the end of the pass: what ends sooner was not run to its end."""
-    return _times(rehearsal.path.utc_s[-1:] - NEARLY_S)[0]
+    return times(rehearsal.path.utc_s[-1:] - NEARLY_S)[0]
 
 
 def _draw_run(axes: Any, rehearsal: Rehearsal) -> None:
     trace = rehearsal.performance.trace
     error = np.where(trace.moving, np.maximum(trace.total_arcsec, 1e-3), np.nan)
-    axes.plot(_times(trace.utc_s), error, color=INK, linewidth=1.0, label="error of the rehearsed run")
+    axes.plot(times(trace.utc_s), error, color=INK, linewidth=1.0, label="error of the rehearsed run")
     axes.axhline(
         rehearsal.ability.tolerance_deg * 3600.0,
         color=BAD,
@@ -213,7 +196,7 @@ def _draw_run(axes: Any, rehearsal: Rehearsal) -> None:
     axes.set_ylabel("error, ″")
     axes.legend(fontsize="x-small", ncols=2, frameon=False, loc="upper right", bbox_to_anchor=(1.0, 1.16))
     _shade(axes, rehearsal)
-    run_until = _times(trace.utc_s[-1:])
+    run_until = times(trace.utc_s[-1:])
     if run_until and rehearsal.report.ended_by == "set" and run_until[0] < _nearly_end(rehearsal):
         axes.annotate(
             "not run: kinematics tell of the rest",
@@ -229,15 +212,13 @@ def _draw_run(axes: Any, rehearsal: Rehearsal) -> None:
 
 
 def _draw_cut(axes: Any, rehearsal: Rehearsal) -> None:
-    dates: Any = importlib.import_module("matplotlib.dates")
-
     loss = rehearsal.report.link_loss
-    times = [Utc.parse(moment.utc).datetime() for moment in loss.curve]
+    at = [Utc.parse(moment.utc).datetime() for moment in loss.curve]
     seconds = [np.nan if m.seconds_to_limit is None else m.seconds_to_limit for m in loss.curve]
-    axes.plot(times, seconds, color=BAD, linewidth=1.8, label="to the first limit, rates held")
+    axes.plot(at, seconds, color=BAD, linewidth=1.8, label="to the first limit, rates held")
     if loss.watchdog_s is not None:
         rests = [np.nan if m.seconds_to_rest is None else m.seconds_to_rest for m in loss.curve]
-        axes.plot(times, rests, color="#2a9d8f", linewidth=1.5, label="to rest by the mount's watchdog")
+        axes.plot(at, rests, color="#2a9d8f", linewidth=1.5, label="to rest by the mount's watchdog")
     finite = [s for s in seconds if np.isfinite(s)]
     if not finite:
         words = f"no limit is met within {loss.looked_s / 60.0:.0f} minutes"
@@ -245,9 +226,7 @@ def _draw_cut(axes: Any, rehearsal: Rehearsal) -> None:
     axes.set_ylim(0.0, 1.15 * max(finite, default=loss.looked_s))
     axes.set_ylabel("after a cut link, s")
     axes.legend(fontsize="x-small", frameon=False, loc="upper right")
-    locator = dates.AutoDateLocator(minticks=4, maxticks=9, tz=UTC)
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(dates.DateFormatter("%H:%M:%S", tz=UTC))
+    label_times(axes)
     axes.tick_params(axis="x", labelsize="small")
     _tidy(axes)
 

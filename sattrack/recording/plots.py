@@ -40,6 +40,16 @@ def new_figure(width: float, height: float) -> Any:
     return module.Figure(figsize=(width, height), layout="constrained", facecolor="white")
 
 
+def sky_axes(sky: Any) -> None:
+    """Make polar axes a chart of the sky seen from below: north up, east to the left, the zenith inmost."""
+    sky.set_theta_zero_location("N")
+    sky.set_theta_direction(1)
+    sky.set_rlim(0.0, 90.0)
+    sky.set_rticks([30.0, 60.0, 90.0], ["60°", "30°", ""], color=PALE, fontsize="small")
+    sky.set_xticks(np.radians(np.arange(0.0, 360.0, 45.0)), ["N", "NE", "E", "SE", "S", "SW", "W", "NW"])
+    sky.grid(color="0.9")
+
+
 def times(utc_s: Sequence[float] | NDArray[np.float64]) -> list[datetime]:
     """Return instants, POSIX seconds, as matplotlib takes them."""
     return [datetime.fromtimestamp(float(t), UTC) for t in utc_s]
@@ -221,12 +231,7 @@ def _link(run: Trace) -> Any:
 def _sky(run: Trace) -> Any:
     figure = new_figure(5.6, 5.2)
     sky = figure.add_subplot(projection="polar")
-    sky.set_theta_zero_location("N")
-    sky.set_theta_direction(1)
-    sky.set_rlim(0.0, 90.0)
-    sky.set_rticks([30.0, 60.0, 90.0], ["60°", "30°", ""], color=PALE, fontsize="small")
-    sky.set_xticks(np.radians(np.arange(0.0, 360.0, 45.0)), ["N", "NE", "E", "SE", "S", "SW", "W", "NW"])
-    sky.grid(color="0.9")
+    sky_axes(sky)
     at = run.utc_s[run.following]
     error = np.interp(run.sky_utc_s, at, run.total[run.following])
     points = sky.scatter(
