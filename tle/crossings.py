@@ -6,7 +6,7 @@ altitude exceeds a) and -z" ≤ c, z stays under the parabola through both looks
 c = (1 + |sin a|) max|q"| + sin a max|q'|²/min|q| for a > 0, since |q|" ≤ |q'|²/|q| + |q"|; the maxima of the
 derivatives over a whole arc follow from its coefficients. For a skyline instead, the direction moves by no
 more than max|q'| δ/2 / min|q| from the nearer look. Where no bound says so, the stretch is halved and looked
-at again until it is shorter than SURE_S: whatever lasts longer has been seen. Below that the highest points
+at again until it is shorter than SURE_S: what lasts longer has been seen. Below that the highest points
 of the altitude, which are looked at too, find all but the pathological.
 """
 

@@ -256,13 +256,13 @@ class EarthOrientation:
         good = (unix_s >= self._start_s) & (unix_s < _END.unix_s)
         if not np.all(good):
             bad = unix_s if not isinstance(unix_s, np.ndarray) else float(unix_s[~good][0])
-            told = (
+            instant = (
                 Utc(bad).isoformat("seconds")
                 if math.isfinite(bad) and abs(bad) < 6e10
                 else f"{bad} s since 1970"
             )
             raise TimeRangeError(
-                f"{told} is outside the time for which the Earth's orientation is known or guessed: "
+                f"{instant} is outside the time for which the Earth's orientation is known or guessed: "
                 f"give one from {Utc(self._start_s).isoformat('seconds')} to {_END.isoformat('seconds')}"
             )
 

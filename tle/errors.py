@@ -1,4 +1,4 @@
-"""The exceptions that elements, instants and directions can raise, each told in words a user can act on."""
+"""The exceptions that elements, instants and directions can raise, each in words a user can act on."""
 
 from __future__ import annotations
 

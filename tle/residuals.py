@@ -127,7 +127,7 @@ class _Model:
         m = by_along - (by_along @ u) * u
         size = float(np.linalg.norm(m))
         if size < 1e-12:
-            raise ObservationError("the satellite moves along the line of sight: no bias can be told from it")
+            raise ObservationError("the satellite moves along the line of sight: no bias follows from it")
         m = m / size
         n = np.cross(u, m)
         jacobian = np.array([[by_along @ m, by_cross @ m], [by_along @ n, by_cross @ n]])

@@ -48,7 +48,7 @@ def read_elements(*sources: str | Path, fetch: Callable[[str], str] | None = Non
 
     A source is a path, "-" for standard input, text with line ends in it, or what `fetch` can turn into
     text: a URL, or a short name such as "celestrak:active". Every file of a folder is read. The format is
-    told by the content; a file may be compressed with gzip.
+    recognised by the content; a file may be compressed with gzip.
     Raises the first refusal (a subclass of ElementsError) and SourceError; see `load_elements` for sources
     that may hold bad sets.
     """
@@ -119,7 +119,7 @@ def find(elements: Sequence[Elements], key: str) -> Elements:
     """Return the elements of the object that a user means.
 
     The key is a catalogue number (Alpha-5 too), an international designator (1998-067A, 98067A;
-    1998-067 for whatever one launch brought) or a name;
+    1998-067 for all that one launch brought) or a name;
     case, accents and punctuation do not count. An exact name wins over names that begin with the key, those
     over names that contain it. Raises SatelliteNotFoundError, AmbiguousSatelliteError.
     """

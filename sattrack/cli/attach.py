@@ -58,8 +58,8 @@ def chosen_run(pid: int | None) -> int:
             "between the passes of a schedule, `sattrack run FILE --status` shows its state"
         )
     if len(found) > 1:
-        told = "; ".join(f"--run {one}: {_told(one)}" for one in found)
-        raise BadInputError(f"{len(found)} runs go on; choose one: {told}")
+        choices = "; ".join(f"--run {one}: {_told(one)}" for one in found)
+        raise BadInputError(f"{len(found)} runs go on; choose one: {choices}")
     return found[0]
 
 

@@ -1,14 +1,18 @@
-"""The options of every command, and what they resolve to."""
+"""The options of every command and what they resolve to; what commands say, and how."""
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import os
+import stat
 import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import click
+import msgspec
 
 from sattrack.core.clock import Clock, make_clock
 from sattrack.core.errors import BadInputError, SattrackError
@@ -61,7 +65,7 @@ class CommandContext:
     def elements(self) -> list[Elements]:
         """Read all element sources, the newest epoch of an object winning.
 
-        Sets that are refused beside good ones are told on standard error. Raises BadInputError, TleError.
+        Sets that are refused beside good ones are named on standard error. Raises BadInputError, TleError.
         """
         from tle.sources import newest
 
@@ -78,7 +82,7 @@ class CommandContext:
         return newest(sets.accepted)
 
     def load(self, sources: Sequence[str]) -> ElementSets:
-        """Read element sources, good sets and refused ones; what else is to know is told on standard error.
+        """Read element sources, good sets and refused ones; notes on them go to standard error.
 
         Files, folders, - for standard input, URLs, and the short names celestrak:... and spacetrack:...
         Raises TleError, SattrackError.
@@ -322,3 +326,35 @@ def mount_option(function: Callable[..., Any]) -> Callable[..., Any]:
     from sattrack.runtime.mounts import FORMS
 
     return click.option("--mount", "mount_url", metavar="URL", help=f"sim, {FORMS}; else as set.")(function)
+
+
+class JsonLines:
+    """Writes objects as JSON lines.
+
+    A reader that does not keep up loses lines: into a pipe, a line is written whole or not at all (POSIX
+    promises that up to PIPE_BUF bytes), so a loop that feeds a mount is never held up.
+    """
+
+    def __init__(self) -> None:
+        self._encoder = msgspec.json.Encoder()
+        self._out = sys.stdout.fileno()
+        self._is_pipe = stat.S_ISFIFO(os.fstat(self._out).st_mode)
+        if self._is_pipe:
+            os.set_blocking(self._out, False)
+
+    def write(self, item: object) -> None:
+        """Write one object. Raises BrokenPipeError where the reader is gone."""
+        with contextlib.suppress(BlockingIOError):
+            os.write(self._out, self._encoder.encode(item) + b"\n")
+
+    def write_whole(self, item: object) -> None:
+        """Write one object however long that takes: for where nothing waits for the writer."""
+        os.set_blocking(self._out, True)
+        with os.fdopen(self._out, "wb", closefd=False) as out:
+            out.write(self._encoder.encode(item) + b"\n")
+        if self._is_pipe:
+            os.set_blocking(self._out, False)
+
+    def end(self) -> None:
+        """Let what is written by other means from now on be written whole, however long that takes."""
+        os.set_blocking(self._out, True)

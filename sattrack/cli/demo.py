@@ -66,13 +66,15 @@ def command(context: CommandContext, seconds: float | None, **options: Any) -> i
         memory=options["bias_memory"],
     )
     deadline_s = float("inf") if seconds is None else begun_s + seconds - STOPPING_TAKES_S
-    told = Stream(tells_session=options["scene"]) if options["stream"] else Progress(quiet_off_terminal=False)
+    output = (
+        Stream(tells_session=options["scene"]) if options["stream"] else Progress(quiet_off_terminal=False)
+    )
     prepared = prepare(request)
     for words in prepared.notes:
         tell(words)
-    if isinstance(told, Stream) and options["scene"]:
-        told.tell_scene(prepared.facts)
-    summary, interrupted = fly_and_tell(prepared, told, control, deadline_s, observations)
+    if isinstance(output, Stream) and options["scene"]:
+        output.tell_scene(prepared.facts)
+    summary, interrupted = fly_and_tell(prepared, output, control, deadline_s, observations)
     return finish(summary, interrupted, context.json or options["stream"])
 
 

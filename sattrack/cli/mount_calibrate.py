@@ -220,8 +220,8 @@ def _tell(found: Findings, profile: MountProfile, target: Path, as_json: bool) -
     for note in found.notes:
         click.echo(f"sattrack: {note}", err=True)
     if as_json:
-        told = {"profile": profile, "out": str(target), "notes": found.notes}
-        click.echo(msgspec.json.encode({"calibration": told}).decode())
+        document = {"profile": profile, "out": str(target), "notes": found.notes}
+        click.echo(msgspec.json.encode({"calibration": document}).decode())
         return
     show(table("", "", rows=found_rows(found)))
     click.echo(f"sattrack: written to {target}", err=True)

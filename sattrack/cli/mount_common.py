@@ -220,17 +220,17 @@ def failure(
     why = operation.ended_by or "error"
     if why == "done" and outcome.state in DONE:
         return None
-    told = f"{words}: {outcome.reason or outcome.state.value}"
+    message = f"{words}: {outcome.reason or outcome.state.value}"
     if advice is not None:
-        told += f"; {advice}"
+        message += f"; {advice}"
     if operation.mount_stopped:
-        told += "; the mount was stopped and seen at rest"
+        message += "; the mount was stopped and seen at rest"
     elif operation.mount_stopped is False:
-        told += "; THE MOUNT DID NOT CONFIRM THE STOP: stop it by its own console"
+        message += "; THE MOUNT DID NOT CONFIRM THE STOP: stop it by its own console"
     elif not operation.begun:
-        told += "; nothing was asked of the mount"
+        message += "; nothing was asked of the mount"
     by_safety = outcome.refusal is not None and outcome.refusal.by_safety
     if why.startswith("limit:") or (why in ("refused", "done") and by_safety):
-        return SafetyLimitError(told)
+        return SafetyLimitError(message)
     kinds: dict[str, type[SattrackError]] = {"link": LinkLostError, "operator": InterruptedRunError}
-    return kinds.get(why, SattrackError)(told)
+    return kinds.get(why, SattrackError)(message)

@@ -149,9 +149,9 @@ def _point(context: CommandContext, request: Slew | Sync, options: dict[str, Any
 @click.command("abort")
 @mount_options
 def abort(context: CommandContext, **options: Any) -> int:
-    """Stop both axes at once, and see them at rest; the drives stay on. A silent mount is told, too.
+    """Stop both axes at once, and see them at rest; the drives stay on. A silent mount is sent it, too.
 
-    A session that owns the mount stops it and ends, as by `sattrack stop`; then it is told once more.
+    A session that owns the mount stops it and ends, as by `sattrack stop`; then it is sent once more.
     """
     call = resolve(context, options, needs_site=False)
     owner = None if call.address is None else owner_of(call.address.name)
@@ -205,8 +205,8 @@ def _ask(context: CommandContext, name: str, request: Request, options: dict[str
 def status(context: CommandContext, **options: Any) -> int:
     """Tell all that the mount says, once, with units; how well it is heard; and what its clock is off by.
 
-    Nothing is sent, so that whatever drives the mount is not disturbed. A mount that a session on this
-    machine owns is told of as that session hears it. Only a mount on this machine that nobody owns, which is
+    Nothing is sent, so that what drives the mount is not disturbed. A mount that a session on this
+    machine owns is shown as that session hears it. Only a mount on this machine that nobody owns, which is
     a simulated one, is sent datagrams without a command where it keeps silent.
     """
     call = resolve(context, options, needs_site=False)
@@ -221,7 +221,7 @@ def status(context: CommandContext, **options: Any) -> int:
         view = view_of(look.console, connection.now_utc_s())
         silent = view.status is None
         advice = call.silence(connection, sent=local) if silent and not interrupted else ""
-        told = [] if connection.telescope is None else [_telescope(connection.telescope)]
+        groups = [] if connection.telescope is None else [_telescope(connection.telescope)]
     if interrupted:
         raise InterruptedRunError("interrupted; nothing was asked of the mount")
     words = _silence_words(call, view, advice)
@@ -230,7 +230,7 @@ def status(context: CommandContext, **options: Any) -> int:
         outcome = Outcome(state, False, words if silent else None)
         tell_result({"type": "status"}, outcome, ("link" if silent else "done", None), view)
     elif not silent:
-        click.echo(status_text(view, *told))
+        click.echo(status_text(view, *groups))
     if silent:
         raise LinkLostError(words)
     return 0

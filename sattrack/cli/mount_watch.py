@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.cli.common import appearance, screen_options
-from sattrack.cli.json_lines import JsonLines
+from sattrack.cli.common import JsonLines, appearance, screen_options
 from sattrack.cli.mount_common import MountCall, mount_options, resolve
 from sattrack.cli.screened import needed_terminal, tui_possible
 from sattrack.control.manual.sitting import ConsoleSession

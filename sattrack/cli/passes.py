@@ -255,7 +255,7 @@ def _judged(context: CommandContext, table: PassTable, options: dict[str, Any]) 
     """Return the rows with a verdict by the mount's limits where one was asked for, else as they are."""
     if not (options["feasible"] or options["judged"]):
         return table
-    from sattrack.cli.passes_feasible import judged_table
+    from sattrack.cli.passes_rows import judged_table
 
     profile = context.profile(options["profile"]).mount
     judged = judged_table(table, profile, context.settings.safety.limits())

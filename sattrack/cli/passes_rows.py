@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from sattrack.mount.model import MountProfile
+    from sattrack.safety.limits import SafetyLimits
     from tle.catalogue_passes import CataloguePasses
     from tle.elements import Elements
     from tle.facts import FactColumns, PassFacts
@@ -157,6 +159,23 @@ class PassTable:
             return self.take(np.lexsort((numbers, begins_s)))
         keys = {"altitude": -found.max_alt_deg[self.index], "rate": self.peak_rate_deg_s}
         return self.take(np.argsort(keys.get(by, self.magnitude), kind="stable"))
+
+
+def judged_table(table: PassTable, profile: MountProfile, limits: SafetyLimits) -> PassTable:
+    """Return the rows, each with the verdict on the part of the pass that lies within the search's span."""
+    from sattrack.planning.kinematics import ability_at, verdict_on
+
+    task, found = table.passes.task, table.passes.found
+    ability = ability_at(task.site, profile, limits)
+    begin_s, span_s = task.span
+    obj = found.obj[table.index].tolist()
+    first = begin_s + np.nan_to_num(found.rise_s[table.index], nan=0.0)
+    last = begin_s + np.nan_to_num(found.set_s[table.index], nan=span_s)
+    why_not = tuple(
+        verdict_on(task.elements[o], task.site, ends, ability, task.earth).why_not
+        for o, ends in zip(obj, zip(first.tolist(), last.tolist(), strict=True), strict=True)
+    )
+    return replace(table, judged=True, why_not=why_not)
 
 
 def write_json(table: PassTable, write: Callable[[str], object]) -> None:

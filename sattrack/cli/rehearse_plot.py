@@ -70,11 +70,11 @@ def _draw_sky(sky: Any, rehearsal: Rehearsal) -> None:
     sky.fill_between(np.radians(azimuths), 90.0 - floor, 90.0, color="0.86", linewidth=0.0)
     angle, radius = np.radians(path.az_deg), 90.0 - path.alt_deg
     sky.plot(angle, radius, color=GOOD, linewidth=2.5, solid_capstyle="round", label="followed")
-    told: set[str] = set()
+    labelled: set[str] = set()
     for begin, end, limit in _stretches(rehearsal):
         part = (path.utc_s >= begin - 0.5) & (path.utc_s <= end + 0.5)
-        label = None if limit in told else f"lost: {limit.replace('_', ' ')}"
-        told.add(limit)
+        label = None if limit in labelled else f"lost: {limit.replace('_', ' ')}"
+        labelled.add(limit)
         sky.plot(angle[part], radius[part], color=COLOURS.get(limit, BAD), linewidth=5.0, label=label)
     _mark_minutes(sky, rehearsal)
     pole = abs(rehearsal.ability.latitude_deg)

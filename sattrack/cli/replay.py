@@ -14,13 +14,13 @@ import msgspec
 
 from sattrack.cli.common import (
     CommandContext,
+    JsonLines,
     appearance,
     common_options,
     fov_option,
     screen_options,
     tell,
 )
-from sattrack.cli.json_lines import JsonLines
 from sattrack.cli.screened import can_draw_lines_anew, needed_terminal, tui_possible
 from sattrack.core.errors import BadInputError
 from sattrack.core.own_program import own_program
@@ -114,7 +114,7 @@ def command(context: CommandContext, files: tuple[Path, ...], **options: Any) ->
 
     Byte for byte where code, libraries and kind of processor are those of the recording; elsewhere commands
     may differ by 1e-9 °/s; for another version's code, figures are compared. With --set or --law nothing is
-    judged: it is told what that control law would have commanded, and what the error would have been with the
+    judged: it prints what that control law would have commanded, and what the error would have been with the
     mount simulated as the recording shows it.
     """
     speed = options["speed"]
@@ -171,7 +171,7 @@ def _try(context: CommandContext, recording: Recording, facts: RunFacts, law: Co
     _wipe()
     gained = found.after[0] - found.before[0]
     if context.json:
-        told = {
+        document = {
             "recording": str(recording.path),
             "commands_differing": found.replayed.differing,
             "largest_rate_difference_deg_s": found.replayed.largest_rate_deg_s,
@@ -184,7 +184,7 @@ def _try(context: CommandContext, recording: Recording, facts: RunFacts, law: Co
                 "fitted": found.fitted,
             },
         }
-        click.echo(msgspec.json.encode(told).decode())
+        click.echo(msgspec.json.encode(document).decode())
         return 0
     click.echo(
         f"{found.replayed.differing} of {found.replayed.ticks} commands would have been others, "
@@ -201,17 +201,17 @@ def _give_all(recording: Recording, facts: RunFacts) -> int:
     """Write all views for the screen, after what is to be known of the pass."""
     from sattrack.runtime.pass_scene import pass_scene
 
-    told = ViewsAtOnce(recording)
+    views = ViewsAtOnce(recording)
     with contextlib.suppress(TleError):
         # Without it there is no chart; the run is shown all the same.
-        told.write_whole(pass_scene(facts))
+        views.write_whole(pass_scene(facts))
     with contextlib.suppress(LeftError):
-        result = replay(recording, engine_of, watch=told)
+        result = replay(recording, engine_of, watch=views)
         if not result.agrees:
-            tell("NOT the same as recorded: without --tui, the difference is told")
-    told.end()
-    if told.engine is not None:
-        summary = summarise(told.engine, RunStatistics(), told.utc_s)
+            tell("NOT the same as recorded: without --tui, the difference is shown")
+    views.end()
+    if views.engine is not None:
+        summary = summarise(views.engine, RunStatistics(), views.utc_s)
         click.echo(msgspec.json.encode(SummaryLine(summary)).decode())
     return 0
 
@@ -220,7 +220,7 @@ def _play(recording: Recording, player: _Player) -> int:
     with contextlib.suppress(LeftError):
         result = replay(recording, engine_of, watch=player)
         if not result.agrees:
-            tell("NOT the same as recorded: without --stream, the difference is told")
+            tell("NOT the same as recorded: without --stream, the difference is shown")
     player.finish()
     return 0
 

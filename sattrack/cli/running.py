@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
-from sattrack.cli.json_lines import JsonLines
+from sattrack.cli.common import JsonLines
 from sattrack.cli.screened import can_draw_lines_anew
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.runtime.desk import ControlArbiter, SessionInbox, StdinInbox
@@ -43,7 +43,7 @@ IDLE_S = 0.05
 class Progress:
     """Tells on standard error how a run goes: a line that renews itself on a terminal, else one now and then.
 
-    With `quiet_off_terminal`, nothing is told but on a terminal.
+    With `quiet_off_terminal`, nothing is shown but on a terminal.
     """
 
     quiet_off_terminal: bool
@@ -186,8 +186,10 @@ def finish(summary: Summary, interrupted: bool, as_json: bool) -> int:
 class Public:
     """Everybody whom runs are shown to: whoever started them, and those who look on."""
 
-    def __init__(self, told: Progress | Stream, desk: ControlArbiter, gallery: ViewServerLink | None) -> None:
-        self._told, self._desk, self._gallery = told, desk, gallery
+    def __init__(
+        self, output: Progress | Stream, desk: ControlArbiter, gallery: ViewServerLink | None
+    ) -> None:
+        self._output, self._desk, self._gallery = output, desk, gallery
         self._version = -1
         self.left = False
         """Whether whoever started the runs has gone, and nobody reads what is written."""
@@ -195,19 +197,19 @@ class Public:
     @property
     def screened(self) -> bool:
         """Whether whoever started the runs has a screen on them, and is there."""
-        return isinstance(self._told, Stream) and self._told.tells_session and not self.left
+        return isinstance(self._output, Stream) and self._output.tells_session and not self.left
 
     def begin(self, facts: RunFacts) -> None:
         """Say what does not change during a run, before it, where it is not the first."""
-        if isinstance(self._told, Stream) and self.screened:
-            self._told.tell_scene(facts)
+        if isinstance(self._output, Stream) and self.screened:
+            self._output.tell_scene(facts)
         if self._gallery is not None:
             self._gallery.begin(facts)
 
     def show(self, view: TrackView) -> None:
         """Take one state, and say who has control where that has changed."""
         self.look()
-        self._told.show(view)
+        self._output.show(view)
         if self._gallery is not None:
             self._gallery.show(view)
 
@@ -220,8 +222,8 @@ class Public:
     def end(self, summary: Summary) -> None:
         """Say what the run came to."""
         self.look()
-        if isinstance(self._told, Stream) and self.screened:
-            self._told.write_whole(SummaryLine(summary))
+        if isinstance(self._output, Stream) and self.screened:
+            self._output.write_whole(SummaryLine(summary))
         if self._gallery is not None:
             self._gallery.tell_end(summary)
 
@@ -229,12 +231,12 @@ class Public:
         if self._gallery is None:
             return True
         session = self._desk.view()
-        if isinstance(self._told, Stream) and not self.left:
-            self._tell_starter(self._told, session)
+        if isinstance(self._output, Stream) and not self.left:
+            self._tell_starter(self._output, session)
         return self._gallery.tell(session)
 
-    def _tell_starter(self, told: Stream, session: SessionView) -> None:
-        told.tell_session(session)
+    def _tell_starter(self, output: Stream, session: SessionView) -> None:
+        output.tell_session(session)
         if session.left_running:
             # Whoever started the run goes at this word: nothing must be written to nobody.
             self.left = True
@@ -242,7 +244,7 @@ class Public:
 
 
 def _write_nowhere() -> None:
-    """Have whatever goes to standard output from now on be lost, and nobody waited for."""
+    """Send standard output nowhere from now on, so that nobody is waited for."""
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, sys.stdout.fileno())
     os.close(nowhere)
@@ -250,7 +252,7 @@ def _write_nowhere() -> None:
 
 def fly_and_tell(
     prepared: Prepared,
-    told: Progress | Stream,
+    output: Progress | Stream,
     control: bool,
     deadline_s: float = float("inf"),
     observations: str | None = None,
@@ -269,7 +271,7 @@ def fly_and_tell(
     listening = observers if control or observations else None
     gallery = open_view_server(prepared.facts)
     desk = ControlArbiter(control, again is not None)
-    public = Public(told, desk, gallery)
+    public = Public(output, desk, gallery)
     inbox = SessionInbox(desk, stdin, gallery)
     try:
         with stopping(stop):
@@ -284,7 +286,7 @@ def fly_and_tell(
         observers.close()
         if gallery is not None:
             gallery.close()
-    told.end()
+    output.end()
     for words in () if stdin is None else stdin.ignored:
         click.echo(f"sattrack: {words}", err=True)
     tell_malformed(observers)

@@ -11,8 +11,7 @@ import click
 import msgspec
 
 from sattrack import __version__
-from sattrack.cli.common import CommandContext, common_options, mount_option, profile_option, tell
-from sattrack.cli.json_lines import JsonLines
+from sattrack.cli.common import CommandContext, JsonLines, common_options, mount_option, profile_option, tell
 from sattrack.cli.serving import (
     Log,
     caller_limits,

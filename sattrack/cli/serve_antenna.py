@@ -13,13 +13,13 @@ import click
 
 from sattrack.cli.common import (
     CommandContext,
+    JsonLines,
     appearance,
     common_options,
     mount_option,
     profile_option,
     screen_options,
 )
-from sattrack.cli.json_lines import JsonLines
 from sattrack.cli.screened import tui_possible
 from sattrack.cli.serving import Log, check_port, end_of_service, what_is_served
 from sattrack.core.errors import BadInputError

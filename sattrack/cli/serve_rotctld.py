@@ -8,8 +8,7 @@ from typing import Any
 import click
 
 from sattrack import __version__
-from sattrack.cli.common import CommandContext, common_options, mount_option, profile_option
-from sattrack.cli.json_lines import JsonLines
+from sattrack.cli.common import CommandContext, JsonLines, common_options, mount_option, profile_option
 from sattrack.cli.serving import (
     Log,
     caller_limits,

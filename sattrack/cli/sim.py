@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
-from sattrack.cli.common import CommandContext, common_options
-from sattrack.cli.json_lines import JsonLines
+from sattrack.cli.common import CommandContext, JsonLines, common_options
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import BadInputError
 from sattrack.mount.profiles import ProfileFile, load_profile_file

@@ -53,11 +53,11 @@ def simulate(context: CommandContext, port: int | None, telescope: Path | None) 
 
 
 async def _until_told(settings: TelescopeSettings, port: int, as_json: bool) -> int:
-    loop, told, ended = asyncio.get_running_loop(), asyncio.Event(), [0]
+    loop, stopped, ended = asyncio.get_running_loop(), asyncio.Event(), [0]
 
     def end(number: int) -> None:
         ended[0] = number
-        told.set()
+        stopped.set()
 
     for number in (signal.SIGINT, signal.SIGTERM):
         loop.add_signal_handler(number, end, number)
@@ -69,9 +69,9 @@ async def _until_told(settings: TelescopeSettings, port: int, as_json: bool) -> 
             click.echo(msgspec.json.encode({"listening": taken, "mount": url}).decode())
 
     serving = asyncio.create_task(serve(settings, port, ready))
-    telling = asyncio.create_task(told.wait())
+    telling = asyncio.create_task(stopped.wait())
     await asyncio.wait({serving, telling}, return_when=asyncio.FIRST_COMPLETED)
-    if not told.is_set():
+    if not stopped.is_set():
         # Nothing else ends the service: its error is the user's to see.
         await serving
     serving.cancel()

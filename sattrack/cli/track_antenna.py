@@ -36,10 +36,10 @@ def follow(context: CommandContext, request: RunRequest, options: dict[str, Any]
     start, end = (Utc(s).isoformat("seconds") for s in (plan.start_utc_s, plan.end_utc_s))
     label = ready.propagator.elements.label
     click.echo(f"sattrack: {label} from {start} to {end[11:]}, {ready.max_alt_deg:.1f}° high", err=True)
-    stop, told = StopRequest(), AntennaProgress(label)
-    flight = AntennaFlight(ready, stop, told.show)
+    stop, progress = StopRequest(), AntennaProgress(label)
+    flight = AntennaFlight(ready, stop, progress.show)
     summary = flight.fly()
-    told.end()
+    progress.end()
     for words in flight.warnings():
         tell(words)
     return finish(summary, stop.asked, context.json)

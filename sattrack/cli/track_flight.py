@@ -77,19 +77,21 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
         click.echo(f"sattrack: {words}", err=True)
     for words in (*announcement(prepared.facts), *prepared.notes):
         click.echo(f"sattrack: {words}", err=True)
-    told = Stream(tells_session=options["scene"]) if options["stream"] else Progress(quiet_off_terminal=True)
-    if isinstance(told, Stream) and options["scene"]:
-        told.tell_scene(prepared.facts)
+    output = (
+        Stream(tells_session=options["scene"]) if options["stream"] else Progress(quiet_off_terminal=True)
+    )
+    if isinstance(output, Stream) and options["scene"]:
+        output.tell_scene(prepared.facts)
     if request.virtual:
         observers = None if observations is None else read_all(sys.stdin.buffer)
-        summary, interrupted = fly_virtual(prepared, told.show, observers=observers), False
-        told.end()
+        summary, interrupted = fly_virtual(prepared, output.show, observers=observers), False
+        output.end()
         if observers is not None:
             tell_malformed(observers)
     else:
         summary, interrupted = fly_and_tell(
             prepared,
-            told,
+            output,
             options["control"],
             observations=observations,
             again=lambda armed, before: prepare(_next_request(request, armed, before)),
@@ -119,13 +121,13 @@ def learn_profile(target: Path | None, base: ProfileFile, summary: Summary) -> N
     if summary.acquired_after_s is None or summary.learnt is None:
         tell(f"{target} was not written: the mount was never on target, and nothing was learnt")
         return
-    profile, told = with_learnt(base, summary.learnt, target.stem)
-    if not told:
+    profile, learnt = with_learnt(base, summary.learnt, target.stem)
+    if not learnt:
         tell(f"{target} was not written: the pass was too short, or too rough, to learn from")
         return
     check_new_profile(target)
-    write_profile(target, learnt_text(profile, told, base.name, f"{summary.name} on {summary.ended_utc}"))
-    tell(f"learnt, and written to {target}: {', '.join(told)}")
+    write_profile(target, learnt_text(profile, learnt, base.name, f"{summary.name} on {summary.ended_utc}"))
+    tell(f"learnt, and written to {target}: {', '.join(learnt)}")
 
 
 def _utc_s(text: str | None) -> float | None:

@@ -60,7 +60,7 @@ _DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})(T.*)?", re.ASCII)
 
 
 def read_observations(path: str | Path, stations: Stations) -> list[Observation]:
-    """Return the observations in a file of CSV, IOD or CCSDS TDM (KVN or XML), told by its content.
+    """Return the observations in a file of CSV, IOD or CCSDS TDM (KVN or XML), recognised by its content.
 
     Raises SourceError where the file cannot be read, ObservationError where it, or one of them, is wrong.
     """
@@ -117,8 +117,8 @@ def site_of(stations: Stations, name: str, source: str, line: int | None) -> Sit
     """Return a station's site. Raises ObservationError where it is unknown and there is no default."""
     site = stations.find(name)
     if site is None:
-        told = f"station {name.strip()!r} is not known" if name.strip() else "no station is named"
-        raise ObservationError(placed(source, line, f"{told}: give a list of stations, or a site"))
+        trouble = f"station {name.strip()!r} is not known" if name.strip() else "no station is named"
+        raise ObservationError(placed(source, line, f"{trouble}: give a list of stations, or a site"))
     return site
 
 
@@ -373,9 +373,9 @@ def _tdm_observations(segment: _Segment, stations: Stations, source: str) -> lis
         raise ObservationError(placed(source, first, f"time system {meta['TIME_SYSTEM']} is not UTC"))
     frame = _FRAMES.get(meta.get("REFERENCE_FRAME", ""))
     if frame is None:
-        told = meta.get("REFERENCE_FRAME", "none")
+        given = meta.get("REFERENCE_FRAME", "none")
         raise ObservationError(
-            placed(source, first, f"reference frame {told} is none of {', '.join(_FRAMES)}")
+            placed(source, first, f"reference frame {given} is none of {', '.join(_FRAMES)}")
         )
     station, seen = _participants(meta, stations)
     found = []

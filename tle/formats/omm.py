@@ -1,4 +1,4 @@
-"""What an orbit mean-elements message (OMM) says, whatever its notation: one table of its keywords.
+"""What an orbit mean-elements message (OMM) says in any notation: one table of its keywords.
 
 Keywords, units and what is required follow CCSDS 502.0-B-3 (tables 4-1 to 4-3) for elements of SGP4.
 """

@@ -200,7 +200,7 @@ def read_json(text: str, source: str = "") -> Iterator[Elements | ElementsError]
     """Yield, in the order of the text, the elements of each object or the reason it is refused.
 
     Values may be numbers or text (Space-Track's are text). An object that is no JSON does not hide those
-    after it; an array that does not end is told as cut off.
+    after it; an array that does not end is refused as cut off.
     """
     decoder = json.JSONDecoder(object_pairs_hook=_object, parse_int=_whole)
     at, line, counted = 0, 1, 0

@@ -1,4 +1,4 @@
-"""Which formats there are, and which of them a text is in; told by the content, never by a file's name."""
+"""Which formats there are, and which of them a text is in, by its content and never by a file's name."""
 
 from __future__ import annotations
 
@@ -32,20 +32,15 @@ _NUMBERS = r"[^\n]{0,200}\n(?:\d{1,9}\r?\n)+\s*"
 _HTML = r"\s*<(?:!doctype\s+html|html|head|body)\b"
 
 
-def recognise(text: str) -> str | None:
-    """Return the format of a text, one of xml, json, gpredict, csv, kvn, tle; None where it is none."""
-    found = _reader(text)
-    return None if found is None else found[0]
-
-
-def _reader(text: str) -> tuple[str, _Reader] | None:
-    """Return the name of the format that a text is in, and its reader."""
+def _reader(text: str) -> _Reader | None:
+    """Return the reader of the format that a text is in."""
     for name, may_be, module_name in _READERS:
         if not may_be(text):
             continue
         module = importlib.import_module(f"tle.formats.{module_name}")
         if getattr(module, f"looks_like_{name}")(text):
-            return name, getattr(module, f"read_{name}")
+            reader: _Reader = getattr(module, f"read_{name}")
+            return reader
     return None
 
 
@@ -55,7 +50,7 @@ def is_html(text: str) -> bool:
 
 
 def parse_elements(text: str, source: str = "") -> list[Elements | ElementsError]:
-    """Return every set in a text, or the reason it is refused, in order; the format is told by the content.
+    """Return every set in a text, or the reason it is refused, in order, in a format recognised by content.
 
     Reads TLE, 3LE, OMM (CSV, JSON, XML, KVN) and gpredict's list. A text without sets gives one FormatError.
     """
@@ -64,7 +59,7 @@ def parse_elements(text: str, source: str = "") -> list[Elements | ElementsError
         text = text.replace("\r", "\n")
     reader = _reader(text)
     if reader is not None:
-        found = list(reader[1](text, source))
+        found = list(reader(text, source))
         if found:
             return found
     return [FormatError(_nothing(text), source=source or "the text")]

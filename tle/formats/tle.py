@@ -469,7 +469,7 @@ def _section_or_refusal(section: Line, values: dict[str, Line]) -> Elements | El
 
 
 def write_tle(elements: Iterable[Elements], names: bool = True) -> str:
-    """Return element sets as TLE text, with a name line before each that has a name, unless told not to.
+    """Return element sets as TLE text, with a name line before each that has a name, if `names`.
 
     Raises UnwritableError where a TLE cannot hold a value.
     """

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from sattrack.cli.json_lines import JsonLines
+from sattrack.cli.common import JsonLines
 from sattrack.core.realtime import PRIORITY, how_to_grant, undisturbed, wanted
 from sattrack.recording.reading import Recording
 from sattrack.recording.replay import replay
