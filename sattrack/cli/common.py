@@ -148,6 +148,11 @@ def show(*parts: str | Table) -> None:
     click.echo("\n".join(line.rstrip() for line in captured.get().splitlines()))
 
 
+def renew(words: str = "") -> None:
+    """Write a line on a terminal's standard error that the next one overwrites; no words wipe it away."""
+    click.echo(f"\r\x1b[K{words}", nl=False, err=True)
+
+
 def _fetcher() -> Callable[[str], str]:
     """Return what fetches URLs; the network's modules are imported when the first is asked for."""
     downloads: list[Downloads] = []
@@ -164,8 +169,7 @@ def _fetcher() -> Callable[[str], str]:
 
 def _show_progress(source: str, count: int | None) -> None:
     """Show on the terminal how much of a download has come; None wipes it away."""
-    words = "" if count is None else f"{source}: {count / 1e6:.1f} MB"
-    click.echo(f"\r\x1b[K{words}", nl=False, err=True)
+    renew("" if count is None else f"{source}: {count / 1e6:.1f} MB")
 
 
 def profile_option(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -285,7 +289,7 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
         result = function(context, **rest)
         words = watch.words()
         if words is not None:
-            click.echo(f"sattrack: {words}", err=True)
+            tell(words)
         return result
 
     return wrapper

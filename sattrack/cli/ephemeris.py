@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from sattrack.cli.common import CommandContext, common_options
+from sattrack.cli.common import CommandContext, common_options, tell
 from sattrack.core.errors import BadInputError
 from tle.bias import Bias
 from tle.errors import EarthOrientationWarning
@@ -103,7 +103,7 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
         warnings.simplefilter("always", EarthOrientationWarning)
         seen = propagator.at(times)
     for warning in caught:
-        click.echo(f"sattrack: warning: {warning.message}", err=True)
+        tell(f"warning: {warning.message}")
     _tell_about(elements, propagator, seen)
     if options["plot"]:
         _plot(options["plot"], elements, seen)
@@ -132,18 +132,16 @@ def _tell_about(elements: Elements, propagator: Propagator, seen: Direction) -> 
         propagator.at(seen.utc[0])
     if len(failed):
         first = seen.utc[int(failed[0])].isoformat("seconds")
-        click.echo(
-            f"sattrack: {elements.label}: {len(failed)} of {len(seen.utc)} instants have no position "
-            f"(SGP4 error {int(seen.error[failed[0]])}, the first at {first})",
-            err=True,
+        tell(
+            f"{elements.label}: {len(failed)} of {len(seen.utc)} instants have no position "
+            f"(SGP4 error {int(seen.error[failed[0]])}, the first at {first})"
         )
     age_days = elements.age_s(seen.utc[0]) / 86400.0
     if abs(age_days) > _OLD_DAYS:
         side = "old at" if age_days > 0.0 else "ahead of"
-        click.echo(
-            f"sattrack: elements of {elements.label} are {abs(age_days):.1f} days {side} the first instant: "
-            "expect the satellite early or late",
-            err=True,
+        tell(
+            f"elements of {elements.label} are {abs(age_days):.1f} days {side} the first instant: "
+            "expect the satellite early or late"
         )
 
 

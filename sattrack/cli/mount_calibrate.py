@@ -14,7 +14,7 @@ import click
 import msgspec
 
 from sattrack import __version__
-from sattrack.cli.common import CommandContext, common_options, mount_option, show, table
+from sattrack.cli.common import CommandContext, common_options, mount_option, renew, show, table, tell
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
 from sattrack.runtime import practice
 
@@ -129,11 +129,10 @@ def _ask(consented: bool, mount_name: str) -> None:
     from sattrack.calibration.plan import BOX_DEG, Plan
 
     for words in Plan().words():
-        click.echo(f"sattrack: {words}", err=True)
-    click.echo(
-        f"sattrack: {mount_name} must stand clear, {FLOOR_ALTITUDE_DEG:g}° high and {SUN_CONE_DEG:g}° from "
-        f"the Sun wherever it may come within {BOX_DEG:g}°; any key stops it",
-        err=True,
+        tell(words)
+    tell(
+        f"{mount_name} must stand clear, {FLOOR_ALTITUDE_DEG:g}° high and {SUN_CONE_DEG:g}° from "
+        f"the Sun wherever it may come within {BOX_DEG:g}°; any key stops it"
     )
     if consented:
         return
@@ -172,12 +171,12 @@ def _show(phase: str, part_done: float) -> None:
         return
     _, writable, _ = select.select([], [sys.stderr], [], 0.0)
     if writable:
-        click.echo(f"\r\x1b[K{part_done:4.0%}  {phase}", nl=False, err=True)
+        renew(f"{part_done:4.0%}  {phase}")
 
 
 def _wipe() -> None:
     if sys.stderr.isatty():
-        click.echo("\r\x1b[K", nl=False, err=True)
+        renew()
 
 
 def _conclude(calibrator: Calibrator, site: Site, stated_s: float | None, dates_itself: bool) -> Findings:
@@ -218,10 +217,10 @@ def _tell(found: Findings, profile: MountProfile, target: Path, as_json: bool) -
     from sattrack.calibration.profile import found_rows
 
     for note in found.notes:
-        click.echo(f"sattrack: {note}", err=True)
+        tell(note)
     if as_json:
         document = {"profile": profile, "out": str(target), "notes": found.notes}
         click.echo(msgspec.json.encode({"calibration": document}).decode())
         return
     show(table("", "", rows=found_rows(found)))
-    click.echo(f"sattrack: written to {target}", err=True)
+    tell(f"written to {target}")

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from sattrack.cli.common import CommandContext, common_options, mount_option, profile_option
+from sattrack.cli.common import CommandContext, common_options, mount_option, profile_option, renew, tell
 from sattrack.control.manual.console import Console
 from sattrack.control.manual.errand import DONE, ManualOperation
 from sattrack.control.manual.report import view_of
@@ -151,12 +151,12 @@ class Progress:
         if writable:
             self._shown = True
             words = where_words(view_of(self.operation.console, now_utc_s))
-            click.echo(f"\r\x1b[K{self.operation.doing}: {words}", nl=False, err=True)
+            renew(f"{self.operation.doing}: {words}")
 
     def wipe(self) -> None:
         """Take the line away."""
         if self._shown:
-            click.echo("\r\x1b[K", nl=False, err=True)
+            renew()
 
 
 def perform(call: MountCall, procedure: Procedure, asked: dict[str, Any], words: str) -> int:
@@ -185,7 +185,7 @@ def perform(call: MountCall, procedure: Procedure, asked: dict[str, Any], words:
         click.echo(f"{words}: {how}" + (f" ({outcome.reason})" if outcome.reason else ""))
         click.echo(where_words(view))
         for warning in view.warnings:
-            click.echo(f"sattrack: {warning}", err=True)
+            tell(warning)
     return 0
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.cli.common import JsonLines, appearance, screen_options
+from sattrack.cli.common import JsonLines, appearance, screen_options, tell
 from sattrack.cli.mount_common import MountCall, mount_options, resolve
 from sattrack.cli.screened import needed_terminal, tui_possible
 from sattrack.control.manual.sitting import ConsoleSession
@@ -101,9 +101,9 @@ def _stream(call: MountCall, control: bool) -> int:
             None if owner is None else partial(_stop, owner),
         )
     if inbox.ignored:
-        click.echo(f"sattrack: {inbox.ignored} control lines were no orders", err=True)
+        tell(f"{inbox.ignored} control lines were no orders")
     if console_session.mount_stopped is False:
         raise SattrackError("THE MOUNT DID NOT CONFIRM THE STOP: stop it by its own console")
     if console_session.mount_stopped:
-        click.echo("sattrack: the mount was stopped and seen at rest", err=True)
+        tell("the mount was stopped and seen at rest")
     return 0

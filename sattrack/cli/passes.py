@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from sattrack.cli.common import CommandContext, common_options, profile_option
+from sattrack.cli.common import CommandContext, common_options, profile_option, renew, tell
 from sattrack.core.errors import BadInputError, SattrackError
 from tle.errors import EarthOrientationWarning
 from tle.instants import DAY_S, Utc
@@ -86,7 +86,7 @@ def command(context: CommandContext, satellites: tuple[str, ...], **options: Any
         warnings.simplefilter("always", EarthOrientationWarning)
         passes = _search(context, chosen, start, options)
     for words in dict.fromkeys(str(warning.message) for warning in caught):
-        click.echo(f"sattrack: warning: {words}", err=True)
+        tell(f"warning: {words}")
     _tell_age(passes)
     _tell_failures(passes, bool(satellites))
     separations = context.json or options["as_csv"]
@@ -118,7 +118,7 @@ def _show_passes(table: PassTable, as_json: bool, options: dict[str, Any]) -> No
         for some in _batched(lines):
             click.echo("\n".join(some), color=colour)
     else:
-        click.echo("sattrack: no pass in this time meets what was asked for", err=True)
+        tell("no pass in this time meets what was asked for")
 
 
 def _batched(lines: Iterator[str]) -> Iterator[list[str]]:
@@ -185,12 +185,7 @@ def _progress(words: str, total: int) -> Callable[[int, int], None] | None:
     """Return what shows on the terminal how far long work is, and wipes that at its end; else None."""
     if total < _FEWEST_FOR_PROGRESS or not sys.stderr.isatty():
         return None
-    return lambda done, all_: _show(words.format(done=done, total=all_) if done < all_ else "")
-
-
-def _show(words: str) -> None:
-    """Write a line on the terminal that the next one overwrites."""
-    click.echo(f"\r\x1b[K{words}", nl=False, err=True)
+    return lambda done, all_: renew(words.format(done=done, total=all_) if done < all_ else "")
 
 
 def _tell_age(passes: CataloguePasses) -> None:
@@ -201,10 +196,9 @@ def _tell_age(passes: CataloguePasses) -> None:
     days = (passes.start - old[0].epoch) / DAY_S
     side = "before" if days > 0.0 else "after"
     others = f" and {len(old) - 1} more" if old[1:] else ""
-    click.echo(
-        f"sattrack: the elements of {old[0].label} are from {abs(days):.0f} days {side} the search{others}: "
-        "expect passes early or late, or none as told",
-        err=True,
+    tell(
+        f"the elements of {old[0].label} are from {abs(days):.0f} days {side} the search{others}: "
+        "expect passes early or late, or none as told"
     )
 
 
@@ -215,7 +209,7 @@ def _tell_failures(passes: CataloguePasses, named: bool) -> None:
     if named:
         raise passes.failed[0][1]
     count, first = len(passes.failed), passes.failed[0][1]
-    click.echo(f"sattrack: {count} of {len(passes.elements)} objects left out, the first: {first}", err=True)
+    tell(f"{count} of {len(passes.elements)} objects left out, the first: {first}")
 
 
 def _magnitudes(options: dict[str, Any]) -> dict[int, float]:

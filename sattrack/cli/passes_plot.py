@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import click
 import numpy as np
 
+from sattrack.cli.common import tell
 from sattrack.recording.plots import new_figure, save, sky_axes
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -30,7 +30,7 @@ def plot_passes(path: Path, table: PassTable) -> None:
     figure = new_figure(10.0, 7.0)
     passes = table.passes
     if len(table) > _MOST_PASSES:
-        click.echo(f"sattrack: the chart shows the first {_MOST_PASSES} of {len(table)} passes", err=True)
+        tell(f"the chart shows the first {_MOST_PASSES} of {len(table)} passes")
     sky = figure.add_subplot(projection="polar")
     sky_axes(sky)
     _draw_horizon(sky, passes.task.horizon)

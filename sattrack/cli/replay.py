@@ -18,6 +18,7 @@ from sattrack.cli.common import (
     appearance,
     common_options,
     fov_option,
+    renew,
     screen_options,
     tell,
 )
@@ -285,9 +286,9 @@ def _with_tui(file: Path, context: CommandContext, options: dict[str, Any]) -> i
 def _progress() -> Callable[[float], None] | None:
     if not can_draw_lines_anew():
         return None
-    return lambda share: click.echo(f"\r\x1b[K{100.0 * share:.0f} %", err=True, nl=False)
+    return lambda share: renew(f"{100.0 * share:.0f} %")
 
 
 def _wipe() -> None:
     if can_draw_lines_anew():
-        click.echo("\r\x1b[K", err=True, nl=False)
+        renew()

@@ -10,7 +10,7 @@ import click
 import msgspec
 
 from sattrack import __version__
-from sattrack.cli.common import CommandContext, common_options, show, table, tell
+from sattrack.cli.common import CommandContext, common_options, renew, show, table, tell
 from sattrack.cli.recording import write_tdm
 from sattrack.core.errors import BadInputError
 from sattrack.recording.report import make_report
@@ -112,9 +112,9 @@ def _draw(
 def _progress(number: int, count: int) -> Callable[[float], None] | None:
     if not sys.stderr.isatty():
         return None
-    return lambda share: click.echo(f"\r\x1b[K{100.0 * (number + share) / count:.0f} %", err=True, nl=False)
+    return lambda share: renew(f"{100.0 * (number + share) / count:.0f} %")
 
 
 def _wipe() -> None:
     if sys.stderr.isatty():
-        click.echo("\r\x1b[K", err=True, nl=False)
+        renew()

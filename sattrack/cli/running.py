@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
-from sattrack.cli.common import JsonLines
+from sattrack.cli.common import JsonLines, renew, tell
 from sattrack.cli.screened import can_draw_lines_anew
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.runtime.desk import ControlArbiter, SessionInbox, StdinInbox
@@ -60,7 +60,7 @@ class Progress:
             return
         self._phase, self._told_utc_s = view.phase, view.utc_s
         if terminal:
-            click.echo(f"\r\x1b[K{progress_line(view)}", err=True, nl=False)
+            renew(progress_line(view))
         else:
             click.echo(progress_line(view), err=True)
 
@@ -156,10 +156,10 @@ def tell_malformed(observers: Observers) -> None:
     """Say how many lines were no observations, what was wrong with the last, and how many were dropped."""
     if observers.malformed:
         words = f"{observers.malformed} lines were no observations; the last: {observers.complaint}"
-        click.echo(f"sattrack: {words}", err=True)
+        tell(words)
     if observers.dropped:
         words = f"{observers.dropped} observations came faster than they can be used, and were dropped"
-        click.echo(f"sattrack: {words}", err=True)
+        tell(words)
 
 
 def check_observations(source: str | None, control: bool, elements: tuple[str, ...]) -> None:
@@ -288,7 +288,7 @@ def fly_and_tell(
             gallery.close()
     output.end()
     for words in () if stdin is None else stdin.ignored:
-        click.echo(f"sattrack: {words}", err=True)
+        tell(words)
     tell_malformed(observers)
     return summary, stop.asked
 

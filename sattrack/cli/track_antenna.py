@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.cli.common import tell
+from sattrack.cli.common import renew, tell
 from sattrack.cli.running import finish
 from sattrack.core.errors import BadInputError
 from sattrack.runtime.signals import StopRequest
@@ -35,7 +35,7 @@ def follow(context: CommandContext, request: RunRequest, options: dict[str, Any]
     plan = ready.plan
     start, end = (Utc(s).isoformat("seconds") for s in (plan.start_utc_s, plan.end_utc_s))
     label = ready.propagator.elements.label
-    click.echo(f"sattrack: {label} from {start} to {end[11:]}, {ready.max_alt_deg:.1f}° high", err=True)
+    tell(f"{label} from {start} to {end[11:]}, {ready.max_alt_deg:.1f}° high")
     stop, progress = StopRequest(), AntennaProgress(label)
     flight = AntennaFlight(ready, stop, progress.show)
     summary = flight.fly()
@@ -59,7 +59,7 @@ class AntennaProgress:
         self._told_utc_s = now_utc_s
         clock = Utc(now_utc_s).isoformat("seconds")[11:]
         error = "" if run.error_arcsec is None else f"  error {run.error_arcsec:.1f}″"
-        click.echo(f"\r\x1b[K{clock}  {self._label}  {run.phase.value}{error}", err=True, nl=False)
+        renew(f"{clock}  {self._label}  {run.phase.value}{error}")
 
     def end(self) -> None:
         """Leave the renewed line."""

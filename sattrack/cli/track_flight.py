@@ -8,8 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import click
-
 from sattrack.calibration.profile import learnt_text, with_learnt
 from sattrack.cli.common import tell
 from sattrack.cli.running import (
@@ -74,9 +72,9 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
     check_new_profile(options["learn_profile"], prepared.clock.speed)
     if prepared.practising:
         words = "no elements or site set: practising with the built-in ISS pass over Leiden"
-        click.echo(f"sattrack: {words}", err=True)
+        tell(words)
     for words in (*announcement(prepared.facts), *prepared.notes):
-        click.echo(f"sattrack: {words}", err=True)
+        tell(words)
     output = (
         Stream(tells_session=options["scene"]) if options["stream"] else Progress(quiet_off_terminal=True)
     )
