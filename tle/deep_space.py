@@ -24,9 +24,10 @@ import numpy as np
 from tle.arcs import ROUND_BELOW, Windows, anomaly_pieces
 from tle.crossings import highest_between
 from tle.earth import EVEN_TURN_RAD_S
+from tle.elements import MU_KM3_S2, RADIUS_KM
 from tle.errors import PropagationError
 from tle.instants import DAY_S, UNIX_EPOCH_JD
-from tle.near_earth import RADIUS_KM, XKE, mean_start, short_period_bound_km, start_near_earth
+from tle.near_earth import XKE, mean_start, short_period_bound_km, start_near_earth
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
     # Object, cosine and sine of its eccentric anomaly, minutes from the span's middle, seconds of the span.
     Edges = tuple[Index, Array, Array, Array, Array]
 
-_MU_KM3_S2 = 398600.8
 _STRETCHES = 16
 # Stretches of a piece that polynomials follow, in orbits that are about round and in others.
 _ROUND_PIECE, _ECCENTRIC_PIECE = 3, 2
@@ -129,9 +129,9 @@ def deep_windows(
     margin = _margin_km(orbits, c, axis_km, span_s)[own]
     nearest = np.maximum(np.minimum(radius_km[of], radius_km[of + 1]) - margin, 0.9 * RADIUS_KM)
     farthest = np.maximum(radius_km[of], radius_km[of + 1]) + margin
-    speed = np.sqrt(2.0 * _MU_KM3_S2 / nearest) * _GRAVITY_SLACK + EVEN_TURN_RAD_S * farthest
+    speed = np.sqrt(2.0 * MU_KM3_S2 / nearest) * _GRAVITY_SLACK + EVEN_TURN_RAD_S * farthest
     bend = (
-        _MU_KM3_S2 / nearest**2 * _GRAVITY_SLACK
+        MU_KM3_S2 / nearest**2 * _GRAVITY_SLACK
         + 2.0 * EVEN_TURN_RAD_S * speed
         + EVEN_TURN_RAD_S**2 * farthest
     )

@@ -32,8 +32,9 @@ _REV_DAY_PER_RAD_MIN = 1440.0 / (2.0 * math.pi)
 _DEG = math.pi / 180.0
 _LEAST_INCLINATION_DEG = 1e-100
 _DECAYED = 6
-_EARTH_RADIUS_KM = 6378.135
-_MU_KM3_S2 = 398600.8
+# The Earth as SGP4 has it (WGS 72).
+RADIUS_KM = 6378.135
+MU_KM3_S2 = 398600.8
 _NAMED_ERRORS: dict[int, type[PropagationError]] = {
     1: MeanElementsError,
     2: MeanMotionError,
@@ -97,17 +98,17 @@ class Elements:
     @property
     def semi_major_axis_km(self) -> float:
         """Give the semi-major axis that Kepler's third law makes of the mean motion (WGS 72), in km."""
-        return float((_MU_KM3_S2 * (self.period_s / (2.0 * math.pi)) ** 2) ** (1.0 / 3.0))
+        return float((MU_KM3_S2 * (self.period_s / (2.0 * math.pi)) ** 2) ** (1.0 / 3.0))
 
     @property
     def perigee_km(self) -> float:
         """Give the lowest height above an Earth of 6378.135 km radius, in km, as catalogues do."""
-        return self.semi_major_axis_km * (1.0 - self.eccentricity) - _EARTH_RADIUS_KM
+        return self.semi_major_axis_km * (1.0 - self.eccentricity) - RADIUS_KM
 
     @property
     def apogee_km(self) -> float:
         """Give the greatest height above an Earth of 6378.135 km radius, in km, as catalogues do."""
-        return self.semi_major_axis_km * (1.0 + self.eccentricity) - _EARTH_RADIUS_KM
+        return self.semi_major_axis_km * (1.0 + self.eccentricity) - RADIUS_KM
 
     def age_s(self, at: Utc) -> Quantity:
         """Return seconds from the epoch of the elements to an instant; negative before the epoch."""
@@ -230,7 +231,5 @@ def expected_along_s(elements: Elements, at: Utc) -> float:
 def expected_along_arcsec(elements: Elements, at: Utc) -> float:
     """Return what `expected_along_s` is on the sky, in arcsec, at its largest: perigee straight overhead."""
     height_km = max(elements.perigee_km, _LOWEST_KM)
-    speed_km_s = math.sqrt(
-        _MU_KM3_S2 * (2.0 / (_EARTH_RADIUS_KM + height_km) - 1.0 / elements.semi_major_axis_km)
-    )
+    speed_km_s = math.sqrt(MU_KM3_S2 * (2.0 / (RADIUS_KM + height_km) - 1.0 / elements.semi_major_axis_km))
     return math.degrees(math.atan(expected_along_s(elements, at) * speed_km_s / height_km)) * 3600.0

@@ -25,7 +25,8 @@ import numpy as np
 from tle.arcs import Windows, even_pieces, fit_arcs, longest_piece_s, terms_for
 from tle.crossings import Crossings, find_crossings, highest_between
 from tle.earth import EVEN_TURN_RAD_S
-from tle.near_earth import RADIUS_KM, in_plane, mean_longitude, mean_orbit, short_period_bound_km, teme_km
+from tle.elements import MU_KM3_S2, RADIUS_KM
+from tle.near_earth import in_plane, mean_longitude, mean_orbit, short_period_bound_km, teme_km
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -37,7 +38,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
 
-_MU_KM3_S2 = 398600.8
 STRETCHES_A_TURN = 8
 # Below this eccentricity the mean longitude alone tells well enough where an object is.
 ROUND_BELOW = 0.02
@@ -97,10 +97,8 @@ def orbit_bounds(c: NearEarth, start_s: float, span_s: float) -> Bounds:
     highest = high * (1.0 + e) * RADIUS_KM + sway
     regular &= lowest > RADIUS_KM
     safe = np.maximum(lowest, 0.9 * RADIUS_KM)
-    speed = np.sqrt(2.0 * _MU_KM3_S2 / safe) * _GRAVITY_SLACK + EVEN_TURN_RAD_S * safe
-    bend = (
-        _MU_KM3_S2 / safe**2 * _GRAVITY_SLACK + 2.0 * EVEN_TURN_RAD_S * speed + EVEN_TURN_RAD_S**2 * highest
-    )
+    speed = np.sqrt(2.0 * MU_KM3_S2 / safe) * _GRAVITY_SLACK + EVEN_TURN_RAD_S * safe
+    bend = MU_KM3_S2 / safe**2 * _GRAVITY_SLACK + 2.0 * EVEN_TURN_RAD_S * speed + EVEN_TURN_RAD_S**2 * highest
     return Bounds(regular, safe, highest, e, drag, speed, bend, sway + _SLACK_KM)
 
 

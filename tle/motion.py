@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.polynomial import chebyshev
 
-from tle.elements import propagation_error
+from tle.elements import MU_KM3_S2, RADIUS_KM, propagation_error
 from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
 from tle.quantities import functions_for
 
@@ -40,8 +40,7 @@ State = tuple["Quantity", ...]
 # The formula below errs by _STEP_S**2/12 of the third derivative, 2e-7 km/s in low orbit; a shorter step
 # would let the rounding of SGP4's mean anomaly through instead.
 _STEP_S = 0.5
-_MU_KM3_S2 = 398600.8
-_J2_RADIUS2_KM2 = 1.082616e-3 * 6378.135**2
+_J2_RADIUS2_KM2 = 1.082616e-3 * RADIUS_KM**2
 _PARTS_PER_TURN = 24
 _FEWEST_SHARED = 100
 
@@ -104,7 +103,7 @@ def _fit(record: Satrec, jd: float, middles: NDArray[Any], half_s: float) -> NDA
 def gravity_km_s2(x: Quantity, y: Quantity, z: Quantity) -> tuple[Quantity, Quantity, Quantity]:
     """Return the Earth's pull at a geocentric place in km, of its mass and flattening (WGS 72's μ and J2)."""
     r2 = x * x + y * y + z * z
-    pull = -_MU_KM3_S2 / (r2 * functions_for(r2).sqrt(r2))
+    pull = -MU_KM3_S2 / (r2 * functions_for(r2).sqrt(r2))
     flat = 1.5 * _J2_RADIUS2_KM2 / r2
     tilt = 5.0 * z * z / r2
     equatorial, polar = pull * (1.0 + flat * (1.0 - tilt)), pull * (1.0 + flat * (3.0 - tilt))

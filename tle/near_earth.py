@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from tle.elements import MU_KM3_S2, RADIUS_KM
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -20,8 +22,7 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-RADIUS_KM = 6378.135
-XKE = 60.0 / math.sqrt(RADIUS_KM**3 / 398600.8)
+XKE = 60.0 / math.sqrt(RADIUS_KM**3 / MU_KM3_S2)
 _J2, _J3, _J4 = 0.001082616, -0.00000253881, -0.00000165597
 _J3_J2 = _J3 / _J2
 _DEG = math.pi / 180.0

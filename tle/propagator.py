@@ -13,7 +13,7 @@ from tle.earth import EarthOrientation, Rotation, Triple, turned
 from tle.errors import PlaceError
 from tle.motion import Motion, State, gravity_km_s2
 from tle.quantities import ARRAYS, FLOATS, Functions
-from tle.sun import earth_velocity_km_s
+from tle.sun import LIGHT_KM_S, earth_velocity_km_s
 
 if TYPE_CHECKING:
     from tle.elements import Elements
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from tle.site import Site
 
 Place = Literal["apparent", "geometric", "astrometric"]
-
-LIGHT_KM_S = 299792.458
 
 
 class Propagator:

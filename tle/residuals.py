@@ -12,7 +12,7 @@ import numpy as np
 from tle.bias import Bias
 from tle.earth import to_tirs
 from tle.errors import ObservationError, PlaceError
-from tle.sun import earth_velocity_km_s
+from tle.sun import LIGHT_KM_S, earth_velocity_km_s
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,7 +31,6 @@ _LONGEST_STEP_S = 30.0
 _MOST_STEPS = 200
 # The rounding of SGP4's time since epoch moves a low satellite by 1e-11 rad at 60 days and 7e-9 at a century.
 _CLOSE_RAD = 5e-8
-LIGHT_KM_S = 299792.458
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,21 +71,12 @@ def bias_from_observation(
     Raises ObservationError where no bias along the track leads to the direction (another satellite, most
     likely) or the direction is none; PlaceError for an unknown frame; BiasError; PropagationError.
     """
-    if frame not in get_args(Frame):
-        raise PlaceError(f"{frame!r} is no frame: give one of {', '.join(get_args(Frame))}")
-    if not -90.0 <= dec_deg <= 90.0 or not math.isfinite(ra_deg):
-        raise ObservationError(
-            f"RA {ra_deg}°, Dec {dec_deg}° is no direction: Dec must be within -90° to 90°"
-        )
+    observed = _measured(ra_deg, dec_deg, frame)
     if not (sigma_arcsec >= 0.0 and sigma_time_s >= 0.0):
         raise ObservationError("a standard deviation is negative or no number: give arcseconds and seconds")
     seen = propagator
     if frame != "of_date":
         seen = propagator.with_place("astrometric")
-    observed = _vector(ra_deg, dec_deg)
-    if frame == "j2000":
-        frame_bias, _, _ = erfa.bp06(2451545.0, 0.0)
-        observed = frame_bias.T @ observed
     model = _Model(seen, t)
     plain = model.unit(0.0, 0.0)
     along_s, cross_deg = _solve(model, observed)
@@ -171,9 +161,21 @@ def _no_bias() -> ObservationError:
     )
 
 
-def _vector(ra_deg: float, dec_deg: float) -> NDArray[np.float64]:
+def _measured(ra_deg: float, dec_deg: float, frame: Frame) -> NDArray[np.float64]:
+    """Return a measured direction as a vector of its frame, of the ICRF for j2000; checked."""
+    if frame not in get_args(Frame):
+        raise PlaceError(f"{frame!r} is no frame: give one of {', '.join(get_args(Frame))}")
+    if not -90.0 <= dec_deg <= 90.0 or not math.isfinite(ra_deg):
+        raise ObservationError(
+            f"RA {ra_deg}°, Dec {dec_deg}° is no direction: Dec must be within -90° to 90°"
+        )
     ra, dec = math.radians(ra_deg), math.radians(dec_deg)
-    return np.array([math.cos(dec) * math.cos(ra), math.cos(dec) * math.sin(ra), math.sin(dec)])
+    measured = np.array([math.cos(dec) * math.cos(ra), math.cos(dec) * math.sin(ra), math.sin(dec)])
+    if frame != "j2000":
+        return measured
+    frame_bias, _, _ = erfa.bp06(2451545.0, 0.0)
+    turned: NDArray[np.float64] = frame_bias.T @ measured
+    return turned
 
 
 def _angle(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
@@ -192,19 +194,9 @@ def apparent_unit(
     without the terms of 0.001″ that relativity has. Raises ObservationError where it is no direction,
     PlaceError for an unknown frame, TimeRangeError.
     """
-    if frame not in get_args(Frame):
-        raise PlaceError(f"{frame!r} is no frame: give one of {', '.join(get_args(Frame))}")
-    if not -90.0 <= dec_deg <= 90.0 or not math.isfinite(ra_deg):
-        raise ObservationError(
-            f"RA {ra_deg}°, Dec {dec_deg}° is no direction: Dec must be within -90° to 90°"
-        )
-    ra, dec = math.radians(ra_deg), math.radians(dec_deg)
-    measured = np.array([math.cos(dec) * math.cos(ra), math.cos(dec) * math.sin(ra), math.sin(dec)])
+    measured = _measured(ra_deg, dec_deg, frame)
     if frame == "of_date":
         return measured
-    if frame == "j2000":
-        frame_bias, _, _ = erfa.bp06(2451545.0, 0.0)
-        measured = frame_bias.T @ measured
     velocity = earth_velocity_km_s(t)
     # The light's own velocity against the barycentre, added to the observer's, has length c again.
     ahead = float(measured @ velocity)

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 AU_KM = 149597870.7
+LIGHT_KM_S = 299792.458
 SUN_RADIUS_KM = 695700.0
 _MJD_JD = 2400000.5
 # Between two looks the Moon's way bends by 0.07″, and the Sun's by 0.02″.

@@ -14,9 +14,10 @@ from tle.earth import EarthOrientation
 from tle.elements import Elements
 from tle.errors import DecayedError, PlaceError, TimeRangeError
 from tle.instants import Utc
-from tle.propagator import LIGHT_KM_S, Propagator
+from tle.propagator import Propagator
 from tle.refraction import Refraction
 from tle.site import Site
+from tle.sun import LIGHT_KM_S
 
 ELEMENTS = Elements.from_tle(*ISS, name="ISS (ZARYA)")
 START = Utc.parse("2026-10-02T13:01:06Z")
