@@ -101,21 +101,23 @@ def _letter(number: int) -> str:
     )
 
 
-def all_snapshots() -> dict[str, str]:
-    """Return all of them by their files' names."""
-    made = {}
-    for size in SIZES:
-        drawn = {theme: asyncio.run(screens(size, theme)) for theme in THEMES}
-        for name in NAMES:
-            made[f"{name}-{size[0]}x{size[1]}.txt"] = snapshot(name, drawn)
-    return made
+def snapshots(size: tuple[int, int]) -> dict[str, str]:
+    """Return those of one size by their files' names."""
+    drawn = {theme: asyncio.run(screens(size, theme)) for theme in THEMES}
+    return {file_name(name, size): snapshot(name, drawn) for name in NAMES}
+
+
+def file_name(name: str, size: tuple[int, int]) -> str:
+    """Return the name of a screen's file."""
+    return f"{name}-{size[0]}x{size[1]}.txt"
 
 
 def main() -> None:
     """Write the files."""
     FOLDER.mkdir(exist_ok=True)
-    for name, text in all_snapshots().items():
-        (FOLDER / name).write_text(text, encoding="utf-8")
+    for size in SIZES:
+        for name, text in snapshots(size).items():
+            (FOLDER / name).write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

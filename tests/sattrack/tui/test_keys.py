@@ -16,43 +16,58 @@ if TYPE_CHECKING:
     from sattrack.views.messages import Message
 
 
+FINER, COARSER, HELP = "left_square_bracket", "right_square_bracket", "question_mark"
+
+
 @pytest.mark.parametrize(
-    ("keys", "messages"),
+    "turns",
     [
-        (["right"], [Nudge(along_s=0.1)]),
-        (["left"], [Nudge(along_s=-0.1)]),
-        (["up"], [Nudge(cross_deg=0.01)]),
-        (["down"], [Nudge(cross_deg=-0.01)]),
-        (["right", "right", "up"], [Nudge(along_s=0.1), Nudge(along_s=0.1), Nudge(cross_deg=0.01)]),
-        (["left_square_bracket", "right"], [Nudge(along_s=0.05)]),
-        (["left_square_bracket", "left_square_bracket", "up"], [Nudge(cross_deg=0.001)]),
-        (["left_square_bracket"] * 9 + ["left"], [Nudge(along_s=-0.01)]),
-        (["right_square_bracket", "down"], [Nudge(cross_deg=-0.05)]),
-        (["right_square_bracket"] * 9 + ["right", "up"], [Nudge(along_s=1.0), Nudge(cross_deg=0.1)]),
-        (["right_square_bracket", "left_square_bracket", "right"], [Nudge(along_s=0.1)]),
-        (["0"], [ClearBias()]),
-        (["m"], [DropRemembered()]),
-        (["space"], [StopNow()]),
-        (["space", "space"], [StopNow(), StopNow()]),
-        (["q"], [StopNow()]),
-        (["ctrl+c"], [StopNow()]),
-        (["ctrl+q"], [StopNow()]),
-        (["question_mark"], []),
-        (["question_mark", "question_mark", "right"], [Nudge(along_s=0.1)]),
-        (["question_mark", "space"], [StopNow()]),
-        (["question_mark", "q"], []),
-        (["question_mark", "right", "0"], []),
-        (["question_mark", "ctrl+c"], [StopNow()]),
-        (["tab", "space"], [StopNow()]),
-        (["a", "enter", "tab", "x", "f5", "home", "ctrl+p"], []),
+        (
+            (["right"], [Nudge(along_s=0.1)]),
+            (["left"], [Nudge(along_s=-0.1)]),
+            (["up"], [Nudge(cross_deg=0.01)]),
+            (["down"], [Nudge(cross_deg=-0.01)]),
+            (["right", "right", "up"], [Nudge(along_s=0.1), Nudge(along_s=0.1), Nudge(cross_deg=0.01)]),
+            (["0"], [ClearBias()]),
+            (["m"], [DropRemembered()]),
+            (["a", "enter", "tab", "x", "f5", "home", "ctrl+p"], []),
+            ([HELP], []),
+            ([HELP, "right"], [Nudge(along_s=0.1)]),
+            ([HELP, "right", "0"], []),
+            (["q"], []),
+            ([HELP, "space"], [StopNow()]),
+            (["tab", "space"], [StopNow()]),
+            (["space", "space"], [StopNow(), StopNow()]),
+        ),
+        (
+            ([FINER, "right"], [Nudge(along_s=0.05)]),
+            ([FINER, "up"], [Nudge(cross_deg=0.001)]),
+            ([FINER] * 9 + ["left"], [Nudge(along_s=-0.01)]),
+        ),
+        (
+            ([COARSER, FINER, "right"], [Nudge(along_s=0.1)]),
+            ([COARSER, "down"], [Nudge(cross_deg=-0.05)]),
+            ([COARSER] * 9 + ["right", "up"], [Nudge(along_s=1.0), Nudge(cross_deg=0.1)]),
+        ),
+        ((["space"], [StopNow()]),),
+        ((["q"], [StopNow()]),),
+        ((["ctrl+c"], [StopNow()]),),
+        ((["ctrl+q"], [StopNow()]),),
+        (([HELP, "ctrl+c"], [StopNow()]),),
     ],
 )
 def test_each_key_sends_exactly_its_messages(
-    feed: FakeFeed, keys: list[str], messages: list[Message]
+    feed: FakeFeed, hand_clock: HandClock, turns: tuple[tuple[list[str], list[Message]], ...]
 ) -> None:
-    press(feed, *keys)
+    async def run() -> None:
+        async with TrackApp(feed, monotonic=hand_clock).run_test(size=(80, 24)) as pilot:
+            for keys, messages in turns:
+                feed.sent.clear()
+                await pilot.press(*keys)
+                await pilot.pause()
+                assert feed.sent == messages, keys
 
-    assert feed.sent == messages
+    asyncio.run(run())
 
 
 def test_steps_begin_in_the_middle_and_grow() -> None:
