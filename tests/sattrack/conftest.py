@@ -8,15 +8,26 @@ import pytest
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 
 @pytest.fixture(scope="session", autouse=True)
 def user_data(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Let the user's data be in a folder of the session's, and the list of schedules that run."""
+    """Let the user's settings and data be in folders of the session's, and the list of schedules that run."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("XDG_STATE_HOME", str(tmp_path_factory.mktemp("state")))
-        patch.setenv("XDG_DATA_HOME", str(tmp_path_factory.mktemp("data")))
+        for name in ("CONFIG", "STATE", "DATA"):
+            patch.setenv(f"XDG_{name}_HOME", str(tmp_path_factory.mktemp(name.lower())))
         yield
+
+
+@pytest.fixture
+def radio_dish(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Run where the settings are those of a radio dish.
+
+    For what moves a mount in real time: at whatever hour it runs, the Sun is in nobody's way.
+    """
+    (tmp_path / "sattrack.toml").write_text("[safety]\noptical = false\n")
+    monkeypatch.chdir(tmp_path)
 
 
 @pytest.fixture(scope="session", autouse=True)

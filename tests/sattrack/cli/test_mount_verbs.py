@@ -303,10 +303,8 @@ def document(text: str) -> dict[str, Any]:
     return read
 
 
-def test_verbs_over_real_udp_one_after_the_other(
-    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
+@pytest.mark.usefixtures("radio_dish")
+def test_verbs_over_real_udp_one_after_the_other(capsys: pytest.CaptureFixture[str]) -> None:
     with simulated_mount() as mount:
         common = ("--mount", mount.url, *SITE)
         assert run(["mount", "status", *common, "--json"]) == 0
@@ -340,6 +338,7 @@ def test_verbs_over_real_udp_one_after_the_other(
         mount.wait_until_moving(False)
 
 
+@pytest.mark.usefixtures("radio_dish")
 def test_signals_bring_the_mount_to_rest_and_end_with_130() -> None:
     with simulated_mount() as mount:
         arguments = ("move", "--ra-rate", "2", "--seconds", "60", "--mount", mount.url, *SITE, "--json")
@@ -355,6 +354,7 @@ def test_signals_bring_the_mount_to_rest_and_end_with_130() -> None:
         mount.wait_until_moving(False)
 
 
+@pytest.mark.usefixtures("radio_dish")
 def test_a_console_whose_operator_is_gone_stops_the_jog() -> None:
     with simulated_mount() as mount:
         arguments = ("watch", "--stream", "--control", "--mount", mount.url, *SITE)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import random
 import signal
 import socket
 import subprocess
@@ -27,6 +26,7 @@ from sattrack.runtime.owner import Taken, ask_give_up, claim, owner_of
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+pytestmark = pytest.mark.usefixtures("radio_dish")
 WITHIN_S = 10.0
 """Long for a busy machine; what nobody stops moves for ever."""
 HARMLESS = encode_command(Command(6))
@@ -51,12 +51,12 @@ def assert_stopped(outcomes: list, count: int, within_s: float) -> None:
 
 
 def test_a_feeder_killed_at_a_random_instant_of_a_pass_leaves_the_mount_stopped() -> None:
-    assert_stopped(many(2, signal.SIGKILL, seed=random.randrange(1000)), 2, WITHIN_S)
+    assert_stopped(many(2, signal.SIGKILL, seed=1), 2, WITHIN_S)
 
 
 @pytest.mark.parametrize("profile", [(), ("--profile", str(EDGE))], ids=["held", "edge"])
 def test_a_killed_verb_leaves_the_mount_stopped(profile: tuple[str, ...]) -> None:
-    assert_stopped(some_moves(4, signal.SIGKILL, random.randrange(1000), *profile), 4, WITHIN_S)
+    assert_stopped(some_moves(4, signal.SIGKILL, 1, *profile), 4, WITHIN_S)
 
 
 @pytest.mark.soak

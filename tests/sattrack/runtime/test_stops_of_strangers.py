@@ -35,9 +35,8 @@ CUT_S = 20.0
 
 
 @pytest.fixture(autouse=True)
-def alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Find no settings, and no sessions but those of the test."""
-    monkeypatch.chdir(tmp_path)
+def alone(radio_dish: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Find no sessions but those of the test."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     monkeypatch.setattr(stop_module, "owners", list)

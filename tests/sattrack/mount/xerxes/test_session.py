@@ -726,6 +726,13 @@ class TestCounters:
 
 
 class TestLink:
+    def test_the_rate_is_how_often_statuses_arrive(self) -> None:
+        client = Client()
+        assert client.session.health.rate_hz is None
+        for _ in range(30):
+            client.hear()
+        assert client.session.health.rate_hz == pytest.approx(1.0 / PERIOD_S)
+
     def test_silent_up_stale_lost(self) -> None:
         client = Client()
         assert client.session.link_state(T0) is LinkState.SILENT
