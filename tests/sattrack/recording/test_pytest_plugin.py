@@ -5,6 +5,8 @@ from __future__ import annotations
 import shutil
 from typing import TYPE_CHECKING
 
+import pytest
+
 from sattrack.recording.format import COMMAND
 from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import Recorder
@@ -13,10 +15,14 @@ if TYPE_CHECKING:
     from collections import Counter
     from pathlib import Path
 
-    import pytest
-
 pytest_plugins = ["pytester"]
-PLUGIN = ("-p", "sattrack.pytest_plugin", "-p", "no:xdist")
+PLUGIN = ("-p", "sattrack.pytest_plugin")
+
+
+@pytest.fixture(autouse=True)
+def no_other_plugins(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each would be imported anew in every run within a test."""
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
 
 
 def passes(pytester: pytest.Pytester, source: Path) -> Path:

@@ -34,6 +34,8 @@ if TYPE_CHECKING:
     from sattrack.views.run import Summary, TrackView
 
 CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
+LEAD_S = 3.0
+Span = tuple[float, float]
 
 
 @dataclass(slots=True)
@@ -97,10 +99,18 @@ class StrangeRun(VirtualRun):
         return any(words in warning for view in self.views for warning in view.warnings)
 
 
-def fly(longer_s: float = 0.0, min_alt_deg: float = 50.0, **strange: Any) -> tuple[Summary, StrangeRun]:
+def fly(
+    min_alt_deg: float = 50.0, around_end_s: Span | None = None, **strange: Any
+) -> tuple[Summary, StrangeRun]:
+    """Fly the practice pass above an altitude, or only so many seconds before and after the end of that."""
     facts = prepare(RunRequest("25544", "sim", None, None, None, min_alt_deg, virtual=True)).facts
-    plan = msgspec.structs.replace(facts.plan, end_utc_s=facts.plan.end_utc_s + longer_s)
-    facts = msgspec.structs.replace(facts, plan=plan)
+    if around_end_s is not None:
+        end_s = facts.plan.end_utc_s
+        plan = msgspec.structs.replace(
+            facts.plan, start_utc_s=end_s - around_end_s[0], end_utc_s=end_s + around_end_s[1]
+        )
+        began_s = plan.start_utc_s - plan.approach_s - LEAD_S
+        facts = msgspec.structs.replace(facts, plan=plan, started_utc_s=began_s)
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg)
     mount = SimulatedMount(facts.profile, site, practice.START)
     run = StrangeRun(build_engine(facts), mount, facts.started_utc_s, NoRecording(), (), **strange)
@@ -186,7 +196,7 @@ def test_a_mount_that_never_carries_out_a_slew_is_given_up_in_words() -> None:
 
 
 def test_a_target_that_goes_below_the_horizon_is_followed_down_to_it_and_no_further() -> None:
-    summary, run = fly(longer_s=180.0, min_alt_deg=10.0)
+    summary, run = fly(min_alt_deg=10.0, around_end_s=(30.0, 180.0))
     latitude_deg = run.engine.spec.propagator.site.latitude_deg
     lowest_deg = min(altitude_deg(t.hour_angle_axis_deg, t.dec_axis_deg, latitude_deg) for t in run.truths)
     assert 0.0 < lowest_deg < 1.0

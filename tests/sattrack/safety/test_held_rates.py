@@ -116,7 +116,7 @@ def test_axes_held_at_the_suns_cone_go_round_it_after_what_passed_behind_it() ->
     assert min(apart) > 15.0
 
 
-@pytest.mark.parametrize("beside_deg", [20.0, 40.0])
+@pytest.mark.parametrize("beside_deg", [20.0, pytest.param(40.0, marks=pytest.mark.soak)])
 def test_axes_held_at_the_floor_go_along_it_out_of_the_way_of_a_sun_that_comes_down(
     beside_deg: float,
 ) -> None:
