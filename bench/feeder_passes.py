@@ -61,20 +61,24 @@ class Subject:
     propagator: Propagator
 
 
-def subjects() -> list[Subject]:
+def subjects(above_deg: float = 10.0) -> list[Subject]:
+    """Return the passes, as far as they are above an altitude."""
     return [
-        _subject("ISS", practice.elements(), practice.SITE.place(), Utc.parse(practice.BEFORE_PASS)),
+        _subject(
+            "ISS", practice.elements(), practice.SITE.place(), Utc.parse(practice.BEFORE_PASS), above_deg
+        ),
         _subject(
             "KANOPUS",
             Elements.from_tle(*KANOPUS, "KANOPUS-V 1"),
             Site(48.6622, 34.8862, 0.0),
             Utc.parse("2024-09-04T23:57:00Z"),
+            above_deg,
         ),
     ]
 
 
-def _subject(name: str, elements: Elements, site: Site, now: Utc) -> Subject:
-    found = choose_pass(elements, site, now, 10.0)
+def _subject(name: str, elements: Elements, site: Site, now: Utc, above_deg: float) -> Subject:
+    found = choose_pass(elements, site, now, above_deg)
     plan = plan_for(found, now)
     air = Refraction.standard(site.height_m)
     facts = RunFacts(
