@@ -59,7 +59,7 @@ def flown(seed: int) -> tuple[RunFacts, Watched]:
     return facts, run
 
 
-@pytest.mark.parametrize("seed", [46, 121])
+@pytest.mark.parametrize("seed", [pytest.param(46, marks=pytest.mark.soak), 121])
 def test_a_target_is_taken_up_again_as_it_comes_out_of_the_suns_cone(seed: int) -> None:
     """The Sun's place is ERFA's, as seen from the Earth's centre: right to 0.003°."""
     facts, run = flown(seed)

@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
 
 
-def prepared(**changes: object) -> Prepared:
+def prepared(min_alt_deg: float = 45.0, **changes: object) -> Prepared:
+    """Prepare what is above an altitude of the pass: two minutes above 45°, seven above 10°."""
     return prepare(
         RunRequest(
             satellite="25544",
@@ -31,7 +32,7 @@ def prepared(**changes: object) -> Prepared:
             elements=None,
             site=None,
             clock_option=None,
-            min_alt_deg=10.0,
+            min_alt_deg=min_alt_deg,
             virtual=True,
             **changes,  # type: ignore[arg-type]
         )
@@ -69,7 +70,7 @@ def test_nudges_move_the_target_and_are_followed() -> None:
         (CULMINATION_S - 50.0, Nudge(cross_deg=0.1)),
         (CULMINATION_S - 30.0, ClearBias()),
     )
-    summary = fly_virtual(prepared(), views.append, messages)
+    summary = fly_virtual(prepared(30.0), views.append, messages)
     at = {round(view.utc_s - CULMINATION_S): view for view in views}
     assert at[-55].bias_along_s == pytest.approx(0.5, abs=1e-6)
     assert at[-45].bias_cross_deg == pytest.approx(0.1, abs=1e-6)
@@ -90,9 +91,9 @@ def test_a_bias_given_beforehand_is_where_the_mount_points() -> None:
     Nearly: the observer stays, and the Earth's rotation in that second (up to 15″) is the difference.
     """
     views: list[TrackView] = []
-    fly_virtual(prepared(bias_along_s=1.0), views.append)
+    fly_virtual(prepared(70.0, bias_along_s=1.0), views.append)
     plain: list[TrackView] = []
-    fly_virtual(prepared(), plain.append)
+    fly_virtual(prepared(70.0), plain.append)
     biased = next(v for v in views if v.utc_s >= CULMINATION_S)
     later = next(v for v in plain if v.utc_s >= CULMINATION_S + 1.0)
     assert biased.mount_dec_deg is not None
@@ -102,7 +103,7 @@ def test_a_bias_given_beforehand_is_where_the_mount_points() -> None:
 
 def test_the_operators_stop_ends_the_run_at_once_with_the_mount_at_rest() -> None:
     views: list[TrackView] = []
-    summary = fly_virtual(prepared(), views.append, ((CULMINATION_S, StopNow()),))
+    summary = fly_virtual(prepared(70.0), views.append, ((CULMINATION_S, StopNow()),))
     assert summary.ended_by == "operator"
     assert summary.mount_stopped is True
     assert Utc.parse(summary.ended_utc) - Utc(CULMINATION_S) < 1.5
@@ -132,7 +133,7 @@ def test_absolute_rates_are_followed_as_well() -> None:
 def test_refraction_is_fed_where_the_mount_applies_none(refraction: str) -> None:
     """At 10° the air raises a direction by 5.3′ (Meeus, Astronomical Algorithms, chapter 16)."""
     views: list[TrackView] = []
-    fly_virtual(prepared(refraction=refraction), views.append, ((CULMINATION_S - 190.0, StopNow()),))
+    fly_virtual(prepared(10.0, refraction=refraction), views.append, ((CULMINATION_S - 190.0, StopNow()),))
     view = next(v for v in views if v.phase == "tracking")
     elements = Elements.from_tle(practice.LINE_1, practice.LINE_2)
     from tle.propagator import Propagator
