@@ -71,12 +71,12 @@ def spread(flown: Flown, after_s: float, until_s: float) -> tuple[float, float]:
 
 @pytest.fixture(scope="module")
 def whole() -> Flown:
-    return fly()
+    return fly(min_alt_deg=30.0)
 
 
 @pytest.fixture(scope="module")
 def paused() -> Flown:
-    return fly(messages=((-20.0, Pause()), (-5.0, Go())))
+    return fly(messages=((-20.0, Pause()), (-5.0, Go())), min_alt_deg=30.0)
 
 
 def test_the_axes_stand_while_a_pass_is_paused(paused: Flown) -> None:
@@ -127,7 +127,7 @@ def test_a_short_pause_costs_a_few_seconds() -> None:
     lengths_s = {-60.0: 0.0, -45.0: 0.05, -30.0: 0.4, -15.0: 2.0}
     messages = [(begin_s + after_s, order) for begin_s, length_s in lengths_s.items()
                 for after_s, order in ((0.0, Pause()), (length_s, Go()))]  # fmt: skip
-    flown = fly(messages=(*messages, (0.0, StopNow())))
+    flown = fly(messages=(*messages, (0.0, StopNow())), min_alt_deg=30.0)
     for begin_s, length_s in lengths_s.items():
         assert flown.error_arcsec(begin_s + length_s + 4.0, begin_s + 14.0) < 1.0
 
@@ -142,7 +142,8 @@ def test_a_stop_ends_a_paused_run() -> None:
 
 def test_before_the_pass_a_pause_holds_the_slew_back(whole: Flown) -> None:
     begins_s = whole.run.views[0].start_utc_s - CULMINATION_S
-    flown = fly(messages=((begins_s - 64.0, Pause()), (begins_s + 5.0, Go()), (begins_s + 40.0, StopNow())))
+    messages = ((begins_s - 64.0, Pause()), (begins_s + 5.0, Go()), (begins_s + 40.0, StopNow()))
+    flown = fly(messages=messages, min_alt_deg=30.0)
     assert spread(flown, begins_s - 62.0, begins_s + 5.0) == pytest.approx((0.0, 0.0), abs=1e-5)
     assert flown.summary.acquired_after_s is not None
     assert flown.summary.acquired_after_s < 3.0
@@ -159,7 +160,7 @@ def test_a_slew_is_stopped_by_a_pause_and_made_afterwards(whole: Flown) -> None:
         (slewing + 1.2, Go()),
     )
     messages = ((slewing + 1.5, Pause()), (slewing + 12.0, Go()), (begins_s + 20.0, StopNow()))
-    flown = fly(messages=(*at_once, *messages))
+    flown = fly(messages=(*at_once, *messages), min_alt_deg=30.0)
     assert spread(flown, slewing + 0.5, slewing + 1.5)[0] > 1.0, "it was on its way"
     assert spread(flown, slewing + 4.0, slewing + 12.0) == pytest.approx((0.0, 0.0), abs=1e-5)
     assert flown.error_arcsec(begins_s + 5.0, begins_s + 20.0) < 1.0
@@ -219,6 +220,7 @@ def jogged() -> Flown:
             (-54.0, Jog(dec_rate_deg_s=0.5)),
         ),
         lost_statuses=(-55.0, 20.0),
+        min_alt_deg=30.0,
     )
 
 
@@ -257,7 +259,8 @@ def test_a_jog_ends_at_a_limit_and_can_lead_away_from_it() -> None:
     limited = msgspec.structs.replace(MountProfile(), dec_axis_limits_deg=(-60.0, 75.0))
     north = tuple((-40.0 + 0.05 * n, Jog(dec_rate_deg_s=6.0)) for n in range(400))
     south = tuple((-15.0 + 0.05 * n, Jog(dec_rate_deg_s=-2.0)) for n in range(40))
-    flown = fly(messages=((-60.0, Pause()), *north, *south, (0.0, StopNow())), profile=limited)
+    messages = ((-60.0, Pause()), *north, *south, (0.0, StopNow()))
+    flown = fly(messages=messages, profile=limited, min_alt_deg=30.0)
     axes = [t.dec_axis_deg for t in flown.run.truths]
     assert 60.0 < max(axes) <= 75.0
     assert spread(flown, -58.0, 0.0)[0] < 1e-5
@@ -408,14 +411,15 @@ def test_orders_mashed_in_any_order_never_break_a_run_and_it_can_still_be_follow
     while at_s < 0.0:
         at_s += draws.choice((0.0, 0.02, 0.05, 0.3, 1.5, 4.0))
         mashed.append((at_s, draws.choice(ORDERS)))
-    flown = fly(messages=(*mashed, (at_s + 0.1, Go()), (at_s + 0.1, ClearBias())))
+    last = ((at_s + 0.1, Go()), (at_s + 0.1, ClearBias()))
+    flown = fly(messages=(*mashed, *last), min_alt_deg=30.0)
     assert flown.summary.ended_by == "set", flown.summary.message
     assert flown.summary.mount_stopped is True
     assert flown.at_rest()
     assert flown.error_arcsec(at_s + 20.0, at_s + 40.0) < 5.0
 
     stopped_s = draws.uniform(-110.0, -60.0)
-    flown = fly(messages=(*mashed, (stopped_s, StopNow())))
+    flown = fly(messages=(*mashed, (stopped_s, StopNow())), min_alt_deg=30.0)
     assert flown.summary.ended_by == "operator", "whatever goes on"
     assert flown.summary.mount_stopped is True
     assert flown.at_rest()
