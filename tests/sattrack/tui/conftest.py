@@ -1,11 +1,18 @@
-"""A feed with one view, and a clock moved by hand."""
+"""A feed with one view, a clock moved by hand, and screens that look only when a test has them look."""
 
 from __future__ import annotations
 
 import pytest
+from sattrack.tui.themed import ThemedApp
 from tui_builders import VIEW, FakeFeed, HandClock
 
 from sattrack.tui.seen_run import News
+
+
+@pytest.fixture(autouse=True)
+def untimed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let no timer have a screen look or draw: how often it did would depend on how busy the machine is."""
+    monkeypatch.setattr(ThemedApp, "every", lambda *_: None)
 
 
 @pytest.fixture

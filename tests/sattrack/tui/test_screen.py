@@ -45,6 +45,25 @@ def drawn(
     return asyncio.run(run())
 
 
+def drawn_in_turn(*turns: TrackView | News, size: tuple[int, int] = SMALL) -> list[list[str]]:
+    """Return the screen of one app after each of some views or news, one after another."""
+
+    async def run() -> list[list[str]]:
+        feed, shown = FakeFeed(), []
+        app = TrackApp(feed, monotonic=HandClock())
+        async with app.run_test(size=size) as pilot:
+            for turn in turns:
+                feed.coming.append(turn if isinstance(turn, News) else News((turn,)))
+                for _ in range(2):
+                    app.look()
+                    app.plot()
+                    await pilot.pause()
+                shown.append(rows_of(app))
+        return shown
+
+    return asyncio.run(run())
+
+
 def following(seconds: float, ra_arcsec: float = 0.3, every_s: float = 0.5) -> list[TrackView]:
     """Return views of a stretch of tracking with a steady error that ends at `UTC_S`."""
     count = int(seconds / every_s)
@@ -83,25 +102,26 @@ def test_the_whole_small_screen() -> None:
 
 
 @pytest.mark.parametrize("size", [SMALL, LARGE, HUGE])
-@pytest.mark.parametrize("phase", ["waiting", "slewing", "acquiring", "tracking", "stopping"])
-def test_every_figure_is_there_and_nothing_is_cut_off(size: tuple[int, int], phase: str) -> None:
-    rows = drawn(changed(phase=phase), size=size)
-    text = "\n".join(rows)
+def test_every_figure_is_there_and_nothing_is_cut_off(size: tuple[int, int]) -> None:
+    phases = ("waiting", "slewing", "acquiring", "tracking", "stopping")
+    shown = drawn_in_turn(*(changed(phase=phase) for phase in phases), size=size)
+    for phase, rows in zip(phases, shown, strict=True):
+        text = "\n".join(rows)
 
-    assert len(rows) == size[1]
-    assert all(len(row) == size[0] for row in rows)
-    assert "…" not in text
-    for figure in (
-        *("ISS (ZARYA)", "25544", "mount sim", "2026-10-02 13:04:31 UTC"),
-        *("45.3°", "261.4° W", "612 km", "14h 11m 36.0s", "−43° 26′ 30″"),
-        *("+0.40″", "−0.12″", "+0.31″", "−0.28″", "0.44″", "0.51″"),
-        *("2:32 ago", "in 0:53", "in 4:17", "at 81.3°"),
-        *("up", "20.0/s", "0.03 s", "+1.235 of 6 °/s", "−0.081 of 6 °/s"),
-        *("+0.050 s", "+0.100 s", "−0.0100°", "−0.0200°", "pass.mcap", "12.8 h old"),
-        *("SPACE STOP", "q leave", "? help", "−3 min", "now"),
-        *("← behind", "→ ahead", "↑ left", "↓ right", "0.1 s", "0.01°"),
-    ):
-        assert figure in text, figure
+        assert len(rows) == size[1]
+        assert all(len(row) == size[0] for row in rows)
+        assert "…" not in text
+        for figure in (
+            *("ISS (ZARYA)", "25544", "mount sim", "2026-10-02 13:04:31 UTC"),
+            *("45.3°", "261.4° W", "612 km", "14h 11m 36.0s", "−43° 26′ 30″"),
+            *("+0.40″", "−0.12″", "+0.31″", "−0.28″", "0.44″", "0.51″"),
+            *("2:32 ago", "in 0:53", "in 4:17", "at 81.3°"),
+            *("up", "20.0/s", "0.03 s", "+1.235 of 6 °/s", "−0.081 of 6 °/s"),
+            *("+0.050 s", "+0.100 s", "−0.0100°", "−0.0200°", "pass.mcap", "12.8 h old"),
+            *("SPACE STOP", "q leave", "? help", "−3 min", "now"),
+            *("← behind", "→ ahead", "↑ left", "↓ right", "0.1 s", "0.01°"),
+        ):
+            assert figure in text, (phase, figure)
 
 
 def test_the_largest_figures_fit_the_small_screen() -> None:
@@ -164,9 +184,8 @@ def test_before_anything_is_heard_no_number_is_made_up() -> None:
     assert "recording none" in text
 
 
-@pytest.mark.parametrize(
-    ("view", "headline"),
-    [
+def test_the_headline_says_how_things_are() -> None:
+    headlines = [
         (changed(phase="slewing"), "SLEWING  to where the satellite will come by"),
         (changed(phase="acquiring"), "ACQUIRING  closing in on the satellite"),
         (changed(error={"total_arcsec": 12.3}), "TRACKING  off the satellite by 12.3″"),
@@ -176,10 +195,9 @@ def test_before_anything_is_heard_no_number_is_made_up() -> None:
             "STOPPING  safety's altitude limit was reached; bringing the mount to rest",
         ),
         (changed(phase="flipping"), "FLIPPING"),
-    ],
-)
-def test_the_headline_says_how_things_are(view: TrackView, headline: str) -> None:
-    assert drawn(view)[1].strip() == headline
+    ]
+    shown = drawn_in_turn(*(view for view, _ in headlines))
+    assert [rows[1].strip() for rows in shown] == [headline for _, headline in headlines]
 
 
 @pytest.mark.parametrize(
@@ -386,10 +404,25 @@ def test_a_terminal_that_is_too_small_says_so_and_stops_the_mount(size: tuple[in
     assert feed.sent == [StopNow(), StopNow()]
 
 
-@pytest.mark.parametrize("size", [(60, 12), (70, 24), SMALL, (91, 17)])
 @pytest.mark.parametrize("page", ["1", "2", "5"])
-def test_the_stop_is_seen_whole_at_every_size_that_is_not_too_small(size: tuple[int, int], page: str) -> None:
-    assert " SPACE STOP " in drawn(size=size, keys=(page,))[-1]
+def test_the_stop_is_seen_whole_at_every_size_that_is_not_too_small(page: str) -> None:
+    sizes = ((60, 12), (70, 24), SMALL, (91, 17))
+
+    async def run() -> list[str]:
+        app, last = TrackApp(FakeFeed([News((VIEW,))]), monotonic=HandClock()), []
+        async with app.run_test(size=LARGE) as pilot:
+            await pilot.press(page)
+            for size in sizes:
+                await pilot.resize_terminal(*size)
+                app.look()
+                await pilot.pause()
+                rows = rows_of(app)
+                assert (len(rows[-1]), len(rows)) == size
+                last.append(rows[-1])
+        return last
+
+    for size, row in zip(sizes, asyncio.run(run()), strict=True):
+        assert " SPACE STOP " in row, size
 
 
 def test_any_size_is_survived() -> None:
@@ -417,10 +450,10 @@ def test_markup_in_names_is_text() -> None:
 
 def test_before_a_pass_the_headline_says_how_long_it_is_to_it() -> None:
     waiting = changed(phase="waiting", start_utc_s=UTC_S + 125.0)
-
-    assert drawn(waiting)[1].strip() == "WAITING  for the pass to begin in 2:05"
     slewing = changed(waiting, phase="slewing", ra_rate_reached_deg_s=-10.0, dec_rate_reached_deg_s=2.5)
-    rows = drawn(slewing)
+    first, rows = drawn_in_turn(waiting, slewing)
+
+    assert first[1].strip() == "WAITING  for the pass to begin in 2:05"
     assert rows[1].strip() == "SLEWING  to where the satellite will come by in 2:05"
     assert " rates    RA −10.000 °/s  Dec +2.500 °/s" in [row.rstrip() for row in rows]
 
@@ -443,39 +476,38 @@ def test_a_plot_without_a_line_has_no_scale() -> None:
 def test_a_window_in_time_neither_rises_nor_sets() -> None:
     window = msgspec.structs.replace(SKY, rises=False, sets=False)
     to_come = changed(phase="waiting", start_utc_s=UTC_S + 65.0)
-    for view, first in ((to_come, "begin in 1:05"), (VIEW, "begun 2:32 ago")):
-        text = "\n".join(drawn(news=News((view,), sky=window)))
+    shown = drawn_in_turn(*(News((view,), sky=window) for view in (to_come, VIEW)))
+    for rows, first in zip(shown, ("begin in 1:05", "begun 2:32 ago"), strict=True):
+        text = "\n".join(rows)
         assert first in text
         assert "end in 4:17" in text
         assert "set in" not in text
 
 
-@pytest.mark.parametrize(
-    ("said", "do"),
-    [
-        ("the stop is not confirmed yet: it is being sent again and again", "use its own stop"),
-        ("the mount's clock does not run as ours: samples are dated by arrival", "calibrate after the pass"),
-        (
-            "this side of the pier is not in the mount's profile: its rates may go the other way",
-            "SPACE stops",
-        ),
-        ("the mount was not where its commands lead: lost, and taken up where it is", "SPACE stops"),
-        ("another program is sending commands to this mount: end it, or motions will mix", "SPACE stops"),
-    ],
-)
-def test_what_the_engine_warns_of_comes_with_what_to_do(said: str, do: str) -> None:
-    assert f"! {said}: " in (text := " ".join(" ".join(drawn(changed(warnings=(said,)), size=LARGE)).split()))
-    assert do in text
+def test_what_the_engine_warns_of_comes_with_what_to_do() -> None:
+    warnings = {
+        "the stop is not confirmed yet: it is being sent again and again": "use its own stop",
+        "the mount's clock does not run as ours: samples are dated by arrival": "calibrate after the pass",
+        "this side of the pier is not in the mount's profile: its rates may go the other way": "SPACE stops",
+        "the mount was not where its commands lead: lost, and taken up where it is": "SPACE stops",
+        "another program is sending commands to this mount: end it, or motions will mix": "SPACE stops",
+    }
+    shown = drawn_in_turn(*(changed(warnings=(said,)) for said in warnings), size=LARGE)
+    for rows, (said, do) in zip(shown, warnings.items(), strict=True):
+        text = " ".join(" ".join(rows).split())
+        assert f"! {said}: " in text
+        assert do in text
 
 
 @pytest.mark.parametrize("size", [SMALL, LARGE, HUGE])
 def test_a_fast_slew_fits_and_a_longer_delay_moves_nothing(size: tuple[int, int]) -> None:
     slewing = changed(phase="slewing", ra_rate_reached_deg_s=-10.0, dec_rate_reached_deg_s=-10.0)
-    text = "\n".join(drawn(slewing, size=size))
+    delayed = [changed(link={"delay_ms": delay_ms}) for delay_ms in (0.1, 9.94, 12.3, 999.4)]
+    slewed, *shown = drawn_in_turn(slewing, *delayed, size=size)
+    text = "\n".join(slewed)
     assert text.count("−10.000") == 2
     assert "…" not in text
 
-    shown = [drawn(changed(link={"delay_ms": delay_ms}), size=size) for delay_ms in (0.1, 9.94, 12.3, 999.4)]
     for rows, said in zip(shown, ("0.1 ms", "9.9 ms", "12 ms ", "999 ms"), strict=True):
         assert [row.replace("0.1 ms", said) for row in shown[0]] == rows
 
@@ -483,8 +515,7 @@ def test_a_fast_slew_fits_and_a_longer_delay_moves_nothing(size: tuple[int, int]
 @pytest.mark.parametrize("size", [SMALL, LARGE])
 def test_a_mount_that_is_not_calibrated_is_called_so_and_pushes_nothing_out(size: tuple[int, int]) -> None:
     url = "xerxes://192.168.100.120:15001?listen=15001"
-    plain = drawn(changed(mount=url, calibrated=True), size=size)
-    rows = drawn(changed(mount=url, calibrated=False), size=size)
+    plain, rows = drawn_in_turn(*(changed(mount=url, calibrated=is_) for is_ in (True, False)), size=size)
     (number,) = (n for n, row in enumerate(rows) if "uncalibrated" in row)
     assert "TRACKING  on the satellite: all is well" in rows[number]
     assert rows[number].rstrip().endswith("uncalibrated")
@@ -492,9 +523,10 @@ def test_a_mount_that_is_not_calibrated_is_called_so_and_pushes_nothing_out(size
     assert rows[:number] + rows[number + 1 :] == plain[:number] + plain[number + 1 :]
 
 
-@pytest.mark.parametrize("view", [{"mount": "sim", "calibrated": False}, {"mount": "x", "calibrated": None}])
-def test_a_simulated_mount_and_an_older_recording_are_not_called_uncalibrated(view: dict) -> None:
-    assert not any("uncalibrated" in row for row in drawn(changed(**view)))
+def test_a_simulated_mount_and_an_older_recording_are_not_called_uncalibrated() -> None:
+    simulated, older = changed(mount="sim", calibrated=False), changed(mount="x", calibrated=None)
+    for rows in drawn_in_turn(simulated, older):
+        assert not any("uncalibrated" in row for row in rows)
 
 
 def test_a_long_headline_is_not_cut_for_it() -> None:
