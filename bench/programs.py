@@ -11,9 +11,12 @@ import threading
 import time
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import erfa
+import msgspec
 from sgp4.api import Satrec
 
 from sattrack.runtime import practice
@@ -23,7 +26,6 @@ from tle.instants import Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
-    from pathlib import Path
 
 WHERE = "52.0,4.5,0"
 SITE = ("--site", WHERE)
@@ -169,8 +171,12 @@ def simulated_mount(*options: str, site: str = WHERE) -> Iterator[Mount]:
 @contextmanager
 def simulated_telescope(settings: bytes) -> Iterator[tuple[subprocess.Popen[str], int]]:
     """Run a simulated Alpaca telescope, set by JSON, until the end; give its process and its port."""
-    command = [sys.executable, "-m", "sattrack.mount.simulator.alpaca.server", settings.decode()]
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE}
-    with ended(subprocess.Popen(command, text=True, **pipes)) as process:
-        assert process.stdout is not None
-        yield process, int(json.loads(process.stdout.readline())["port"])
+    with TemporaryDirectory() as folder:
+        telescope, nothing = Path(folder) / "telescope.toml", Path(folder) / "sattrack.toml"
+        telescope.write_bytes(msgspec.toml.encode(json.loads(settings)))
+        nothing.touch()
+        files = ("--config", str(nothing), "--telescope", str(telescope))
+        quiet = {"stdin": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        with ended(sattrack("sim", "--alpaca", "--port", "0", "--json", *files, **quiet)) as process:
+            assert process.stdout is not None
+            yield process, int(json.loads(process.stdout.readline())["listening"])
