@@ -25,10 +25,10 @@ import numpy as np
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.findings import Findings, conclude
 from sattrack.calibration.guard import CalibrationEndedError, Kind, Surroundings
-from sattrack.mount.model import AxisLimits, MountProfile, Readings
+from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.mount.simulator.installation import Timer as MountTimer
 from sattrack.mount.simulator.installation import Wire, WireLaw
-from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
+from sattrack.mount.simulator.mount import DOUBTFUL_TYPES, SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.simulator.settings import ServoSettings, SimulatorProfile
 from sattrack.mount.xerxes.datagrams import Command, decode_status, encode_command
 
@@ -231,7 +231,7 @@ def draw(number: int, seed: int) -> Drawn:
         dec_rate_gain=uniform(0.9, 1.1),
         additive=one_of(True, False),
         move_axis=one_of("held", "edge"),
-        readings={name: one_of("int64", "double") for name in Readings.__slots__},
+        readings={name: one_of("int64", "double") for name in DOUBTFUL_TYPES},
     )
     hardware = SimulatorProfile(
         clock_offset_s=uniform(-10.0, 10.0),

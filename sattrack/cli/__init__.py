@@ -1,1 +1,1 @@
-"""One module a command, each with a `command` object; imported only by the command that needs it."""
+"""The command line: parse, call, print. One module a command, imported when the command is used."""

@@ -23,13 +23,12 @@ from sattrack.core.errors import (
     SafetyLimitError,
     SattrackError,
 )
-from sattrack.mount.model import Readings, Status
+from sattrack.mount.model import LinkView, Readings, Status
 from sattrack.mount.requests import objection
 from sattrack.runtime import practice
 from sattrack.runtime.console import Connection, attend, connected
 from sattrack.runtime.mounts import mount_address
 from sattrack.views.console_words import where_words
-from sattrack.views.run import LinkView
 
 if TYPE_CHECKING:
     from collections.abc import Callable

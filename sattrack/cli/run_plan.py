@@ -211,8 +211,9 @@ def rehearser(
 ) -> Callable[[Candidate, float, float], Rehearsed]:
     """Return what rehearses a candidate from one instant to another, POSIX seconds of UTC."""
     from sattrack.control.tracker import TrackPlan
-    from sattrack.runtime.prepare import Prepared, planned_facts
+    from sattrack.runtime.prepare import Prepared
     from sattrack.runtime.rehearse import READY_S, rehearse
+    from sattrack.schedule.night_virtual import planned_facts
     from sattrack.views.schedule import Rehearsed
 
     site, clock = context.site(), context.clock()

@@ -26,6 +26,7 @@ from sattrack.mount.alpaca.link import GatewayLink
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.mount.requests import FineRate, Park
 from sattrack.runtime import practice
+from sattrack.runtime.callers import listen
 from sattrack.runtime.console import connected
 from sattrack.runtime.prepare import check_site
 from sattrack.runtime.signals import StopRequest, stopping
@@ -34,7 +35,6 @@ from sattrack.servers.alpaca.door import AlpacaTask, ClockNumbers, Satellites, o
 from sattrack.servers.alpaca.serve import PROGRAM, AlpacaLoop, discovery_sockets, engine_maker
 from sattrack.servers.alpaca.station import TelescopeStation
 from sattrack.servers.antenna.log_lines import spoken
-from sattrack.servers.callers import listen
 from sattrack.settings import SiteSettings
 
 if TYPE_CHECKING:

@@ -24,6 +24,7 @@ from sattrack.cli.screened import tui_possible
 from sattrack.cli.serving import Log, check_port, end_of_service, what_is_served
 from sattrack.core.errors import BadInputError
 from sattrack.core.own_program import own_program
+from sattrack.runtime.callers import CallerLimits, listen
 from sattrack.runtime.console import connected
 from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.servers.antenna.antenna_focus import FORM, parse_focuser, start_focusers
@@ -37,7 +38,6 @@ from sattrack.servers.antenna.serve import LEAVE, AntennaLoop
 from sattrack.servers.antenna.sky import Sky
 from sattrack.servers.antenna.station import Station
 from sattrack.servers.antenna.trajectory import to_ns
-from sattrack.servers.callers import CallerLimits, listen
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

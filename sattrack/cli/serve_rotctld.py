@@ -17,11 +17,11 @@ from sattrack.cli.serving import (
     reached_from_outside,
     what_is_served,
 )
+from sattrack.runtime.callers import listen
 from sattrack.runtime.console import connected
 from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.servers.antenna.log_lines import spoken
 from sattrack.servers.antenna.sky import Sky
-from sattrack.servers.callers import listen
 from sattrack.servers.rotctld.door import RotctldServer
 from sattrack.servers.rotctld.rotator import RotatorStation
 from sattrack.servers.rotctld.serve import PROGRAM, RotctldLoop, client_maker

@@ -13,9 +13,9 @@ import click
 
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
 from sattrack.runtime import practice
+from sattrack.runtime.callers import CallerLimits
 from sattrack.runtime.mounts import mount_address
 from sattrack.servers.antenna.log_lines import stamp
-from sattrack.servers.callers import CallerLimits
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from sattrack.cli.common import CommandContext
     from sattrack.core.clock import Clock
     from sattrack.mount.profiles import ProfileFile
+    from sattrack.runtime.callers import Networks
     from sattrack.runtime.mounts import MountAddress
     from sattrack.runtime.signals import StopRequest
-    from sattrack.servers.callers import Networks
     from tle.site import Site
 
 Command = TypeVar("Command", bound="Callable[..., Any]")

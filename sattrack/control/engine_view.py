@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from sattrack.control.engine import Engine
     from sattrack.control.feeder import Learnt
     from sattrack.control.tracker import Tracker
-    from sattrack.mount.model import StatusSample
-    from sattrack.views.run import ErrorView, LinkView
+    from sattrack.mount.model import LinkView, StatusSample
+    from sattrack.views.run import ErrorView
 
 HOLDING = "holding"
 """The phase in which a limit keeps the mount off its target."""

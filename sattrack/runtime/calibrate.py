@@ -17,13 +17,13 @@ from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, Kind, Surroundings
 from sattrack.calibration.plan import Plan, sun_hour_angle_and_dec
 from sattrack.core.angles import altitude_deg, separation_deg
 from sattrack.core.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
-from sattrack.core.realtime import RealtimeLoop
 from sattrack.mount.profiles import ProfileFile, load_profile_file
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.runtime import practice
 from sattrack.runtime.console import Connection
 from sattrack.runtime.embedded import simulator_config, start_embedded
 from sattrack.runtime.guard import owned
+from sattrack.runtime.loop import RealtimeLoop
 from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.safety import SafetyLimits
 from sattrack.safety.bounds import Bounds
@@ -109,7 +109,7 @@ def calibrate_live(
     """Run a calibration to its end, and return it; `show` hears the phase and the part done.
 
     Any key on the terminal, and any signal that would end the process, brings the mount to rest and ends the
-    run. Raises SattrackError where the port is not to be had.
+    run. Raises SattrackError where the port is not available.
     """
     with ExitStack() as stack:
         link, guard = stack.enter_context(owned(address, profile, clock.speed))

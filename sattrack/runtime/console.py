@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 
-from sattrack.core.realtime import DriverLike, RealtimeLoop
+from sattrack.core.channel import LineReader
 from sattrack.mount.xerxes.client import Address, UdpLink, nobody_listens
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime import practice
-from sattrack.runtime.channel import LineReader
 from sattrack.runtime.embedded import simulator_config, start_embedded
 from sattrack.runtime.guard import Guard, Unguarded, owned
 from sattrack.runtime.links import heard
+from sattrack.runtime.loop import DriverLike, RealtimeLoop
 from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.views.messages import Leave, decode_order
 
@@ -88,7 +88,7 @@ def connected(
 
     With `own`, the mount is owned, and guarded, meanwhile; without, nothing may be asked of it, and where a
     session owns it, what that hears is overheard. Raises SattrackError where it has another owner, or the
-    port, or the simulated mount, is not to be had.
+    port, or the simulated mount, is not available.
     """
     with ExitStack() as stack:
         simulated = None

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.runtime.channel import LineReader
+from sattrack.core.channel import LineReader
 from sattrack.views.messages import (
     Arm,
     Disarm,

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from sattrack.core.channel import PipedProcess
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import SattrackError
 from sattrack.mount.simulator.mount import SimulatedSite, Truth
@@ -14,7 +15,6 @@ from sattrack.mount.simulator.process import ClockSetting, Ready, SimulatorConfi
 from sattrack.mount.simulator.settings import simulator_profile
 from sattrack.mount.xerxes.client import Address
 from sattrack.runtime import practice
-from sattrack.runtime.channel import PipedProcess
 
 if TYPE_CHECKING:
     from sattrack.core.clock import Clock

@@ -71,7 +71,7 @@ def fly_live(
 ) -> Summary:
     """Run in real time, over UDP; the simulated mount is started beside it where there is no other.
 
-    Raises SattrackError where the mount has an owner, or a port or the simulated mount is not to be had.
+    Raises SattrackError where the mount has an owner, or a port or the simulated mount is not available.
     """
     facts = in_run_time(prepared.facts, prepared.clock.speed)
     with ExitStack() as stack:

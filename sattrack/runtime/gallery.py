@@ -21,9 +21,9 @@ from typing import Literal
 
 import msgspec
 
-from sattrack.runtime.channel import Channel, taken_names
+from sattrack.core.channel import Channel, taken_names
+from sattrack.runtime.callers import Bucket
 from sattrack.runtime.signals import outlive
-from sattrack.servers.callers import Bucket
 from sattrack.views.run import Farewell, Welcome
 
 PREFIX = "sattrack-run/"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.runtime.channel import start_process
+from sattrack.core.channel import start_process
 from sattrack.runtime.facts import encode_facts
 from sattrack.runtime.gallery import (
     FACTS,

@@ -251,7 +251,7 @@ def owned(
 ) -> Iterator[tuple[UdpLink, Guarded]]:
     """Own a mount: give a socket towards it and the guard of whoever feeds it; `profile` None: not known yet.
 
-    Raises Taken, naming the owner, where the mount has one, SattrackError where the port is not to be had, or
+    Raises Taken, naming the owner, where the mount has one, SattrackError where the port is not available, or
     what is to stand between finds no mount.
     """
     with contextlib.ExitStack() as stack:

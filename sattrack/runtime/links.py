@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 def open_link(address: MountAddress) -> Iterator[UdpLink]:
     """Give a socket towards a mount.
 
-    Raises SattrackError where the port is not to be had, LinkLostError where a gateway finds no telescope.
+    Raises SattrackError where the port is not available, LinkLostError where a gateway finds no telescope.
     """
     if isinstance(address, Address):
         link = UdpLink(address)
@@ -65,7 +65,7 @@ LISTEN_S = 2.0
 def listen(address: MountAddress, profile: MountProfile, seconds: float = LISTEN_S) -> LinkHealth:
     """Return what was heard from a mount within some seconds, by its owner if it has one; nothing is sent.
 
-    Raises SattrackError where the port is not to be had.
+    Raises SattrackError where the port is not available.
     """
     session, clock = Session(profile), SystemClock()
     with heard(address) as link:

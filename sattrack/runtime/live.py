@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Protocol
 import msgspec
 
 from sattrack.core.errors import SattrackError
-from sattrack.core.realtime import RealtimeLoop
+from sattrack.runtime.loop import RealtimeLoop
 from sattrack.runtime.outcome import RunStatistics
 from sattrack.views.messages import Message, StopNow
 from tle.errors import TleError

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 
+from sattrack.core.channel import LineReader
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.runtime.channel import LineReader
 from sattrack.views.messages import decode_observation
 
 if TYPE_CHECKING:

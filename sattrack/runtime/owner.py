@@ -24,9 +24,9 @@ from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
+from sattrack.core.channel import LineReader, taken_names
 from sattrack.core.errors import SattrackError
 from sattrack.mount.xerxes.client import Arrival
-from sattrack.runtime.channel import LineReader, taken_names
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -15,7 +15,6 @@ from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.profiles import ProfileFile
 from sattrack.runtime import practice
 from sattrack.runtime.facts import (
-    SIMULATED,
     RunFacts,
     build_engine,
     choose_pass,
@@ -37,9 +36,6 @@ if TYPE_CHECKING:
     from sattrack.control.tracker import TrackPlan
     from sattrack.mount.model import MountProfile
     from sattrack.runtime.mounts import MountAddress
-    from sattrack.schedule.candidates import Candidate
-    from sattrack.schedule.night import NightPass
-    from sattrack.schedule.schema import Terms
     from sattrack.views.run import RememberedView
     from tle.elements import Elements
     from tle.site import Site
@@ -224,34 +220,3 @@ def _object_and_site(request: RunRequest, practising: bool) -> tuple[list[Elemen
     if request.site is None:
         raise BadInputError("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
     return request.elements, request.site
-
-
-def planned_facts(
-    one: Candidate | NightPass,
-    terms: Terms,
-    plan: TrackPlan,
-    started_utc_s: float,
-    site: Site,
-    mount: MountProfile,
-    limits: SafetyLimits,
-) -> RunFacts:
-    """Return the facts of a pass' run, by the terms of its schedule, in standard air."""
-    air = Refraction.standard(site.height_m)
-    return with_detours(
-        RunFacts(
-            elements=one.elements,
-            site=SiteSettings(site.latitude_deg, site.longitude_deg, site.height_m),
-            refraction="auto",
-            pressure_hpa=air.pressure_hpa,
-            temperature_c=air.temperature_c,
-            plan=plan,
-            culminate_utc_s=one.culminate_utc_s,
-            max_alt_deg=one.max_alt_deg,
-            profile=mount,
-            limits=limits,
-            bias_along_s=terms.bias_along_s,
-            bias_cross_deg=terms.bias_cross_deg,
-            mount_name=SIMULATED,
-            started_utc_s=started_utc_s,
-        )
-    )

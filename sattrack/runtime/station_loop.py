@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
-from sattrack.core.realtime import DriverLike, RealtimeLoop
+from sattrack.runtime.loop import DriverLike, RealtimeLoop
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,11 +11,11 @@ import msgspec
 from sattrack.control.halt import DirectStop
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import LinkLostError, SattrackError
-from sattrack.core.realtime import RealtimeLoop
 from sattrack.mount.xerxes.client import Address, nobody_listens
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime.console import Connection
 from sattrack.runtime.guard import owned
+from sattrack.runtime.loop import RealtimeLoop
 from sattrack.runtime.mounts import owned_address
 from sattrack.runtime.owner import GoesOn, Taken, ask_stop, owner_of, utc_now
 from sattrack.runtime.signals import StopRequest
@@ -109,7 +109,7 @@ class DirectLoop(RealtimeLoop):
 def stop_directly(address: MountAddress, profile: MountProfile, waiting: Callable[[], None]) -> MountStop:
     """Stop a mount that no session owns, by datagrams of our own, and see it at rest.
 
-    Raises SattrackError where another session comes in between, or the port is not to be had.
+    Raises SattrackError where another session comes in between, or the port is not available.
     """
     wait_until_free(address, waiting)
     mount = address.name

@@ -1,1 +1,1 @@
-"""Schedules of passes: the file that a person writes, and the plan that is made of it."""
+"""Schedules: the file that a person writes, the plan made of it, and the night that carries it out."""

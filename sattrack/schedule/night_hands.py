@@ -99,7 +99,7 @@ def read_clocks(utc_s: float) -> ClockReadings:
 def jump_between(
     before: ClockReadings, after: ClockReadings, speed: float = 1.0
 ) -> tuple[float, bool] | None:
-    """Return by how much UTC jumped between two readings, and whether the machine slept; None for no jump."""
+    """Return how far UTC jumped between two readings, and whether the machine slept; None for no jump."""
     jumped = (after.utc_s - before.utc_s) - speed * (after.awake_s - before.awake_s)
     if abs(jumped) < JUMP_S * max(1.0, speed):
         return None

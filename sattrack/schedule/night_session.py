@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
-from sattrack.runtime.channel import LineReader
+from sattrack.core.channel import LineReader
 from sattrack.schedule.night import PassAttempt
 from sattrack.schedule.schema import SearchAction
 from sattrack.views.messages import Search, StopNow, encode_message

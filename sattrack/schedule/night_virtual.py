@@ -30,7 +30,7 @@ from sattrack.planning.trace import TabledPropagator
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.facts import SIMULATED, RunFacts, build_engine
 from sattrack.runtime.outcome import summarise
-from sattrack.runtime.prepare import planned_facts
+from sattrack.runtime.prepare import with_detours
 from sattrack.runtime.virtual import VirtualRun
 from sattrack.schedule.night import (
     AskWeather,
@@ -62,18 +62,23 @@ from sattrack.schedule.night_stop import NightRequests
 from sattrack.schedule.schema import CommandAction, SlewAction
 from sattrack.schedule.summary import headline
 from sattrack.schedule.transitions import slew_of
+from sattrack.settings import SiteSettings
 from sattrack.views.messages import Search, StopNow
 from tle.errors import TleError
+from tle.refraction import Refraction
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.control.manual.procedures import Outcome, Procedure
+    from sattrack.mount.model import MountProfile
     from sattrack.mount.profiles import ProfileFile
     from sattrack.mount.simulator.mount import Truth
     from sattrack.safety import SafetyLimits
+    from sattrack.schedule.candidates import Candidate
     from sattrack.schedule.night import Event, NightPass, Order, Run
     from sattrack.schedule.night_files import Journal
+    from sattrack.schedule.schema import Terms
     from sattrack.views.messages import Message
     from tle.site import Site
 
@@ -514,3 +519,34 @@ def _evening(run: Run) -> tuple[float, float]:
     if not run.passes:
         return run.night_from_utc_s, run.night_from_utc_s
     return run.passes[0].leave_utc_s, run.passes[-1].end_utc_s
+
+
+def planned_facts(
+    one: Candidate | NightPass,
+    terms: Terms,
+    plan: TrackPlan,
+    started_utc_s: float,
+    site: Site,
+    mount: MountProfile,
+    limits: SafetyLimits,
+) -> RunFacts:
+    """Return the facts of a pass' run, by the terms of its schedule, in standard air."""
+    air = Refraction.standard(site.height_m)
+    return with_detours(
+        RunFacts(
+            elements=one.elements,
+            site=SiteSettings(site.latitude_deg, site.longitude_deg, site.height_m),
+            refraction="auto",
+            pressure_hpa=air.pressure_hpa,
+            temperature_c=air.temperature_c,
+            plan=plan,
+            culminate_utc_s=one.culminate_utc_s,
+            max_alt_deg=one.max_alt_deg,
+            profile=mount,
+            limits=limits,
+            bias_along_s=terms.bias_along_s,
+            bias_cross_deg=terms.bias_cross_deg,
+            mount_name=SIMULATED,
+            started_utc_s=started_utc_s,
+        )
+    )

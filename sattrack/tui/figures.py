@@ -31,8 +31,9 @@ from sattrack.tui.scene import Scene, Tone, headline
 if TYPE_CHECKING:
     from textual.app import ComposeResult
 
+    from sattrack.mount.model import LinkView
     from sattrack.tui.offsets import Move
-    from sattrack.views.run import LinkView, PassView, TrackView
+    from sattrack.views.run import PassView, TrackView
 
 ARCSEC = 3600.0
 SIGMAS = 2.0

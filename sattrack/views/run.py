@@ -7,35 +7,7 @@ from __future__ import annotations
 
 import msgspec
 
-from sattrack.mount.model import Readings, Status
-
-
-class LinkView(msgspec.Struct, frozen=True):
-    """State of the link to the mount: counted datagrams, and the age of the last status."""
-
-    state: str
-    age_s: float | None
-    sent: int
-    received: int
-    lost: int
-    late: int
-    duplicate: int
-    rejected: int
-    rate_hz: float | None
-    """Statuses a second that the mount sends, over the last seconds."""
-    jitter_ms: float | None = None
-    """Standard deviation of the intervals between them."""
-    restarts: int = 0
-    strangers: int = 0
-    """Datagrams from other hosts, dropped."""
-    doubled_launches: int = 0
-    """Commands that the mount acknowledged a second time, as a late or repeated datagram makes it."""
-    foreign_acks: int = 0
-    """Acknowledgements of what was never sent from here."""
-    delay_ms: float | None = None
-    """From the last status' date to its arrival, as it is dated by the fastest ones and the profile."""
-    clock_offset_s: float | None = None
-    """The mount's sidereal clock minus local mean sidereal time by our UTC at the site, seconds."""
+from sattrack.mount.model import LinkView, Readings, Status
 
 
 class ErrorView(msgspec.Struct, frozen=True, gc=False):

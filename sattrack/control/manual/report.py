@@ -15,7 +15,7 @@ from sattrack.views.run import AskedView, ConsoleView
 
 if TYPE_CHECKING:
     from sattrack.control.manual.console import Asked, Console
-    from sattrack.views.run import LinkView
+    from sattrack.mount.model import LinkView
 
 SITE_TOLERANCE_DEG = 0.1
 CLOCK_OFF_S = 2.0

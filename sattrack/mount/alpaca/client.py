@@ -2,7 +2,7 @@
 
 `AlpacaDevice` sends one request at a time and waits for its answer: for focusers, safety monitors, and the
 gateway's warden, which must start soon, so that this module needs the standard library alone. The gateway
-itself sends requests of the same form at once, on connections that stay open (`runtime.alpaca_gateway`).
+itself sends requests of the same form at once, on connections that stay open (`gateway_process`).
 """
 
 from __future__ import annotations

@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING, Any
 import aiohttp
 import msgspec
 
+from sattrack.core.channel import Channel, start_process
 from sattrack.core.clock import Clock, SystemClock
 from sattrack.core.errors import SattrackError
 from sattrack.core.realtime import go_before_others
@@ -42,7 +43,6 @@ from sattrack.mount.alpaca.client import (
 )
 from sattrack.mount.alpaca.device import DeviceFacts, Place, spans_of
 from sattrack.mount.alpaca.link import BYE, GatewayConfig, GatewayNews, GatewayReady, GatewayRefusal
-from sattrack.runtime.channel import Channel, start_process
 
 if TYPE_CHECKING:
     from sattrack.mount.alpaca.address import AlpacaAddress

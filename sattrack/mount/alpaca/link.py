@@ -12,11 +12,11 @@ import sys
 
 import msgspec
 
+from sattrack.core.channel import Channel, start_process
 from sattrack.core.errors import LinkLostError, SattrackError
 from sattrack.mount.alpaca.address import AlpacaAddress
 from sattrack.mount.alpaca.device import DeviceFacts
 from sattrack.mount.xerxes.client import Address, UdpLink, bind
-from sattrack.runtime.channel import Channel, start_process
 
 
 class GatewayConfig(msgspec.Struct, frozen=True):

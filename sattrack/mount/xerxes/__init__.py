@@ -1,1 +1,1 @@
-"""The Xerxes direct-drive mount's UDP protocol: datagrams, the client's side and the mount's side."""
+"""The Xerxes direct-drive mount's UDP protocol: datagrams, and the client's session."""

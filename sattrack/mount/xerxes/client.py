@@ -168,7 +168,7 @@ class Arrival:
 class UdpLink:
     """A bound socket towards one mount: one of its own, else `bound`, which another process has bound.
 
-    Raises SattrackError where the port is not to be had.
+    Raises SattrackError where the port is not available.
     """
 
     def __init__(self, address: Address, bound: socket.socket | None = None) -> None:

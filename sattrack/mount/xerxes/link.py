@@ -8,9 +8,8 @@ from dataclasses import dataclass, field
 from operator import attrgetter
 from typing import TYPE_CHECKING
 
-from sattrack.mount.model import STATUS_LOST_S
+from sattrack.mount.model import STATUS_LOST_S, LinkView
 from sattrack.mount.xerxes.states import HEARD, LINK, LONG_QUIET, QUIET, STALE_AFTER_S, LinkState, follow
-from sattrack.views.run import LinkView
 
 if TYPE_CHECKING:
     from sattrack.mount.model import Status

@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
+from sattrack.core.channel import Channel, see_off, start_process
 from sattrack.core.errors import SattrackError
 from sattrack.core.utc_json import decode_utc, encode_utc
 from sattrack.mount.model import MountProfile
-from sattrack.runtime.channel import Channel, see_off, start_process
+from sattrack.runtime.callers import CallerLimits
 from sattrack.safety import SafetyLimits
 from sattrack.servers.alpaca.device import Abilities
 from sattrack.servers.alpaca.messages import (
@@ -34,7 +35,6 @@ from sattrack.servers.alpaca.messages import (
     decode_order,
     encode,
 )
-from sattrack.servers.callers import CallerLimits
 from sattrack.settings import SiteSettings
 from tle.elements import Elements
 from tle.errors import TleError

@@ -25,6 +25,7 @@ import msgspec
 from aiohttp import ClientPayloadError, http_exceptions, web
 
 from sattrack.core.clock import SimulatedClock, SystemClock
+from sattrack.runtime.callers import Bucket, HostNames, Seat
 from sattrack.servers.alpaca.device import Device
 from sattrack.servers.alpaca.door import READY, decode_task, run_told
 from sattrack.servers.alpaca.messages import (
@@ -44,15 +45,14 @@ from sattrack.servers.alpaca.messages import (
 )
 from sattrack.servers.alpaca.server import Pending, Reply, Server
 from sattrack.servers.alpaca.telescope import Telescope
-from sattrack.servers.callers import Bucket, HostNames, Seat
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
     from sattrack.core.clock import Clock
+    from sattrack.runtime.callers import CallerLimits
     from sattrack.servers.alpaca.door import AlpacaTask, Satellites
     from sattrack.servers.alpaca.messages import CustomAction, Order
-    from sattrack.servers.callers import CallerLimits
 
 REQUEST_WITHIN_S = 10.0
 """A request that has begun must be there as a whole within this time."""

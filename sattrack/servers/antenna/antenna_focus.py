@@ -17,9 +17,9 @@ from urllib.parse import parse_qs, urlsplit
 
 import msgspec
 
+from sattrack.core.channel import Channel, PipedProcess
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.alpaca.client import NOT_IMPLEMENTED, AlpacaDevice, Refusal, Unheard
-from sattrack.runtime.channel import Channel, PipedProcess
 from sattrack.servers.antenna.focus import FocusNews, FocusOrder, RemoteAxis, RemoteFocuser, swept_mm
 
 if TYPE_CHECKING:

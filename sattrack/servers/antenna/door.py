@@ -18,9 +18,9 @@ from typing import TYPE_CHECKING, Any, Protocol, get_args
 from urllib.parse import parse_qs, urlsplit
 
 from sattrack.core.errors import BadInputError, LinkLostError, SattrackError
+from sattrack.runtime.callers import MOST_WAITING_BYTES, READ_BYTES, CallerLimits, Opening, Seat, TcpChannel
 from sattrack.servers.antenna.line import TCP_CHARACTER_TIME_OUT_S, Check, character_time_out_s
 from sattrack.servers.antenna.sky import AxisKind
-from sattrack.servers.callers import MOST_WAITING_BYTES, READ_BYTES, CallerLimits, Opening, Seat, TcpChannel
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping

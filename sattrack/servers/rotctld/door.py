@@ -14,12 +14,12 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from sattrack.servers.callers import MOST_WAITING_BYTES, Bucket, Opening, Seat, TcpChannel
+from sattrack.runtime.callers import MOST_WAITING_BYTES, Bucket, Opening, Seat, TcpChannel
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.servers.callers import CallerLimits
+    from sattrack.runtime.callers import CallerLimits
     from sattrack.servers.rotctld.answers import Client
 
 SLICE_S = 0.001

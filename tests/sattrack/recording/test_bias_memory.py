@@ -51,7 +51,7 @@ NUDGE = KeptBias(source="nudge", utc_s=SEEN_UTC_S, along_s=0.3, cross_deg=0.02)
 WRITER = """
 import sys
 from pathlib import Path
-from sattrack import practice
+from sattrack.runtime import practice
 from sattrack.recording.bias_memory import BiasMemory, KeptBias
 memory = BiasMemory(Path(sys.argv[1]))
 for number in range(20):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import pytest
 
-from sattrack.runtime.channel import Channel
+from sattrack.core.channel import Channel
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

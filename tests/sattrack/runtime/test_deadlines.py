@@ -12,13 +12,13 @@ from typing import Any
 import pytest
 
 from sattrack.core.clock import SimulatedClock
-from sattrack.core.realtime import LAST_STOPS
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.datagrams import decode_command
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.console import Connection
 from sattrack.runtime.guard import Unguarded
 from sattrack.runtime.live import LiveLoop
+from sattrack.runtime.loop import LAST_STOPS
 from sattrack.runtime.signals import StopRequest
 from sattrack.views.messages import StopNow
 

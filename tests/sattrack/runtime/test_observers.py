@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import pytest
 from programs import free_port
 
+from sattrack.core.channel import LineReader
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.runtime.channel import LineReader
 from sattrack.runtime.desk import StdinInbox
 from sattrack.runtime.observers import (
     DATAGRAMS_A_TICK,

@@ -276,7 +276,7 @@ def test_only_safety_makes_what_a_session_takes_and_nothing_else_composes_motion
         composers.add(module)
     assert composers == {"mount/xerxes/session.py", "calibration/guard.py"}
     senders = {module for module, name, _ in every if name == "sendto"}
-    mounts = {"mount/simulator/process.py", "mount/alpaca/gateway.py"}
+    mounts = {"mount/simulator/process.py", "mount/alpaca/gateway_process.py"}
     # The last answers who asks for Alpaca servers.
     # One tells systemd how a run stands.
     assert senders == {"mount/xerxes/client.py", "servers/alpaca/process.py", "schedule/service.py", *mounts}

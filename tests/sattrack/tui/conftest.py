@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import pytest
-from sattrack.tui.themed import ThemedApp
 from tui_builders import VIEW, FakeFeed, HandClock
 
+from sattrack.tui.screen_app import ScreenApp
 from sattrack.tui.seen_run import News
 
 
 @pytest.fixture(autouse=True)
 def untimed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let no timer have a screen look or draw: how often it did would depend on how busy the machine is."""
-    monkeypatch.setattr(ThemedApp, "every", lambda *_: None)
+    monkeypatch.setattr(ScreenApp, "every", lambda *_: None)
 
 
 @pytest.fixture

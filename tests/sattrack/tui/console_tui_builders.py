@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from sattrack.mount.model import Readings, Status
+from sattrack.mount.model import LinkView, Readings, Status
 from sattrack.tui.console_feed import Latest
-from sattrack.views.run import AskedView, ConsoleView, LinkView
+from sattrack.views.run import AskedView, ConsoleView
 
 if TYPE_CHECKING:
     from sattrack.views.messages import ConsoleMessage

@@ -8,18 +8,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import msgspec
 
+from sattrack.mount.model import LinkView
 from sattrack.tui.app import TrackApp
 from sattrack.tui.seen_run import News
-from sattrack.views.run import (
-    DatagramsView,
-    ErrorView,
-    LinkView,
-    PassView,
-    PathPoint,
-    SkyPoint,
-    Summary,
-    TrackView,
-)
+from sattrack.views.run import DatagramsView, ErrorView, PassView, PathPoint, SkyPoint, Summary, TrackView
 
 if TYPE_CHECKING:
     from collections.abc import Callable

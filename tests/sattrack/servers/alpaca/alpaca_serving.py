@@ -28,7 +28,7 @@ def http_process(served: Served) -> int:
     pid = served.process.pid
     children = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
     for child in children:
-        if b"alpaca_process" in Path(f"/proc/{child}/cmdline").read_bytes():
+        if b"servers.alpaca.process" in Path(f"/proc/{child}/cmdline").read_bytes():
             return int(child)
     raise AssertionError(f"none of {children} serves HTTP")
 

@@ -12,6 +12,7 @@ import pytest
 from aiohttp import web
 
 from sattrack.core.clock import SystemClock
+from sattrack.runtime.callers import CallerLimits, HostNames
 from sattrack.servers.alpaca.process import (
     A_SECOND,
     A_SECOND_EACH,
@@ -21,7 +22,6 @@ from sattrack.servers.alpaca.process import (
     Front,
     Gate,
 )
-from sattrack.servers.callers import CallerLimits, HostNames
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable

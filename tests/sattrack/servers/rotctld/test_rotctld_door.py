@@ -13,7 +13,7 @@ from door_serving import call
 from hamlib_exchanges import EXCHANGES
 from rotctld_setup import NOON_NS, make_rotator
 
-from sattrack.servers.callers import CallerLimits, Opening, Seat, listen
+from sattrack.runtime.callers import CallerLimits, Opening, Seat, listen
 from sattrack.servers.rotctld.door import RotctldServer
 from sattrack.servers.rotctld.serve import client_maker
 

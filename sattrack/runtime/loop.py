@@ -1,0 +1,253 @@
+"""The loop that feeds a mount in real time: one thread, one `select`, absolute deadlines."""
+
+from __future__ import annotations
+
+import select
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+
+from sattrack.core.errors import SattrackError
+from sattrack.core.realtime import undisturbed
+from sattrack.mount.xerxes.datagrams import Command, encode_command
+from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from sattrack.core.realtime import Grant
+    from sattrack.mount.model import MountProfile
+    from sattrack.runtime.console import Connection
+    from sattrack.runtime.signals import StopRequest
+
+LEAD_S = 0.002
+"""How long before it is due a datagram is computed: several times as long as that takes."""
+LATE_ENOUGH_TO_SKIP_S = 0.5
+LAST_STOPS = 40
+
+
+class DriverLike(Protocol):
+    """A driver of one mount, or what holds one: statuses in, datagrams out; all instants are our UTC."""
+
+    @property
+    def profile(self) -> MountProfile:
+        """What is known of the mount."""
+
+    @property
+    def finished(self) -> bool:
+        """Whether there is nothing left to do."""
+
+    @property
+    def mount_stopped(self) -> bool | None:
+        """Whether the mount was told to stop and seen at rest; None: not needed, or not known."""
+
+    def receive(self, data: bytes, arrival_utc_s: float) -> object:
+        """Take one datagram from the mount."""
+
+    def tick(self, now_utc_s: float) -> bytes | None:
+        """Return the datagram to send at an instant, if any; called once a period."""
+
+
+@dataclass(slots=True)
+class RealtimeLoop:
+    """Feeds a driver's datagrams to a mount until the driver is finished, each at the instant it is due.
+
+    One thread, one `select`, absolute deadlines. A datagram is computed a little before it is due, for the
+    instant at which it is due: what the computing takes, and how much that varies, is then no part of the
+    period. Whatever raises has the driver stop the mount; where its own `tick` goes on raising, stops are
+    sent without it. The first error is raised at the end.
+
+    Subclasses say how the driver is stopped, and do their own part in the methods that do nothing here.
+    """
+
+    reported: ClassVar[tuple[type[Exception], ...]] = ()
+    """Errors that the summary of the run reports: they are not raised."""
+
+    connection: Connection
+    stop: StopRequest
+    driver: DriverLike
+    grant: Grant | None = field(default=None, init=False)
+    """What the system granted for the run; None before it."""
+    ticks: int = field(default=0, init=False)
+    error: Exception | None = field(default=None, init=False)
+    _due_s: float = field(default=0.0, init=False)
+
+    @property
+    def period_s(self) -> float:
+        """How often a datagram is due, seconds of the monotonic clock."""
+        return self.driver.profile.period_s / self.connection.clock.speed
+
+    @property
+    def rest(self) -> bool | None:
+        """What the guardian is told of the mount at the end."""
+        return self.driver.mount_stopped
+
+    def readers(self) -> Sequence[Any]:
+        """Return what to wait for beside the mount."""
+        return ()
+
+    def writers(self) -> Sequence[Any]:
+        """Return what to wait for to take more."""
+        return ()
+
+    def serve(self, ready: list[Any]) -> None:
+        """Do what must be done with the readers that are ready; called whenever the loop has waited."""
+
+    def flush(self) -> None:
+        """Send to writers what waits for them."""
+
+    def take(self, data: bytes, arrival_utc_s: float) -> None:
+        """Take one datagram from the mount."""
+        self.driver.receive(data, arrival_utc_s)
+
+    def heard(self) -> None:
+        """Take notice that the mount has said something."""
+
+    def obey(self, now_utc_s: float) -> None:
+        """Do what was asked for meanwhile; called once a period, before the datagram is computed."""
+
+    def interrupt(self, now_utc_s: float) -> None:
+        """Have the driver stop the mount, and be finished then; called every period from the request on."""
+        raise NotImplementedError
+
+    def fail(self, error: Exception, now_utc_s: float) -> None:
+        """Have the driver stop the mount, and be finished then, for the first error."""
+        raise NotImplementedError
+
+    def sent(self, now_utc_s: float, datagram: bytes) -> None:
+        """Take notice of a datagram that has just left, computed for an instant."""
+
+    def repeat(self) -> None:
+        """Send the last datagram once more, if that is wanted."""
+
+    def report(self) -> None:
+        """Say what has changed; called once a period, when the next datagram is longest away."""
+
+    def gather(self) -> None:
+        """Take the truth from a simulated mount, wanted or not: its pipe must not fill up."""
+        if self.connection.simulated is not None:
+            self.connection.simulated.truths()
+
+    def shift_s(self, now_utc_s: float) -> float:
+        """Return how much longer the next period is than the others, seconds of UTC."""
+        del now_utc_s
+        return 0.0
+
+    def due_s(self) -> float:
+        """Return when the next datagram is due, by the monotonic clock."""
+        return self._due_s
+
+    def run(self) -> Any:
+        """Run to the end; raises the first error, once the mount is stopped."""
+        self.feed()
+        guard = self.connection.guard
+        if guard.deposed:
+            raise SattrackError(guard.trouble)
+        guard.release(self.rest)
+        self.raise_error()
+
+    def raise_error(self) -> None:
+        """Raise the first error, unless it is reported elsewhere."""
+        if self.error is not None and not isinstance(self.error, self.reported):
+            raise self.error
+
+    def feed(self) -> None:
+        """Feed the mount until the driver is finished, or the mount is taken away."""
+        with undisturbed() as self.grant:
+            self._due_s = time.monotonic()
+            while not self.driver.finished and not self.connection.guard.deposed:
+                self.guarded(self._wait_until_due)
+                self.guarded(self.heed_guard)
+                self.guarded(self._obey)
+                self.guarded(self._send)
+                self.guarded(self.repeat)
+                self.guarded(self.report)
+                self.ticks += 1
+                self._due_s += self.period_s
+                self.guarded(self._shift)
+                if time.monotonic() - self._due_s > LATE_ENOUGH_TO_SKIP_S:
+                    self._due_s = time.monotonic()
+
+    def guarded(self, part: Callable[..., None], *arguments: Any) -> None:
+        """Do one part of a turn; an error in it turns the run into a stop of the mount."""
+        try:
+            part(*arguments)
+        except Exception as error:
+            if self.error is None:
+                self.error = error
+                self.fail(error, self.connection.now_utc_s())
+            elif part == self._send:
+                self._stop_without_driver()
+                raise
+
+    def heed_guard(self) -> None:
+        """Stop where somebody asks for it from outside, or where the guardian is lost, or has the mount."""
+        guard = self.connection.guard
+        if guard.stop_asked:
+            self.stop.ask()
+        if guard.trouble is not None:
+            raise SattrackError(guard.trouble)
+
+    def send_copy(self, repeat: Callable[[], bytes | None]) -> bytes | None:
+        """Send what is to go out once more, a part of a period after the first; return it."""
+        due_s = self._due_s + REPEAT_AFTER_PERIODS * self.period_s
+        self._wait(lambda: due_s)
+        if self.stop.asked or self.connection.guard.deposed:
+            return None
+        datagram = repeat()
+        if datagram is not None:
+            self.connection.link.send(datagram)
+        return datagram
+
+    def _obey(self) -> None:
+        now_utc_s = self.connection.now_utc_s()
+        if self.stop.asked:
+            self.interrupt(now_utc_s)
+        self.obey(now_utc_s)
+        self.gather()
+
+    def _wait_until_due(self) -> None:
+        self._wait(lambda: self.due_s() - LEAD_S)
+
+    def _wait(self, until_s: Callable[[], float]) -> None:
+        """Wait for an instant, taking datagrams and serving whoever is ready as they come."""
+        connection = self.connection
+        while True:
+            left_s = max(0.0, until_s() - time.monotonic())
+            watched = [connection.link, *self.readers()]
+            ready, takes_more, _ = select.select(watched, self.writers(), [], left_s)
+            if connection.link in ready:
+                for arrival in connection.link.receive():
+                    self.take(arrival.data, connection.clock.utc_s(arrival.monotonic_s))
+                self.heard()
+            self.serve(ready)
+            if takes_more:
+                self.flush()
+            if time.monotonic() >= until_s():
+                return
+
+    def _send(self) -> None:
+        """Compute the datagram and send it when it is due, to the guardian's knowledge."""
+        connection, due_s = self.connection, self.due_s()
+        now_utc_s = connection.clock.utc_s(max(due_s, time.monotonic()))
+        datagram = self.driver.tick(now_utc_s)
+        while (left_s := due_s - time.monotonic()) > 0.0:
+            # Whoever asks while a datagram waits to be due is not kept waiting.
+            ready, _, _ = select.select(self.readers(), [], [], left_s)
+            if ready:
+                self.guarded(self.serve, ready)
+        if connection.guard.beat(datagram) and datagram is not None:
+            connection.link.send(datagram)
+            self.guarded(self.sent, now_utc_s, datagram)
+
+    def _shift(self) -> None:
+        connection = self.connection
+        self._due_s += self.shift_s(connection.now_utc_s()) / connection.clock.speed
+
+    def _stop_without_driver(self) -> None:
+        """Send stops without anything that may be broken."""
+        for counter in range(LAST_STOPS):
+            stop = encode_command(Command(counter, abort=counter > 0))
+            if self.connection.guard.beat(stop):
+                self.connection.link.send(stop)
+            time.sleep(self.period_s)
