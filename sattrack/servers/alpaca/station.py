@@ -214,8 +214,9 @@ class TelescopeStation:
 
     @property
     def _is_slewing(self) -> bool:
-        """Whether the mount slews, or brakes at the end of what was stopped."""
-        status, stopping = self.session.status, self.console.stopping and not self.session.stopped
+        """Whether the mount slews, or a stop is not yet over: nothing else can begin before."""
+        ended = self.session.stopped and self.console.procedure is None
+        status, stopping = self.session.status, self.console.stopping and not ended
         return stopping or (self._drive is None and status is not None and status.slewing)
 
     @property

@@ -9,13 +9,13 @@ from dataclasses import dataclass, field
 import pytest
 
 from sattrack.control.manual.console import Console
-from sattrack.core import realtime
 from sattrack.core.clock import SystemClock
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import MountProfile
 from sattrack.mount.requests import Abort
 from sattrack.mount.xerxes.client import Address, UdpLink
 from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_command
+from sattrack.runtime import loop
 from sattrack.runtime.console import Connection, ConsoleLoop, OrderInbox
 from sattrack.runtime.signals import StopRequest
 from sattrack.safety import SafetyLimits
@@ -96,7 +96,7 @@ def test_one_failure_is_told_to_the_part_which_goes_on(
 def test_what_goes_on_failing_ends_with_stops_said_without_it(
     mount_socket: socket.socket, connection: Connection, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(realtime, "LAST_STOPS", 5)
+    monkeypatch.setattr(loop, "LAST_STOPS", 5)
     with pytest.raises(RuntimeError, match="broken"):
         ConsoleLoop(connection, StopRequest(), BrokenPart(fails=9), lambda _: None).run()
     assert [command.abort for command in heard(mount_socket)[2:]] == [False, True, True, True, True]
