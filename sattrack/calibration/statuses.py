@@ -13,8 +13,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sattrack.control.latency import SIDEREAL_SECONDS_PER_SECOND
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Readings, Status
 from sattrack.mount.xerxes.datagrams import DOUBTFUL, DatagramError, decode_status, status_readings
+from sattrack.mount.xerxes.link import RESTART_PROOF
 from sattrack.mount.xerxes.standstill import Positions
 
 if TYPE_CHECKING:
@@ -61,10 +63,8 @@ class TurnForecast:
         return self._at[before] + (counter - before) * self.mean_s
 
 
-SIDEREAL_SECONDS_PER_SECOND = 1.00273790935
 RESTART_COUNTS = 50
 """A counter that falls by less than this is a late datagram's."""
-RESTART_PROOF = 3
 STILL_WITHIN_DEG_S = 5e-4
 STILL_STATUSES = 6
 STILL_SPAN_S = 0.25

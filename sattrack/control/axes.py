@@ -12,7 +12,7 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sattrack.control.kalman import AxisFilter
+from sattrack.control.kalman import SURPRISE_SIGMAS, AxisFilter
 from sattrack.control.response import SETTLED_S, TURN_S, Commanded, Step, Turn, rest_of
 from sattrack.core.angles import wrap180
 
@@ -29,7 +29,6 @@ GAP_S = 5.0
 """A gap in the samples after which the filters begin anew."""
 STUCK_DEG, STUCK_TICS = 2.0 / 3600.0, 3.0
 """A reported place that stays the same to the last bit while commands move the axis so far is no reading."""
-SURPRISE_SIGMAS = 4.0
 EXPLAINED_SHARE = 0.25
 """Another command is believed to have acted where it leaves less than this share of the surprise, squared."""
 OTHERS = (-1, 1, -2)

@@ -25,6 +25,10 @@ ASTRAY_S = 0.2
 """A turn this far from where it was foretold is of a loop that stood still, or of a clock that was set."""
 SHORTEST_BASE = 20
 LARGEST_PERIOD_ERROR = 0.5
+MOST_SHIFT_S, SHIFT_SHARE = 0.0002, 0.02
+"""How fast the sending falls into step with the mount's loop: too slow for the period to show it."""
+EDGE_PERIODS = 2.0
+"""How many periods the rates of one edge act, until it is learnt."""
 
 
 @dataclass(slots=True)
@@ -83,6 +87,12 @@ class MountLoop:
             return 0.0
         ahead_s = self.first_from(arrival_utc_s) - arrival_utc_s
         return ahead_s - 0.5 * self.mean_period_s
+
+    def send_shift_s(
+        self, arrival_utc_s: float, most_s: float = MOST_SHIFT_S, share: float = SHIFT_SHARE
+    ) -> float:
+        """Return the delay of the next datagram beyond one period, seconds: a bounded share of the shift."""
+        return max(-most_s, min(most_s, share * self.shift_s(arrival_utc_s)))
 
     def first_from(self, utc_s: float) -> float:
         """Return the first turn expected at or after an instant. Needs one turn noted."""

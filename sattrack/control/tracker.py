@@ -16,7 +16,7 @@ from sattrack.control.approach import Approach, Stand, Step
 from sattrack.control.axes import Axes
 from sattrack.control.detour import Detour, Passage, Place
 from sattrack.control.feeder import Learning, Way, ramped_deg_s, rate_deg_s
-from sattrack.control.history import CommandHistory, MountLoop, SentRates
+from sattrack.control.history import EDGE_PERIODS, CommandHistory, MountLoop, SentRates
 from sattrack.control.latency import KnownClock, MountClock
 from sattrack.control.law import ControlLaw
 from sattrack.control.rest import Rest
@@ -34,18 +34,15 @@ if TYPE_CHECKING:
 
 ACQUIRED_AFTER_SAMPLES = 10
 LOST_ARCSEC = 120.0
-MOST_SHIFT_S = 0.0002
-SHIFT_SHARE = 0.02
 IDLE_SHIFT_S, IDLE_SHIFT_SHARE = 0.002, 0.2
-"""How fast the sending falls into step with the mount's loop: too slow for the period to show it."""
+"""How fast the sending falls into step with the mount's loop before anything is followed."""
 UNDATED_AT_MOST = 15
 """Samples in a row dated no later than the one before that are left out: a clock is learnt anew meanwhile."""
 SAME_INSTANT_S = 0.0005
 FORETOLD_KEPT = 12
 Rates = tuple[float, float]
-EDGE_PERIODS = 2.0
 MOST_EDGE_PERIODS = 12.0
-"""How long the rates of one edge act: until the next, which the handshake lets through after some periods."""
+"""The longest that the rates of one edge act: until the next, which the handshake lets through."""
 
 
 class Phase(StrEnum):
@@ -419,10 +416,10 @@ class Tracker:
 
     def send_shift_s(self, now_utc_s: float) -> float:
         """Return the delay of the next datagram beyond one period from now, seconds."""
-        shift_s = self._loop.shift_s(now_utc_s + self._history.delay_s)
+        arrival_utc_s = now_utc_s + self._history.delay_s
         if self.phase not in FOLLOWING:
-            return max(-IDLE_SHIFT_S, min(IDLE_SHIFT_S, IDLE_SHIFT_SHARE * shift_s))
-        return max(-MOST_SHIFT_S, min(MOST_SHIFT_S, SHIFT_SHARE * shift_s))
+            return self._loop.send_shift_s(arrival_utc_s, IDLE_SHIFT_S, IDLE_SHIFT_SHARE)
+        return self._loop.send_shift_s(arrival_utc_s)
 
     def note_sent(self, motion: Motion, now_utc_s: float) -> None:
         """Note what was really sent, after safety had its say: the filters are driven by that."""

@@ -27,7 +27,7 @@ from sattrack.views.messages import (
     YieldControl,
     decode_said,
 )
-from sattrack.views.run import STARTER, Armed, SessionView, Watcher
+from sattrack.views.run import SAME_PASS_S, STARTER, Armed, SessionView, Watcher
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from sattrack.runtime.observers import Observers
 
 MOST_ARMED = 12
-SAME_PASS_S = 120.0
 LONGEST_NAME = 24
 NAMED = 8
 """So many of those who look on are named in a view, which has to stay small."""

@@ -14,7 +14,7 @@ from sattrack.core.utc_json import decode_utc, encode_utc
 from sattrack.mount.model import MountProfile
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
-from sattrack.views.run import RememberedView
+from sattrack.views.run import SAME_PASS_S, RememberedView
 from tle.bias import Bias
 from tle.elements import Elements
 from tle.errors import TleError
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
 
 SEARCH_HOURS = 48.0
-SAME_PASS_S = 120.0
 SIMULATED = "sim"
 """The name of the simulated mount, as `--mount` has it."""
 SETTLING_PERIODS = 2.0

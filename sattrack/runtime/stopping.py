@@ -15,6 +15,7 @@ from sattrack.mount.xerxes.client import Address, nobody_listens
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.runtime.console import Connection
 from sattrack.runtime.guard import owned
+from sattrack.runtime.guardian import GONE_AFTER_S
 from sattrack.runtime.loop import RealtimeLoop
 from sattrack.runtime.mounts import owned_address
 from sattrack.runtime.owner import GoesOn, Taken, ask_stop, owner_of, utc_now
@@ -32,7 +33,6 @@ GIVE_UP = "`sattrack stop --give-up` ends that"
 FREE_WITHIN_S = 10.0
 """How long a session that has stopped its mount may take to close its recording and end."""
 LOOK_AGAIN_S = 0.05
-GONE_AFTER_S = 1.0
 
 
 class MountStop(msgspec.Struct, frozen=True):

@@ -13,16 +13,13 @@ import msgspec
 from msgspec.structs import replace
 
 from sattrack.schedule.schema import Terms
+from sattrack.views.run import SAME_PASS_S
 from sattrack.views.schedule import LostTo
 from tle.elements import Elements
 from tle.instants import DAY_S
 
 if TYPE_CHECKING:
     from sattrack.schedule.schema import Action
-
-
-SAME_PASS_S = 120.0
-"""Passes of one satellite that culminate within so long of one another are the same."""
 
 
 class RunState(StrEnum):

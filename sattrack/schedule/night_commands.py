@@ -35,7 +35,6 @@ MOST_WORDS = 160
 PREFIX = "SATTRACK_"
 MOST_BYTES = 4096
 """Of an answer about the weather."""
-CLIENT_ID = 7711
 
 
 def facts_of(one: NightPass, schedule: str, when: str, result: Result | None = None) -> dict[str, Any]:
@@ -177,9 +176,6 @@ class Notifier:
                 self._tasks.begin(f"notify by {one.run[0]}", program)
             elif one.url is not None:
                 self._tasks.begin("notify by its address", partial(post, one.url, facts, one.timeout_s))
-
-
-MOST_BYTES = 4096
 
 
 class WeatherReport(NamedTuple):

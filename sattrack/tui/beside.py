@@ -17,6 +17,7 @@ from sattrack.runtime.owner import owners
 from sattrack.tui.child import ConsoleProcess
 from sattrack.tui.console_feed import Latest
 from sattrack.views.messages import Leave
+from sattrack.views.run import SAME_PASS_S
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 HOURS = 12.0
 LOWEST_PRIORITY = 19
 GRACE_S = 2.0
-SAME_PASS_S = 120.0
 
 
 class PassRow(msgspec.Struct, frozen=True):

@@ -7,17 +7,18 @@ from typing import TYPE_CHECKING, NamedTuple
 from textual.content import Content
 
 from sattrack.tui import words
-from sattrack.tui.beside import SAME_PASS_S, PassRow
 from sattrack.tui.look import DIM, PLATE, SPOKEN
 from sattrack.tui.panels import ListPage, Row, rows_content
 from sattrack.tui.scene import Tone
 from sattrack.views.messages import Arm, Disarm
+from sattrack.views.run import SAME_PASS_S
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from textual.events import Click
 
+    from sattrack.tui.beside import PassRow
     from sattrack.tui.scene import Scene
     from sattrack.views.messages import SessionMessage
     from sattrack.views.run import Armed

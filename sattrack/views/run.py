@@ -9,6 +9,9 @@ import msgspec
 
 from sattrack.mount.model import LinkView, Readings, Status
 
+SAME_PASS_S = 120.0
+"""Passes of one satellite that culminate within so long of one another are the same."""
+
 
 class ErrorView(msgspec.Struct, frozen=True, gc=False):
     """Mount minus target on the sky, arcseconds, at the instant of one status (UTC, POSIX seconds).

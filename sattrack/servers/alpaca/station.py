@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 
 from sattrack.control.halt import StopProcedure
 from sattrack.control.manual.console import Console
+from sattrack.control.manual.errand import DONE
 from sattrack.control.manual.procedures import Once
 from sattrack.control.tracker import FOLLOWING
 from sattrack.mount.model import Hold
-from sattrack.mount.requests import FineRate, TicketState
+from sattrack.mount.requests import FineRate
 from sattrack.mount.xerxes.states import LinkState
 from sattrack.servers.alpaca.drive import AfterStop, Drive, Operation, check_floor, procedure_of, refuse
 from sattrack.servers.alpaca.messages import (
@@ -50,7 +51,6 @@ if TYPE_CHECKING:
     from sattrack.servers.alpaca.messages import NumberedOrder, Order, TelescopeState
     from tle.site import Site
 
-DONE = frozenset({TicketState.COMPLETE, TicketState.UNCONFIRMED})
 MOVING_KINDS = frozenset({"slew", "park", "home"})
 HELD_KINDS = frozenset({"sync", "fine", "tracking"})
 """What is answered when it has come to its end, as it takes a few datagrams at most."""

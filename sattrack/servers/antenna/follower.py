@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from sattrack.control.axes import Axes
 from sattrack.control.feeder import Way, ramped_deg_s, rate_deg_s
-from sattrack.control.history import CommandHistory, MountLoop, SentRates
+from sattrack.control.history import EDGE_PERIODS, CommandHistory, MountLoop, SentRates
 from sattrack.control.latency import KnownClock, MountClock
 from sattrack.mount.model import Motion, MountProfile, MoveAxes, StatusSample
 
@@ -21,12 +21,8 @@ if TYPE_CHECKING:
 
     from sattrack.servers.antenna.sky import Sky
 
-EDGE_PERIODS = 2.0
-"""How many periods the rates of one edge act."""
 OLDEST_S = 0.3
 """A sample older than this says nothing of where the axes are now."""
-MOST_SHIFT_S = 0.0002
-SHIFT_SHARE = 0.02
 
 
 class Stand(NamedTuple):
@@ -133,8 +129,7 @@ class Follower:
 
     def send_shift_s(self, now_utc_s: float) -> float:
         """Return the delay of the next datagram beyond one period, seconds of UTC."""
-        shift_s = self._loop.shift_s(now_utc_s + self._profile.command_delay_s)
-        return max(-MOST_SHIFT_S, min(MOST_SHIFT_S, SHIFT_SHARE * shift_s))
+        return self._loop.send_shift_s(now_utc_s + self._profile.command_delay_s)
 
     def _predicted(self, axes: Axes, utc_s: float) -> tuple[float, float, float, float]:
         """Return right ascension, declination and their rates at an instant near the last sample."""

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from sattrack.servers.antenna.led_mount import PathDriver
+from sattrack.servers.antenna.led_mount import RATE_STEP_S, PathDriver
 from sattrack.servers.antenna.sky import AzEl, HaDec
 from sattrack.servers.antenna.trajectory import NS, AxisState, Path, Straight
 from sattrack.servers.rotctld.reader import Code
@@ -63,7 +63,6 @@ RETURN_S = 4.0
 LEAST_BLEND_S, MOST_BLEND_S = 1.0, 3.0
 BLEND_DEG_S2 = 0.5
 """A bend is let go of so slowly that this acceleration is enough, as far as that is within those times."""
-RATE_STEP_S = 0.05
 MOVE_RATE_DEG_S = 2.0
 """What speed 100 of a move is."""
 MOVE_MOST_S = 10.0
