@@ -10,6 +10,7 @@ from typing import Literal
 import msgspec
 
 from sattrack.core.errors import BadInputError
+from sattrack.core.local_time import is_zone
 from sattrack.core.toml_text import line_of_key, read_toml
 from sattrack.safety.settings import SafetySettings
 from tle.site import Site
@@ -57,6 +58,10 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     site: SiteSettings | None = None
     elements: tuple[str, ...] = ()
+    fetch_by_name: bool = True
+    """Whether CelesTrak may be asked for a satellite that is named where no elements are set."""
+    zone: str | None = None
+    """The time zone in which people read times, as Europe/Amsterdam; None for the system's."""
     mount: MountSettings = MountSettings()
     min_altitude_deg: float = 10.0
     safety: SafetySettings = SafetySettings()
@@ -65,6 +70,8 @@ class Settings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
 
 FILE_NAME = "sattrack.toml"
+NO_SITE = "no site: give --site LAT,LON,HEIGHT, or run `sattrack init`"
+NO_ELEMENTS = "no elements: give --elements FILE or celestrak:GROUP, or run `sattrack init`"
 
 
 def user_settings_file() -> Path:
@@ -93,6 +100,11 @@ def load_settings(explicit: Path | None = None) -> Settings:
     if path is None:
         return Settings()
     settings = read_toml(path, Settings, "the settings")
+    if settings.zone is not None and not is_zone(settings.zone):
+        raise BadInputError(
+            f"{path}{line_of_key(path, 'zone')}: zone {settings.zone!r} is no time zone: "
+            "write it as Europe/Amsterdam, or UTC"
+        )
     here = path.parent
     elements = tuple(s if s == "-" or _names_a_provider(s) else str(here / s) for s in settings.elements)
     mount = settings.mount

@@ -29,6 +29,13 @@ _SIX_DIGITS_SINCE = Utc.parse("2026-07-11T00:00:00Z")
 # Compiled where it is used: most runs need none of these.
 _QUERY = r"https?://[^\s\"'<>]*/(?:sup-)?gp\.php\?([^\s\"'<>]*)"
 _HEAD = 2000
+COMMON_NAMES = {
+    "iss": 25544,
+    "hubble": 20580,
+    "tiangong": 48274,
+    "css": 48274,
+}
+"""Catalogue numbers of satellites that people call by a name that no catalogue has, or that several share."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,11 +127,12 @@ def find(elements: Sequence[Elements], key: str) -> Elements:
 
     The key is a catalogue number (Alpha-5 too), an international designator (1998-067A, 98067A;
     1998-067 for all that one launch brought) or a name;
-    case, accents and punctuation do not count. An exact name wins over names that begin with the key, those
-    over names that contain it. Raises SatelliteNotFoundError, AmbiguousSatelliteError.
+    case, accents and punctuation do not count. An exact name wins over a common one (`COMMON_NAMES`), that
+    over names that begin with the key, those over names that contain it.
+    Raises SatelliteNotFoundError, AmbiguousSatelliteError.
     """
     wanted = key.strip()
-    for rule in (_by_number, _by_designator, _by_name, _by_start, _by_part):
+    for rule in (_by_number, _by_designator, _by_name, _by_common_name, _by_start, _by_part):
         found = newest(rule(elements, wanted))
         if len(found) == 1:
             return found[0]
@@ -174,6 +182,11 @@ def _by_designator(elements: Sequence[Elements], key: str) -> list[Elements]:
 def _by_name(elements: Sequence[Elements], key: str) -> list[Elements]:
     plain = _plain(key)
     return [e for e in elements if plain and _plain(e.name) == plain]
+
+
+def _by_common_name(elements: Sequence[Elements], key: str) -> list[Elements]:
+    number = COMMON_NAMES.get(_plain(key))
+    return [e for e in elements if e.catalog_number == number]
 
 
 def _by_start(elements: Sequence[Elements], key: str) -> list[Elements]:

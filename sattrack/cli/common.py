@@ -16,7 +16,7 @@ import msgspec
 
 from sattrack.core.clock import Clock, make_clock
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.settings import Settings, find_settings_file, load_settings
+from sattrack.settings import NO_ELEMENTS, NO_SITE, Settings, find_settings_file, load_settings
 from tle.site import Site
 
 if TYPE_CHECKING:
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
+    from sattrack.core.local_time import LocalTime
     from sattrack.elements.downloads import Downloads
     from sattrack.mount.profiles import ProfileFile
     from sattrack.tui.appearance import Appearance
@@ -45,6 +46,7 @@ class CommandContext:
     clock_option: str | None
     json: bool
     debug: bool
+    utc: bool = False
 
     def has_site(self) -> bool:
         """Tell whether a site was given anywhere."""
@@ -56,22 +58,39 @@ class CommandContext:
             return Site.parse(self.site_option)
         if self.settings.site is not None:
             return self.settings.site.place()
-        raise BadInputError("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
+        raise BadInputError(NO_SITE)
+
+    def followed(self, satellite: str, mount_url: str | None) -> tuple[list[Elements] | None, Site | None]:
+        """Return the elements and the site to follow a satellite with; both None for practice.
+
+        Practice is with a simulated mount where neither is set. Raises what `elements` and `site` may.
+        """
+        if mount_url in (None, "sim") and not self.sources() and not self.has_site():
+            return None, None
+        site = self.site()
+        return self.elements(satellite), site
+
+    def local_time(self) -> LocalTime:
+        """Return how people read times here: UTC with --utc, else in the settings' zone or the system's."""
+        from sattrack.core.local_time import LocalTime
+
+        return LocalTime.named("UTC" if self.utc else self.settings.zone)
 
     def sources(self) -> tuple[str, ...]:
         """Return the element sources: the options', else the settings file's."""
         return self.element_sources or self.settings.elements
 
-    def elements(self) -> list[Elements]:
+    def elements(self, *satellites: str) -> list[Elements]:
         """Read all element sources, the newest epoch of an object winning.
 
+        Where none is set, the named satellites are fetched one by one from CelesTrak.
         Sets that are refused beside good ones are named on standard error. Raises BadInputError, TleError.
         """
         from tle.sources import newest
 
         sources = self.sources()
         if not sources:
-            raise BadInputError("no elements: give --elements FILE or set elements in sattrack.toml")
+            return newest(self.fetched(satellites))
         sets = self.load(sources)
         if sets.rejected and not sets.accepted:
             raise sets.rejected[0]
@@ -80,6 +99,18 @@ class CommandContext:
             count = len(sets.rejected) + len(sets.accepted)
             tell(f"{len(sets.rejected)} of {count} element sets refused, the first: {first}")
         return newest(sets.accepted)
+
+    def fetched(self, satellites: Sequence[str]) -> list[Elements]:
+        """Return elements of satellites as CelesTrak has them; raises BadInputError where that cannot be."""
+        if not satellites or not self.settings.fetch_by_name:
+            raise BadInputError(NO_ELEMENTS)
+        from sattrack.elements.downloads import DownloadError
+
+        downloads = _downloads()
+        try:
+            return [one for key in satellites for one in downloads.fetch_satellite(key)]
+        except DownloadError as error:
+            raise BadInputError(str(error)) from error
 
     def load(self, sources: Sequence[str]) -> ElementSets:
         """Read element sources, good sets and refused ones; notes on them go to standard error.
@@ -120,6 +151,16 @@ def tell(words: str) -> None:
     click.echo(f"sattrack: {words}", err=True)
 
 
+def write_file(path: Path, text: str) -> None:
+    """Put text into a file whole: a file that is read meanwhile, or was there, is never left half written."""
+    part = path.with_name(f".{path.name}.part")
+    try:
+        part.write_text(text, encoding="utf-8")
+        part.replace(path)
+    except OSError as error:
+        raise SattrackError(f"{path}: cannot be written: {error.strerror or error}") from error
+
+
 def table(*heads: str, rows: Iterable[Sequence[str]] = ()) -> Table:
     """Return a table for `show`; a head that begins with > is of numbers, empty ones are not shown.
 
@@ -153,15 +194,19 @@ def renew(words: str = "") -> None:
     click.echo(f"\r\x1b[K{words}", nl=False, err=True)
 
 
+def _downloads() -> Downloads:
+    from sattrack.elements.downloads import Downloads
+
+    return Downloads(tell, _show_progress if sys.stderr.isatty() else None)
+
+
 def _fetcher() -> Callable[[str], str]:
     """Return what fetches URLs; the network's modules are imported when the first is asked for."""
     downloads: list[Downloads] = []
 
     def fetch(source: str) -> str:
-        from sattrack.elements.downloads import Downloads
-
         if not downloads:
-            downloads.append(Downloads(tell, _show_progress if sys.stderr.isatty() else None))
+            downloads.append(_downloads())
         return downloads[0].fetch(source)
 
     return fetch
@@ -270,6 +315,7 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
     @click.option(
         "--json", "as_json", is_flag=True, help="JSON on standard output, messages on standard error."
     )
+    @click.option("--utc", is_flag=True, help="Times that people read in UTC, not in the local zone.")
     @click.option("--debug", is_flag=True, help="Show tracebacks.")
     @functools.wraps(function)
     def wrapper(
@@ -279,11 +325,12 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
         element_sources: tuple[str, ...],
         clock_option: str | None,
         as_json: bool,
+        utc: bool,
         debug: bool,
         **rest: Any,
     ) -> Any:
         settings = load_settings(config)
-        context = CommandContext(settings, site_option, element_sources, clock_option, as_json, debug)
+        context = CommandContext(settings, site_option, element_sources, clock_option, as_json, debug, utc)
         named = (settings.safety.horizon, settings.mount.profile, rest.get("profile"))
         watch = SettingsWatch(config, [Path(path) for path in named if path is not None])
         result = function(context, **rest)

@@ -104,7 +104,7 @@ def check_settings(path: Path | None, error: str | None) -> Check:
 
 def check_site(site: Site | None, error: str | None) -> Check:
     """Judge where the mount stands."""
-    ways = ("give --site LAT,LON,HEIGHT, or set [site] in sattrack.toml",)
+    ways = ("give --site LAT,LON,HEIGHT, or run `sattrack init`",)
     if error is not None:
         return Check("site", "bad", error, ways)
     if site is None:

@@ -9,19 +9,18 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sattrack.cli.common import CommandContext, common_options, tell
-from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.cli.common import CommandContext, common_options, tell, write_file
+from sattrack.core.errors import BadInputError
 from tle.elements import expected_along_arcsec, expected_along_s
 from tle.errors import PropagationError, TleError
 from tle.formats.registry import WRITTEN, write_elements
 from tle.instants import Utc
 from tle.motion import Motion
-from tle.sources import find, newest
+from tle.sources import ElementSets, find, is_fetched, newest
 
 if TYPE_CHECKING:
     from tle.elements import Elements
     from tle.observations import Observation
-    from tle.sources import ElementSets
 
 _DAY_S = 86400.0
 
@@ -53,9 +52,13 @@ def get(
     """Read the SOURCES (--elements if none is named) and write the newest set of each object, as OMM or TLE.
 
     A source is a file, a folder, - (standard input), a URL, celestrak:GROUP, celestrak:NUMBER,
-    spacetrack:all or spacetrack:NUMBER. Ends with 1 where any set is refused.
+    spacetrack:all, spacetrack:NUMBER, or a satellite, which is asked of CelesTrak: ISS, 25544, 1998-067A.
+    Ends with 1 where any set is refused.
     """
-    sets = context.load(_places(context, sources))
+    named = [source for source in sources if _is_satellite(source)]
+    others = tuple(source for source in sources if source not in named)
+    sets = ElementSets() if named and not others else context.load(_places(context, others))
+    sets.accepted.extend(context.fetched(named) if named else ())
     if sets.rejected and not sets.accepted:
         raise sets.rejected[0]
     _tell_refused(sets)
@@ -68,7 +71,7 @@ def get(
     if output is None:
         click.echo(text, nl=False)
     else:
-        _write_file(output, text)
+        write_file(output, text)
         tell(f"{len(chosen)} element sets written to {output}")
     return 1 if sets.rejected else 0
 
@@ -78,7 +81,7 @@ def get(
 @common_options
 def show(context: CommandContext, satellites: tuple[str, ...]) -> int:
     """Tell what the elements of the SATELLITES say, and what their age means; a line each for all."""
-    elements = context.elements()
+    elements = context.elements(*satellites)
     now = context.now()
     chosen = [find(elements, key) for key in satellites] if satellites else elements
     rows = [_described(one, now) for one in chosen]
@@ -134,6 +137,11 @@ def _places(context: CommandContext, sources: tuple[str, ...]) -> tuple[str, ...
     return places
 
 
+def _is_satellite(source: str) -> bool:
+    """Tell whether a source names a satellite: it is no file that exists, and looks like no path."""
+    return not (source == "-" or is_fetched(source) or set("/.:") & set(source) or Path(source).exists())
+
+
 def _tell_refused(sets: ElementSets) -> None:
     for error in sets.rejected:
         tell(f"refused: {str(error).splitlines()[0]}")
@@ -141,16 +149,6 @@ def _tell_refused(sets: ElementSets) -> None:
 
 def _utc_now() -> Utc:
     return Utc.of(time.time())
-
-
-def _write_file(path: Path, text: str) -> None:
-    """Put text into a file whole: a file that is read meanwhile, or was there, is never left half written."""
-    part = path.with_name(f".{path.name}.part")
-    try:
-        part.write_text(text, encoding="utf-8")
-        part.replace(path)
-    except OSError as error:
-        raise SattrackError(f"{path}: cannot be written: {error.strerror or error}") from error
 
 
 def _described(one: Elements, now: Utc) -> dict[str, Any]:

@@ -86,7 +86,7 @@ _TABLE = (
 @common_options
 def command(context: CommandContext, satellite: str, **options: Any) -> int:
     """Give directions and rates of SATELLITE, a catalogue number, international designator or name."""
-    elements = find(context.elements(), satellite)
+    elements = find(context.elements(satellite), satellite)
     site = context.site()
     start = Utc.parse(options["start"]) if options["start"] else context.now()
     stop = Utc.parse(options["stop"]) if options["stop"] else start.plus(_DEFAULT_SPAN_S)

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 COMMANDS = {
+    "init": "Ask for place, mount and satellites, and write the settings file.",
     "demo": "Show a real pass with a simulated mount; needs nothing else.",
     "ephemeris": "Print directions and rates of a satellite.",
     "passes": "List the coming passes of one satellite, some, or a whole catalogue.",

@@ -17,6 +17,7 @@ from sattrack import __version__
 from sattrack.cli.common import CommandContext, common_options, mount_option, renew, show, table, tell
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
 from sattrack.runtime import practice
+from sattrack.settings import NO_SITE
 
 if TYPE_CHECKING:
     from sattrack.calibration.calibrator import Calibrator
@@ -69,7 +70,7 @@ def command(context: CommandContext, **options: Any) -> int:
     site = context.site() if context.has_site() else None
     if site is None:
         if address is not None:
-            raise BadInputError("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
+            raise BadInputError(NO_SITE)
         site = practice.SITE.place()
     if address is not None:
         address = address.seen_from(site)

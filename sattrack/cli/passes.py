@@ -77,7 +77,7 @@ _SORTS = ("rise", "altitude", "magnitude", "rate", "name")
 def command(context: CommandContext, satellites: tuple[str, ...], **options: Any) -> int:
     """List coming passes of each SAT (catalogue number, designator or name), of all if none is named."""
     _check(options, context.json)
-    chosen = _chosen(context.elements(), satellites, options["pattern"])
+    chosen = _chosen(context.elements(*satellites), satellites, options["pattern"])
     start = Utc.parse(options["start"]) if options["start"] else context.now()
     known = _magnitudes(options)
     if options["faintest"] is not None:

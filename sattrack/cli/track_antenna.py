@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import sys
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
 from sattrack.cli.common import renew, tell
 from sattrack.cli.running import finish
-from sattrack.core.errors import BadInputError
 from sattrack.runtime.signals import StopRequest
 from sattrack.servers.antenna.door import parse_antenna_url
 from sattrack.servers.antenna.track import AntennaFlight, prepare_pass
@@ -20,15 +19,9 @@ if TYPE_CHECKING:
     from sattrack.runtime.prepare import RunRequest
     from sattrack.servers.antenna.antcn_run import AntcnRun
 
-NOT_WITH_ANTENNA = ("stream", "control", "observations", "profile", "learn_profile")
 
-
-def follow(context: CommandContext, request: RunRequest, options: dict[str, Any]) -> int:
+def follow(context: CommandContext, request: RunRequest) -> int:
     """Follow a pass with an antenna's controller; return the exit code."""
-    for name in NOT_WITH_ANTENNA:
-        if options.get(name):
-            option = name.replace("_", "-")
-            raise BadInputError(f"--{option} does not go with an antenna's controller; leave it out")
     assert request.mount_url is not None
     url = parse_antenna_url(request.mount_url)
     ready = prepare_pass(request, url, context.settings.safety.limits())

@@ -22,7 +22,7 @@ from sattrack.cli.running import (
 from sattrack.core.errors import BadInputError
 from sattrack.mount.profiles import write_profile
 from sattrack.runtime.fly import fly_virtual
-from sattrack.runtime.mounts import is_antenna
+from sattrack.runtime.mounts import is_antenna, mount_address
 from sattrack.runtime.observers import read_all
 from sattrack.runtime.prepare import RunRequest, prepare
 from tle.instants import Utc
@@ -33,14 +33,19 @@ if TYPE_CHECKING:
     from sattrack.runtime.prepare import Prepared
     from sattrack.views.run import Armed, Summary
 
+NOT_WITH_ANTENNA = ("stream", "control", "observations", "profile", "learn_profile", "bias_memory")
+
 
 def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> int:
     """Follow a satellite by what the command line says; return the exit code. Raises what that may."""
+    url = options["mount_url"] or context.settings.mount.url
+    _check(context, url, options)
+    elements, site = context.followed(satellite, url)
     request = RunRequest(
         satellite=satellite,
-        mount_url=options["mount_url"] or context.settings.mount.url,
-        elements=context.elements() if context.sources() else None,
-        site=context.site() if context.has_site() else None,
+        mount_url=url,
+        elements=elements,
+        site=site,
         clock_option=context.clock_option,
         min_alt_deg=context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"],
         refraction=options["refraction"],
@@ -50,7 +55,7 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
         fov_deg=context.settings.camera.fov_deg if options["fov_deg"] is None else options["fov_deg"],
         virtual=options["virtual"],
         record=options["record"],
-        profile=context.profile(options["profile"], options["mount_url"] or context.settings.mount.url),
+        profile=context.profile(options["profile"], url),
         limits=context.settings.safety.limits(),
         memory=options["bias_memory"],
         between=(_utc_s(options["begin"]), _utc_s(options["end"])),
@@ -58,16 +63,8 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
     if is_antenna(request.mount_url):
         from sattrack.cli.track_antenna import follow as follow_by_antenna
 
-        if request.memory not in {"auto", "off"}:
-            raise BadInputError("--bias-memory does not go with an antenna's controller; leave it out")
-        return follow_by_antenna(context, request, options)
-    check_new_profile(options["learn_profile"])
-    if request.virtual and (options["stream"] or options["control"]):
-        raise BadInputError("--stream and --control go with real time; leave --virtual out")
+        return follow_by_antenna(context, request)
     observations = options["observations"]
-    check_observations(observations, options["control"], context.sources())
-    if request.virtual and observations not in {None, "stdin"}:
-        raise BadInputError(f"--observations {observations}: in virtual time they come from stdin")
     prepared = prepare(request)
     check_new_profile(options["learn_profile"], prepared.clock.speed)
     if prepared.practising:
@@ -96,6 +93,24 @@ def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> 
         )
     learn_profile(options["learn_profile"], request.profile, summary)
     return finish(summary, interrupted, context.json or options["stream"])
+
+
+def _check(context: CommandContext, url: str | None, options: dict[str, Any]) -> None:
+    """Raise BadInputError for a mount that cannot be, and for options that do not go together."""
+    if is_antenna(url):
+        for name in NOT_WITH_ANTENNA:
+            if options[name] and options[name] not in {"auto", "off"}:
+                option = name.replace("_", "-")
+                raise BadInputError(f"--{option} does not go with an antenna's controller; leave it out")
+        return
+    mount_address(url)
+    check_new_profile(options["learn_profile"])
+    virtual, observations = options["virtual"], options["observations"]
+    if virtual and (options["stream"] or options["control"]):
+        raise BadInputError("--stream and --control go with real time; leave --virtual out")
+    check_observations(observations, options["control"], context.sources())
+    if virtual and observations not in {None, "stdin"}:
+        raise BadInputError(f"--observations {observations}: in virtual time they come from stdin")
 
 
 def check_new_profile(target: Path | None, speed: float = 1.0) -> None:

@@ -17,19 +17,21 @@ import re
 import tempfile
 import time
 import zlib
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
 import aiohttp
 
 from sattrack import __version__
 from sattrack.core.errors import BadInputError, SattrackError
-from tle.errors import ElementsError, printable
+from tle.elements import Elements, parse_alpha5
+from tle.errors import ElementsError, TleError, printable
 from tle.formats.registry import is_html, parse_elements
+from tle.sources import COMMON_NAMES, find
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -52,6 +54,7 @@ _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 _MOST_BYTES = 256 * 1024 * 1024
 _CHUNK_BYTES = 64 * 1024
 _MOST_WORDS = 240
+_SHOWN = 8
 _TIMEOUT = aiohttp.ClientTimeout(total=120.0, connect=15.0, sock_read=30.0)
 
 
@@ -86,6 +89,23 @@ def query_of(source: str, environ: Mapping[str, str]) -> Query:
         return _space_track(source, what.strip(), _base(environ, SPACE_TRACK_VARIABLE, SPACE_TRACK_URL))
     celestrak = _base(environ, CELESTRAK_VARIABLE, CELESTRAK_URL)
     return _url(source, celestrak, _base(environ, SPACE_TRACK_VARIABLE, SPACE_TRACK_URL))
+
+
+def named_source(satellite: str) -> str:
+    """Return the source of one satellite at CelesTrak, by its catalogue number, designator or name."""
+    key = satellite.strip()
+    number = COMMON_NAMES.get("".join(c for c in key.casefold() if c.isalnum()))
+    if number is None and re.fullmatch(r"[A-Z]\d{4}", key.upper(), re.ASCII):
+        number = parse_alpha5(key.upper())
+    if number is not None:
+        return f"celestrak:{number}"
+    launch = re.fullmatch(r"(\d\d)-?(\d{3}[A-Z]{1,3})", key.upper(), re.ASCII)
+    if launch is not None:
+        century = "19" if int(launch[1]) >= 57 else "20"
+        return f"celestrak:{century}{launch[1]}-{launch[2]}"
+    if re.fullmatch(r"\d{1,9}|\d{4}-\d{3}[A-Z]{0,3}", key.upper(), re.ASCII):
+        return f"celestrak:{key}"
+    return f"celestrak:name={key}"
 
 
 def credentials(environ: Mapping[str, str]) -> tuple[str, str]:
@@ -133,9 +153,12 @@ def _celestrak(source: str, what: str, base: str) -> Query:
         asked = f"INTDES={launch.group(1)}"
     elif re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9-]{0,40}", what, re.ASCII):
         asked = f"GROUP={what.lower()}"
+    elif name := re.fullmatch(r"name=\s*([^\x00-\x1f]{3,60}?)\s*", what):
+        asked = f"NAME={quote(name.group(1).upper())}"
     else:
         raise BadInputError(
-            f"{source}: write celestrak:GROUP (such as celestrak:active), or celestrak:25544 (a number)"
+            f"{source}: write celestrak:GROUP (such as celestrak:active), celestrak:25544 (a number) "
+            "or celestrak:name=HUBBLE (three letters at least)"
         )
     url = f"{base}/NORAD/elements/gp.php?{asked}&FORMAT=csv"
     return Query(source, url, CELESTRAK, DOWNLOAD_EVERY_S)
@@ -223,6 +246,17 @@ class DownloadCache:
         body = text.encode("utf-8")
         facts = {"url": url, "fetched_unix_s": fetched_unix_s, "bytes": len(body)}
         self._write(self._path(url, "elements"), json.dumps(facts).encode() + b"\n" + body)
+
+    def all_kept(self) -> list[tuple[str, Kept]]:
+        """Return every whole download with its URL, the newest first."""
+        found = []
+        for path in self.folder.glob("*.elements"):
+            with suppress(OSError, ValueError, KeyError, TypeError):
+                url = str(json.loads(path.read_bytes().partition(b"\n")[0])["url"])
+                kept = self.read(url)
+                if kept is not None:
+                    found.append((url, kept))
+        return sorted(found, key=lambda item: -item[1].fetched_unix_s)
 
     def asked(self, name: str) -> list[float]:
         """Return when the server was asked for a URL, or a provider for anything, in POSIX seconds."""
@@ -332,6 +366,40 @@ class Downloads:
             f"{source}: using what was fetched {age_words(self._now() - kept.fetched_unix_s)} ago: {reason}"
         )
         return kept.text
+
+    def fetch_satellite(self, satellite: str) -> list[Elements]:
+        """Return one satellite's elements from CelesTrak, or from any download that was kept.
+
+        Says of whom they were asked. Raises DownloadError, which says what was kept and how to bring a file.
+        """
+        source = named_source(satellite)
+        query = query_of(source, self._environ)
+        before = self._cache.asked(query.data)
+        try:
+            found = [one for one in parse_elements(self.fetch(source)) if isinstance(one, Elements)]
+        except DownloadError as error:
+            return [self._kept_satellite(satellite, query, error)]
+        if self._cache.asked(query.data) != before:
+            self._tell(f"no elements are set: those of {satellite} are from {urlsplit(query.url).hostname}")
+        return found
+
+    def _kept_satellite(self, satellite: str, query: Query, error: DownloadError) -> Elements:
+        """Return a satellite from the newest download that holds it; raises DownloadError where none does."""
+        names = []
+        for url, kept in self._cache.all_kept():
+            found = [one for one in parse_elements(kept.text) if isinstance(one, Elements)]
+            ago = f"{age_words(self._now() - kept.fetched_unix_s)} ago"
+            name = urlsplit(url).query.partition("&")[0] or url
+            names.append(f"{name} ({len(found)} objects, {ago})")
+            with suppress(TleError):
+                one = find(found, satellite)
+                self._tell(f"{satellite}: using {name}, fetched {ago}: {error}")
+                return one
+        held = ", ".join(names[:_SHOWN]) if names else "nothing"
+        raise DownloadError(
+            f"no elements of {satellite}: {error}; kept from earlier downloads: {held}; "
+            f"save {query.url} as a file on another computer, and give it with --elements FILE"
+        ) from error
 
     def _why_not(self, query: Query, fetched_unix_s: float | None) -> str | None:
         """Return why the server must not be asked now, None where it may be."""

@@ -25,7 +25,7 @@ from sattrack.runtime.facts import (
 from sattrack.runtime.mounts import mount_address
 from sattrack.runtime.remembering import MemoryMode, recall, uses_memory
 from sattrack.safety import SafetyLimits
-from sattrack.settings import SiteSettings
+from sattrack.settings import NO_ELEMENTS, NO_SITE, SiteSettings
 from tle.instants import Utc
 from tle.refraction import Refraction
 from tle.sources import find
@@ -216,7 +216,7 @@ def _object_and_site(request: RunRequest, practising: bool) -> tuple[list[Elemen
     if practising:
         return [practice.elements()], practice.SITE.place()
     if request.elements is None:
-        raise BadInputError("no elements: give --elements FILE or set elements in sattrack.toml")
+        raise BadInputError(NO_ELEMENTS)
     if request.site is None:
-        raise BadInputError("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
+        raise BadInputError(NO_SITE)
     return request.elements, request.site

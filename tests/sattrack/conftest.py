@@ -15,8 +15,10 @@ if TYPE_CHECKING:
 def user_data(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """Let the user's settings and data be in folders of the session's, and the list of schedules that run."""
     with pytest.MonkeyPatch.context() as patch:
-        for name in ("CONFIG", "STATE", "DATA"):
+        for name in ("CACHE", "CONFIG", "STATE", "DATA"):
             patch.setenv(f"XDG_{name}_HOME", str(tmp_path_factory.mktemp(name.lower())))
+        # Nothing listens there: a test that names no server of its own asks nobody.
+        patch.setenv("SATTRACK_CELESTRAK_URL", "http://127.0.0.1:9")
         yield
 
 

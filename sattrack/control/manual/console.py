@@ -29,6 +29,7 @@ from sattrack.mount.requests import (
 )
 from sattrack.mount.xerxes.states import LinkState
 from sattrack.safety import Safety
+from sattrack.settings import NO_SITE
 
 if TYPE_CHECKING:
     from sattrack.mount.model import Motion, MountProfile, Status, StatusSample
@@ -272,7 +273,7 @@ class Console(Driver):
     def _objection(self, request: Request) -> Refusal | None:
         status = self.session.status
         if self.site is None and isinstance(request, NEED_SITE):
-            return Refusal("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
+            return Refusal(NO_SITE)
         if self.link_state is LinkState.LOST and not isinstance(request, Abort):
             return Refusal("the mount is silent: nothing is moved blindly")
         moving = isinstance(self.session.wanted, MoveAxes | Slew) or (status is not None and status.slewing)

@@ -11,11 +11,17 @@ import contextlib
 import http.client
 import json
 import os
+import socket
+import time
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 from urllib.parse import urlencode
 
+from tle.errors import printable
+
 ANSWER_WITHIN_S = 2.0
+DISCOVERY_PORT = 32227
+MOST_SERVERS = 32
 MOST_BYTES = 200_000
 NOT_IMPLEMENTED, NOT_CONNECTED, PARKED = 0x400, 0x407, 0x408
 _FORM = {"Content-Type": "application/x-www-form-urlencoded"}
@@ -69,6 +75,51 @@ def broken(error: Exception) -> str:
     if isinstance(error, OSError) and error.strerror:
         return error.strerror
     return f"the connection broke ({type(error).__name__})"
+
+
+class FoundTelescope(NamedTuple):
+    """An Alpaca telescope that answered: its name, and what `--mount` takes."""
+
+    name: str
+    url: str
+
+
+def discover_telescopes(within_s: float = 1.5, port: int = DISCOVERY_PORT) -> list[FoundTelescope]:
+    """Return the Alpaca telescopes on this machine and its networks (ASCOM Alpaca API Reference, Discovery).
+
+    Servers that do not answer, or not as Alpaca's do, are left out.
+    """
+    servers: dict[str, None] = {}
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asker:
+        asker.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
+        for host in ("127.0.0.1", "255.255.255.255"):
+            with contextlib.suppress(OSError):
+                asker.sendto(b"alpacadiscovery1", (host, port))
+        end_s = time.monotonic() + within_s
+        while (left_s := end_s - time.monotonic()) > 0.0 and len(servers) < MOST_SERVERS:
+            asker.settimeout(left_s)
+            with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
+                answer, (host, _) = asker.recvfrom(MOST_BYTES)
+                servers[f"{host}:{int(json.loads(answer)['AlpacaPort'])}"] = None
+    return [one for server in servers for one in _telescopes_at(server)]
+
+
+def _telescopes_at(server: str) -> list[FoundTelescope]:
+    connection = http.client.HTTPConnection(server, timeout=ANSWER_WITHIN_S)
+    with contextlib.closing(connection):
+        try:
+            connection.request("GET", "/management/v1/configureddevices")
+            answer = connection.getresponse()
+            devices = value_in("configureddevices", answer.status, answer.read(MOST_BYTES))
+            return [
+                FoundTelescope(
+                    printable(str(one["DeviceName"])), f"alpaca://{server}/{int(one['DeviceNumber'])}"
+                )
+                for one in devices
+                if str(one["DeviceType"]).casefold() == "telescope"
+            ]
+        except (OSError, http.client.HTTPException, Refusal, Unheard, TypeError, KeyError, ValueError):
+            return []
 
 
 @dataclass(slots=True)

@@ -21,6 +21,7 @@ from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.servers.antenna.antcn import Antcn
 from sattrack.servers.antenna.antcn_run import AntcnRun
 from sattrack.servers.antenna.line import encode
+from sattrack.settings import NO_ELEMENTS, NO_SITE
 from sattrack.views.run import DatagramsView, Summary
 from tle.bias import Bias
 from tle.instants import Utc
@@ -67,9 +68,9 @@ class AntennaPass:
 def prepare_pass(request: RunRequest, url: AntennaUrl, limits: SafetyLimits) -> AntennaPass:
     """Resolve a request, opening no line. Raises SattrackError and its kinds, or TleError."""
     if request.elements is None:
-        raise BadInputError("no elements: give --elements FILE or set elements in sattrack.toml")
+        raise BadInputError(NO_ELEMENTS)
     if request.site is None:
-        raise BadInputError("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
+        raise BadInputError(NO_SITE)
     if request.clock_option is not None:
         raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
     if request.virtual or request.record is not None:

@@ -252,3 +252,65 @@ def test_the_network_is_imported_only_for_what_needs_it(csv_file):
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.splitlines()[-1] == "False"
+
+
+def asked_for(server: ElementServer) -> list[str]:
+    return [query.partition("&")[0] for query in server.asked]
+
+
+def test_a_satellite_is_fetched_by_name_where_no_elements_are_set(server, capsys):
+    out, err = ran(capsys, "passes", "ISS", *SITE, *HIGH_PASS, "--json")
+    assert {row["catalog_number"] for row in json.loads(out)} == {25544}
+    assert "no elements are set: those of ISS are from 127.0.0.1" in err
+    # What was fetched is kept: the second command asks nobody.
+    ran(capsys, "track", "iss", "--mount", "sim", "--virtual", *SITE, "--clock", "2026-10-02T13:00:00Z")
+    assert asked_for(server) == ["CATNR=25544"]
+
+
+@pytest.mark.parametrize(
+    ("satellite", "query"),
+    [
+        ("Tiangong", "CATNR=48274"),
+        ("100534", "CATNR=100534"),
+        ("A0534", "CATNR=100534"),
+        ("2026-200A", "INTDES=2026-200"),
+        ("26200A", "INTDES=2026-200"),
+        ("Starlink-38244", "NAME=STARLINK-38244"),
+    ],
+)
+def test_whatever_names_a_satellite_is_asked_for_as_celestrak_wants_it(server, capsys, satellite, query):
+    ran(capsys, "elements", "get", satellite)
+    assert asked_for(server) == [query]
+
+
+def test_offline_a_satellite_comes_from_any_list_that_was_kept(server, capsys):
+    ran(capsys, "elements", "get", "celestrak:stations")
+    server.manner = "html"
+    out, err = ran(capsys, "elements", "get", "ISS")
+    assert "ISS (ZARYA)" in out
+    assert "STARLINK" not in out
+    assert "ISS: using GROUP=stations, fetched 0 s ago: " in err
+
+
+def test_offline_with_nothing_kept_says_what_is_held_and_how_to_bring_a_file(server, capsys):
+    ran(capsys, "elements", "get", "celestrak:stations")
+    server.manner = "html"
+    _, err = ran(capsys, "passes", "Hubble", *SITE, code=2)
+    line = err.splitlines()[-1]
+    assert line.startswith("sattrack: no elements of Hubble: ")
+    assert "kept from earlier downloads: GROUP=stations (2 objects, 0 s ago)" in line
+    assert f"save {server.url}/NORAD/elements/gp.php?CATNR=20580&FORMAT=csv as a file" in line
+    assert line.endswith("and give it with --elements FILE")
+
+
+def test_a_name_is_not_asked_for_where_the_settings_forbid_it(server, capsys, tmp_path):
+    config = tmp_path / "sattrack.toml"
+    config.write_text("fetch_by_name = false\n")
+    _, err = ran(capsys, "passes", "ISS", *SITE, "--config", str(config), code=2)
+    assert "no elements" in err
+    assert server.asked == []
+
+
+def test_practice_needs_no_elements_and_asks_nobody(server, capsys):
+    ran(capsys, "rehearse", "ISS", "--json")
+    assert server.asked == []

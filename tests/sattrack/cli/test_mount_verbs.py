@@ -149,7 +149,7 @@ def test_our_own_address_is_known_on_every_interface(monkeypatch: pytest.MonkeyP
 def test_no_site_and_no_mount_are_told(no_sockets: None, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["mount", "slew", "5h", "10", "--mount", NOWHERE]) == 2
     assert capsys.readouterr().err == (
-        "sattrack: no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml\n"
+        "sattrack: no site: give --site LAT,LON,HEIGHT, or run `sattrack init`\n"
     )
     assert run(["mount", "status"]) == 2
     assert "no mount: give --mount" in capsys.readouterr().err

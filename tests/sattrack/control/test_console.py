@@ -33,6 +33,7 @@ from sattrack.mount.simulator.mount import StartPosition
 from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.mount.xerxes.datagrams import STATUS_FIELDS, Command, encode_command, encode_status
 from sattrack.safety import SafetyLimits
+from sattrack.settings import NO_SITE
 from sattrack.views.messages import Jog, Leave, Reset, decode_order, encode_message
 from sattrack.views.run import ConsoleView
 
@@ -242,9 +243,7 @@ class TestWhatIsRefusedBeforeAnythingIsSent:
         bench = Bench(site=None)
         operation = bench.carry_out(plain(Slew(sky(bench, 10.0), 50.0)))
         assert operation.outcome is not None
-        assert operation.outcome.reason == (
-            "no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml"
-        )
+        assert operation.outcome.reason == (NO_SITE)
 
     def test_a_sync_while_the_mount_slews(self) -> None:
         bench = Bench()

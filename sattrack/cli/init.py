@@ -1,0 +1,377 @@
+"""`sattrack init`: ask for place, mount and elements, write sattrack.toml, and show tonight's passes."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import json
+import os
+import textwrap
+import unicodedata
+from contextlib import redirect_stdout, suppress
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import click
+
+from sattrack.cli.common import CommandContext, tell, write_file
+from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.local_time import is_zone
+from sattrack.core.origin import meant
+from sattrack.runtime.mounts import mount_address, usual_profile
+from sattrack.settings import FILE_NAME, load_settings
+from tle.errors import SourceError, TleError
+from tle.site import Site
+from tle.sources import is_fetched
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sattrack.runtime.mounts import MountAddress
+
+USUAL_ELEMENTS = "celestrak:stations"
+USUAL_MOUNT = "sim"
+CENTRE_WARNING = (
+    "this is the middle of the city: 10 km from it a satellite stands up to a degree elsewhere; for a real "
+    "mount, write your own coordinates (a phone shows them) into the file"
+)
+FAMOUS = ("ISS", "Tiangong")
+"""Of a long list of elements, whose passes are shown at the end."""
+MOST_LISTED = 5
+_LEAST_MATCH = 3
+
+
+class City(NamedTuple):
+    """A city of the packaged list: degrees north and east, and its IANA time zone."""
+
+    name: str
+    country: str
+    latitude_deg: float
+    longitude_deg: float
+    zone: str
+
+
+@dataclass(frozen=True, slots=True)
+class Answers:
+    """What `init` was answered, as it is written down."""
+
+    site: Site
+    zone: str | None
+    mount_url: str
+    elements: tuple[str, ...]
+    is_city_centre: bool = False
+
+
+@click.command("init")
+@click.option("--site", "site_text", metavar="LAT,LON,HEIGHT", help="Degrees north, degrees east, metres.")
+@click.option("--city", metavar="NAME", help="A city of 50,000 people or more, instead of --site.")
+@click.option("--height", "height_m", type=float, metavar="M", help="Metres above the sea, with --city.")
+@click.option("--zone", metavar="NAME", help="Time zone, as Europe/Amsterdam; the city's or the system's.")
+@click.option("--mount", "mount_url", metavar="URL", help="sim, xerxes://…, alpaca://…; alpaca searches.")
+@click.option("--elements", "sources", multiple=True, metavar="SRC", help="A file, or celestrak:GROUP.")
+@click.option("--config", type=click.Path(path_type=Path), help="The file to write (./sattrack.toml).")
+@click.option("--yes", is_flag=True, help="Ask nothing: what no option says is as usual.")
+@click.option("--force", is_flag=True, help="Overwrite the file if there is one.")
+@click.option("--json", "as_json", is_flag=True, help="One JSON document on standard output.")
+@click.option("--debug", is_flag=True, help="Show tracebacks.")
+def command(**options: Any) -> int:
+    """Ask where the telescope stands, which mount it has and which satellites to list; write sattrack.toml.
+
+    Ends with tonight's passes. Every command run in the same folder reads the file.
+
+    \b
+    Examples:
+      sattrack init
+      sattrack init --yes --city Leiden --mount sim
+      sattrack init --yes --site 52.1541,4.4908,6 --mount alpaca --elements celestrak:visual
+    """
+    path = options["config"] or Path(FILE_NAME)
+    if path.exists() and not options["force"]:
+        raise BadInputError(f"{path}: exists already; --force overwrites it, --config names another file")
+    if not path.absolute().parent.is_dir():
+        raise BadInputError(f"{path}: there is no folder {path.absolute().parent}; make it first")
+    ask = None if options["yes"] else _ask
+    answers = collected(options, ask)
+    write_file(path, settings_text(answers, path))
+    load_settings(path)
+    note = _mount_note(answers)
+    if not options["as_json"]:
+        click.echo(f"{path} is written. Every command in this folder reads it; change it with any editor.")
+        if answers.is_city_centre:
+            tell(CENTRE_WARNING)
+        if note is not None:
+            tell(note)
+    passes = _tonight(path, options["as_json"])
+    if options["as_json"]:
+        site = answers.site
+        document = {
+            "settings": str(path),
+            "site": [site.latitude_deg, site.longitude_deg, site.height_m],
+            "zone": answers.zone,
+            "mount": answers.mount_url,
+            "mount_note": note,
+            "elements": list(answers.elements),
+            "passes": passes,
+        }
+        click.echo(json.dumps(document, allow_nan=False))
+    return 0
+
+
+def collected(options: dict[str, Any], ask: Callable[..., str] | None) -> Answers:
+    """Return the answers: the options', else what `ask` is told, else what is usual.
+
+    `ask` takes a question, the usual answer, and a check that raises for an answer that cannot be; it is None
+    where nobody is to be asked. Raises BadInputError, SiteError.
+    """
+    city = None if options["city"] is None else find_city(options["city"])
+    site = None if options["site_text"] is None else Site.parse(options["site_text"])
+    if city is not None and site is not None:
+        raise BadInputError("--site and --city: give one of them")
+    if city is None and site is None:
+        if ask is None:
+            raise BadInputError("no site: give --site LAT,LON,HEIGHT or --city NAME")
+        answer = ask("Where is the telescope? LAT,LON,HEIGHT (degrees, metres), or a city", None, place_of)
+        city, site = place_of(answer)
+    height_m = options["height_m"]
+    if city is not None:
+        if height_m is None:
+            height_m = float(ask("Height above the sea in metres", "0", _height_m)) if ask else 0.0
+        site = Site(city.latitude_deg, city.longitude_deg, height_m)
+    elif height_m is not None:
+        raise BadInputError("--height goes with --city; --site has the height as its third number")
+    assert site is not None
+    zone = options["zone"] or (city.zone if city else None)
+    if zone is None:
+        usual = _system_zone()
+        zone = ask("Time zone", usual, _zone) if ask else usual
+    mount_url = options["mount_url"]
+    if mount_url is None:
+        question = (
+            "Mount: sim (simulated), xerxes://HOST:PORT?listen=PORT, alpaca://HOST:PORT/DEVICE, or alpaca"
+        )
+        mount_url = ask(question, USUAL_MOUNT, _mount) if ask else USUAL_MOUNT
+    sources = options["sources"]
+    if not sources:
+        question = "Satellites: celestrak:stations, celestrak:visual, or a file of elements"
+        sources = (ask(question, USUAL_ELEMENTS, _source) if ask else USUAL_ELEMENTS,)
+    for source in sources:
+        _source(source)
+    return Answers(site, _zone(zone), _found_mount(_mount(mount_url)), tuple(sources), city is not None)
+
+
+def _ask(question: str, usual: str | None, check: Callable[[str], object]) -> str:
+    """Ask until the answer can be one; the end of standard input ends the command with nothing written."""
+    while True:
+        try:
+            answer = str(click.prompt(question, default=usual, err=True)).strip()
+        except click.Abort:
+            raise BadInputError(
+                "no answer: nothing is written; `sattrack init --yes --site LAT,LON,HEIGHT` asks nothing"
+            ) from None
+        try:
+            check(answer)
+        except (SattrackError, TleError) as error:
+            click.echo(f"  {error}", err=True)
+        else:
+            return answer
+
+
+def place_of(text: str) -> tuple[City | None, Site | None]:
+    """Return the city or the site that a text names. Raises BadInputError, SiteError."""
+    if any(c.isdigit() for c in text):
+        return None, Site.parse(text)
+    return find_city(text), None
+
+
+def find_city(name: str) -> City:
+    """Return the largest city of a name, "Paris" or "Paris, US". Raises BadInputError, naming near ones."""
+    wanted, _, country = (part.strip() for part in name.partition(","))
+    every = _cities()
+    named = [one for one in every if _folded(one.name) == _folded(wanted)]
+    found = [one for one in named if country.upper() in ("", one.country)]
+    if found:
+        return found[0]
+    if named:
+        there = ", ".join(sorted({one.country for one in named}))
+        raise BadInputError(f"{name!r}: there is no {wanted} in {country}, but in {there}")
+    near = meant(wanted, [one.name for one in every]) if len(wanted) >= _LEAST_MATCH else ""
+    raise BadInputError(
+        f"{name!r} is not in the list of cities{near or ': name a larger one nearby, or give LAT,LON,HEIGHT'}"
+    )
+
+
+def _cities() -> list[City]:
+    """Return the packaged list, the largest first (GeoNames, CC BY 4.0; `python -m tools.cities`)."""
+    packed = (files("sattrack") / "data" / "cities.csv.gz").read_bytes()
+    rows = csv.reader(io.StringIO(gzip.decompress(packed).decode()))
+    return [City(name, country, float(lat), float(lon), zone) for name, country, lat, lon, zone in rows]
+
+
+def _folded(name: str) -> str:
+    apart = unicodedata.normalize("NFKD", name)
+    return "".join(c for c in apart if not unicodedata.combining(c)).casefold()
+
+
+def _height_m(text: str) -> float:
+    try:
+        return Site(0.0, 0.0, float(text)).height_m
+    except ValueError:
+        raise BadInputError(f"{text!r} is no height: write metres, as 120") from None
+
+
+def _zone(name: str) -> str:
+    if not is_zone(name):
+        raise BadInputError(f"{name!r} is no time zone: write it as Europe/Amsterdam, or UTC")
+    return name
+
+
+def _system_zone() -> str:
+    """Return the name of the system's time zone, UTC where it has none that can be found."""
+    there = os.environ.get("TZ") or os.path.realpath("/etc/localtime").partition("/zoneinfo/")[2]
+    return there if there and is_zone(there) else "UTC"
+
+
+def _mount(url: str) -> str:
+    if url != "alpaca":
+        mount_address(url)
+    return url
+
+
+def _found_mount(url: str) -> str:
+    """Return the URL of a mount; `alpaca` stands for the one telescope that answers discovery."""
+    if url != "alpaca":
+        return url
+    from sattrack.mount.alpaca.client import discover_telescopes
+
+    found = discover_telescopes()
+    if not found:
+        raise BadInputError(
+            "--mount alpaca: no Alpaca telescope answered on this network; start its driver, or give "
+            "--mount alpaca://HOST:PORT/DEVICE"
+        )
+    if len(found) > 1:
+        listed = ", ".join(f"{one.url} ({one.name})" for one in found)
+        raise BadInputError(f"--mount alpaca: {len(found)} telescopes answered: {listed}; give one of them")
+    tell(f"found {found[0].name} at {found[0].url}")
+    return found[0].url
+
+
+def _source(source: str) -> None:
+    """Raise where a source of elements cannot be one: a file that holds none, a name that means nothing."""
+    if is_fetched(source):
+        from sattrack.elements.downloads import query_of
+
+        query_of(source, os.environ)
+        return
+    from tle.sources import read_elements
+
+    if source == "-":
+        raise SourceError("standard input cannot be kept in settings: give a file or celestrak:GROUP")
+    read_elements(source)
+
+
+def _mount_note(answers: Answers) -> str | None:
+    """Try the mount, without moving it; return what is wrong, None where it answers or is simulated."""
+    from sattrack.runtime.links import LISTEN_S, listen
+
+    address: MountAddress | None = mount_address(answers.mount_url)
+    if address is None:
+        return None
+    try:
+        health = listen(address.seen_from(answers.site), usual_profile(answers.mount_url))
+    except SattrackError as error:
+        return f"the mount does not answer yet: {error}; `sattrack doctor` tries again"
+    if health.received == 0:
+        return (
+            f"{answers.mount_url} sent nothing within {LISTEN_S:g} s: {address.silence_advice}; "
+            "`sattrack doctor` tries again"
+        )
+    return None
+
+
+def _as_kept(source: str, path: Path) -> str:
+    """Return a source as a settings file says it: a file is named from where the settings are."""
+    if is_fetched(source):
+        return source
+    beside = os.path.relpath(source, path.absolute().parent)
+    return str(Path(source).absolute()) if beside.startswith("../..") else beside
+
+
+def settings_text(answers: Answers, path: Path) -> str:
+    """Return the settings file, with comments. Elements that are files are named relative to it."""
+    sources = [_as_kept(source, path) for source in answers.elements]
+    site = answers.site
+    centre = "\n".join(textwrap.wrap(CENTRE_WARNING, 100, initial_indent="# ", subsequent_indent="# "))
+    centre = f"{centre}\n" if answers.is_city_centre else ""
+    return f"""\
+# Settings of sattrack. Commands read --config FILE, else ./sattrack.toml, else that of the user's folder
+# for configuration. Options on the command line win. docs/settings.md has every key.
+
+# Where element sets come from: files or folders beside this file, celestrak:GROUP, or a URL.
+elements = {json.dumps(sources, ensure_ascii=False)}
+
+# Times for people are shown in this zone; --utc shows UTC. JSON is always UTC.
+zone = {json.dumps(answers.zone)}
+
+# Passes are listed and followed above this altitude.
+min_altitude_deg = 10
+
+# Degrees north, degrees east, metres above the WGS 84 ellipsoid.
+{centre}[site]
+latitude_deg = {site.latitude_deg}
+longitude_deg = {site.longitude_deg}
+height_m = {site.height_m}
+
+# sim is a simulated mount, to practise with. `sattrack mount calibrate` measures a real one, and writes the
+# file that `profile` names.
+[mount]
+url = {json.dumps(answers.mount_url)}
+# profile = "mount.toml"
+
+# The camera's field of view, to judge whether a pass stays in it.
+# [camera]
+# fov_deg = 0.25
+
+# The terminal's screen: night, red or contrast.
+# [screen]
+# theme = "red"
+
+# The mount is kept away from the Sun and above the floor. optical = false is for a radio dish alone.
+[safety]
+optical = true
+floor_altitude_deg = 0
+"""
+
+
+def _tonight(path: Path, as_json: bool) -> Any:
+    """Print the passes of the coming night by the new settings; as JSON, return them. None: there are none.
+
+    What keeps them from being found is reported, and no error: the settings are written.
+    """
+    from sattrack.cli.passes import command as passes
+    from tle.sources import find, newest
+
+    try:
+        settings = load_settings(path)
+        context = CommandContext(settings, None, (), None, as_json, False)
+        elements = newest(context.load(settings.elements).accepted)
+        words = ["--config", str(path), "--hours", "24"]
+        known = []
+        for name in FAMOUS:
+            with suppress(TleError):
+                known.append(str(find(elements, name).catalog_number))
+        if len(elements) > MOST_LISTED:
+            words += known or ["--dark", "--sunlit", "--min-alt", "40"]
+        if not as_json:
+            click.echo("\nThe coming 24 hours:")
+            passes.main(words, standalone_mode=False)
+            return None
+        with redirect_stdout(io.StringIO()) as out:
+            passes.main([*words, "--json"], standalone_mode=False)
+        return json.loads(out.getvalue())
+    except (SattrackError, TleError) as error:
+        tell(f"passes cannot be listed yet: {error}")
+        return None

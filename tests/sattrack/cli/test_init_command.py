@@ -1,0 +1,198 @@
+"""`sattrack init`, as it is typed: answers, options, wrong ones, and what the commands after it read."""
+
+from __future__ import annotations
+
+import json
+import socket
+import subprocess
+import sys
+import threading
+import tomllib
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, HTTPServer
+from typing import TYPE_CHECKING
+
+import pytest
+
+from sattrack.cli.init import find_city
+from sattrack.cli.main import run
+from sattrack.core.errors import BadInputError
+from sattrack.mount.alpaca.client import discover_telescopes
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+ISS = """ISS (ZARYA)
+1 25544U 98067A   26275.01380287  .00003738  00000+0  76743-4 0  9992
+2 25544  51.6312 131.4121 0006946 211.9293 148.1275 15.48707684588318
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    (tmp_path / "iss.tle").write_text(ISS)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def typed(folder: Path, answers: str, *options: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "sattrack", "init", *options]
+    return subprocess.run(
+        command, cwd=folder, input=answers, capture_output=True, text=True, timeout=60, check=False
+    )
+
+
+def test_what_is_typed_is_written_and_the_commands_read_it(folder):
+    done = typed(folder, "52.1541,4.4908,6\nEurope/Amsterdam\n\niss.tle\n")
+    assert done.returncode == 0, done.stderr
+    settings = tomllib.loads((folder / "sattrack.toml").read_text())
+    assert settings["site"] == {"latitude_deg": 52.1541, "longitude_deg": 4.4908, "height_m": 6.0}
+    assert settings["mount"]["url"] == "sim"
+    assert settings["elements"] == ["iss.tle"]
+    assert settings["zone"] == "Europe/Amsterdam"
+    assert "The coming 24 hours:" in done.stdout
+    assert "ISS (ZARYA)" in done.stdout
+    assert run(["track", "ISS", "--virtual", "--json", "--clock", "2026-10-02T13:00:00Z"]) == 0
+
+
+def test_a_wrong_answer_is_asked_again_and_says_what_was_wrong(folder):
+    wrong = "Leidn\n91,0,0\nLeiden\nhigh\n3\nxerxes:here\nsim\nnone.tle\niss.tle\n"
+    done = typed(folder, wrong)
+    assert done.returncode == 0, done.stderr
+    for words in (
+        "did you mean 'Leiden'?",
+        "91",
+        "'high' is no height",
+        "xerxes:here",
+        "none.tle: cannot read",
+    ):
+        assert words in done.stderr
+    settings = tomllib.loads((folder / "sattrack.toml").read_text())
+    # GeoNames has the middle of Leiden within a kilometre of the Burcht, 52.1588 N 4.4925 E.
+    assert settings["site"]["latitude_deg"] == pytest.approx(52.1588, abs=0.01)
+    assert settings["site"]["longitude_deg"] == pytest.approx(4.4925, abs=0.015)
+    assert settings["site"]["height_m"] == 3.0
+    assert settings["zone"] == "Europe/Amsterdam"
+    assert "middle of the city" in done.stderr
+
+
+def test_an_answer_that_never_comes_writes_nothing(folder):
+    done = typed(folder, "52,4,0\n")
+    assert done.returncode == 2
+    assert done.stderr.splitlines()[-1].endswith("`sattrack init --yes --site LAT,LON,HEIGHT` asks nothing")
+    assert not (folder / "sattrack.toml").exists()
+
+
+def test_options_alone_ask_nothing_and_json_has_the_passes(folder, capsys):
+    words = ("--yes", "--site", "52.1541,4.4908,0", "--elements", "iss.tle", "--zone", "UTC", "--json")
+    assert run(["init", *words, "--mount", "sim"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["site"] == [52.1541, 4.4908, 0.0]
+    assert document["mount"] == "sim"
+    assert all(row["catalog_number"] == 25544 for row in document["passes"])
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ((), "no site: give --site LAT,LON,HEIGHT or --city NAME"),
+        (("--site", "52,4,0", "--city", "Leiden"), "--site and --city: give one"),
+        (("--site", "52,4,0", "--height", "3"), "--height goes with --city"),
+        (("--city", "Paris, XX"), "there is no Paris in XX, but in "),
+        (("--site", "52,4,0", "--zone", "Mars/Olympus"), "'Mars/Olympus' is no time zone"),
+        (("--site", "52,4,0", "--mount", "usb"), "--mount usb: write sim"),
+        (("--site", "52,4,0", "--elements", "none.tle"), "none.tle: cannot read elements"),
+        (("--site", "52,4,0", "--elements", "celestrak:a b c"), "write celestrak:GROUP"),
+        (("--site", "52,4,0", "--config", "no/such/file.toml"), "there is no folder"),
+    ],
+)
+def test_bad_options_write_nothing_and_are_answered_in_one_line(folder, capsys, words, said):
+    before = sorted(folder.iterdir())
+    usual = () if "--elements" in words else ("--elements", "iss.tle")
+    assert run(["init", "--yes", *usual, *words]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert said in line
+    assert sorted(folder.iterdir()) == before
+
+
+def test_a_file_that_is_there_is_overwritten_only_with_force(folder, capsys):
+    words = ["init", "--yes", "--site", "52,4,0", "--elements", "iss.tle"]
+    (folder / "sattrack.toml").write_text("min_altitude_deg = 20\n")
+    assert run(words) == 2
+    assert "--force" in capsys.readouterr().err
+    assert (folder / "sattrack.toml").read_text() == "min_altitude_deg = 20\n"
+    assert run([*words, "--force"]) == 0
+    assert "[site]" in (folder / "sattrack.toml").read_text()
+
+
+def test_without_a_network_the_settings_are_written_all_the_same(folder, capsys):
+    assert run(["init", "--yes", "--site", "52,4,0"]) == 0
+    assert "passes cannot be listed yet" in capsys.readouterr().err
+    assert tomllib.loads((folder / "sattrack.toml").read_text())["elements"] == ["celestrak:stations"]
+
+
+def test_a_command_without_settings_names_init(folder, capsys):
+    assert run(["passes"]) == 2
+    assert "run `sattrack init`" in capsys.readouterr().err
+    assert run(["passes", "--elements", "iss.tle"]) == 2
+    assert "run `sattrack init`" in capsys.readouterr().err
+
+
+def test_the_largest_city_of_a_name_is_meant_unless_a_country_is_named():
+    assert find_city("Birmingham").country == "GB"
+    assert find_city("birmingham, us").country == "US"
+    assert find_city("SAO PAULO").zone == "America/Sao_Paulo"
+    with pytest.raises(BadInputError, match="list of cities"):
+        find_city("Xyzzyville")
+
+
+class Answers(BaseHTTPRequestHandler):
+    """Answers as an Alpaca server of two devices does, one of them a telescope."""
+
+    def do_GET(self) -> None:
+        """Answer anything with the list of devices."""
+        body = (
+            b'{"Value": [{"DeviceName": "Dome", "DeviceType": "Dome", "DeviceNumber": 0, "UniqueID": "a"}, '
+            b'{"DeviceName": "Mount", "DeviceType": "Telescope", "DeviceNumber": 2, "UniqueID": "b"}], '
+            b'"ErrorNumber": 0, "ErrorMessage": ""}'
+        )
+        self.send_response(200)
+        self.send_header("Content-Length", str(len(body)))
+        self.end_headers()
+        self.wfile.write(body)
+
+    def log_message(self, *_: object) -> None:
+        """Say nothing."""
+
+
+@contextmanager
+def discoverable(*answers: bytes) -> Iterator[int]:
+    """Answer each discovery question on a UDP port of loopback with all of some datagrams."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as door:
+        door.bind(("127.0.0.1", 0))
+
+        def serve() -> None:
+            question, sender = door.recvfrom(1024)
+            if question == b"alpacadiscovery1":
+                for answer in answers:
+                    door.sendto(answer, sender)
+
+        thread = threading.Thread(target=serve, daemon=True)
+        thread.start()
+        yield door.getsockname()[1]
+
+
+def test_discovery_finds_the_telescopes_and_bears_nonsense():
+    server = HTTPServer(("127.0.0.1", 0), Answers)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        port = server.server_address[1]
+        answers = (b"\x00\xff", b"[]", b'{"AlpacaPort": "x"}', b'{"AlpacaPort": %d}' % port)
+        with discoverable(*answers) as door:
+            (found,) = discover_telescopes(within_s=0.5, port=door)
+    finally:
+        server.shutdown()
+        server.server_close()
+    assert found == ("Mount", f"alpaca://127.0.0.1:{port}/2")
