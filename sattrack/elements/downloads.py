@@ -29,7 +29,7 @@ import aiohttp
 from sattrack import __version__
 from sattrack.core.errors import BadInputError, SattrackError
 from tle.errors import ElementsError, printable
-from tle.formats.registry import is_html, parse_elements
+from tle.sources import is_html, parse_elements
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
