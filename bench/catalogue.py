@@ -20,7 +20,7 @@ from sgp4.api import Satrec
 
 from tle.elements import Elements
 from tle.errors import ElementsError
-from tle.formats.registry import WRITTEN, parse_elements, write_elements
+from tle.sources import WRITTEN, parse_elements, write_elements
 
 if TYPE_CHECKING:
     from collections.abc import Callable

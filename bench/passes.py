@@ -31,15 +31,14 @@ from pathlib import Path
 
 import numpy as np
 
-from tle.catalogue_passes import find_catalogue_passes
 from tle.earth import EarthOrientation
 from tle.elements import Elements
 from tle.errors import TleError
-from tle.formats.registry import parse_elements
 from tle.instants import Utc
-from tle.passes import find_passes
+from tle.passes import find_catalogue_passes, find_passes
 from tle.propagator import Propagator
 from tle.site import Site
+from tle.sources import parse_elements
 
 SITE = (52.1541, 4.4908, 0.0)
 DUT1_S, XP_ARCSEC, YP_ARCSEC = 0.05, 0.17, 0.32

@@ -21,8 +21,8 @@ from sgp4.api import Satrec
 
 from sattrack.runtime import practice
 from tle.elements import Elements
-from tle.formats.registry import write_elements
 from tle.instants import Utc
+from tle.sources import write_elements
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -38,8 +38,8 @@ from sattrack.schedule import machine
 from sattrack.schedule.night import Event, Mount, Run, RunState, Started
 from sattrack.schedule.night_files import FILE_NAME, Journal
 from sattrack.schedule.night_virtual import WatchedMount
-from tle.formats.registry import write_elements
 from tle.instants import Utc
+from tle.sources import write_elements
 
 BEGIN = "2026-10-02T12:00:00Z"
 LATITUDE_DEG, LONGITUDE_DEG = 52.1541, 4.4908

@@ -12,24 +12,27 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from tle.bias import Bias
-    from tle.catalogue_passes import CataloguePasses, SatellitePass, find_catalogue_passes
+    from tle.bias import Bias, BiasEstimate, bias_from_observation
     from tle.direction import Direction
     from tle.earth import EarthOrientation, earth_orientation_age
     from tle.elements import Elements
     from tle.errors import TleError
     from tle.facts import PassFacts, pass_facts
-    from tle.formats.observations import read_observations
-    from tle.formats.registry import parse_elements, write_elements
-    from tle.horizon import Horizon, HorizonMask
+    from tle.formats.observations import Observation, read_observations
     from tle.instants import Utc
-    from tle.observations import Observation
-    from tle.passes import Pass, find_passes
+    from tle.passes import (
+        CataloguePasses,
+        Horizon,
+        HorizonMask,
+        Pass,
+        SatellitePass,
+        find_catalogue_passes,
+        find_passes,
+    )
     from tle.propagator import Propagator
     from tle.refraction import Refraction
-    from tle.residuals import BiasEstimate, bias_from_observation
     from tle.site import Site
-    from tle.sources import find, load_elements, read_elements
+    from tle.sources import find, load_elements, parse_elements, read_elements, write_elements
 
 __all__ = [
     "Bias",
@@ -64,33 +67,33 @@ __all__ = [
 
 _HOMES = {
     "Bias": "bias",
-    "BiasEstimate": "residuals",
-    "CataloguePasses": "catalogue_passes",
+    "BiasEstimate": "bias",
+    "CataloguePasses": "passes",
     "Direction": "direction",
     "EarthOrientation": "earth",
     "Elements": "elements",
-    "Horizon": "horizon",
-    "HorizonMask": "horizon",
-    "Observation": "observations",
+    "Horizon": "passes",
+    "HorizonMask": "passes",
+    "Observation": "formats.observations",
     "Pass": "passes",
     "PassFacts": "facts",
     "Propagator": "propagator",
     "Refraction": "refraction",
-    "SatellitePass": "catalogue_passes",
+    "SatellitePass": "passes",
     "Site": "site",
     "TleError": "errors",
     "Utc": "instants",
-    "bias_from_observation": "residuals",
+    "bias_from_observation": "bias",
     "earth_orientation_age": "earth",
     "find": "sources",
-    "find_catalogue_passes": "catalogue_passes",
+    "find_catalogue_passes": "passes",
     "find_passes": "passes",
     "load_elements": "sources",
-    "parse_elements": "formats.registry",
+    "parse_elements": "sources",
     "pass_facts": "facts",
     "read_elements": "sources",
     "read_observations": "formats.observations",
-    "write_elements": "formats.registry",
+    "write_elements": "sources",
 }
 
 

@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tle.earth import to_tirs, turned
-from tle.quantities import Functions, functions_for
+from tle.instants import Functions, functions_for
 from tle.sun import is_sunlit, sun_km
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tle.earth import EarthOrientation, Rotation, Triple
-    from tle.instants import Utc
-    from tle.quantities import Quantity
+    from tle.instants import Quantity, Utc
     from tle.site import Site, Vector
 
 
@@ -33,7 +32,7 @@ Sight = tuple[
 ]
 
 
-class Turn(NamedTuple):
+class SkyTurn(NamedTuple):
     """How far a direction is turned, and how fast that grows: degrees, degrees a second.
 
     First along a great circle, `east` towards growing right ascension and `north` towards the pole, both
@@ -48,7 +47,7 @@ class Turn(NamedTuple):
     pole_deg_s: float = 0.0
 
 
-def turned_on_sky(q: Vector, q_rate: Vector, turn: Turn) -> tuple[Vector, Vector]:
+def turned_on_sky(q: Vector, q_rate: Vector, turn: SkyTurn) -> tuple[Vector, Vector]:
     """Return a vector turned by `turn`, and its derivative; its length is kept.
 
     By Rodrigues' formula, its derivative taken term by term. A direction that is turned beyond a pole comes
@@ -87,7 +86,7 @@ def turned_on_sky(q: Vector, q_rate: Vector, turn: Turn) -> tuple[Vector, Vector
     return _about_pole((px, py, pz), (dpx, dpy, dpz), turn)
 
 
-def _about_pole(q: Vector, q_rate: Vector, turn: Turn) -> tuple[Vector, Vector]:
+def _about_pole(q: Vector, q_rate: Vector, turn: SkyTurn) -> tuple[Vector, Vector]:
     if not (turn.pole_deg or turn.pole_deg_s):
         return q, q_rate
     angle, spin = math.radians(turn.pole_deg), math.radians(turn.pole_deg_s)
@@ -215,7 +214,7 @@ class Direction:
         lit = is_sunlit(stacked(turned(self._satellite, self._turn[2])), sun)
         return lit if self.utc.is_array else bool(lit)
 
-    def turned(self, turn: Turn) -> Direction:
+    def turned(self, turn: SkyTurn) -> Direction:
         """Return the same sight of one instant with its direction turned on the sky, all rates with it.
 
         East and north are those of this direction, of date; not for an astrometric place, nor for arrays.

@@ -21,14 +21,13 @@ import erfa
 import numpy as np
 
 from tle.errors import EarthOrientationWarning, SourceError, TimeRangeError
-from tle.instants import DAY_S, Utc
-from tle.quantities import functions_for
+from tle.instants import DAY_S, Utc, functions_for
 from tle.site import EARTH_RADIUS_KM, FLATTENING, Site, Vector
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from tle.quantities import Quantity
+    from tle.instants import Quantity
 
     Array = NDArray[np.float64]
 

@@ -25,13 +25,13 @@ from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tle.quantities import Quantity
+    from tle.instants import Quantity
 
 _SGP4_EPOCH_JD = 2433281.5
 _REV_DAY_PER_RAD_MIN = 1440.0 / (2.0 * math.pi)
 _DEG = math.pi / 180.0
 _LEAST_INCLINATION_DEG = 1e-100
-_DECAYED = 6
+DECAYED = 6
 # The Earth as SGP4 has it (WGS 72).
 RADIUS_KM = 6378.135
 MU_KM3_S2 = 398600.8
@@ -142,7 +142,7 @@ class Elements:
         # terms when it reads a TLE itself; the time since epoch comes from the two parts below.
         record.jdsatepoch = jd
         record.jdsatepochF = fraction
-        if record.error not in (0, _DECAYED):
+        if record.error not in (0, DECAYED):
             raise propagation_error(record.error, self, self.epoch)
         return record
 
@@ -166,13 +166,13 @@ def propagation_error(code: int, elements: Elements, at: Utc) -> PropagationErro
     except TimeRangeError:
         when = f"{at.unix_s} s since 1970"
     age_days = elements.age_s(at) / DAY_S
-    if code == _DECAYED and elements.perigee_km < 0.0:
+    if code == DECAYED and elements.perigee_km < 0.0:
         return SubOrbitalError(
             f"{elements.label} ({elements.catalog_number}) is below the ground at {when}: it is sub-orbital, "
             f"its elements have their perigee {-elements.perigee_km:.0f} km inside the Earth",
             code,
         )
-    if code == _DECAYED:
+    if code == DECAYED:
         return DecayedError(
             f"{elements.label} ({elements.catalog_number}) has decayed at {when}, "
             f"{age_days:+.1f} days from the epoch of its elements: use newer elements or an earlier time",

@@ -11,12 +11,21 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tle.arcs import ROUND_BELOW, Windows, basis_of, longest_piece_s, places
-from tle.catalogue_passes import CatalogueSearch
-from tle.crossings import altaz_deg, least, roots, select
+from tle.crossings import (
+    ROUND_BELOW,
+    Windows,
+    altaz_deg,
+    basis_of,
+    least,
+    longest_piece_s,
+    places,
+    roots,
+    select,
+)
 from tle.earth import EarthOrientation, Ground
 from tle.errors import SourceError, printable
 from tle.instants import Utc
+from tle.passes import CatalogueSearch
 from tle.sun import SUN_RADIUS_KM, sun_and_moon
 
 if TYPE_CHECKING:
@@ -24,9 +33,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from tle.catalogue_passes import CataloguePasses
     from tle.crossings import Crossings
-    from tle.quantities import Quantity
+    from tle.instants import Quantity
+    from tle.passes import CataloguePasses
     from tle.sun import SkyBody
 
     Array = NDArray[np.float64]

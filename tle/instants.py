@@ -1,19 +1,22 @@
-"""Instants in UTC: the one kind of time that everything in this package takes and gives."""
+"""Instants in UTC: the one kind of time that everything in this package takes and gives.
+
+A `Quantity` is a float for one instant and an array for many; `functions_for` gives the functions of either.
+"""
 
 from __future__ import annotations
 
 import math
 import re
 from datetime import UTC, datetime, timedelta, timezone
-from typing import TYPE_CHECKING
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from tle.errors import NaiveTimeError, TimeFormatError, TimeRangeError
 
-if TYPE_CHECKING:
-    from tle.quantities import Quantity
-
+# float for one instant, NDArray[float64] for an array of instants. An explicit Any, because a union would
+# make every caller narrow it although the shape is always that of the instants given.
+Quantity: TypeAlias = Any
 DAY_S = 86400.0
 UNIX_EPOCH_JD = 2440587.5
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
@@ -201,6 +204,33 @@ class Utc:
         if self.is_array:
             return f"<Utc {len(self)} instants>"
         return f"Utc({self.unix_s!r})"
+
+
+class Functions(NamedTuple):
+    """The functions that a formula needs, for floats or for arrays."""
+
+    sin: Any
+    cos: Any
+    tan: Any
+    sqrt: Any
+    exp: Any
+    atan2: Any
+    where: Any
+
+
+def _scalar_where(condition: bool, yes: float, no: float) -> float:
+    return yes if condition else no
+
+
+FLOATS = Functions(math.sin, math.cos, math.tan, math.sqrt, math.exp, math.atan2, _scalar_where)
+
+
+ARRAYS = Functions(np.sin, np.cos, np.tan, np.sqrt, np.exp, np.arctan2, np.where)
+
+
+def functions_for(value: Quantity) -> Functions:
+    """Return the functions that fit a value: those of arrays for an array, else those of floats."""
+    return ARRAYS if isinstance(value, np.ndarray) else FLOATS
 
 
 def _unix_of(moment: datetime) -> float:

@@ -28,7 +28,7 @@ _J3_J2 = _J3 / _J2
 _DEG = math.pi / 180.0
 _REV_DAY_PER_RAD_MIN = 1440.0 / (2.0 * math.pi)
 DEEP_SPACE_MIN = 225.0
-# Newton's next error is e/2 times the square of the last step: below rounding, and below 200 m for a gate.
+# Newton's next error is e/2 times the square of the last step: below rounding, and below 200 m where rough.
 _EXACT_RAD, _ROUGH_RAD, _MOST_STEPS = 1e-8, 5e-3, 12
 _LONGEST_STEP_RAD = 0.95
 

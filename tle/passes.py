@@ -1,32 +1,73 @@
-"""When a satellite is above an altitude or a skyline: rise, culmination and set, geometric and airless."""
+"""When a satellite, or each of a catalogue, is above the horizon of a site; geometric and airless.
+
+The horizon is a least altitude, with a skyline where that is higher. A catalogue is searched in chunks, by
+this process or by several.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple, overload
 
 import numpy as np
 
-from tle.arcs import Windows, anomaly_pieces, fit_arcs, terms_for
 from tle.bias import NO_BIAS
-from tle.crossings import Crossings, find_crossings
-from tle.earth import Ground
-from tle.errors import TimeRangeError
-from tle.gate import near_crossings
-from tle.horizon import Horizon
-from tle.instants import Utc
-from tle.near_earth import DEEP_SPACE_MIN, start_near_earth
+from tle.crossings import (
+    Crossings,
+    Windows,
+    anomaly_pieces,
+    crossings_of,
+    even_pieces,
+    find_crossings,
+    fit_arcs,
+    joined,
+    longest_piece_s,
+    select,
+    terms_for,
+)
+from tle.earth import EarthOrientation, Ground
+from tle.elements import DECAYED
+from tle.errors import PropagationError, SiteError, SourceError, TimeRangeError, printable
+from tle.instants import DAY_S, Utc
+from tle.near_earth import DEEP_SPACE_MIN, brouwer_mean_motion, start_near_earth
+from tle.prefilter import drag_share, near_crossings, near_places
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from concurrent.futures import Future
+
     from numpy.typing import NDArray
 
-    from tle.horizon import HorizonMask
+    from tle.crossings import Arcs
+    from tle.elements import Elements
+    from tle.instants import Quantity
+    from tle.near_earth import NearEarth
+    from tle.prefilter import DeepSpace
     from tle.propagator import Propagator
+    from tle.site import Site
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.intp]
+    # How many objects a chunk had, what was found, and which of them need a search of their own.
+    Found = tuple[int, Crossings, list[int]]
 
 HOUR_S = 3600.0
 MOST_HOURS = 24.0 * 366.0
 _FAILURE_STEP_S = 60.0
 _FAILURE_CLOSE_S = 0.01
+# A chunk's arrays of this many stretches stay within a processor's cache, and memory within bounds.
+_STRETCHES_A_CHUNK = 48000
+_DEEP_A_CHUNK = 150
+_STRETCHES_A_SECOND = 8.0 / 6000.0
+# A process takes longer to start than this many objects take to be searched.
+_FEWEST_TO_SHARE = 4000
+_AHEAD = 2
+_CELL_DEG = 0.1
+_CELLS = 3600
 
 
 class Pass(NamedTuple):
@@ -87,6 +128,213 @@ def find_passes(
             break
         span_s = _good_span(seen, start_s, span_s)
     return passes_of(find_crossings(arcs, horizon), start_s)
+
+
+@dataclass(frozen=True, slots=True)
+class SatellitePass:
+    """A pass and the elements of the satellite that makes it."""
+
+    elements: Elements
+    seen: Pass
+
+
+class CataloguePasses(Sequence[SatellitePass]):
+    """The passes found, in order of object and time; each is made when it is asked for.
+
+    `found` holds them as columns: `found.obj` are indices into `elements`, times are seconds since `start`,
+    NaN where cut by the span's ends. `failed` are the objects that SGP4 could not place at all, with its
+    reason.
+    """
+
+    def __init__(
+        self,
+        task: SearchTask,
+        found: Crossings,
+        failed: list[tuple[Elements, PropagationError]],
+    ) -> None:
+        """Keep what `find_catalogue_passes` was asked and what it found."""
+        self.task = task
+        self.elements = task.elements
+        self.start = Utc(task.span[0])
+        self.found = found
+        self.failed = failed
+
+    def __len__(self) -> int:
+        """Return how many passes there are."""
+        return len(self.found.obj)
+
+    @overload
+    def __getitem__(self, index: int) -> SatellitePass: ...
+    @overload
+    def __getitem__(self, index: slice) -> list[SatellitePass]: ...
+    def __getitem__(self, index: int | slice) -> SatellitePass | list[SatellitePass]:
+        """Return one pass, or a list of them."""
+        if isinstance(index, slice):
+            return self.take(np.arange(len(self))[index])
+        if not -len(self) <= index < len(self):
+            raise IndexError(index)
+        return self.take(np.array([index % len(self)]))[0]
+
+    def __iter__(self) -> Iterator[SatellitePass]:
+        """Go through all passes."""
+        return iter(self.take(np.arange(len(self))))
+
+    def take(self, index: Index) -> list[SatellitePass]:
+        """Return the passes of these indices, in their order."""
+        chosen = select(self.found, index)
+        passes = passes_of(chosen, float(self.start.unix_s))
+        return [SatellitePass(self.elements[o], p) for o, p in zip(chosen.obj.tolist(), passes, strict=True)]
+
+
+def find_catalogue_passes(
+    elements: Sequence[Elements],
+    site: Site,
+    start: Utc,
+    hours: float,
+    horizon: Horizon | float = 10.0,
+    *,
+    earth: EarthOrientation | None = None,
+    workers: int = 1,
+    progress: Callable[[int, int], None] | None = None,
+) -> CataloguePasses:
+    """Return the passes of many satellites over a site, geometric and airless, as `find_passes` does for one.
+
+    `horizon` is a least altitude in degrees, or a `Horizon` with a mask.
+    No pass longer than half a second is missed; see `prefilter` and `crossings` for the proof. `progress` is
+    called now and then with how many objects are done and how many there are. `workers` above 1 share large
+    catalogues among as many processes; a script that asks for them must guard its own work by
+    `if __name__ == "__main__"`. Raises TimeRangeError, SiteError; what SGP4 refuses is listed in `failed`.
+    """
+    check_hours(hours)
+    level = horizon if isinstance(horizon, Horizon) else Horizon(horizon)
+    task = SearchTask(elements, site, (float(start.unix_s), hours * HOUR_S), level, earth)
+    search = CatalogueSearch(task)
+    pieces: list[Crossings] = []
+    left: list[int] = []
+    done = 0
+    for count, found, rest in shared(search, search.chunks(), workers):
+        pieces.append(found)
+        left += rest
+        done += count
+        if progress is not None:
+            progress(done, len(elements))
+    failed = search.one_by_one(sorted(left), pieces)
+    return CataloguePasses(task, joined(pieces), failed)
+
+
+@dataclass(frozen=True, slots=True)
+class HorizonMask:
+    """Altitudes of the skyline at azimuths, both in degrees, linear between them and round through north.
+
+    Azimuths rise from 0 up to 360; two with the same azimuth make a wall. Raises SiteError.
+    """
+
+    azimuths_deg: tuple[float, ...]
+    altitudes_deg: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Check the points."""
+        if not self.azimuths_deg or len(self.azimuths_deg) != len(self.altitudes_deg):
+            raise SiteError("a horizon needs at least one azimuth and an altitude for each")
+        for azimuth, altitude in zip(self.azimuths_deg, self.altitudes_deg, strict=True):
+            _check_point(azimuth, altitude)
+        if any(b < a for a, b in zip(self.azimuths_deg, self.azimuths_deg[1:], strict=False)):
+            raise SiteError("the azimuths of a horizon must rise: sort its points")
+
+    @classmethod
+    def read(cls, path: str | Path) -> HorizonMask:
+        """Return the horizon in a text file: azimuth and altitude in degrees on each line.
+
+        Blanks or a comma part the two numbers; `#` begins a comment; an azimuth of 360 is that of 0.
+        Raises SourceError, naming file and line.
+        """
+        try:
+            text = Path(path).read_text(encoding="utf-8-sig")
+        except (OSError, UnicodeDecodeError) as error:
+            why = (error.strerror or str(error)) if isinstance(error, OSError) else "is not text"
+            raise SourceError(f"{path}: cannot read the horizon: {why}") from None
+        points: list[tuple[float, float]] = []
+        for number, line in enumerate(text.splitlines(), start=1):
+            words = line.split("#")[0].replace(",", " ").split()
+            if not words:
+                continue
+            try:
+                azimuth, altitude = (float(word) for word in words)
+                _check_point(azimuth, altitude)
+            except ValueError:
+                raise SourceError(
+                    f"{path}:{number}: {printable(line.strip())!r} is no point of a horizon: "
+                    "write azimuth and altitude in degrees, as 135 12.5"
+                ) from None
+            except SiteError as error:
+                raise SourceError(f"{path}:{number}: {error}") from None
+            if points and azimuth < points[-1][0]:
+                raise SourceError(
+                    f"{path}:{number}: azimuth {azimuth:g}° comes after {points[-1][0]:g}°: "
+                    "sort the lines by azimuth"
+                )
+            points.append((azimuth, altitude))
+        if not points:
+            raise SourceError(
+                f"{path}: holds no points of a horizon: write azimuth and altitude on each line"
+            )
+        return cls(tuple(p[0] for p in points), tuple(p[1] for p in points))
+
+    def altitude_deg(self, azimuth_deg: Quantity) -> Quantity:
+        """Return the altitude of the skyline in directions of any shape."""
+        first, last = self.azimuths_deg[0], self.azimuths_deg[-1]
+        azimuths = [last - 360.0, *self.azimuths_deg, first + 360.0]
+        altitudes = [self.altitudes_deg[-1], *self.altitudes_deg, self.altitudes_deg[0]]
+        return np.interp(azimuth_deg, azimuths, altitudes)
+
+
+class Horizon:
+    """What a satellite must stand above: a least altitude everywhere, and a skyline where it is higher."""
+
+    def __init__(self, min_alt_deg: float, mask: HorizonMask | None = None) -> None:
+        """Prepare bounds over ranges of azimuth. Raises SiteError for an altitude outside -90° to 90°."""
+        if not -90.0 <= min_alt_deg <= 90.0:
+            raise SiteError(f"a least altitude of {min_alt_deg}° is outside -90° to 90°")
+        self.min_alt_deg = min_alt_deg
+        self.mask = mask
+        self.lowest_deg = min_alt_deg
+        self._low: list[NDArray[np.float64]] = []
+        self._high: list[NDArray[np.float64]] = []
+        if mask is not None:
+            low, high = _cells(mask)
+            low, high = np.maximum(low, min_alt_deg), np.maximum(high, min_alt_deg)
+            self.lowest_deg = float(low.min())
+            # Level k holds the extremes of 2**k cells from each on, round through north.
+            for level in range(12):
+                self._low.append(low)
+                self._high.append(high)
+                low = np.minimum(low, np.roll(low, -(1 << level)))
+                high = np.maximum(high, np.roll(high, -(1 << level)))
+
+    def altitude_deg(self, azimuth_deg: Quantity) -> Quantity:
+        """Return the altitude to be exceeded at azimuths in degrees."""
+        if self.mask is None:
+            return self.min_alt_deg
+        return np.maximum(self.mask.altitude_deg(azimuth_deg), self.min_alt_deg)
+
+    def extremes_deg(
+        self, azimuth_deg: NDArray[np.float64], aside_deg: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return bounds of the altitude to be exceeded within `aside_deg` of azimuths; shapes (m,)."""
+        if self.mask is None:
+            flat = np.full(np.shape(azimuth_deg), self.min_alt_deg)
+            return flat, flat
+        first = np.floor((azimuth_deg - aside_deg) / _CELL_DEG).astype(np.int64)
+        last = np.floor((azimuth_deg + aside_deg) / _CELL_DEG).astype(np.int64)
+        count = np.clip(last - first + 1, 1, _CELLS)
+        level = np.floor(np.log2(count)).astype(np.int64)
+        second = (first + count - (1 << level)) % _CELLS
+        low, high = np.array(self._low), np.array(self._high)
+        first %= _CELLS
+        return (
+            np.minimum(low[level, first], low[level, second]),
+            np.maximum(high[level, first], high[level, second]),
+        )
 
 
 def _near(propagator: Propagator, span: tuple[float, float], horizon: Horizon) -> Crossings | None:
@@ -156,3 +404,212 @@ def _good_span(seen: Propagator, start_s: float, span_s: float) -> float:
         else:
             good = middle
     return max(good - 1.0, 0.5 * good)
+
+
+@dataclass(frozen=True, slots=True)
+class SearchTask:
+    """What to search: `span` is its first second (POSIX) and its length in seconds."""
+
+    elements: Sequence[Elements]
+    site: Site
+    span: tuple[float, float]
+    horizon: Horizon
+    earth: EarthOrientation | None
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Objects to be searched together, by index; `near` is None where they are in deep space."""
+
+    index: Index
+    near: NearEarth | None
+
+
+class CatalogueSearch:
+    """A search for the passes of many objects, a chunk at a time. Raises TimeRangeError, SiteError."""
+
+    def __init__(self, task: SearchTask) -> None:
+        """Look up what all chunks share."""
+        self.task = task
+        self.elements = task.elements
+        self.start_s, self.span_s = task.span
+        self.horizon = task.horizon
+        self.earth = task.earth or EarthOrientation.installed()
+        self.ground = Ground(task.site, self.earth, self.start_s, self.span_s)
+
+    def chunks(self) -> list[Chunk]:
+        """Return all objects in chunks of like eccentricity, as Kepler's equation likes; deep space first."""
+        if not self.elements:
+            return []
+        period_s = 120.0 * math.pi / brouwer_mean_motion(self.elements)
+        order = np.argsort([e.eccentricity for e in self.elements], kind="stable")
+        is_deep = period_s[order] >= DEEP_SPACE_MIN * 60.0
+        near, deep = order[~is_deep], order[is_deep]
+        near_size = max(1, int(_STRETCHES_A_CHUNK / max(1.0, self.span_s * _STRETCHES_A_SECOND)))
+        deep_size = max(1, int(_DEEP_A_CHUNK / max(1.0, self.span_s / DAY_S)))
+        c = start_near_earth([self.elements[i] for i in near.tolist()])
+        parts = [np.arange(k, min(k + near_size, len(near))) for k in range(0, len(near), near_size)]
+        return [
+            *(Chunk(deep[k : k + deep_size], None) for k in range(0, len(deep), deep_size)),
+            *(Chunk(near[part], c.take(part)) for part in parts),
+        ]
+
+    def run(self, chunk: Chunk) -> Found:
+        """Search one chunk."""
+        return self._deep(chunk.index) if chunk.near is None else self._near(chunk.index, chunk.near)
+
+    def are_deep(self, obj: Index) -> NDArray[np.bool_]:
+        """Tell which objects, by index, take 225 minutes or longer to go round."""
+        if len(obj) == 0:
+            return np.empty(0, dtype=bool)
+        period_s = 120.0 * math.pi / brouwer_mean_motion([self.elements[i] for i in obj.tolist()])
+        deep: NDArray[np.bool_] = period_s >= DEEP_SPACE_MIN * 60.0
+        return deep
+
+    def arcs(self, windows: Windows, deep: bool) -> tuple[Arcs, Index]:
+        """Return the ways of objects, all deep or all near, in windows, and objects that have none."""
+        names, obj = np.unique(windows.obj, return_inverse=True)
+        elements = [self.elements[i] for i in names.tolist()]
+        e = np.array([one.eccentricity for one in elements])
+        period_s = np.array([one.period_s for one in elements])
+        longest_s = longest_piece_s(period_s, e)
+        local = Windows(obj, windows.first_s, windows.last_s)
+        pieces = even_pieces(local, longest_s[obj])
+        terms = terms_for(float(e.max(initial=0.0)))
+        if deep:
+            records = self._deep_space(names)
+            arcs, without = fit_arcs(local, pieces, records.places, terms)
+        else:
+            c = start_near_earth(elements)
+            arcs, without = fit_arcs(
+                local, pieces, lambda o, s: near_places(c, self.ground, self.start_s, o, s), terms
+            )
+        return arcs, names[without]
+
+    def one_by_one(self, left: list[int], pieces: list[Crossings]) -> list[tuple[Elements, PropagationError]]:
+        """Search objects that decay or drag beyond all bounds; add what is found, return the refused."""
+        if not left:
+            return []
+        # Few searches come to this, and none of a satellite that keeps its orbit.
+        from tle.propagator import Propagator
+
+        task, failed = self.task, []
+        for index in left:
+            elements = self.elements[index]
+            try:
+                self._check_drag(elements)
+                propagator = Propagator(elements, task.site, earth=self.earth)
+                passes = find_passes(
+                    propagator,
+                    Utc(self.start_s),
+                    self.span_s / HOUR_S,
+                    self.horizon.min_alt_deg,
+                    self.horizon.mask,
+                )
+            except PropagationError as error:
+                failed.append((elements, error))
+                continue
+            pieces.append(crossings_of(passes, index, self.start_s))
+        return failed
+
+    def _check_drag(self, elements: Elements) -> None:
+        """Raise PropagationError where SGP4's series for drag has outgrown the orbit before the span begins.
+
+        SGP4 itself reports nothing then, and places the object anywhere up to millions of kilometres away.
+        """
+        if (
+            elements.period_s < DEEP_SPACE_MIN * 60.0
+            and drag_share(start_near_earth([elements]), self.start_s) > 1
+        ):
+            age_days = elements.age_s(Utc(self.start_s)) / DAY_S
+            raise PropagationError(
+                f"{elements.label} ({elements.catalog_number}) cannot be placed {age_days:+.1f} days from "
+                "the epoch of its elements: its drag would have ended the orbit before: use newer elements",
+                DECAYED,
+            )
+
+    def _near(self, chunk: Index, c: NearEarth) -> Found:
+        found, left = near_crossings(c, self.ground, self.task.span, self.horizon)
+        return len(chunk), found.renamed(chunk), chunk[left].tolist()
+
+    def _deep_space(self, obj: Index) -> DeepSpace:
+        # A search for one satellite near the Earth starts sooner without what only deep space needs.
+        from tle.prefilter import DeepSpace
+
+        return DeepSpace([self.elements[i] for i in obj.tolist()], self.ground, self.task.span)
+
+    def _deep(self, chunk: Index) -> Found:
+        records = self._deep_space(chunk)
+        windows, pieces = records.windows(self.horizon.lowest_deg)
+        terms = terms_for(self.elements[int(chunk[-1])].eccentricity)
+        arcs, without = fit_arcs(windows, pieces, records.places, terms)
+        found = find_crossings(arcs, self.horizon)
+        return len(chunk), found.renamed(chunk), chunk[without].tolist()
+
+
+def shared(search: CatalogueSearch, chunks: list[Chunk], workers: int) -> Iterator[Found]:
+    """Yield what is found in each chunk, in any order, the work shared among so many processes."""
+    if workers <= 1 or len(search.elements) * max(1.0, search.span_s / DAY_S) < _FEWEST_TO_SHARE:
+        for chunk in chunks:
+            yield search.run(chunk)
+    else:
+        yield from _by_processes(search, chunks, workers)
+
+
+def _by_processes(search: CatalogueSearch, chunks: list[Chunk], workers: int) -> Iterator[Found]:
+    """Yield what is found in each chunk by processes of their own."""
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
+
+    flying: deque[Future[Found]] = deque()
+    # What others search comes with the chunk; SGP4 for deep space, which needs the elements, stays here.
+    todo = deque(chunk for chunk in chunks if chunk.near is not None)
+    own = deque(chunk for chunk in chunks if chunk.near is None)
+    with ProcessPoolExecutor(
+        workers - 1,
+        mp_context=get_context("spawn"),
+        initializer=_begin,
+        initargs=(replace(search.task, elements=()),),
+    ) as pool:
+        while own or todo or flying:
+            while todo and len(flying) < _AHEAD * (workers - 1):
+                flying.append(pool.submit(_search_chunk, todo.popleft()))
+            # This process works along, so that nothing waits while the others start.
+            if own or todo:
+                yield search.run((own or todo).popleft())
+            while flying and (flying[0].done() or not (own or todo)):
+                yield flying.popleft().result()
+
+
+class _Process:
+    """The search of this process when it works for another."""
+
+    search: CatalogueSearch
+
+
+def _begin(task: SearchTask) -> None:
+    _Process.search = CatalogueSearch(task)
+
+
+def _search_chunk(chunk: Chunk) -> Found:
+    return _Process.search.run(chunk)
+
+
+def _check_point(azimuth_deg: float, altitude_deg: float) -> None:
+    if not 0.0 <= azimuth_deg <= 360.0:
+        raise SiteError(f"an azimuth of {azimuth_deg:g}° is outside 0° to 360°")
+    if not (math.isfinite(altitude_deg) and -90.0 <= altitude_deg <= 90.0):
+        raise SiteError(f"an altitude of {altitude_deg:g}° is outside -90° to 90°")
+
+
+def _cells(mask: HorizonMask) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the lowest and highest altitude in each tenth of a degree of azimuth, borders included."""
+    edges = mask.altitude_deg(np.arange(_CELLS + 1) * _CELL_DEG)
+    low, high = np.minimum(edges[:-1], edges[1:]), np.maximum(edges[:-1], edges[1:])
+    for azimuth, altitude in zip(mask.azimuths_deg, mask.altitudes_deg, strict=True):
+        middle = int(azimuth / _CELL_DEG)
+        # The point may stand on a border, which rounding puts on either side.
+        for cell in (middle - 1, middle, middle + 1):
+            low[cell % _CELLS] = min(low[cell % _CELLS], altitude)
+            high[cell % _CELLS] = max(high[cell % _CELLS], altitude)
+    return low, high

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from tle.errors import RefractionError
-from tle.quantities import FLOATS, functions_for
+from tle.instants import FLOATS, functions_for
 
 if TYPE_CHECKING:
-    from tle.quantities import Functions, Quantity
+    from tle.instants import Functions, Quantity
 
 _RAD = math.pi / 180.0
 _AT_ZENITH_ARCMIN = 0.0013515  # makes the formula zero at the zenith

@@ -1,7 +1,11 @@
-"""Element sets from files, folders and text; an object's newest epoch wins; look-up by any of its names."""
+"""Element sets from files, folders and text, and into text; look-up by any of an object's names.
+
+The format of a text is recognised by its content, never by a file's name. An object's newest epoch wins.
+"""
 
 from __future__ import annotations
 
+import importlib
 import io
 import re
 import sys
@@ -13,15 +17,32 @@ from tle.elements import Elements, parse_alpha5
 from tle.errors import (
     AmbiguousSatelliteError,
     ElementsError,
+    FormatError,
     SatelliteNotFoundError,
     SourceError,
 )
-from tle.formats.registry import parse_elements
 from tle.instants import Utc
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
+    _Reader = Callable[[str, str], Iterator[Elements | ElementsError]]
+
+# Name, what a text of it cannot be without, and the module, imported only for a text that may be of it.
+_READERS: tuple[tuple[str, Callable[[str], bool], str], ...] = (
+    ("xml", lambda text: text.lstrip()[:1] == "<", "omm_notations"),
+    ("json", lambda text: text.lstrip()[:1] in ("[", "{"), "omm_notations"),
+    ("gpredict", lambda text: "TLE1=" in text, "tle"),
+    ("csv", lambda text: "MEAN_MOTION" in text or "NORAD_CAT_ID" in text, "omm_notations"),
+    ("kvn", lambda text: "=" in text, "omm_notations"),
+    ("tle", lambda _: True, "tle"),
+)
+WRITTEN = ("csv", "json", "xml", "kvn", "tle", "2le")
+# Compiled where they are used: a text that can be read needs none of these.
+_TDM = r"^\s*CCSDS_TDM_VERS\b|<(?:\w+:)?tdm\b"
+# gpredict's categories: a title, then numbers.
+_NUMBERS = r"[^\n]{0,200}\n(?:\d{1,9}\r?\n)+\s*"
+_HTML = r"\s*<(?:!doctype\s+html|html|head|body)\b"
 _SHOWN = 8
 _MOST_BYTES = 256 * 1024 * 1024
 # From this day on CelesTrak has published objects whose numbers no TLE of its can hold (100000 and above).
@@ -82,44 +103,40 @@ def load_elements(*sources: str | Path, fetch: Callable[[str], str] | None = Non
     return sets
 
 
-def lacks_new_objects(source: str, text: str, accepted: Sequence[Elements]) -> bool:
-    """Tell whether a list is known to leave out objects numbered 100000 and above.
+def parse_elements(text: str, source: str = "") -> list[Elements | ElementsError]:
+    """Return every set in a text, or the reason it is refused, in order, in a format recognised by content.
 
-    It is known where the source, or an address in a comment at the head of the text, is a CelesTrak query
-    for a list in TLE format (which is what it gives where no FORMAT is asked for), the list is of the time
-    since such objects exist, and none of them is in it.
+    Reads TLE, 3LE, OMM (CSV, JSON, XML, KVN) and gpredict's list. A text without sets gives one FormatError.
     """
-    head = "\n".join(line for line in text[:_HEAD].split("\n") if line.startswith("#"))
-    if not accepted or "gp.php" not in (source + head).lower():
-        return False
-    match = re.match(_QUERY, source, re.IGNORECASE) or re.search(_QUERY, head, re.IGNORECASE)
-    if match is None:
-        return False
-    asked = dict(part.upper().partition("=")[::2] for part in match.group(1).split("&"))
-    return (
-        asked.get("FORMAT", "TLE") in ("TLE", "2LE", "3LE")
-        and "CATNR" not in asked
-        and max(one.epoch.unix_s for one in accepted) >= _SIX_DIGITS_SINCE.unix_s
-        and all(one.catalog_number < 100_000 for one in accepted)
-    )
+    text = text.removeprefix("\ufeff")
+    if "\n" not in text:
+        text = text.replace("\r", "\n")
+    reader = _reader(text)
+    if reader is not None:
+        found = list(reader(text, source))
+        if found:
+            return found
+    return [FormatError(_nothing(text), source=source or "the text")]
 
 
-def newest(elements: Iterable[Elements]) -> list[Elements]:
-    """Return one set for each object, that of the newest epoch, in the order of first appearance.
+def write_elements(elements: Iterable[Elements], form: str, created: str = "", originator: str = "") -> str:
+    """Return element sets as text in one of the formats WRITTEN: OMM as csv, json, xml or kvn; tle or 2le.
 
-    Sets of one number are of one object, unless their designators contradict each other.
+    OMM keeps every value exactly; TLE to the precision of its columns, "2le" without names. `created`
+    (ISO 8601 UTC) and `originator` go into the headers of XML and KVN. Raises UnwritableError where a TLE
+    cannot hold a value, SourceError for an unknown format.
     """
-    best: dict[int, list[Elements]] = {}
-    for one in elements:
-        known = best.setdefault(one.catalog_number, [])
-        for at, other in enumerate(known):
-            if one.designator == other.designator or not (one.designator and other.designator):
-                if other.epoch < one.epoch:
-                    known[at] = one
-                break
-        else:
-            known.append(one)
-    return [one for known in best.values() for one in known]
+    if form in ("tle", "2le"):
+        from tle.formats import tle
+
+        return tle.write_tle(elements, names=form == "tle")
+    from tle.formats import omm_notations as omm
+
+    if form in ("csv", "json"):
+        return omm.write_csv(elements) if form == "csv" else omm.write_json(elements)
+    if form in ("xml", "kvn"):
+        return (omm.write_xml if form == "xml" else omm.write_kvn)(elements, created, originator)
+    raise SourceError(f"{form!r} is no format of elements: give one of {', '.join(WRITTEN)}")
 
 
 def find(elements: Sequence[Elements], key: str) -> Elements:
@@ -145,6 +162,76 @@ def find(elements: Sequence[Elements], key: str) -> Elements:
     raise SatelliteNotFoundError(
         f"no satellite {key!r} in the elements, which hold {_listed(there) if there else 'none'}"
         f"{_meant(elements, wanted)}"
+    )
+
+
+def newest(elements: Iterable[Elements]) -> list[Elements]:
+    """Return one set for each object, that of the newest epoch, in the order of first appearance.
+
+    Sets of one number are of one object, unless their designators contradict each other.
+    """
+    best: dict[int, list[Elements]] = {}
+    for one in elements:
+        known = best.setdefault(one.catalog_number, [])
+        for at, other in enumerate(known):
+            if one.designator == other.designator or not (one.designator and other.designator):
+                if other.epoch < one.epoch:
+                    known[at] = one
+                break
+        else:
+            known.append(one)
+    return [one for known in best.values() for one in known]
+
+
+def _reader(text: str) -> _Reader | None:
+    """Return the reader of the format that a text is in."""
+    for name, may_be, module_name in _READERS:
+        if not may_be(text):
+            continue
+        module = importlib.import_module(f"tle.formats.{module_name}")
+        if getattr(module, f"looks_like_{name}")(text):
+            reader: _Reader = getattr(module, f"read_{name}")
+            return reader
+    return None
+
+
+def is_html(text: str) -> bool:
+    """Tell whether a text is a web page."""
+    return re.match(_HTML, text, re.IGNORECASE) is not None
+
+
+def _nothing(text: str) -> str:
+    """Return what to say of a text without element sets."""
+    if not text.strip():
+        return "is empty: no element sets in it"
+    if is_html(text):
+        return "is a web page and holds no element sets: save the data itself, as CSV or JSON"
+    if re.search(_TDM, text, re.ASCII):
+        return "is a tracking data message (TDM), which holds observations and no element sets"
+    if re.fullmatch(_NUMBERS, text, re.ASCII):
+        return "is a list of catalogue numbers without element sets: give the sets themselves"
+    return "holds no element sets: give a TLE, 3LE or OMM file"
+
+
+def lacks_new_objects(source: str, text: str, accepted: Sequence[Elements]) -> bool:
+    """Tell whether a list is known to leave out objects numbered 100000 and above.
+
+    It is known where the source, or an address in a comment at the head of the text, is a CelesTrak query
+    for a list in TLE format (which is what it gives where no FORMAT is asked for), the list is of the time
+    since such objects exist, and none of them is in it.
+    """
+    head = "\n".join(line for line in text[:_HEAD].split("\n") if line.startswith("#"))
+    if not accepted or "gp.php" not in (source + head).lower():
+        return False
+    match = re.match(_QUERY, source, re.IGNORECASE) or re.search(_QUERY, head, re.IGNORECASE)
+    if match is None:
+        return False
+    asked = dict(part.upper().partition("=")[::2] for part in match.group(1).split("&"))
+    return (
+        asked.get("FORMAT", "TLE") in ("TLE", "2LE", "3LE")
+        and "CATNR" not in asked
+        and max(one.epoch.unix_s for one in accepted) >= _SIX_DIGITS_SINCE.unix_s
+        and all(one.catalog_number < 100_000 for one in accepted)
     )
 
 

@@ -13,14 +13,13 @@ from sattrack.cli.common import CommandContext, common_options, tell, write_file
 from sattrack.core.errors import BadInputError
 from tle.elements import expected_along_arcsec, expected_along_s
 from tle.errors import PropagationError, TleError
-from tle.formats.registry import WRITTEN, write_elements
 from tle.instants import Utc
-from tle.motion import Motion
-from tle.sources import ElementSets, find, is_fetched, newest
+from tle.propagator import Motion
+from tle.sources import WRITTEN, ElementSets, find, is_fetched, newest, write_elements
 
 if TYPE_CHECKING:
     from tle.elements import Elements
-    from tle.observations import Observation
+    from tle.formats.observations import Observation
 
 _DAY_S = 86400.0
 
@@ -223,8 +222,7 @@ def _residuals(
     context: CommandContext, sets: ElementSets, observations: Path, stations: Path | None
 ) -> list[dict[str, Any]]:
     """Return one row for each observation: the biases that it implies, or the reason why it implies none."""
-    from tle.formats.observations import read_observations, read_stations
-    from tle.observations import Stations
+    from tle.formats.observations import Stations, read_observations, read_stations
 
     site = context.site() if context.has_site() else None
     known = read_stations(stations, site) if stations else Stations({}, site)

@@ -23,9 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from sattrack.cli.passes_rows import PassTable
-    from tle.catalogue_passes import CataloguePasses
     from tle.elements import Elements
-    from tle.horizon import Horizon
+    from tle.passes import CataloguePasses, Horizon
 
 _DARK_SUN_DEG = -6.0
 _FEWEST_FOR_PROGRESS = 2000
@@ -158,7 +157,7 @@ def _chosen(elements: list[Elements], keys: Sequence[str], pattern: str | None) 
 def _search(
     context: CommandContext, chosen: list[Elements], start: Utc, options: dict[str, Any]
 ) -> CataloguePasses:
-    from tle.catalogue_passes import find_catalogue_passes
+    from tle.passes import find_catalogue_passes
 
     return find_catalogue_passes(
         chosen,
@@ -172,7 +171,7 @@ def _search(
 
 
 def _horizon(context: CommandContext, options: dict[str, Any]) -> Horizon:
-    from tle.horizon import Horizon, HorizonMask
+    from tle.passes import Horizon, HorizonMask
 
     least_deg = options["min_alt_deg"]
     if least_deg is None:

@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sattrack.cli.passes_rows import PassTable, Row
-    from tle.catalogue_passes import CataloguePasses
-    from tle.horizon import Horizon
+    from tle.passes import CataloguePasses, Horizon
 
 _MOST_PASSES = 12
 _LOOKS = 200

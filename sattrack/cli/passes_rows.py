@@ -25,10 +25,9 @@ if TYPE_CHECKING:
 
     from sattrack.mount.model import MountProfile
     from sattrack.safety.limits import SafetyLimits
-    from tle.catalogue_passes import CataloguePasses
     from tle.elements import Elements
     from tle.facts import FactColumns, PassFacts
-    from tle.passes import Pass
+    from tle.passes import CataloguePasses, Pass
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]

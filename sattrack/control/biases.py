@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from sattrack.control.course import Course
 from sattrack.control.offset import REST, Bounds, Offset, State, added
 from tle.bias import Bias
-from tle.direction import Turn
+from tle.direction import SkyTurn
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -175,7 +175,7 @@ class Biases:
             cross.acceleration * slope + 2.0 * cross.rate * off,
         )
 
-    def _turn(self, utc_s: float) -> Turn:
+    def _turn(self, utc_s: float) -> SkyTurn:
         at = {what: self.offsets[what].state(utc_s) for what in self._turned}
         east, north, pole, x, y = (
             at.get("ra_cos_dec_deg", REST),
@@ -185,7 +185,7 @@ class Biases:
             at.get("camera_y_deg", REST),
         )
         c, s = math.cos(self._rotation), math.sin(self._rotation)
-        return Turn(
+        return SkyTurn(
             east.value + x.value * c + y.value * s,
             north.value - x.value * s + y.value * c,
             pole.value,

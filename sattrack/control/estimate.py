@@ -22,16 +22,15 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 
 from sattrack.views.messages import MOST_SIGMA_ARCSEC, Observation
-from tle.bias import Bias
+from tle.bias import Bias, apparent_unit
 from tle.instants import Utc
-from tle.residuals import apparent_unit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.control.course import Course
+    from tle.bias import Frame
     from tle.propagator import Propagator
-    from tle.residuals import Frame
 
 
 @dataclass(frozen=True, slots=True)

@@ -30,8 +30,7 @@ from sattrack import __version__
 from sattrack.core.errors import BadInputError, SattrackError
 from tle.elements import Elements, parse_alpha5
 from tle.errors import ElementsError, TleError, printable
-from tle.formats.registry import is_html, parse_elements
-from tle.sources import COMMON_NAMES, find
+from tle.sources import COMMON_NAMES, find, is_html, parse_elements
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping

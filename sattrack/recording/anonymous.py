@@ -24,9 +24,9 @@ from sattrack.recording.format import COMMAND, FAILURE, OPERATOR, REPEAT, STATUS
 from sattrack.recording.observed import FRAMES
 from sattrack.recording.reading import GAP
 from sattrack.recording.recorder import Recorder
+from tle.bias import apparent_unit
 from tle.earth import EarthOrientation, to_tirs
 from tle.instants import Utc
-from tle.residuals import apparent_unit
 from tle.site import Site
 
 if TYPE_CHECKING:

@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sattrack.recording.reading import Recording
+    from tle.bias import Frame
     from tle.elements import Elements
-    from tle.residuals import Frame
     from tle.site import Site
 
 CCSDS_FRAMES = {"icrs": "ICRF", "j2000": "EME2000", "of_date": "TOD"}
@@ -41,7 +41,7 @@ def tdm_text(
 
     Directions of one frame that follow one another with one sigma are a segment. The standard has no keyword
     for the uncertainty of angles: a comment in the segment's metadata says it, SIGMA_ARCSEC, and
-    `tle.observations` reads it.
+    `tle.formats.observations` reads it.
 
     Times are UTC of reception, angles degrees. The site is in a comment, as the standard has no place
     for it.

@@ -15,10 +15,10 @@ from sattrack.recording.observed import FRAMES, observations
 from sattrack.recording.smoothing import BiasFit, ObservedBias, fit_biases
 from sattrack.safety import ROWS
 from sattrack.views.messages import Nudge, OffsetBy, decode_message
+from tle.bias import bias_from_observation
 from tle.errors import ObservationError
 from tle.instants import Utc
 from tle.propagator import Propagator
-from tle.residuals import bias_from_observation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,7 +13,7 @@ from sattrack.safety.limits import SafetyLimits
 class SafetySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a settings file says of the limits; see `SafetyLimits`.
 
-    `horizon` names a text file of azimuths and altitudes, degrees, as `tle.horizon.HorizonMask` reads it,
+    `horizon` names a text file of azimuths and altitudes, degrees, as `tle.passes.HorizonMask` reads it,
     beside the settings file.
     """
 
@@ -34,7 +34,7 @@ class SafetySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         if self.horizon is None:
             return self._limits(())
         from tle.errors import TleError
-        from tle.horizon import HorizonMask
+        from tle.passes import HorizonMask
 
         path = Path(self.horizon)
         try:

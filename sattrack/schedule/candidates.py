@@ -15,11 +15,10 @@ from sattrack.core.origin import meant
 from sattrack.planning.kinematics import ability_at, verdict_on
 from sattrack.planning.path import Pointing, body_place_deg, margins_deg
 from sattrack.safety.bodies import sun_over
-from tle.catalogue_passes import find_catalogue_passes
 from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError
 from tle.facts import pass_facts, sun_altitudes_deg
-from tle.horizon import Horizon, HorizonMask
 from tle.instants import DAY_S, Utc
+from tle.passes import Horizon, HorizonMask, find_catalogue_passes
 from tle.propagator import Propagator
 from tle.sources import find
 
@@ -31,9 +30,9 @@ if TYPE_CHECKING:
     from sattrack.safety.limits import SafetyLimits
     from sattrack.schedule.file import Schedule, ScheduleEntry
     from sattrack.schedule.transitions import CandidatePath
-    from tle.catalogue_passes import CataloguePasses, SatellitePass
     from tle.elements import Elements
     from tle.facts import PassFacts
+    from tle.passes import CataloguePasses, SatellitePass
     from tle.site import Site
 
     Span = tuple[float, float]

@@ -28,8 +28,8 @@ from sattrack.schedule.night_stop import holder, resume_command, stop_of
 from sattrack.schedule.summary import page, summary_name, text_lines
 from sattrack.views.schedule import ScheduleView
 from tle.errors import TleError
-from tle.formats.registry import write_elements
 from tle.instants import DAY_S, Utc
+from tle.sources import write_elements
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -15,13 +15,12 @@ from skyfield.api import EarthSatellite, load, wgs84
 from skyfield.timelib import Timescale
 from tle_facts import ISS, LEIDEN, MOLNIYA, PARANAL, STARLINK_ALPHA5, TDRS3, separation_arcsec, unit
 
-from tle.bias import Bias
+from tle.bias import Bias, bias_from_observation
 from tle.earth import EarthOrientation
 from tle.elements import Elements
 from tle.errors import BiasError, ObservationError, PlaceError
 from tle.instants import Utc
 from tle.propagator import Propagator
-from tle.residuals import bias_from_observation
 from tle.site import Site
 
 PLAIN = EarthOrientation.fixed(0.0)

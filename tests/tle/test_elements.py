@@ -11,7 +11,7 @@ from tle_facts import DECAYING, ISS, MOLNIYA, STARLINK_ALPHA5, TDRS3
 from tle.elements import Elements, parse_alpha5
 from tle.errors import DecayedError, PropagationError
 from tle.instants import Utc
-from tle.motion import Motion
+from tle.propagator import Motion
 from tle.sources import load_elements
 
 

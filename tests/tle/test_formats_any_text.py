@@ -14,8 +14,7 @@ from tle_facts import ISS, TDRS3
 from tle.elements import Elements
 from tle.errors import ElementsError, SourceError
 from tle.formats import omm_notations, tle
-from tle.formats.registry import parse_elements
-from tle.sources import load_elements
+from tle.sources import load_elements, parse_elements
 
 READERS = {
     "tle": tle.read_tle,

@@ -12,10 +12,9 @@ from sgp4.api import Satrec
 
 from tle.elements import Elements
 from tle.formats import tle
-from tle.formats.registry import WRITTEN, parse_elements, write_elements
 from tle.formats.tle import regular_set
-from tle.motion import Motion
-from tle.sources import load_elements
+from tle.propagator import Motion
+from tle.sources import WRITTEN, load_elements, parse_elements, write_elements
 
 CATALOGUE = "spacetrack_full_20250901.tle.gz"
 
@@ -60,7 +59,7 @@ def test_the_whole_catalogue_is_read_and_the_quick_way_gives_the_same_numbers(ca
     quick = 0
     for n, one in enumerate(found):
         first, second = lines[3 * n + 1].rstrip(), lines[3 * n + 2].rstrip()
-        careful = tle.parse_lines(tle.Line(first), tle.Line(second), one.name)
+        careful = tle.parse_lines(tle.ElementLine(first), tle.ElementLine(second), one.name)
         assert one == careful
         quick += regular_set(first, second, "") is not None
     assert quick > 28_000

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from pathlib import Path
 
-from tle.formats.omm import FIELDS, Field
+from tle.formats.omm import FIELDS, OmmField
 
 DOCS = Path(__file__).parents[2] / "docs" / "elements.md"
 
 
-def row_of(field: Field) -> str:
+def row_of(field: OmmField) -> str:
     least = "" if math.isinf(field.least) else "above 0" if 0.0 < field.least < 1.0 else f"{field.least:g}"
     most = "" if math.isinf(field.most) else "below 1" if 0.9 < field.most < 1.0 else f"{field.most:.10g}"
     absent = (
@@ -24,7 +24,7 @@ def row_of(field: Field) -> str:
         most = "3"
     if field.kind == "number" and field.default == 0.0:
         absent = "0"
-    return f"| `{field.keyword}` | {field.words} | {field.unit} | {least} | {most} | {absent} |"
+    return f"| `{field.keyword}` | {field.meaning} | {field.unit} | {least} | {most} | {absent} |"
 
 
 def test_the_table_says_what_the_code_does():

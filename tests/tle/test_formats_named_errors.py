@@ -17,7 +17,7 @@ from tle.errors import (
     SemiLatusRectumError,
     SubOrbitalError,
 )
-from tle.motion import Motion
+from tle.propagator import Motion
 
 ZARYA = Elements.from_tle(*ISS, name="ISS (ZARYA)")
 

@@ -15,9 +15,9 @@ from tle_facts import DECAYING, ISS, MOLNIYA, STARLINK_ALPHA5, TDRS3
 
 from tle.elements import Elements, format_alpha5, parse_alpha5
 from tle.errors import SourceError, UnwritableError
-from tle.formats.registry import WRITTEN, parse_elements, write_elements
 from tle.formats.tle import format_set
 from tle.instants import Utc
+from tle.sources import WRITTEN, parse_elements, write_elements
 
 OMM = ("csv", "json", "xml", "kvn")
 ZARYA = Elements.from_tle(*ISS, name="ISS (ZARYA)")

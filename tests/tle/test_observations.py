@@ -10,9 +10,8 @@ from tle_facts import ISS, LEIDEN
 from tle.bias import Bias
 from tle.elements import Elements
 from tle.errors import ObservationError, SiteError, SourceError, TleError
-from tle.formats.observations import parse_observations, read_observations, read_stations
+from tle.formats.observations import Stations, parse_observations, read_observations, read_stations
 from tle.instants import Utc
-from tle.observations import Stations
 from tle.propagator import Propagator
 from tle.site import Site
 

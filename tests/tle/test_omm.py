@@ -15,8 +15,8 @@ from tle_facts import ISS
 from tle.elements import Elements
 from tle.errors import ElementsError, FieldError, FieldRangeError, FormatError, MissingFieldError
 from tle.formats.omm import FIELDS, METADATA
-from tle.formats.registry import parse_elements
 from tle.instants import Utc
+from tle.sources import parse_elements
 
 # CelesTrak, 2026-07-30: the ISS and, with a six-digit number, a ship that visits it.
 CSV = """\
@@ -276,7 +276,7 @@ def test_what_is_required_and_missing_is_named(notation, field):
     del plain[field.keyword]
     (error,) = parse_elements(NOTATIONS[notation](plain), "x")
     assert isinstance(error, MissingFieldError)
-    assert error.reason.startswith(f"{field.keyword} ({field.words}) is missing")
+    assert error.reason.startswith(f"{field.keyword} ({field.meaning}) is missing")
 
 
 def test_what_is_not_required_has_the_value_that_public_sets_have():

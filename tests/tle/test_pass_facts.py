@@ -13,12 +13,12 @@ from skyfield.api import EarthSatellite, load, wgs84
 from skyfield.framelib import true_equator_and_equinox_of_date
 from tle_facts import ISS, LEIDEN, MOLNIYA, STARLINK_ALPHA5, TDRS3
 
-from tle.catalogue_passes import find_catalogue_passes
 from tle.crossings import least, roots
 from tle.elements import Elements
 from tle.errors import SourceError
 from tle.facts import magnitude, pass_facts, read_magnitudes, sun_altitudes_deg
 from tle.instants import Utc
+from tle.passes import find_catalogue_passes
 from tle.propagator import Propagator
 from tle.site import Site
 from tle.sun import moon_km

@@ -14,9 +14,8 @@ from tle.errors import (
     SatelliteNotFoundError,
     SourceError,
 )
-from tle.formats.registry import write_elements
 from tle.instants import Utc
-from tle.sources import find, load_elements, newest, read_elements
+from tle.sources import find, load_elements, newest, read_elements, write_elements
 
 ZARYA = Elements.from_tle(*ISS, name="ISS (ZARYA)")
 STATION = [

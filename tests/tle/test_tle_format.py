@@ -18,7 +18,7 @@ from tle.errors import (
     SwappedLinesError,
     TleError,
 )
-from tle.formats.registry import parse_elements
+from tle.sources import parse_elements
 
 ONE, TWO = ISS
 

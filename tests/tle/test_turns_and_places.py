@@ -8,13 +8,13 @@ import erfa
 import numpy as np
 import pytest
 
-from tle.direction import Turn, turned_on_sky
+from tle.bias import apparent_unit
+from tle.direction import SkyTurn, turned_on_sky
 from tle.earth import EarthOrientation
 from tle.elements import Elements
 from tle.errors import ObservationError, PlaceError
 from tle.instants import Utc
 from tle.propagator import Propagator
-from tle.residuals import apparent_unit
 from tle.site import Site
 
 LEIDEN = Site(52.1541, 4.4908, 0.0)
@@ -40,7 +40,7 @@ def angles(q: tuple[float, float, float]) -> tuple[float, float]:
 def test_a_turn_goes_so_far_in_the_direction_it_names(east: float, north: float, dec_deg: float) -> None:
     before, after = (
         vector(200.0, dec_deg),
-        turned_on_sky(vector(200.0, dec_deg), (0, 0, 0), Turn(east, north))[0],
+        turned_on_sky(vector(200.0, dec_deg), (0, 0, 0), SkyTurn(east, north))[0],
     )
     apart, angle = erfa.sepp(before, after), erfa.pap(np.array(before), np.array(after))
     assert math.degrees(apart) == pytest.approx(math.hypot(east, north), rel=1e-9)
@@ -48,12 +48,12 @@ def test_a_turn_goes_so_far_in_the_direction_it_names(east: float, north: float,
 
 
 def test_a_turn_about_the_pole_adds_to_the_right_ascension_alone() -> None:
-    turned, _ = turned_on_sky(vector(359.5, 60.0), (0.0, 0.0, 0.0), Turn(pole_deg=1.5))
+    turned, _ = turned_on_sky(vector(359.5, 60.0), (0.0, 0.0, 0.0), SkyTurn(pole_deg=1.5))
     assert angles(turned) == pytest.approx((1.0, 60.0))
 
 
 def test_a_direction_goes_over_the_pole_and_comes_down_on_the_other_side() -> None:
-    turned, _ = turned_on_sky(vector(10.0, 89.0), (0.0, 0.0, 0.0), Turn(north_deg=2.0))
+    turned, _ = turned_on_sky(vector(10.0, 89.0), (0.0, 0.0, 0.0), SkyTurn(north_deg=2.0))
     assert angles(turned) == pytest.approx((190.0, 89.0))
 
 
@@ -64,7 +64,7 @@ def test_the_rates_of_a_turned_direction_are_derivatives_of_its_positions(second
 
     def seen(utc_s: float) -> object:
         s = utc_s - middle_s
-        turn = Turn(1.0 + 0.1 * s, -2.0 + 0.3 * s, 0.5 - 0.2 * s, 0.1, 0.3, -0.2)
+        turn = SkyTurn(1.0 + 0.1 * s, -2.0 + 0.3 * s, 0.5 - 0.2 * s, 0.1, 0.3, -0.2)
         return propagator.at(Utc(utc_s)).turned(turn)
 
     step_s = 0.01

@@ -1,4 +1,4 @@
-"""Observed directions from files: CSV, IOD and CCSDS TDM, recognised by content; and observers' stations.
+"""Observed directions of satellites, and files of them: CSV, IOD and CCSDS TDM, recognised by content.
 
 CSV: utc, ra_deg, dec_deg and, if known, frame, station, object and uncertainties. IOD: the format of
 satellite observers (G. Lewis, 1998, clarified 2002), RA and Dec only. TDM: RA and Dec of a Tracking Data
@@ -10,21 +10,25 @@ from __future__ import annotations
 
 import csv
 import io
+import math
 import re
 from dataclasses import dataclass, field
 from datetime import date
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
+from tle.bias import BiasEstimate, Frame, bias_from_observation
 from tle.errors import ObservationError, SiteError, SourceError, TimeFormatError
 from tle.instants import DAY_S, Utc
-from tle.observations import Observation, Stations, placed
-from tle.residuals import Frame
 from tle.site import Site
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from tle.earth import EarthOrientation
+    from tle.elements import Elements
+
+DEFAULT_SIGMA_ARCSEC = 1.0
 _IOD_LINE = re.compile(r"[ 0-9]{5} [ 0-9]{2} [ 0-9]{3}[ A-Z]{3} \d{4} [A-Z ] \d{8}", re.ASCII)
 _HAS_POSITION = 47
 # Angle formats: sexagesimal places of RA and Dec, and the unit of the uncertainty in arcsec.
@@ -59,6 +63,72 @@ _SIGMA = re.compile(r"SIGMA_ARCSEC\s*=\s*(\S+)")
 _DAY_OF_YEAR = re.compile(r"(\d{4})-(\d{3})(T.*)?", re.ASCII)
 
 
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """A satellite's direction at an instant, as seen from a station.
+
+    `object_key` is a catalogue number, designator or name, or "" where the source names none. The standard
+    deviations are None where the source gives none. `source` and `line` say where it was read.
+    """
+
+    utc: Utc
+    ra_deg: float
+    dec_deg: float
+    frame: Frame
+    site: Site
+    object_key: str = ""
+    sigma_arcsec: float | None = None
+    sigma_time_s: float | None = None
+    source: str = ""
+    line: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check that the direction is one. Raises ObservationError."""
+        if not -90.0 <= self.dec_deg <= 90.0:
+            raise self.error(f"a declination of {self.dec_deg}° is outside -90° to 90°")
+        if not 0.0 <= self.ra_deg <= 360.0:
+            raise self.error(f"a right ascension of {self.ra_deg}° is outside 0° to 360°")
+        for sigma in (self.sigma_arcsec, self.sigma_time_s):
+            if sigma is not None and not (sigma >= 0.0 and math.isfinite(sigma)):
+                raise self.error(f"an uncertainty of {sigma} is negative or no number")
+
+    def error(self, reason: str) -> ObservationError:
+        """Return an exception that says where the observation was read."""
+        return ObservationError(placed(self.source, self.line, reason))
+
+    def residual(self, elements: Elements, earth: EarthOrientation | None = None) -> BiasEstimate:
+        """Return what the observation says of the elements: seconds along the track, degrees across it.
+
+        Raises ObservationError naming the source where no bias along the track leads there.
+        """
+        from tle.propagator import Propagator
+
+        try:
+            return bias_from_observation(
+                Propagator(elements, self.site, earth=earth),
+                self.ra_deg,
+                self.dec_deg,
+                self.utc,
+                self.frame,
+                DEFAULT_SIGMA_ARCSEC if self.sigma_arcsec is None else self.sigma_arcsec,
+                self.sigma_time_s or 0.0,
+            )
+        except ObservationError as error:
+            raise self.error(f"{error}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class Stations:
+    """Sites by the name that observations give them, and the one for observations that name none."""
+
+    by_name: Mapping[str, Site]
+    default: Site | None = None
+
+    def find(self, name: str) -> Site | None:
+        """Return the site of a station; the default site for an unknown or empty name, None without one."""
+        return self.by_name.get(name.strip(), self.default)
+
+
 def read_observations(path: str | Path, stations: Stations) -> list[Observation]:
     """Return the observations in a file of CSV, IOD or CCSDS TDM (KVN or XML), recognised by its content.
 
@@ -70,6 +140,13 @@ def read_observations(path: str | Path, stations: Stations) -> list[Observation]
         reason = error.strerror if isinstance(error, OSError) else str(error)
         raise SourceError(f"{path}: cannot read observations: {reason}") from None
     return parse_observations(text, stations, str(path))
+
+
+def placed(source: str, line: int | None, reason: str) -> str:
+    """Return a reason with the file and line it is about."""
+    if source and line:
+        return f"{source}:{line}: {reason}"
+    return f"{source}: {reason}" if source else reason
 
 
 def parse_observations(text: str, stations: Stations, source: str = "") -> list[Observation]:

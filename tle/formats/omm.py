@@ -34,7 +34,7 @@ _EPOCH = re.compile(r"(\d{4})-(?:(\d\d)-(\d\d)|(\d{3}))T(\d\d):(\d\d):(\d\d)(?:\
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class OmmField:
     """One keyword of an OMM, the attribute of `Elements` that it fills, and which values are possible.
 
     `default` is taken where the keyword is absent or empty; None where it is required. `unit` is how the
@@ -43,7 +43,7 @@ class Field:
 
     keyword: str
     attribute: str
-    words: str
+    meaning: str
     kind: str = "number"
     unit: str = ""
     least: float = -math.inf
@@ -52,32 +52,36 @@ class Field:
 
 
 FIELDS = (
-    Field("OBJECT_NAME", "name", "name", "text", default=""),
-    Field("OBJECT_ID", "designator", "international designator", "designator", default=""),
-    Field("EPOCH", "epoch", "epoch, UTC", "epoch"),
-    Field("MEAN_MOTION", "mean_motion_rev_day", "mean motion", unit="rev/day", least=1e-9, most=MAX_REV_DAY),
-    Field("ECCENTRICITY", "eccentricity", "eccentricity", least=0.0, most=_BELOW_ONE),
-    Field("INCLINATION", "inclination_deg", "inclination", unit="deg", least=0.0, most=180.0),
-    Field("RA_OF_ASC_NODE", "raan_deg", "right ascension of the node", unit="deg", least=-360.0, most=360.0),
-    Field(
+    OmmField("OBJECT_NAME", "name", "name", "text", default=""),
+    OmmField("OBJECT_ID", "designator", "international designator", "designator", default=""),
+    OmmField("EPOCH", "epoch", "epoch, UTC", "epoch"),
+    OmmField(
+        "MEAN_MOTION", "mean_motion_rev_day", "mean motion", unit="rev/day", least=1e-9, most=MAX_REV_DAY
+    ),
+    OmmField("ECCENTRICITY", "eccentricity", "eccentricity", least=0.0, most=_BELOW_ONE),
+    OmmField("INCLINATION", "inclination_deg", "inclination", unit="deg", least=0.0, most=180.0),
+    OmmField(
+        "RA_OF_ASC_NODE", "raan_deg", "right ascension of the node", unit="deg", least=-360.0, most=360.0
+    ),
+    OmmField(
         "ARG_OF_PERICENTER", "arg_perigee_deg", "argument of perigee", unit="deg", least=-360.0, most=360.0
     ),
-    Field("MEAN_ANOMALY", "mean_anomaly_deg", "mean anomaly", unit="deg", least=-360.0, most=360.0),
-    Field("EPHEMERIS_TYPE", "ephemeris_type", "ephemeris type", "whole", most=9, default=0),
-    Field("CLASSIFICATION_TYPE", "classification", "classification", "letter", default="U"),
-    Field("NORAD_CAT_ID", "catalog_number", "catalogue number", "catalogue", most=MAX_CATALOG_NUMBER),
-    Field("ELEMENT_SET_NO", "element_set_number", "element set number", "whole", most=99_999, default=0),
-    Field("REV_AT_EPOCH", "revolution_number", "revolution number", "whole", most=9_999_999, default=0),
-    Field("BSTAR", "bstar_per_earth_radius", "drag term B*", unit="1/ER"),
+    OmmField("MEAN_ANOMALY", "mean_anomaly_deg", "mean anomaly", unit="deg", least=-360.0, most=360.0),
+    OmmField("EPHEMERIS_TYPE", "ephemeris_type", "ephemeris type", "whole", most=9, default=0),
+    OmmField("CLASSIFICATION_TYPE", "classification", "classification", "letter", default="U"),
+    OmmField("NORAD_CAT_ID", "catalog_number", "catalogue number", "catalogue", most=MAX_CATALOG_NUMBER),
+    OmmField("ELEMENT_SET_NO", "element_set_number", "element set number", "whole", most=99_999, default=0),
+    OmmField("REV_AT_EPOCH", "revolution_number", "revolution number", "whole", most=9_999_999, default=0),
+    OmmField("BSTAR", "bstar_per_earth_radius", "drag term B*", unit="1/ER"),
     # SGP4 does not use these two: the standard asks for them with the older SGP only.
-    Field(
+    OmmField(
         "MEAN_MOTION_DOT",
         "mean_motion_dot_rev_day2",
         "half the first derivative of mean motion",
         unit="rev/day**2",
         default=0.0,
     ),
-    Field(
+    OmmField(
         "MEAN_MOTION_DDOT",
         "mean_motion_ddot_rev_day3",
         "a sixth of the second derivative of mean motion",
@@ -97,18 +101,18 @@ KEYWORDS = frozenset(field.keyword for field in FIELDS) | METADATA.keys()
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class TextPlace:
     """Where a set stands: its source and 1-based line."""
 
     source: str = ""
     line: int | None = None
 
-    def says(self, kind: type[ElementsError], reason: str) -> ElementsError:
+    def error(self, kind: type[ElementsError], reason: str) -> ElementsError:
         """Return an exception about this place."""
         return kind(reason, source=self.source, line=self.line)
 
 
-def elements_of(values: Mapping[str, object], place: Place) -> Elements:
+def elements_of(values: Mapping[str, object], place: TextPlace) -> Elements:
     """Return the elements that keywords and their values say; values are text or, from JSON, numbers.
 
     Raises a subclass of ElementsError that names keyword and value, with name and number of the set.
@@ -119,14 +123,14 @@ def elements_of(values: Mapping[str, object], place: Place) -> Elements:
                 _check_metadata(keyword, values[keyword], allowed, place)
         read = {f.attribute: _READERS[f.kind](f, _given(f, values, place), place) for f in FIELDS}
         if read["ephemeris_type"] not in EPHEMERIS_TYPES:
-            raise place.says(FieldRangeError, wrong_theory(read["ephemeris_type"]))
+            raise place.error(FieldRangeError, wrong_theory(read["ephemeris_type"]))
         return Elements(**read)
     except ElementsError as error:
         raise named(error, values) from None
 
 
 def set_or_refusal(
-    values: Mapping[str, object], place: Place, wrong: ElementsError | None = None
+    values: Mapping[str, object], place: TextPlace, wrong: ElementsError | None = None
 ) -> Elements | ElementsError:
     """Return the elements that keywords and values say, or the reason they are refused: `wrong`, if given."""
     if wrong is not None:
@@ -171,26 +175,26 @@ def keyword_values(elements: Elements) -> dict[str, str | float | int]:
     return values
 
 
-def _check_metadata(keyword: str, value: object, allowed: tuple[str, ...], place: Place) -> None:
+def _check_metadata(keyword: str, value: object, allowed: tuple[str, ...], place: TextPlace) -> None:
     text = str(value).strip().upper()
     if text and text not in allowed:
-        raise place.says(
+        raise place.error(
             FieldError, f"{keyword} is {quoted(value)}: only {' or '.join(allowed)} can be followed with SGP4"
         )
 
 
-def _given(field: Field, values: Mapping[str, object], place: Place) -> object:
+def _given(field: OmmField, values: Mapping[str, object], place: TextPlace) -> object:
     value = values.get(field.keyword)
     if isinstance(value, str):
         value = value.strip()
     if value is None or value == "":
         value = field.default
     if value is None:
-        raise place.says(MissingFieldError, f"{field.keyword} ({field.words}) is missing: {_MEND}")
+        raise place.error(MissingFieldError, f"{field.keyword} ({field.meaning}) is missing: {_MEND}")
     return value
 
 
-def _number(field: Field, value: object, place: Place) -> float:
+def _number(field: OmmField, value: object, place: TextPlace) -> float:
     if isinstance(value, str):
         if len(value) > _LONGEST_NUMBER or not _NUMBER.fullmatch(value):
             raise _no_number(field, value, place)
@@ -207,19 +211,19 @@ def _number(field: Field, value: object, place: Place) -> float:
     return number
 
 
-def _whole(field: Field, value: object, place: Place) -> int:
+def _whole(field: OmmField, value: object, place: TextPlace) -> int:
     # A float is exact below 2**53, far above every whole number allowed here.
     number = _number(field, value, place)
     if number < 0.0 or not number.is_integer():
-        raise place.says(FieldError, f"{field.keyword} {quoted(value)} is no whole number: {_MEND}")
+        raise place.error(FieldError, f"{field.keyword} {quoted(value)} is no whole number: {_MEND}")
     return int(number)
 
 
-def _catalogue(field: Field, value: object, place: Place) -> int:
+def _catalogue(field: OmmField, value: object, place: TextPlace) -> int:
     if isinstance(value, str):
         number = parse_alpha5(value)
         if number is None:
-            raise place.says(
+            raise place.error(
                 FieldError,
                 f"{field.keyword} {quoted(value)} is no number, nor an Alpha-5 one "
                 f"(A0000 to Z9999, no I or O): {_MEND}",
@@ -228,27 +232,27 @@ def _catalogue(field: Field, value: object, place: Place) -> int:
     return _whole(field, value, place)
 
 
-def _letter(field: Field, value: object, place: Place) -> str:
+def _letter(field: OmmField, value: object, place: TextPlace) -> str:
     if isinstance(value, str) and re.fullmatch(r"[A-Z]", value, re.ASCII):
         return value
-    raise place.says(FieldError, f"{field.keyword} {quoted(value)} is no capital letter, such as U: {_MEND}")
+    raise place.error(FieldError, f"{field.keyword} {quoted(value)} is no capital letter, such as U: {_MEND}")
 
 
-def _text(field: Field, value: object, place: Place) -> str:
+def _text(field: OmmField, value: object, place: TextPlace) -> str:
     if isinstance(value, str):
         return _clean(value)
-    raise place.says(FieldError, f"{field.keyword} {quoted(value)} is no text: {_MEND}")
+    raise place.error(FieldError, f"{field.keyword} {quoted(value)} is no text: {_MEND}")
 
 
-def _designator(field: Field, value: object, place: Place) -> str:
+def _designator(field: OmmField, value: object, place: TextPlace) -> str:
     text = _text(field, value, place)
     return "" if text.upper() in ("UNKNOWN", "NONE", "N/A") else text
 
 
-def _epoch(field: Field, value: object, place: Place) -> Utc:
+def _epoch(field: OmmField, value: object, place: TextPlace) -> Utc:
     match = _EPOCH.fullmatch(value) if isinstance(value, str) else None
     if match is None:
-        raise place.says(
+        raise place.error(
             FieldError,
             f"{field.keyword} {quoted(value)} is no time such as 2026-10-02T00:19:52.567968: {_MEND}",
         )
@@ -261,29 +265,31 @@ def _epoch(field: Field, value: object, place: Place) -> Utc:
             if date.fromordinal(days).year != int(year):
                 raise ValueError
     except ValueError:
-        raise place.says(FieldRangeError, f"{field.keyword} {quoted(value)} is no day: {_MEND}") from None
+        raise place.error(FieldRangeError, f"{field.keyword} {quoted(value)} is no day: {_MEND}") from None
     leap = (hour, minute, second) == ("23", "59", "60")
     if int(hour) > 23 or int(minute) > 59 or (int(second) > 59 and not leap):
-        raise place.says(FieldRangeError, f"{field.keyword} {quoted(value)} is no time of day: {_MEND}")
+        raise place.error(FieldRangeError, f"{field.keyword} {quoted(value)} is no time of day: {_MEND}")
     second_of_day = int(hour) * 3600 + int(minute) * 60 + int(second) + float(f"0.{fraction or 0}")
     epoch = Utc((days - _DAY_ZERO) * DAY_S + second_of_day)
     if not FIRST_EPOCH <= epoch < END_OF_EPOCHS:
-        raise place.says(FieldRangeError, f"{field.keyword} {quoted(value)} is outside 1957 to 2056: {_MEND}")
+        raise place.error(
+            FieldRangeError, f"{field.keyword} {quoted(value)} is outside 1957 to 2056: {_MEND}"
+        )
     return epoch
 
 
-def _no_number(field: Field, value: object, place: Place) -> ElementsError:
-    return place.says(FieldError, f"{field.keyword} {quoted(value)} is no number: {_MEND}")
+def _no_number(field: OmmField, value: object, place: TextPlace) -> ElementsError:
+    return place.error(FieldError, f"{field.keyword} {quoted(value)} is no number: {_MEND}")
 
 
-def _out_of_range(field: Field, value: object, place: Place) -> ElementsError:
+def _out_of_range(field: OmmField, value: object, place: TextPlace) -> ElementsError:
     if math.isinf(field.most):
         return _no_number(field, value, place)
     least, most = (0.0 if math.isinf(field.least) else field.least), field.most
     span = f"{round(least, 6):.10g} to {most:.10g} {field.unit}".rstrip()
     if most == _BELOW_ONE:
         span = "0 to below 1"
-    return place.says(FieldRangeError, f"{field.keyword} {quoted(value)} is outside {span}: {_MEND}")
+    return place.error(FieldRangeError, f"{field.keyword} {quoted(value)} is outside {span}: {_MEND}")
 
 
 def _number_of(value: object) -> int | None:
@@ -299,7 +305,7 @@ def _clean(text: str) -> str:
     return text if text.isprintable() else printable(text)
 
 
-_READERS: dict[str, Callable[[Field, object, Place], Any]] = {
+_READERS: dict[str, Callable[[OmmField, object, TextPlace], Any]] = {
     "number": _number,
     "whole": _whole,
     "catalogue": _catalogue,

@@ -22,7 +22,7 @@ from tle.formats.omm import (
     KEYWORDS,
     METADATA,
     UNITS,
-    Place,
+    TextPlace,
     keyword_texts,
     keyword_values,
     named,
@@ -67,7 +67,7 @@ def read_csv(text: str, source: str = "") -> Iterator[Elements | ElementsError]:
         # A satellite's name may begin with # too: what has the header's number of cells is no comment.
         if not line or (line.startswith("#") and (header is None or line.count(",") != len(header) - 1)):
             continue
-        place = Place(source, number)
+        place = TextPlace(source, number)
         cells = _cells(line)
         if cells is not None and _is_header(cells):
             header = cells
@@ -102,18 +102,18 @@ def _cells(line: str) -> list[str] | None:
         return None
 
 
-def _row(cells: list[str] | None, header: list[str] | None, place: Place) -> Elements | ElementsError:
+def _row(cells: list[str] | None, header: list[str] | None, place: TextPlace) -> Elements | ElementsError:
     if header is None:
-        return place.says(FormatError, "stands before any header of keywords: fetch the file again")
+        return place.error(FormatError, "stands before any header of keywords: fetch the file again")
     if cells is None:
-        return place.says(FieldError, "the quotes do not match, or a cell is too long: fetch the file again")
+        return place.error(FieldError, "the quotes do not match, or a cell is too long: fetch the file again")
     values = dict(zip(header, cells, strict=False))
     wrong = None
     if len(cells) != len(header):
         reason = f"{len(cells)} cells under a header of {len(header)}: the line is cut off, fetch it again"
         if len(cells) > len(header):
             reason = f"{len(cells)} cells under a header of {len(header)}: put quotes around commas"
-        wrong = place.says(FieldError, reason)
+        wrong = place.error(FieldError, reason)
     return set_or_refusal(values, place, wrong)
 
 
@@ -147,7 +147,7 @@ class _Message:
 
     def ended(self, source: str) -> Elements | ElementsError:
         """Return the elements of the message, or the reason it is refused."""
-        return set_or_refusal(self.values, Place(source, self.line), self.wrong)
+        return set_or_refusal(self.values, TextPlace(source, self.line), self.wrong)
 
 
 def read_kvn(text: str, source: str = "") -> Iterator[Elements | ElementsError]:
@@ -168,7 +168,7 @@ def read_kvn(text: str, source: str = "") -> Iterator[Elements | ElementsError]:
             message = _Message(number)
         reason = message.take(keyword, value) if equals else f"{quoted(line)} is no KEYWORD = value"
         if reason and message.wrong is None:
-            message.wrong = Place(source, number).says(FieldError, f"{reason}: correct it")
+            message.wrong = TextPlace(source, number).error(FieldError, f"{reason}: correct it")
     if message is not None:
         yield message.ended(source)
 
@@ -222,25 +222,27 @@ def read_json(text: str, source: str = "") -> Iterator[Elements | ElementsError]
             if at < 0:
                 return
             if broken == _MOST_BROKEN:
-                yield Place(source, line).says(FormatError, "is no JSON: nothing is read from here on")
+                yield TextPlace(source, line).error(FormatError, "is no JSON: nothing is read from here on")
                 return
             continue
         except RecursionError:
-            yield Place(source, line).says(FormatError, "is nested too deep for element sets: fetch it again")
+            yield TextPlace(source, line).error(
+                FormatError, "is nested too deep for element sets: fetch it again"
+            )
             return
         if isinstance(value, dict):
-            yield set_or_refusal(value, Place(source, line))
+            yield set_or_refusal(value, TextPlace(source, line))
         else:
             twice = isinstance(value, list) and value
             wrong = (
                 "gives a keyword twice: correct it" if twice else "is no object of OMM keywords: remove it"
             )
-            yield Place(source, line).says(FormatError, wrong)
-    place = Place(source, line)
+            yield TextPlace(source, line).error(FormatError, wrong)
+    place = TextPlace(source, line)
     if not found:
-        yield place.says(FormatError, "holds an empty list: no element sets in it")
+        yield place.error(FormatError, "holds an empty list: no element sets in it")
     elif text.lstrip()[:1] == "[" and text.rstrip()[-1:] != "]":
-        yield place.says(FormatError, "the list does not end: the text is cut off, fetch it again")
+        yield place.error(FormatError, "the list does not end: the text is cut off, fetch it again")
 
 
 def write_json(elements: Iterable[Elements]) -> str:
@@ -269,8 +271,8 @@ def _refusal(text: str, at: int, line: int, error: json.JSONDecodeError, source:
         for key, pattern in (("OBJECT_NAME", _NAME), ("NORAD_CAT_ID", _NUMBER))
         if (match := pattern.search(excerpt))
     }
-    place = Place(source, line)
-    return named(place.says(FormatError, f"is no JSON ({error.msg}): fetch it again"), found)
+    place = TextPlace(source, line)
+    return named(place.error(FormatError, f"is no JSON ({error.msg}): fetch it again"), found)
 
 
 def looks_like_xml(text: str) -> bool:
@@ -355,21 +357,21 @@ class _Xml:
         return self._found
 
     def _stop(self, reason: str, line: int | None) -> None:
-        error = Place(self._source, line).says(FormatError, reason)
+        error = TextPlace(self._source, line).error(FormatError, reason)
         self._found.append(named(error, self._values) if self._inside else error)
 
-    def _place(self) -> Place:
-        return Place(self._source, self._parser.CurrentLineNumber + self._blank_lines)
+    def _place(self) -> TextPlace:
+        return TextPlace(self._source, self._parser.CurrentLineNumber + self._blank_lines)
 
     def _refuse_doctype(self, *_: object) -> None:
-        raise self._place().says(
+        raise self._place().error(
             FormatError, "declares a document type or entities, which no orbit message needs: refused"
         )
 
     def _start(self, tag: str, attributes: dict[str, str]) -> None:
         self._depth += 1
         if self._depth > _DEEPEST:
-            raise self._place().says(FormatError, "is nested deeper than any orbit message: refused")
+            raise self._place().error(FormatError, "is nested deeper than any orbit message: refused")
         local = tag.rpartition(":")[2]
         if local == "omm":
             self._segments = 0
@@ -397,14 +399,14 @@ class _Xml:
             self._values[local] = "".join(self._pieces)
         self._keyword = ""
         if local == "segment" and self._inside:
-            self._found.append(set_or_refusal(self._values, Place(self._source, self._line), self._wrong))
+            self._found.append(set_or_refusal(self._values, TextPlace(self._source, self._line), self._wrong))
             self._inside = False
         if local == "omm" and not self._segments:
             self._found.append(
-                self._place().says(FormatError, "the message holds no segment: fetch it again")
+                self._place().error(FormatError, "the message holds no segment: fetch it again")
             )
 
     def _note(self, reason: str) -> None:
         """Keep the first thing wrong in this segment."""
         if self._wrong is None:
-            self._wrong = self._place().says(FieldError, f"{reason}: correct it")
+            self._wrong = self._place().error(FieldError, f"{reason}: correct it")

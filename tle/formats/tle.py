@@ -134,7 +134,7 @@ def _year(two_digits: str) -> tuple[int, int]:
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
+class ElementLine:
     """One line of a source: its text without line end and trailing blanks, its source and 1-based number."""
 
     text: str
@@ -145,7 +145,7 @@ class Line:
         """Return the text of 1-based columns, both included."""
         return self.text[first - 1 : last]
 
-    def says(
+    def error(
         self, kind: type[ElementsError], reason: str, columns: tuple[int, int] | None = None
     ) -> ElementsError:
         """Return an exception about this line."""
@@ -185,14 +185,14 @@ def read_tle(text: str, source: str = "") -> Iterator[Elements | ElementsError]:
         group = _group(lines, at)
         at += len(group)
         yield _set_or_refusal(
-            None if name is None else Line(name[1], source, name[0]),
-            [Line(line, source, number) for number, line in group],
+            None if name is None else ElementLine(name[1], source, name[0]),
+            [ElementLine(line, source, number) for number, line in group],
         )
 
 
 def parse_set(line1: str, line2: str, name: str = "") -> Elements:
     """Return the elements of two lines. Raises a subclass of ElementsError."""
-    first, second = Line(line1.rstrip()), Line(line2.rstrip())
+    first, second = ElementLine(line1.rstrip()), ElementLine(line2.rstrip())
     return parse_lines(first, second, clean_name(name))
 
 
@@ -214,17 +214,17 @@ def _starts_another_set(first: str, following: str) -> bool:
     return first[0] == "1" or following[2:7] != first[2:7]
 
 
-def _set_or_refusal(name: Line | None, group: list[Line]) -> Elements | ElementsError:
+def _set_or_refusal(name: ElementLine | None, group: list[ElementLine]) -> Elements | ElementsError:
     try:
         if not group:
             assert name is not None
-            raise name.says(
+            raise name.error(
                 FormatError,
                 "neither a satellite's name before two element lines, nor an element line: remove it",
             )
         if len(group) == 1:
             wanted = "2" if group[0].text[0] == "1" else "1"
-            raise group[0].says(MissingLineError, f"line {wanted} of this set is missing: {_COPY}")
+            raise group[0].error(MissingLineError, f"line {wanted} of this set is missing: {_COPY}")
         return parse_lines(group[0], group[1], clean_name(name.text) if name else "")
     except ElementsError as error:
         error.name = clean_name(name.text) if name else ""
@@ -240,15 +240,15 @@ def clean_name(text: str) -> str:
     return name if name.isprintable() else printable(name)
 
 
-def parse_lines(first: Line, second: Line, name: str) -> Elements:
+def parse_lines(first: ElementLine, second: ElementLine, name: str) -> Elements:
     """Return the elements of two lines, every column checked. Raises a subclass of ElementsError."""
     if first.text[:1] == "2" and second.text[:1] == "1":
-        raise first.says(SwappedLinesError, "line 2 stands before line 1: put line 1 first", (1, 1))
+        raise first.error(SwappedLinesError, "line 2 stands before line 1: put line 1 first", (1, 1))
     for line, number in ((first, 1), (second, 2)):
         _check_frame(line, number)
     number = _catalog_number(first)
     if number != _catalog_number(second):
-        raise second.says(
+        raise second.error(
             MismatchedLinesError,
             f"line 2 is of object {second.columns(3, 7).strip()}, "
             f"line 1 of object {first.columns(3, 7).strip()}: take both lines from the same set",
@@ -275,28 +275,28 @@ def parse_lines(first: Line, second: Line, name: str) -> Elements:
     )
 
 
-def _check_frame(line: Line, number: int) -> None:
+def _check_frame(line: ElementLine, number: int) -> None:
     """Check what both lines have alike: number, length, blanks between the columns, checksum."""
     length = len(line.text)
     if line.text[:2] != f"{number} ":
-        raise line.says(
+        raise line.error(
             MissingLineError, f"line {number} of the set must begin with '{number} ': {_COPY}", (1, 2)
         )
     if length < _LENGTH:
-        raise line.says(
+        raise line.error(
             LineLengthError,
             f"line {number} is cut off: {length} of {_LENGTH} columns: {_COPY}",
             (length + 1, _LENGTH),
         )
     if length > _LENGTH:
-        raise line.says(
+        raise line.error(
             LineLengthError,
             f"line {number} goes on after its {_LENGTH} columns: {length} columns: remove what follows",
             (_LENGTH + 1, length),
         )
     for column in _SPACES[number]:
         if line.columns(column, column) != " ":
-            raise line.says(
+            raise line.error(
                 FieldError,
                 f"line {number}, column {column} must be blank, not {line.columns(column, column)!r}: "
                 f"the columns have shifted, {_COPY}",
@@ -305,16 +305,16 @@ def _check_frame(line: Line, number: int) -> None:
     _check_sum(line, number)
 
 
-def _check_sum(line: Line, number: int) -> None:
+def _check_sum(line: ElementLine, number: int) -> None:
     """Check the sum, modulo 10, of columns 1 to 68: a minus counts one, all else but digits nothing."""
     given = line.columns(69, 69)
     if given not in "0123456789":
-        raise line.says(
+        raise line.error(
             FieldError, f"line {number}, checksum must be a digit, not {given!r}: {_COPY}", (69, 69)
         )
     total = checksum(line.text)
     if int(given) != total:
-        raise line.says(
+        raise line.error(
             ChecksumError,
             f"line {number}, checksum is {given} but its columns add up to {total}: "
             f"a digit is wrong, {_COPY}",
@@ -322,10 +322,10 @@ def _check_sum(line: Line, number: int) -> None:
         )
 
 
-def _catalog_number(line: Line) -> int:
+def _catalog_number(line: ElementLine) -> int:
     number = parse_alpha5(line.columns(3, 7))
     if number is None:
-        raise line.says(
+        raise line.error(
             FieldError,
             f"catalogue number {line.columns(3, 7)!r} is no number, "
             f"nor an Alpha-5 one (A0000 to Z9999, no I or O): {_COPY}",
@@ -334,7 +334,7 @@ def _catalog_number(line: Line) -> int:
     return number
 
 
-def _designator(line: Line) -> str:
+def _designator(line: ElementLine) -> str:
     """Return "1998-067A" for launch year, number and piece; "" where the columns are blank."""
     field = line.columns(10, 17)
     if not field.strip():
@@ -351,51 +351,51 @@ def _full_year(two_digits: int) -> int:
     return two_digits + (1900 if two_digits >= 57 else 2000)
 
 
-def _epoch(line: Line) -> Utc:
+def _epoch(line: ElementLine) -> Utc:
     year_text = line.columns(19, 20)
     day_text = line.columns(21, 32)
     if not re.fullmatch(r"\d\d| \d", year_text, re.ASCII):
-        raise line.says(FieldError, f"epoch year {year_text!r} is not two digits: {_COPY}", (19, 20))
+        raise line.error(FieldError, f"epoch year {year_text!r} is not two digits: {_COPY}", (19, 20))
     match = re.fullmatch(r"( *\d+)(\.\d*) *", day_text, re.ASCII)
     if match is None:
-        raise line.says(
+        raise line.error(
             FieldError, f"epoch day {day_text!r} is no day of the year with a fraction: {_COPY}", (21, 32)
         )
     year, day = _full_year(int(year_text)), int(match.group(1))
     first = date(year, 1, 1).toordinal()
     if not 1 <= day <= date(year + 1, 1, 1).toordinal() - first:
-        raise line.says(FieldRangeError, f"epoch day {day} is no day of the year {year}: {_COPY}", (21, 32))
+        raise line.error(FieldRangeError, f"epoch day {day} is no day of the year {year}: {_COPY}", (21, 32))
     fraction = float(f"0{match.group(2)}")
     return Utc((first - date(1970, 1, 1).toordinal() + day - 1) * DAY_S + fraction * DAY_S)
 
 
-def _decimal(line: Line, first: int, last: int, field: str) -> float:
+def _decimal(line: ElementLine, first: int, last: int, field: str) -> float:
     text = line.columns(first, last)
     if not re.fullmatch(r" *[+-]?\d*\.\d+ *", text, re.ASCII):
-        raise line.says(FieldError, f"{field} {text.strip()!r} is no decimal number: {_COPY}", (first, last))
+        raise line.error(FieldError, f"{field} {text.strip()!r} is no decimal number: {_COPY}", (first, last))
     return float(text)
 
 
-def _digits(line: Line, first: int, last: int, field: str) -> str:
+def _digits(line: ElementLine, first: int, last: int, field: str) -> str:
     text = line.columns(first, last)
     if not re.fullmatch(r" *\d+", text, re.ASCII):
-        raise line.says(FieldError, f"{field} {text.strip()!r} is not all digits: {_COPY}", (first, last))
+        raise line.error(FieldError, f"{field} {text.strip()!r} is not all digits: {_COPY}", (first, last))
     return text.replace(" ", "0")
 
 
-def _angle(line: Line, first: int, last: int, field: str, most_deg: float) -> float:
+def _angle(line: ElementLine, first: int, last: int, field: str, most_deg: float) -> float:
     value_deg = _decimal(line, first, last, field)
     if not 0.0 <= value_deg <= most_deg:
-        raise line.says(
+        raise line.error(
             FieldRangeError, f"{field} {value_deg} is outside 0 to {most_deg:.0f}°: {_COPY}", (first, last)
         )
     return value_deg
 
 
-def _mean_motion(line: Line) -> float:
+def _mean_motion(line: ElementLine) -> float:
     value = _decimal(line, 53, 63, "mean motion")
     if not 0.0 < value <= MAX_REV_DAY:
-        raise line.says(
+        raise line.error(
             FieldRangeError,
             f"mean motion {value} revolutions a day is no orbit of the Earth (above 0, to {MAX_REV_DAY}): "
             f"{_COPY}",
@@ -404,12 +404,12 @@ def _mean_motion(line: Line) -> float:
     return value
 
 
-def _exponential(line: Line, first: int, last: int, field: str) -> float:
+def _exponential(line: ElementLine, first: int, last: int, field: str) -> float:
     """Return a number with an implied point before its five digits and a power of ten of one digit."""
     text = line.columns(first, last)
     match = re.fullmatch(r"([ +-])(\d{5})([ +-]\d)|([ +-])( {5}|0{5})( {2}|[+-]\d)", text, re.ASCII)
     if match is None:
-        raise line.says(
+        raise line.error(
             FieldError,
             f"{field} {text.strip()!r} is not five digits and a signed power of ten: {_COPY}",
             (first, last),
@@ -419,17 +419,17 @@ def _exponential(line: Line, first: int, last: int, field: str) -> float:
     return float(f"{sign.strip()}.{digits}") * 10.0 ** int(power)
 
 
-def _ephemeris_type(line: Line) -> int:
+def _ephemeris_type(line: ElementLine) -> int:
     value = _whole(line, 63, 63, "ephemeris type")
     if value not in EPHEMERIS_TYPES:
-        raise line.says(FieldRangeError, wrong_theory(value), (63, 63))
+        raise line.error(FieldRangeError, wrong_theory(value), (63, 63))
     return value
 
 
-def _whole(line: Line, first: int, last: int, field: str) -> int:
+def _whole(line: ElementLine, first: int, last: int, field: str) -> int:
     text = line.columns(first, last)
     if not re.fullmatch(r" *\d* *", text, re.ASCII):
-        raise line.says(FieldError, f"{field} {text.strip()!r} is no whole number: {_COPY}", (first, last))
+        raise line.error(FieldError, f"{field} {text.strip()!r} is no whole number: {_COPY}", (first, last))
     return int(text.strip() or "0")
 
 
@@ -440,28 +440,30 @@ def looks_like_gpredict(text: str) -> bool:
 
 def read_gpredict(text: str, source: str = "") -> Iterator[Elements | ElementsError]:
     """Yield, in the order of the text, the elements of each section or the reason it is refused."""
-    section: Line | None = None
-    values: dict[str, Line] = {}
+    section: ElementLine | None = None
+    values: dict[str, ElementLine] = {}
     for number, raw in enumerate(text.split("\n"), start=1):
         line = raw.strip()
         if _SECTION.fullmatch(line):
             if section is not None:
                 yield _section_or_refusal(section, values)
-            section, values = Line(line, source, number), {}
+            section, values = ElementLine(line, source, number), {}
             continue
         key, _, value = line.partition("=")
         if key in ("NAME", "TLE1", "TLE2"):
-            values[key] = Line(value.strip(), source, number)
+            values[key] = ElementLine(value.strip(), source, number)
     if section is not None:
         yield _section_or_refusal(section, values)
 
 
-def _section_or_refusal(section: Line, values: dict[str, Line]) -> Elements | ElementsError:
+def _section_or_refusal(section: ElementLine, values: dict[str, ElementLine]) -> Elements | ElementsError:
     name = clean_name(values["NAME"].text) if "NAME" in values else ""
     try:
         for key in ("TLE1", "TLE2"):
             if key not in values:
-                raise section.says(MissingLineError, f"the section has no {key}: update the list in gpredict")
+                raise section.error(
+                    MissingLineError, f"the section has no {key}: update the list in gpredict"
+                )
         return parse_lines(values["TLE1"], values["TLE2"], name)
     except ElementsError as error:
         error.name, error.catalog_number = name, int(section.text[1:-1])

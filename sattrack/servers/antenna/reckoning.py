@@ -21,7 +21,7 @@ from sattrack.servers.antenna.transactions import Nak
 from tle.bias import NO_BIAS, Bias
 from tle.elements import Elements, parse_alpha5
 from tle.errors import ElementsError, FieldRangeError, MissingFieldError
-from tle.formats.omm import KEYWORDS, Place, elements_of
+from tle.formats.omm import KEYWORDS, TextPlace, elements_of
 from tle.formats.tle import checksum, parse_set
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -229,7 +229,7 @@ class ElementStore:
         if keyword == "NORAD_CAT_ID" and value != str(number):
             raise StoreError(Nak.ELEMENTS_NUMBER)
         try:
-            elements_of(HARMLESS | {keyword: value}, Place())
+            elements_of(HARMLESS | {keyword: value}, TextPlace())
         except FieldRangeError as error:
             raise StoreError(Nak.RANGE) from error
         except ElementsError as error:
@@ -245,7 +245,7 @@ class ElementStore:
             raise StoreError(Nak.ELEMENTS_NUMBER)
         try:
             if self._values:
-                return elements_of({"NORAD_CAT_ID": str(number)} | self._values, Place())
+                return elements_of({"NORAD_CAT_ID": str(number)} | self._values, TextPlace())
             if 1 not in self._lines or 2 not in self._lines:
                 raise StoreError(Nak.ELEMENTS_MISSING)
             return parse_set(self._lines[1], self._lines[2], self._lines.get(0, ""))

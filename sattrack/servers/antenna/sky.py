@@ -10,9 +10,9 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
+from tle.bias import apparent_unit
 from tle.earth import EarthOrientation, to_tirs
 from tle.instants import Utc
-from tle.residuals import apparent_unit
 
 if TYPE_CHECKING:
     from tle.site import Site

@@ -14,8 +14,7 @@ from element_server import CSV, LINES, ElementServer, element_server
 
 from sattrack.cli.main import run
 from tle.elements import Elements
-from tle.formats.registry import WRITTEN, parse_elements, write_elements
-from tle.sources import load_elements
+from tle.sources import WRITTEN, load_elements, parse_elements, write_elements
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -13,11 +13,10 @@ from sattrack.control.course import Course
 from sattrack.control.estimate import ANEW_AFTER, Estimator
 from sattrack.runtime import practice
 from sattrack.views.messages import Observation
-from tle.bias import NO_BIAS, Bias
+from tle.bias import NO_BIAS, Bias, bias_from_observation
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.refraction import Refraction
-from tle.residuals import bias_from_observation
 
 CULMINATION_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
 RISE_S = CULMINATION_S - 209.0
@@ -56,7 +55,7 @@ def take(estimator: Estimator, course: Course, one: Observation, first: Bias = N
 def test_one_observation_says_what_the_full_inversion_says(
     course: Course, estimator: Estimator, ahead_s: float, frame: str, seconds: float
 ) -> None:
-    """`tle.residuals.bias_from_observation` is the slow way, and knows no distances."""
+    """`tle.bias.bias_from_observation` is the slow way, and knows no distances."""
     utc = Utc(CULMINATION_S + seconds)
     true = Propagator(
         replace(practice.elements(), epoch=Utc(float(practice.elements().epoch.unix_s) - ahead_s)),

@@ -21,8 +21,7 @@ from sattrack.recording.reading import Recording, clock_steps
 from sattrack.recording.recorder import Recorder
 from sattrack.runtime import practice
 from tle.errors import ObservationError
-from tle.formats.observations import read_observations
-from tle.observations import Stations
+from tle.formats.observations import Stations, read_observations
 from tle.site import Site
 
 if TYPE_CHECKING:

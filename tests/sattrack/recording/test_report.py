@@ -25,12 +25,10 @@ from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.safety import SafetyLimits
 from sattrack.views.messages import Go, Message, Nudge, Pause
-from tle.bias import Bias
-from tle.formats.observations import read_observations
+from tle.bias import Bias, bias_from_observation
+from tle.formats.observations import Stations, read_observations
 from tle.instants import Utc
-from tle.observations import Stations
 from tle.propagator import Propagator
-from tle.residuals import bias_from_observation
 
 if TYPE_CHECKING:
     from sattrack.recording.smoothing import BiasFit

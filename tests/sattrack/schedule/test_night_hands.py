@@ -46,8 +46,8 @@ from sattrack.schedule.night_stop import locked
 from sattrack.schedule.night_virtual import SimulatedStation
 from sattrack.schedule.schema import Notify, Terms, Weather
 from sattrack.settings import Settings
-from tle.formats.registry import write_elements
 from tle.instants import Utc
+from tle.sources import write_elements
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -62,7 +62,7 @@ from sattrack.schedule.night_stop import NightRequests, keep_stop, stop_of
 from sattrack.schedule.schema import Recordings
 from sattrack.schedule.service import Service
 from sattrack.schedule.summary import view_of
-from tle.formats.registry import write_elements
+from tle.sources import write_elements
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -23,10 +23,10 @@ from sattrack.schedule.candidates import Candidate, Loaded, PlanSituation
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import make_plan
 from sattrack.views.schedule import Rehearsed, SchedulePlan
-from tle.formats.registry import write_elements
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.site import Site
+from tle.sources import write_elements
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -13,7 +13,7 @@ from test_in_tmux import pytestmark as in_tmux_only
 
 from sattrack.runtime import practice
 from sattrack.runtime.gallery import SUPPORTED, feeders, started_by
-from tle.formats.registry import write_elements
+from tle.sources import write_elements
 
 if TYPE_CHECKING:
     from pathlib import Path

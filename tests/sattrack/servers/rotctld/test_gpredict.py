@@ -15,9 +15,9 @@ from door_serving import PATIENCE_S, SITE, call, serving_door
 from rotctld_setup import say
 
 from sattrack.runtime import practice
-from tle.formats.registry import write_elements
 from tle.instants import Utc
 from tle.propagator import Propagator
+from tle.sources import write_elements
 
 if TYPE_CHECKING:
     from pathlib import Path
