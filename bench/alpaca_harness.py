@@ -18,7 +18,7 @@ from sattrack.calibration.findings import Findings, conclude, dated_by_requests
 from sattrack.calibration.guard import Surroundings
 from sattrack.calibration.plan import Plan
 from sattrack.calibration.profile import bounded, calibrated
-from sattrack.control.sky_error import sky_error
+from sattrack.control.target import sky_error
 from sattrack.core.figures import RunningError
 from sattrack.mount.alpaca.address import AlpacaAddress
 from sattrack.mount.alpaca.bridge import Bridge

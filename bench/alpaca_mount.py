@@ -25,7 +25,7 @@ import msgspec
 from alpaca_harness import calibrate, follow
 from programs import satellite, simulated_telescope
 
-from sattrack.control.sky_error import sky_error
+from sattrack.control.target import sky_error
 from sattrack.core.figures import RunningError
 from sattrack.mount.simulator.alpaca.telescope import TelescopeSettings
 from tle.instants import Utc

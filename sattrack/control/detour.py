@@ -21,7 +21,7 @@ import msgspec
 from sattrack.mount.model import MoveAxes, StatusSample
 
 
-class Place(NamedTuple):
+class AxisPlace(NamedTuple):
     """Where the axes must be, degrees; past 90° of declination, right ascension is half a turn away."""
 
     ra_deg: float
@@ -66,7 +66,7 @@ class Passage:
             beyond_pole=sample.beyond_pole,
         )
 
-    def place(self, utc_s: float, ra_deg: float, dec_deg: float) -> Place:
+    def place(self, utc_s: float, ra_deg: float, dec_deg: float) -> AxisPlace:
         """Return where the axes must be at an instant, for a target seen in a direction."""
         across = False
         for detour in self._detours:
@@ -74,17 +74,12 @@ class Passage:
                 across ^= detour.through_pole
             elif utc_s >= detour.begin_utc_s:
                 if not across:
-                    return Place(*detour.axes_at(utc_s, ra_deg, dec_deg))
+                    return AxisPlace(*detour.axes_at(utc_s, ra_deg, dec_deg))
                 ra, dec = detour.axes_at(utc_s, ra_deg, dec_deg)
-                return Place(ra + 180.0, self._turn_deg - dec)
+                return AxisPlace(ra + 180.0, self._turn_deg - dec)
         if not across:
-            return Place(ra_deg, dec_deg)
-        return Place((ra_deg + 180.0) % 360.0, self._turn_deg - dec_deg)
-
-    def reported(self, rates: MoveAxes, dec_deg: float) -> MoveAxes:
-        """Return rates of the direction for those of axes that stand at a declination, 90° and more too."""
-        self.across = abs(dec_deg) > 90.0
-        return self.turned(rates)
+            return AxisPlace(ra_deg, dec_deg)
+        return AxisPlace((ra_deg + 180.0) % 360.0, self._turn_deg - dec_deg)
 
     def turned(self, rates: MoveAxes) -> MoveAxes:
         """Return rates from the one sense to the other, whichever of both they are in."""

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from sattrack.control.engine_view import HOLDING, learnt_view, view_of
 from sattrack.control.halt import Driver, StopProcedure, limit_words
 from sattrack.control.not_acquired import Attempt, AxisAttempt, why_not
-from sattrack.control.sky_error import sky_error
 from sattrack.control.stages import Doing, Situation, Stages
+from sattrack.control.target import sky_error
 from sattrack.control.tracker import FOLLOWING, Phase, Tracker, TrackPlan
 from sattrack.core.figures import RunningError, WindowedError
 from sattrack.mount.model import Slew, StatusSample, Stop

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 
 if TYPE_CHECKING:
-    from sattrack.control.sky_error import Target
+    from sattrack.control.target import TargetState
     from sattrack.control.tracker import TrackPlan
     from sattrack.mount.model import MountProfile
 
@@ -55,7 +55,7 @@ class Stages:
         self._too_fast = _TooFast(plan, profile)
         self._rejoining = False
 
-    def take(self, now: Situation, utc_s: float, target: Target) -> tuple[Doing, str]:
+    def take(self, now: Situation, utc_s: float, target: TargetState) -> tuple[Doing, str]:
         """Return what the run does, and the limit's name, empty for none."""
         beyond = self._too_fast.limit(utc_s, target)
         if now.paused:
@@ -84,7 +84,7 @@ class _TooFast:
         self._detours, self._axes = plan.detours, (profile.ra, profile.dec)
         self._before: tuple[float, tuple[float, float]] | None = None
 
-    def limit(self, utc_s: float, target: Target) -> str | None:
+    def limit(self, utc_s: float, target: TargetState) -> str | None:
         """Return the limit's name; None where the mount is fast enough."""
         rates = SIDEREAL_RATE_DEG_S - target.ra_rate_deg_s, target.dec_rate_deg_s
         before, self._before = self._before, (utc_s, rates)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from sattrack.control.biases import Biases
     from sattrack.control.engine import Engine
-    from sattrack.control.sky_error import Target
+    from sattrack.control.target import TargetState
     from sattrack.recording.reading import Entry, Recording
 
     Array = NDArray[np.float64]
@@ -157,7 +157,7 @@ class _Sample(NamedTuple):
     """One status; `situation` is as today's code has it, for recordings that do not say."""
 
     columns: tuple[float, ...]
-    target: Target
+    target: TargetState
     sky: tuple[float, ...]
     situation: Situation
 
