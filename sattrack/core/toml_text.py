@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import msgspec
 
-from sattrack.core.errors import BadInputError
-from sattrack.core.origin import Origin, meant
+from sattrack.core.errors import BadInputError, Origin, meant
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sattrack.core.angles import altitude_deg
-from sattrack.core.origin import meant
+from sattrack.core.errors import meant
 from sattrack.planning.kinematics import ability_at, verdict_on
 from sattrack.planning.path import Pointing, body_place_deg, margins_deg
 from sattrack.safety.bodies import sun_over

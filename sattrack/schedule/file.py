@@ -21,7 +21,7 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import msgspec
 
-from sattrack.core.origin import Origin, meant
+from sattrack.core.errors import Origin, meant
 from sattrack.core.toml_text import Positions, read_typed
 from sattrack.schedule.rules import NO_CONDITIONS, Conditions, parse_conditions, parse_rule
 from sattrack.schedule.schema import (
