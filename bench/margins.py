@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sattrack.control.feeder import Way, rate_deg_s
+from sattrack.control.feeder import AxisPath, rate_deg_s
 from sattrack.control.response import SETTLED_S, Commanded, Step, expected, lag_of, rest_of
 from sattrack.mount.model import AxisLimits
 
@@ -72,7 +72,7 @@ def answers(loop: Loop) -> np.ndarray:
         sent_before = [step for step in pulse if step.utc_s < acts_s - 1e-9]
         comes = Commanded(LONG_AGO_S).effects(now_s, acts_s + SETTLED_S, sent_before)
         comes -= rest_of((AT_REST, *sent_before)[-1], SETTLED_S)
-        way = Way(0.0, 0.0, interval_s, 0.0, 0.0)
+        way = AxisPath(0.0, 0.0, interval_s, 0.0, 0.0)
         bound_for_deg = stands_deg + float(comes[0] @ shares)
         sent.append(rate_deg_s(way, bound_for_deg, known, AXIS, AXIS.max_rate_deg_s) / PULSE_DEG_S)
     return np.array(sent)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from sattrack.control.kalman import SURPRISE_SIGMAS, AxisFilter
-from sattrack.control.response import SETTLED_S, TURN_S, Commanded, Step, Turn, rest_of
+from sattrack.control.response import SETTLED_S, TURN_S, Commanded, LoopTurn, Step, rest_of
 from sattrack.core.angles import wrap180
 
 if TYPE_CHECKING:
@@ -236,7 +236,7 @@ class Axes:
         surprise = (left[0] / sigmas[0]) ** 2 + (left[1] / sigmas[1]) ** 2
         if surprise < SURPRISE_SIGMAS**2:
             return expected, effect
-        turn = Turn(left, (self.ra.answers_s(seconds), self.dec.answers_s(seconds)), sigmas, now)
+        turn = LoopTurn(left, (self.ra.answers_s(seconds), self.dec.answers_s(seconds)), sigmas, now)
         best, least = now, surprise * EXPLAINED_SHARE
         for step in OTHERS:
             other = self.history.other(step, self.sample_utc_s)

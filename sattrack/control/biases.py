@@ -12,7 +12,7 @@ import math
 from typing import TYPE_CHECKING
 
 from sattrack.control.course import Course
-from sattrack.control.offset import REST, Bounds, Offset, State, added
+from sattrack.control.offset import REST, ChangeLimits, Offset, State, added
 from tle.bias import Bias
 from tle.direction import Turn
 from tle.instants import Utc
@@ -196,7 +196,7 @@ class Biases:
 
     def bounds(
         self, what: str, begins_utc_s: float, from_s: float, to_s: float, share: float = SHARE
-    ) -> Bounds:
+    ) -> ChangeLimits:
         """Return what a change from an instant on may ask, in the unit of `what`.
 
         `from_s` and `to_s` are the along-track biases between which it happens, `share` that of the mount's
@@ -204,7 +204,7 @@ class Biases:
         """
         needs = [self._need(what, pace, to_s - from_s) for pace in self._paces(begins_utc_s, from_s, to_s)]
         rate, acceleration = (min(numbers) for numbers in zip(*needs, strict=True))
-        return Bounds(rate, share * acceleration)
+        return ChangeLimits(rate, share * acceleration)
 
     def _paces(self, begins_utc_s: float, from_s: float, to_s: float) -> Iterable[AxisPace]:
         if abs(to_s - from_s) <= LONG_CHANGE_S:
@@ -212,7 +212,7 @@ class Biases:
         steps = (from_s + (to_s - from_s) * i / 6.0 for i in range(7))
         return [self.course.axis_pace(begins_utc_s + AHEAD_S, along_s) for along_s in steps]
 
-    def _need(self, what: str, pace: AxisPace, change_s: float) -> Bounds:
+    def _need(self, what: str, pace: AxisPace, change_s: float) -> ChangeLimits:
         ra_by, dec_by = 1.0 / pace.cos_dec, 1.0
         ra_moving, dec_moving = abs(pace.ra_rate_deg_s), abs(pace.dec_rate_deg_s)
         if what == ALONG:
@@ -235,4 +235,4 @@ class Biases:
                 spare = max(LEAST_SPARE * limits.max_rate_deg_s, limits.max_rate_deg_s - moving)
                 rate = min(rate, RATE_SHARE * spare / by)
                 acceleration = min(acceleration, limits.max_acceleration_deg_s2 / by)
-        return Bounds(rate, acceleration)
+        return ChangeLimits(rate, acceleration)

@@ -129,7 +129,7 @@ BETTER_FRAME = 9.0
 FRAMES: dict[str, Frame] = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_date"}
 
 
-class Said(NamedTuple):
+class BiasReading(NamedTuple):
     """What one observation says of the biases, with one sigma each."""
 
     along_s: float
@@ -221,13 +221,15 @@ class Estimator:
             return self._noise.along_s, self._noise.cross_km
         return known.along_s, known.cross_km
 
-    def _begin(self, seen: Observation, utc_s: float, said: Said, course: Course) -> None:
+    def _begin(self, seen: Observation, utc_s: float, said: BiasReading, course: Course) -> None:
         fresh = self._plausible(seen, utc_s, said, course)
         if fresh is None:
             self.words = f"the elements are not so far off{self._hint(seen, utc_s, course)}"
         self.filter = fresh
 
-    def _plausible(self, seen: Observation, utc_s: float, said: Said, course: Course) -> BiasFilter | None:
+    def _plausible(
+        self, seen: Observation, utc_s: float, said: BiasReading, course: Course
+    ) -> BiasFilter | None:
         """Return a filter that begins with an observation, where elements can be so far off."""
         distance, start = self._likeliest(said)
         other = _other_frame(seen.frame)
@@ -240,7 +242,7 @@ class Estimator:
         fresh = BiasFilter(start)
         return fresh if fresh.observe(utc_s, *said) else None
 
-    def _likeliest(self, said: Said) -> tuple[float, BiasNoise]:
+    def _likeliest(self, said: BiasReading) -> tuple[float, BiasNoise]:
         """Return how far an observation lies from the elements or from what the operator found, and which."""
         about = (
             (replace(start, first_cross_km=LIKELY_CROSS_KM), start) for start in (BiasNoise(), self._noise)
@@ -248,7 +250,7 @@ class Estimator:
         distances = ((BiasFilter(likely).distance(*said), start) for likely, start in about)
         return min(distances, key=lambda one: one[0])
 
-    def _challenge(self, seen: Observation, utc_s: float, said: Said, course: Course) -> None:
+    def _challenge(self, seen: Observation, utc_s: float, said: BiasReading, course: Course) -> None:
         """Hold what was rejected against what was rejected just before, and begin anew where that agrees."""
         rival = self._rival
         if rival is None or not rival.observe(utc_s, *said):
@@ -279,7 +281,7 @@ def _said(
     course: Course,
     frame: str,
     expected: tuple[float, float],
-) -> Said | None:
+) -> BiasReading | None:
     """Return what an observation says of the biases, by Newton's method from what is expected of them.
 
     None where no bias along the track leads near it.
@@ -307,7 +309,7 @@ def _said(
             range_km = course.going(utc_s + along_s).range_km
             cross_km = range_km * math.tan(math.radians(cross_deg) + math.asin(height))
             sigma = math.radians(math.hypot(seen.sigma_arcsec, MODEL_ARCSEC) / 3600.0)
-            return Said(along_s, cross_km, sigma / pace, sigma * range_km)
+            return BiasReading(along_s, cross_km, sigma / pace, sigma * range_km)
     return None
 
 

@@ -33,7 +33,7 @@ ALIKE_SAMPLES = 40.0
 LEAST_SAMPLES = 100
 
 
-class Line(NamedTuple):
+class RateLine(NamedTuple):
     """What comes of a commanded rate, divided by it, and what is left, degrees a second; one sigma each."""
 
     gain: float
@@ -71,7 +71,7 @@ class RateFit:
         small = cc <= self.samples * LEAST_RATE_DEG_S**2
         return None if self.samples < LEAST_SAMPLES or small else cm / cc
 
-    def line(self, rest_deg_s: float = REST_DEG_S) -> Line | None:
+    def line(self, rest_deg_s: float = REST_DEG_S) -> RateLine | None:
         """Return the line; None before there are samples enough.
 
         `rest_deg_s` is how fast the axis may move beside its commands, one sigma.
@@ -89,7 +89,7 @@ class RateFit:
             left = mm - 2.0 * (gain * cm + rest * m) + gain * (gain * cc + 2.0 * rest * c) + n * rest * rest
             variance = max(left / n, LEAST_NOISE_DEG_S**2)
         scale = ALIKE_SAMPLES * variance / determinant
-        return Line(gain, math.sqrt(scale * known), rest, math.sqrt(scale * cc))
+        return RateLine(gain, math.sqrt(scale * known), rest, math.sqrt(scale * cc))
 
 
 class Learnt(NamedTuple):
@@ -97,7 +97,7 @@ class Learnt(NamedTuple):
 
     lag_s: float
     lag_sigma_s: float
-    line: Line | None
+    line: RateLine | None
     """The gain over the profile's; None before it is known."""
 
 
@@ -169,7 +169,7 @@ class Learning:
 LAW = FeederLaw()
 
 
-class Way(NamedTuple):
+class AxisPath(NamedTuple):
     """One axis' target over the interval in which a command acts, seen `ahead_s` after the interval.
 
     Degrees, seconds; `move_deg` is how far it goes in the interval.
@@ -211,7 +211,7 @@ def settling_s(interval_s: float, lag_s: float, lag_sigma_s: float, law: FeederL
 
 
 def rate_deg_s(
-    way: Way,
+    way: AxisPath,
     bound_for_deg: float,
     axis: AxisFilter,
     limits: AxisLimits,

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from sattrack.control.axes import Axes
-from sattrack.control.feeder import Learning, Way, ramped_deg_s, rate_deg_s
+from sattrack.control.feeder import AxisPath, Learning, ramped_deg_s, rate_deg_s
 from sattrack.control.history import EDGE_PERIODS, CommandHistory, MountLoop, SentRates
 from sattrack.control.latency import KnownClock, MountClock
 from sattrack.control.law import ControlLaw
@@ -28,7 +28,7 @@ Pair = tuple[float, float]
 """A value of the right ascension axis, and one of the declination axis."""
 
 
-class Span(NamedTuple):
+class TargetSpan(NamedTuple):
     """A target over the interval in which a command acts: right ascension and declination of the axes.
 
     Degrees and seconds. `bound_deg` is where the axes are bound for, on the turns that the target is on.
@@ -43,7 +43,7 @@ class Span(NamedTuple):
 class Target(Protocol):
     """What is followed."""
 
-    def span(self, begin_utc_s: float, interval_s: float, bound_deg: Pair) -> Span:
+    def span(self, begin_utc_s: float, interval_s: float, bound_deg: Pair) -> TargetSpan:
         """Return the target from an instant on; `bound_deg` is where commands so far lead the axes."""
 
 
@@ -144,7 +144,7 @@ class Follower:
                 span.move_deg[number],
                 span.acceleration_deg_s2[number],
             )
-            way = Way(begin, move, interval, bend, ahead_s)
+            way = AxisPath(begin, move, interval, bend, ahead_s)
             limit = share * limits.max_rate_deg_s
             rate = rate_deg_s(way, span.bound_deg[number], axis, limits, limit, law)
             rates.append(ramped_deg_s(rate, before[number], limits, interval, law))

@@ -36,7 +36,7 @@ def added(*states: State) -> State:
     return State(sum(values), sum(rates), sum(accelerations))
 
 
-class Bounds(NamedTuple):
+class ChangeLimits(NamedTuple):
     """What a change may ask of the mount, in the offset's own unit: rate and acceleration."""
 
     rate: float
@@ -104,39 +104,39 @@ class Offset:
         last = self._changes[-1] if self._changes else None
         return float("-inf") if last is None else last.begins_utc_s + last.seconds
 
-    def add(self, amount: float, begins_utc_s: float, bounds: Bounds) -> None:
+    def add(self, amount: float, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Add to the total; a rate goes on."""
         self._change(self.total_at(begins_utc_s) + amount, self.rate, begins_utc_s, bounds)
 
-    def set(self, total: float, begins_utc_s: float, bounds: Bounds) -> None:
+    def set(self, total: float, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Go to a total as soon as the bounds allow, and rest there."""
         self._change(total, 0.0, begins_utc_s, bounds)
 
-    def run(self, rate: float, begins_utc_s: float, bounds: Bounds) -> None:
+    def run(self, rate: float, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Change by `rate` a second from an instant on."""
         # The line's foot is chosen so that the change is a plain ramp of the rate.
         now = self.state(begins_utc_s)
         foot = now.value + 0.5 * (now.rate - rate) * SHORTEST_S
         self._change(foot, rate, begins_utc_s, bounds)
 
-    def gradual(self, total: float, seconds: float, begins_utc_s: float, bounds: Bounds) -> None:
+    def gradual(self, total: float, seconds: float, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Reach a total in so many seconds, or as soon after as the bounds allow."""
         self._change(total, 0.0, begins_utc_s, bounds, seconds)
 
-    def stop(self, begins_utc_s: float, bounds: Bounds) -> None:
+    def stop(self, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Come to rest about where the offset is: the total is what is reached."""
         now = self.state(begins_utc_s)
         self._change(now.value + 0.5 * now.rate * SHORTEST_S, 0.0, begins_utc_s, bounds)
 
-    def reset(self, begins_utc_s: float, bounds: Bounds) -> None:
+    def reset(self, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Take the offset away."""
         self._change(0.0, 0.0, begins_utc_s, bounds)
 
-    def take_over(self, moving: State, total: float, begins_utc_s: float, bounds: Bounds) -> None:
+    def take_over(self, moving: State, total: float, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Go to a total from where the offset is together with what something else does until then."""
         self._change(total, 0.0, begins_utc_s, bounds, moving=moving)
 
-    def keep(self, moving: State, begins_utc_s: float, bounds: Bounds) -> None:
+    def keep(self, moving: State, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Come to rest about where the offset is together with what something else does until then."""
         now = added(self.state(begins_utc_s), moving)
         self._change(now.value + 0.5 * now.rate * SHORTEST_S, 0.0, begins_utc_s, bounds, moving=moving)
@@ -152,7 +152,7 @@ class Offset:
         foot: float,
         rate: float,
         begins_utc_s: float,
-        bounds: Bounds,
+        bounds: ChangeLimits,
         seconds: float = SHORTEST_S,
         moving: State = REST,
     ) -> None:
@@ -193,7 +193,7 @@ def _joined(now: State, foot: float, rate: float, begins_utc_s: float, seconds: 
     return _Change(begins_utc_s, seconds, coefficients, total, rate)
 
 
-def _within(change: _Change, now: State, bounds: Bounds) -> bool:
+def _within(change: _Change, now: State, bounds: ChangeLimits) -> bool:
     """Tell whether a change keeps to the bounds, or at least to what it begins and ends with."""
     most_rate = max(bounds.rate, abs(now.rate), abs(change.rate))
     most_acceleration = max(bounds.acceleration, abs(now.acceleration))

@@ -9,7 +9,7 @@ import math
 from typing import TYPE_CHECKING
 
 from sattrack.control.biases import ALONG, CROSS, GENTLE_SHARE, Biases
-from sattrack.control.offset import Bounds, State, added
+from sattrack.control.offset import ChangeLimits, State, added
 from sattrack.control.pattern import START_S, Pattern, spiral_acceleration_deg_s2, spiral_lasts_s
 
 if TYPE_CHECKING:
@@ -186,11 +186,11 @@ def forget_estimate(biases: Biases, begins_utc_s: float) -> None:
     biases.touched()
 
 
-def _bounds_km(biases: Biases, begins_utc_s: float, from_s: float, to_s: float) -> Bounds:
+def _bounds_km(biases: Biases, begins_utc_s: float, from_s: float, to_s: float) -> ChangeLimits:
     """Return what a change across the track may ask, as a distance."""
     range_km = biases.course.going(begins_utc_s + to_s).range_km
     on_sky = biases.bounds(CROSS, begins_utc_s, from_s, to_s, GENTLE_SHARE)
-    return Bounds(math.radians(on_sky.rate) * range_km, math.radians(on_sky.acceleration) * range_km)
+    return ChangeLimits(math.radians(on_sky.rate) * range_km, math.radians(on_sky.acceleration) * range_km)
 
 
 def _spiral_trouble(spacing_deg: float, speed_deg_s: float, rate: float, acceleration: float) -> str | None:

@@ -78,7 +78,7 @@ class Lag(NamedTuple):
     whole: float = 1.0
 
 
-class Turn(NamedTuple):
+class LoopTurn(NamedTuple):
     """One turn of the mount's loop as seen: what the expected command leaves of both axes' motion, degrees.
 
     `answers_s` is how far a rate moves each axis within the turn that reads it, over the rate; `sigmas_deg`

@@ -19,7 +19,7 @@ LONGEST_STEP_S = 0.5
 """Rates of the target that lie farther apart tell of no acceleration."""
 
 
-class Doing(IntEnum):
+class RunStage(IntEnum):
     """What a run did at a status; only FOLLOWING counts in the figures of the error."""
 
     OTHER = 0
@@ -55,26 +55,26 @@ class Stages:
         self._too_fast = _TooFast(plan, profile)
         self._rejoining = False
 
-    def take(self, now: Situation, utc_s: float, target: TargetState) -> tuple[Doing, str]:
+    def take(self, now: Situation, utc_s: float, target: TargetState) -> tuple[RunStage, str]:
         """Return what the run does, and the limit's name, empty for none."""
         beyond = self._too_fast.limit(utc_s, target)
         if now.paused:
             self._rejoining = now.acquired
-            return Doing.PAUSED, ""
+            return RunStage.PAUSED, ""
         if now.following and now.holding is not None:
             self._rejoining = now.acquired
-            return Doing.HELD, now.holding
+            return RunStage.HELD, now.holding
         off = now.error_arcsec > self._on_target_arcsec
         if self._rejoining and now.tracking:
             self._rejoining = off
         if now.following and now.acquired and beyond is not None and off:
             self._rejoining = True
-            return Doing.HELD, beyond
+            return RunStage.HELD, beyond
         if self._rejoining and not now.ended:
-            return Doing.REJOINING, ""
+            return RunStage.REJOINING, ""
         if not now.following:
-            return Doing.OTHER, ""
-        return (Doing.FOLLOWING if now.acquired else Doing.ACQUIRING), ""
+            return RunStage.OTHER, ""
+        return (RunStage.FOLLOWING if now.acquired else RunStage.ACQUIRING), ""
 
 
 class _TooFast:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.control.detour import Passage
-from sattrack.control.following import Span
+from sattrack.control.following import TargetSpan
 from sattrack.core.angles import wrap180
 from sattrack.views.run import ErrorView
 
@@ -85,7 +85,7 @@ class SatelliteTarget:
                 return TargetState.at(known, utc_s - at_utc_s)
         return TargetState.at(self._direction_at(utc_s))
 
-    def span(self, begin_utc_s: float, interval_s: float, bound_deg: Pair) -> Span:
+    def span(self, begin_utc_s: float, interval_s: float, bound_deg: Pair) -> TargetSpan:
         """Return where the axes must be over an interval."""
         end_utc_s = begin_utc_s + interval_s
         begin, end = self.state(begin_utc_s), self._direction_at(end_utc_s)
@@ -102,4 +102,4 @@ class SatelliteTarget:
             last = self.passage.place(end_utc_s, float(end.ra_deg), float(end.dec_deg))
             bend = (0.0, 0.0)
         move = (wrap180(last[0] - first[0]), last[1] - first[1])
-        return Span(first, move, bend, (first[0] + wrap180(bound_deg[0] - first[0]), bound_deg[1]))
+        return TargetSpan(first, move, bend, (first[0] + wrap180(bound_deg[0] - first[0]), bound_deg[1]))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.control.approach import Approach, Stand, Step
+from sattrack.control.approach import Approach, ApproachStep, MountPlace
 from sattrack.control.detour import Detour
 from sattrack.control.following import Follower
 from sattrack.control.law import ControlLaw
@@ -81,7 +81,7 @@ class Tracker:
         """What the run learns of the mount while it follows."""
         self._satellite = SatelliteTarget(self.direction_at, plan.detours)
         self._way = Approach(profile, self.direction_at, plan.law.feeder)
-        self._stand = Stand(0.0, 0.0, 0.0)
+        self._stand = MountPlace(0.0, 0.0, 0.0)
         self._near = 0
         self._moved_by_rates = False
         """Whether the mount is in MoveAxis as a pause ends."""
@@ -139,7 +139,7 @@ class Tracker:
         believed = self._follower.take(seen, utc_s, self.phase in FOLLOWING)
         if self.rest is not None:
             self.rest.see(sample)
-        self._stand = Stand(sample.sidereal_h * 15.0, sample.ra_deg, sample.dec_deg, sample.beyond_pole)
+        self._stand = MountPlace(sample.sidereal_h * 15.0, sample.ra_deg, sample.dec_deg, sample.beyond_pole)
         self.target = self._satellite.state(utc_s)
         self.error = sky_error(utc_s, sample.ra_deg, sample.dec_deg, self.target)
         if believed:
@@ -268,7 +268,7 @@ class Tracker:
             self.followable_utc_s = self._way.intercept.utc_s
         self._near = 0
         self.phase = Phase.SLEWING
-        if step is Step.FOLLOW:
+        if step is ApproachStep.FOLLOW:
             self._begin_following(now_utc_s)
 
     def _begin_following(self, now_utc_s: float) -> None:
@@ -278,13 +278,13 @@ class Tracker:
 
     def _slew(self, now_utc_s: float, slew_done: bool) -> Motion:
         step = self._way.go_on(now_utc_s, slew_done, self._stand)
-        if step is Step.FOLLOW:
+        if step is ApproachStep.FOLLOW:
             self._begin_following(now_utc_s)
             return self._follow(now_utc_s)
-        if step is Step.GIVE_UP:
+        if step is ApproachStep.GIVE_UP:
             self.end("error")
             return Stop()
-        if step is Step.PLAN:
+        if step is ApproachStep.PLAN:
             # Between two slews nothing is wanted for a moment: the second is one of its own.
             self.phase = Phase.WAITING
             return Hold()

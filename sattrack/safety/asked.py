@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from sattrack.safety.bounds import Bounds
     from sattrack.safety.limits import SafetyLimits
     from sattrack.safety.slews import SlewGate
-    from sattrack.safety.standing import Standing
+    from sattrack.safety.standing import MountState
     from sattrack.safety.watch import Watch
 
 GUIDE_RATE_DEG_S = SIDEREAL_RATE_DEG_S
@@ -40,7 +40,7 @@ NO_SUN = (
 )
 
 
-class Asked:
+class RequestChecks:
     """Judges requests by the parts that a mount's gate is made of."""
 
     def __init__(
@@ -48,7 +48,7 @@ class Asked:
         profile: MountProfile,
         limits: SafetyLimits,
         latitude_deg: float,
-        parts: tuple[Bounds, SlewGate, Watch, Standing, Ahead],
+        parts: tuple[Bounds, SlewGate, Watch, MountState, Ahead],
     ) -> None:
         self._profile, self._limits, self._latitude_deg = profile, limits, latitude_deg
         self._bounds, self._slews, self._watch, self._standing, self._ahead = parts

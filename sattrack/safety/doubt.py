@@ -36,7 +36,7 @@ class Belief(StrEnum):
     """Nothing had borne out the very first one: this one takes its place."""
 
 
-class Doubt:
+class PositionFilter:
     """Follows the places of one mount, status by status."""
 
     def __init__(self, profile: MountProfile) -> None:

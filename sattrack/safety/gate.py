@@ -23,13 +23,13 @@ from sattrack.mount.model import (
 )
 from sattrack.mount.requests import Abort, ClearedRequest, FineRate, Request, objection
 from sattrack.safety.ahead import Ahead, Spot
-from sattrack.safety.asked import Asked
+from sattrack.safety.asked import RequestChecks
 from sattrack.safety.bounds import CONES, ESCAPE_NEAR_DEG, INSIDE_MARGIN_DEG, Bounds
-from sattrack.safety.doubt import FASTER, Belief, Doubt
+from sattrack.safety.doubt import FASTER, Belief, PositionFilter
 from sattrack.safety.geometry import Box
 from sattrack.safety.held import nearest_rates, within
 from sattrack.safety.slews import SlewGate
-from sattrack.safety.standing import Standing, axis_rates, standing_at
+from sattrack.safety.standing import MountState, axis_rates, standing_at
 from sattrack.safety.table import ROWS
 from sattrack.safety.watch import BACKWARD_S, OLDEST_STATUS_S, Watch
 
@@ -97,11 +97,11 @@ class Safety:
         self._newest_utc_s = -math.inf
         most_ha, most_dec = FASTER * profile.ra.slew_rate_deg_s, FASTER * profile.dec.slew_rate_deg_s
         self._plausible = ((-most_ha, most_ha), (-most_dec, most_dec))
-        self._standing = Standing(latitude_deg)
-        self._doubt = Doubt(profile)
+        self._standing = MountState(latitude_deg)
+        self._doubt = PositionFilter(profile)
         self._ahead = Ahead(profile, limits, self._bounds)
         parts = (self._bounds, self._slews, self._watch, self._standing, self._ahead)
-        self._asked = Asked(profile, limits, latitude_deg, parts)
+        self._asked = RequestChecks(profile, limits, latitude_deg, parts)
 
     @property
     def cause(self) -> str | None:

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from sattrack.mount.model import MoveAxes, Stance
 
 
-class Standing:
+class MountState:
     """Follows one mount's axes; the turns are taken to begin within half a turn of the meridian."""
 
     def __init__(self, latitude_deg: float) -> None:
@@ -27,7 +27,7 @@ class Standing:
         """Forget how the first status had the axis stand."""
         self.hour_angle_deg = self._anchor_deg
 
-    def follow_on(self, former: Standing) -> None:
+    def follow_on(self, former: MountState) -> None:
         """Take over how far the cables are wound."""
         self.hour_angle_deg, self.beyond_pole = former.hour_angle_deg, former.beyond_pole
         self._anchor_deg = former.hour_angle_deg

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from sattrack.control.halt import Driver, limit_words
-from sattrack.control.manual.procedures import Outcome, Procedure, Refusal, procedure_for, refused
+from sattrack.control.manual.procedures import Outcome, Procedure, RequestRefused, procedure_for, refused
 from sattrack.control.rest import Jogs
 from sattrack.mount.link_loss import STOP_LINGER_S
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, MoveAxes, Slew, Stop, mean_sidereal_deg
@@ -46,7 +46,7 @@ NEED_SITE = (Slew, Sync, MoveAxis, FindHome, Park)
 
 
 @dataclass(slots=True)
-class Asked:
+class RequestEntry:
     """One thing that was asked of the mount, its ticket, and when."""
 
     number: int
@@ -78,7 +78,7 @@ class Console(Driver):
         self.failed: str | None = None
         self.procedure: Procedure | None = None
         self.jogs = Jogs()
-        self.asked: deque[Asked] = deque(maxlen=REMEMBERED)
+        self.asked: deque[RequestEntry] = deque(maxlen=REMEMBERED)
         self._count = 0
         self.refusal: str | None = None
         self._move_begun = False
@@ -152,13 +152,13 @@ class Console(Driver):
         if status is not None and status.slewing:
             self.tracking_reading = "always true" if status.tracking else "the opposite of slewing"
 
-    def request(self, request: Request, now_utc_s: float) -> Refusal | None:
+    def request(self, request: Request, now_utc_s: float) -> RequestRefused | None:
         """Have a request carried out; return why not, where it is refused."""
         if self.procedure is not None and not isinstance(request, Abort | Slew | Park):
-            return self._refuse(Refusal("something is under way: SPACE stops it"))
+            return self._refuse(RequestRefused("something is under way: SPACE stops it"))
         return self.begin(procedure_for(request, self.profile), now_utc_s)
 
-    def begin(self, procedure: Procedure, now_utc_s: float) -> Refusal | None:
+    def begin(self, procedure: Procedure, now_utc_s: float) -> RequestRefused | None:
         """Carry out a procedure, in place of whatever is under way; return why not, where it is refused."""
         if self.jogs:
             # A jog lives by its key alone: nothing else may carry its motion on.
@@ -171,7 +171,7 @@ class Console(Driver):
         self.jogs.clear()
         return None
 
-    def submit(self, request: Request, now_utc_s: float) -> Ticket | Refusal:
+    def submit(self, request: Request, now_utc_s: float) -> Ticket | RequestRefused:
         """Ask for one thing, if safety and the mount's state let it."""
         refusal = self._objection(request)
         if refusal is not None:
@@ -179,18 +179,18 @@ class Console(Driver):
         status = self.session.status
         cleared = self.safety.clear_request(request, self.session.stance, now_utc_s)
         if isinstance(cleared, str):
-            return Refusal(cleared, by_safety=status is not None)
+            return RequestRefused(cleared, by_safety=status is not None)
         if isinstance(request, Abort):
             self.jogs.blocked = True
         self._move_begun = False
         ticket = self.session.submit(cleared)
         self._count += 1
-        self.asked.append(Asked(self._count, ticket, now_utc_s))
+        self.asked.append(RequestEntry(self._count, ticket, now_utc_s))
         return ticket
 
     def jog(
         self, ra_rate_deg_s: float | None, dec_rate_deg_s: float | None, now_utc_s: float
-    ) -> Refusal | None:
+    ) -> RequestRefused | None:
         """Move for a short time, or for longer where an axis is being jogged at that rate already.
 
         Rates are those of the reported right ascension (positive east) and declination (positive north).
@@ -209,10 +209,10 @@ class Console(Driver):
         self.jogs.clear()
         self.begin(procedure_for(Abort(), self.profile), now_utc_s)
 
-    def reset(self) -> Refusal | None:
+    def reset(self) -> RequestRefused | None:
         """Let the mount move again after a safety limit has stopped it; refused until it is at rest."""
         if self.safety.tripped is not None and not self.at_rest:
-            return self._refuse(Refusal("the mount is not at rest yet"))
+            return self._refuse(RequestRefused("the mount is not at rest yet"))
         fresh = self._new_safety(self.profile)
         fresh.follow_on(self.safety)
         self.safety, self.trouble, self.refusal = fresh, None, None
@@ -248,7 +248,7 @@ class Console(Driver):
             return status.site_longitude_deg
         return None if self.site is None else self.site.longitude_deg
 
-    def _refuse(self, refusal: Refusal) -> Refusal:
+    def _refuse(self, refusal: RequestRefused) -> RequestRefused:
         self.refusal = refusal.words
         return refusal
 
@@ -257,7 +257,7 @@ class Console(Driver):
             return Safety(profile, self.limits, 0.0)
         return Safety(profile, self.limits, self.site.latitude_deg, self.site.longitude_deg)
 
-    def way_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | Refusal:
+    def way_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | RequestRefused:
         """Return the slews that lead to a direction past whatever is in the way."""
         refusal = self._objection(request)
         if refusal is not None:
@@ -267,39 +267,41 @@ class Console(Driver):
         if words is not None or stance is None:
             return (request,)
         ways = self.safety.way_to(request, stance, now_utc_s)
-        return Refusal(ways, by_safety=True) if isinstance(ways, str) else ways
+        return RequestRefused(ways, by_safety=True) if isinstance(ways, str) else ways
 
-    def _objection(self, request: Request) -> Refusal | None:
+    def _objection(self, request: Request) -> RequestRefused | None:
         status = self.session.status
         if self.site is None and isinstance(request, NEED_SITE):
-            return Refusal("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
+            return RequestRefused("no site: give --site LAT,LON,HEIGHT or set [site] in sattrack.toml")
         if self.link_state is LinkState.LOST and not isinstance(request, Abort):
-            return Refusal("the mount is silent: nothing is moved blindly")
+            return RequestRefused("the mount is silent: nothing is moved blindly")
         moving = isinstance(self.session.wanted, MoveAxes | Slew) or (status is not None and status.slewing)
         if isinstance(request, Sync) and moving:
-            return Refusal("the mount moves: sync once it stands, or what it reports would be wrong for good")
+            return RequestRefused(
+                "the mount moves: sync once it stands, or what it reports would be wrong for good"
+            )
         if isinstance(request, MoveAxis) and status is not None and status.slewing and not self._ours():
-            return Refusal("the mount is slewing: stop that first")
+            return RequestRefused("the mount is slewing: stop that first")
         return None
 
     def _ours(self) -> bool:
         """Tell whether it is a MoveAxis of ours that makes the mount say that it slews."""
         return isinstance(self.session.wanted, MoveAxes) or self._move_begun
 
-    def _jog_objection(self, move: MoveAxis, fresh: bool, now_utc_s: float) -> Refusal | None:
+    def _jog_objection(self, move: MoveAxis, fresh: bool, now_utc_s: float) -> RequestRefused | None:
         if self.failed is not None:
-            return Refusal(self.failed)
+            return RequestRefused(self.failed)
         if self.jogs.blocked and (self.stopping or not fresh):
-            return Refusal("stopped: let the key go, and jog once the mount is at rest")
+            return RequestRefused("stopped: let the key go, and jog once the mount is at rest")
         if isinstance(self.session.wanted, Slew) or self.procedure is not None:
-            return Refusal("something is under way: SPACE stops it, then jog")
+            return RequestRefused("something is under way: SPACE stops it, then jog")
         if self.link_state is not LinkState.UP:
-            return Refusal("the mount is not heard: nothing is moved blindly")
+            return RequestRefused("the mount is not heard: nothing is moved blindly")
         refusal = self._objection(move)
         if refusal is not None:
             return refusal
         cleared = self.safety.clear_request(move, self.session.stance, now_utc_s)
-        return Refusal(cleared, by_safety=True) if isinstance(cleared, str) else None
+        return RequestRefused(cleared, by_safety=True) if isinstance(cleared, str) else None
 
     def _jogged(self) -> Motion:
         return MoveAxes(*self.jogs.rates_deg_s) if self.jogs else Hold()
@@ -366,7 +368,10 @@ class Console(Driver):
         self.jogs.block()
         self.session.apply(self.safety.clear(Stop(), 0.0, 0.0, 0.0))
         if self.procedure is not None:
-            self.procedure, self.outcome = None, refused(Refusal(words, by_safety=why.startswith("limit:")))
+            self.procedure, self.outcome = (
+                None,
+                refused(RequestRefused(words, by_safety=why.startswith("limit:"))),
+            )
 
     def _watch_link(self, now_utc_s: float) -> None:
         before, self.link_state = self.link_state, self.session.link_state(now_utc_s)

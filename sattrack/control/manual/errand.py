@@ -11,7 +11,7 @@ from enum import Enum
 from typing import TYPE_CHECKING
 
 from sattrack.control.halt import StopProcedure
-from sattrack.control.manual.procedures import Once, Outcome, Procedure, Refusal, refused
+from sattrack.control.manual.procedures import Once, Outcome, Procedure, RequestRefused, refused
 from sattrack.mount.requests import Abort, TicketState
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_status
 from sattrack.mount.xerxes.states import LinkState
@@ -33,7 +33,7 @@ NOT_ALONE = (
 DONE = frozenset({TicketState.COMPLETE, TicketState.UNCONFIRMED})
 
 
-class Phase(Enum):
+class OperationPhase(Enum):
     """How far an operation has come."""
 
     LISTENING = "listening"
@@ -54,7 +54,7 @@ class ManualOperation:
         self, console: Console, procedure: Procedure, started_utc_s: float, timeout_s: float | None = None
     ) -> None:
         self.console, self.profile = console, console.profile
-        self.phase = Phase.LISTENING
+        self.phase = OperationPhase.LISTENING
         self.ended_by: str | None = None
         """"done", "refused", "operator", "timeout", "link", "limit:NAME" or "error", once it is decided."""
         self.outcome: Outcome | None = None
@@ -72,14 +72,14 @@ class ManualOperation:
     @property
     def finished(self) -> bool:
         """Whether there is nothing left to do."""
-        return self.phase is Phase.OVER
+        return self.phase is OperationPhase.OVER
 
     @property
     def doing(self) -> str:
         """What goes on, in words."""
-        if self.phase is Phase.RUNNING:
+        if self.phase is OperationPhase.RUNNING:
             return self._procedure.doing
-        return "stopping the mount" if self.phase is Phase.STOPPING else self.phase.value
+        return "stopping the mount" if self.phase is OperationPhase.STOPPING else self.phase.value
 
     def receive(self, data: bytes, arrival_utc_s: float) -> None:
         """Take one datagram from the mount."""
@@ -88,7 +88,7 @@ class ManualOperation:
         if self.console.session.health.received == received:
             return
         self._heard += 1
-        if self.phase in {Phase.LISTENING, Phase.CALLING}:
+        if self.phase in {OperationPhase.LISTENING, OperationPhase.CALLING}:
             self._others.update(acknowledged(data))
 
     def interrupt(self, now_utc_s: float) -> None:
@@ -105,20 +105,20 @@ class ManualOperation:
 
     def tick(self, now_utc_s: float) -> bytes | None:
         """Return the datagram to send now, None while it only listens; call once a period."""
-        if self.phase is Phase.LISTENING and not self._listened(now_utc_s):
+        if self.phase is OperationPhase.LISTENING and not self._listened(now_utc_s):
             return None
-        if self.phase is Phase.OVER:
+        if self.phase is OperationPhase.OVER:
             return None
-        if self.phase is Phase.CALLING:
+        if self.phase is OperationPhase.CALLING:
             self._call(now_utc_s)
         if self.finished:
             return None
         datagram = self.console.tick(now_utc_s)
-        if self.phase is Phase.RUNNING:
+        if self.phase is OperationPhase.RUNNING:
             self._watch(now_utc_s)
-        elif self.phase is Phase.ENDING:
+        elif self.phase is OperationPhase.ENDING:
             self._watch_end()
-        elif self.phase is Phase.STOPPING:
+        elif self.phase is OperationPhase.STOPPING:
             self._watch_stop()
         return datagram
 
@@ -131,14 +131,14 @@ class ManualOperation:
             return False
         if self._heard < LISTEN_STATUSES and now_utc_s - self._started_utc_s < LISTEN_S:
             return False
-        self.phase = Phase.CALLING
+        self.phase = OperationPhase.CALLING
         return True
 
     def _leave_to_others(self, now_utc_s: float) -> bool:
         """End where the mount acknowledges commands, of which none was ours so far; tell whether it does."""
         if not self._others:
             return False
-        refusal = Refusal(NOT_ALONE.format(", ".join(sorted(self._others))))
+        refusal = RequestRefused(NOT_ALONE.format(", ".join(sorted(self._others))))
         self._end("refused", refused(refusal), now_utc_s, stop=False)
         return True
 
@@ -156,7 +156,7 @@ class ManualOperation:
             self._end("link", Outcome(TicketState.FAILED, False, words), now_utc_s, stop=False)
 
     def _begin(self, now_utc_s: float) -> None:
-        self._since_utc_s, self.phase = now_utc_s, Phase.RUNNING
+        self._since_utc_s, self.phase = now_utc_s, OperationPhase.RUNNING
         refusal = self.console.begin(self._procedure, now_utc_s)
         if refusal is None:
             self.begun = True
@@ -186,22 +186,22 @@ class ManualOperation:
         self.ended_by, self.outcome, self._since_utc_s = why, outcome, now_utc_s
         self.console.stop = StopProcedure(now_utc_s, needed=stop)
         if stop:
-            self.phase = Phase.STOPPING
+            self.phase = OperationPhase.STOPPING
             if not self.console.stopping:
                 self.console.abort(now_utc_s)
         else:
-            self.phase = Phase.ENDING if self.begun else Phase.OVER
+            self.phase = OperationPhase.ENDING if self.begun else OperationPhase.OVER
 
     def _watch_end(self) -> None:
         if self.console.finished and not self.console.session.busy:
-            self.phase = Phase.OVER
+            self.phase = OperationPhase.OVER
             if self._stops:
                 self.mount_stopped = self.outcome is not None and self.outcome.state is TicketState.COMPLETE
 
     def _watch_stop(self) -> None:
         if self.console.finished:
             self.mount_stopped = self.console.mount_stopped
-            self.phase = Phase.OVER
+            self.phase = OperationPhase.OVER
 
 
 class Look:

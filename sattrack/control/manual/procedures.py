@@ -62,7 +62,7 @@ RESTS_WITHIN_S = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Refusal:
+class RequestRefused:
     """Why something was not asked of the mount; `by_safety` where a limit or an interlock forbids it."""
 
     words: str
@@ -76,10 +76,10 @@ class Outcome:
     state: TicketState
     acknowledged: bool
     reason: str | None = None
-    refusal: Refusal | None = None
+    refusal: RequestRefused | None = None
 
 
-class Desk(Protocol):
+class ProcedureHost(Protocol):
     """What a procedure needs of the console."""
 
     @property
@@ -102,10 +102,10 @@ class Desk(Protocol):
     def move_begun(self) -> bool:
         """Whether a datagram that begins MoveAxis has gone out since the last request."""
 
-    def submit(self, request: Request, now_utc_s: float) -> Ticket | Refusal:
+    def submit(self, request: Request, now_utc_s: float) -> Ticket | RequestRefused:
         """Ask for one thing, if safety lets it."""
 
-    def way_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | Refusal:
+    def way_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | RequestRefused:
         """Return the slews that lead to a direction past whatever is in the way."""
 
 
@@ -116,10 +116,10 @@ class Procedure(Protocol):
     def doing(self) -> str:
         """What is under way, in words."""
 
-    def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """Begin, or say why not."""
 
-    def step(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
         """Go on, once a period; return the outcome at the end."""
 
 
@@ -128,7 +128,7 @@ def outcome_of(ticket: Ticket) -> Outcome | None:
     return Outcome(ticket.state, ticket.was_acknowledged, ticket.reason) if ticket.settled else None
 
 
-def refused(refusal: Refusal, acknowledged: bool = False) -> Outcome:
+def refused(refusal: RequestRefused, acknowledged: bool = False) -> Outcome:
     """Return the outcome of a procedure that could not go on."""
     return Outcome(TicketState.FAILED, acknowledged, refusal.words, refusal)
 
@@ -141,15 +141,15 @@ class Once:
     doing: str
     _ticket: Ticket | None = None
 
-    def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """See Procedure."""
         asked = desk.submit(self.request, now_utc_s)
-        if isinstance(asked, Refusal):
+        if isinstance(asked, RequestRefused):
             return asked
         self._ticket = asked
         return None
 
-    def step(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
         """See Procedure."""
         del desk, now_utc_s
         return None if self._ticket is None else outcome_of(self._ticket)
@@ -164,15 +164,15 @@ class SlewThere:
     _left: list[Slew] = field(default_factory=list)
     _ticket: Ticket | None = None
 
-    def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """See Procedure."""
         way = desk.way_to(self.request, now_utc_s)
-        if isinstance(way, Refusal):
+        if isinstance(way, RequestRefused):
             return way
         self._left = list(way)
         return self._next(desk, now_utc_s)
 
-    def step(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
         """See Procedure."""
         assert self._ticket is not None
         outcome = outcome_of(self._ticket)
@@ -181,16 +181,16 @@ class SlewThere:
         refusal = self._next(desk, now_utc_s)
         return None if refusal is None else refused(refusal)
 
-    def _next(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+    def _next(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """Ask for the next leg; the way is sought anew where something has come into it meanwhile."""
         asked = desk.submit(self._left[0], now_utc_s)
-        if isinstance(asked, Refusal) and self._ticket is not None:
+        if isinstance(asked, RequestRefused) and self._ticket is not None:
             way = desk.way_to(self.request, now_utc_s)
-            if isinstance(way, Refusal):
+            if isinstance(way, RequestRefused):
                 return way
             self._left = list(way)
             asked = desk.submit(self._left[0], now_utc_s)
-        if isinstance(asked, Refusal):
+        if isinstance(asked, RequestRefused):
             return asked
         self._left.pop(0)
         self._ticket = asked
@@ -210,15 +210,15 @@ class MoveFor:
     _begun_utc_s: float | None = None
     _ending: Ticket | None = None
 
-    def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """See Procedure."""
         asked = desk.submit(self.request, now_utc_s)
-        if isinstance(asked, Refusal):
+        if isinstance(asked, RequestRefused):
             return asked
         self._ticket, self._asked_utc_s = asked, now_utc_s
         return None
 
-    def step(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
         """See Procedure."""
         assert self._ticket is not None
         if self._ending is not None:
@@ -230,7 +230,7 @@ class MoveFor:
         begun, overdue = self._begun_utc_s, now_utc_s - self._asked_utc_s > MOVE_BEGINS_WITHIN_S
         if (begun is not None and now_utc_s - begun >= self.seconds) or (begun is None and overdue):
             asked = desk.submit(EndMove(), now_utc_s)
-            if isinstance(asked, Refusal):
+            if isinstance(asked, RequestRefused):
                 return refused(asked, self._ticket.was_acknowledged)
             self._ending, self.doing = asked, "ending the move"
         return None
@@ -256,15 +256,15 @@ class GoHome:
     _begun_utc_s: float = 0.0
     _seen_moving: bool = False
 
-    def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """See Procedure."""
         asked = desk.submit(self.request, now_utc_s)
-        if isinstance(asked, Refusal):
+        if isinstance(asked, RequestRefused):
             return asked
         self._ticket, self._begun_utc_s = asked, now_utc_s
         return None
 
-    def step(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
         """See Procedure."""
         assert self._ticket is not None
         status = desk.status
@@ -305,17 +305,19 @@ class ParkThere:
     _tickets: list[Ticket] = field(default_factory=list)
     _stopped_utc_s: float | None = None
 
-    def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """See Procedure."""
         park, sample = self.profile.park, desk.sample
         if park is None:
-            return Refusal("the mount profile has no park position, and parking cuts the drives' power")
+            return RequestRefused(
+                "the mount profile has no park position, and parking cuts the drives' power"
+            )
         if sample is None:
-            return Refusal("the mount has not been heard yet")
+            return RequestRefused("the mount has not been heard yet")
         self._way = SlewThere(self._slew(park, sample))
         return self._way.begin(desk, now_utc_s)
 
-    def step(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
         """See Procedure."""
         if not self._tickets:
             assert self._way is not None
@@ -334,12 +336,12 @@ class ParkThere:
             return None
         return self._park(desk, now_utc_s) if self.power_off else outcome_of(ticket)
 
-    def _park(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+    def _park(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
         self.doing = "parking"
         refusal = self._ask(desk, Park(), now_utc_s)
         return None if refusal is None else refused(refusal)
 
-    def _rests(self, desk: Desk, now_utc_s: float) -> bool:
+    def _rests(self, desk: ProcedureHost, now_utc_s: float) -> bool:
         """Tell whether the drives stand still, or have had the time for it: safety judges then."""
         if self._stopped_utc_s is None:
             self._stopped_utc_s = now_utc_s
@@ -352,9 +354,9 @@ class ParkThere:
         then_deg = sample.sidereal_h * 15.0 + takes_s * 15.0 / 3600.0
         return Slew((then_deg - park.hour_angle_deg) % 360.0, park.dec_deg)
 
-    def _ask(self, desk: Desk, request: Request, now_utc_s: float) -> Refusal | None:
+    def _ask(self, desk: ProcedureHost, request: Request, now_utc_s: float) -> RequestRefused | None:
         asked = desk.submit(request, now_utc_s)
-        if isinstance(asked, Refusal):
+        if isinstance(asked, RequestRefused):
             return asked
         self._tickets.append(asked)
         return None

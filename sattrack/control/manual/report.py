@@ -14,7 +14,7 @@ from sattrack.mount.xerxes.states import LinkState
 from sattrack.views.run import AskedView, ConsoleView
 
 if TYPE_CHECKING:
-    from sattrack.control.manual.console import Asked, Console
+    from sattrack.control.manual.console import Console, RequestEntry
     from sattrack.mount.model import LinkView
 
 SITE_TOLERANCE_DEG = 0.1
@@ -120,7 +120,7 @@ def _reading_warnings(console: Console) -> list[str]:
     ]
 
 
-def _asked_view(asked: Asked) -> AskedView:
+def _asked_view(asked: RequestEntry) -> AskedView:
     ticket = asked.ticket
     return AskedView(
         number=asked.number,

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from sattrack.mount.simulator.settings import TimerLaw
 
 
-class Turn(NamedTuple):
+class LoopRun(NamedTuple):
     """What came of one turn of the loop: the status to send, if any, and the truth, if the loop ran."""
 
     status: bytes | None
@@ -87,7 +87,7 @@ class Installation:
             return False
         return self.mount.receive(data)
 
-    def turn(self, now_utc_s: float) -> Turn:
+    def turn(self, now_utc_s: float) -> LoopRun:
         """Run the loop at an instant, as far as faults let it."""
         if self._begun_s is None:
             self._begun_s = now_utc_s
@@ -95,9 +95,9 @@ class Installation:
         if self._events or self._down_until_s is not None:
             self._befall(elapsed_s, now_utc_s)
         if self._down_until_s is not None or elapsed_s < self._frozen_until_s:
-            return Turn(None, None)
+            return LoopRun(None, None)
         status, truth = self.mount.tick(now_utc_s)
-        return Turn(None if elapsed_s < self._silent_until_s else status, truth)
+        return LoopRun(None if elapsed_s < self._silent_until_s else status, truth)
 
     def _befall(self, elapsed_s: float, now_utc_s: float) -> None:
         while self._events and self._events[0].at_s <= elapsed_s:

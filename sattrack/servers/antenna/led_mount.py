@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Protocol
 
-from sattrack.control.following import Follower, Span
+from sattrack.control.following import Follower, TargetSpan
 from sattrack.control.halt import Driver, StopProcedure
 from sattrack.mount.model import Hold, Motion, MoveAxes, Stop
 from sattrack.safety import Safety
@@ -205,14 +205,14 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
         ha = self._turned(self._sky.sidereal_deg(utc_s) - ra)
         return AxisState(ha, dec, self._sky.sidereal_rate_deg_s(utc_s) - ra_rate, dec_rate)
 
-    def span(self, begin_utc_s: float, interval_s: float, bound_deg: Pair) -> Span:
+    def span(self, begin_utc_s: float, interval_s: float, bound_deg: Pair) -> TargetSpan:
         """Return the path over an interval, in right ascension against the sidereal time of its begin."""
         begin, middle, end = (self._wanted(begin_utc_s + share * interval_s) for share in (0.0, 0.5, 1.0))
         bend = [4.0 * (a - 2.0 * b + c) / interval_s**2 for a, b, c in zip(begin, middle, end, strict=True)]
         turn_deg = self._sky.sidereal_rate_deg_s(begin_utc_s) * interval_s
         # Right ascension runs against the hour angle, which knows the turn.
         bound_ha = self._turned(self._sky.sidereal_deg(begin_utc_s) - bound_deg[0])
-        return Span(
+        return TargetSpan(
             (-begin[0], begin[1]),
             (turn_deg - (end[0] - begin[0]), end[1] - begin[1]),
             (-bend[0], bend[1]),
