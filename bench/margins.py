@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from sattrack.control.feeder import AxisPath, rate_deg_s
-from sattrack.control.response import SETTLED_S, Commanded, Step, expected, lag_of, rest_of
+from sattrack.control.axis_filter import SETTLED_S, Commanded, Step, expected_shares, lag_of, rest_of
+from sattrack.control.following import AxisPath, rate_deg_s
 from sattrack.mount.model import AxisLimits
 
 INTERVALS_S = (0.05, 0.1, 0.15, 0.2, 0.25, 0.3, 0.35)
@@ -54,7 +54,7 @@ class Margins(NamedTuple):
 
 def answers(loop: Loop) -> np.ndarray:
     """Return what the law sends in each turn after a pulse of rate, over the pulse."""
-    shares = expected(loop.lag_s)
+    shares = expected_shares(loop.lag_s)
     known = SimpleNamespace(
         disturbance_deg_s=0.0, gain_error=0.0, lag=lag_of(shares), lag_sigma_s=loop.lag_sigma_s
     )

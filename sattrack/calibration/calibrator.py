@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from sattrack.calibration.guard import CalibrationEndedError, CalibrationGuard, EndKind, Surroundings
 from sattrack.calibration.plan import LARGEST_DURATION_S, Plan
 from sattrack.calibration.script import Observations, Script, Sender
-from sattrack.control.halt import DirectStop
+from sattrack.control.driver import DirectStop
 from sattrack.mount.model import MountProfile
 
 

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.control.engine import Engine
-    from sattrack.control.law import ControlLaw
+    from sattrack.control.following import ControlLaw
     from sattrack.recording.reading import Entry, Recording
     from sattrack.runtime.facts import RunFacts
 

@@ -19,7 +19,7 @@ from sattrack.mount.model import Motion, MoveAxes, Slew
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.control.law import FeederLaw
+    from sattrack.control.following import FeederLaw
     from sattrack.mount.model import AxisLimits, MountProfile
     from tle.direction import Direction
 

@@ -9,8 +9,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sattrack.control.driver import Driver, StopProcedure, limit_words
 from sattrack.control.engine_view import HOLDING, learnt_view, view_of
-from sattrack.control.halt import Driver, StopProcedure, limit_words
 from sattrack.control.not_acquired import Attempt, AxisAttempt, why_not
 from sattrack.control.stages import RunStage, Situation, Stages
 from sattrack.control.target import sky_error

@@ -12,12 +12,10 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.control.approach import Approach, ApproachStep, MountPlace
-from sattrack.control.detour import Detour
-from sattrack.control.following import Follower
-from sattrack.control.law import ControlLaw
+from sattrack.control.following import ControlLaw, Follower
 from sattrack.control.rest import Rest
 from sattrack.control.steering import Steering
-from sattrack.control.target import SatelliteTarget, TargetState, sky_error
+from sattrack.control.target import Detour, SatelliteTarget, TargetState, sky_error
 from sattrack.mount.model import Hold, Motion, MountProfile, MoveAxes, Slew, StatusSample, Stop
 from sattrack.views.messages import Go, Jog, Message, Observation, Pause, Search, StopNow
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from sattrack.control.law import ControlLaw
+from sattrack.control.following import ControlLaw
 from sattrack.core.errors import BadInputError
 from sattrack.core.toml_text import read_toml
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite

@@ -11,7 +11,7 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sattrack.control.halt import Driver, limit_words
+from sattrack.control.driver import Driver, limit_words
 from sattrack.control.manual.procedures import Outcome, Procedure, RequestRefused, procedure_for, refused
 from sattrack.control.rest import Jogs
 from sattrack.mount.link_loss import STOP_LINGER_S

@@ -10,7 +10,7 @@ from __future__ import annotations
 from enum import Enum
 from typing import TYPE_CHECKING
 
-from sattrack.control.halt import StopProcedure
+from sattrack.control.driver import StopProcedure
 from sattrack.control.manual.procedures import Once, Outcome, Procedure, RequestRefused, refused
 from sattrack.mount.requests import Abort, TicketState
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_status

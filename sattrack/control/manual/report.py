@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.control.halt import limit_words
+from sattrack.control.driver import limit_words
 from sattrack.control.manual.procedures import request_words
 from sattrack.mount.model import DTICS_S_PER_DEG_S, Hold, MoveAxes, Slew, Stop
 from sattrack.mount.xerxes.states import LinkState

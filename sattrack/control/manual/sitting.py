@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.control.halt import StopProcedure
+from sattrack.control.driver import StopProcedure
 from sattrack.control.manual.errand import LISTEN_S, LISTEN_STATUSES, acknowledged
 from sattrack.control.manual.report import view_of
 from sattrack.mount.model import Slew

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sattrack.control.halt import StopProcedure
+from sattrack.control.driver import StopProcedure
 from sattrack.control.manual.console import Console
 from sattrack.control.manual.errand import DONE
 from sattrack.control.manual.procedures import Once

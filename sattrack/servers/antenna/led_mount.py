@@ -9,8 +9,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Protocol
 
+from sattrack.control.driver import Driver, StopProcedure
 from sattrack.control.following import Follower, TargetSpan
-from sattrack.control.halt import Driver, StopProcedure
 from sattrack.mount.model import Hold, Motion, MoveAxes, Stop
 from sattrack.safety import Safety
 from sattrack.servers.antenna.equipment import Feedback, Sensors

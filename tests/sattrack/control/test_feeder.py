@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import pytest
 
 from sattrack.control.approach import plan_intercept, slew_time_s
-from sattrack.control.feeder import LAW, AxisPath, correction_deg_s, ramped_deg_s, rate_deg_s, settling_s
-from sattrack.control.response import Lag
+from sattrack.control.axis_filter import Lag
+from sattrack.control.following import LAW, AxisPath, correction_deg_s, ramped_deg_s, rate_deg_s, settling_s
 from sattrack.mount.model import AxisLimits, MountProfile
 
 AXIS = AxisLimits(max_rate_deg_s=6.0, max_acceleration_deg_s2=10.0)

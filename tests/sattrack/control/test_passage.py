@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sattrack.control.detour import Detour, Passage
-from sattrack.control.target import SatelliteTarget, TargetState
+from sattrack.control.target import Detour, Passage, SatelliteTarget, TargetState
 from sattrack.mount.model import MoveAxes, StatusSample
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sattrack.control.halt import DirectStop
+from sattrack.control.driver import DirectStop
 from sattrack.mount import link_loss
 from sattrack.mount.link_loss import (
     ROWS,
