@@ -13,7 +13,7 @@ import click
 from sattrack.cli.common import JsonLines, appearance, screen_options, tell
 from sattrack.cli.mount_common import MountCall, mount_options, resolve
 from sattrack.cli.screened import needed_terminal, tui_possible
-from sattrack.control.manual.sitting import ConsoleSession
+from sattrack.control.console import ConsoleSession
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.process import self_command
 from sattrack.mount.requests import Park

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 from sattrack.control.driver import Driver, StopProcedure, limit_words
 from sattrack.control.engine_view import HOLDING, learnt_view, view_of
-from sattrack.control.not_acquired import Attempt, AxisAttempt, why_not
-from sattrack.control.stages import RunStage, Situation, Stages
+from sattrack.control.stages import Attempt, AxisAttempt, RunStage, Situation, Stages, why_not
 from sattrack.control.target import sky_error
 from sattrack.control.tracker import FOLLOWING, Phase, Tracker, TrackPlan
 from sattrack.core.figures import RunningError, WindowedError

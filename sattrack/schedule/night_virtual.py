@@ -16,10 +16,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
+from sattrack.control.console import Console
 from sattrack.control.engine import Engine
-from sattrack.control.manual.console import Console
-from sattrack.control.manual.errand import ManualOperation
-from sattrack.control.manual.procedures import ParkThere, SlewThere
+from sattrack.control.manual_operation import ManualOperation, ParkThere, SlewThere
 from sattrack.control.tracker import TrackPlan
 from sattrack.core.errors import SattrackError
 from sattrack.core.process import gc_paused
@@ -70,7 +69,7 @@ from tle.refraction import Refraction
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.control.manual.procedures import Outcome, Procedure
+    from sattrack.control.manual_operation import Outcome, Procedure
     from sattrack.mount.model import MountProfile
     from sattrack.mount.profiles import ProfileFile
     from sattrack.mount.simulator.mount import Truth

@@ -13,7 +13,7 @@ from urllib.parse import urlsplit
 import erfa
 import msgspec
 
-from sattrack.control.orders import MOST_ALONG_S, MOST_CROSS_DEG
+from sattrack.control.biases import MOST_ALONG_S, MOST_CROSS_DEG
 from sattrack.core.errors import meant
 from tle.instants import DAY_S
 

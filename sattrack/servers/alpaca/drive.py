@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sattrack.control.manual.procedures import (
+from sattrack.control.manual_operation import (
     MoveFor,
     Once,
     Outcome,
@@ -45,7 +45,7 @@ from sattrack.servers.alpaca.messages import (
 )
 
 if TYPE_CHECKING:
-    from sattrack.control.manual.procedures import Procedure, ProcedureHost
+    from sattrack.control.manual_operation import Procedure, ProcedureHost
     from sattrack.mount.model import MountProfile, Status
     from sattrack.safety import SafetyLimits
     from sattrack.servers.alpaca.messages import Order

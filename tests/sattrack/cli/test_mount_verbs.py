@@ -16,7 +16,7 @@ from programs import SITE, ended, free_port, sattrack, simulated_mount
 
 from sattrack.cli.main import run
 from sattrack.cli.mount_common import failure
-from sattrack.control.manual.procedures import Outcome, RequestRefused
+from sattrack.control.manual_operation import Outcome, RequestRefused
 from sattrack.core.errors import BadInputError
 from sattrack.mount.requests import TicketState
 from sattrack.mount.xerxes import client

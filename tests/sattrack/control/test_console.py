@@ -11,11 +11,8 @@ import pytest
 from console_builders import PERIOD_S, PROFILE, SITE, T0, Bench
 from msgspec.structs import replace
 
-from sattrack.control.manual.console import Console
-from sattrack.control.manual.errand import Look, ManualOperation
-from sattrack.control.manual.procedures import MoveFor, RequestRefused, procedure_for
-from sattrack.control.manual.report import view_of
-from sattrack.control.manual.sitting import NOT_ALONE, ConsoleSession
+from sattrack.control.console import NOT_ALONE, Console, ConsoleSession, view_of
+from sattrack.control.manual_operation import Look, ManualOperation, MoveFor, RequestRefused, procedure_for
 from sattrack.control.rest import FIRST_JOG_S, NEXT_JOG_S
 from sattrack.mount.model import MountProfile, Slew, Status
 from sattrack.mount.requests import (

@@ -9,7 +9,7 @@ import family
 import msgspec
 import pytest
 
-from sattrack.control.not_acquired import Attempt, AxisAttempt, why_not
+from sattrack.control.stages import Attempt, AxisAttempt, why_not
 from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.runtime.outcome import RunStatistics, failure, summarise
 from sattrack.views.run import LearntView
