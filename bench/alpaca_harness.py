@@ -20,10 +20,10 @@ from sattrack.calibration.plan import Plan
 from sattrack.calibration.profile import bounded, calibrated
 from sattrack.control.target import sky_error
 from sattrack.core.figures import RunningError
-from sattrack.mount.alpaca.address import AlpacaAddress
 from sattrack.mount.alpaca.bridge import Bridge
 from sattrack.mount.alpaca.device import DeviceFacts, DeviceState, RateSpan, SkyPlace
-from sattrack.mount.simulator.alpaca.telescope import RefusedError, SimulatedTelescope
+from sattrack.mount.alpaca.link import AlpacaAddress
+from sattrack.mount.simulator.alpaca_telescope import RefusedError, SimulatedTelescope
 from sattrack.runtime.facts import build_engine, suited_to
 from sattrack.runtime.prepare import RunRequest, prepare
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from sattrack.mount.alpaca.bridge import Order
     from sattrack.mount.model import MountProfile
-    from sattrack.mount.simulator.alpaca.telescope import TelescopeSettings
+    from sattrack.mount.simulator.alpaca_telescope import TelescopeSettings
 
 TURN_JITTER_S = 0.001
 LOOPBACK_S = 0.0002

@@ -29,8 +29,8 @@ from sattrack.control.target import TargetState, sky_error
 from sattrack.control.tracker import TrackPlan
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, mean_sidereal_deg
+from sattrack.mount.simulator.installation import ServoSettings, SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.mount.simulator.settings import ServoSettings, SimulatorProfile
 from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
 from sattrack.runtime import practice
 from sattrack.runtime.facts import RunFacts, build_engine

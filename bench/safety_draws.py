@@ -19,8 +19,8 @@ from rehearsal_draws import BEGIN_UTC, orbit
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import AxisLimits, MountProfile, PierZone
 from sattrack.mount.profiles import ProfileFile
+from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.prepare import RunRequest, prepare

@@ -22,8 +22,8 @@ from sattrack.control.tracker import ACQUIRED_AFTER_SAMPLES, FOLLOWING, Phase
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.process import gc_paused
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.simulator.installation import SimulatorProfile, simulator_profile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.mount.simulator.settings import SimulatorProfile, simulator_profile
 from sattrack.planning.budget import Circumstances, error_budget
 from sattrack.planning.keyhole import find_keyholes
 from sattrack.planning.kinematics import Ability, losses, outside

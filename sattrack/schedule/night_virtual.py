@@ -23,8 +23,8 @@ from sattrack.control.tracker import TrackPlan
 from sattrack.core.errors import SattrackError
 from sattrack.core.process import gc_paused
 from sattrack.mount.requests import TicketState
+from sattrack.mount.simulator.installation import simulator_profile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.mount.simulator.settings import simulator_profile
 from sattrack.planning.trace import TabledPropagator
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.facts import SIMULATED, RunFacts, build_engine

@@ -45,8 +45,8 @@ from sattrack.mount.alpaca.device import DeviceFacts, SkyPlace, spans_of
 from sattrack.mount.alpaca.link import BYE, GatewayConfig, GatewayNews, GatewayReady, GatewayRefusal
 
 if TYPE_CHECKING:
-    from sattrack.mount.alpaca.address import AlpacaAddress
     from sattrack.mount.alpaca.bridge import Lane, Order
+    from sattrack.mount.alpaca.link import AlpacaAddress
 
 MOST_WARDENS = 3
 END_WITHIN_S = 2.0

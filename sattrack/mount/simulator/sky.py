@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from sattrack.mount.model import mean_sidereal_deg
 
 if TYPE_CHECKING:
-    from sattrack.mount.simulator.settings import SimulatorProfile
+    from sattrack.mount.simulator.installation import SimulatorProfile
 
 
 def wrapped(angle_deg: float) -> float:

@@ -26,8 +26,8 @@ from sattrack.mount.requests import (
     Sync,
     TicketState,
 )
+from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import StartPosition
-from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.mount.xerxes.datagrams import STATUS_FIELDS, Command, encode_command, encode_status
 from sattrack.safety import SafetyLimits
 from sattrack.views.messages import Jog, Leave, Reset, decode_order, encode_message

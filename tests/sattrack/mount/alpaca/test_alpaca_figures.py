@@ -11,7 +11,7 @@ from skyfield.api import load
 
 from sattrack.calibration.guard import CalibrationEndedError
 from sattrack.calibration.plan import Leg, Plan
-from sattrack.mount.simulator.alpaca.telescope import SimulatedPlace, SimulatedTelescope, TelescopeSettings
+from sattrack.mount.simulator.alpaca_telescope import SimulatedPlace, SimulatedTelescope, TelescopeSettings
 
 BOUND_ARCSEC = 10.0
 LASTS_S = 150.0

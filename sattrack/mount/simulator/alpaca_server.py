@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from aiohttp import web
 
-from sattrack.mount.simulator.alpaca.telescope import (
+from sattrack.mount.simulator.alpaca_telescope import (
     INVALID_VALUE,
     NOT_CONNECTED,
     RefusedError,
