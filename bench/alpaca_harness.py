@@ -18,12 +18,12 @@ from sattrack.calibration.findings import Findings, conclude, dated_by_requests
 from sattrack.calibration.guard import Surroundings
 from sattrack.calibration.plan import Plan
 from sattrack.calibration.profile import bounded, calibrated
-from sattrack.control.sky_error import sky_error
+from sattrack.control.target import sky_error
 from sattrack.core.figures import RunningError
-from sattrack.mount.alpaca.address import AlpacaAddress
 from sattrack.mount.alpaca.bridge import Bridge
-from sattrack.mount.alpaca.device import DeviceFacts, DeviceState, Place, Span
-from sattrack.mount.simulator.alpaca.telescope import Refused, Telescope
+from sattrack.mount.alpaca.device import DeviceFacts, DeviceState, RateSpan, SkyPlace
+from sattrack.mount.alpaca.link import AlpacaAddress
+from sattrack.mount.simulator.alpaca_telescope import RefusedError, SimulatedTelescope
 from sattrack.runtime.facts import build_engine, suited_to
 from sattrack.runtime.prepare import RunRequest, prepare
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from sattrack.mount.alpaca.bridge import Order
     from sattrack.mount.model import MountProfile
-    from sattrack.mount.simulator.alpaca.telescope import TelescopeSettings
+    from sattrack.mount.simulator.alpaca_telescope import TelescopeSettings
 
 TURN_JITTER_S = 0.001
 LOOPBACK_S = 0.0002
@@ -45,7 +45,7 @@ def address(settings: TelescopeSettings, hz: float = 10.0) -> AlpacaAddress:
 
 def facts_of(settings: TelescopeSettings) -> DeviceFacts:
     """What the telescope would tell over HTTP."""
-    spans = tuple(Span(low, high) for low, high in settings.rates_deg_s)
+    spans = tuple(RateSpan(low, high) for low, high in settings.rates_deg_s)
     return DeviceFacts(
         equatorial_system=2 if settings.system == "j2000" else 1,
         latitude_deg=settings.latitude_deg,
@@ -70,7 +70,7 @@ class VirtualTelescope:
     _number: int = 0
 
     def __post_init__(self) -> None:
-        self.telescope = Telescope(self.settings, self.begin_utc_s)
+        self.telescope = SimulatedTelescope(self.settings, self.begin_utc_s)
         self.telescope.connected = True
         self.bridge = Bridge(facts_of(self.settings), self.settings.longitude_deg)
         self._random = random.Random(self.settings.seed)
@@ -133,7 +133,7 @@ class VirtualTelescope:
                 telescope.abort(now)
             else:
                 raise AssertionError(order)
-        except Refused as refused:
+        except RefusedError as refused:
             refusal = refused.words
             self.refusals.append(f"{order.member} {fields}: {refusal}")
 
@@ -160,7 +160,7 @@ class VirtualTelescope:
                     if len(got) == 2:
                         self.bridge.stand(standing)
                         self._reading = False
-                        status = self.bridge.see(Place(*got["ra"], *got["dec"], at - begun))
+                        status = self.bridge.see(SkyPlace(*got["ra"], *got["dec"], at - begun))
                         if status is not None:
                             self.at(at + LOOPBACK_S, lambda now: self.deliver(status, now))
 

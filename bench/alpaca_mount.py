@@ -25,9 +25,9 @@ import msgspec
 from alpaca_harness import calibrate, follow
 from programs import satellite, simulated_telescope
 
-from sattrack.control.sky_error import sky_error
+from sattrack.control.target import sky_error
 from sattrack.core.figures import RunningError
-from sattrack.mount.simulator.alpaca.telescope import TelescopeSettings
+from sattrack.mount.simulator.alpaca_telescope import TelescopeSettings
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.refraction import Refraction
@@ -132,8 +132,8 @@ def requests() -> None:
     """Tell what one request takes by either library, and how many connections it makes."""
     from alpaca.telescope import Telescope
 
-    from sattrack.mount.alpaca.address import AlpacaAddress
     from sattrack.mount.alpaca.gateway_process import AlpacaClient
+    from sattrack.mount.alpaca.link import AlpacaAddress
 
     quick = TelescopeSettings(latency_s=0.0, jitter_s=0.0)
     with simulated_telescope(msgspec.json.encode(quick)) as (_, port):

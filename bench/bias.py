@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sattrack.control.course import Course
-from sattrack.control.estimate import Estimator
+from sattrack.control.biases import Course
+from sattrack.control.steering import Estimator
 from sattrack.runtime import practice
 from sattrack.runtime.facts import choose_pass
 from sattrack.views.messages import Observation, decode_message, encode_message

@@ -24,12 +24,11 @@ import numpy as np
 
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.findings import Findings, conclude
-from sattrack.calibration.guard import CalibrationEndedError, Kind, Surroundings
+from sattrack.calibration.guard import CalibrationEndedError, EndKind, Surroundings
 from sattrack.mount.model import AxisLimits, MountProfile
+from sattrack.mount.simulator.installation import ServoSettings, SimulatorProfile, Wire, WireLaw
 from sattrack.mount.simulator.installation import Timer as MountTimer
-from sattrack.mount.simulator.installation import Wire, WireLaw
 from sattrack.mount.simulator.mount import DOUBTFUL_TYPES, SimulatedMount, SimulatedSite, StartPosition
-from sattrack.mount.simulator.settings import ServoSettings, SimulatorProfile
 from sattrack.mount.xerxes.datagrams import Command, decode_status, encode_command
 
 if TYPE_CHECKING:
@@ -499,7 +498,7 @@ def run_stranger(one: Stranger) -> Findings:
     rng = np.random.default_rng(one.parameters["seed"])
     VirtualRun(calibrator, StrangerLoop(mount), one.network, StrangerTurns(mount), rng, begin_utc_s).run()
     assert calibrator.ending is not None
-    if calibrator.ending.kind is not Kind.DONE or not calibrator.ending.at_rest:
+    if calibrator.ending.kind is not EndKind.DONE or not calibrator.ending.at_rest:
         raise AssertionError(f"{calibrator.ending}, {one}")
     return conclude(calibrator.seen, 4.5)
 
@@ -588,7 +587,7 @@ def run_drawn(drawn: Drawn) -> tuple[Findings, float]:
     run = VirtualRun(calibrator, loop, wires, turns, np.random.default_rng(0), drawn.begin_utc_s)
     seconds = run.run()
     assert calibrator.ending is not None
-    if calibrator.ending.kind is not Kind.DONE or not calibrator.ending.at_rest:
+    if calibrator.ending.kind is not EndKind.DONE or not calibrator.ending.at_rest:
         raise AssertionError(f"{calibrator.ending}, {drawn}")
     return conclude(calibrator.seen, SITE.longitude_deg), seconds
 

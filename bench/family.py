@@ -25,12 +25,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from acquisition import NO_LIMITS, Moving, least_s
 from feeder_harness import Timer as WindowsTimer
 
-from sattrack.control.sky_error import Target, sky_error
+from sattrack.control.target import TargetState, sky_error
 from sattrack.control.tracker import TrackPlan
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, mean_sidereal_deg
+from sattrack.mount.simulator.installation import ServoSettings, SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.mount.simulator.settings import ServoSettings, SimulatorProfile
 from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
 from sattrack.runtime import practice
 from sattrack.runtime.facts import RunFacts, build_engine
@@ -404,8 +404,8 @@ class Run:
         left = sky_error(truth.utc_s, truth.ra_deg, truth.dec_deg, self._target(fed_s))
         self.errors.append(Error(truth.utc_s, left.total_arcsec, raw.total_arcsec))
 
-    def _target(self, utc_s: float) -> Target:
-        return Target.at(self.propagator.at(Utc(utc_s)))
+    def _target(self, utc_s: float) -> TargetState:
+        return TargetState.at(self.propagator.at(Utc(utc_s)))
 
     def earliest_s(self) -> float:
         """Return the earliest instant at which the mount's rates and acceleration allow it to be there."""

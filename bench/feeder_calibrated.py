@@ -20,7 +20,7 @@ from feeder_passes import BANDWIDTH_HZ, SETTLED_S, Ours, Subject, hardware, worl
 
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.findings import conclude
-from sattrack.calibration.guard import Kind, Surroundings
+from sattrack.calibration.guard import EndKind, Surroundings
 from sattrack.calibration.profile import calibrated
 from sattrack.cli.running import announcement
 from sattrack.mount.model import MountProfile
@@ -94,7 +94,7 @@ def calibrate(subject: Subject, scenario: Scenario, seed: int) -> MountProfile:
     loop, wires = SimulatedLoop(mount), Wires(scenario.link, rng)
     VirtualRun(calibrator, loop, wires, turns, np.random.default_rng(seed), begin_s).run()
     assert calibrator.ending is not None
-    if calibrator.ending.kind is not Kind.DONE:
+    if calibrator.ending.kind is not EndKind.DONE:
         raise AssertionError(calibrator.ending)
     return calibrated(MountProfile(), conclude(calibrator.seen, site.longitude_deg), None, "bench")
 

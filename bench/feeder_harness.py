@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
-from sattrack.control.sky_error import sky_error
+from sattrack.control.target import sky_error
 from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_command
 from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
 from tle.instants import Utc

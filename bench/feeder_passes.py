@@ -8,8 +8,8 @@ import msgspec
 from feeder_harness import Link, Scenario, World
 
 from sattrack.mount.model import MountProfile, mean_sidereal_deg
+from sattrack.mount.simulator.installation import ServoSettings, SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.mount.simulator.settings import ServoSettings, SimulatorProfile
 from sattrack.runtime import practice
 from sattrack.runtime.facts import RunFacts, build_engine, choose_pass, plan_for
 from sattrack.safety import SafetyLimits

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from feeder_harness import PERIOD_S, World, wire
 
-from sattrack.control.feeder import correction_deg_s, settling_s
-from sattrack.control.kalman import AxisFilter, Noise
+from sattrack.control.axis_filter import AxisFilter, Noise
+from sattrack.control.following import correction_deg_s, settling_s
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.datagrams import Command, decode_status, encode_command

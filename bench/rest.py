@@ -24,7 +24,7 @@ if __name__ == "__main__":
 
 from strangers import planner, position_servo, velocity_servo
 
-from sattrack.control.halt import DirectStop
+from sattrack.control.driver import DirectStop
 from sattrack.core.figures import quantile
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Cleared, MountProfile, MoveAxes, Stop
 from sattrack.mount.xerxes.session import Session

@@ -19,8 +19,8 @@ from rehearsal_draws import BEGIN_UTC, orbit
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import AxisLimits, MountProfile, PierZone
 from sattrack.mount.profiles import ProfileFile
+from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.prepare import RunRequest, prepare
@@ -32,7 +32,7 @@ from tle.site import Site
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.mount.simulator.installation import Turn
+    from sattrack.mount.simulator.installation import LoopRun
     from sattrack.mount.simulator.mount import Truth
     from sattrack.runtime.facts import RunFacts
 
@@ -329,7 +329,7 @@ class WatchedRun(VirtualRun):
         super(WatchedRun, self).__post_init__()
         turn, hears = self._installation.turn, self.hears
 
-        def heard(now_utc_s: float) -> Turn:
+        def heard(now_utc_s: float) -> LoopRun:
             found = turn(now_utc_s)
             if found.truth is not None and hears is not None:
                 hears(now_utc_s, found.truth)
@@ -343,7 +343,7 @@ class Listened:
     """An installation with another `turn`."""
 
     inner: Any
-    turn: Callable[[float], Turn]
+    turn: Callable[[float], LoopRun]
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.inner, name)

@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING
 import msgspec
 from safety_draws import LONGEST_S, Judged, draw, fly
 
-from sattrack.safety import ahead, bounds
-from sattrack.safety.ahead import AxisReach
+from sattrack.safety import bounds, rate_limit
+from sattrack.safety.rate_limit import AxisReach
 
 if TYPE_CHECKING:
-    from sattrack.safety.ahead import Delays
+    from sattrack.safety.rate_limit import Delays
 
 QUANTILES = (0.0, 0.01, 0.05, 0.25, 0.5, 0.75)
 LIMITS = ("hour_angle", "declination", "altitude", "horizon", "pier", "sun")
@@ -34,7 +34,7 @@ LIMITS = ("hour_angle", "declination", "altitude", "horizon", "pier", "sun")
 def without(row: str) -> None:
     """Leave a row of the table out of this process."""
     if row == "fault":
-        ahead.AxisReach = careless_reach  # type: ignore[misc]
+        rate_limit.AxisReach = careless_reach  # type: ignore[misc]
         return
     fixed, look = bounds.fixed_regions, bounds.Bounds.look
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sattrack.calibration.guard import CalibrationEndedError, Guard, Kind, Surroundings
+from sattrack.calibration.guard import CalibrationEndedError, CalibrationGuard, EndKind, Surroundings
 from sattrack.calibration.plan import LARGEST_DURATION_S, Plan
 from sattrack.calibration.script import Observations, Script, Sender
-from sattrack.control.halt import DirectStop
+from sattrack.control.driver import DirectStop
 from sattrack.mount.model import MountProfile
 
 
@@ -15,7 +15,7 @@ from sattrack.mount.model import MountProfile
 class Ending:
     """How a run ended: `words` say why it was not done, `at_rest` whether the mount was seen to stand."""
 
-    kind: Kind
+    kind: EndKind
     words: str
     at_rest: bool | None
     """None where the run ended before anything was sent that could move the mount."""
@@ -37,12 +37,12 @@ class Calibrator:
         self.largest_rates_deg_s: tuple[float, float] | None = None
         """What the mount tells of its largest rates, right ascension first; None where it does not."""
         self._begin_utc_s = self._now_utc_s = begin_utc_s
-        self._guard = Guard(surroundings, self.plan.fastest_deg_s, self.plan.silent_after_s)
+        self._guard = CalibrationGuard(surroundings, self.plan.fastest_deg_s, self.plan.silent_after_s)
         self._sender = Sender(begin_utc_s)
         self._script = Script(self.plan, self._sender, self.seen, self._allow)
         self._script.now_utc_s = begin_utc_s
         self._steps = self._script.steps()
-        self._kind = Kind.DONE
+        self._kind = EndKind.DONE
         self._words = ""
         self._stop: DirectStop | None = None
         """The stop at the end: what is known of the mount so far may be wrong."""
@@ -95,7 +95,7 @@ class Calibrator:
             except CalibrationEndedError as ended:
                 self._end(ended.kind, ended.words)
             if now_utc_s - self._begin_utc_s > LARGEST_DURATION_S:
-                self._end(Kind.DOUBT, f"the run took longer than {LARGEST_DURATION_S:g} s")
+                self._end(EndKind.DOUBT, f"the run took longer than {LARGEST_DURATION_S:g} s")
         command = self._sender.next(now_utc_s)
         return self._guard.clear(command) if self._stop is None else self._stop.tick(now_utc_s)
 
@@ -106,17 +106,17 @@ class Calibrator:
 
     def stop(self, words: str) -> None:
         """Bring the mount to rest and end: the operator wants it."""
-        self._end(Kind.OPERATOR, words)
+        self._end(EndKind.OPERATOR, words)
 
     def fail(self, words: str) -> None:
         """Bring the mount to rest and end: something broke outside."""
-        self._end(Kind.DOUBT, words)
+        self._end(EndKind.DOUBT, words)
 
     def _allow(self) -> None:
         self._guard.begin(self.seen.log, self._now_utc_s)
         self._allowed = True
 
-    def _end(self, kind: Kind, words: str) -> None:
+    def _end(self, kind: EndKind, words: str) -> None:
         """Begin the stop at the end; a run in which nothing may have moved is over at once."""
         if self._stop is not None or self.ending is not None:
             return
@@ -140,6 +140,6 @@ class Calibrator:
         try:
             next(self._steps)
         except StopIteration:
-            self._end(Kind.DONE, "")
+            self._end(EndKind.DONE, "")
         except CalibrationEndedError as ended:
             self._end(ended.kind, ended.words)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from sattrack.calibration.statuses import Heard
+    from sattrack.calibration.statuses import HeardStatus
 
 Array = NDArray[np.float64]
 
@@ -174,7 +174,7 @@ class ClockLine:
         return None
 
 
-def clock_line(heard: list[Heard]) -> ClockLine:
+def clock_line(heard: list[HeardStatus]) -> ClockLine:
     """Return the line of the fastest arrivals. Needs two stretches of FEWEST_IN_STRETCH statuses or more."""
     mount = np.array([h.mount_s for h in heard])
     zero = heard[0].arrival_utc_s
@@ -224,7 +224,7 @@ class StatusPeriod:
     """Standard deviation of one turn."""
 
 
-def status_period(heard: list[Heard]) -> StatusPeriod:
+def status_period(heard: list[HeardStatus]) -> StatusPeriod:
     """Return the loop's period; statuses that were lost are counted by the counter."""
     turns = heard[-1].counter - heard[0].counter
     mean = (heard[-1].mount_s - heard[0].mount_s) / turns

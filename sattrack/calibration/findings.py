@@ -21,7 +21,7 @@ from sattrack.calibration.clocks import (
     contradiction,
     status_period,
 )
-from sattrack.calibration.guard import CalibrationEndedError, Kind
+from sattrack.calibration.guard import CalibrationEndedError, EndKind
 from sattrack.calibration.motion import AxisName, AxisResponse, Stretch, axis_response, steady_part
 from sattrack.calibration.script import AXIS_WORDS, LegHeard, Observations
 from sattrack.calibration.transients import AxisMotion, axis_motion
@@ -31,7 +31,7 @@ from sattrack.mount.model import DTICS_S_PER_DEG_S, SIDEREAL_RATE_DEG_S, mean_si
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from sattrack.calibration.statuses import Heard
+    from sattrack.calibration.statuses import HeardStatus
 
 RateFields = Literal["true", "meaningless"]
 SlewingField = Literal["true", "quiet", "meaningless"]
@@ -78,7 +78,7 @@ def _steady(leg: LegHeard) -> range:
 
 def _tells_rate(seen: Observations, leg: LegHeard, place: int) -> bool:
     """Tell whether a status has the rate of the axis over the statuses before it."""
-    heard: list[Heard] = seen.log.heard
+    heard: list[HeardStatus] = seen.log.heard
     status = heard[place].status
     before, here = heard[place - 4], heard[place]
     seconds = here.mount_s - before.mount_s
@@ -116,7 +116,7 @@ class ClockTruth:
 
 
 @dataclass(frozen=True, slots=True)
-class Delays:
+class MeasuredDelays:
     """What is known of the two ways and of the mount's clock, seconds; intervals are (lowest, highest)."""
 
     round_trip: RoundTrip
@@ -148,7 +148,7 @@ class Findings:
     additive: bool
     move_axis: Literal["held", "edge"]
     zero_ends: bool | None
-    delays: Delays
+    delays: MeasuredDelays
     clock: ClockLine
     period: StatusPeriod
     readings: Mapping[str, str]
@@ -171,7 +171,7 @@ def conclude(seen: Observations, longitude_deg: float, truth: ClockTruth | None 
     if additive is None:
         part = ra.added_deg_s / SIDEREAL_RATE_DEG_S
         raise CalibrationEndedError(
-            Kind.DOUBT,
+            EndKind.DOUBT,
             f"in right ascension MoveAxis adds {part:.2f} of the sidereal rate: neither all nor none",
         )
     move_axis, zero_ends = _semantics(seen)
@@ -207,7 +207,7 @@ def conclude(seen: Observations, longitude_deg: float, truth: ClockTruth | None 
 
 def _refuse(words: str | None) -> None:
     if words is not None:
-        raise CalibrationEndedError(Kind.DOUBT, words)
+        raise CalibrationEndedError(EndKind.DOUBT, words)
 
 
 def _refuse_readings(seen: Observations) -> None:
@@ -290,13 +290,13 @@ def _response(seen: Observations, axis: AxisName, line: ClockLine) -> AxisRespon
     response = axis_response([p for p in parts if p is not None])
     if response is None:
         raise CalibrationEndedError(
-            Kind.DOUBT,
+            EndKind.DOUBT,
             f"the {AXIS_WORDS[axis]} axis did not move steadily: does it slip, or accelerate very slowly?",
         )
     return response
 
 
-def _stretch(leg: LegHeard, heard: list[Heard], line: ClockLine) -> Stretch:
+def _stretch(leg: LegHeard, heard: list[HeardStatus], line: ClockLine) -> Stretch:
     during = heard[leg.first : leg.end]
     # Our instants, less the first, so that no digit is lost in the fit.
     seconds = line.arrival_at(np.array([h.mount_s for h in during]))
@@ -306,12 +306,12 @@ def _stretch(leg: LegHeard, heard: list[Heard], line: ClockLine) -> Stretch:
 
 def split_delays(
     trip: RoundTrip,
-    last: Heard,
+    last: HeardStatus,
     line: ClockLine,
     longitude_deg: float,
     truth: ClockTruth | None,
     notes: list[str],
-) -> Delays:
+) -> MeasuredDelays:
     """Return what is known of the two ways; without a true clock that is an interval as wide as both."""
     most = trip.seconds + trip.margin_s
     arrival = float(line.arrival_at(last.mount_s))
@@ -319,7 +319,9 @@ def split_delays(
     # As if the status had taken no time at all; each second that it took, the clock is ahead by as much.
     ahead = wrap180(last.status.sidereal_h * 15.0 - true_deg) / SIDEREAL_RATE_DEG_S
     offset = (ahead - trip.margin_s, ahead + trip.fastest_s + trip.margin_s)
-    unknown = Delays(trip, (0.0, most), (0.0, most), offset, trip.fastest_s / 2.0, trip.fastest_s / 2.0)
+    unknown = MeasuredDelays(
+        trip, (0.0, most), (0.0, most), offset, trip.fastest_s / 2.0, trip.fastest_s / 2.0
+    )
     if truth is None:
         return unknown
     slack = truth.uncertainty_s + trip.margin_s
@@ -344,7 +346,7 @@ def split_delays(
     if one is None:
         notes.append("the mount's clock fits " + " and ".join(fitting) + ": the intervals hold both")
     offsets = [truth.readings[name] for name in fitting]
-    return Delays(
+    return MeasuredDelays(
         trip,
         command,
         (least_s, most_s),

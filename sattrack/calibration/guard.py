@@ -22,7 +22,7 @@ from sattrack.safety.geometry import Box
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sattrack.calibration.statuses import Heard, StatusLog
+    from sattrack.calibration.statuses import HeardStatus, StatusLog
     from sattrack.safety.bounds import Bounds
 
 FLOOR_ALTITUDE_DEG = 20.0
@@ -40,7 +40,7 @@ STRANGE_RATE_DEG_S = 0.01
 GRID = 8
 
 
-class Kind(StrEnum):
+class EndKind(StrEnum):
     """Why a run ended or was refused."""
 
     DONE = "done"
@@ -54,7 +54,7 @@ class Kind(StrEnum):
 class CalibrationEndedError(Exception):
     """The run cannot begin or go on; the message is for the operator."""
 
-    def __init__(self, kind: Kind, words: str) -> None:
+    def __init__(self, kind: EndKind, words: str) -> None:
         super().__init__(words)
         self.kind = kind
         self.words = words
@@ -75,7 +75,7 @@ class Surroundings:
     """The site's and the mount's own limits, at the beginning of the run."""
 
 
-class Guard:
+class CalibrationGuard:
     """Watches one run."""
 
     def __init__(
@@ -84,10 +84,10 @@ class Guard:
         self._around = surroundings
         self._fastest_deg_s = fastest_deg_s
         self._silent_after_s = silent_after_s
-        self._began: Heard | None = None
+        self._began: HeardStatus | None = None
         self._news_utc_s = 0.0
         """When a status came last that did not repeat the clock and the place of the one before."""
-        self._before: Heard | None = None
+        self._before: HeardStatus | None = None
         self._answered = float("nan")
         self._astray = -1
         """Statuses without the right acknowledgements since they came; -1 before they have."""
@@ -105,7 +105,7 @@ class Guard:
         moves = command.move_ra or command.move_dec
         if not bounded or any(others) or (moves and self._began is None):
             raise CalibrationEndedError(
-                Kind.DOUBT, f"calibration does not send {command}: a defect of sattrack"
+                EndKind.DOUBT, f"calibration does not send {command}: a defect of sattrack"
             )
         return encode_command(command)
 
@@ -114,14 +114,14 @@ class Guard:
         last = log.last
         if last is None:
             raise CalibrationEndedError(
-                Kind.LINK, "no status from the mount; is it on, and set to send here?"
+                EndKind.LINK, "no status from the mount; is it on, and set to send here?"
             )
         self._refuse_state(last, log)
         self._refuse_place(last, now_utc_s)
         self._began = self._before = last
         self._news_utc_s = last.arrival_utc_s
 
-    def _refuse_state(self, last: Heard, log: StatusLog) -> None:
+    def _refuse_state(self, last: HeardStatus, log: StatusLog) -> None:
         status = last.status
         state = None
         acks = (status.ack_move_ra, status.ack_move_dec, status.ack_slew, status.ack_sync)
@@ -139,15 +139,15 @@ class Guard:
             elif moves:
                 state = f"it moves by itself, {rate[0]:.3f} and {rate[1]:.3f} °/s: stop it first"
         if state is not None:
-            raise CalibrationEndedError(Kind.REFUSED, f"the mount is not ready: {state}")
+            raise CalibrationEndedError(EndKind.REFUSED, f"the mount is not ready: {state}")
 
-    def _refuse_place(self, last: Heard, now_utc_s: float) -> None:
+    def _refuse_place(self, last: HeardStatus, now_utc_s: float) -> None:
         around, status = self._around, last.status
         true_deg = mean_sidereal_deg(now_utc_s, around.longitude_deg)
         off_s = wrap180(status.sidereal_h * 15.0 - true_deg) / SIDEREAL_RATE_DEG_S
         if abs(off_s) > LARGEST_CLOCK_ERROR_S:
             raise CalibrationEndedError(
-                Kind.REFUSED,
+                EndKind.REFUSED,
                 f"the mount's sidereal time is {off_s:.0f} s from that of the site given: set the mount's "
                 "clock, or check --site; where the Sun is cannot be told otherwise",
             )
@@ -159,32 +159,32 @@ class Guard:
             )
             if apart > SITE_WITHIN_DEG:
                 raise CalibrationEndedError(
-                    Kind.REFUSED,
+                    EndKind.REFUSED,
                     f"the mount believes it stands at {latitude_deg:.2f}, {longitude_deg:.2f}: "
                     "check --site and the mount's own settings",
                 )
         self._refuse_box(last)
 
-    def _refuse_box(self, last: Heard) -> None:
+    def _refuse_box(self, last: HeardStatus) -> None:
         around = self._around
         places = list(_box(last.hour_angle_deg, last.dec_deg))
         lowest = min(altitude_deg(ha, dec, around.latitude_deg) for ha, dec in places)
         if lowest < around.floor_altitude_deg:
             raise CalibrationEndedError(
-                Kind.LIMIT,
+                EndKind.LIMIT,
                 f"within {BOX_DEG:g}° of where the mount stands altitude falls to {lowest:.1f}°; at least "
                 f"{around.floor_altitude_deg:g}° is needed: slew higher and start again",
             )
         if max(abs(dec) for _, dec in places) > HIGHEST_DEC_DEG:
             raise CalibrationEndedError(
-                Kind.LIMIT,
+                EndKind.LIMIT,
                 f"the mount stands at declination {last.dec_deg:.1f}°, too near the pole to move by "
                 f"{BOX_DEG:g}°: slew to {HIGHEST_DEC_DEG - BOX_DEG - 1.0:g}° or less and start again",
             )
         farthest = max(abs(ha) for ha, _ in places)
         if farthest > around.hour_angle_limit_deg:
             raise CalibrationEndedError(
-                Kind.LIMIT,
+                EndKind.LIMIT,
                 f"the mount stands at hour angle {last.hour_angle_deg:.1f}°, within {farthest:.1f}° of the "
                 f"limit of {around.hour_angle_limit_deg:g}°: slew back and start again",
             )
@@ -196,12 +196,12 @@ class Guard:
         )
         if nearest < around.sun_cone_deg:
             raise CalibrationEndedError(
-                Kind.LIMIT,
+                EndKind.LIMIT,
                 f"the Sun is {nearest:.1f}° from what the mount may point at; at least "
                 f"{around.sun_cone_deg:g}° is needed: slew away from the Sun and start again",
             )
 
-    def _refuse_limits(self, last: Heard) -> None:
+    def _refuse_limits(self, last: HeardStatus) -> None:
         if self._around.bounds is None:
             return
         ha, dec = last.hour_angle_deg, last.dec_deg
@@ -211,12 +211,12 @@ class Guard:
         name = self._around.bounds.violated(box, {}, SUN_MOVES_DEG / SIDEREAL_RATE_DEG_S)
         if name is not None:
             raise CalibrationEndedError(
-                Kind.LIMIT,
+                EndKind.LIMIT,
                 f"within {BOX_DEG:g}° of where the mount stands is its {name} limit ({ROWS[name].bound}): "
                 "slew away and start again",
             )
 
-    def watch(self, heard: Heard, log: StatusLog) -> None:
+    def watch(self, heard: HeardStatus, log: StatusLog) -> None:
         """Take a status of the run; raises CalibrationEndedError on any doubt."""
         began, before = self._began, self._before
         if began is None or before is None:
@@ -243,21 +243,21 @@ class Guard:
         ):
             words = "the mount's clock was set during the run"
         if words is not None:
-            raise CalibrationEndedError(Kind.DOUBT, f"{words}; start again when that is over")
+            raise CalibrationEndedError(EndKind.DOUBT, f"{words}; start again when that is over")
         self._watch_place(heard, began)
 
-    def _watch_place(self, heard: Heard, began: Heard) -> None:
+    def _watch_place(self, heard: HeardStatus, began: HeardStatus) -> None:
         off_ha = heard.hour_angle_deg - began.hour_angle_deg
         off_dec = heard.dec_deg - began.dec_deg
         for name, off in (("hour angle", off_ha), ("declination", off_dec)):
             if abs(off) > LARGEST_DISPLACEMENT_DEG:
                 raise CalibrationEndedError(
-                    Kind.LIMIT,
+                    EndKind.LIMIT,
                     f"the {name} axis came {abs(off):.1f}° from where it began; "
                     f"{LARGEST_DISPLACEMENT_DEG:g}° is the limit",
                 )
 
-    def watch_answer(self, heard: Heard, said: Command, since_utc_s: float) -> None:
+    def watch_answer(self, heard: HeardStatus, said: Command, since_utc_s: float) -> None:
         """Raise CalibrationEndedError where acknowledgements come and go while we say the same."""
         if self._began is None:
             return
@@ -279,7 +279,7 @@ class Guard:
             self._astray += 1
         if self._astray >= ASTRAY_PROOF:
             raise CalibrationEndedError(
-                Kind.DOUBT,
+                EndKind.DOUBT,
                 "the mount's acknowledgements come and go while ours stay: another program commands it, "
                 "or the network loses much; start again when that is over",
             )
@@ -291,11 +291,11 @@ class Guard:
             return
         if now_utc_s - last.arrival_utc_s > self._silent_after_s:
             raise CalibrationEndedError(
-                Kind.LINK, "the mount fell silent; stop commands are sent: look after it"
+                EndKind.LINK, "the mount fell silent; stop commands are sent: look after it"
             )
         if now_utc_s - self._news_utc_s > STATUS_LOST_S:
             raise CalibrationEndedError(
-                Kind.LINK,
+                EndKind.LINK,
                 "the mount said the same again and again while it moved; stop commands are sent: "
                 "look after it",
             )

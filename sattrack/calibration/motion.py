@@ -99,7 +99,7 @@ class Plateau:
 
 
 @dataclass(frozen=True, slots=True)
-class Lag:
+class LagFit:
     """Mean delay of the axis' rate behind the commanded one, after the mount has read that."""
 
     seconds: float
@@ -207,7 +207,7 @@ def _line_through(parts: Sequence[Steady]) -> AxisResponse | None:
     )
 
 
-def lag(motions: Sequence[Sequence[Plateau]]) -> Lag | None:
+def lag(motions: Sequence[Sequence[Plateau]]) -> LagFit | None:
     """Return an axis' lag from motions whose rate changed by small steps; None where it cannot be measured.
 
     The lines through two plateaus meet later than the mount read the new rate: by the lag, whatever the servo
@@ -223,7 +223,7 @@ def lag(motions: Sequence[Sequence[Plateau]]) -> Lag | None:
     sigma = math.hypot(float(kept.std(ddof=1)) / math.sqrt(len(kept)), LEAST_LAG_SIGMA_S)
     if sigma > max(LARGEST_LAG_SIGMA_S, LARGEST_LAG_PART * abs(value)):
         return None
-    return Lag(value, sigma)
+    return LagFit(value, sigma)
 
 
 def _lags_s(motion: Sequence[Plateau]) -> list[float]:

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from sattrack.calibration.clocks import Bracket, RoundTripEstimate
-from sattrack.calibration.guard import CalibrationEndedError, Kind
+from sattrack.calibration.guard import CalibrationEndedError, EndKind
 from sattrack.calibration.plan import (
     CENTRED_WITHIN_DEG,
     FIRST_RATE_DEG_S,
@@ -24,7 +24,7 @@ from sattrack.calibration.plan import (
     STEP_RATES_DEG_S,
     Plan,
 )
-from sattrack.calibration.statuses import Heard, StatusLog, TurnForecast
+from sattrack.calibration.statuses import HeardStatus, StatusLog, TurnForecast
 from sattrack.mount.xerxes.datagrams import Command
 
 if TYPE_CHECKING:
@@ -251,12 +251,12 @@ class Script:
         while self.now_utc_s < until:
             yield
 
-    def _until(self, holds: Callable[[Heard], bool], within_s: float, otherwise: str) -> Steps:
+    def _until(self, holds: Callable[[HeardStatus], bool], within_s: float, otherwise: str) -> Steps:
         """Wait for a status of which something holds; raises CalibrationEndedError with `otherwise`."""
         until = self.now_utc_s + within_s
         while self._seen.log.last is None or not holds(self._seen.log.last):
             if self.now_utc_s > until:
-                raise CalibrationEndedError(Kind.DOUBT, otherwise)
+                raise CalibrationEndedError(EndKind.DOUBT, otherwise)
             yield
 
     def _say(self, **fields: Any) -> Steps:
@@ -275,7 +275,7 @@ class Script:
             words = f"{heard} statuses from the mount in {LISTEN_S + LISTEN_ON_S:g} s"
             if heard == 0:
                 words = f"no status from the mount within {LISTEN_S:g} s"
-            raise CalibrationEndedError(Kind.LINK, f"{words}; is it on, and set to send here?")
+            raise CalibrationEndedError(EndKind.LINK, f"{words}; is it on, and set to send here?")
 
     def _toggle(self) -> Steps:
         """Raise the abort flag and lower it, at instants that tell the most; the axes stand all the while."""
@@ -287,7 +287,7 @@ class Script:
             sent = self._sender.changed_utc_s
             verb = "acknowledge an abort" if up else "take back the acknowledgement of an abort"
 
-            def shows(heard: Heard, wanted: bool = up) -> bool:
+            def shows(heard: HeardStatus, wanted: bool = up) -> bool:
                 return heard.status.ack_abort == wanted
 
             yield from self._until(shows, ANSWER_WITHIN_S, f"the mount did not {verb} within 2 s")
@@ -403,14 +403,14 @@ class Script:
         elif part > LARGEST_GAIN:
             words = f"moves {part:.1f} times as fast as it was told"
         if words is not None:
-            raise CalibrationEndedError(Kind.DOUBT, f"the {AXIS_WORDS[axis]} axis {words}")
+            raise CalibrationEndedError(EndKind.DOUBT, f"the {AXIS_WORDS[axis]} axis {words}")
 
     def _rate(self, axis: AxisName) -> float:
         """Return an axis' rate over the last RATE_OVER_S, degrees a second of the mount's clock."""
         last = self._seen.log.heard[-1].mount_s
         newest = [h for h in self._seen.log.heard[-60:] if h.mount_s > last - RATE_OVER_S]
         if len(newest) < 3:
-            raise CalibrationEndedError(Kind.LINK, "too few statuses came while an axis moved")
+            raise CalibrationEndedError(EndKind.LINK, "too few statuses came while an axis moved")
         angles = [h.dec_deg if axis == "dec" else h.hour_angle_deg for h in newest]
         return float(np.polyfit([h.mount_s - last for h in newest], angles, 1)[0])
 

@@ -32,7 +32,7 @@ CLEARLY = 0.7
 class TurnForecast:
     """Foretells turns, in seconds of the mount's clock, from two statuses or more in order."""
 
-    def __init__(self, heard: Sequence[Heard]) -> None:
+    def __init__(self, heard: Sequence[HeardStatus]) -> None:
         self._at = {h.counter: h.mount_s for h in heard}
         self._last = heard[-1].counter
         turns = self._last - heard[0].counter
@@ -71,7 +71,7 @@ STILL_SPAN_S = 0.25
 
 
 @dataclass(frozen=True, slots=True)
-class Heard:
+class HeardStatus:
     """One status as it was heard.
 
     `arrival_utc_s` is ours; `mount_s` are seconds of the mount's clock since the first status. The hour angle
@@ -90,7 +90,7 @@ class Heard:
 class StatusLog:
     """Takes datagrams; keeps what is new and in order."""
 
-    heard: list[Heard] = field(default_factory=list)
+    heard: list[HeardStatus] = field(default_factory=list)
     rejected: int = 0
     late: int = 0
     restarted: bool = False
@@ -105,11 +105,11 @@ class StatusLog:
     _anew: list[int] = field(default_factory=list)
 
     @property
-    def last(self) -> Heard | None:
+    def last(self) -> HeardStatus | None:
         """The newest status."""
         return self.heard[-1] if self.heard else None
 
-    def take(self, data: bytes, arrival_utc_s: float) -> Heard | None:
+    def take(self, data: bytes, arrival_utc_s: float) -> HeardStatus | None:
         """Keep a status and return it; None for what is no status, or comes late, or twice."""
         try:
             status = decode_status(data)
@@ -124,7 +124,7 @@ class StatusLog:
         self._note_readings(readings)
         hour_angle = (status.sidereal_h - status.ra_h) * 15.0
         reference = 0.0 if before is None else before.hour_angle_deg
-        heard = Heard(
+        heard = HeardStatus(
             status.counter,
             arrival_utc_s,
             self._mount_seconds(status.sidereal_h, before),
@@ -151,7 +151,7 @@ class StatusLog:
         off_deg = min(abs(turned), abs(turned - SIDEREAL_RATE_DEG_S * span_s))
         return max(off_deg, abs(last.dec_deg - first.dec_deg)) < STILL_WITHIN_DEG_S * span_s
 
-    def _began_anew(self, status: Status, before: Heard) -> bool:
+    def _began_anew(self, status: Status, before: HeardStatus) -> bool:
         """Tell whether low counters that rise again and again are those of a program started anew."""
         if before.counter - status.counter <= RESTART_COUNTS:
             return False
@@ -161,7 +161,7 @@ class StatusLog:
         return len(self._anew) >= RESTART_PROOF
 
     @staticmethod
-    def _mount_seconds(sidereal_h: float, before: Heard | None) -> float:
+    def _mount_seconds(sidereal_h: float, before: HeardStatus | None) -> float:
         if before is None:
             return 0.0
         hours = (sidereal_h - before.status.sidereal_h + 12.0) % 24.0 - 12.0

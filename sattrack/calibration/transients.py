@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sattrack.calibration.motion import AxisName, AxisResponse, Lag, Plateau, lag
+from sattrack.calibration.motion import AxisName, AxisResponse, LagFit, Plateau, lag
 from sattrack.calibration.servo import FASTEST_SHARE, Braking, Measured, Transient, braking, measured
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from sattrack.calibration.clocks import ClockLine
     from sattrack.calibration.script import LegHeard, Observations, StepHeard
-    from sattrack.calibration.statuses import Heard
+    from sattrack.calibration.statuses import HeardStatus
 
     Array = NDArray[np.float64]
 
@@ -34,14 +34,14 @@ class AxisMotion:
 
     starting: Measured | None
     braking: Braking | None
-    lag: Lag | None
+    lag: LagFit | None
 
 
 @dataclass(frozen=True, slots=True)
 class _Log:
     """Statuses of one axis, dated by our clock."""
 
-    heard: list[Heard]
+    heard: list[HeardStatus]
     seconds: Array
     angle_deg: Array
 

@@ -18,9 +18,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from sattrack.cli.common import CommandContext, tell, write_file
-from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.errors import BadInputError, SattrackError, meant
 from sattrack.core.local_time import is_zone
-from sattrack.core.origin import meant
 from sattrack.runtime.mounts import mount_address, usual_profile
 from sattrack.settings import FILE_NAME, load_settings
 from tle.errors import SourceError, TleError

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sattrack import __version__
-from sattrack.core.errors import SattrackError
-from sattrack.core.origin import meant
+from sattrack.core.errors import SattrackError, meant
 from tle.errors import TleError
 
 if TYPE_CHECKING:

@@ -13,9 +13,8 @@ import click
 import msgspec
 
 from sattrack.cli.common import CommandContext, common_options, mount_option, profile_option, renew, tell
-from sattrack.control.manual.console import Console
-from sattrack.control.manual.errand import DONE, ManualOperation
-from sattrack.control.manual.report import view_of
+from sattrack.control.console import Console, view_of
+from sattrack.control.manual_operation import DONE, ManualOperation
 from sattrack.core.errors import (
     BadInputError,
     InterruptedRunError,
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from contextlib import AbstractContextManager
 
-    from sattrack.control.manual.procedures import Outcome, Procedure
+    from sattrack.control.manual_operation import Outcome, Procedure
     from sattrack.core.clock import Clock
     from sattrack.mount.profiles import ProfileFile
     from sattrack.mount.requests import Request

@@ -10,9 +10,8 @@ import click
 
 from sattrack.cli.common import tell
 from sattrack.cli.mount_common import MountCall, mount_options, perform, resolve, tell_result
-from sattrack.control.manual.errand import Look
-from sattrack.control.manual.procedures import MoveFor, Outcome, ParkThere, procedure_for, request_words
-from sattrack.control.manual.report import view_of
+from sattrack.control.console import view_of
+from sattrack.control.manual_operation import Look, MoveFor, Outcome, ParkThere, procedure_for, request_words
 from sattrack.core.errors import BadInputError, InterruptedRunError, LinkLostError
 from sattrack.mount.alpaca.device import J2000_SYSTEM
 from sattrack.mount.model import Slew

@@ -13,9 +13,9 @@ import click
 from sattrack.cli.common import JsonLines, appearance, screen_options, tell
 from sattrack.cli.mount_common import MountCall, mount_options, resolve
 from sattrack.cli.screened import needed_terminal, tui_possible
-from sattrack.control.manual.sitting import ConsoleSession
+from sattrack.control.console import ConsoleSession
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.core.own_program import own_program
+from sattrack.core.process import self_command
 from sattrack.mount.requests import Park
 from sattrack.runtime.console import OrderInbox, attend_console_session
 from sattrack.runtime.owner import owner_of
@@ -63,7 +63,7 @@ def watch(context: CommandContext, stream: bool, control: bool, park: bool, **op
     from sattrack.tui.launch import watch_with_tui
 
     called = [word for word in sys.argv[1:] if word != "--park"]
-    command = [*own_program(), *called, "--stream", "--control"]
+    command = [*self_command(), *called, "--stream", "--control"]
     look = appearance(context, options["theme"], options["plain"])
     return watch_with_tui(command, first=Park() if park else None, appearance=look)
 

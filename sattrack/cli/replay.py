@@ -24,7 +24,7 @@ from sattrack.cli.common import (
 )
 from sattrack.cli.screened import can_draw_lines_anew, needed_terminal, tui_possible
 from sattrack.core.errors import BadInputError
-from sattrack.core.own_program import own_program
+from sattrack.core.process import self_command
 from sattrack.recording.format import COMMAND, VIEW
 from sattrack.recording.replay import Choice, replay, replay_lines, replay_view
 from sattrack.runtime.facts import engine_of, open_recording
@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.control.engine import Engine
-    from sattrack.control.law import ControlLaw
+    from sattrack.control.following import ControlLaw
     from sattrack.recording.reading import Entry, Recording
     from sattrack.runtime.facts import RunFacts
 
@@ -280,7 +280,7 @@ def _with_tui(file: Path, context: CommandContext, options: dict[str, Any]) -> i
     if fov_deg is not None:
         arguments += ["--fov", str(fov_deg)]
     look = appearance(context, options["theme"], options["plain"])
-    return replay_with_tui([*own_program(), *arguments], file.name, options["speed"] or 1.0, look)
+    return replay_with_tui([*self_command(), *arguments], file.name, options["speed"] or 1.0, look)
 
 
 def _progress() -> Callable[[float], None] | None:

@@ -22,7 +22,7 @@ from sattrack.cli.run_plan import (
 from sattrack.cli.run_told import RunReporter
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError, TerminatedRunError
-from sattrack.core.own_program import own_program
+from sattrack.core.process import self_command
 from sattrack.runtime import practice
 from sattrack.runtime.mounts import is_antenna, mount_address
 from sattrack.schedule.candidates import named_by
@@ -346,7 +346,7 @@ def live_executor(
         clock: tuple[str, ...] = ()
         if simulated is not None:
             clock = ("--clock", f"{Utc(now()).isoformat('milliseconds')}x{simulated.speed:g}")
-        return [*own_program(), *words, *options, *clock]
+        return [*self_command(), *words, *options, *clock]
 
     night = NightContext(
         schedule=schedule,

@@ -7,7 +7,7 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from sattrack.core.own_program import own_program
+from sattrack.core.process import self_command
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -48,7 +48,7 @@ def with_tui(appearance: Appearance, stay: bool = True, beside: Beside | None = 
     from sattrack.tui.launch import fly_with_tui
 
     arguments = [*sys.argv[1:], "--stream", "--control", "--scene"]
-    return fly_with_tui([*own_program(), *arguments], appearance, stay, beside=beside)
+    return fly_with_tui([*self_command(), *arguments], appearance, stay, beside=beside)
 
 
 def beside(

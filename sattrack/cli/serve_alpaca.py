@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     import socket
 
     from sattrack.cli.serving import Served
-    from sattrack.mount.alpaca.device import DeviceFacts, Span
+    from sattrack.mount.alpaca.device import DeviceFacts, RateSpan
     from sattrack.mount.model import MountProfile
     from sattrack.mount.profiles import ProfileFile
     from sattrack.runtime.console import Connection
@@ -229,7 +229,7 @@ def _gains(profile: MountProfile) -> tuple[float, float]:
     return profile.ra_rate_gain, profile.dec_rate_gain
 
 
-def _own_rates(borne: tuple[Span, ...], gain: float, sky_deg_s: float) -> Spans:
+def _own_rates(borne: tuple[RateSpan, ...], gain: float, sky_deg_s: float) -> Spans:
     """Return the rates of an axis itself, whichever way it turns, that come of the rates that it bears."""
     return tuple(
         (gain * span.low_deg_s + (sky_deg_s if span.low_deg_s else 0.0), gain * span.high_deg_s - sky_deg_s)

@@ -23,7 +23,7 @@ from sattrack.cli.common import (
 from sattrack.cli.screened import tui_possible
 from sattrack.cli.serving import Log, check_port, end_of_service, what_is_served
 from sattrack.core.errors import BadInputError
-from sattrack.core.own_program import own_program
+from sattrack.core.process import self_command
 from sattrack.runtime.callers import CallerLimits, listen
 from sattrack.runtime.console import connected
 from sattrack.runtime.signals import StopRequest, stopping
@@ -173,7 +173,7 @@ def _with_console(context: CommandContext, options: dict[str, Any]) -> int:
 
     arguments = [one for one in sys.argv[1:] if one != "--console"]
     look = appearance(context, options["theme"], options["plain"])
-    return serve_with_console([*own_program(), *arguments, "--stream", "--control"], look)
+    return serve_with_console([*self_command(), *arguments, "--stream", "--control"], look)
 
 
 def _door(options: dict[str, Any]) -> tuple[AntennaServer, str]:

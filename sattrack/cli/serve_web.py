@@ -13,7 +13,7 @@ from sattrack.cli.attach import welcome_of
 from sattrack.cli.common import CommandContext, common_options, screen_options, tell
 from sattrack.cli.screened import given
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.core.own_program import own_program
+from sattrack.core.process import self_command
 from sattrack.runtime.gallery import feeders
 
 PORT = 8137
@@ -62,7 +62,7 @@ def command(
 
     if token is None and needs_token(host):
         token = new_token()
-    visit = Visit(host, port, token, (*own_program(), "attach", *_handed_on(context, options)))
+    visit = Visit(host, port, token, (*self_command(), "attach", *_handed_on(context, options)))
     serve(visit, partial(_runs, pid, {}), partial(_tell_addresses, context.json))
     return 0
 

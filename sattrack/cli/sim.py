@@ -14,10 +14,9 @@ from sattrack.cli.common import CommandContext, JsonLines, common_options
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import BadInputError
 from sattrack.mount.profiles import ProfileFile, load_profile_file
-from sattrack.mount.simulator.installation import GRAMMAR, parse_faults
+from sattrack.mount.simulator.installation import GRAMMAR, parse_faults, simulator_profile
 from sattrack.mount.simulator.mount import SimulatedSite
 from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig, make_server
-from sattrack.mount.simulator.settings import simulator_profile
 from sattrack.mount.xerxes.client import DEFAULT_PORT
 from sattrack.runtime import practice
 

@@ -12,9 +12,9 @@ import msgspec
 
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.toml_text import read_toml
-from sattrack.mount.alpaca.address import DEFAULT_PORT
-from sattrack.mount.simulator.alpaca.server import serve
-from sattrack.mount.simulator.alpaca.telescope import TelescopeSettings
+from sattrack.mount.alpaca.link import DEFAULT_PORT
+from sattrack.mount.simulator.alpaca_server import serve
+from sattrack.mount.simulator.alpaca_telescope import TelescopeSettings
 from sattrack.runtime import practice
 
 if TYPE_CHECKING:

@@ -19,7 +19,7 @@ from sattrack.mount.model import Motion, MoveAxes, Slew
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.control.law import FeederLaw
+    from sattrack.control.following import FeederLaw
     from sattrack.mount.model import AxisLimits, MountProfile
     from tle.direction import Direction
 
@@ -136,7 +136,7 @@ AGAIN_SHARE, LEAST_AGAIN_S, MOST_AGAIN_S = 0.5, 0.5, 20.0
 missing: sooner, it would hardly lead any nearer."""
 
 
-class Step(Enum):
+class ApproachStep(Enum):
     """The next step of the approach."""
 
     SLEW = "slew to the intercept, or wait there"
@@ -145,7 +145,7 @@ class Step(Enum):
     GIVE_UP = "give up"
 
 
-class Stand(msgspec.Struct, frozen=True, gc=False):
+class MountPlace(msgspec.Struct, frozen=True, gc=False):
     """How the mount stands: its sidereal time, right ascension and declination as reported, degrees."""
 
     sidereal_deg: float
@@ -181,10 +181,10 @@ class Approach:
         self,
         now_utc_s: float,
         not_before_utc_s: float,
-        stand: Stand,
+        stand: MountPlace,
         moving: bool = False,
         held: bool = False,
-    ) -> Step:
+    ) -> ApproachStep:
         """Choose the way from where the mount stands.
 
         `moving` where it is in MoveAxis, `held` where a limit is in the way of rates.
@@ -197,17 +197,21 @@ class Approach:
         self._came, self._stood = False, None
         takes_s = self._slew_s(stand, intercept)
         self._overdue_utc_s = now_utc_s + PATIENCE_TIMES * takes_s + PATIENCE_S
-        return Step.FOLLOW if intercept.by_rates else Step.SLEW
+        return ApproachStep.FOLLOW if intercept.by_rates else ApproachStep.SLEW
 
-    def go_on(self, now_utc_s: float, slew_done: bool, stand: Stand) -> Step:
+    def go_on(self, now_utc_s: float, slew_done: bool, stand: MountPlace) -> ApproachStep:
         """Judge a slew that was asked for; `slew_done` where the mount says that it is over."""
         goal, sent = self.intercept, self._sent
         slew_done = slew_done or (goal.utc_s > self._not_before_utc_s and self._stands(now_utc_s, stand))
         if self._refused:
             self._not_again_before_utc_s = now_utc_s + REFUSED_FOR_S
-            return Step.FOLLOW
+            return ApproachStep.FOLLOW
         if not slew_done or sent is None:
-            return self._fail("did not finish it in time") if now_utc_s > self._overdue_utc_s else Step.SLEW
+            return (
+                self._fail("did not finish it in time")
+                if now_utc_s > self._overdue_utc_s
+                else ApproachStep.SLEW
+            )
         off_deg = _apart_deg(stand.ra_deg, stand.dec_deg, sent.ra_deg, sent.dec_deg)
         if off_deg > THERE_DEG:
             return self._fail(f"stands {off_deg:.1f}° from its goal")
@@ -217,16 +221,16 @@ class Approach:
         if cut_short:
             self._not_again_before_utc_s = now_utc_s + self._in_vain_s(goal, missing_deg)
         if goal.utc_s <= self._not_before_utc_s:
-            return Step.FOLLOW if now_utc_s >= goal.utc_s - self._lead_s(goal) else Step.SLEW
+            return ApproachStep.FOLLOW if now_utc_s >= goal.utc_s - self._lead_s(goal) else ApproachStep.SLEW
         if cut_short:
             # A limit is in between: no slew leads nearer, and rates go on when it lets them.
-            return Step.FOLLOW
+            return ApproachStep.FOLLOW
         # A target that is there already is gone to meet, or run after; one far gone needs another slew.
         seen = self._target_at(now_utc_s)
         gaps_deg = (abs(wrap180(float(seen.ra_deg) - stand.ra_deg)), abs(float(seen.dec_deg) - stand.dec_deg))
-        return Step.FOLLOW if max(gaps_deg) <= RATES_WITHIN_DEG else Step.PLAN
+        return ApproachStep.FOLLOW if max(gaps_deg) <= RATES_WITHIN_DEG else ApproachStep.PLAN
 
-    def _stands(self, now_utc_s: float, stand: Stand) -> bool:
+    def _stands(self, now_utc_s: float, stand: MountPlace) -> bool:
         """Tell whether the mount has come to a slew's goal and stood there, whatever it says of the slew.
 
         A soft servo rings there for seconds, and a target that has gone on is not waited for. A mount that
@@ -249,7 +253,7 @@ class Approach:
         self._refused = isinstance(motion, MoveAxes)
 
     def slew_ahead(
-        self, now_utc_s: float, end_utc_s: float, error_deg: float, stand: Stand, held: bool
+        self, now_utc_s: float, end_utc_s: float, error_deg: float, stand: MountPlace, held: bool
     ) -> bool:
         """Tell whether a mount that follows, and is far off, must slew to where the target will be.
 
@@ -267,7 +271,7 @@ class Approach:
         return not ahead.by_rates and ahead.utc_s < end_utc_s
 
     def _plan(
-        self, now_utc_s: float, not_before_utc_s: float, stand: Stand, moving: bool, held: bool
+        self, now_utc_s: float, not_before_utc_s: float, stand: MountPlace, moving: bool, held: bool
     ) -> Intercept:
         def target(utc_s: float) -> tuple[float, float, float]:
             direction = self._target_at(utc_s)
@@ -279,7 +283,7 @@ class Approach:
         law = None if stand.beyond_pole or held else self._law
         return plan_intercept(now_utc_s, not_before_utc_s, here, target, self._profile, law, moving)
 
-    def _slew_s(self, stand: Stand, goal: Intercept) -> float:
+    def _slew_s(self, stand: MountPlace, goal: Intercept) -> float:
         to, here = (wrap180(stand.sidereal_deg - ra_deg) for ra_deg in (goal.ra_deg, stand.ra_deg))
         ra_s = slew_time_s(to - here, self._profile.ra)
         return max(ra_s, slew_time_s(goal.dec_deg - stand.dec_deg, self._profile.dec)) + HANDSHAKE_S
@@ -292,12 +296,12 @@ class Approach:
         takes_s = AGAIN_SHARE * missing_deg / rate_deg_s if rate_deg_s else MOST_AGAIN_S
         return max(LEAST_AGAIN_S, min(MOST_AGAIN_S, takes_s))
 
-    def _fail(self, words: str) -> Step:
+    def _fail(self, words: str) -> ApproachStep:
         self._failed += 1
         if self._failed < SLEWS_TRIED:
-            return Step.PLAN
+            return ApproachStep.PLAN
         self.trouble = f"was told {SLEWS_TRIED} times to slew, and {words}"
-        return Step.GIVE_UP
+        return ApproachStep.GIVE_UP
 
     def _lead_s(self, intercept: Intercept) -> float:
         """Return how long before the target comes through the mount must begin, to have its rate then."""

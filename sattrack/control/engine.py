@@ -9,11 +9,10 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sattrack.control.driver import Driver, StopProcedure, limit_words
 from sattrack.control.engine_view import HOLDING, learnt_view, view_of
-from sattrack.control.halt import Driver, StopProcedure, limit_words
-from sattrack.control.not_acquired import Attempt, AxisAttempt, why_not
-from sattrack.control.sky_error import sky_error
-from sattrack.control.stages import Doing, Situation, Stages
+from sattrack.control.stages import Attempt, AxisAttempt, RunStage, Situation, Stages, why_not
+from sattrack.control.target import sky_error
 from sattrack.control.tracker import FOLLOWING, Phase, Tracker, TrackPlan
 from sattrack.core.figures import RunningError, WindowedError
 from sattrack.mount.model import Slew, StatusSample, Stop
@@ -166,17 +165,17 @@ class Engine(Driver):
         last = self.stages[-1] if self.stages else None
         if last is None or (last.doing, last.held_by) != (stage.doing, stage.held_by):
             self.stages.append(stage)
-        if doing is Doing.HELD:
+        if doing is RunStage.HELD:
             self.held_s[limit] = self.held_s.get(limit, 0.0) + seconds
-        elif doing is Doing.PAUSED:
+        elif doing is RunStage.PAUSED:
             self.paused_s += seconds
-        elif doing is Doing.REJOINING:
+        elif doing is RunStage.REJOINING:
             self.rejoining_s += seconds
-        elif doing is Doing.ACQUIRING:
+        elif doing is RunStage.ACQUIRING:
             self._count_missed(error, seconds)
-        if doing in (Doing.HELD, Doing.REJOINING) and now.acquired:
+        if doing in (RunStage.HELD, RunStage.REJOINING) and now.acquired:
             self.lost_peak_arcsec = max(self.lost_peak_arcsec, error.total_arcsec)
-        if doing is not Doing.FOLLOWING:
+        if doing is not RunStage.FOLLOWING:
             self._recent.clear()
             return
         if self.spec.simulated:

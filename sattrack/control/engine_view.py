@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, TypedDict
 
-from sattrack.control.feeder import FREE_REST_DEG_S
+from sattrack.control.following import FREE_REST_DEG_S
 from sattrack.control.tracker import FOLLOWING, Phase
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, mean_sidereal_deg
@@ -15,7 +15,7 @@ from sattrack.views.run import EstimateView, LearntView, OffsetView, PauseView, 
 
 if TYPE_CHECKING:
     from sattrack.control.engine import Engine
-    from sattrack.control.feeder import Learnt
+    from sattrack.control.following import Learnt
     from sattrack.control.tracker import Tracker
     from sattrack.mount.model import LinkView, StatusSample
     from sattrack.views.run import ErrorView

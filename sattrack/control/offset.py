@@ -2,14 +2,20 @@
 
 Every change is a quintic in time from the value, rate and acceleration of its beginning to the wanted line,
 so value, rate and acceleration are continuous, and the end is reached exactly and not merely approached.
+
+Search patterns are pure functions of time: a spiral about a place, and a sweep along the track. Both begin
+at rest in the centre: a pattern's speed grows over its first seconds.
 """
 
 from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass, field
-from typing import NamedTuple
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from sattrack.control.biases import Course
 
 SHORTEST_S = 1.5
 LONGEST_S = 60.0
@@ -36,7 +42,7 @@ def added(*states: State) -> State:
     return State(sum(values), sum(rates), sum(accelerations))
 
 
-class Bounds(NamedTuple):
+class ChangeLimits(NamedTuple):
     """What a change may ask of the mount, in the offset's own unit: rate and acceleration."""
 
     rate: float
@@ -104,39 +110,39 @@ class Offset:
         last = self._changes[-1] if self._changes else None
         return float("-inf") if last is None else last.begins_utc_s + last.seconds
 
-    def add(self, amount: float, begins_utc_s: float, bounds: Bounds) -> None:
+    def add(self, amount: float, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Add to the total; a rate goes on."""
         self._change(self.total_at(begins_utc_s) + amount, self.rate, begins_utc_s, bounds)
 
-    def set(self, total: float, begins_utc_s: float, bounds: Bounds) -> None:
+    def set(self, total: float, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Go to a total as soon as the bounds allow, and rest there."""
         self._change(total, 0.0, begins_utc_s, bounds)
 
-    def run(self, rate: float, begins_utc_s: float, bounds: Bounds) -> None:
+    def run(self, rate: float, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Change by `rate` a second from an instant on."""
         # The line's foot is chosen so that the change is a plain ramp of the rate.
         now = self.state(begins_utc_s)
         foot = now.value + 0.5 * (now.rate - rate) * SHORTEST_S
         self._change(foot, rate, begins_utc_s, bounds)
 
-    def gradual(self, total: float, seconds: float, begins_utc_s: float, bounds: Bounds) -> None:
+    def gradual(self, total: float, seconds: float, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Reach a total in so many seconds, or as soon after as the bounds allow."""
         self._change(total, 0.0, begins_utc_s, bounds, seconds)
 
-    def stop(self, begins_utc_s: float, bounds: Bounds) -> None:
+    def stop(self, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Come to rest about where the offset is: the total is what is reached."""
         now = self.state(begins_utc_s)
         self._change(now.value + 0.5 * now.rate * SHORTEST_S, 0.0, begins_utc_s, bounds)
 
-    def reset(self, begins_utc_s: float, bounds: Bounds) -> None:
+    def reset(self, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Take the offset away."""
         self._change(0.0, 0.0, begins_utc_s, bounds)
 
-    def take_over(self, moving: State, total: float, begins_utc_s: float, bounds: Bounds) -> None:
+    def take_over(self, moving: State, total: float, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Go to a total from where the offset is together with what something else does until then."""
         self._change(total, 0.0, begins_utc_s, bounds, moving=moving)
 
-    def keep(self, moving: State, begins_utc_s: float, bounds: Bounds) -> None:
+    def keep(self, moving: State, begins_utc_s: float, bounds: ChangeLimits) -> None:
         """Come to rest about where the offset is together with what something else does until then."""
         now = added(self.state(begins_utc_s), moving)
         self._change(now.value + 0.5 * now.rate * SHORTEST_S, 0.0, begins_utc_s, bounds, moving=moving)
@@ -152,7 +158,7 @@ class Offset:
         foot: float,
         rate: float,
         begins_utc_s: float,
-        bounds: Bounds,
+        bounds: ChangeLimits,
         seconds: float = SHORTEST_S,
         moving: State = REST,
     ) -> None:
@@ -193,10 +199,136 @@ def _joined(now: State, foot: float, rate: float, begins_utc_s: float, seconds: 
     return _Change(begins_utc_s, seconds, coefficients, total, rate)
 
 
-def _within(change: _Change, now: State, bounds: Bounds) -> bool:
+def _within(change: _Change, now: State, bounds: ChangeLimits) -> bool:
     """Tell whether a change keeps to the bounds, or at least to what it begins and ends with."""
     most_rate = max(bounds.rate, abs(now.rate), abs(change.rate))
     most_acceleration = max(bounds.acceleration, abs(now.acceleration))
     steps = (change.begins_utc_s + change.seconds * i / SAMPLES for i in range(SAMPLES + 1))
     states = [change.state(t) for t in steps]
     return all(abs(s.rate) <= most_rate and abs(s.acceleration) <= most_acceleration for s in states)
+
+
+START_S = 2.0
+"""Time over which a pattern comes up to its speed."""
+_ROUNDS = 8
+
+
+class SpiralPoint(NamedTuple):
+    """Where a spiral is, degrees on the sky along and across the track, and its rates, degrees a second."""
+
+    along_deg: float
+    cross_deg: float
+    along_deg_s: float
+    cross_deg_s: float
+
+
+def eased_s(elapsed_s: float) -> float:
+    """Return the time that a pattern has run at full speed, when its speed grows smoothly over START_S.
+
+    Twice differentiable: the speed follows 3u² - 2u³.
+    """
+    if elapsed_s <= 0.0:
+        return 0.0
+    if elapsed_s >= START_S:
+        return elapsed_s - 0.5 * START_S
+    u = elapsed_s / START_S
+    return START_S * u**3 * (1.0 - 0.5 * u)
+
+
+def eased_rate(elapsed_s: float) -> float:
+    """Return the share of its full speed that a pattern has."""
+    u = min(1.0, max(0.0, elapsed_s / START_S))
+    return u * u * (3.0 - 2.0 * u)
+
+
+def spiral(elapsed_s: float, spacing_deg: float, speed_deg_s: float) -> SpiralPoint:
+    """Return the point of an Archimedean spiral whose arms lie `spacing_deg` apart, run at one speed.
+
+    The arc is that of r = b·θ with b the spacing over a turn: b/2·(θ·sqrt(1 + θ²) + asinh θ), solved for θ.
+    """
+    b = spacing_deg / (2.0 * math.pi)
+    arc = eased_s(elapsed_s) * speed_deg_s / b
+    theta = min(arc, math.sqrt(2.0 * arc))
+    for _ in range(_ROUNDS):
+        root = math.sqrt(1.0 + theta * theta)
+        theta -= (0.5 * (theta * root + math.asinh(theta)) - arc) / root
+    turning = speed_deg_s * eased_rate(elapsed_s) / math.sqrt(1.0 + theta * theta)
+    c, s = math.cos(theta), math.sin(theta)
+    return SpiralPoint(b * theta * c, b * theta * s, turning * (c - theta * s), turning * (s + theta * c))
+
+
+def spiral_lasts_s(reach_deg: float, spacing_deg: float, speed_deg_s: float) -> float:
+    """Return how long a spiral takes to come as far out as `reach_deg`, seconds."""
+    b = spacing_deg / (2.0 * math.pi)
+    theta = reach_deg / b
+    arc_deg = 0.5 * b * (theta * math.sqrt(1.0 + theta * theta) + math.asinh(theta))
+    return arc_deg / speed_deg_s + 0.5 * START_S
+
+
+def spiral_acceleration_deg_s2(spacing_deg: float, speed_deg_s: float) -> float:
+    """Return the most acceleration that a spiral asks for: it turns most sharply in its centre."""
+    turning = speed_deg_s**2 * 4.0 * math.pi / spacing_deg
+    return math.hypot(turning, 1.5 * speed_deg_s / START_S)
+
+
+def sweep_s(elapsed_s: float, reach_s: float, period_s: float) -> float:
+    """Return the along-track seconds of a sweep: ahead by `reach_s`, back through the centre, and so on."""
+    return reach_s * math.sin(2.0 * math.pi * eased_s(elapsed_s) / period_s)
+
+
+def sweep_rate(elapsed_s: float, reach_s: float, period_s: float) -> float:
+    """Return the rate of a sweep, seconds a second."""
+    turning = 2.0 * math.pi / period_s
+    return reach_s * turning * eased_rate(elapsed_s) * math.cos(turning * eased_s(elapsed_s))
+
+
+_DIFFERENCE_S = 1e-3
+
+
+@dataclass(frozen=True, slots=True)
+class Pattern:
+    """A spiral (degrees, degrees a second) or a sweep (seconds, seconds), between two instants; UTC.
+
+    `how` is "spiral", with its spacing and speed, or "sweep", with its reach and period.
+    """
+
+    how: str
+    first: float
+    second: float
+    begins_utc_s: float
+    ends_utc_s: float
+
+    def runs(self, utc_s: float) -> bool:
+        """Tell whether it acts at an instant."""
+        return self.begins_utc_s <= utc_s < self.ends_utc_s
+
+    def ended(self, utc_s: float) -> Pattern:
+        """Return the same, ending at an instant."""
+        return replace(self, ends_utc_s=utc_s)
+
+    def states(self, utc_s: float, along: State, course: Course) -> tuple[State, State]:
+        """Return what it adds, with rates: seconds along and degrees across, to what is in force along.
+
+        Accelerations are left at 0. A spiral keeps its shape on the sky while the satellite's pace changes.
+        """
+        elapsed_s = utc_s - self.begins_utc_s
+        if self.how == "sweep":
+            value = sweep_s(elapsed_s, self.first, self.second)
+            return State(value, sweep_rate(elapsed_s, self.first, self.second), 0.0), REST
+        point = spiral(elapsed_s, self.first, self.second)
+        going = course.going(utc_s + along.value)
+        pace = going.pace_deg_s
+        ahead_s = point.along_deg / pace
+        rate = (point.along_deg_s - ahead_s * going.pace_rate * (1.0 + along.rate)) / pace
+        return State(ahead_s, rate, 0.0), State(point.cross_deg, point.cross_deg_s, 0.0)
+
+    def full_states(self, utc_s: float, along: State, course: Course) -> tuple[State, State]:
+        """Return what it adds, with rates and accelerations."""
+        here = self.states(utc_s, along, course)
+        later = self.states(utc_s + _DIFFERENCE_S, along, course)
+        sooner = self.states(utc_s - _DIFFERENCE_S, along, course)
+        ahead, left = (
+            State(h.value, h.rate, (n.rate - s.rate) / (2.0 * _DIFFERENCE_S))
+            for h, n, s in zip(here, later, sooner, strict=True)
+        )
+        return ahead, left

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from sattrack.core.own_program import own_program
+from sattrack.core.process import self_command
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -131,7 +131,7 @@ def start_process(module: str, *arguments: str, inherits: Iterable[int]) -> subp
     It has a session of its own: a Ctrl-C is for the process that starts it. Raises OSError.
     """
     return subprocess.Popen(
-        [*own_program(module), *arguments],
+        [*self_command(module), *arguments],
         stdin=subprocess.DEVNULL,
         stdout=subprocess.DEVNULL,
         pass_fds=tuple(inherits),
@@ -150,7 +150,7 @@ class PipedProcess:
     def start(cls, module: str, argument: str) -> PipedProcess:
         """Start it in a session of its own: it ends with its standard input, not by a Ctrl-C."""
         process = subprocess.Popen(
-            [*own_program(module), argument],
+            [*self_command(module), argument],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             start_new_session=True,

@@ -1,4 +1,4 @@
-"""Clocks: what instant it is, and when an instant will come, in UTC as POSIX seconds.
+"""Clocks: what instant it is, and when an instant will come, in UTC as POSIX seconds; instants in JSON.
 
 Loops pace themselves by the machine's monotonic clock, which never steps; a clock relates that to UTC.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 from sattrack.core.errors import BadInputError
 from tle.errors import TleError
@@ -93,3 +93,17 @@ def make_clock(option: str | None) -> tuple[Clock, Utc]:
         return SystemClock(), Utc(time.time())
     start, speed = parse_clock(option)
     return SimulatedClock(float(start.unix_s), time.monotonic(), speed), start
+
+
+def encode_utc(value: Any) -> Any:
+    """Return an instant as its number; raises NotImplementedError for anything else."""
+    if isinstance(value, Utc):
+        return float(value.unix_s)
+    raise NotImplementedError(type(value))
+
+
+def decode_utc(kind: type, value: Any) -> Any:
+    """Return the instant of a number; raises NotImplementedError for anything else."""
+    if kind is Utc:
+        return Utc(float(value))
+    raise NotImplementedError(kind)

@@ -1,6 +1,12 @@
-"""The exceptions a user can meet, each with the exit code that scripts rely on."""
+"""The exceptions a user can meet, with exit codes that scripts rely on; where in a file an error is."""
 
 from __future__ import annotations
+
+from difflib import get_close_matches
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
 
 
 class SattrackError(Exception):
@@ -37,3 +43,31 @@ class TerminatedRunError(SattrackError):
     """The system ended the run; the mount was stopped first, and a restart goes on where it was."""
 
     exit_code = 143
+
+
+class Origin(NamedTuple):
+    """A file's name as it was given, line and column from 1; 0 where they are not known."""
+
+    file: str
+    line: int = 0
+    column: int = 0
+
+    def __str__(self) -> str:
+        """Return FILE:LINE:COLUMN, as far as known."""
+        return ":".join([self.file, *(str(n) for n in (self.line, self.column) if n)])
+
+    def moved(self, columns: int) -> Origin:
+        """Return the place so many columns on; the same where no column is known."""
+        return self._replace(column=self.column + columns) if self.column else self
+
+    def wrong(self, words: str) -> BadInputError:
+        """Return the error that says what is wrong here."""
+        return BadInputError(f"{self}: {words}")
+
+
+def meant(given: str, known: Iterable[str]) -> str:
+    """Return "; did you mean ...?" where something known looks like what was given, else nothing."""
+    choices = list(known)
+    folded = {choice.casefold(): choice for choice in choices}
+    near = get_close_matches(given.casefold(), folded, n=1, cutoff=0.6)
+    return f"; did you mean {folded[near[0]]!r}?" if near else ""

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import msgspec
 
-from sattrack.core.errors import BadInputError
-from sattrack.core.origin import Origin, meant
+from sattrack.core.errors import BadInputError, Origin, meant
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +36,7 @@ _UNKNOWN = re.compile(r"Object contains unknown field `(.*)`")
 _TAG = re.compile(r"Invalid value '(.*)'")
 
 
-class Spot(NamedTuple):
+class TextSpot(NamedTuple):
     """Line and column, from 1, of a key and of its value; of the value's first character within quotes."""
 
     line: int
@@ -48,7 +47,7 @@ class Spot(NamedTuple):
     """Whether the value is text as it stands, so that columns within it can be counted."""
 
 
-def toml_positions(text: str) -> dict[KeyPath, Spot]:
+def toml_positions(text: str) -> dict[KeyPath, TextSpot]:
     """Return where everything stands."""
     return _Scanner(text.replace("\r\n", "\n")).scan()
 
@@ -59,10 +58,10 @@ class _Scanner:
     def __init__(self, text: str) -> None:
         self._text = text
         self._at = 0
-        self._found: dict[KeyPath, Spot] = {}
+        self._found: dict[KeyPath, TextSpot] = {}
         self._counts: dict[KeyPath, int] = {}
 
-    def scan(self) -> dict[KeyPath, Spot]:
+    def scan(self) -> dict[KeyPath, TextSpot]:
         table: KeyPath = ()
         while self._skip("\n"):
             if self._peek() == "[":
@@ -180,18 +179,18 @@ class _Scanner:
     def _peek(self) -> str:
         return self._text[self._at : self._at + 1]
 
-    def _spot(self, key_at: int, value_at: int, *, plain: bool) -> Spot:
-        return Spot(*self._place(key_at), *self._place(value_at), plain)
+    def _spot(self, key_at: int, value_at: int, *, plain: bool) -> TextSpot:
+        return TextSpot(*self._place(key_at), *self._place(value_at), plain)
 
     def _place(self, at: int) -> tuple[int, int]:
         before = self._text.rfind("\n", 0, at)
         return self._text.count("\n", 0, at) + 1, at - before
 
 
-class Positions:
+class KeyPositions:
     """Where the keys and values of one file stand."""
 
-    def __init__(self, file: str, spots: dict[KeyPath, Spot], columns: bool = True) -> None:
+    def __init__(self, file: str, spots: dict[KeyPath, TextSpot], columns: bool = True) -> None:
         """Keep what the scanner found; without `columns`, lines are told alone."""
         self.file = file
         self._spots = spots
@@ -226,7 +225,7 @@ class Positions:
         return path in self._spots
 
 
-def read_typed(text: str, file: str, kind: type[T], columns: bool = True) -> tuple[T, Positions]:
+def read_typed(text: str, file: str, kind: type[T], columns: bool = True) -> tuple[T, KeyPositions]:
     """Return what a text says, and where.
 
     Raises BadInputError with file, line and column; without `columns`, with file, line and table.
@@ -235,7 +234,7 @@ def read_typed(text: str, file: str, kind: type[T], columns: bool = True) -> tup
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise _syntax(str(error), text, file) from None
-    positions = Positions(file, toml_positions(text), columns)
+    positions = KeyPositions(file, toml_positions(text), columns)
     try:
         return msgspec.convert(_without_times(document), kind), positions
     except msgspec.ValidationError as error:
@@ -266,7 +265,7 @@ def _without_times(value: Any) -> Any:
     return value.isoformat() if isinstance(value, date | time) else value
 
 
-def _told(message: str, document: Any, positions: Positions, kind: type) -> BadInputError:
+def _told(message: str, document: Any, positions: KeyPositions, kind: type) -> BadInputError:
     """Return the decoder's refusal as an error that names place, key, and what was meant."""
     found = _AT.search(message)
     path: KeyPath = ()

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from sattrack.control.detour import Detour
+from sattrack.control.target import Detour
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.planning.path import axis_path, stretches
 

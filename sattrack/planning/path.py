@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.safety.bounds import UP_DEG
+from sattrack.safety.regions import moon_over, sun_over
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.mount.model import MountProfile, PierZone
-    from sattrack.safety.bodies import Wanderer
     from sattrack.safety.limits import SafetyLimits
+    from sattrack.safety.regions import Wanderer
     from tle.bias import Bias
     from tle.propagator import Propagator
 
@@ -35,7 +35,7 @@ class Pointing:
     """How a mount's axes stand at instants (POSIX seconds of UTC), with what limits ask for; shape (n,).
 
     `hour_angle_axis_deg` is counted through turns, as cables count it; the declination axis passes 90° where
-    the mount points from beyond the pole. Sun and Moon are those of `sattrack.safety.bodies`.
+    the mount points from beyond the pole. Sun and Moon are those of `sattrack.safety.regions`.
     """
 
     utc_s: Array

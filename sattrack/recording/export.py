@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
-from sattrack.control.stages import Doing
+from sattrack.control.stages import RunStage
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.xerxes.datagrams import (
     COMMAND_FIELDS,
@@ -86,7 +86,7 @@ def error_columns(run: Trace) -> dict[str, list[Any]]:
         "across_arcsec": run.across.tolist(),
         "ra_arcsec": run.ra_error.tolist(),
         "dec_arcsec": run.dec_error.tolist(),
-        "doing": [Doing(what).name.lower() for what in run.doing.tolist()],
+        "doing": [RunStage(what).name.lower() for what in run.doing.tolist()],
         "held_by": run.held.tolist(),
     }
 

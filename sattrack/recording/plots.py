@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sattrack.control.stages import Doing
+from sattrack.control.stages import RunStage
 from sattrack.core.errors import BadInputError
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_command
 from sattrack.recording.mount_fit import spectrum
@@ -121,7 +121,7 @@ SHOWN_SHARE = 0.999
 def figures(run: Trace, fit: BiasFit | None) -> dict[str, Any]:
     """Return the plots of one run by title; raises BadInputError where matplotlib is not there."""
     found: dict[str, Any] = {}
-    shown = run.following if run.following.any() else run.doing == Doing.ACQUIRING
+    shown = run.following if run.following.any() else run.doing == RunStage.ACQUIRING
     if shown.any():
         at = run.utc_s[shown]
         tracks = [smooth_track(at, column[shown]) for column in (run.along, run.across)]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import msgspec
 
-from sattrack.core.collector import without_collector
+from sattrack.core.process import gc_paused
 from sattrack.mount.xerxes.datagrams import COMMAND_FIELDS, DatagramError, Kind, decode_command
 from sattrack.recording.format import (
     COMMAND,
@@ -248,7 +248,7 @@ def replay(
     chosen = choice or choose(judge.header, fingerprint(), here())
     run = _Run(Replay(chosen, cut_off=recording.cut_off), tolerances or Tolerances(), keep)
     outputs = None if expected is None else _outputs(expected)
-    with without_collector():
+    with gc_paused():
         engine = build(recording.header.spec)
         first_utc_s = None
         for number, entry in enumerate(recording.entries()):

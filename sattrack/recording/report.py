@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import msgspec
 import numpy as np
 
-from sattrack.control.stages import KEYHOLE, RATE, Doing
+from sattrack.control.stages import KEYHOLE, RATE, RunStage
 from sattrack.recording.format import OPERATOR
 from sattrack.recording.mount_fit import SURE_SIGMAS, AxisFit, NoFit, SpectralLine, fit_axes, one_way, repeats
 from sattrack.recording.observed import FRAMES, observations
@@ -220,7 +220,7 @@ def _link(run: Trace) -> LinkFigures | None:
 def _times(run: Trace) -> TimeFigures:
     acquiring, paused, rejoining, following = (
         round(run.seconds(run.doing == doing), 3)
-        for doing in (Doing.ACQUIRING, Doing.PAUSED, Doing.REJOINING, Doing.FOLLOWING)
+        for doing in (RunStage.ACQUIRING, RunStage.PAUSED, RunStage.REJOINING, RunStage.FOLLOWING)
     )
     held = {name: round(run.seconds(run.held == name), 3) for name in sorted({*run.held} - {""})}
     off, fitted = (round(run.seconds(marked), 3) for marked in (run.off_target, run.fit_for))
@@ -229,7 +229,7 @@ def _times(run: Trace) -> TimeFigures:
 
 def _missed(run: Trace) -> MissedFigures | None:
     """Return what was seen of a mount that was never on target; None where it was, or never followed."""
-    tried = run.doing == Doing.ACQUIRING
+    tried = run.doing == RunStage.ACQUIRING
     if run.acquired or not tried.any():
         return None
     profile = run.engine.spec.profile

@@ -12,7 +12,7 @@ import numpy as np
 
 from sattrack.control.biases import ON_SKY
 from sattrack.control.engine_view import HOLDING
-from sattrack.control.stages import Doing, Situation, Stages
+from sattrack.control.stages import RunStage, Situation, Stages
 from sattrack.control.tracker import FOLLOWING, Phase
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_command
 from sattrack.recording.format import COMMAND, STATUS, VIEW
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
     from sattrack.control.biases import Biases
     from sattrack.control.engine import Engine
-    from sattrack.control.sky_error import Target
+    from sattrack.control.target import TargetState
     from sattrack.recording.reading import Entry, Recording
 
     Array = NDArray[np.float64]
@@ -54,7 +54,7 @@ LONGEST_STEP_S = 0.5
 class Trace:
     """Columns of a run. UTC as POSIX seconds; errors in arcseconds on the sky; angles in degrees.
 
-    `doing` says what went on at each sample (`Doing`), `steady` is true where no offset was changing. `sent`
+    `doing` is the `RunStage` of each sample, `steady` is true where no offset was changing. `sent`
     are MoveAxis rates as they went out, in the mount's own sense, not a number where none was asked for.
     """
 
@@ -86,7 +86,7 @@ class Trace:
     @property
     def following(self) -> NDArray[np.bool_]:
         """The samples that the figures of the error count."""
-        marked: NDArray[np.bool_] = self.doing == Doing.FOLLOWING
+        marked: NDArray[np.bool_] = self.doing == RunStage.FOLLOWING
         return marked
 
     @property
@@ -157,7 +157,7 @@ class _Sample(NamedTuple):
     """One status; `situation` is as today's code has it, for recordings that do not say."""
 
     columns: tuple[float, ...]
-    target: Target
+    target: TargetState
     sky: tuple[float, ...]
     situation: Situation
 
@@ -167,7 +167,7 @@ class _Columns:
 
     def __init__(self) -> None:
         self.samples: list[_Sample] = []
-        self.doing: list[Doing] = []
+        self.doing: list[RunStage] = []
         self.held: list[str] = []
         self.sent: list[tuple[float, float, float]] = []
         self.engine: Engine | None = None
@@ -238,10 +238,10 @@ class _Columns:
             self.doing.append(doing)
             self.held.append(held)
 
-    def _recorded(self, utc_s: float) -> tuple[Doing, str]:
+    def _recorded(self, utc_s: float) -> tuple[RunStage, str]:
         """Return what the recording says that the run did at a status."""
         last = next((one for one in reversed(self._stages.values()) if one.utc_s <= utc_s), None)
-        return (Doing.OTHER, "") if last is None else (Doing[last.doing.upper()], last.held_by or "")
+        return (RunStage.OTHER, "") if last is None else (RunStage[last.doing.upper()], last.held_by or "")
 
     def _take_command(self, entry: Entry) -> None:
         try:
@@ -280,7 +280,7 @@ def trace(
     sky = [
         (one.columns[0], *one.sky)
         for one, what in zip(columns.samples, columns.doing, strict=True)
-        if one.sky and what is Doing.FOLLOWING
+        if one.sky and what is RunStage.FOLLOWING
     ]
     sent = np.array(columns.sent).reshape(-1, 3)
     errors = ("total", "along", "across", "ra_error", "dec_error")

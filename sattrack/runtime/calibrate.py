@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from sattrack.calibration.calibrator import Calibrator
-from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, Kind, Surroundings
+from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, EndKind, Surroundings
 from sattrack.calibration.plan import Plan, sun_hour_angle_and_dec
 from sattrack.core.angles import altitude_deg, separation_deg
 from sattrack.core.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
@@ -126,7 +126,7 @@ def calibrate_live(
         calibrator.largest_rates_deg_s = told
         CalibrationLoop(Connection(link, clock, guard=guard), stop, calibrator, show, keys).run()
         ending = calibrator.ending
-        if ending is not None and ending.kind is not Kind.DONE and link.trouble is not None:
+        if ending is not None and ending.kind is not EndKind.DONE and link.trouble is not None:
             calibrator.ending = replace(ending, words=f"{ending.words}; {link.trouble}")
     return calibrator
 
@@ -185,7 +185,7 @@ class CalibrationLoop(RealtimeLoop):
 
 def ending_error(ending: Ending) -> SattrackError | None:
     """Return the error that a run ended with, its class by the exit code; None where the run is done."""
-    if ending.kind is Kind.DONE and ending.at_rest:
+    if ending.kind is EndKind.DONE and ending.at_rest:
         return None
     words = ending.words or "the run is done"
     if ending.at_rest:
@@ -194,10 +194,10 @@ def ending_error(ending: Ending) -> SattrackError | None:
         words += "; nothing was moved"
     else:
         words += "; the mount was NOT seen at rest: look after it, and stop it by its own console"
-    kinds: dict[Kind, type[SattrackError]] = {
-        Kind.LIMIT: SafetyLimitError,
-        Kind.LINK: LinkLostError,
-        Kind.OPERATOR: InterruptedRunError,
+    kinds: dict[EndKind, type[SattrackError]] = {
+        EndKind.LIMIT: SafetyLimitError,
+        EndKind.LINK: LinkLostError,
+        EndKind.OPERATOR: InterruptedRunError,
     }
     return kinds.get(ending.kind, SattrackError)(words)
 

@@ -25,8 +25,7 @@ from sattrack.views.messages import Leave, decode_order
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from sattrack.control.manual.console import Console
-    from sattrack.control.manual.sitting import ConsoleSession
+    from sattrack.control.console import Console, ConsoleSession
     from sattrack.core.clock import Clock
     from sattrack.mount.alpaca.device import DeviceFacts
     from sattrack.mount.profiles import ProfileFile

@@ -10,9 +10,9 @@ import msgspec
 from sattrack.core.channel import PipedProcess
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import SattrackError
+from sattrack.mount.simulator.installation import simulator_profile
 from sattrack.mount.simulator.mount import SimulatedSite, Truth
 from sattrack.mount.simulator.process import ClockSetting, Ready, SimulatorConfig
-from sattrack.mount.simulator.settings import simulator_profile
 from sattrack.mount.xerxes.client import Address
 from sattrack.runtime import practice
 

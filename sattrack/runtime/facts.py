@@ -9,8 +9,8 @@ import msgspec
 
 from sattrack.control.engine import Engine, RunSpec
 from sattrack.control.tracker import TrackPlan
+from sattrack.core.clock import decode_utc, encode_utc
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.core.utc_json import decode_utc, encode_utc
 from sattrack.mount.model import MountProfile
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings

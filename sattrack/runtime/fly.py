@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
+from sattrack.mount.simulator.installation import simulator_profile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
-from sattrack.mount.simulator.settings import simulator_profile
 from sattrack.recording.recorder import BackgroundRecorder, NoRecording, Recorder, Sink, create
 from sattrack.runtime import practice
 from sattrack.runtime.console import Connection

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Protocol
 import msgspec
 
 from sattrack.core.errors import SattrackError
-from sattrack.core.own_program import own_program
+from sattrack.core.process import self_command
 from sattrack.runtime import guard_memory
 from sattrack.runtime.guard_memory import Release, Word
 from sattrack.runtime.guardian import GuardianTask
@@ -208,7 +208,7 @@ class Guarded:
         ours, theirs = socket.socketpair()
         with theirs:
             process = subprocess.Popen(
-                [*own_program("sattrack.runtime.guardian"), str(theirs.fileno())],
+                [*self_command("sattrack.runtime.guardian"), str(theirs.fileno())],
                 stdin=subprocess.DEVNULL,
                 stdout=subprocess.DEVNULL,
                 pass_fds=[

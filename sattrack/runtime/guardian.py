@@ -19,7 +19,7 @@ from pathlib import Path
 
 import msgspec
 
-from sattrack.control.halt import DirectStop
+from sattrack.control.driver import DirectStop
 from sattrack.mount.link_loss import STOPS_SLOW_FOR_S, STOPS_SLOW_S, STOPS_SLOWEST_S
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.client import Address, UdpLink, nobody_listens

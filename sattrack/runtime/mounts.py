@@ -6,7 +6,7 @@ import contextlib
 from typing import TYPE_CHECKING, TypeAlias
 
 from sattrack.core.errors import BadInputError
-from sattrack.mount.alpaca.address import AlpacaAddress, parse_alpaca
+from sattrack.mount.alpaca.link import AlpacaAddress, parse_alpaca
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.client import Address, parse_address
 

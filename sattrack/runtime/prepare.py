@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-from sattrack.control.orders import MOST_ALONG_S, MOST_CROSS_DEG
+from sattrack.control.biases import MOST_ALONG_S, MOST_CROSS_DEG
 from sattrack.core.angles import wrap180
 from sattrack.core.clock import Clock, make_clock
 from sattrack.core.errors import BadInputError, SattrackError

@@ -19,11 +19,11 @@ import numpy as np
 from sattrack.control.approach import slew_time_s
 from sattrack.control.engine import Engine, safety_of
 from sattrack.control.tracker import ACQUIRED_AFTER_SAMPLES, FOLLOWING, Phase
-from sattrack.core.collector import without_collector
 from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.process import gc_paused
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.mount.simulator.installation import SimulatorProfile, simulator_profile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.mount.simulator.settings import SimulatorProfile, simulator_profile
 from sattrack.planning.budget import Circumstances, error_budget
 from sattrack.planning.keyhole import find_keyholes
 from sattrack.planning.kinematics import Ability, losses, outside
@@ -178,7 +178,7 @@ def perform(
     # How soon rates are held before a limit depends on the steps of the real loop.
     engine.safety = safety_of(replace(spec, profile=real))
     run = RehearsedRun(engine, mount, facts.started_utc_s, NoRecording(), thinned=period_s <= FULL_PERIOD_S)
-    with without_collector():
+    with gc_paused():
         ended_utc_s = run.run()
     trace = run.trace.arrays()
     tracker = run.engine.tracker

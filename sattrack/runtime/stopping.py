@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.control.halt import DirectStop
+from sattrack.control.driver import DirectStop
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import LinkLostError, SattrackError
 from sattrack.mount.xerxes.client import Address, nobody_listens

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import numpy as np
 
-from sattrack.control.law import ControlLaw
+from sattrack.control.following import ControlLaw
 from sattrack.core.errors import BadInputError
 from sattrack.core.toml_text import read_toml
+from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
-from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.recording.format import OPERATOR
 from sattrack.recording.mount_fit import AxisFit, fit_axes
 from sattrack.recording.recorder import NoRecording

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING
 
-from sattrack.safety.ahead import Delays, closing_s, latency_s, standstill_s
+from sattrack.safety.rate_limit import Delays, closing_s, latency_s, standstill_s
 from sattrack.safety.watch import (
     CLOCK_PROOF,
     DISOBEDIENT_FOR_S,

@@ -21,8 +21,8 @@ from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 import msgspec
 
-from sattrack.core.origin import Origin, meant
-from sattrack.core.toml_text import Positions, read_typed
+from sattrack.core.errors import Origin, meant
+from sattrack.core.toml_text import KeyPositions, read_typed
 from sattrack.schedule.rules import NO_CONDITIONS, Conditions, parse_conditions, parse_rule
 from sattrack.schedule.schema import (
     FIXED_PRIORITY,
@@ -143,7 +143,7 @@ class _ScheduleReader:
         chain: tuple[Path, ...],
         defaults: PassOptions,
         zone_name: str = "UTC",
-    ) -> tuple[ScheduleText, Positions, tzinfo]:
+    ) -> tuple[ScheduleText, KeyPositions, tzinfo]:
         """Read one file; `chain` are the files through which it was included."""
         text = self.text_of(path, asked_at, "the schedule")
         if len(self.files) > MOST_FILES:
@@ -183,7 +183,7 @@ class _ScheduleReader:
         self,
         table: ImportEntry,
         number: int,
-        at: Positions,
+        at: KeyPositions,
         path: Path,
         zone_name: str,
         defaults: PassOptions,
@@ -238,7 +238,7 @@ def _moment(text: str, zone: tzinfo, where: Origin) -> float:
 
 
 def _pass_entry(
-    entry: PassEntry, key: tuple[str, int], at: Positions, path: Path, zone: tzinfo, defaults: PassOptions
+    entry: PassEntry, key: tuple[str, int], at: KeyPositions, path: Path, zone: tzinfo, defaults: PassOptions
 ) -> ScheduleEntry:
     source, conditions = None, NO_CONDITIONS
     satellites: tuple[str, ...] = ()
@@ -269,7 +269,7 @@ def _pass_entry(
     )
 
 
-def _windows(entry: PassEntry, key: tuple[str, int], at: Positions, zone: tzinfo) -> Windows | None:
+def _windows(entry: PassEntry, key: tuple[str, int], at: KeyPositions, zone: tzinfo) -> Windows | None:
     """Return what gives the windows of a span: one from instant to instant, or one each day."""
     if entry.from_ is None or entry.to is None:
         return None
@@ -299,7 +299,7 @@ def _windows(entry: PassEntry, key: tuple[str, int], at: Positions, zone: tzinfo
 
 
 def _fixed_entry(
-    entry: FixedEntry, key: tuple[str, int], at: Positions, zone: tzinfo, defaults: PassOptions
+    entry: FixedEntry, key: tuple[str, int], at: KeyPositions, zone: tzinfo, defaults: PassOptions
 ) -> ScheduleEntry:
     start, end = (
         _moment(text, zone, at.value(*key, name))

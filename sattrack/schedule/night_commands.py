@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import urlsplit
 
-from sattrack.mount.alpaca.client import AlpacaDevice, Refusal, Unheard
+from sattrack.mount.alpaca.client import AlpacaDevice, AlpacaRefusalError, NoAnswerError
 from tle.errors import printable
 from tle.instants import Utc
 
@@ -219,7 +219,7 @@ def _by_alpaca(address: str, timeout_s: float) -> WeatherReport:
     monitor = AlpacaDevice(parts.netloc, "safetymonitor", int(parts.path[1:]), timeout_s)
     try:
         safe = monitor.get("issafe")
-    except (Refusal, Unheard) as error:
+    except (AlpacaRefusalError, NoAnswerError) as error:
         return WeatherReport(False, f"{address}, issafe: {printable(str(error))}")
     if not isinstance(safe, bool):
         return WeatherReport(False, f"{address} gave no Value that is true or false")

@@ -20,8 +20,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import msgspec
 import tomli_w
 
+from sattrack.core.clock import decode_utc, encode_utc
 from sattrack.core.errors import SattrackError
-from sattrack.core.utc_json import decode_utc, encode_utc
 from sattrack.schedule import machine
 from sattrack.schedule.night import Event, FinishedPass, Mount, Order, PassAttempt, Recovered, Run
 from sattrack.schedule.night_stop import holder, resume_command, stop_of

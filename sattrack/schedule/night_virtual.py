@@ -16,16 +16,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
+from sattrack.control.console import Console
 from sattrack.control.engine import Engine
-from sattrack.control.manual.console import Console
-from sattrack.control.manual.errand import ManualOperation
-from sattrack.control.manual.procedures import ParkThere, SlewThere
+from sattrack.control.manual_operation import ManualOperation, ParkThere, SlewThere
 from sattrack.control.tracker import TrackPlan
-from sattrack.core.collector import without_collector
 from sattrack.core.errors import SattrackError
+from sattrack.core.process import gc_paused
 from sattrack.mount.requests import TicketState
+from sattrack.mount.simulator.installation import simulator_profile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.mount.simulator.settings import simulator_profile
 from sattrack.planning.trace import TabledPropagator
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime.facts import SIMULATED, RunFacts, build_engine
@@ -70,7 +69,7 @@ from tle.refraction import Refraction
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.control.manual.procedures import Outcome, Procedure
+    from sattrack.control.manual_operation import Outcome, Procedure
     from sattrack.mount.model import MountProfile
     from sattrack.mount.profiles import ProfileFile
     from sattrack.mount.simulator.mount import Truth
@@ -245,7 +244,7 @@ class SimulatedStation:
         run = WatchedRun(engine, mount, facts.started_utc_s, NoRecording(), messages)
         run.watcher = look
         try:
-            with without_collector():
+            with gc_paused():
                 ended_utc_s = run.run()
         finally:
             self._note(mount)
@@ -269,7 +268,7 @@ class SimulatedStation:
         errand = ManualOperation(console, procedure, now_utc_s, ERRAND_WITHIN_S)
         mount = self._mount("")
         period_s, turns = profile.period_s, 0
-        with without_collector():
+        with gc_paused():
             while not errand.finished:
                 now_utc_s += period_s
                 turns += 1

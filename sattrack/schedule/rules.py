@@ -25,13 +25,12 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from sattrack.core.origin import meant
+from sattrack.core.errors import meant
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.core.errors import BadInputError
-    from sattrack.core.origin import Origin
+    from sattrack.core.errors import BadInputError, Origin
 
     _Take = Callable[[re.Match[str]], dict[str, Any]]
 

@@ -13,8 +13,8 @@ from urllib.parse import urlsplit
 import erfa
 import msgspec
 
-from sattrack.control.orders import MOST_ALONG_S, MOST_CROSS_DEG
-from sattrack.core.origin import meant
+from sattrack.control.biases import MOST_ALONG_S, MOST_CROSS_DEG
+from sattrack.core.errors import meant
 from tle.instants import DAY_S
 
 LONGEST_S = 86_400.0

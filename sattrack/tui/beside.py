@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from sattrack.core.own_program import ending_with_us, own_program
+from sattrack.core.process import ending_with_us, self_command
 from sattrack.runtime.owner import owners
 from sattrack.tui.child import ConsoleProcess
 from sattrack.tui.console_feed import Latest
@@ -101,7 +101,7 @@ class PassSearch:
         self.begun_utc_s = utc_s
         start = ("--from", Utc(utc_s).isoformat("seconds"), "--hours", f"{HOURS:g}")
         command = [
-            *own_program(),
+            *self_command(),
             "passes",
             "--json",
             "--judged",
@@ -184,7 +184,7 @@ class MountLook:
         self.trouble = ""
         url = f"xerxes://{owned[0].mount}?listen={owned[0].listen_port}"
         called = ["mount", "watch", *self._beside.watch, "--mount", url, "--stream", "--control"]
-        self._console = self._start([*own_program(), *called])
+        self._console = self._start([*self_command(), *called])
 
 
 def _finish(console: ConsoleProcess) -> None:
@@ -209,7 +209,7 @@ class Aside:
         console = None
         if beside.mount_url is not None:
             called = ["mount", "watch", *beside.watch, "--mount", beside.mount_url]
-            console = [*own_program(), *called]
+            console = [*self_command(), *called]
         return cls(PassSearch(beside), MountLook(beside), pid, console)
 
     def close(self) -> None:

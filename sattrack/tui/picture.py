@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
-from sattrack.core.own_program import own_program
+from sattrack.core.process import self_command
 from sattrack.mount.model import Slew
 from sattrack.runtime import practice
 from sattrack.runtime.fly import fly_virtual
@@ -186,7 +186,7 @@ class StillFeed:
 def slewing_view() -> ConsoleView:
     """Return the view of a mount half-way through a slew."""
     options = ["--mount", "sim", "--clock", practice.BEFORE_PASS, "--stream", "--control"]
-    console = ConsoleProcess([*own_program(), "mount", "watch", *options])
+    console = ConsoleProcess([*self_command(), "mount", "watch", *options])
     asked = False
     try:
         console.wait_first_view()

@@ -8,8 +8,8 @@ from pathlib import Path
 import alpaca_mount
 import pytest
 
-from sattrack.mount.alpaca import address, bridge, warden
-from sattrack.mount.alpaca.address import parse_alpaca
+from sattrack.mount.alpaca import bridge, link, warden
+from sattrack.mount.alpaca.link import parse_alpaca
 from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.runtime import guard
 
@@ -40,7 +40,7 @@ def test_the_usual_profile_is_what_the_page_says() -> None:
     assert usual.period_s == 0.1
     assert usual.clock_offset_s == 0.0
     assert usual.additive is False
-    assert f"{address.SLOWEST_HZ:g} to {address.FASTEST_HZ:g}, {address.DEFAULT_HZ:g} by default" in PAGE
+    assert f"{link.SLOWEST_HZ:g} to {link.FASTEST_HZ:g}, {link.DEFAULT_HZ:g} by default" in PAGE
 
 
 @pytest.mark.parametrize(

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sattrack.control.manual.console import Console
-from sattrack.control.manual.errand import Look, ManualOperation
-from sattrack.control.manual.report import view_of
+from sattrack.control.console import Console, view_of
+from sattrack.control.manual_operation import Look, ManualOperation
 from sattrack.mount.model import AxesPosition, MountProfile
+from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.mount.xerxes.datagrams import Command, decode_command
 from sattrack.safety import SafetyLimits
 from tle.site import Site
@@ -18,8 +17,8 @@ from tle.site import Site
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.control.manual.procedures import Procedure
-    from sattrack.control.manual.sitting import ConsoleSession
+    from sattrack.control.console import ConsoleSession
+    from sattrack.control.manual_operation import Procedure
     from sattrack.mount.simulator.mount import Truth
 
 T0 = 1_790_000_000.0

@@ -31,7 +31,7 @@ from sattrack.mount.alpaca.device import (
     J2000_SYSTEM,
     DeviceFacts,
     DeviceState,
-    Place,
+    SkyPlace,
     nearest_rate,
 )
 from sattrack.mount.model import DTICS_S_PER_DEG_S, SIDEREAL_RATE_DEG_S, Status, mean_sidereal_deg
@@ -193,7 +193,7 @@ class Bridge:
     """When it was last asked whether it guides, and did."""
     _trail: deque[_Seen] = field(default_factory=lambda: deque(maxlen=64))
     _rates_deg_s: tuple[float, float] = (SIDEREAL_RATE_DEG_S, 0.0)
-    _last: Place | None = None
+    _last: SkyPlace | None = None
     _old_places: int = 0
     """Places that came again though an axis moved."""
     _oldest_s: float = 0.0
@@ -284,7 +284,7 @@ class Bridge:
         """How the telescope stood last."""
         return self._standing
 
-    def see(self, place: Place) -> bytes | None:
+    def see(self, place: SkyPlace) -> bytes | None:
         """Take a place that was read in this turn; return the status to send.
 
         None where the request took so long that its instant is in doubt, and where the place is the last one
@@ -435,7 +435,7 @@ class Bridge:
         """Whether a slew was ordered of which what the telescope says of itself knows nothing yet."""
         return self._slew_ordered or self._standing.began_s < self._slew_answered_s
 
-    def _is_old(self, place: Place) -> bool:
+    def _is_old(self, place: SkyPlace) -> bool:
         last = self._last
         if last is None or (place.ra_deg, place.dec_deg) != (last.ra_deg, last.dec_deg):
             return False
@@ -444,7 +444,7 @@ class Bridge:
         moves = max(abs(SIDEREAL_RATE_DEG_S - hour_angle), abs(dec)) > MOVES_DEG_S
         return told and moves and place.ra_utc_s - last.ra_utc_s < OLD_AT_MOST_S
 
-    def _seen(self, place: Place) -> _Seen:
+    def _seen(self, place: SkyPlace) -> _Seen:
         """Return a place for one instant, that of its right ascension, in the equinox of date."""
         shift_s = place.ra_utc_s - place.dec_utc_s
         dec_deg = place.dec_deg

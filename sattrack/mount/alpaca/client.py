@@ -27,7 +27,7 @@ NOT_IMPLEMENTED, NOT_CONNECTED, PARKED = 0x400, 0x407, 0x408
 _FORM = {"Content-Type": "application/x-www-form-urlencoded"}
 
 
-class Refusal(Exception):  # noqa: N818 - it is what the device says
+class AlpacaRefusalError(Exception):
     """The device refuses a request: the standard's number, and its words."""
 
     def __init__(self, number: int, words: str) -> None:
@@ -35,7 +35,7 @@ class Refusal(Exception):  # noqa: N818 - it is what the device says
         self.number, self.words = number, words
 
 
-class Unheard(Exception):  # noqa: N818 - it is said of the link
+class NoAnswerError(Exception):
     """No answer came, or none that is Alpaca's; `status` where HTTP's own status says so."""
 
     def __init__(self, words: str, status: int | None = None) -> None:
@@ -57,14 +57,14 @@ def value_in(member: str, status: int, body: bytes) -> Any:
     """Return the value that an answer gives, None where it gives none. Raises Refusal, Unheard."""
     text = body.decode(errors="replace")
     if status != 200:
-        raise Unheard(f"it answered {member} with HTTP status {status}: {text.strip()[:120]}", status)
+        raise NoAnswerError(f"it answered {member} with HTTP status {status}: {text.strip()[:120]}", status)
     try:
         answer = json.loads(text)
         number = int(answer.get("ErrorNumber") or 0)
     except (ValueError, TypeError, AttributeError, RecursionError) as error:
-        raise Unheard(f"its answer to {member} is no Alpaca answer") from error
+        raise NoAnswerError(f"its answer to {member} is no Alpaca answer") from error
     if number:
-        raise Refusal(number, str(answer.get("ErrorMessage") or "no words")[:200])
+        raise AlpacaRefusalError(number, str(answer.get("ErrorMessage") or "no words")[:200])
     return answer.get("Value")
 
 
@@ -118,7 +118,15 @@ def _telescopes_at(server: str) -> list[FoundTelescope]:
                 for one in devices
                 if str(one["DeviceType"]).casefold() == "telescope"
             ]
-        except (OSError, http.client.HTTPException, Refusal, Unheard, TypeError, KeyError, ValueError):
+        except (
+            OSError,
+            http.client.HTTPException,
+            AlpacaRefusalError,
+            NoAnswerError,
+            TypeError,
+            KeyError,
+            ValueError,
+        ):
             return []
 
 
@@ -154,7 +162,7 @@ class AlpacaDevice:
                 answer = connection.getresponse()
                 body = answer.read(MOST_BYTES)
             except TimeoutError as error:
-                raise Unheard(f"it did not answer {member} within {self.within_s:g} s") from error
+                raise NoAnswerError(f"it did not answer {member} within {self.within_s:g} s") from error
             except (OSError, http.client.HTTPException) as error:
-                raise Unheard(broken(error)) from error
+                raise NoAnswerError(broken(error)) from error
         return value_in(member, answer.status, body)

@@ -16,7 +16,7 @@ PIER_WEST = 1
 """SideOfPier of a telescope that points through the pole."""
 
 
-class Span(msgspec.Struct, frozen=True):
+class RateSpan(msgspec.Struct, frozen=True):
     """One of AxisRates: degrees a second."""
 
     low_deg_s: float
@@ -42,8 +42,8 @@ class DeviceFacts(msgspec.Struct, frozen=True):
     guide_rates_deg_s: tuple[float, float] | None = None
     """Right ascension's and declination's, as first reported; None where it has, or reports, none."""
     has_device_state: bool = False
-    primary_rates: tuple[Span, ...] = ()
-    secondary_rates: tuple[Span, ...] = ()
+    primary_rates: tuple[RateSpan, ...] = ()
+    secondary_rates: tuple[RateSpan, ...] = ()
 
     def objection(self, stops_only: bool = False) -> str | None:
         """Return why it cannot be driven, or only stopped, as text; None where it can."""
@@ -65,7 +65,7 @@ class DeviceFacts(msgspec.Struct, frozen=True):
             )
         return None
 
-    def rates(self, axis: int) -> tuple[Span, ...]:
+    def rates(self, axis: int) -> tuple[RateSpan, ...]:
         """Return the rates that one axis bears."""
         return self.secondary_rates if axis else self.primary_rates
 
@@ -108,7 +108,7 @@ MEMBERS = {
 }
 
 
-class Place(NamedTuple):
+class SkyPlace(NamedTuple):
     """A place that was read: each axis with its own instant, the middle of its request, UTC POSIX seconds.
 
     Degrees, in the telescope's own equinox.
@@ -122,7 +122,7 @@ class Place(NamedTuple):
     """How long the longer of the requests took."""
 
 
-def nearest_rate(rate_deg_s: float, spans: tuple[Span, ...]) -> float:
+def nearest_rate(rate_deg_s: float, spans: tuple[RateSpan, ...]) -> float:
     """Return the rate that an axis bears and that is nearest to a wanted one, with its sign.
 
     0 is 0, and so is what is no number.
@@ -136,7 +136,7 @@ def nearest_rate(rate_deg_s: float, spans: tuple[Span, ...]) -> float:
     return -best if rate_deg_s < 0.0 else best
 
 
-def spans_of(axis_rates: Any) -> tuple[Span, ...]:
+def spans_of(axis_rates: Any) -> tuple[RateSpan, ...]:
     """Return AxisRates as they come in JSON; what is no range is left out."""
     if not isinstance(axis_rates, list):
         return ()
@@ -144,5 +144,5 @@ def spans_of(axis_rates: Any) -> tuple[Span, ...]:
     for one in axis_rates:
         low, high = (one.get("Minimum"), one.get("Maximum")) if isinstance(one, dict) else (None, None)
         if isinstance(low, int | float) and isinstance(high, int | float) and 0.0 <= low <= high > 0.0:
-            spans.append(Span(float(low), float(high)))
+            spans.append(RateSpan(float(low), float(high)))
     return tuple(spans)

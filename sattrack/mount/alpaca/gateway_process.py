@@ -28,25 +28,25 @@ import msgspec
 from sattrack.core.channel import Channel, start_process
 from sattrack.core.clock import Clock, SystemClock
 from sattrack.core.errors import SattrackError
-from sattrack.core.realtime import go_before_others
+from sattrack.core.process import go_before_others
 from sattrack.mount.alpaca.bridge import Bridge
 from sattrack.mount.alpaca.client import (
     ANSWER_WITHIN_S,
     MOST_BYTES,
     NOT_CONNECTED,
-    Refusal,
-    Unheard,
+    AlpacaRefusalError,
+    NoAnswerError,
     broken,
     path_of,
     value_in,
     with_ids,
 )
-from sattrack.mount.alpaca.device import DeviceFacts, Place, spans_of
+from sattrack.mount.alpaca.device import DeviceFacts, SkyPlace, spans_of
 from sattrack.mount.alpaca.link import BYE, GatewayConfig, GatewayNews, GatewayReady, GatewayRefusal
 
 if TYPE_CHECKING:
-    from sattrack.mount.alpaca.address import AlpacaAddress
     from sattrack.mount.alpaca.bridge import Lane, Order
+    from sattrack.mount.alpaca.link import AlpacaAddress
 
 MOST_WARDENS = 3
 END_WITHIN_S = 2.0
@@ -119,11 +119,11 @@ class AlpacaClient:
             ) as response:
                 body = await response.content.read(MOST_BYTES)
         except TimeoutError as error:
-            raise Unheard(f"it did not answer within {ANSWER_WITHIN_S:g} s") from error
+            raise NoAnswerError(f"it did not answer within {ANSWER_WITHIN_S:g} s") from error
         except aiohttp.ClientConnectorError as error:
-            raise Unheard(broken(error.os_error)) from error
+            raise NoAnswerError(broken(error.os_error)) from error
         except (aiohttp.ClientError, OSError) as error:
-            raise Unheard(broken(error)) from error
+            raise NoAnswerError(broken(error)) from error
         return value_in(member, response.status, body)
 
     async def connect(self) -> None:
@@ -134,7 +134,9 @@ class AlpacaClient:
         until_s = time.monotonic() + CONNECTED_WITHIN_S
         while await self.get("connected") is not True:
             if time.monotonic() > until_s:
-                raise Unheard(f"its driver did not connect to the telescope within {CONNECTED_WITHIN_S:g} s")
+                raise NoAnswerError(
+                    f"its driver did not connect to the telescope within {CONNECTED_WITHIN_S:g} s"
+                )
             await asyncio.sleep(LOOK_AGAIN_S)
 
     async def facts(self) -> DeviceFacts:
@@ -177,9 +179,9 @@ class AlpacaClient:
         """Return a member's value, or something else where the driver has none to give."""
         try:
             return await self.get(member, **fields)
-        except Refusal:
+        except AlpacaRefusalError:
             return otherwise
-        except Unheard as error:
+        except NoAnswerError as error:
             if error.status is None or error.status >= 500:
                 raise
             return otherwise
@@ -282,7 +284,7 @@ class OrderQueue:
                 refusal = None
                 try:
                     await self.client.put(order.member, *order.fields)
-                except (Refusal, Unheard) as error:
+                except (AlpacaRefusalError, NoAnswerError) as error:
                     refusal = str(error)
                 self.bridge.answered(order, refusal, time.monotonic())
 
@@ -397,10 +399,10 @@ class Gateway:
         """Read the place once, and send the status that comes of it."""
         try:
             place = await self._read_place()
-        except (Unheard, Refusal) as error:
+        except (NoAnswerError, AlpacaRefusalError) as error:
             self._silence = f"the telescope does not report where it is: {error}"
             self._try_again_s = time.monotonic() + TRY_AGAIN_S
-            if isinstance(error, Refusal) and error.number == NOT_CONNECTED:
+            if isinstance(error, AlpacaRefusalError) and error.number == NOT_CONNECTED:
                 await self._connect_again()
             return
         self._silence = None
@@ -410,10 +412,10 @@ class Gateway:
 
     async def _connect_again(self) -> None:
         """Connect to a telescope that was disconnected: who moves it must be able to stop it."""
-        with contextlib.suppress(Unheard, Refusal):
+        with contextlib.suppress(NoAnswerError, AlpacaRefusalError):
             await self.client.connect()
 
-    async def _read_place(self) -> Place:
+    async def _read_place(self) -> SkyPlace:
         if self.facts.has_device_state:
             return await self._read_state()
         member = SLOW_MEMBERS[self._turns % len(SLOW_MEMBERS)]
@@ -425,7 +427,7 @@ class Gateway:
         self.bridge.stand(self.bridge.standing.with_values(begun_s, {member: value}))
         return self._place((ra_s, ra_h), (dec_s, dec_deg), max(ra_took_s, dec_took_s))
 
-    async def _read_state(self) -> Place:
+    async def _read_state(self) -> SkyPlace:
         begun_s = time.monotonic()
         at_s, state, took_s = await self._timed("devicestate")
         values = {}
@@ -445,16 +447,16 @@ class Gateway:
     async def _slow(self, member: str) -> Any:
         try:
             return await self.client.get(member)
-        except Refusal:
+        except AlpacaRefusalError:
             return None
 
-    def _place(self, ra: tuple[float, Any], dec: tuple[float, Any], took_s: float) -> Place:
+    def _place(self, ra: tuple[float, Any], dec: tuple[float, Any], took_s: float) -> SkyPlace:
         (ra_s, ra_h), (dec_s, dec_deg) = ra, dec
         numbers = isinstance(ra_h, float | int) and isinstance(dec_deg, float | int)
         if not (numbers and 0.0 <= ra_h <= 24.0 and -90.0 <= dec_deg <= 90.0):
-            raise Unheard(f"{ra_h!r} h, {dec_deg!r}° is no direction")
+            raise NoAnswerError(f"{ra_h!r} h, {dec_deg!r}° is no direction")
         ra_utc_s, dec_utc_s = self.clock.utc_s(ra_s), self.clock.utc_s(dec_s)
-        return Place(ra_utc_s, ra_h * 15.0 % 360.0, dec_utc_s, float(dec_deg), took_s)
+        return SkyPlace(ra_utc_s, ra_h * 15.0 % 360.0, dec_utc_s, float(dec_deg), took_s)
 
 
 async def run(config: GatewayConfig, channel: Channel) -> None:
@@ -463,9 +465,9 @@ async def run(config: GatewayConfig, channel: Channel) -> None:
         try:
             await client.connect()
             facts = await client.facts()
-        except Unheard as error:
+        except NoAnswerError as error:
             raise SattrackError(f"{config.address}: {error}; {config.address.silence_advice}") from error
-        except Refusal as error:
+        except AlpacaRefusalError as error:
             raise SattrackError(f"{config.address}: {error}") from error
         objection = facts.objection(config.address.stops_only)
         if objection is not None:
@@ -483,7 +485,7 @@ def main() -> int:
     try:
         asyncio.run(run(config, channel))
     except SattrackError as error:
-        link = isinstance(error.__cause__, Unheard)
+        link = isinstance(error.__cause__, NoAnswerError)
         channel.send(msgspec.json.encode(GatewayRefusal(str(error), link)) + b"\n")
         return 1
     return 0

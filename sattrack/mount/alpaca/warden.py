@@ -17,7 +17,7 @@ import sys
 import time
 
 from sattrack.core.angles import wrap180
-from sattrack.mount.alpaca.client import PARKED, AlpacaDevice, Refusal, Unheard
+from sattrack.mount.alpaca.client import PARKED, AlpacaDevice, AlpacaRefusalError, NoAnswerError
 from sattrack.mount.link_loss import STOPS_MOVING_S, STOPS_SENT_S
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 
@@ -39,7 +39,7 @@ def stop(telescope: AlpacaDevice) -> bool | None:
             heard = True
             if all(number in (None, PARKED) for number in refusals) and rests(telescope):
                 return True
-        except (Refusal, Unheard):
+        except (AlpacaRefusalError, NoAnswerError):
             time.sleep(AGAIN_S)
     return False if heard else None
 
@@ -48,9 +48,9 @@ def _refusal(telescope: AlpacaDevice, member: str, **fields: str) -> int | None:
     """Call a member; return the number of the refusal, None where it is obeyed. Raises Unheard."""
     try:
         telescope.put(member, **fields)
-    except Refusal as refusal:
+    except AlpacaRefusalError as refusal:
         return refusal.number
-    except Unheard as error:
+    except NoAnswerError as error:
         # A server that cannot carry out one call may carry out the next.
         if error.status is None:
             raise
@@ -66,7 +66,7 @@ def rests(telescope: AlpacaDevice) -> bool:
         began_s = time.monotonic()
         place = telescope.get("rightascension"), telescope.get("declination")
         if not all(isinstance(one, float | int) for one in place):
-            raise Unheard(f"{place} is no direction")
+            raise NoAnswerError(f"{place} is no direction")
         looks.append((began_s, *place))
         time.sleep(AGAIN_S)
     (t1, ra1, dec1), (t2, ra2, dec2) = looks
@@ -79,7 +79,7 @@ def rests(telescope: AlpacaDevice) -> bool:
 def _slews(telescope: AlpacaDevice) -> bool:
     try:
         return telescope.get("slewing") is True
-    except Refusal:
+    except AlpacaRefusalError:
         return False
 
 

@@ -42,8 +42,8 @@ from sattrack.core.errors import BadInputError
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile
 from sattrack.mount.simulator.axis import Axis
 from sattrack.mount.simulator.drives import DTICS_S_PER_DEG_S, GUIDE_RATE_DTICS_S, DrivenAxis, Encoder, Mode
-from sattrack.mount.simulator.settings import SimulatorProfile
-from sattrack.mount.simulator.sky import Sky, direction, horizontal, is_beyond_pole
+from sattrack.mount.simulator.installation import SimulatorProfile
+from sattrack.mount.simulator.sky import SimulatedSky, direction, horizontal, is_beyond_pole
 
 COMMAND_HEADER = 0x5555AAAA
 STATUS_HEADER = b"XERXESxx"
@@ -211,7 +211,7 @@ class SimulatedMount:
     """Command datagrams that were no such thing."""
     _ra: DrivenAxis = field(init=False)
     _dec: DrivenAxis = field(init=False)
-    _sky: Sky = field(init=False)
+    _sky: SimulatedSky = field(init=False)
     _types: dict[str, str] = field(init=False)
     _flags: FlagWatch = field(default_factory=FlagWatch)
     _mailbox: MailboxCommand = field(default_factory=MailboxCommand)
@@ -228,7 +228,7 @@ class SimulatedMount:
         self._types = doubtful_types(profile)
         offset_s = hardware.clock_offset_s
         offset_s = (profile.clock_offset_s or 0.0) if offset_s is None else offset_s
-        self._sky = Sky(self.site.latitude_deg, self.site.longitude_deg, hardware, offset_s)
+        self._sky = SimulatedSky(self.site.latitude_deg, self.site.longitude_deg, hardware, offset_s)
         self._ra, self._dec = (
             DrivenAxis(
                 Axis(

@@ -26,9 +26,8 @@ import msgspec
 from sattrack.core.clock import Clock, SimulatedClock, SystemClock
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import MountProfile
-from sattrack.mount.simulator.installation import Faults, Installation
+from sattrack.mount.simulator.installation import Faults, Installation, SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition, Truth
-from sattrack.mount.simulator.settings import SimulatorProfile
 
 if TYPE_CHECKING:
     from collections.abc import Callable

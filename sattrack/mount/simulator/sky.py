@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from sattrack.mount.model import mean_sidereal_deg
 
 if TYPE_CHECKING:
-    from sattrack.mount.simulator.settings import SimulatorProfile
+    from sattrack.mount.simulator.installation import SimulatorProfile
 
 
 def wrapped(angle_deg: float) -> float:
@@ -95,7 +95,7 @@ def refraction_deg(apparent_altitude_deg: float) -> float:
 
 
 @dataclass(slots=True)
-class Sky:
+class SimulatedSky:
     """The mount's view of the sky at one instant; `set_clock` moves it on.
 
     The clock starts `offset_s` ahead of UTC and drifts by the hardware's `clock_drift_ppm` from then on.

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import msgspec
 
 from sattrack.core.channel import Channel, see_off, start_process
+from sattrack.core.clock import decode_utc, encode_utc
 from sattrack.core.errors import SattrackError
-from sattrack.core.utc_json import decode_utc, encode_utc
 from sattrack.mount.model import MountProfile
 from sattrack.runtime.callers import CallerLimits
 from sattrack.safety import SafetyLimits

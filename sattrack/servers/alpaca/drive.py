@@ -9,11 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sattrack.control.manual.procedures import (
+from sattrack.control.manual_operation import (
     MoveFor,
     Once,
     Outcome,
-    Refusal,
+    RequestRefused,
     outcome_of,
     procedure_for,
     refused,
@@ -45,7 +45,7 @@ from sattrack.servers.alpaca.messages import (
 )
 
 if TYPE_CHECKING:
-    from sattrack.control.manual.procedures import Desk, Procedure
+    from sattrack.control.manual_operation import Procedure, ProcedureHost
     from sattrack.mount.model import MountProfile, Status
     from sattrack.safety import SafetyLimits
     from sattrack.servers.alpaca.messages import Order
@@ -86,12 +86,14 @@ class Drive:
         """Whether an axis moves by the last command."""
         return any(self._rates.values())
 
-    def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """See Procedure."""
         (axis, rate_deg_s) = next(iter(self._rates.items()))
         return self._ask(desk, as_request(axis, rate_deg_s), now_utc_s)
 
-    def change(self, desk: Desk, axis: int, rate_deg_s: float, now_utc_s: float) -> Refusal | None:
+    def change(
+        self, desk: ProcedureHost, axis: int, rate_deg_s: float, now_utc_s: float
+    ) -> RequestRefused | None:
         """Turn an axis at another rate; what the other one does stays."""
         after = {**self._rates, axis: rate_deg_s}
         if not any(after.values()):
@@ -102,7 +104,7 @@ class Drive:
             self._rates, self._ending = after, None
         return refusal
 
-    def step(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
         """See Procedure."""
         del desk, now_utc_s
         if self._ending is not None:
@@ -112,18 +114,18 @@ class Drive:
             return None
         return outcome_of(ticket)
 
-    def _ask(self, desk: Desk, request: MoveAxis, now_utc_s: float) -> Refusal | None:
+    def _ask(self, desk: ProcedureHost, request: MoveAxis, now_utc_s: float) -> RequestRefused | None:
         asked = desk.submit(request, now_utc_s)
-        if isinstance(asked, Refusal):
+        if isinstance(asked, RequestRefused):
             return asked
         self._ticket = asked
         return None
 
-    def _end(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+    def _end(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         if self._ending is not None:
             return None
         asked = desk.submit(EndMove(), now_utc_s)
-        if isinstance(asked, Refusal):
+        if isinstance(asked, RequestRefused):
             return asked
         self._ending = asked
         return None
@@ -145,15 +147,15 @@ class AfterStop:
         """The operation under way, as text."""
         return self._then.doing if self._begun else "stopping before it slews elsewhere"
 
-    def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """See Procedure."""
         asked = desk.submit(Abort(), now_utc_s)
-        if isinstance(asked, Refusal):
+        if isinstance(asked, RequestRefused):
             return asked
         self._stop = asked
         return None
 
-    def step(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
         """See Procedure."""
         if self._begun:
             return self._then.step(desk, now_utc_s)
@@ -180,11 +182,11 @@ class SetTracking:
         self._begun_utc_s: float | None = None
         self._so_since_utc_s: float | None = None
 
-    def begin(self, desk: Desk, now_utc_s: float) -> Refusal | None:
+    def begin(self, desk: ProcedureHost, now_utc_s: float) -> RequestRefused | None:
         """See Procedure."""
         return self._first.begin(desk, now_utc_s)
 
-    def step(self, desk: Desk, now_utc_s: float) -> Outcome | None:
+    def step(self, desk: ProcedureHost, now_utc_s: float) -> Outcome | None:
         """See Procedure."""
         if self._begun_utc_s is None:
             outcome = self._first.step(desk, now_utc_s)
@@ -239,7 +241,7 @@ def procedure_of(  # noqa: PLR0911 - one for each kind of order
     raise TypeError(type(order))
 
 
-def refuse(refusal: Refusal | None) -> None:
+def refuse(refusal: RequestRefused | None) -> None:
     """Raise Fault for a refusal of the console's."""
     if refusal is not None:
         raise Fault(Number.INVALID_OPERATION, refusal.words)

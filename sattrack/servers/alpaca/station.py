@@ -8,10 +8,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sattrack.control.halt import StopProcedure
-from sattrack.control.manual.console import Console
-from sattrack.control.manual.errand import DONE
-from sattrack.control.manual.procedures import Once
+from sattrack.control.console import Console
+from sattrack.control.driver import StopProcedure
+from sattrack.control.manual_operation import DONE, Once
 from sattrack.control.tracker import FOLLOWING
 from sattrack.mount.model import Hold
 from sattrack.mount.requests import FineRate
@@ -44,7 +43,7 @@ if TYPE_CHECKING:
     import msgspec
 
     from sattrack.control.engine import Engine
-    from sattrack.control.manual.procedures import Outcome, Procedure
+    from sattrack.control.manual_operation import Outcome, Procedure
     from sattrack.mount.model import MountProfile
     from sattrack.mount.xerxes.session import Session
     from sattrack.safety import Safety, SafetyLimits

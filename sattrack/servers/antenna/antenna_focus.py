@@ -19,7 +19,7 @@ import msgspec
 
 from sattrack.core.channel import Channel, PipedProcess
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.mount.alpaca.client import NOT_IMPLEMENTED, AlpacaDevice, Refusal, Unheard
+from sattrack.mount.alpaca.client import NOT_IMPLEMENTED, AlpacaDevice, AlpacaRefusalError, NoAnswerError
 from sattrack.servers.antenna.focus import FocusNews, FocusOrder, RemoteAxis, RemoteFocuser, swept_mm
 
 if TYPE_CHECKING:
@@ -77,7 +77,7 @@ class AlpacaAxis:
     def _step_um(self) -> float:
         try:
             step_um = self._number("stepsize")
-        except Refusal as refusal:
+        except AlpacaRefusalError as refusal:
             if refusal.number != NOT_IMPLEMENTED:
                 raise
             step_um = 0.0
@@ -131,7 +131,7 @@ class AlpacaAxis:
     def _halt(self) -> None:
         try:
             self.focuser.put("halt")
-        except Refusal as refusal:
+        except AlpacaRefusalError as refusal:
             if refusal.number != NOT_IMPLEMENTED:
                 raise
             # A focuser that cannot halt is sent to where it is.
@@ -146,7 +146,7 @@ class AlpacaAxis:
     def _number(self, member: str) -> float:
         value = self.focuser.get(member)
         if not isinstance(value, float | int):
-            raise Unheard(f"its {member} is {value!r}, and no number")
+            raise NoAnswerError(f"its {member} is {value!r}, and no number")
         return value
 
     def _to_mm(self, step: int) -> float:
@@ -176,7 +176,7 @@ class FocuserDriver:
             return
         try:
             self._drive(now_s)
-        except (FocuserError, Refusal, Unheard) as error:
+        except (FocuserError, AlpacaRefusalError, NoAnswerError) as error:
             self._fail(str(error).splitlines()[0][:200], now_s)
 
     def _drive(self, now_s: float) -> None:
@@ -225,7 +225,7 @@ def main(config: FocuserConfig) -> int:
         worker.turn(channel.messages(decoder), time.monotonic())
         due_s = max(due_s + TURN_S, time.monotonic())
     if worker.axis is not None:
-        with contextlib.suppress(Refusal, Unheard):
+        with contextlib.suppress(AlpacaRefusalError, NoAnswerError):
             worker.axis.halt()
     return 0
 

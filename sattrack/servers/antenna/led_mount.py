@@ -9,24 +9,26 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Protocol
 
-from sattrack.control.halt import Driver, StopProcedure
-from sattrack.mount.model import Hold, Motion, Stop
+from sattrack.control.driver import Driver, StopProcedure
+from sattrack.control.following import Follower, TargetSpan
+from sattrack.mount.model import Hold, Motion, MoveAxes, Stop
 from sattrack.safety import Safety
 from sattrack.servers.antenna.equipment import Feedback, Sensors
-from sattrack.servers.antenna.follower import Follower
 from sattrack.servers.antenna.sky import AxisKind, AzEl, HaDec, Sky
 from sattrack.servers.antenna.trajectory import AxisRange, AxisState, Path, to_ns
 
 if TYPE_CHECKING:
+    from sattrack.control.following import Pair
     from sattrack.mount.model import MountProfile, StatusSample
     from sattrack.safety import SafetyLimits
-    from sattrack.servers.antenna.follower import Wanted
 
 ON_TRAJECTORY_DEG = 10.0 / 3600.0
 SAMPLES_ON_TRAJECTORY = 4
 DEC_LIMIT_DEG = 89.9
 """No command tells a Xerxes mount to go past the pole, and at the pole its right ascension jumps."""
 RATE_STEP_S = 0.05
+OLDEST_S = 0.3
+"""A sample older than this does not tell where the axes are now."""
 AMPERES = 0.01
 """A unit of the currents that the mount tells."""
 
@@ -58,7 +60,9 @@ class PathTarget(Protocol):
 class PathDriver(Driver, Feedback):  # type: ignore[override]
     """One mount that follows the paths of a target, until `end` is called and the mount is seen at rest.
 
-    `kind` says what the target's positions are.
+    `kind` says what the target's positions are; the follower gets hour angle and declination. Reported right
+    ascension does not tell the turn of the hour angle axis: turns are counted from the first sample on, which
+    is taken to be within half a turn.
     """
 
     def __init__(
@@ -66,7 +70,8 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
     ) -> None:
         self._sky, self._limits = sky, limits
         super().__init__(profile, self._make_safety(profile))
-        self.follower = Follower(profile, sky)
+        self._follower = self._make_follower()
+        self._ha_deg = 0.0
         self._target = target
         self._kind = kind
         self._hour_angles = axis_range(profile, "hadec")
@@ -74,7 +79,7 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
         self._near = 0
         self._beyond = False
         self._wanted_ha_deg: float | None = None
-        self._last_wanted: Wanted = (0.0, 0.0)
+        self._last_wanted: Pair = (0.0, 0.0)
         self._path: Path | None = None
         self.clock_ahead_s = 0.0
         """By how much the antenna's clock was set ahead of the computer's."""
@@ -82,6 +87,9 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
     def _make_safety(self, profile: MountProfile) -> Safety:
         site = self._sky.site
         return Safety(profile, self._limits, site.latitude_deg, site.longitude_deg, holds=True)
+
+    def _make_follower(self) -> Follower:
+        return Follower(self.profile, self._sky.site.longitude_deg)
 
     # What the target reads of the axes.
 
@@ -116,20 +124,13 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
     def actual(self, utc_ns: int) -> AxisState | None:
         """Return where the axes are, as positions of the antenna's kind."""
         utc_s = utc_ns / 1e9
-        stand = self.follower.stand(utc_s)
-        if stand is None:
-            return None
-        if self._kind == "hadec":
-            return AxisState(*stand)
-        sky = self._sky
-        here = sky.horizontal(HaDec(stand.ha_deg, stand.dec_deg), utc_s)
-        later = sky.horizontal(
-            HaDec(
-                stand.ha_deg + stand.ha_rate_deg_s * RATE_STEP_S,
-                stand.dec_deg + stand.dec_rate_deg_s * RATE_STEP_S,
-            ),
-            utc_s,
-        )
+        axes = self._axes_at(utc_s)
+        if axes is None or self._kind == "hadec":
+            return axes
+        ha_deg, dec_deg, ha_rate, dec_rate = axes
+        here = self._sky.horizontal(HaDec(ha_deg, dec_deg), utc_s)
+        moved = HaDec(ha_deg + ha_rate * RATE_STEP_S, dec_deg + dec_rate * RATE_STEP_S)
+        later = self._sky.horizontal(moved, utc_s)
         turning = math.remainder(later.az_deg - here.az_deg, 360.0) / RATE_STEP_S
         return AxisState(here.az_deg, here.el_deg, turning, (later.el_deg - here.el_deg) / RATE_STEP_S)
 
@@ -139,7 +140,7 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
         """Take one datagram from the mount; return its sample, None where it was refused."""
         sample = super().receive(data, arrival_utc_s + self.clock_ahead_s)
         if sample is not None:
-            self._judge(self.follower.take(sample))
+            self._judge(self._take(sample))
         return sample
 
     def tick(self, now_utc_s: float) -> bytes:
@@ -150,12 +151,12 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
         self.session.apply(self.clear(self._motion(now_utc_s), now_utc_s))
         datagram = self.compose(now_utc_s)
         if self.sent_motion is not None:
-            self.follower.note_sent(self.sent_motion, now_utc_s)
+            self._follower.note_sent(self.sent_motion, now_utc_s)
         return datagram
 
     def send_shift_s(self, now_utc_s: float) -> float:
         """Return the delay of the next `tick` beyond one period, seconds of UTC."""
-        return self.follower.send_shift_s(now_utc_s + self.clock_ahead_s)
+        return self._follower.send_shift_s(now_utc_s + self.clock_ahead_s)
 
     def end(self, now_utc_s: float) -> None:
         """Bring the mount to rest, and be finished when it is seen there."""
@@ -170,13 +171,59 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
             return Stop() if self._moved else Hold()
         if path is not self._path:
             self._path, self._wanted_ha_deg = path, None
-        motion = self.follower.follow(now_utc_s, self._wanted)
+        motion = self._follower.follow(now_utc_s, self)
         if motion is None:
             return Hold()
         self._moved = True
         return motion
 
-    def _wanted(self, utc_s: float) -> Wanted:
+    @property
+    def _following(self) -> bool:
+        """Whether the mount moves by rates that were sent."""
+        return isinstance(self.in_force, MoveAxes)
+
+    def _take(self, sample: StatusSample) -> float:
+        """Take in one sample; return its instant."""
+        utc_s = self._follower.date(sample)
+        self._follower.take(sample, utc_s, self._following)
+        axes = self._follower.axes
+        if axes is not None:
+            self._ha_deg = self._turned(self._sky.sidereal_deg(axes.sample_utc_s) - axes.ra.position_deg)
+        return utc_s
+
+    def _axes_at(self, utc_s: float) -> AxisState | None:
+        """Return hour angle, with its turn, and declination near the last sample, with their rates.
+
+        That sample is one period of the mount's loop and its delay old at most while the link is up. None
+        where it is older.
+        """
+        axes = self._follower.axes
+        seen = self._follower.axes_at(utc_s, self._following)
+        if axes is None or seen is None or abs(utc_s - axes.sample_utc_s) > OLDEST_S:
+            return None
+        (ra, dec), (ra_rate, dec_rate) = seen
+        ha = self._turned(self._sky.sidereal_deg(utc_s) - ra)
+        return AxisState(ha, dec, self._sky.sidereal_rate_deg_s(utc_s) - ra_rate, dec_rate)
+
+    def span(self, begin_utc_s: float, interval_s: float, bound_deg: Pair) -> TargetSpan:
+        """Return the path over an interval, in right ascension against the sidereal time of its begin."""
+        begin, middle, end = (self._wanted(begin_utc_s + share * interval_s) for share in (0.0, 0.5, 1.0))
+        bend = [4.0 * (a - 2.0 * b + c) / interval_s**2 for a, b, c in zip(begin, middle, end, strict=True)]
+        turn_deg = self._sky.sidereal_rate_deg_s(begin_utc_s) * interval_s
+        # Right ascension runs against the hour angle, which knows the turn.
+        bound_ha = self._turned(self._sky.sidereal_deg(begin_utc_s) - bound_deg[0])
+        return TargetSpan(
+            (-begin[0], begin[1]),
+            (turn_deg - (end[0] - begin[0]), end[1] - begin[1]),
+            (-bend[0], bend[1]),
+            (-bound_ha, bound_deg[1]),
+        )
+
+    def _turned(self, ha_deg: float) -> float:
+        """Return an hour angle on the turn that the axis is on."""
+        return self._ha_deg + math.remainder(ha_deg - self._ha_deg, 360.0)
+
+    def _wanted(self, utc_s: float) -> Pair:
         """Return hour angle and declination of the trajectory at an instant, as near as the axes can turn."""
         state = self._target.commanded(to_ns(utc_s))
         if state is None:
@@ -187,8 +234,8 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
             place = self._sky.equatorial(AzEl(ha_deg, dec_deg), utc_s)
             near_deg = self._wanted_ha_deg
             if near_deg is None:
-                stand = self.follower.stand(utc_s)
-                near_deg = 0.0 if stand is None else stand.ha_deg
+                axes_now = self._axes_at(utc_s)
+                near_deg = 0.0 if axes_now is None else axes_now.first_deg
             ha_deg = place.ha_deg + 360.0 * self._hour_angles.shortest_turns(place.ha_deg, near_deg)
             dec_deg, self._wanted_ha_deg = place.dec_deg, ha_deg
         axes = self._hour_angles
@@ -202,13 +249,13 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
 
     def _judge(self, utc_s: float) -> None:
         """See whether the axes are on the trajectory."""
-        stand = self.follower.stand(utc_s)
-        if stand is None or self._target.path is None:
+        axes = self._axes_at(utc_s)
+        if axes is None or self._target.path is None:
             self._near = 0
             return
         ha_deg, dec_deg = self._wanted(utc_s)
         off_deg = math.hypot(
-            (stand.ha_deg - ha_deg) * math.cos(math.radians(dec_deg)), stand.dec_deg - dec_deg
+            (axes.first_deg - ha_deg) * math.cos(math.radians(dec_deg)), axes.second_deg - dec_deg
         )
         near = off_deg <= ON_TRAJECTORY_DEG and not self._beyond
         self._near = self._near + 1 if near else 0

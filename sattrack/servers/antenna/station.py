@@ -8,7 +8,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from sattrack.servers.antenna.controller import Controller
-from sattrack.servers.antenna.follower import Follower
 from sattrack.servers.antenna.led_mount import DEC_LIMIT_DEG, PathDriver, axis_range
 from sattrack.servers.antenna.trajectory import to_ns
 
@@ -39,8 +38,7 @@ class Station(PathDriver):
     def _set_clock(self, step_s: float) -> None:
         """Begin anew with what depends on the clock; how far the cables are wound is kept."""
         self.clock_ahead_s += step_s
-        former, self.follower = self.follower, Follower(self.profile, self.antenna.sky)
-        self.follower.follow_on(former)
+        self._follower = self._make_follower()
         if self.safety.tripped is None:
             before, self.safety = self.safety, self._make_safety(self.profile)
             self.safety.follow_on(before)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sattrack.calibration.guard import Kind
+from sattrack.calibration.guard import EndKind
 from sattrack.calibration.plan import Leg, Plan
 from sattrack.cli.mount_calibrate import command
 from sattrack.core.clock import SystemClock
@@ -110,7 +110,7 @@ def test_a_signal_during_a_motion_stops_the_mount_and_is_told_so() -> None:
         practice.close()
     ending = calibrator.ending
     assert ending is not None
-    assert (ending.kind, ending.at_rest) == (Kind.OPERATOR, True)
+    assert (ending.kind, ending.at_rest) == (EndKind.OPERATOR, True)
     error = ending_error(ending)
     assert isinstance(error, InterruptedRunError)
     assert str(error) == "interrupted; the mount was stopped and seen at rest"
@@ -134,7 +134,7 @@ def test_what_breaks_while_showing_stops_the_mount_before_it_is_raised() -> None
         practice.close()
     ending = calibrator.ending
     assert ending is not None
-    assert (ending.kind, ending.words, ending.at_rest) == (Kind.DOUBT, "the screen is gone", True)
+    assert (ending.kind, ending.words, ending.at_rest) == (EndKind.DOUBT, "the screen is gone", True)
     assert phases[-1] == "stopping the mount"
 
 
@@ -163,7 +163,7 @@ def test_any_key_stops_the_mount_and_the_terminal_is_as_it_was(
         practice.close()
         os.close(master)
     assert ending is not None
-    assert (ending.kind, ending.words, ending.at_rest) == (Kind.OPERATOR, "stopped by a key", True)
+    assert (ending.kind, ending.words, ending.at_rest) == (EndKind.OPERATOR, "stopped by a key", True)
 
 
 def start_profile() -> object:

@@ -12,17 +12,17 @@ import pytest
 from sattrack.calibration.clocks import Bracket, RoundTripEstimate, clock_line, contradiction, status_period
 from sattrack.calibration.motion import AxisResponse, Plateau, Stretch, axis_response, lag, steady_part
 from sattrack.calibration.servo import Transient, braking
-from sattrack.calibration.statuses import Heard, StatusLog, TurnForecast
+from sattrack.calibration.statuses import HeardStatus, StatusLog, TurnForecast
 from sattrack.mount.model import Status
 
 SIDEREAL_DEG_S = 360.0 / 86164.0905
 
 
-def heard(counter: int, mount_s: float, arrival_utc_s: float) -> Heard:
-    return Heard(counter, arrival_utc_s, mount_s, 0.0, 0.0, Status())
+def heard(counter: int, mount_s: float, arrival_utc_s: float) -> HeardStatus:
+    return HeardStatus(counter, arrival_utc_s, mount_s, 0.0, 0.0, Status())
 
 
-def arrivals(slope: float, jitter_s: float, rng: np.random.Generator, count: int = 1600) -> list[Heard]:
+def arrivals(slope: float, jitter_s: float, rng: np.random.Generator, count: int = 1600) -> list[HeardStatus]:
     return [
         heard(n, 0.05 * n, 1e9 + 0.05 * n * (1.0 + slope) + 0.03 + float(rng.exponential(jitter_s)))
         for n in range(count)

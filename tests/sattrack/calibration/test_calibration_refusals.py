@@ -14,7 +14,7 @@ from calibration_builders import BEGIN, CLEAR, SHORT, run
 from ramp_mount import RampMount
 
 from sattrack.calibration.findings import slewing_field
-from sattrack.calibration.guard import CalibrationEndedError, Guard, Kind
+from sattrack.calibration.guard import CalibrationEndedError, CalibrationGuard, EndKind
 from sattrack.core.angles import separation_deg
 from sattrack.mount.xerxes.datagrams import Command
 
@@ -46,24 +46,29 @@ class TestItDoesNotBegin:
     @pytest.mark.parametrize(
         ("mount", "around", "kind", "words"),
         [
-            (RampMount(declination=-15.0), CLEAR, Kind.LIMIT, "altitude falls to"),
-            (RampMount(), replace(CLEAR, floor_altitude_deg=75.0), Kind.LIMIT, "at least 75° is needed"),
-            (RampMount(declination=86.0), CLEAR, Kind.LIMIT, "too near the pole"),
-            (RampMount(), replace(CLEAR, hour_angle_limit_deg=22.0), Kind.LIMIT, "limit of 22°"),
+            (RampMount(declination=-15.0), CLEAR, EndKind.LIMIT, "altitude falls to"),
+            (
+                RampMount(),
+                replace(CLEAR, floor_altitude_deg=75.0),
+                EndKind.LIMIT,
+                "at least 75° is needed",
+            ),
+            (RampMount(declination=86.0), CLEAR, EndKind.LIMIT, "too near the pole"),
+            (RampMount(), replace(CLEAR, hour_angle_limit_deg=22.0), EndKind.LIMIT, "limit of 22°"),
             (
                 RampMount(),
                 replace(CLEAR, sun_hour_angle_deg=-3.0, sun_dec_deg=20.0),
-                Kind.LIMIT,
+                EndKind.LIMIT,
                 "slew away from the Sun",
             ),
-            (Slewing(slewing=True), CLEAR, Kind.REFUSED, "it is slewing"),
-            (RampMount(parked=True), CLEAR, Kind.REFUSED, "it is parked"),
-            (RampMount(clock_ahead=4000.0), CLEAR, Kind.REFUSED, "4000 s from that of the site"),
-            (RampMount(longitude_told=5.5), CLEAR, Kind.REFUSED, "believes it stands at 52.00, 5.50"),
+            (Slewing(slewing=True), CLEAR, EndKind.REFUSED, "it is slewing"),
+            (RampMount(parked=True), CLEAR, EndKind.REFUSED, "it is parked"),
+            (RampMount(clock_ahead=4000.0), CLEAR, EndKind.REFUSED, "4000 s from that of the site"),
+            (RampMount(longitude_told=5.5), CLEAR, EndKind.REFUSED, "believes it stands at 52.00, 5.50"),
         ],
     )
     def test_and_says_why_and_sends_no_flag(
-        self, mount: RampMount, around: Any, kind: Kind, words: str
+        self, mount: RampMount, around: Any, kind: EndKind, words: str
     ) -> None:
         mount = replace(mount)
         done = run(mount, around=around, plan=SHORT)
@@ -77,7 +82,7 @@ class TestItDoesNotBegin:
     def test_without_a_status(self) -> None:
         ending = ended(RampMount(), cut=(0.0, math.inf)).ending
         assert ending is not None
-        assert ending.kind is Kind.LINK
+        assert ending.kind is EndKind.LINK
         assert "no status from the mount" in ending.words
 
     def test_while_the_mount_moves_by_itself(self) -> None:
@@ -98,7 +103,7 @@ class TestItDoesNotBegin:
         mount.mailbox = bytes(mailbox)
         ending = ended(mount).ending
         assert ending is not None
-        assert ending.kind is Kind.REFUSED
+        assert ending.kind is EndKind.REFUSED
         assert "another program" in ending.words
 
 
@@ -119,7 +124,7 @@ class TestItStops:
         done = run(mount, Network(0.03, 0.02), plan=SHORT, watch=press)
         ending = done.calibrator.ending
         assert ending is not None
-        assert (ending.kind, ending.words) == (Kind.OPERATOR, "stopped by a key")
+        assert (ending.kind, ending.words) == (EndKind.OPERATOR, "stopped by a key")
         since = [data for at, data in done.run.commands if at >= BEGIN + after_s]
         if after_s < 2.0:
             assert ending.at_rest is None
@@ -138,14 +143,14 @@ class TestItStops:
         done = run(mount, plan=SHORT, cut=(8.0, 9e9))
         ending = done.calibrator.ending
         assert ending is not None
-        assert (ending.kind, ending.at_rest) == (Kind.LINK, False)
+        assert (ending.kind, ending.at_rest) == (EndKind.LINK, False)
         assert "fell silent" in ending.words
         self.check_rest(mount, done.run.now_utc_s)
 
     def test_and_sees_the_rest_where_the_statuses_come_back(self) -> None:
         ending = ended(RampMount(), cut=(8.0, 10.0)).ending
         assert ending is not None
-        assert (ending.kind, ending.at_rest) == (Kind.LINK, True)
+        assert (ending.kind, ending.at_rest) == (EndKind.LINK, True)
 
     @pytest.mark.parametrize(
         ("mount", "words"),
@@ -162,7 +167,7 @@ class TestItStops:
         done = run(mount, plan=SHORT)
         ending = done.calibrator.ending
         assert ending is not None
-        assert ending.kind is Kind.DOUBT
+        assert ending.kind is EndKind.DOUBT
         assert words in ending.words
         if not mount.deaf:
             assert ending.at_rest
@@ -177,7 +182,7 @@ class TestItStops:
         done = run(Runaway(), plan=replace(SHORT, legs=(replace(SHORT.legs[0], seconds=4.0), SHORT.legs[1])))
         ending = done.calibrator.ending
         assert ending is not None
-        assert ending.kind is Kind.LIMIT
+        assert ending.kind is EndKind.LIMIT
         assert "declination axis came 3" in ending.words
         assert ending.at_rest
 
@@ -228,7 +233,7 @@ class TestItStops:
         done = run(Shared(), plan=SHORT)
         ending = done.calibrator.ending
         assert ending is not None
-        assert ending.kind is Kind.DOUBT
+        assert ending.kind is EndKind.DOUBT
         assert "another program commands it" in ending.words
 
     def test_where_a_status_says_that_the_mount_slews_for_another(self) -> None:
@@ -295,10 +300,10 @@ class TestTheGuardLetsOut:
     )
     def test_nothing_but_aborts_and_bounded_motions(self, command: Command) -> None:
         with pytest.raises(CalibrationEndedError, match="a defect"):
-            Guard(CLEAR, 1.0).clear(command)
+            CalibrationGuard(CLEAR, 1.0).clear(command)
 
     def test_an_abort_as_the_paper_packs_it(self) -> None:
-        data = Guard(CLEAR, 1.0).clear(Command(counter=7, abort=True))
+        data = CalibrationGuard(CLEAR, 1.0).clear(Command(counter=7, abort=True))
         assert data[:16] == bytes.fromhex("aaaa5555000000000700000000000000")
         assert flags(data) == {ABORT}
 
@@ -324,11 +329,11 @@ def test_a_mount_at_rest_from_the_start_is_calibrated_as_well() -> None:
     mount = Resting()
     ending = ended(mount).ending
     assert ending is not None
-    assert ending.kind is Kind.DONE
+    assert ending.kind is EndKind.DONE
 
 
 def test_a_mount_at_rest_whose_slewing_is_always_up_is_calibrated_as_well() -> None:
     done = run(RampMount(slewing=True), plan=SHORT)
     assert done.calibrator.ending is not None
-    assert done.calibrator.ending.kind is Kind.DONE
+    assert done.calibrator.ending.kind is EndKind.DONE
     assert slewing_field(done.calibrator.seen) == "meaningless"

@@ -11,7 +11,7 @@ from calibration_builders import BEGIN, run
 from ramp_mount import RampMount
 
 from sattrack.calibration.findings import ClockTruth, conclude
-from sattrack.calibration.guard import Kind
+from sattrack.calibration.guard import EndKind
 from sattrack.calibration.profile import found_rows
 
 
@@ -52,7 +52,7 @@ def test_a_drawn_mount_is_found_out_as_it_is(seed: int) -> None:
     mount, network, timer = drawn(seed)
     ended = run(mount, network, timer, seed=seed)
     assert ended.calibrator.ending is not None
-    assert ended.calibrator.ending.kind is Kind.DONE
+    assert ended.calibrator.ending.kind is EndKind.DONE
     assert ended.calibrator.ending.at_rest
     found = conclude(ended.calibrator.seen, mount.longitude)
     assert (found.ra.sign, found.dec.sign) == (mount.ra_sign, mount.dec_sign)

@@ -16,7 +16,7 @@ from programs import SITE, ended, free_port, sattrack, simulated_mount
 
 from sattrack.cli.main import run
 from sattrack.cli.mount_common import failure
-from sattrack.control.manual.procedures import Outcome, Refusal
+from sattrack.control.manual_operation import Outcome, RequestRefused
 from sattrack.core.errors import BadInputError
 from sattrack.mount.requests import TicketState
 from sattrack.mount.xerxes import client
@@ -228,8 +228,8 @@ def test_what_comes_in_place_of_a_status_is_counted(capsys: pytest.CaptureFixtur
 SENT = Outcome(TicketState.COMPLETE, True)
 UNSURE = Outcome(TicketState.UNCONFIRMED, False, "no acknowledgement")
 LATE = Outcome(TicketState.TIMED_OUT, False, "the mount did not acknowledge it")
-LOW = Outcome(TicketState.FAILED, False, "too low", Refusal("too low", by_safety=True))
-BUSY = Outcome(TicketState.FAILED, False, "it slews", Refusal("it slews"))
+LOW = Outcome(TicketState.FAILED, False, "too low", RequestRefused("too low", by_safety=True))
+BUSY = Outcome(TicketState.FAILED, False, "it slews", RequestRefused("it slews"))
 AT_REST, UNSEEN = "; the mount was stopped and seen at rest", "; THE MOUNT DID NOT CONFIRM THE STOP"
 NOTHING = "; nothing was asked of the mount"
 

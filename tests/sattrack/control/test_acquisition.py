@@ -8,8 +8,7 @@ import pytest
 from scipy.optimize import linprog
 
 from sattrack.control.approach import chase_time_s, plan_intercept
-from sattrack.control.feeder import correction_deg_s
-from sattrack.control.law import FeederLaw
+from sattrack.control.following import FeederLaw, correction_deg_s
 from sattrack.mount.model import AxisLimits, MountProfile
 
 AXIS = AxisLimits(max_rate_deg_s=6.0, max_acceleration_deg_s2=10.0, slew_rate_deg_s=6.0)

@@ -6,8 +6,7 @@ import random
 
 import pytest
 
-from sattrack.control.axes import OUTLIERS_BELIEVED, Axes
-from sattrack.control.history import CommandHistory, MountLoop, SentRates
+from sattrack.control.axes import OUTLIERS_BELIEVED, Axes, CommandHistory, MountLoop, SentRates
 from sattrack.mount.model import MountProfile, StatusSample
 
 PERIOD_S = 0.05

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sattrack.control.estimate import BiasFilter
+from sattrack.control.steering import BiasFilter
 
 
 def test_what_lies_beyond_the_gate_changes_nothing_but_the_count() -> None:

@@ -8,9 +8,15 @@ import erfa
 import numpy as np
 import pytest
 
-from sattrack.control import orders
-from sattrack.control.biases import Biases
-from sattrack.control.pattern import spiral
+from sattrack.control.biases import (
+    Biases,
+    begin_search,
+    change_offset,
+    clear_biases,
+    end_reached,
+    follow_estimate,
+)
+from sattrack.control.offset import spiral
 from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.runtime import practice
 from sattrack.views.messages import OffsetBy, Search
@@ -38,7 +44,7 @@ def unit(direction: object) -> np.ndarray:
 
 
 def offset(biases: Biases, what: str, value: float, at_s: float = CULMINATION_S) -> None:
-    assert orders.offset(biases, OffsetBy(what, "add", value), at_s) is None
+    assert change_offset(biases, OffsetBy(what, "add", value), at_s) is None
 
 
 @pytest.mark.parametrize(
@@ -96,8 +102,8 @@ def all_at_once(biases: Biases) -> None:
     }
     for what, value in biases_of.items():
         offset(biases, what, value, begins_s)
-    assert orders.offset(biases, OffsetBy("along_s", "rate", 0.01), begins_s + 0.5) is None
-    orders.follow_estimate(biases, 0.3, 0.2, False, begins_s + 1.0)
+    assert change_offset(biases, OffsetBy("along_s", "rate", 0.01), begins_s + 0.5) is None
+    follow_estimate(biases, 0.3, 0.2, False, begins_s + 1.0)
 
 
 @pytest.mark.parametrize("late_s", [0.2, 0.8, 1.7, 5.0, 20.0, 21.3])
@@ -107,7 +113,7 @@ def all_at_once(biases: Biases) -> None:
 def test_rates_are_derivatives_of_the_positions(biases: Biases, late_s: float, search: Search | None) -> None:
     all_at_once(biases)
     if search is not None:
-        assert orders.search(biases, search, CULMINATION_S - 19.9) is None
+        assert begin_search(biases, search, CULMINATION_S - 19.9) is None
     t, step_s = CULMINATION_S - 20.0 + late_s, 2e-3
     after_s, before_s = t + step_s, t - step_s
     here, later, sooner = (biases.at(at_s) for at_s in (t, after_s, before_s))
@@ -130,12 +136,12 @@ def rates(biases: Biases, times: np.ndarray) -> np.ndarray:
 def test_a_search_ends_where_it_is_or_in_its_centre_without_a_step(
     biases: Biases, propagator: Propagator, search: Search, how: str
 ) -> None:
-    assert orders.search(biases, search, CULMINATION_S) is None
+    assert begin_search(biases, search, CULMINATION_S) is None
     stopped_s = CULMINATION_S + 13.0
     there = unit(biases.at(stopped_s))
     away = math.degrees(erfa.sepp(there, unit(propagator.at(Utc(stopped_s)))))
     assert away > 0.1
-    assert orders.search(biases, Search(how), stopped_s) is None
+    assert begin_search(biases, Search(how), stopped_s) is None
     times = np.arange(stopped_s - 1.0, stopped_s + 9.0, 1e-2)
     jumps = np.abs(np.diff(rates(biases, times), axis=0)) / 1e-2
     assert jumps.max() < 0.5 * MountProfile().ra.max_acceleration_deg_s2
@@ -147,14 +153,14 @@ def test_a_search_ends_where_it_is_or_in_its_centre_without_a_step(
         kept = Bias(along.value, cross.value)
         gap = erfa.sepp(unit(propagator.at(Utc(stopped_s), kept)), there)
         assert math.degrees(gap) < 0.25
-    assert orders.search(biases, Search(how), stopped_s + 9.0) == "no search is running"
+    assert begin_search(biases, Search(how), stopped_s + 9.0) == "no search is running"
 
 
 @pytest.mark.parametrize("begins_s", [CULMINATION_S - 150.0, CULMINATION_S - 20.0])
 def test_a_spiral_keeps_its_shape_on_the_sky_while_the_pace_changes(
     biases: Biases, propagator: Propagator, begins_s: float
 ) -> None:
-    assert orders.search(biases, Search("spiral", 0.2, 0.1), begins_s) is None
+    assert begin_search(biases, Search("spiral", 0.2, 0.1), begins_s) is None
     for elapsed_s in (5.0, 20.0, 60.0):
         point = spiral(elapsed_s, 0.2, 0.1)
         t = begins_s + elapsed_s
@@ -163,8 +169,8 @@ def test_a_spiral_keeps_its_shape_on_the_sky_while_the_pace_changes(
 
 
 def test_a_spiral_that_finds_nothing_goes_back(biases: Biases) -> None:
-    assert orders.search(biases, Search("spiral", 1.0, 0.5), CULMINATION_S - 100.0) is None
-    told = [orders.watch(biases, CULMINATION_S - 100.0 + s) for s in range(200)]
+    assert begin_search(biases, Search("spiral", 1.0, 0.5), CULMINATION_S - 100.0) is None
+    told = [end_reached(biases, CULMINATION_S - 100.0 + s) for s in range(200)]
     words = [w for w in told if w is not None]
     assert len(words) == 1
     assert "found nothing within 5.0°" in words[0]
@@ -172,8 +178,8 @@ def test_a_spiral_that_finds_nothing_goes_back(biases: Biases) -> None:
 
 
 def test_a_rate_is_stopped_where_an_offset_ends(biases: Biases) -> None:
-    assert orders.offset(biases, OffsetBy("dec_deg", "rate", 0.2), CULMINATION_S) is None
-    told = [orders.watch(biases, CULMINATION_S + s) for s in range(60)]
+    assert change_offset(biases, OffsetBy("dec_deg", "rate", 0.2), CULMINATION_S) is None
+    told = [end_reached(biases, CULMINATION_S + s) for s in range(60)]
     assert [w for w in told if w] == ["dec_deg went as far as it may, 5, and was stopped"]
     assert biases.offsets["dec_deg"].state(CULMINATION_S + 90.0).value == pytest.approx(5.1, abs=0.3)
 
@@ -205,16 +211,16 @@ def test_what_goes_too_far_is_refused_in_words_and_changes_nothing(
     biases: Biases, order: OffsetBy | Search, words: str
 ) -> None:
     before = unit(biases.at(CULMINATION_S + 20.0))
-    obey = orders.offset if isinstance(order, OffsetBy) else orders.search
+    obey = change_offset if isinstance(order, OffsetBy) else begin_search
     assert obey(biases, order, CULMINATION_S) == words  # type: ignore[arg-type]
     assert (unit(biases.at(CULMINATION_S + 20.0)) == before).all()
 
 
 def test_clearing_takes_everything_away_without_a_step(biases: Biases, propagator: Propagator) -> None:
     all_at_once(biases)
-    assert orders.search(biases, Search("spiral", 0.2, 0.1), CULMINATION_S - 15.0) is None
+    assert begin_search(biases, Search("spiral", 0.2, 0.1), CULMINATION_S - 15.0) is None
     begins_s = CULMINATION_S + 1.0
-    orders.clear(biases, begins_s)
+    clear_biases(biases, begins_s)
     times = np.arange(begins_s - 0.5, begins_s + 12.0, 1e-2)
     jumps = np.abs(np.diff(rates(biases, times), axis=0)) / 1e-2
     assert jumps.max() < 2.0 * MountProfile().ra.max_acceleration_deg_s2

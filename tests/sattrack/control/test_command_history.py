@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sattrack.control.history import SOONEST_S, CommandHistory, MountLoop, SentRates
+from sattrack.control.axes import SOONEST_S, CommandHistory, MountLoop, SentRates
 
 
 def history(*sent: tuple[float, float], delay_s: float = 0.010) -> CommandHistory:

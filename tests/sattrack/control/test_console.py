@@ -11,11 +11,8 @@ import pytest
 from console_builders import PERIOD_S, PROFILE, SITE, T0, Bench
 from msgspec.structs import replace
 
-from sattrack.control.manual.console import Console
-from sattrack.control.manual.errand import Look, ManualOperation
-from sattrack.control.manual.procedures import MoveFor, Refusal, procedure_for
-from sattrack.control.manual.report import view_of
-from sattrack.control.manual.sitting import NOT_ALONE, ConsoleSession
+from sattrack.control.console import NOT_ALONE, Console, ConsoleSession, view_of
+from sattrack.control.manual_operation import Look, ManualOperation, MoveFor, RequestRefused, procedure_for
 from sattrack.control.rest import FIRST_JOG_S, NEXT_JOG_S
 from sattrack.mount.model import MountProfile, Slew, Status
 from sattrack.mount.requests import (
@@ -29,8 +26,8 @@ from sattrack.mount.requests import (
     Sync,
     TicketState,
 )
+from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import StartPosition
-from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.mount.xerxes.datagrams import STATUS_FIELDS, Command, encode_command, encode_status
 from sattrack.safety import SafetyLimits
 from sattrack.settings import NO_SITE
@@ -224,7 +221,7 @@ class TestWhatIsRefusedBeforeAnythingIsSent:
         bench = Bench()
         operation = bench.carry_out(plain(Slew(sky(bench, 180.0), 0.0)))
         assert operation.outcome is not None
-        assert operation.outcome.refusal == Refusal(
+        assert operation.outcome.refusal == RequestRefused(
             "that direction is at -38.0° altitude; the limit is 0°", by_safety=True
         )
         assert bench.flags() == []
@@ -252,7 +249,7 @@ class TestWhatIsRefusedBeforeAnythingIsSent:
         bench.until(lambda: bench.console.status is not None and bench.console.status.slewing)
         bench.console.procedure = None
         refusal = bench.console.request(Sync(sky(bench, 0.0), 50.0), bench.now_s)
-        assert refusal == Refusal(
+        assert refusal == RequestRefused(
             "the mount moves: sync once it stands, or what it reports would be wrong for good"
         )
 
@@ -485,13 +482,13 @@ class TestJogs:
         bench = self.bench()
         bench.console.request(Slew(sky(bench, 30.0), 60.0), bench.now_s)
         bench.turn()
-        assert bench.console.jog(0.5, None, bench.now_s) == Refusal(
+        assert bench.console.jog(0.5, None, bench.now_s) == RequestRefused(
             "something is under way: SPACE stops it, then jog"
         )
         bench = self.bench()
         bench.cut = True
         bench.run(0.5)
-        assert bench.console.jog(0.5, None, bench.now_s) == Refusal(
+        assert bench.console.jog(0.5, None, bench.now_s) == RequestRefused(
             "the mount is not heard: nothing is moved blindly"
         )
 
@@ -531,7 +528,7 @@ class TestJogs:
             if bench.console.safety.tripped is not None:
                 break
             bench.turn()
-        assert bench.console.reset() == Refusal("the mount is not at rest yet")
+        assert bench.console.reset() == RequestRefused("the mount is not at rest yet")
 
 
 class TestASitting:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from margins import Loop
 
-from sattrack.control.feeder import settling_s
+from sattrack.control.following import settling_s
 
 
 @pytest.mark.parametrize(("interval_s", "dead_time_s", "lag_s"), [(0.05, 0.0, 0.0), (0.2, 0.35, 0.08)])

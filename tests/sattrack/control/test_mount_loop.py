@@ -7,7 +7,7 @@ import random
 
 import pytest
 
-from sattrack.control.history import MountLoop
+from sattrack.control.axes import MountLoop
 
 GRAIN_S = 1.0 / 64.0
 

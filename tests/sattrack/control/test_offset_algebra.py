@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sattrack.control.offset import SHORTEST_S, Bounds, Offset
+from sattrack.control.offset import SHORTEST_S, ChangeLimits, Offset
 
-WIDE = Bounds(100.0, 100.0)
+WIDE = ChangeLimits(100.0, 100.0)
 
 
 def test_an_added_half_second_is_there_in_full_within_two() -> None:
@@ -26,8 +26,8 @@ def test_a_change_from_rest_is_the_minimum_jerk_curve() -> None:
         assert offset.state(u * SHORTEST_S).value == pytest.approx(expected, abs=1e-12)
 
 
-@pytest.mark.parametrize("bounds", [WIDE, Bounds(0.5, 1.0)])
-def test_changes_upon_changes_leave_no_step_in_value_or_rate(bounds: Bounds) -> None:
+@pytest.mark.parametrize("bounds", [WIDE, ChangeLimits(0.5, 1.0)])
+def test_changes_upon_changes_leave_no_step_in_value_or_rate(bounds: ChangeLimits) -> None:
     offset = Offset()
     offset.add(0.5, 0.0, bounds)
     offset.add(-0.2, 0.3, bounds)
@@ -45,7 +45,7 @@ def test_changes_upon_changes_leave_no_step_in_value_or_rate(bounds: Bounds) -> 
 @pytest.mark.parametrize("amount", [0.01, 0.5, 3.0, -20.0])
 def test_the_bounds_are_kept(amount: float) -> None:
     offset = Offset()
-    bounds = Bounds(2.0, 4.0)
+    bounds = ChangeLimits(2.0, 4.0)
     offset.add(amount, 0.0, bounds)
     states = [offset.state(t) for t in np.arange(0.0, 60.0, 0.01)]
     assert max(abs(s.rate) for s in states) <= 2.0 * 1.01

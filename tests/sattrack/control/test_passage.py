@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sattrack.control.detour import Detour, Passage
+from sattrack.control.target import Detour, Passage, SatelliteTarget, TargetState
 from sattrack.mount.model import MoveAxes, StatusSample
 
 
@@ -64,10 +64,14 @@ def test_below_the_equator_they_still_do() -> None:
 
 
 def test_rates_of_the_direction_turn_round_past_the_pole() -> None:
-    passage = Passage((detour(),))
+    target = SatelliteTarget(lambda _: TargetState(10.0, 20.0, 0.0, 0.0), (detour(),))  # type: ignore[arg-type, return-value]
     rates = MoveAxes(1.0, 0.5)
-    assert passage.reported(rates, 89.0) == rates
-    assert passage.reported(rates, 91.0) == MoveAxes(1.0, -0.5)
+    passage = target.passage
+    assert passage is not None
+    target.span(99.0, 0.05, (10.0, 89.0))
+    assert passage.turned(rates) == rates
+    target.span(99.0, 0.05, (10.0, 91.0))
+    assert passage.turned(rates) == MoveAxes(1.0, -0.5)
     assert passage.turned(MoveAxes(1.0, -0.5)) == rates
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from sattrack.control.pattern import START_S, spiral, spiral_acceleration_deg_s2, sweep_s
+from sattrack.control.offset import START_S, spiral, spiral_acceleration_deg_s2, sweep_s
 
 
 @pytest.mark.parametrize(("spacing", "speed"), [(0.1, 0.05), (0.5, 0.2)])

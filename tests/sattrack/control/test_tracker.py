@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import erfa
 import pytest
 
-from sattrack.control.sky_error import sky_error
+from sattrack.control.target import sky_error
 
 MOVING_NORTH = {"ra_rate_deg_s": 0.0, "dec_rate_deg_s": 0.5}
 

@@ -9,11 +9,9 @@ from typing import NamedTuple
 
 import pytest
 
-from sattrack.control.axes import Axes
-from sattrack.control.history import CommandHistory, MountLoop, SentRates
-from sattrack.control.kalman import AxisFilter
+from sattrack.control.axes import Axes, CommandHistory, MountLoop, SentRates
+from sattrack.control.axis_filter import AxisFilter, Commanded, Step
 from sattrack.control.latency import MountClock
-from sattrack.control.response import Commanded, Step
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import MountProfile, StatusSample
 from sattrack.mount.xerxes.datagrams import decode_command, decode_status

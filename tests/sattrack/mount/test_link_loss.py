@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sattrack.control.halt import DirectStop
+from sattrack.control.driver import DirectStop
 from sattrack.mount import link_loss
 from sattrack.mount.link_loss import (
     ROWS,
@@ -19,9 +19,8 @@ from sattrack.mount.link_loss import (
 )
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile
 from sattrack.mount.profiles import ProfileFile
-from sattrack.mount.simulator.installation import Installation, parse_faults
+from sattrack.mount.simulator.installation import Installation, SimulatorProfile, parse_faults
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
-from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.runtime import practice
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.guard import HANG_AFTER_S

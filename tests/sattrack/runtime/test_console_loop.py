@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from sattrack.control.manual.console import Console
+from sattrack.control.console import Console
 from sattrack.core.clock import SystemClock
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import MountProfile

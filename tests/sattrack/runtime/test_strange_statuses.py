@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import pytest
 
-from sattrack.control.sky_error import sky_error
+from sattrack.control.target import sky_error
 from sattrack.core.angles import altitude_deg
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, Truth
 from sattrack.mount.xerxes.datagrams import (

@@ -6,7 +6,7 @@ import pytest
 import safety_run
 from safety_draws import Judged, draw, fly
 
-from sattrack.safety import ahead, bounds
+from sattrack.safety import bounds, rate_limit
 
 SHORT_S = 45.0
 RUNS, PARTS = 20, 4
@@ -44,7 +44,7 @@ def test_no_limit_is_passed_in_two_thousand_runs_of_up_to_ten_minutes() -> None:
 
 @pytest.mark.parametrize("row", FOUND_BY)
 def test_a_row_that_is_left_out_is_missed(row: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    for module, name in ((bounds, "fixed_regions"), (ahead, "AxisReach"), (bounds.Bounds, "look")):
+    for module, name in ((bounds, "fixed_regions"), (rate_limit, "AxisReach"), (bounds.Bounds, "look")):
         monkeypatch.setattr(module, name, getattr(module, name))
     safety_run.without(row)
     assert any(row in flown(seed)[1].violated for seed in (FOUND_BY[row], *range(RUNS)))

@@ -26,7 +26,7 @@ from safety_stand import LONGITUDE_DEG, NEVER, T0, Stand, axis_speed_deg_s, stea
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, Hold, MountProfile, MoveAxes, Slew
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.safety import SafetyLimits, bounds
-from sattrack.safety.ahead import standstill_s
+from sattrack.safety.rate_limit import standstill_s
 
 if TYPE_CHECKING:
     from sattrack.mount.model import Motion

@@ -9,8 +9,8 @@ import pytest
 
 from sattrack.cli.main import run
 from sattrack.mount.profiles import ProfileFile
+from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
-from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime import practice
 from sattrack.runtime.facts import build_engine

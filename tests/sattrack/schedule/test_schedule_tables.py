@@ -6,8 +6,7 @@ from datetime import UTC
 
 import pytest
 
-from sattrack.core.errors import BadInputError
-from sattrack.core.origin import Origin
+from sattrack.core.errors import BadInputError, Origin
 from sattrack.schedule.file import find_zone, read_list, read_table
 from tle.instants import Utc
 

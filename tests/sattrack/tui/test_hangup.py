@@ -71,8 +71,8 @@ def test_a_screen_that_waits_for_ever_ends_with_its_terminal_and_the_mount_is_st
 
 STARTER = """
 import subprocess
-from sattrack.core.own_program import ending_with_us, own_program
-command = [*own_program(), "sim", "--port", "0"]
+from sattrack.core.process import ending_with_us, self_command
+command = [*self_command(), "sim", "--port", "0"]
 started = subprocess.Popen(command, env=ending_with_us(), start_new_session=True)
 print("started", flush=True)
 started.wait()

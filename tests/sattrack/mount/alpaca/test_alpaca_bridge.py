@@ -12,13 +12,13 @@ from skyfield.api import load
 from skyfield.positionlib import position_of_radec
 
 from sattrack.mount.alpaca.bridge import DEADMAN_S, STOP_AGAIN_S, Bridge, Equinox, Lateness
-from sattrack.mount.alpaca.device import DeviceFacts, DeviceState, Place, Span, nearest_rate, spans_of
+from sattrack.mount.alpaca.device import DeviceFacts, DeviceState, RateSpan, SkyPlace, nearest_rate, spans_of
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 
 if TYPE_CHECKING:
     from sattrack.mount.alpaca.bridge import Order
 
-RATES = (Span(0.0, 4.0),)
+RATES = (RateSpan(0.0, 4.0),)
 FACTS = DeviceFacts(
     latitude_deg=52.0,
     longitude_deg=4.5,
@@ -60,8 +60,8 @@ def moving(made: Bridge, now_s: float = 100.0) -> Bridge:
     return made
 
 
-def place(utc_s: float, ra_deg: float = 100.0, dec_deg: float = 20.0) -> Place:
-    return Place(utc_s, ra_deg, utc_s, dec_deg)
+def place(utc_s: float, ra_deg: float = 100.0, dec_deg: float = 20.0) -> SkyPlace:
+    return SkyPlace(utc_s, ra_deg, utc_s, dec_deg)
 
 
 def test_rates_become_moveaxis_of_either_axis_and_a_flag_that_falls_becomes_a_rate_of_0() -> None:
@@ -199,7 +199,7 @@ def test_the_declination_is_reckoned_to_the_instant_of_the_right_ascension() -> 
     made = bridge()
     for turn in range(8):
         ra_s = T0 + 0.1 * turn
-        status = made.see(Place(ra_s, 100.0, ra_s - 0.02, 20.0 + 0.5 * (0.1 * turn - 0.02)))
+        status = made.see(SkyPlace(ra_s, 100.0, ra_s - 0.02, 20.0 + 0.5 * (0.1 * turn - 0.02)))
     assert status is not None
     assert struct.unpack_from("<d", status, 24)[0] == pytest.approx(20.0 + 0.5 * 0.7, abs=2e-4)
 
@@ -220,7 +220,7 @@ def test_a_place_that_stays_the_same_in_motion_is_no_news_but_not_for_ever() -> 
     [(0.39, 0.3), (0.41, 0.5), (-9.0, -4.0), (0.0, 0.0), (math.nan, 0.0), (0.0004, 0.0), (0.0006, 0.001)],
 )
 def test_of_the_rates_that_an_axis_bears_the_nearest_is_asked(wanted: float, borne: float) -> None:
-    assert nearest_rate(wanted, (Span(0.001, 0.3), Span(0.5, 4.0))) == borne
+    assert nearest_rate(wanted, (RateSpan(0.001, 0.3), RateSpan(0.5, 4.0))) == borne
 
 
 def test_axis_rates_that_make_no_sense_are_left_out() -> None:
@@ -231,7 +231,7 @@ def test_axis_rates_that_make_no_sense_are_left_out() -> None:
         "x",
         {"Minimum": "a"},
     ]
-    assert spans_of(given) == (Span(0.0, 2.5),)
+    assert spans_of(given) == (RateSpan(0.0, 2.5),)
     assert spans_of(None) == ()
 
 
@@ -239,7 +239,7 @@ def test_axis_rates_that_make_no_sense_are_left_out() -> None:
     ("facts", "says"),
     [
         ({"secondary_rates": ()}, "no MoveAxis on both axes"),
-        ({"primary_rates": (Span(0.5, 0.5), Span(1.0, 1.0))}, "single rates only"),
+        ({"primary_rates": (RateSpan(0.5, 0.5), RateSpan(1.0, 1.0))}, "single rates only"),
         ({"equatorial_system": 4}, "EquatorialSystem 4"),
         ({"alignment_mode": 0}, "alt-azimuth telescope (AlignmentMode 0)"),
     ],

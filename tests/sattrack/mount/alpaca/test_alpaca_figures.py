@@ -11,7 +11,7 @@ from skyfield.api import load
 
 from sattrack.calibration.guard import CalibrationEndedError
 from sattrack.calibration.plan import Leg, Plan
-from sattrack.mount.simulator.alpaca.telescope import Place, Telescope, TelescopeSettings
+from sattrack.mount.simulator.alpaca_telescope import SimulatedPlace, SimulatedTelescope, TelescopeSettings
 
 BOUND_ARCSEC = 10.0
 LASTS_S = 150.0
@@ -89,7 +89,7 @@ def test_at_the_rate_that_a_telescope_bears_the_bound_is_kept_too(
 
 def test_a_simulated_alt_azimuth_telescope_follows_the_sky_and_slews() -> None:
     settings = TelescopeSettings(alignment="altaz", hour_angle_deg=-40.0, dec_deg=30.0)
-    scope = Telescope(settings, 1.79e9)
+    scope = SimulatedTelescope(settings, 1.79e9)
     begun = scope.truth(1.79e9 + 5.0)
     later = scope.truth(1.79e9 + 65.0)
     assert later.ra_deg == pytest.approx(begun.ra_deg, abs=1e-3)
@@ -103,7 +103,7 @@ def test_a_simulated_alt_azimuth_telescope_follows_the_sky_and_slews() -> None:
     assert altitudes[1] - altitudes[0] == pytest.approx(5.0, abs=0.01)
 
 
-def altitude_of(place: Place, settings: TelescopeSettings) -> float:
+def altitude_of(place: SimulatedPlace, settings: TelescopeSettings) -> float:
     """By another library."""
     ts = load.timescale(builtin=True)
     at = ts.from_datetime(datetime.fromtimestamp(place.utc_s, UTC))

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from sattrack.mount.alpaca import warden
-from sattrack.mount.alpaca.client import PARKED, Refusal, Unheard
+from sattrack.mount.alpaca.client import PARKED, AlpacaRefusalError, NoAnswerError
 
 
 class Telescope:
@@ -51,27 +51,31 @@ def test_a_telescope_that_obeys_is_seen_at_rest() -> None:
     assert stopped() == (True, BOTH_AXES)
 
 
-@pytest.mark.parametrize("error", [Refusal(0x500, "busy"), Unheard("HTTP status 500", 500)], ids=str)
+@pytest.mark.parametrize(
+    "error", [AlpacaRefusalError(0x500, "busy"), NoAnswerError("HTTP status 500", 500)], ids=str
+)
 def test_both_axes_are_stopped_where_it_cannot_abort(error: Exception) -> None:
     assert stopped(abortslew=[error]) == (True, BOTH_AXES)
 
 
 def test_a_parked_telescope_rests() -> None:
-    assert stopped(moveaxis=[Refusal(PARKED, "parked")])[0] is True
+    assert stopped(moveaxis=[AlpacaRefusalError(PARKED, "parked")])[0] is True
 
 
 def test_an_axis_that_refuses_is_stopped_again() -> None:
-    at_rest, moves = stopped(moveaxis=[Refusal(0x500, "busy"), Refusal(PARKED, "parked")])
+    at_rest, moves = stopped(
+        moveaxis=[AlpacaRefusalError(0x500, "busy"), AlpacaRefusalError(PARKED, "parked")]
+    )
     assert at_rest is True
     assert moves == BOTH_AXES * 2
 
 
 @pytest.mark.parametrize("member", ["rightascension", "declination"])
 def test_a_telescope_that_does_not_report_its_place_is_stopped_again_and_not_believed(member: str) -> None:
-    at_rest, moves = stopped(**{member: [Refusal(0x500, "busy")]})
+    at_rest, moves = stopped(**{member: [AlpacaRefusalError(0x500, "busy")]})
     assert at_rest is False
     assert len(moves) > len(BOTH_AXES)
 
 
 def test_a_telescope_that_is_not_heard_is_not_said_to_be_stopped() -> None:
-    assert stopped(abortslew=[Unheard("nothing listens there")]) == (None, [])
+    assert stopped(abortslew=[NoAnswerError("nothing listens there")]) == (None, [])

@@ -14,14 +14,14 @@ from sattrack.mount.simulator.installation import (
     FaultEvent,
     Faults,
     Installation,
+    LoopRun,
+    SimulatorProfile,
     Timer,
-    Turn,
     Wire,
     WireLaw,
     parse_faults,
 )
 from sattrack.mount.simulator.mount import SimulatedMount
-from sattrack.mount.simulator.settings import SimulatorProfile
 from sattrack.mount.xerxes.datagrams import Command, decode_status, encode_command
 
 GRAIN_S = 0.015625
@@ -161,7 +161,7 @@ class Site:
         self.installation = Installation(self.mount)
         self.now = self.installation.next_turn_s(T0)
         self.begun = self.now
-        self.turns: list[tuple[float, Turn]] = []
+        self.turns: list[tuple[float, LoopRun]] = []
 
     def until(self, elapsed_s: float, **fields: object) -> None:
         while self.now - self.begun < elapsed_s - 1e-6:
@@ -176,7 +176,7 @@ class Site:
         """Where more than a period passes between two statuses."""
         return [(a, b) for a, b in itertools.pairwise(self.told()) if b - a > 1.5 * PERIOD_S]
 
-    def last(self) -> Turn:
+    def last(self) -> LoopRun:
         return next(turn for _, turn in reversed(self.turns) if turn.truth is not None)
 
 

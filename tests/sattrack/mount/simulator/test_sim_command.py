@@ -10,9 +10,8 @@ from simulator_bench import SITE
 
 from sattrack.cli.main import run
 from sattrack.cli.sim import FAULTS_HELP
-from sattrack.mount.simulator.installation import GRAMMAR, parse_faults
+from sattrack.mount.simulator.installation import GRAMMAR, SimulatorProfile, parse_faults
 from sattrack.mount.simulator.process import SimulatorConfig, make_server
-from sattrack.mount.simulator.settings import SimulatorProfile
 
 if TYPE_CHECKING:
     from pathlib import Path

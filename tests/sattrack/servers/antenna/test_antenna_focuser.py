@@ -12,7 +12,7 @@ from alpaca_stand_in import StandIn, StandInFocuser
 from antenna_setup import NOON_NS
 
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.mount.alpaca.client import Refusal
+from sattrack.mount.alpaca.client import AlpacaRefusalError
 from sattrack.servers.antenna.antenna_focus import (
     AlpacaAxis,
     FocuserConfig,
@@ -189,7 +189,7 @@ def test_an_order_that_finds_no_focuser_is_not_obeyed_later(make: Make) -> None:
 def test_the_stand_in_keeps_to_its_own_limits(make: Make) -> None:
     axis, _, _ = make()
     axis.connect()
-    with pytest.raises(Refusal, match="0x401"):
+    with pytest.raises(AlpacaRefusalError, match="0x401"):
         axis.focuser.put("move", Position="10001")
 
 

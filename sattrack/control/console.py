@@ -2,6 +2,11 @@
 
 Everything that moves passes `safety`, when it is asked for and again every period. A jog is kept going only
 by being asked for again: silence ends it.
+
+A console with an operator before it, without I/O: obeys orders until the operator leaves.
+
+Where it hears the mount obey somebody else, and nothing was asked of it from here, it keeps silent until it
+is told to stop the mount.
 """
 
 from __future__ import annotations
@@ -11,11 +16,31 @@ from collections import deque
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from sattrack.control.halt import Driver, limit_words
-from sattrack.control.manual.procedures import Outcome, Procedure, Refusal, procedure_for, refused
+import msgspec
+
+from sattrack.control.driver import Driver, StopProcedure, limit_words
+from sattrack.control.manual_operation import (
+    LISTEN_S,
+    LISTEN_STATUSES,
+    Outcome,
+    Procedure,
+    RequestRefused,
+    acknowledged,
+    procedure_for,
+    refused,
+    request_words,
+)
 from sattrack.control.rest import Jogs
 from sattrack.mount.link_loss import STOP_LINGER_S
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, Hold, MoveAxes, Slew, Stop, mean_sidereal_deg
+from sattrack.mount.model import (
+    DTICS_S_PER_DEG_S,
+    SIDEREAL_RATE_DEG_S,
+    Hold,
+    MoveAxes,
+    Slew,
+    Stop,
+    mean_sidereal_deg,
+)
 from sattrack.mount.requests import (
     Abort,
     FindHome,
@@ -30,9 +55,11 @@ from sattrack.mount.requests import (
 from sattrack.mount.xerxes.states import LinkState
 from sattrack.safety import Safety
 from sattrack.settings import NO_SITE
+from sattrack.views.messages import ConsoleMessage, Jog, Leave, Reset
+from sattrack.views.run import AskedView, ConsoleView
 
 if TYPE_CHECKING:
-    from sattrack.mount.model import Motion, MountProfile, Status, StatusSample
+    from sattrack.mount.model import LinkView, Motion, MountProfile, Status, StatusSample
     from sattrack.safety import SafetyLimits
     from tle.site import Site
 
@@ -47,7 +74,7 @@ NEED_SITE = (Slew, Sync, MoveAxis, FindHome, Park)
 
 
 @dataclass(slots=True)
-class Asked:
+class RequestEntry:
     """One thing that was asked of the mount, its ticket, and when."""
 
     number: int
@@ -79,7 +106,7 @@ class Console(Driver):
         self.failed: str | None = None
         self.procedure: Procedure | None = None
         self.jogs = Jogs()
-        self.asked: deque[Asked] = deque(maxlen=REMEMBERED)
+        self.asked: deque[RequestEntry] = deque(maxlen=REMEMBERED)
         self._count = 0
         self.refusal: str | None = None
         self._move_begun = False
@@ -153,13 +180,13 @@ class Console(Driver):
         if status is not None and status.slewing:
             self.tracking_reading = "always true" if status.tracking else "the opposite of slewing"
 
-    def request(self, request: Request, now_utc_s: float) -> Refusal | None:
+    def request(self, request: Request, now_utc_s: float) -> RequestRefused | None:
         """Have a request carried out; return why not, where it is refused."""
         if self.procedure is not None and not isinstance(request, Abort | Slew | Park):
-            return self._refuse(Refusal("something is under way: SPACE stops it"))
+            return self._refuse(RequestRefused("something is under way: SPACE stops it"))
         return self.begin(procedure_for(request, self.profile), now_utc_s)
 
-    def begin(self, procedure: Procedure, now_utc_s: float) -> Refusal | None:
+    def begin(self, procedure: Procedure, now_utc_s: float) -> RequestRefused | None:
         """Carry out a procedure, in place of whatever is under way; return why not, where it is refused."""
         if self.jogs:
             # A jog lives by its key alone: nothing else may carry its motion on.
@@ -172,7 +199,7 @@ class Console(Driver):
         self.jogs.clear()
         return None
 
-    def submit(self, request: Request, now_utc_s: float) -> Ticket | Refusal:
+    def submit(self, request: Request, now_utc_s: float) -> Ticket | RequestRefused:
         """Ask for one thing, if safety and the mount's state let it."""
         refusal = self._objection(request)
         if refusal is not None:
@@ -180,18 +207,18 @@ class Console(Driver):
         status = self.session.status
         cleared = self.safety.clear_request(request, self.session.stance, now_utc_s)
         if isinstance(cleared, str):
-            return Refusal(cleared, by_safety=status is not None)
+            return RequestRefused(cleared, by_safety=status is not None)
         if isinstance(request, Abort):
             self.jogs.blocked = True
         self._move_begun = False
         ticket = self.session.submit(cleared)
         self._count += 1
-        self.asked.append(Asked(self._count, ticket, now_utc_s))
+        self.asked.append(RequestEntry(self._count, ticket, now_utc_s))
         return ticket
 
     def jog(
         self, ra_rate_deg_s: float | None, dec_rate_deg_s: float | None, now_utc_s: float
-    ) -> Refusal | None:
+    ) -> RequestRefused | None:
         """Move for a short time, or for longer where an axis is being jogged at that rate already.
 
         Rates are those of the reported right ascension (positive east) and declination (positive north).
@@ -210,10 +237,10 @@ class Console(Driver):
         self.jogs.clear()
         self.begin(procedure_for(Abort(), self.profile), now_utc_s)
 
-    def reset(self) -> Refusal | None:
+    def reset(self) -> RequestRefused | None:
         """Let the mount move again after a safety limit has stopped it; refused until it is at rest."""
         if self.safety.tripped is not None and not self.at_rest:
-            return self._refuse(Refusal("the mount is not at rest yet"))
+            return self._refuse(RequestRefused("the mount is not at rest yet"))
         fresh = self._new_safety(self.profile)
         fresh.follow_on(self.safety)
         self.safety, self.trouble, self.refusal = fresh, None, None
@@ -249,7 +276,7 @@ class Console(Driver):
             return status.site_longitude_deg
         return None if self.site is None else self.site.longitude_deg
 
-    def _refuse(self, refusal: Refusal) -> Refusal:
+    def _refuse(self, refusal: RequestRefused) -> RequestRefused:
         self.refusal = refusal.words
         return refusal
 
@@ -258,7 +285,7 @@ class Console(Driver):
             return Safety(profile, self.limits, 0.0)
         return Safety(profile, self.limits, self.site.latitude_deg, self.site.longitude_deg)
 
-    def way_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | Refusal:
+    def way_to(self, request: Slew, now_utc_s: float) -> tuple[Slew, ...] | RequestRefused:
         """Return the slews that lead to a direction past whatever is in the way."""
         refusal = self._objection(request)
         if refusal is not None:
@@ -268,39 +295,41 @@ class Console(Driver):
         if words is not None or stance is None:
             return (request,)
         ways = self.safety.way_to(request, stance, now_utc_s)
-        return Refusal(ways, by_safety=True) if isinstance(ways, str) else ways
+        return RequestRefused(ways, by_safety=True) if isinstance(ways, str) else ways
 
-    def _objection(self, request: Request) -> Refusal | None:
+    def _objection(self, request: Request) -> RequestRefused | None:
         status = self.session.status
         if self.site is None and isinstance(request, NEED_SITE):
-            return Refusal(NO_SITE)
+            return RequestRefused(NO_SITE)
         if self.link_state is LinkState.LOST and not isinstance(request, Abort):
-            return Refusal("the mount is silent: nothing is moved blindly")
+            return RequestRefused("the mount is silent: nothing is moved blindly")
         moving = isinstance(self.session.wanted, MoveAxes | Slew) or (status is not None and status.slewing)
         if isinstance(request, Sync) and moving:
-            return Refusal("the mount moves: sync once it stands, or what it reports would be wrong for good")
+            return RequestRefused(
+                "the mount moves: sync once it stands, or what it reports would be wrong for good"
+            )
         if isinstance(request, MoveAxis) and status is not None and status.slewing and not self._ours():
-            return Refusal("the mount is slewing: stop that first")
+            return RequestRefused("the mount is slewing: stop that first")
         return None
 
     def _ours(self) -> bool:
         """Tell whether it is a MoveAxis of ours that makes the mount say that it slews."""
         return isinstance(self.session.wanted, MoveAxes) or self._move_begun
 
-    def _jog_objection(self, move: MoveAxis, fresh: bool, now_utc_s: float) -> Refusal | None:
+    def _jog_objection(self, move: MoveAxis, fresh: bool, now_utc_s: float) -> RequestRefused | None:
         if self.failed is not None:
-            return Refusal(self.failed)
+            return RequestRefused(self.failed)
         if self.jogs.blocked and (self.stopping or not fresh):
-            return Refusal("stopped: let the key go, and jog once the mount is at rest")
+            return RequestRefused("stopped: let the key go, and jog once the mount is at rest")
         if isinstance(self.session.wanted, Slew) or self.procedure is not None:
-            return Refusal("something is under way: SPACE stops it, then jog")
+            return RequestRefused("something is under way: SPACE stops it, then jog")
         if self.link_state is not LinkState.UP:
-            return Refusal("the mount is not heard: nothing is moved blindly")
+            return RequestRefused("the mount is not heard: nothing is moved blindly")
         refusal = self._objection(move)
         if refusal is not None:
             return refusal
         cleared = self.safety.clear_request(move, self.session.stance, now_utc_s)
-        return Refusal(cleared, by_safety=True) if isinstance(cleared, str) else None
+        return RequestRefused(cleared, by_safety=True) if isinstance(cleared, str) else None
 
     def _jogged(self) -> Motion:
         return MoveAxes(*self.jogs.rates_deg_s) if self.jogs else Hold()
@@ -367,7 +396,10 @@ class Console(Driver):
         self.jogs.block()
         self.session.apply(self.safety.clear(Stop(), 0.0, 0.0, 0.0))
         if self.procedure is not None:
-            self.procedure, self.outcome = None, refused(Refusal(words, by_safety=why.startswith("limit:")))
+            self.procedure, self.outcome = (
+                None,
+                refused(RequestRefused(words, by_safety=why.startswith("limit:"))),
+            )
 
     def _watch_link(self, now_utc_s: float) -> None:
         before, self.link_state = self.link_state, self.session.link_state(now_utc_s)
@@ -391,3 +423,235 @@ class Console(Driver):
     def clock_offset_s(self) -> float | None:
         """The mount's sidereal clock ahead of local mean sidereal time by UTC, by its fastest datagrams."""
         return max(self._offsets) if self._offsets else None
+
+
+OWNED = "looking on; SPACE has the mount's owner stop it and end: {}"
+NOT_ALONE = "another program drives this mount: nothing is sent from here, unless you stop the mount"
+
+
+class ConsoleSession:
+    """One operator's time with one mount; call `tick` once a period until `finished`.
+
+    With `owner`, whoever owns the mount in words, the operator looks on: nothing is sent, and a stop is only
+    noted in `stop_wanted`.
+    """
+
+    def __init__(self, console: Console, started_utc_s: float, owner: str | None = None) -> None:
+        self.console, self.profile = console, console.profile
+        self.finished = False
+        self.stop_wanted = False
+        """Whether one who looks on wants the owner to stop the mount."""
+        self._owner = owner
+        self._started_utc_s = started_utc_s
+        self._asked = False
+        """Whether the operator has asked for anything."""
+        self._heard = 0
+        self._others: set[str] = set()
+
+    @property
+    def leaving(self) -> bool:
+        """Whether the operator has left."""
+        return self.console.stop is not None
+
+    @property
+    def mount_stopped(self) -> bool | None:
+        """Whether the stop at the end was seen through; None where none was needed."""
+        return self.console.mount_stopped
+
+    def receive(self, data: bytes, arrival_utc_s: float) -> None:
+        """Take one datagram from the mount."""
+        received = self.console.session.health.received
+        self.console.receive(data, arrival_utc_s)
+        if not self._asked and self.console.session.health.received > received:
+            self._heard += 1
+            self._others |= acknowledged(data)
+
+    def obey(self, order: ConsoleMessage, now_utc_s: float) -> None:
+        """Do what the operator says; why not, where it is refused, stands in the view."""
+        console = self.console
+        if isinstance(order, Leave):
+            self.interrupt(now_utc_s)
+            return
+        if self.leaving:
+            return
+        if self._owner is not None:
+            self.stop_wanted = self.stop_wanted or isinstance(order, Abort)
+            if not isinstance(order, Abort):
+                console.refusal = "this mount has another owner"
+            return
+        if self._others and not self._asked and not isinstance(order, Abort):
+            # A key that is touched by accident must not mix with what somebody else does.
+            console.refusal = "another program drives this mount"
+            return
+        self._asked = True
+        match order:
+            case Abort():
+                console.abort(now_utc_s)
+            case Jog():
+                console.jog(order.ra_rate_deg_s, order.dec_rate_deg_s, now_utc_s)
+            case Slew() | Sync() | Park():
+                console.request(order, now_utc_s)
+            case FindHome():
+                # Nobody has looked whether the way is free of the Sun.
+                console.request(FindHome(), now_utc_s)
+            case Reset():
+                console.reset()
+
+    def interrupt(self, now_utc_s: float) -> None:
+        """Leave: stop what was begun from here, and end."""
+        if self.leaving:
+            return
+        moving = self._owner is None and (self.console.moving or self.console.stopping)
+        self.console.stop = StopProcedure(now_utc_s, needed=moving)
+        if moving:
+            self.console.abort(now_utc_s)
+
+    def fail(self, words: str, now_utc_s: float) -> None:
+        """Stop the mount and leave: something here is not to be relied on."""
+        stop = self.console.stop
+        begun_utc_s = now_utc_s if stop is None else stop.begun_utc_s
+        self.console.stop = StopProcedure(begun_utc_s, needed=self._asked)
+        self.console.fail(words)
+
+    def tick(self, now_utc_s: float) -> bytes | None:
+        """Return the datagram to send now, None while nothing is to be sent; call once a period."""
+        if self._owner is not None:
+            self.finished = self.leaving
+            return None
+        if not self._asked:
+            listened = self._heard >= LISTEN_STATUSES or now_utc_s - self._started_utc_s >= LISTEN_S
+            if self._others or not listened:
+                self.finished = self.leaving
+                return None
+        datagram = self.console.tick(now_utc_s)
+        self.finished = self.console.finished
+        return datagram
+
+    def view(self, now_utc_s: float) -> ConsoleView:
+        """Return what the operator is to see."""
+        view = view_of(self.console, now_utc_s)
+        if self._owner is not None:
+            return msgspec.structs.replace(view, warnings=(OWNED.format(self._owner), *view.warnings))
+        if self._others and not self._asked:
+            return msgspec.structs.replace(view, warnings=(NOT_ALONE, *view.warnings))
+        return view
+
+
+SITE_TOLERANCE_DEG = 0.1
+CLOCK_OFF_S = 2.0
+STOPS_WITHIN_S = 1.0
+"""A stop that has not been seen through by then is worth a word."""
+LONGEST_WORDS = 160
+"""A view has to fit into what a pipe takes as a whole."""
+_MOTIONS = {Hold: "none", Slew: "slew", MoveAxes: "move", Stop: "stop"}
+
+
+def view_of(console: Console, now_utc_s: float) -> ConsoleView:
+    """Return what anyone who looks at a console may see, as of an instant."""
+    sample, wanted = console.session.sample, console.session.wanted
+    rates = wanted if isinstance(wanted, MoveAxes) else MoveAxes(0.0, 0.0)
+    status = console.session.status
+    guide = None if status is None else status.ra_guide_rate_dtics_s
+    hour_angle = None if sample is None else math.remainder(sample.sidereal_h * 15.0 - sample.ra_deg, 360.0)
+    return ConsoleView(
+        utc_s=now_utc_s,
+        mount=console.mount_name,
+        profile=console.profile.name,
+        move_axis=console.profile.move_axis,
+        doing=_doing(console),
+        motion=_MOTIONS[type(wanted)],
+        at_rest=console.at_rest,
+        status=status,
+        readings=msgspec.structs.replace(console.session.readings, tracking=console.tracking_reading),
+        hour_angle_deg=hour_angle,
+        clock_offset_s=console.clock_offset_s,
+        ra_rate_deg_s=rates.ra_rate_deg_s,
+        dec_rate_deg_s=rates.dec_rate_deg_s,
+        max_ra_rate_deg_s=console.profile.ra.max_rate_deg_s,
+        max_dec_rate_deg_s=console.profile.dec.max_rate_deg_s,
+        guide_rate_deg_s=None if guide is None else guide / DTICS_S_PER_DEG_S,
+        floor_altitude_deg=console.limits.floor_altitude_deg,
+        can_park=console.profile.park is not None,
+        link=_link_view(console, now_utc_s),
+        stranger_hosts=console.stranger_hosts,
+        asked=tuple(_asked_view(asked) for asked in console.asked),
+        refusal=_cut(console.refusal),
+        tripped=console.safety.tripped,
+        warnings=tuple(words[:LONGEST_WORDS] for words in _warnings(console, now_utc_s)),
+    )
+
+
+def _doing(console: Console) -> str:
+    if console.stopping:
+        return "stopping"
+    if console.procedure is not None:
+        return console.procedure.doing
+    return "jogging" if console.jogs else "idle"
+
+
+def _link_view(console: Console, now_utc_s: float) -> LinkView:
+    health = console.session.health
+    return health.view(console.session.link_state(now_utc_s), health.age_s(now_utc_s))
+
+
+def _warnings(console: Console, now_utc_s: float) -> list[str]:
+    warnings = []
+    if console.link_state is LinkState.LOST:
+        warnings.append(f"{console.mount_name} is silent: check its power and the cable")
+    if console.session.intruder is not None:
+        warnings.append(console.session.intruder)
+    warnings.extend(console.session.ignored_fields)
+    if console.safety.tripped is not None:
+        warnings.append(limit_words(console.safety.tripped))
+    since_utc_s = console.stopping_since_utc_s
+    overdue = since_utc_s is not None and now_utc_s - since_utc_s > STOPS_WITHIN_S
+    if overdue and not console.session.stopped:
+        warnings.append("the stop is not confirmed yet: it is being sent again and again")
+    if console.way_trouble is not None:
+        warnings.append(console.way_trouble)
+    warnings += _site_warnings(console) + _reading_warnings(console)
+    offset_s = console.clock_offset_s
+    if offset_s is not None and abs(offset_s) > CLOCK_OFF_S:
+        words = f"the mount's clock is {abs(offset_s):.1f} s {'ahead' if offset_s > 0.0 else 'behind'}"
+        warnings.append(f"{words}: its hour angles, and so its limits, are off by it")
+    if console.stranger_hosts:
+        hosts = ", ".join(console.stranger_hosts)
+        warnings.append(f"datagrams from {hosts} were dropped: they are not from the mount")
+    return warnings
+
+
+def _site_warnings(console: Console) -> list[str]:
+    status, site = console.session.status, console.site
+    if status is None or site is None or status.site_deg is None:
+        return []
+    latitude, longitude = status.site_deg
+    off = (abs(latitude - site.latitude_deg), abs(math.remainder(longitude - site.longitude_deg, 360.0)))
+    if max(off) < SITE_TOLERANCE_DEG:
+        return []
+    return [f"the mount believes it stands at {latitude:.2f}, {longitude:.2f}: check the site on both sides"]
+
+
+def _reading_warnings(console: Console) -> list[str]:
+    seen = console.session.readings
+    return [
+        f"the profile has {name} as {said}, the mount sends {getattr(seen, name)}"
+        for name, said in console.profile.readings.items()
+        if getattr(seen, name, None) not in (None, said)
+    ]
+
+
+def _asked_view(asked: RequestEntry) -> AskedView:
+    ticket = asked.ticket
+    return AskedView(
+        number=asked.number,
+        what=request_words(ticket.request),
+        state=ticket.state.value,
+        acknowledged=ticket.was_acknowledged,
+        settled=ticket.settled,
+        reason=_cut(ticket.reason),
+        utc_s=asked.utc_s,
+    )
+
+
+def _cut(words: str | None) -> str | None:
+    return None if words is None else words[:LONGEST_WORDS]

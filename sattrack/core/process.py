@@ -1,4 +1,4 @@
-"""What a loop in real time asks of the system, so that nothing holds it up.
+"""Our own processes: how they call one another, and what a loop in real time asks of the system.
 
 Priority, locked memory, no garbage collection: each is asked for by itself and may be refused; the run goes
 on without, and says what it lacks. sched(7), mlockall(2), prctl(2). Priorities and locked memory are asked
@@ -7,10 +7,10 @@ for on Linux only.
 
 from __future__ import annotations
 
-import ctypes
 import gc
 import os
 import re
+import signal
 import sys
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,8 +18,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    import ctypes
     from collections.abc import Iterator, Mapping
-
 
 PRIORITY = 10
 """Above everything that has no real-time priority, below the kernel's own threads for interrupts (50)."""
@@ -28,6 +28,9 @@ SWITCH_S = 0.0005
 VARIABLE = "SATTRACK_REALTIME"
 """Set to 0, no priority and no locked memory is asked for."""
 
+STARTER = "SATTRACK_STARTER"
+"""Names the process with which a program of ours ends, however that ends."""
+_PR_SET_PDEATHSIG = 1
 _MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PR_SET_TIMERSLACK = 29
 _SHORTEST_SLACK_NS = 1
@@ -115,6 +118,8 @@ def _take_priority(refusals: list[str]) -> int | None:
 
 
 def _lock_memory(refusals: list[str]) -> ctypes.CDLL | None:
+    import ctypes
+
     libc = ctypes.CDLL(None, use_errno=True)
     # Pages as they come into use: whole mappings would be several times what is ever touched.
     flags = _MCL_CURRENT | _MCL_ONFAULT
@@ -155,19 +160,61 @@ def _eager() -> Iterator[None]:
 
 def _set_timer_slack(nanoseconds: int) -> None:
     if sys.platform.startswith("linux"):
+        import ctypes
+
         ctypes.CDLL(None).prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(nanoseconds), 0, 0, 0)
 
 
 @contextmanager
-def _quiet_memory() -> Iterator[None]:
-    # A collection of garbage would hold the loop for longer than its period allows.
+def gc_paused() -> Iterator[None]:
+    """Keep the collector of cycles away: a run makes none, but many objects that it would look through."""
     was_enabled = gc.isenabled()
-    gc.collect()
-    gc.freeze()
     gc.disable()
     try:
         yield
     finally:
         if was_enabled:
             gc.enable()
-        gc.unfreeze()
+
+
+@contextmanager
+def _quiet_memory() -> Iterator[None]:
+    # A collection of garbage would hold the loop for longer than its period allows.
+    with gc_paused():
+        gc.collect()
+        gc.freeze()
+        try:
+            yield
+        finally:
+            gc.unfreeze()
+
+
+def self_command(module: str = "sattrack") -> list[str]:
+    """Return the beginning of a command that runs a module of ours as a program.
+
+    What lies in the current folder is not imported, unless we lie there: a user's `json.py` would else
+    stand in for Python's, in the guardian as well.
+    """
+    try:
+        safe = () if Path(__file__).parents[1] == Path.cwd() else ("-P",)
+    except FileNotFoundError:
+        # The current folder was deleted.
+        safe = ("-P",)
+    return [sys.executable, *safe, "-m", module]
+
+
+def ending_with_us() -> dict[str, str]:
+    """Return the environment of a program of ours that must not outlive the thread that starts it (Linux)."""
+    return {**os.environ, STARTER: str(os.getpid())}
+
+
+def end_with_starter() -> None:
+    """Have the kernel kill this process when its starter ends, where its starter has asked for that."""
+    starter = os.environ.pop(STARTER, None)
+    if starter is None or not sys.platform.startswith("linux"):
+        return
+    import ctypes
+
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if starter != str(os.getppid()):
+        sys.exit(128 + signal.SIGKILL)

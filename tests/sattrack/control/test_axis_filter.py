@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from filterpy.kalman import KalmanFilter
 
-from sattrack.control import response
-from sattrack.control.kalman import AxisFilter, LeanKalmanFilter, Noise
-from sattrack.control.response import SHARES
+from sattrack.control import axis_filter
+from sattrack.control.axis_filter import SHARES, AxisFilter, LeanKalmanFilter, Noise
 from sattrack.core.angles import wrap180
 
 STEP_S = 0.05
@@ -36,7 +35,9 @@ def test_without_process_noise_it_is_least_squares_over_the_whole_history() -> N
     """Position, rate and all shares; the prior counts as one measurement of each."""
     rng = np.random.default_rng(7)
     roots = prior_roots(QUIET)
-    true = np.concatenate([[30.0, 0.002], response.expected(QUIET.first_lag_s) + 0.3 * roots.sum(axis=1)])
+    true = np.concatenate(
+        [[30.0, 0.002], axis_filter.expected_shares(QUIET.first_lag_s) + 0.3 * roots.sum(axis=1)]
+    )
     axis, rows, values = AxisFilter(30.0, QUIET), [], []
     gone = np.concatenate([[1.0, 0.0], np.zeros(SHARES)])
     for _ in range(80):
@@ -50,7 +51,7 @@ def test_without_process_noise_it_is_least_squares_over_the_whole_history() -> N
         # As noise is drawn, single samples may surprise: that is judged elsewhere.
         axis.measure(measured, 0.0)
     # Unknowns: position and rate in their sigmas, and the shares along the roots of their covariance.
-    first = np.concatenate([[30.0, 0.0], response.expected(QUIET.first_lag_s)])
+    first = np.concatenate([[30.0, 0.0], axis_filter.expected_shares(QUIET.first_lag_s)])
     turn = np.zeros((2 + SHARES, 2 + roots.shape[1]))
     turn[0, 0], turn[1, 1] = 1e-2, 0.1
     turn[2:, 2:] = roots
@@ -66,7 +67,7 @@ def test_without_process_noise_it_is_least_squares_over_the_whole_history() -> N
 
 def prior_roots(noise: Noise) -> np.ndarray:
     """Return columns whose squares sum to the covariance of the shares of an unknown axis."""
-    values, vectors = np.linalg.eigh(response.spread(noise.late, noise.turn, noise.first_gain))
+    values, vectors = np.linalg.eigh(axis_filter.share_spread(noise.late, noise.turn, noise.first_gain))
     return vectors[:, values > 1e-12] * np.sqrt(values[values > 1e-12])
 
 
@@ -95,7 +96,7 @@ def test_its_sigma_is_what_errors_are() -> None:
     sigmas = []
     for _ in range(150):
         position, rate = 50.0, rng.normal(0.0, noise.first_rate_deg_s)
-        shares = response.expected(noise.first_lag_s) + roots @ rng.normal(0.0, 1.0, roots.shape[1])
+        shares = axis_filter.expected_shares(noise.first_lag_s) + roots @ rng.normal(0.0, 1.0, roots.shape[1])
         axis = AxisFilter(position, noise)
         for _ in range(60):
             effect = rng.normal(0.0, 0.002, SHARES)

@@ -9,8 +9,8 @@ from dataclasses import replace
 import bias as bench
 import pytest
 
-from sattrack.control.course import Course
-from sattrack.control.estimate import ANEW_AFTER, Estimator
+from sattrack.control.biases import Course
+from sattrack.control.steering import ANEW_AFTER, Estimator
 from sattrack.runtime import practice
 from sattrack.views.messages import Observation
 from tle.bias import NO_BIAS, Bias, bias_from_observation

@@ -110,7 +110,7 @@ class TelescopeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
                 raise ValueError(f"{name} is {value:g}; it goes from 0 to {LONGEST_S:g}")
 
 
-class Refused(Exception):  # noqa: N818 - it is what the driver says
+class RefusedError(Exception):
     """The driver refuses a request: the standard's number and words."""
 
     def __init__(self, number: int, words: str) -> None:
@@ -119,7 +119,7 @@ class Refused(Exception):  # noqa: N818 - it is what the driver says
         self.words = words
 
 
-class Place(NamedTuple):
+class SimulatedPlace(NamedTuple):
     """Where the telescope truly points at an instant: right ascension and declination of date, degrees."""
 
     utc_s: float
@@ -128,7 +128,7 @@ class Place(NamedTuple):
 
 
 @dataclass(slots=True)
-class Axis:
+class SimulatedAxis:
     """A reference that keeps within its acceleration, and a critically damped servo that follows it."""
 
     acceleration_deg_s2: float
@@ -154,7 +154,7 @@ class Axis:
         self.position_deg += self.rate_deg_s * seconds
 
 
-class Telescope:
+class SimulatedTelescope:
     """One telescope from the instant it is switched on."""
 
     def __init__(self, settings: TelescopeSettings, utc_s: float) -> None:
@@ -170,11 +170,11 @@ class Telescope:
         self._pulses = [(-math.inf, 0.0), (-math.inf, 0.0)]
         """Of the last guide pulse of each axis, its end and what it adds to the rate."""
         self._ra_offset_deg = self._dec_offset_deg = 0.0
-        self._cached: Place | None = None
+        self._cached: SimulatedPlace | None = None
         self._begun_s = utc_s
         first_deg, second_deg = self._axes_of(settings.hour_angle_deg, settings.dec_deg)
-        self._first = Axis(settings.acceleration_deg_s2, settings.servo_hz, first_deg)
-        self._second = Axis(settings.acceleration_deg_s2, settings.servo_hz, second_deg)
+        self._first = SimulatedAxis(settings.acceleration_deg_s2, settings.servo_hz, first_deg)
+        self._second = SimulatedAxis(settings.acceleration_deg_s2, settings.servo_hz, second_deg)
         if self._tracking:
             for axis, rate_deg_s in zip((self._first, self._second), self._sky(), strict=True):
                 axis.rate_deg_s = axis.reference_deg_s = rate_deg_s
@@ -192,18 +192,18 @@ class Telescope:
         if self._target is not None and self._arrived():
             self._target = None
 
-    def truth(self, utc_s: float) -> Place:
+    def truth(self, utc_s: float) -> SimulatedPlace:
         """Return where it truly points, in the frame of date in which it was synced."""
         self.run_to(utc_s)
         return self._place()
 
-    def reported(self, utc_s: float) -> Place:
+    def reported(self, utc_s: float) -> SimulatedPlace:
         """Return what its driver says of its place: perhaps an old one, and in the driver's own equinox."""
         self.run_to(utc_s)
         place = self._place() if self._cached is None else self._cached
         if self.settings.system == "jnow":
             return place
-        return Place(place.utc_s, *turned(place.ra_deg, place.dec_deg, utc_s, to_j2000=True))
+        return SimulatedPlace(place.utc_s, *turned(place.ra_deg, place.dec_deg, utc_s, to_j2000=True))
 
     def sidereal_h(self, utc_s: float) -> float:
         """Return the driver's sidereal time, hours."""
@@ -235,12 +235,12 @@ class Telescope:
         self.run_to(utc_s)
         self._check_moves()
         if axis not in (0, 1):
-            raise Refused(INVALID_VALUE, f"Axis {axis} does not move")
+            raise RefusedError(INVALID_VALUE, f"Axis {axis} does not move")
         inside = any(low <= abs(rate_deg_s) <= high for low, high in self.settings.rates_deg_s)
         if rate_deg_s != 0.0 and not inside:
-            raise Refused(INVALID_VALUE, f"Rate {rate_deg_s} is not in AxisRates")
+            raise RefusedError(INVALID_VALUE, f"Rate {rate_deg_s} is not in AxisRates")
         if utc_s - self._moved_s[axis] < self.settings.move_interval_s:
-            raise Refused(INVALID_OPERATION, "MoveAxis came too soon after the last one")
+            raise RefusedError(INVALID_OPERATION, "MoveAxis came too soon after the last one")
         self._moved_s[axis] = utc_s
         self._target = None
         self._moves[axis] = rate_deg_s if rate_deg_s != 0.0 else None
@@ -250,7 +250,7 @@ class Telescope:
         self.run_to(utc_s)
         self._check_moves()
         if not self._tracking:
-            raise Refused(INVALID_OPERATION, "Slews need Tracking to be on")
+            raise RefusedError(INVALID_OPERATION, "Slews need Tracking to be on")
         if self.settings.system == "j2000":
             ra_deg, dec_deg = turned(ra_deg, dec_deg, utc_s, to_j2000=False)
         self._moves = [None, None]
@@ -271,7 +271,7 @@ class Telescope:
         self.run_to(utc_s)
         self._check_moves()
         if direction not in (NORTH, SOUTH, EAST, WEST) or milliseconds < 0:
-            raise Refused(INVALID_VALUE, f"Direction {direction}, Duration {milliseconds} is no pulse")
+            raise RefusedError(INVALID_VALUE, f"Direction {direction}, Duration {milliseconds} is no pulse")
         rate = self.settings.guide_rate_deg_s
         added = rate if direction in (NORTH, WEST) else -rate
         self._pulses[direction in (NORTH, SOUTH)] = utc_s + milliseconds / 1000.0, added
@@ -289,9 +289,9 @@ class Telescope:
 
     def _check_moves(self) -> None:
         if self.parked:
-            raise Refused(INVALID_WHILE_PARKED, "The telescope is parked")
+            raise RefusedError(INVALID_WHILE_PARKED, "The telescope is parked")
 
-    def _place(self) -> Place:
+    def _place(self) -> SimulatedPlace:
         sidereal_deg = _apparent_sidereal_deg(self._utc_s, self.settings.longitude_deg)
         hour_angle_deg, dec_deg = self._first.position_deg, self._second.position_deg
         if self.settings.alignment == "altaz":
@@ -300,7 +300,7 @@ class Telescope:
             )
             hour_angle_deg, dec_deg = math.degrees(hour_angle), math.degrees(dec)
         ra_deg = (sidereal_deg - hour_angle_deg + self._ra_offset_deg) % TURN_DEG
-        return Place(self._utc_s, ra_deg, dec_deg + self._dec_offset_deg)
+        return SimulatedPlace(self._utc_s, ra_deg, dec_deg + self._dec_offset_deg)
 
     def _axes_of(self, hour_angle_deg: float, dec_deg: float) -> tuple[float, float]:
         """Return where both axes point to a direction."""

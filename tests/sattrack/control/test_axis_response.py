@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from sattrack.control.response import (
+from sattrack.control.axis_filter import (
     JUMPS_S,
     KNOTS_S,
     SETTLED_S,
@@ -16,11 +16,11 @@ from sattrack.control.response import (
     Commanded,
     Step,
     answered_s,
-    expected,
+    expected_shares,
     lag_of,
     lag_sigma_s,
     rest_of,
-    spread,
+    share_spread,
 )
 
 GRAIN_S = 0.0005
@@ -137,7 +137,7 @@ def test_the_lag_of_a_second_order_servo(bandwidth_hz: float, damping: float) ->
 
 @pytest.mark.parametrize("lag_s", [-0.1, 0.0, 0.01, 0.024, 0.025, 0.03, 0.06, 0.1, 0.2])
 def test_the_expected_servo_is_of_first_order_and_has_its_lag(lag_s: float) -> None:
-    shares = expected(lag_s)
+    shares = expected_shares(lag_s)
     assert shares.sum() == pytest.approx(1.0, abs=1e-12)
     assert (shares >= 0.0).all()
     assert lag_of(shares).mean_s == pytest.approx(max(0.0, lag_s), abs=0.003)
@@ -153,7 +153,7 @@ def test_what_is_unknown_of_a_servo_is_a_covariance_and_says_what_it_is_told(
     sigmas: tuple[float, float, float],
 ) -> None:
     late, turn, gain = sigmas
-    covariance = spread(late, turn, gain)
+    covariance = share_spread(late, turn, gain)
     assert covariance.shape == (SHARES, SHARES)
     assert covariance == pytest.approx(covariance.T, rel=1e-12, abs=1e-15)
     assert np.linalg.eigvalsh(covariance).min() > -1e-12
@@ -166,9 +166,9 @@ def test_what_is_unknown_of_a_servo_is_a_covariance_and_says_what_it_is_told(
 
 
 def test_the_lags_sigma_is_that_of_drawn_servos() -> None:
-    covariance = spread(0.05, 0.03, 0.002)
+    covariance = share_spread(0.05, 0.03, 0.002)
     values, vectors = np.linalg.eigh(covariance)
     roots = vectors * np.sqrt(np.maximum(values, 0.0))
     dice = np.random.default_rng(5)
-    lags = [lag_of(expected(0.08) + roots @ dice.normal(0.0, 1.0, SHARES)).mean_s for _ in range(4000)]
+    lags = [lag_of(expected_shares(0.08) + roots @ dice.normal(0.0, 1.0, SHARES)).mean_s for _ in range(4000)]
     assert lag_sigma_s(covariance) == pytest.approx(float(np.std(lags)), rel=0.05)

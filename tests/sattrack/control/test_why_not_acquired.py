@@ -9,7 +9,7 @@ import family
 import msgspec
 import pytest
 
-from sattrack.control.not_acquired import Attempt, AxisAttempt, why_not
+from sattrack.control.stages import Attempt, AxisAttempt, why_not
 from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.runtime.outcome import RunStatistics, failure, summarise
 from sattrack.views.run import LearntView
@@ -111,7 +111,7 @@ def fly(profile: dict[str, Any], seconds: float, number: int = 4, **hardware: An
     hard = replace(drawn.hardware, **(quiet | hardware))
     propagator = Propagator(drawn.elements, drawn.site)
     start_s = drawn.begin_s + family.RISES_AFTER_S
-    where = family.Target.at(propagator.at(Utc(start_s)))
+    where = family.TargetState.at(propagator.at(Utc(start_s)))
     stands = family._hour_angle(propagator, start_s), where.dec_deg
     drawn = replace(drawn, joined=False, start_s=start_s, stands=stands, hardware=hard)
     run = family.Run(drawn, profile=msgspec.structs.replace(family.profile_of(hard, "default"), **profile))

@@ -15,12 +15,12 @@ from typing import TYPE_CHECKING, Any
 
 from aiohttp import web
 
-from sattrack.mount.simulator.alpaca.telescope import (
+from sattrack.mount.simulator.alpaca_telescope import (
     INVALID_VALUE,
     NOT_CONNECTED,
-    Place,
-    Refused,
-    Telescope,
+    RefusedError,
+    SimulatedPlace,
+    SimulatedTelescope,
     TelescopeSettings,
 )
 
@@ -43,11 +43,11 @@ class AlpacaServer:
 
     def __init__(self, settings: TelescopeSettings) -> None:
         self.settings = settings
-        self.telescope = Telescope(settings, time.time())
+        self.telescope = SimulatedTelescope(settings, time.time())
         self.requests: Counter[str] = Counter()
         self._random = random.Random(settings.seed)
         self._transactions = 0
-        self._trail: deque[Place] = deque(maxlen=REMEMBERED)
+        self._trail: deque[SimulatedPlace] = deque(maxlen=REMEMBERED)
         self._offset_s = time.time() - time.monotonic()
 
     def app(self) -> web.Application:
@@ -99,7 +99,7 @@ class AlpacaServer:
             value = self._do(request.method, member, fields)
             if request.method == "GET":
                 body["Value"] = value
-        except Refused as refused:
+        except RefusedError as refused:
             body["ErrorNumber"], body["ErrorMessage"] = refused.number, refused.words
         except (KeyError, ValueError) as error:
             return web.Response(status=400, text=f"bad request: {error}")
@@ -108,7 +108,7 @@ class AlpacaServer:
 
     def _do(self, method: str, member: str, fields: Mapping[str, str]) -> Any:
         if not self.telescope.connected and member not in FREE:
-            raise Refused(NOT_CONNECTED, "The telescope is not connected")
+            raise RefusedError(NOT_CONNECTED, "The telescope is not connected")
         if method == "PUT":
             return self._told(member, fields)
         return self._asked(member, fields)
@@ -151,7 +151,7 @@ class AlpacaServer:
         if member == "devicestate" and settings.device_state:
             return self._device_state(now)
         if member not in answers:
-            raise Refused(NOT_IMPLEMENTED, f"{member} is not implemented")
+            raise RefusedError(NOT_IMPLEMENTED, f"{member} is not implemented")
         return answers[member]()
 
     def _device_state(self, now: float) -> list[dict[str, Any]]:
@@ -173,7 +173,7 @@ class AlpacaServer:
         telescope, now = self.telescope, self._now()
         if member == "connected":
             if self.settings.refuses_connection and TRUE[fields["Connected"].lower()]:
-                raise Refused(NOT_CONNECTED, "The serial port is in use")
+                raise RefusedError(NOT_CONNECTED, "The serial port is in use")
             telescope.connected = TRUE[fields["Connected"].lower()]
         elif member == "moveaxis":
             telescope.move_axis(int(fields["Axis"]), float(fields["Rate"]), now)
@@ -182,7 +182,7 @@ class AlpacaServer:
         elif member in self._directed():
             hours, degrees = float(fields["RightAscension"]), float(fields["Declination"])
             if not (0.0 <= hours < 24.0 and -90.0 <= degrees <= 90.0):
-                raise Refused(INVALID_VALUE, f"{hours}, {degrees} is no direction")
+                raise RefusedError(INVALID_VALUE, f"{hours}, {degrees} is no direction")
             act = telescope.slew if member == "slewtocoordinatesasync" else telescope.sync
             act(hours * 15.0, degrees, now)
         elif member == "pulseguide" and self.settings.guide_rate_deg_s:
@@ -192,7 +192,7 @@ class AlpacaServer:
         elif member in {"park", "unpark"}:
             telescope.park(member == "park")
         else:
-            raise Refused(NOT_IMPLEMENTED, f"{member} is not implemented")
+            raise RefusedError(NOT_IMPLEMENTED, f"{member} is not implemented")
 
     def _directed(self) -> set[str]:
         """Return which members that take a direction there are."""
