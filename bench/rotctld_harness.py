@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 
 from antenna_harness import VirtualAntenna
 
-from sattrack.servers.antenna.sky import HaDec
-from sattrack.servers.antenna.trajectory import to_ns
+from sattrack.servers.antenna.sky import HaDec, to_ns
 from sattrack.servers.rotctld.answers import Client
 from sattrack.servers.rotctld.rotator import RotatorStation
 

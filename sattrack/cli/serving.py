@@ -15,7 +15,7 @@ from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackErr
 from sattrack.runtime import practice
 from sattrack.runtime.callers import CallerLimits
 from sattrack.runtime.mounts import mount_address
-from sattrack.servers.antenna.log_lines import stamp
+from sattrack.servers.antenna.protocol import stamp
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -2,6 +2,10 @@
 
 "Ideal Field System Antenna Interface", sections 4.0 to 8.0. It never speaks but to answer, answers once, and
 never waits for what was asked to be done. A command is acknowledged, answered with text, or refused by a Nak.
+
+A mount as an antenna: the controller, and the mount that it leads, as one, without I/O.
+
+Datagrams from the mount and bytes from antcn go in with their instants; datagrams and answers come out.
 """
 
 from __future__ import annotations
@@ -12,29 +16,39 @@ from decimal import Decimal
 from enum import StrEnum
 from typing import TYPE_CHECKING, Literal
 
-from sattrack.servers.antenna import focus
-from sattrack.servers.antenna.equipment import Antenna, Feedback
-from sattrack.servers.antenna.line import Framer, Line, LineFault, Synchronised, encode
-from sattrack.servers.antenna.reckoning import Reckoning, Satellite, SkyPath, SkyTarget, StoreError
-from sattrack.servers.antenna.trajectory import (
+from sattrack.servers.antenna.equipment import Antenna, Feedback, obey_focus
+from sattrack.servers.antenna.follower import Follower
+from sattrack.servers.antenna.led_mount import PathDriver
+from sattrack.servers.antenna.protocol import (
+    OMITTED,
+    AntennaRequest,
+    Framer,
+    LineFault,
+    Nak,
+    ReceivedLine,
+    RefusedCommand,
+    Synchronised,
+    acknowledge,
+    encode,
+    parse,
+    word_of,
+)
+from sattrack.servers.antenna.sky import (
     MOST_EPOCH_DISTANCE_S,
     NS,
     AxisState,
     ExactState,
     Path,
+    SatelliteTarget,
+    SkyPath,
+    SkyTarget,
+    SkyTargets,
+    StoreError,
     Straight,
     day_start_ns,
     resolve_epoch,
     second_of_day,
-)
-from sattrack.servers.antenna.transactions import (
-    OMITTED,
-    Nak,
-    Refusal,
-    Request,
-    acknowledge,
-    parse,
-    word_of,
+    to_ns,
 )
 from tle.bias import Bias
 from tle.errors import TleError
@@ -42,7 +56,36 @@ from tle.errors import TleError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.servers.antenna.trajectory import AxisRange
+    from sattrack.mount.model import MountProfile
+    from sattrack.safety import SafetyLimits
+    from sattrack.servers.antenna.sky import AxisRange
+
+
+class AntennaStation(PathDriver):
+    """One mount behind one controller, until it is told to end and the mount is seen at rest."""
+
+    def __init__(self, antenna: Antenna, profile: MountProfile, limits: SafetyLimits) -> None:
+        self.antenna = antenna
+        self.controller = Controller(antenna, self)
+        super().__init__(self.controller, antenna.sky, antenna.axes, profile, limits)
+
+    def receive_command(self, data: bytes, now_utc_s: float) -> tuple[bytes, bool]:
+        """Take bytes from antcn; return what to send, and whether to drop what still waits to be sent."""
+        answer = self.controller.receive(data, to_ns(now_utc_s + self.clock_ahead_s))
+        if self.controller.time_step_ns:
+            self._set_clock(self.controller.time_step_ns / 1e9)
+            self.controller.time_step_ns = 0
+        return answer
+
+    def _set_clock(self, step_s: float) -> None:
+        """Begin anew with what depends on the clock; how far the cables are wound is kept."""
+        self.clock_ahead_s += step_s
+        former, self.follower = self.follower, Follower(self.profile, self.antenna.sky)
+        self.follower.follow_on(former)
+        if self.safety.tripped is None:
+            before, self.safety = self.safety, self._make_safety(self.profile)
+            self.safety.follow_on(before)
+
 
 REMEMBERED_LINES = 50
 REMEMBERED_REFUSALS = 20
@@ -50,7 +93,7 @@ MOST_TIME_STEP_S = 86400
 
 
 @dataclass(frozen=True, slots=True)
-class Position:
+class PositionStatus:
     """The contents of a position status; None where there is no trajectory, or the axes are not heard."""
 
     commanded: AxisState | ExactState | None
@@ -61,7 +104,7 @@ class Position:
     servo: Literal["IDLE", "SLEWING", "TRACKING"]
 
 
-def position_message(position: Position, axes: AxisRange) -> str:
+def position_message(position: PositionStatus, axes: AxisRange) -> str:
     """Return the response to PS: positions to 1e-8°, rates to 1e-10 °/s, the epoch to 1 µs."""
     commanded, commanded_wrap = _state_fields(position.commanded, axes)
     actual, actual_wrap = _state_fields(position.actual, axes)
@@ -93,7 +136,7 @@ def _state_fields(state: AxisState | ExactState | None, axes: AxisRange) -> tupl
     ], str(wrap)
 
 
-class Doing(StrEnum):
+class AntennaAction(StrEnum):
     """The last command for the antenna's motion."""
 
     IDLE = "IDLE"
@@ -119,7 +162,7 @@ class Controller:
     antenna: Antenna
     feedback: Feedback = field(default_factory=Feedback)
     remote: bool = True
-    doing: Doing = Doing.IDLE
+    doing: AntennaAction = AntennaAction.IDLE
     path: Path | None = None
     reset_asked: bool = False
     """Set by RESET; whoever owns the interlocks takes it back."""
@@ -131,14 +174,14 @@ class Controller:
     refusals: deque[Exchange] = field(default_factory=lambda: deque(maxlen=REMEMBERED_REFUSALS))
     """Those of the lines that were refused, longer."""
     _framer: Framer = field(init=False)
-    reckoning: Reckoning = field(init=False)
+    reckoning: SkyTargets = field(init=False)
     held: SkyPath | None = None
     """The satellite's way, while SATOFF holds the antenna."""
 
     def __post_init__(self) -> None:
         """Begin with no offsets."""
         self._framer = Framer(self.antenna.check)
-        self.reckoning = Reckoning(self.antenna.sky, self.antenna.axes)
+        self.reckoning = SkyTargets(self.antenna.sky, self.antenna.axes)
 
     def receive(self, data: bytes, now_ns: int) -> tuple[bytes, bool]:
         """Take bytes that came at an instant; return what to send, and whether to drop what waits to be sent.
@@ -176,14 +219,14 @@ class Controller:
         self._rest()
         self.reset_asked = True
 
-    def _answer(self, line: Line, now_ns: int) -> bytes:
+    def _answer(self, line: ReceivedLine, now_ns: int) -> bytes:
         if line.fault is not None:
             fault = Nak.TRANSMISSION if line.fault is LineFault.TRANSMISSION else Nak.TOO_LONG
-            result: str | Refusal = Refusal(word_of(line.message), fault)
+            result: str | RefusedCommand = RefusedCommand(word_of(line.message), fault)
         else:
             result = self._obey(line.message, now_ns)
         why = None
-        if isinstance(result, Refusal):
+        if isinstance(result, RefusedCommand):
             self.refused += 1
             why = self.last_refusal = result.why
             result = result.message
@@ -193,13 +236,13 @@ class Controller:
             self.refusals.append(exchange)
         return encode(result, self.antenna.check)
 
-    def _obey(self, message: str, now_ns: int) -> str | Refusal:
+    def _obey(self, message: str, now_ns: int) -> str | RefusedCommand:
         request = parse(message)
-        if isinstance(request, Refusal):
+        if isinstance(request, RefusedCommand):
             return request
         word = request.command.word
         if request.command.commands_antenna and not self.remote:
-            return Refusal(word, Nak.LOCAL)
+            return RefusedCommand(word, Nak.LOCAL)
         handler = _HANDLERS.get(word)
         try:
             answer = Nak.NOT_AVAILABLE if handler is None else handler(self, request, now_ns)
@@ -208,11 +251,11 @@ class Controller:
             answer = Nak.ELEMENTS_USELESS
         if answer is None:
             return acknowledge(word)
-        return Refusal(word, answer) if isinstance(answer, Nak) else answer
+        return RefusedCommand(word, answer) if isinstance(answer, Nak) else answer
 
     # Each of these obeys one command: None acknowledges, a Nak refuses, text answers.
 
-    def _designate(self, request: Request, now_ns: int) -> Nak | None:
+    def _designate(self, request: AntennaRequest, now_ns: int) -> Nak | None:
         epoch_ns = self.epoch_asked(request, now_ns)
         if isinstance(epoch_ns, Nak):
             return epoch_ns
@@ -223,7 +266,7 @@ class Controller:
         first_deg = straight.at(now_ns if shortest else epoch_ns).first_deg
         return self.take_up(straight.turned(self.turns_asked(request, first_deg, now_ns)))
 
-    def epoch_asked(self, request: Request, now_ns: int) -> int | Nak:
+    def epoch_asked(self, request: AntennaRequest, now_ns: int) -> int | Nak:
         """Return the instant that a command names, or the line-feed's."""
         seconds = request.values["epoch"]
         if seconds is None or isinstance(seconds, str):
@@ -234,7 +277,7 @@ class Controller:
             return Nak.RANGE
         return epoch_ns if abs(epoch_ns - now_ns) <= MOST_EPOCH_DISTANCE_S * NS else Nak.EPOCH
 
-    def turns_asked(self, request: Request, first_deg: float, now_ns: int) -> int:
+    def turns_asked(self, request: AntennaRequest, first_deg: float, now_ns: int) -> int:
         """Return by how many turns to move a position of the first axis for the wrap that is asked for."""
         wrap = request.text("wrap", "S")
         if wrap != "S":
@@ -248,23 +291,23 @@ class Controller:
             return actual.first_deg
         return 0.0 if self.path is None else self.path.at(now_ns).first_deg
 
-    def take_up(self, path: Path, doing: Doing = Doing.FOLLOWING) -> Nak | None:
+    def take_up(self, path: Path, doing: AntennaAction = AntennaAction.FOLLOWING) -> Nak | None:
         """Put a trajectory in force, unless the antenna is stowed."""
-        if self.doing is Doing.STOW and doing is not Doing.STOW:
+        if self.doing is AntennaAction.STOW and doing is not AntennaAction.STOW:
             return Nak.STATE
         self.path, self.doing, self.held = path, doing, None
         return None
 
     def _rest(self) -> None:
         self.path = self.held = None
-        if self.doing is not Doing.STOW:
-            self.doing = Doing.IDLE
+        if self.doing is not AntennaAction.STOW:
+            self.doing = AntennaAction.IDLE
 
-    def _stop(self, request: Request, now_ns: int) -> None:
+    def _stop(self, request: AntennaRequest, now_ns: int) -> None:
         del request, now_ns
         self._rest()
 
-    def _reset(self, request: Request, now_ns: int) -> None:
+    def _reset(self, request: AntennaRequest, now_ns: int) -> None:
         del request, now_ns
         self.reset()
 
@@ -285,17 +328,17 @@ class Controller:
             return "IDLE"
         return "TRACKING" if self.feedback.on_trajectory else "SLEWING"
 
-    def _position(self, request: Request, now_ns: int) -> str:
+    def _position(self, request: AntennaRequest, now_ns: int) -> str:
         del request
         commanded: AxisState | ExactState | None = self.commanded(now_ns)
         if isinstance(self.path, Straight):
             commanded = self.path.exact(now_ns)
-        told = Position(
+        told = PositionStatus(
             commanded, self.feedback.actual(now_ns), second_of_day(now_ns), self.remote, self.servo
         )
         return position_message(told, self.antenna.range)
 
-    def _status(self, request: Request, now_ns: int) -> str:
+    def _status(self, request: AntennaRequest, now_ns: int) -> str:
         del request, now_ns
         feedback = self.feedback
         return " ".join(
@@ -310,21 +353,21 @@ class Controller:
             )
         )
 
-    def _sensors(self, request: Request, now_ns: int) -> str | Nak:
+    def _sensors(self, request: AntennaRequest, now_ns: int) -> str | Nak:
         sensors = self.feedback.sensors
         if sensors is None:
             return Nak.NOT_AVAILABLE
         values = (OMITTED if value is None else f"{value:.4f}" for value in sensors)
         return " ".join((request.command.word, *values, f"{second_of_day(now_ns):.6f}"))
 
-    def _time(self, request: Request, now_ns: int) -> str | Nak | None:
+    def _time(self, request: AntennaRequest, now_ns: int) -> str | Nak | None:
         given = [value is not None for value in request.values.values()]
         if any(given):
             return self._set_time(request, now_ns) if all(given) else Nak.FIELDS
         days = day_start_ns(now_ns) // (86400 * NS)
         return f"TIME {days} {second_of_day(now_ns):.6f}"
 
-    def _set_time(self, request: Request, now_ns: int) -> Nak | None:
+    def _set_time(self, request: AntennaRequest, now_ns: int) -> Nak | None:
         if not self.remote:
             return Nak.LOCAL
         if self.path is not None:
@@ -338,49 +381,49 @@ class Controller:
         self.time_step_ns = step_ns
         return None
 
-    def _stow(self, request: Request, now_ns: int) -> Nak | None:
+    def _stow(self, request: AntennaRequest, now_ns: int) -> Nak | None:
         del request
-        return self._stand(self.antenna.stow, Doing.STOW, now_ns)
+        return self._stand(self.antenna.stow, AntennaAction.STOW, now_ns)
 
-    def _service(self, request: Request, now_ns: int) -> Nak | None:
+    def _service(self, request: AntennaRequest, now_ns: int) -> Nak | None:
         del request
-        return self._stand(self.antenna.service, Doing.SERVICE, now_ns)
+        return self._stand(self.antenna.service, AntennaAction.SERVICE, now_ns)
 
-    def _stand(self, place: tuple[float, float] | None, doing: Doing, now_ns: int) -> Nak | None:
+    def _stand(self, place: tuple[float, float] | None, doing: AntennaAction, now_ns: int) -> Nak | None:
         if place is None:
             return Nak.NOT_AVAILABLE
         return self.take_up(Straight.standing(*place, now_ns), doing)
 
-    def _unstow(self, request: Request, now_ns: int) -> Nak | None:
+    def _unstow(self, request: AntennaRequest, now_ns: int) -> Nak | None:
         del request, now_ns
         if self.antenna.stow is None:
             return Nak.NOT_AVAILABLE
-        if self.doing is Doing.STOW:
-            self.doing = Doing.IDLE
+        if self.doing is AntennaAction.STOW:
+            self.doing = AntennaAction.IDLE
             self._rest()
         return None
 
-    def _fixed(self, request: Request, now_ns: int) -> Nak | None:
+    def _fixed(self, request: AntennaRequest, now_ns: int) -> Nak | None:
         zero = Decimal(0)
         there = Straight(ExactState(request.exact("first"), request.exact("second"), zero, zero), now_ns)
         return self.take_up(there.turned(self.turns_asked(request, request.number("first"), now_ns)))
 
-    def _focus(self, request: Request, now_ns: int) -> str | Nak | None:
-        return focus.obey(self.antenna.focuser, request, now_ns)
+    def _focus(self, request: AntennaRequest, now_ns: int) -> str | Nak | None:
+        return obey_focus(self.antenna.focuser, request, now_ns)
 
 
-def follow_source(controller: Controller, request: Request, now_ns: int) -> Nak | None:
+def follow_source(controller: Controller, request: AntennaRequest, now_ns: int) -> Nak | None:
     """Follow a source by its coordinates."""
     return _follow(controller, controller.reckoning.source(request), request, now_ns)
 
 
-def _follow(controller: Controller, target: SkyTarget, request: Request, now_ns: int) -> Nak | None:
+def _follow(controller: Controller, target: SkyTarget, request: AntennaRequest, now_ns: int) -> Nak | None:
     path = controller.reckoning.path(target)
     path.turn_by(controller.turns_asked(request, path.at(now_ns).first_deg, now_ns))
     return controller.take_up(path)
 
 
-def stand_on_sky(controller: Controller, request: Request, now_ns: int) -> Nak | None:
+def stand_on_sky(controller: Controller, request: AntennaRequest, now_ns: int) -> Nak | None:
     """Stand where a source is at an instant."""
     epoch_ns = controller.epoch_asked(request, now_ns)
     if isinstance(epoch_ns, Nak):
@@ -391,14 +434,14 @@ def stand_on_sky(controller: Controller, request: Request, now_ns: int) -> Nak |
     return controller.take_up(stands.turned(controller.turns_asked(request, there.first_deg, now_ns)))
 
 
-def offset(controller: Controller, request: Request, now_ns: int) -> None:
+def offset(controller: Controller, request: AntennaRequest, now_ns: int) -> None:
     """Set the offsets of one kind, for what is being followed too."""
     del now_ns
     controller.reckoning.offset(request)
     _reduce(controller)
 
 
-def pointing(controller: Controller, request: Request, now_ns: int) -> Nak | None:
+def pointing(controller: Controller, request: AntennaRequest, now_ns: int) -> Nak | None:
     """Set the pointing model, for what is being followed too."""
     del now_ns
     if controller.antenna.axes != "hadec":
@@ -417,7 +460,7 @@ def _reduce(controller: Controller) -> None:
         controller.held = controller.held.reduced_by(reduction)
 
 
-def tell_sky(controller: Controller, request: Request, now_ns: int) -> str:
+def tell_sky(controller: Controller, request: AntennaRequest, now_ns: int) -> str:
     """Return where on the sky the axes point, by the inverse pointing model."""
     actual = controller.feedback.actual(now_ns)
     places = [OMITTED] * 4
@@ -427,7 +470,7 @@ def tell_sky(controller: Controller, request: Request, now_ns: int) -> str:
     return " ".join((request.command.word, *places, f"{second_of_day(now_ns):.6f}"))
 
 
-def take_elements(controller: Controller, request: Request, now_ns: int) -> Nak | None:
+def take_elements(controller: Controller, request: AntennaRequest, now_ns: int) -> Nak | None:
     """Take a line or a value of a satellite's elements."""
     del now_ns
     store, number = controller.reckoning.elements, int(request.number("number"))
@@ -441,7 +484,7 @@ def take_elements(controller: Controller, request: Request, now_ns: int) -> Nak 
     return None
 
 
-def follow_satellite(controller: Controller, request: Request, now_ns: int) -> Nak | None:
+def follow_satellite(controller: Controller, request: AntennaRequest, now_ns: int) -> Nak | None:
     """Follow the satellite whose elements were sent, or stand where it is while SATOFF holds."""
     mode = controller.antenna.refraction
     refracted = mode == "on" or (mode == "auto" and not controller.feedback.does_refraction)
@@ -456,15 +499,15 @@ def follow_satellite(controller: Controller, request: Request, now_ns: int) -> N
     return refusal
 
 
-def bias_satellite(controller: Controller, request: Request, now_ns: int) -> None:
+def bias_satellite(controller: Controller, request: AntennaRequest, now_ns: int) -> None:
     """Set a satellite's biases and whether it is tracked or held, for the one that is followed too."""
     reckoning = controller.reckoning
     following = controller.held or controller.path
     bias = Bias(request.number("along"), request.number("cross"))
     hold = request.text("mode", "TRACK") == "HOLD"
-    if isinstance(following, SkyPath) and isinstance(following.target, Satellite):
+    if isinstance(following, SkyPath) and isinstance(following.target, SatelliteTarget):
         near_deg = following.at(now_ns).first_deg
-        way = reckoning.path(Satellite(following.target.propagator, bias), near_deg)
+        way = reckoning.path(SatelliteTarget(following.target.propagator, bias), near_deg)
         if hold:
             _hold(controller, way, now_ns)
         else:
@@ -478,7 +521,7 @@ def _hold(controller: Controller, way: SkyPath, now_ns: int) -> None:
     controller.held = way
 
 
-_HANDLERS: dict[str, Callable[[Controller, Request, int], str | Nak | None]] = {
+_HANDLERS: dict[str, Callable[[Controller, AntennaRequest, int], str | Nak | None]] = {
     "TD": Controller._designate,
     "PS": Controller._position,
     "STATUS": Controller._status,

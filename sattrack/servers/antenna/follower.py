@@ -19,7 +19,7 @@ from sattrack.mount.model import Motion, MountProfile, MoveAxes, StatusSample
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.servers.antenna.sky import Sky
+    from sattrack.servers.antenna.sky import SiteSky
 
 OLDEST_S = 0.3
 """A sample older than this says nothing of where the axes are now."""
@@ -41,7 +41,7 @@ Wanted = tuple[float, float]
 class Follower:
     """Follows one way after another with one mount."""
 
-    def __init__(self, profile: MountProfile, sky: Sky) -> None:
+    def __init__(self, profile: MountProfile, sky: SiteSky) -> None:
         self._profile = profile
         self._sky = sky
         known = None

@@ -14,8 +14,7 @@ from sattrack.mount.model import Hold, Motion, Stop
 from sattrack.safety import Safety
 from sattrack.servers.antenna.equipment import Feedback, Sensors
 from sattrack.servers.antenna.follower import Follower
-from sattrack.servers.antenna.sky import AxisKind, AzEl, HaDec, Sky
-from sattrack.servers.antenna.trajectory import AxisRange, AxisState, Path, to_ns
+from sattrack.servers.antenna.sky import AxisKind, AxisRange, AxisState, AzEl, HaDec, Path, SiteSky, to_ns
 
 if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile, StatusSample
@@ -62,7 +61,7 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
     """
 
     def __init__(
-        self, target: PathTarget, sky: Sky, kind: AxisKind, profile: MountProfile, limits: SafetyLimits
+        self, target: PathTarget, sky: SiteSky, kind: AxisKind, profile: MountProfile, limits: SafetyLimits
     ) -> None:
         self._sky, self._limits = sky, limits
         super().__init__(profile, self._make_safety(profile))

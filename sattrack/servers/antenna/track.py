@@ -18,9 +18,8 @@ from sattrack.core.realtime import undisturbed
 from sattrack.runtime.facts import choose_pass, plan_for
 from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.safety.bodies import moon_over, sun_over
-from sattrack.servers.antenna.antcn import Antcn
-from sattrack.servers.antenna.antcn_run import AntcnRun
-from sattrack.servers.antenna.line import encode
+from sattrack.servers.antenna.antcn import Antcn, AntcnRun
+from sattrack.servers.antenna.protocol import encode
 from sattrack.views.run import DatagramsView, Summary
 from tle.bias import Bias
 from tle.instants import Utc
@@ -34,7 +33,7 @@ if TYPE_CHECKING:
     from sattrack.control.tracker import TrackPlan
     from sattrack.runtime.prepare import RunRequest
     from sattrack.safety import SafetyLimits
-    from sattrack.servers.antenna.door import AntennaUrl, CallerLine
+    from sattrack.servers.antenna.serve import AntennaUrl, CallerLine
     from tle.site import Site
 
 ON_TARGET_ARCSEC = 15.0

@@ -16,8 +16,8 @@ from antenna_setup import NOON_NS, make_controller
 from conformance_rows import ROWS, Row
 
 from sattrack.runtime.callers import Seat, listen
-from sattrack.servers.antenna.door import BAUDS, ONE_CALLER, AntennaServer, SerialChannel
-from sattrack.servers.antenna.trajectory import NS
+from sattrack.servers.antenna.serve import BAUDS, ONE_CALLER, AntennaServer, SerialChannel
+from sattrack.servers.antenna.sky import NS
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -13,7 +13,7 @@ from antenna_setup import NOON_NS
 
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.alpaca.client import Refusal
-from sattrack.servers.antenna.antenna_focus import (
+from sattrack.servers.antenna.alpaca_focuser import (
     AlpacaAxis,
     FocuserConfig,
     FocuserDriver,
@@ -22,8 +22,8 @@ from sattrack.servers.antenna.antenna_focus import (
     parse_focuser,
     start_focusers,
 )
-from sattrack.servers.antenna.focus import FocusNews, FocusOrder, RemoteAxis, RemoteFocuser
-from sattrack.servers.antenna.trajectory import NS
+from sattrack.servers.antenna.equipment import FocusNews, FocusOrder, RemoteAxis, RemoteFocuser
+from sattrack.servers.antenna.sky import NS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

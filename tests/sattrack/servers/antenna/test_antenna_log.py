@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from antenna_setup import NOON_NS, exchange, make_controller
 
-from sattrack.servers.antenna.log_lines import refused, spoken, stamp, typed
+from sattrack.servers.antenna.protocol import refused, spoken, stamp, typed
 
 
 def test_an_instant_is_year_day_and_time_to_a_hundredth() -> None:

@@ -2,15 +2,176 @@
 
 "Ideal Field System Antenna Interface", section 4.0: every command has one response. Fields are separated by
 blanks; two commas stand for one that is left out.
+
+Framing of messages on the line: text, a trailing space, a check, a line-feed; and the sync character.
+
+"Ideal Field System Antenna Interface", section 3.0. Pure: bytes in, lines out; instants are given.
+
+Lines of a log in the Field System's style: year, day of the year, time, a sign for the kind, and words.
+
+A program's own words stand behind its name between two `#`, an operator's behind `;`. Errors begin with
+`?ERROR`, two letters and a negative number: here the number after NAK.
 """
 
 from __future__ import annotations
 
+import binascii
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from decimal import Decimal
-from enum import IntEnum
-from typing import Literal
+from enum import Enum, IntEnum
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from sattrack.servers.antenna.controller import Exchange
+
+PROGRAM = "antenna"
+ERRORS = "AN"
+
+
+def stamp(utc_s: float) -> str:
+    """Return an instant (POSIX seconds) to a hundredth of a second, cut off."""
+    at = datetime.fromtimestamp(utc_s, UTC)
+    return f"{at:%Y.%j.%H:%M:%S}.{at.microsecond // 10000:02d}"
+
+
+def spoken(words: str, program: str = PROGRAM) -> str:
+    """Return the program's own words, without the instant."""
+    return f"#{program}#{words}"
+
+
+def typed(words: str) -> str:
+    """Return what the operator said, without the instant."""
+    return f";{words}"
+
+
+def refused(exchange: Exchange, why: Nak) -> str:
+    """Return a refusal, without the instant."""
+    return f"?ERROR {ERRORS}{-why.value:5d} {NAK_MEANINGS[why]}: {exchange.received}"
+
+
+SYNC = b"#"
+END = b"\n"
+LONGEST_MESSAGE = 200
+"""Characters of a message with its trailing space and check: twice what the longest command takes."""
+TIME_OUT_S = 0.5
+"""Within which a response is there: section 4.0's upper bound."""
+CHARACTER_TIMES = 3.0
+"""A character time-out, in times that one character takes on the line: section 4.0, "2-3 times"."""
+TCP_CHARACTER_TIME_OUT_S = 0.05
+"""The same where characters come in packets, and the network decides when."""
+
+
+class Checksum(Enum):
+    """How a message is checked: the value is the number of its hexadecimal digits."""
+
+    SUM = 2
+    CRC16 = 4
+
+    def of(self, message: bytes) -> bytes:
+        """Return the check of a message with its trailing space, in upper case."""
+        if self is Checksum.SUM:
+            return b"%02X" % (sum(message) & 0xFF)
+        return b"%04X" % binascii.crc_hqx(message, 0xFFFF)
+
+
+class LineFault(Enum):
+    """What is wrong with a line that came."""
+
+    TRANSMISSION = "transmission error"
+    TOO_LONG = "too long"
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedLine:
+    """One line that came: its message without the trailing space, or what could be read of a faulty one."""
+
+    message: str
+    fault: LineFault | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Synchronised:
+    """The synchronisation character came: what was under way in either direction is void."""
+
+
+def encode(message: str, check: Checksum = Checksum.SUM) -> bytes:
+    """Return a message as it goes on the line. Raises ValueError where it holds what no message may."""
+    if not all(_is_message_byte(ord(c)) for c in message):
+        raise ValueError(f"{message!r} holds a character that no message may hold")
+    body = message.encode("ascii") + b" "
+    return body + check.of(body) + END
+
+
+def _is_message_byte(byte: int) -> bool:
+    return 0x20 <= byte <= 0x7E and byte != SYNC[0]
+
+
+@dataclass(slots=True)
+class Framer:
+    """Cuts what arrives into lines. Empty lines are swallowed; nothing that comes can break it."""
+
+    check: Checksum = Checksum.SUM
+    _pending: bytearray = field(default_factory=bytearray)
+    _overlong: bool = False
+
+    def receive(self, data: bytes) -> list[ReceivedLine | Synchronised]:
+        """Return the lines that are complete, and the synchronisations, in the order of arrival.
+
+        After a synchronisation nothing of what came before it is left.
+        """
+        events: list[ReceivedLine | Synchronised] = []
+        for byte in data:
+            if byte == SYNC[0]:
+                self.reset()
+                events.append(Synchronised())
+            elif byte == END[0]:
+                line = self._finish()
+                if line is not None:
+                    events.append(line)
+            elif len(self._pending) < LONGEST_MESSAGE:
+                self._pending.append(byte)
+            else:
+                self._overlong = True
+        return events
+
+    def reset(self) -> None:
+        """Forget what has come of a line."""
+        self._pending.clear()
+        self._overlong = False
+
+    def _finish(self) -> ReceivedLine | None:
+        raw, overlong = bytes(self._pending), self._overlong
+        self.reset()
+        if not raw:
+            return None
+        if overlong:
+            return ReceivedLine(_readable(raw), LineFault.TOO_LONG)
+        digits = self.check.value
+        body, check = raw[:-digits], raw[-digits:]
+        good = body.endswith(b" ") and check.upper() == self.check.of(body)
+        if not good or not all(_is_message_byte(b) for b in body):
+            return ReceivedLine(_readable(raw), LineFault.TRANSMISSION)
+        return ReceivedLine(body[:-1].decode("ascii"))
+
+
+def _readable(raw: bytes) -> str:
+    return "".join(chr(b) if _is_message_byte(b) else "?" for b in raw)
+
+
+def character_time_out_s(baud: int, bits_per_character: int = 10) -> float:
+    """Return after how much silence the next character is not to be expected, on a serial line, seconds.
+
+    `bits_per_character` counts start, parity and stop bits: 10 for 7E1 as for 8N1.
+    """
+    return CHARACTER_TIMES * bits_per_character / baud
+
+
+def idle_time_s(character_s: float) -> float:
+    """Return the silence that shows an idle line after a synchronisation: two character time-outs."""
+    return 2.0 * character_s
+
 
 OMITTED = ",,"
 UNKNOWN_WORD = "??"
@@ -59,7 +220,7 @@ NAK_MEANINGS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Field:
+class CommandField:
     """One field of a command: a number within bounds, one of some words, or the rest of the message."""
 
     name: str
@@ -75,42 +236,42 @@ class Field:
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class AntennaCommand:
     """One command: its word, its fields, whether it commands the antenna, and what comes back."""
 
     word: str
     meaning: str
-    fields: tuple[Field, ...] = ()
+    fields: tuple[CommandField, ...] = ()
     commands_antenna: bool = True
     """Whether it is refused in local."""
     answer: str = "ACK"
 
 
-def _angle(name: str, meaning: str) -> Field:
-    return Field(name, meaning, least=-720.0, most=720.0)
+def _angle(name: str, meaning: str) -> CommandField:
+    return CommandField(name, meaning, least=-720.0, most=720.0)
 
 
-def _rate(name: str, meaning: str) -> Field:
-    return Field(name, meaning, least=-100.0, most=100.0, optional=True)
+def _rate(name: str, meaning: str) -> CommandField:
+    return CommandField(name, meaning, least=-100.0, most=100.0, optional=True)
 
 
-WRAP = Field(
+WRAP = CommandField(
     "wrap",
     "number of the first axis' wrap, from -9 to 9, or S for the shortest way (so too where it is left out)",
     kind="word",
     words=("S", *(str(n) for n in range(-9, 10))),
     optional=True,
 )
-FRAMES = Field(
+FRAMES = CommandField(
     "frame", "DATE: true equator and equinox of date; J2000: mean ones", "word", words=("DATE", "J2000")
 )
-RA = Field("ra", "right ascension, degrees", least=-360.0, most=360.0)
-DEC = Field("dec", "declination, degrees", least=-90.0, most=90.0)
-CATALOGUE = Field("number", "catalogue number", least=0, most=999_999_999, whole=True)
-EPOCH = Field("epoch", "seconds of the UTC day", least=0.0, most=86401.0, optional=True)
+RA = CommandField("ra", "right ascension, degrees", least=-360.0, most=360.0)
+DEC = CommandField("dec", "declination, degrees", least=-90.0, most=90.0)
+CATALOGUE = CommandField("number", "catalogue number", least=0, most=999_999_999, whole=True)
+EPOCH = CommandField("epoch", "seconds of the UTC day", least=0.0, most=86401.0, optional=True)
 
 COMMANDS = (
-    Command(
+    AntennaCommand(
         "TD",
         "trajectory designate: be at these positions at the epoch, and go on with these rates",
         (
@@ -122,48 +283,54 @@ COMMANDS = (
             WRAP,
         ),
     ),
-    Command(
+    AntennaCommand(
         "PS",
         "position status",
         commands_antenna=False,
         answer="first and second axis commanded, then actual, degrees; their four rates; wraps commanded and "
         "actual; epoch, seconds of the UTC day; REMOTE or LOCAL; IDLE, SLEWING or TRACKING",
     ),
-    Command(
+    AntennaCommand(
         "STATUS",
         "status in detail",
         commands_antenna=False,
         answer="REMOTE or LOCAL; what the antenna does; LINK-UP or LINK-DOWN; the interlock that stopped it, "
         "or OK; 1 where the trajectory is outside the limits, else 0; number of the last refusal, or 0",
     ),
-    Command("STOP", "end the trajectory and bring the antenna to rest"),
-    Command("STOW", "go to the stow position, and take no trajectory until UNSTOW"),
-    Command("UNSTOW", "take trajectories again"),
-    Command("SERVICE", "go to the service position"),
-    Command("RESET", "be ready again after an interlock has stopped the antenna"),
-    Command("PINS", "insert or remove the stow pins", (Field("do", "", "word", words=("IN", "OUT")),)),
-    Command("BRAKES", "set or release the brakes", (Field("do", "", "word", words=("SET", "RELEASE")),)),
-    Command(
+    AntennaCommand("STOP", "end the trajectory and bring the antenna to rest"),
+    AntennaCommand("STOW", "go to the stow position, and take no trajectory until UNSTOW"),
+    AntennaCommand("UNSTOW", "take trajectories again"),
+    AntennaCommand("SERVICE", "go to the service position"),
+    AntennaCommand("RESET", "be ready again after an interlock has stopped the antenna"),
+    AntennaCommand(
+        "PINS", "insert or remove the stow pins", (CommandField("do", "", "word", words=("IN", "OUT")),)
+    ),
+    AntennaCommand(
+        "BRAKES", "set or release the brakes", (CommandField("do", "", "word", words=("SET", "RELEASE")),)
+    ),
+    AntennaCommand(
         "SENSORS",
         "tilt and other sensors",
         commands_antenna=False,
         answer="tilts about both axes, degrees; currents of both axes' drives, A; epoch",
     ),
-    Command(
+    AntennaCommand(
         "TIME",
         "the controller's time; with fields, sets it as of the line-feed, while nothing is followed",
         (
-            Field("day", "day to set, days since 1970-01-01", least=0, most=99999, whole=True, optional=True),
-            Field("seconds", "seconds of that day to set", least=0.0, most=86400.0, optional=True),
+            CommandField(
+                "day", "day to set, days since 1970-01-01", least=0, most=99999, whole=True, optional=True
+            ),
+            CommandField("seconds", "seconds of that day to set", least=0.0, most=86400.0, optional=True),
         ),
         commands_antenna=False,
         answer="days since 1970-01-01; seconds of the UTC day, latched; ACK where it was set",
     ),
-    Command(
+    AntennaCommand(
         "FOCUS",
         "move the focus, all axes at once",
         tuple(
-            Field(
+            CommandField(
                 f"axis{n}",
                 f"position of axis {n}, mm; left out: as it is",
                 least=-1e4,
@@ -173,27 +340,27 @@ COMMANDS = (
             for n in (1, 2, 3)
         ),
     ),
-    Command(
+    AntennaCommand(
         "FOCSWEEP",
         "move one axis of the focus from limit to limit and back, again and again, at a uniform rate",
         (
-            Field("axis", "which axis, from 1", least=1, most=3, whole=True),
-            Field("rate", "mm a second", least=0.001, most=100.0),
+            CommandField("axis", "which axis, from 1", least=1, most=3, whole=True),
+            CommandField("rate", "mm a second", least=0.001, most=100.0),
         ),
     ),
-    Command("FOCSTOP", "stop the focus"),
-    Command(
+    AntennaCommand("FOCSTOP", "stop the focus"),
+    AntennaCommand(
         "FOCPS",
         "focus position status",
         commands_antenna=False,
         answer="commanded and actual position of each axis, mm; epoch; MOVING or STOPPED",
     ),
-    Command(
+    AntennaCommand(
         "RADEC",
         "follow a source: topocentric coordinates of date, or mean ones of J2000 (ICRS)",
         (FRAMES, RA, DEC, WRAP),
     ),
-    Command(
+    AntennaCommand(
         "FIXED",
         "stand at a fixed direction of the antenna's own axes",
         (
@@ -202,25 +369,27 @@ COMMANDS = (
             WRAP,
         ),
     ),
-    Command(
+    AntennaCommand(
         "FIXSKY",
         "stand where a source is, or was, at one instant",
         (FRAMES, RA, DEC, EPOCH, WRAP),
     ),
-    Command(
+    AntennaCommand(
         "OFFSET",
         "set the offsets of one kind, added to the coordinates themselves; for all but TD",
         (
-            Field("kind", "which coordinates", "word", words=("AZEL", "HADEC", "RADEC")),
-            Field("first", "degrees of azimuth, hour angle or right ascension", least=-10.0, most=10.0),
-            Field("second", "degrees of elevation or declination", least=-10.0, most=10.0),
+            CommandField("kind", "which coordinates", "word", words=("AZEL", "HADEC", "RADEC")),
+            CommandField(
+                "first", "degrees of azimuth, hour angle or right ascension", least=-10.0, most=10.0
+            ),
+            CommandField("second", "degrees of elevation or declination", least=-10.0, most=10.0),
         ),
     ),
-    Command(
+    AntennaCommand(
         "POINTING",
         "set the pointing model, degrees; for all but TD; all 0 takes it away",
         tuple(
-            Field(name, meaning, least=-5.0, most=5.0)
+            CommandField(name, meaning, least=-5.0, most=5.0)
             for name, meaning in (
                 ("ih", "index error of the hour angle"),
                 ("id", "index error of the declination"),
@@ -231,36 +400,38 @@ COMMANDS = (
             )
         ),
     ),
-    Command(
+    AntennaCommand(
         "SKY",
         "where on the sky the axes point, by the pointing model turned round",
         commands_antenna=False,
         answer="right ascension and declination of date, azimuth and elevation, degrees; epoch",
     ),
-    Command(
+    AntennaCommand(
         "TLE",
         "one line of a satellite's elements: 0 its name, 1 and 2 the element lines",
         (
-            Field("line", "which line", "word", words=("0", "1", "2")),
+            CommandField("line", "which line", "word", words=("0", "1", "2")),
             CATALOGUE,
-            Field("text", "the line", "text"),
+            CommandField("text", "the line", "text"),
         ),
         commands_antenna=False,
     ),
-    Command(
+    AntennaCommand(
         "OMM",
         "one value of a satellite's elements, by its keyword in the CCSDS Orbit Mean-elements Message",
-        (CATALOGUE, Field("keyword", "as EPOCH", "text"), Field("value", "its value", "text")),
+        (CATALOGUE, CommandField("keyword", "as EPOCH", "text"), CommandField("value", "its value", "text")),
         commands_antenna=False,
     ),
-    Command("SAT", "follow the satellite whose elements were sent last", (CATALOGUE, WRAP)),
-    Command(
+    AntennaCommand("SAT", "follow the satellite whose elements were sent last", (CATALOGUE, WRAP)),
+    AntennaCommand(
         "SATOFF",
         "biases of the satellite",
         (
-            Field("along", "seconds along the track, positive leads", least=-60.0, most=60.0),
-            Field("cross", "degrees across, positive to the left seen from below", least=-5.0, most=5.0),
-            Field(
+            CommandField("along", "seconds along the track, positive leads", least=-60.0, most=60.0),
+            CommandField(
+                "cross", "degrees across, positive to the left seen from below", least=-5.0, most=5.0
+            ),
+            CommandField(
                 "mode",
                 "TRACK, also where left out, or HOLD: stand where that is now",
                 "word",
@@ -274,10 +445,10 @@ BY_WORD = {command.word: command for command in COMMANDS}
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class AntennaRequest:
     """A command that is well formed: its values by the names of its fields, None where one is left out."""
 
-    command: Command
+    command: AntennaCommand
     values: dict[str, Decimal | str | None]
 
     def number(self, name: str, otherwise: float = 0.0) -> float:
@@ -297,7 +468,7 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
-class Refusal:
+class RefusedCommand:
     """A command that is refused: the word that the response begins with, and why."""
 
     word: str
@@ -320,33 +491,32 @@ def word_of(message: str) -> str:
     return first if first in BY_WORD else UNKNOWN_WORD
 
 
-def parse(message: str) -> Request | Refusal:
+def parse(message: str) -> AntennaRequest | RefusedCommand:
     """Return what a message asks for, or why it is refused."""
     parts = message.split(None, 1)
     command = BY_WORD.get(parts[0]) if parts else None
     if command is None:
-        return Refusal(UNKNOWN_WORD, Nak.UNKNOWN)
+        return RefusedCommand(UNKNOWN_WORD, Nak.UNKNOWN)
     texts = _fields(parts[1] if len(parts) > 1 else "", command)
     if len(texts) > len(command.fields):
-        return Refusal(command.word, Nak.FIELDS)
+        return RefusedCommand(command.word, Nak.FIELDS)
     values: dict[str, Decimal | str | None] = {}
-    for field, text in zip(
-        command.fields, texts + [OMITTED] * (len(command.fields) - len(texts)), strict=True
-    ):
-        value = _value(field, text)
+    left_out = [OMITTED] * (len(command.fields) - len(texts))
+    for spec, text in zip(command.fields, texts + left_out, strict=True):
+        value = _value(spec, text)
         if isinstance(value, Nak):
-            return Refusal(command.word, value)
-        values[field.name] = value
-    return Request(command, values)
+            return RefusedCommand(command.word, value)
+        values[spec.name] = value
+    return AntennaRequest(command, values)
 
 
-def _fields(text: str, command: Command) -> list[str]:
+def _fields(text: str, command: AntennaCommand) -> list[str]:
     if command.fields and command.fields[-1].kind == "text":
         return text.split(None, len(command.fields) - 1)
     return text.split()
 
 
-def _value(field: Field, text: str) -> Decimal | str | Nak | None:
+def _value(field: CommandField, text: str) -> Decimal | str | Nak | None:
     if text == OMITTED:
         return None if field.optional else Nak.FIELDS
     if field.kind == "text":

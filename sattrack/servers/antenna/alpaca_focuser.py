@@ -20,7 +20,7 @@ import msgspec
 from sattrack.core.channel import Channel, PipedProcess
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.alpaca.client import NOT_IMPLEMENTED, AlpacaDevice, Refusal, Unheard
-from sattrack.servers.antenna.focus import FocusNews, FocusOrder, RemoteAxis, RemoteFocuser, swept_mm
+from sattrack.servers.antenna.equipment import FocusNews, FocusOrder, RemoteAxis, RemoteFocuser, swept_mm
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -319,7 +319,7 @@ def start_focusers(configs: Sequence[FocuserConfig]) -> FocusProcesses:
 
 def _start(config: FocuserConfig) -> FocusAxisProcess:
     running = PipedProcess.start(
-        "sattrack.servers.antenna.antenna_focus", msgspec.json.encode(config).decode()
+        "sattrack.servers.antenna.alpaca_focuser", msgspec.json.encode(config).decode()
     )
     part = FocusAxisProcess(config, running, RemoteAxis(0.0, 0.0))
     lines = running.channel.first(START_WITHIN_S)
