@@ -84,6 +84,24 @@ def test_a_stop_goes_out_to_a_mount_that_is_not_heard() -> None:
     assert scope.truths[-1].dec_deg == stands
 
 
+@pytest.mark.parametrize("moving", ["nothing", "slew", "moveaxis"])
+def test_once_slewing_falls_after_an_abort_another_motion_can_begin(moving: str) -> None:
+    scope = VirtualTelescope()
+    if moving == "slew":
+        scope.put("slewtocoordinatesasync", RightAscension=scope.get("siderealtime"), Declination=60.0)
+    if moving == "moveaxis":
+        scope.put("moveaxis", Axis=0, Rate=2.0)
+    scope.run_for(1.0)
+    scope.put("abortslew")
+    assert scope.get("slewing") is True
+    until_s = scope.now_utc_s + 10.0
+    # Looks oftener than datagrams go: the abort is settled a tick after the mount is seen at rest.
+    while scope.get("slewing"):
+        assert scope.now_utc_s < until_s
+        scope.run_for(0.005)
+    assert scope.fault_of("findhome") is Number.OK
+
+
 def test_an_offset_rate_that_drifts_to_a_limit_is_ended_and_told() -> None:
     low = replace(START, hour_angle_deg=76.0, dec_deg=-5.0)
     scope = VirtualTelescope(start=low)
