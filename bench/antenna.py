@@ -25,8 +25,8 @@ from sattrack.core.clock import SystemClock
 from sattrack.runtime import practice
 from sattrack.servers.antenna.antcn import Antcn, AntcnRun, epoch_utc_s
 from sattrack.servers.antenna.controller import PositionStatus, position_message
-from sattrack.servers.antenna.protocol import TCP_CHARACTER_TIME_OUT_S, encode
-from sattrack.servers.antenna.sky import NS, AxisRange, AxisState
+from sattrack.servers.antenna.protocol import NS, TCP_CHARACTER_TIME_OUT_S, encode
+from sattrack.servers.antenna.trajectory import AxisRange, AxisState
 from tle.instants import Utc
 from tle.propagator import Propagator
 

@@ -20,7 +20,7 @@ from sattrack.servers.antenna.controller import AntennaStation
 from sattrack.servers.antenna.equipment import Antenna
 from sattrack.servers.antenna.led_mount import axis_range
 from sattrack.servers.antenna.protocol import encode
-from sattrack.servers.antenna.sky import SiteSky
+from sattrack.servers.antenna.trajectory import SiteSky
 
 if TYPE_CHECKING:
     from feeder_harness import Scenario

@@ -16,7 +16,7 @@ from sattrack.servers.antenna.controller import AntennaStation
 from sattrack.servers.antenna.equipment import Antenna, SimulatedFocuser
 from sattrack.servers.antenna.led_mount import axis_range
 from sattrack.servers.antenna.protocol import encode
-from sattrack.servers.antenna.sky import SiteSky
+from sattrack.servers.antenna.trajectory import SiteSky
 
 if TYPE_CHECKING:
     from collections.abc import Callable

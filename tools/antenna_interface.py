@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from sattrack.servers.antenna.controller import Controller
 from sattrack.servers.antenna.equipment import Antenna, Feedback, FocusAxis, SimulatedFocuser
-from sattrack.servers.antenna.protocol import COMMANDS, NAK_MEANINGS, AntennaCommand, CommandField, encode
-from sattrack.servers.antenna.sky import NS, AxisRange, AxisState, SiteSky
+from sattrack.servers.antenna.protocol import COMMANDS, NAK_MEANINGS, NS, AntennaCommand, CommandField, encode
+from sattrack.servers.antenna.trajectory import AxisRange, AxisState, SiteSky
 from tle.instants import Utc
 from tle.site import Site
 from tools.protocol.regions import replace_region

@@ -42,7 +42,7 @@ from sattrack.servers.alpaca.serve import (
 )
 from sattrack.servers.alpaca.station import TelescopeStation
 from sattrack.servers.alpaca.telescope import Abilities
-from sattrack.servers.antenna.protocol import spoken
+from sattrack.servers.antenna.protocol import program_line
 from sattrack.settings import SiteSettings
 
 if TYPE_CHECKING:
@@ -113,13 +113,15 @@ def command(context: CommandContext, **options: Any) -> int:
         if context.json:
             JsonLines().write({"listening": port, "host": options["host"]})
         log.tell(
-            spoken(f"Alpaca is on {options['host']}:{port}; Ctrl-C stops the mount and ends it", PROGRAM)
+            program_line(
+                f"Alpaca is on {options['host']}:{port}; Ctrl-C stops the mount and ends it", PROGRAM
+            )
         )
         if (refused := refusals(connection, served.address)) is not None:
             tell(refused)
         for words in (trouble, reached_from_outside(PROGRAM, options["host"], port, callers.allowed)):
             if words is not None:
-                log.tell(spoken(words, PROGRAM))
+                log.tell(program_line(words, PROGRAM))
         AlpacaLoop(connection, stop, station, door, log.tell).run()
     if stop.asked and station.was_asked and station.mount_stopped is None:
         raise InterruptedRunError("interrupted; the mount was not moving, and goes on as it was")

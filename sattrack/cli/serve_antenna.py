@@ -31,7 +31,7 @@ from sattrack.servers.antenna.alpaca_focuser import FORM, parse_focuser, start_f
 from sattrack.servers.antenna.controller import AntennaStation
 from sattrack.servers.antenna.equipment import Antenna, FocusAxis, SimulatedFocuser
 from sattrack.servers.antenna.led_mount import DEC_LIMIT_DEG, axis_range
-from sattrack.servers.antenna.protocol import Checksum, spoken
+from sattrack.servers.antenna.protocol import Checksum, program_line, to_ns
 from sattrack.servers.antenna.serve import (
     BAUDS,
     DEFAULT_FRAMING,
@@ -40,7 +40,7 @@ from sattrack.servers.antenna.serve import (
     AntennaServer,
     SerialChannel,
 )
-from sattrack.servers.antenna.sky import SiteSky, to_ns
+from sattrack.servers.antenna.trajectory import SiteSky
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
     from sattrack.mount.model import AxesPosition, MountProfile
     from sattrack.servers.antenna.alpaca_focuser import FocuserConfig
     from sattrack.servers.antenna.equipment import Focuser
-    from sattrack.servers.antenna.sky import AxisKind
+    from sattrack.servers.antenna.trajectory import AxisKind
     from tle.site import Site
 
 DEFAULT_PORT = 7621
@@ -132,7 +132,7 @@ def command(context: CommandContext, **options: Any) -> int:
         closing.enter_context(stopping(stop))
         if lines is not None and context.json:
             lines.write({"listening": door.port, "serial": options["device"]})
-        log.tell(spoken(f"the antenna interface is on {where}; Ctrl-C stops the mount and ends it"))
+        log.tell(program_line(f"the antenna interface is on {where}; Ctrl-C stops the mount and ends it"))
         show = lines.write if lines is not None and options["stream"] else None
         words = Words(options["control"]).typed
         AntennaLoop(connection, stop, station, door, log.tell, words, where, show, focus).run()

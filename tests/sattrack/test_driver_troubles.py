@@ -33,8 +33,8 @@ from sattrack.servers.alpaca.station import TelescopeStation
 from sattrack.servers.antenna.controller import AntennaStation
 from sattrack.servers.antenna.equipment import Antenna, SimulatedFocuser
 from sattrack.servers.antenna.led_mount import axis_range
-from sattrack.servers.antenna.protocol import encode
-from sattrack.servers.antenna.sky import SiteSky, to_ns
+from sattrack.servers.antenna.protocol import encode, to_ns
+from sattrack.servers.antenna.trajectory import SiteSky
 from sattrack.servers.rotctld.answers import Client
 from sattrack.servers.rotctld.rotator import RotatorStation
 from sattrack.views.messages import Jog, StopNow

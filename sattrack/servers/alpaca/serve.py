@@ -37,7 +37,7 @@ from sattrack.servers.alpaca.protocol import (
     encode,
 )
 from sattrack.servers.alpaca.telescope import Abilities
-from sattrack.servers.antenna.protocol import spoken
+from sattrack.servers.antenna.protocol import program_line
 from sattrack.settings import SiteSettings
 from tle.elements import Elements
 from tle.errors import TleError
@@ -334,7 +334,7 @@ class AlpacaLoop(StationLoop):
 
     def tell(self, words: str) -> None:
         """See StationLoop."""
-        self.log(spoken(words, PROGRAM))
+        self.log(program_line(words, PROGRAM))
 
     def serve(self, ready: list[Any]) -> None:
         """Take orders, and begin those that may begin now."""

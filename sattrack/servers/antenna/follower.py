@@ -19,7 +19,7 @@ from sattrack.mount.model import Motion, MountProfile, MoveAxes, StatusSample
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.servers.antenna.sky import SiteSky
+    from sattrack.servers.antenna.trajectory import SiteSky
 
 OLDEST_S = 0.3
 """A sample older than this says nothing of where the axes are now."""

@@ -14,7 +14,8 @@ from sattrack.mount.model import Hold, Motion, Stop
 from sattrack.safety import Safety
 from sattrack.servers.antenna.equipment import Feedback, Sensors
 from sattrack.servers.antenna.follower import Follower
-from sattrack.servers.antenna.sky import AxisKind, AxisRange, AxisState, AzEl, HaDec, Path, SiteSky, to_ns
+from sattrack.servers.antenna.protocol import to_ns
+from sattrack.servers.antenna.trajectory import AxisKind, AxisRange, AxisState, AzEl, HaDec, Path, SiteSky
 
 if TYPE_CHECKING:
     from sattrack.mount.model import MountProfile, StatusSample

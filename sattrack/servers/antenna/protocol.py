@@ -1,16 +1,13 @@
-"""Commands and responses as one table: it drives the parser, the documentation and the tests.
+"""The antenna interface on the line: commands and responses as one table, their framing, epochs, log lines.
 
-"Ideal Field System Antenna Interface", section 4.0: every command has one response. Fields are separated by
-blanks; two commas stand for one that is left out.
+"Ideal Field System Antenna Interface", sections 3.0 and 4.0. Every command has one response. A message is
+text, a trailing space, a checksum and a line-feed; fields are separated by blanks, two commas stand for one
+that is left out. The table drives the parser, the documentation and the tests. Instants are whole nanoseconds
+of UTC since 1970, so that an epoch given to a microsecond stays what it is.
 
-Framing of messages on the line: text, a trailing space, a check, a line-feed; and the sync character.
-
-"Ideal Field System Antenna Interface", section 3.0. Pure: bytes in, lines out; instants are given.
-
-Lines of a log in the Field System's style: year, day of the year, time, a sign for the kind, and words.
-
-A program's own words stand behind its name between two `#`, an operator's behind `;`. Errors begin with
-`?ERROR`, two letters and a negative number: here the number after NAK.
+Log lines have the Field System's style: year, day of the year, time, a sign for the kind, text. A program's
+text follows its name between two `#`, an operator's follows `;`. Errors begin with `?ERROR`, two letters and
+a negative number: here the number after NAK.
 """
 
 from __future__ import annotations
@@ -26,161 +23,33 @@ from typing import TYPE_CHECKING, Literal
 if TYPE_CHECKING:
     from sattrack.servers.antenna.controller import Exchange
 
-PROGRAM = "antenna"
-ERRORS = "AN"
-
-
-def stamp(utc_s: float) -> str:
-    """Return an instant (POSIX seconds) to a hundredth of a second, cut off."""
-    at = datetime.fromtimestamp(utc_s, UTC)
-    return f"{at:%Y.%j.%H:%M:%S}.{at.microsecond // 10000:02d}"
-
-
-def spoken(words: str, program: str = PROGRAM) -> str:
-    """Return the program's own words, without the instant."""
-    return f"#{program}#{words}"
-
-
-def typed(words: str) -> str:
-    """Return what the operator said, without the instant."""
-    return f";{words}"
-
-
-def refused(exchange: Exchange, why: Nak) -> str:
-    """Return a refusal, without the instant."""
-    return f"?ERROR {ERRORS}{-why.value:5d} {NAK_MEANINGS[why]}: {exchange.received}"
-
-
 SYNC = b"#"
 END = b"\n"
 LONGEST_MESSAGE = 200
 """Characters of a message with its trailing space and check: twice what the longest command takes."""
 TIME_OUT_S = 0.5
-"""Within which a response is there: section 4.0's upper bound."""
+"""A response must come within this time: section 4.0's upper bound."""
 CHARACTER_TIMES = 3.0
 """A character time-out, in times that one character takes on the line: section 4.0, "2-3 times"."""
 TCP_CHARACTER_TIME_OUT_S = 0.05
-"""The same where characters come in packets, and the network decides when."""
-
-
-class Checksum(Enum):
-    """How a message is checked: the value is the number of its hexadecimal digits."""
-
-    SUM = 2
-    CRC16 = 4
-
-    def of(self, message: bytes) -> bytes:
-        """Return the check of a message with its trailing space, in upper case."""
-        if self is Checksum.SUM:
-            return b"%02X" % (sum(message) & 0xFF)
-        return b"%04X" % binascii.crc_hqx(message, 0xFFFF)
-
-
-class LineFault(Enum):
-    """What is wrong with a line that came."""
-
-    TRANSMISSION = "transmission error"
-    TOO_LONG = "too long"
-
-
-@dataclass(frozen=True, slots=True)
-class ReceivedLine:
-    """One line that came: its message without the trailing space, or what could be read of a faulty one."""
-
-    message: str
-    fault: LineFault | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Synchronised:
-    """The synchronisation character came: what was under way in either direction is void."""
-
-
-def encode(message: str, check: Checksum = Checksum.SUM) -> bytes:
-    """Return a message as it goes on the line. Raises ValueError where it holds what no message may."""
-    if not all(_is_message_byte(ord(c)) for c in message):
-        raise ValueError(f"{message!r} holds a character that no message may hold")
-    body = message.encode("ascii") + b" "
-    return body + check.of(body) + END
-
-
-def _is_message_byte(byte: int) -> bool:
-    return 0x20 <= byte <= 0x7E and byte != SYNC[0]
-
-
-@dataclass(slots=True)
-class Framer:
-    """Cuts what arrives into lines. Empty lines are swallowed; nothing that comes can break it."""
-
-    check: Checksum = Checksum.SUM
-    _pending: bytearray = field(default_factory=bytearray)
-    _overlong: bool = False
-
-    def receive(self, data: bytes) -> list[ReceivedLine | Synchronised]:
-        """Return the lines that are complete, and the synchronisations, in the order of arrival.
-
-        After a synchronisation nothing of what came before it is left.
-        """
-        events: list[ReceivedLine | Synchronised] = []
-        for byte in data:
-            if byte == SYNC[0]:
-                self.reset()
-                events.append(Synchronised())
-            elif byte == END[0]:
-                line = self._finish()
-                if line is not None:
-                    events.append(line)
-            elif len(self._pending) < LONGEST_MESSAGE:
-                self._pending.append(byte)
-            else:
-                self._overlong = True
-        return events
-
-    def reset(self) -> None:
-        """Forget what has come of a line."""
-        self._pending.clear()
-        self._overlong = False
-
-    def _finish(self) -> ReceivedLine | None:
-        raw, overlong = bytes(self._pending), self._overlong
-        self.reset()
-        if not raw:
-            return None
-        if overlong:
-            return ReceivedLine(_readable(raw), LineFault.TOO_LONG)
-        digits = self.check.value
-        body, check = raw[:-digits], raw[-digits:]
-        good = body.endswith(b" ") and check.upper() == self.check.of(body)
-        if not good or not all(_is_message_byte(b) for b in body):
-            return ReceivedLine(_readable(raw), LineFault.TRANSMISSION)
-        return ReceivedLine(body[:-1].decode("ascii"))
-
-
-def _readable(raw: bytes) -> str:
-    return "".join(chr(b) if _is_message_byte(b) else "?" for b in raw)
-
-
-def character_time_out_s(baud: int, bits_per_character: int = 10) -> float:
-    """Return after how much silence the next character is not to be expected, on a serial line, seconds.
-
-    `bits_per_character` counts start, parity and stop bits: 10 for 7E1 as for 8N1.
-    """
-    return CHARACTER_TIMES * bits_per_character / baud
-
-
-def idle_time_s(character_s: float) -> float:
-    """Return the silence that shows an idle line after a synchronisation: two character time-outs."""
-    return 2.0 * character_s
-
-
+"""The character time-out on a network, where characters come in packets."""
 OMITTED = ",,"
 UNKNOWN_WORD = "??"
 """The word of a response to a line whose command cannot be read."""
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
+NS = 1_000_000_000
+DAY_S = 86400
+MIDNIGHT_WINDOW_S = 100
+LONGEST_SECOND = 1
+"""A day that ends with a leap second has an 86400th."""
+MOST_EPOCH_DISTANCE_S = 3600
+"""An epoch further from now is refused."""
+PROGRAM = "antenna"
+ERRORS = "AN"
 
 
 class Nak(IntEnum):
-    """Why a command was refused: the small integer after NAK."""
+    """The reason of a refusal: the small integer after NAK."""
 
     TRANSMISSION = 1
     TOO_LONG = 2
@@ -230,14 +99,14 @@ class CommandField:
     most: float = 0.0
     words: tuple[str, ...] = ()
     whole: bool = False
-    """Whether a number has to be a whole one."""
+    """Whether a number must be a whole one."""
     optional: bool = False
     """Whether two commas, or nothing at the end, may stand in its place."""
 
 
 @dataclass(frozen=True, slots=True)
 class AntennaCommand:
-    """One command: its word, its fields, whether it commands the antenna, and what comes back."""
+    """One command: its word, its fields, whether it commands the antenna, and its response."""
 
     word: str
     meaning: str
@@ -269,7 +138,6 @@ RA = CommandField("ra", "right ascension, degrees", least=-360.0, most=360.0)
 DEC = CommandField("dec", "declination, degrees", least=-90.0, most=90.0)
 CATALOGUE = CommandField("number", "catalogue number", least=0, most=999_999_999, whole=True)
 EPOCH = CommandField("epoch", "seconds of the UTC day", least=0.0, most=86401.0, optional=True)
-
 COMMANDS = (
     AntennaCommand(
         "TD",
@@ -446,13 +314,13 @@ BY_WORD = {command.word: command for command in COMMANDS}
 
 @dataclass(frozen=True, slots=True)
 class AntennaRequest:
-    """A command that is well formed: its values by the names of its fields, None where one is left out."""
+    """A well-formed command: its values by the names of its fields, None where one is left out."""
 
     command: AntennaCommand
     values: dict[str, Decimal | str | None]
 
     def number(self, name: str, otherwise: float = 0.0) -> float:
-        """Return a number, or what stands for one that is left out."""
+        """Return a number, or `otherwise` where it is left out."""
         value = self.values[name]
         return otherwise if value is None else float(value)
 
@@ -462,14 +330,14 @@ class AntennaRequest:
         return value if isinstance(value, Decimal) else Decimal(0)
 
     def text(self, name: str, otherwise: str = "") -> str:
-        """Return a word or a text, or what stands for one that is left out."""
+        """Return a word or a text, or `otherwise` where it is left out."""
         value = self.values[name]
         return otherwise if value is None else str(value)
 
 
 @dataclass(frozen=True, slots=True)
 class RefusedCommand:
-    """A command that is refused: the word that the response begins with, and why."""
+    """A command that is refused: the first word of the response, and the reason."""
 
     word: str
     why: Nak
@@ -480,19 +348,8 @@ class RefusedCommand:
         return f"{self.word} NAK {self.why.value}"
 
 
-def acknowledge(word: str) -> str:
-    """Return the response to a command that was accepted."""
-    return f"{word} ACK"
-
-
-def word_of(message: str) -> str:
-    """Return the word of a command that may be faulty, as responses to it begin."""
-    first = message.split(" ", 1)[0]
-    return first if first in BY_WORD else UNKNOWN_WORD
-
-
 def parse(message: str) -> AntennaRequest | RefusedCommand:
-    """Return what a message asks for, or why it is refused."""
+    """Return the request of a message, or its refusal."""
     parts = message.split(None, 1)
     command = BY_WORD.get(parts[0]) if parts else None
     if command is None:
@@ -529,3 +386,174 @@ def _value(field: CommandField, text: str) -> Decimal | str | Nak | None:
     if not field.least <= number <= field.most:
         return Nak.RANGE
     return Nak.VALUE if field.whole and number != number.to_integral_value() else number
+
+
+def acknowledge(word: str) -> str:
+    """Return the response to a command that was accepted."""
+    return f"{word} ACK"
+
+
+def word_of(message: str) -> str:
+    """Return the first word of the response to a command that may be faulty."""
+    first = message.split(" ", 1)[0]
+    return first if first in BY_WORD else UNKNOWN_WORD
+
+
+class Checksum(Enum):
+    """The check of a message; the value is the number of its hexadecimal digits."""
+
+    SUM = 2
+    CRC16 = 4
+
+    def of(self, message: bytes) -> bytes:
+        """Return the checksum of a message with its trailing space, in upper case."""
+        if self is Checksum.SUM:
+            return b"%02X" % (sum(message) & 0xFF)
+        return b"%04X" % binascii.crc_hqx(message, 0xFFFF)
+
+
+class LineFault(Enum):
+    """The fault of a line that came."""
+
+    TRANSMISSION = "transmission error"
+    TOO_LONG = "too long"
+
+
+@dataclass(frozen=True, slots=True)
+class ReceivedLine:
+    """One line that came: its message without the trailing space, or the readable part of a faulty one."""
+
+    message: str
+    fault: LineFault | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Synchronised:
+    """The synchronisation character came: unfinished messages in either direction are void."""
+
+
+@dataclass(slots=True)
+class Framer:
+    """Cuts received bytes into lines; skips empty ones. No input raises."""
+
+    check: Checksum = Checksum.SUM
+    _pending: bytearray = field(default_factory=bytearray)
+    _overlong: bool = False
+
+    def receive(self, data: bytes) -> list[ReceivedLine | Synchronised]:
+        """Return the complete lines and the synchronisations, in the order of arrival."""
+        events: list[ReceivedLine | Synchronised] = []
+        for byte in data:
+            if byte == SYNC[0]:
+                self.reset()
+                events.append(Synchronised())
+            elif byte == END[0]:
+                line = self._finish()
+                if line is not None:
+                    events.append(line)
+            elif len(self._pending) < LONGEST_MESSAGE:
+                self._pending.append(byte)
+            else:
+                self._overlong = True
+        return events
+
+    def reset(self) -> None:
+        """Forget the unfinished line."""
+        self._pending.clear()
+        self._overlong = False
+
+    def _finish(self) -> ReceivedLine | None:
+        raw, overlong = bytes(self._pending), self._overlong
+        self.reset()
+        if not raw:
+            return None
+        if overlong:
+            return ReceivedLine(_readable(raw), LineFault.TOO_LONG)
+        digits = self.check.value
+        body, check = raw[:-digits], raw[-digits:]
+        good = body.endswith(b" ") and check.upper() == self.check.of(body)
+        if not good or not all(_is_message_byte(b) for b in body):
+            return ReceivedLine(_readable(raw), LineFault.TRANSMISSION)
+        return ReceivedLine(body[:-1].decode("ascii"))
+
+
+def encode(message: str, check: Checksum = Checksum.SUM) -> bytes:
+    """Return a message as it goes on the line. Raises ValueError for a character that no message may hold."""
+    if not all(_is_message_byte(ord(c)) for c in message):
+        raise ValueError(f"{message!r} holds a character that no message may hold")
+    body = message.encode("ascii") + b" "
+    return body + check.of(body) + END
+
+
+def _is_message_byte(byte: int) -> bool:
+    return 0x20 <= byte <= 0x7E and byte != SYNC[0]
+
+
+def _readable(raw: bytes) -> str:
+    return "".join(chr(b) if _is_message_byte(b) else "?" for b in raw)
+
+
+def character_time_out_s(baud: int, bits_per_character: int = 10) -> float:
+    """Return the character time-out of a serial line, seconds.
+
+    `bits_per_character` counts start, parity and stop bits: 10 for 7E1 as for 8N1.
+    """
+    return CHARACTER_TIMES * bits_per_character / baud
+
+
+def idle_time_s(character_s: float) -> float:
+    """Return the silence that shows an idle line after a synchronisation: two character time-outs."""
+    return 2.0 * character_s
+
+
+def resolve_epoch(seconds: Decimal, now_ns: int) -> int:
+    """Return the instant of seconds of the UTC day that are received at `now_ns`.
+
+    In the first 100 s of a day, the last 100 s are those of the day before; in the last 100 s, the first are
+    those of the day after. Raises ValueError for seconds outside a day.
+    """
+    if not 0 <= seconds < DAY_S + LONGEST_SECOND:
+        raise ValueError(f"{seconds} is no second of a day")
+    start_ns = day_start_ns(now_ns)
+    elapsed_s = second_of_day(now_ns)
+    if elapsed_s < MIDNIGHT_WINDOW_S and seconds >= DAY_S - MIDNIGHT_WINDOW_S:
+        start_ns -= DAY_S * NS
+    elif elapsed_s >= DAY_S - MIDNIGHT_WINDOW_S and seconds < MIDNIGHT_WINDOW_S:
+        start_ns += DAY_S * NS
+    return start_ns + int((seconds * NS).to_integral_value())
+
+
+def second_of_day(utc_ns: int) -> Decimal:
+    """Return the seconds since the UTC midnight before, exactly."""
+    return Decimal(utc_ns % (DAY_S * NS)) / NS
+
+
+def day_start_ns(utc_ns: int) -> int:
+    """Return the UTC midnight before an instant."""
+    return utc_ns - utc_ns % (DAY_S * NS)
+
+
+def to_ns(utc_s: float) -> int:
+    """Return POSIX seconds as whole nanoseconds, at a whole microsecond: floats know no less."""
+    return round(utc_s * 1e6) * 1000
+
+
+def log_stamp(utc_s: float) -> str:
+    """Return an instant (POSIX seconds) to a hundredth of a second, cut off."""
+    at = datetime.fromtimestamp(utc_s, UTC)
+    return f"{at:%Y.%j.%H:%M:%S}.{at.microsecond // 10000:02d}"
+
+
+def program_line(text: str, program: str = PROGRAM) -> str:
+    """Return a log line of the program, without the instant."""
+    return f"#{program}#{text}"
+
+
+def operator_line(text: str) -> str:
+    """Return a log line of the operator, without the instant."""
+    return f";{text}"
+
+
+def refusal_line(exchange: Exchange, why: Nak) -> str:
+    """Return the log line of a refusal, without the instant."""
+    return f"?ERROR {ERRORS}{-why.value:5d} {NAK_MEANINGS[why]}: {exchange.received}"

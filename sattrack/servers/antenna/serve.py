@@ -1,12 +1,9 @@
-"""What `sattrack serve antenna` adds to the loop of a door: antcn, the console's words, what is shown.
+"""`sattrack serve antenna`: its loop, its TCP port or serial line, and addresses of other controllers.
 
-A position status is latched when its bytes are read.
-
-Where antcn comes in: a TCP port or a serial line, one caller at a time; and the same lines from outside.
-
-The server never speaks first. A second caller on TCP is hung up on before a byte is sent, so that two Field
-Systems cannot drive one antenna, unless the first has fallen silent; a serial line has one caller by its
-nature. `--mount antenna://HOST:PORT` and `antenna:///dev/ttyUSB0` name a controller that is driven from here.
+The server only responds; a position status is latched when its bytes are read. A second caller on TCP is
+disconnected before a byte is sent, so that two Field Systems cannot drive one antenna, unless the first has
+fallen silent; a serial line has one caller. `--mount antenna://HOST:PORT` and `antenna:///dev/ttyUSB0` name a
+controller that sattrack drives.
 """
 
 from __future__ import annotations
@@ -27,14 +24,16 @@ from sattrack.runtime.callers import MOST_WAITING_BYTES, READ_BYTES, CallerLimit
 from sattrack.runtime.station_loop import StationLoop
 from sattrack.servers.antenna.protocol import (
     NAK_MEANINGS,
+    NS,
     TCP_CHARACTER_TIME_OUT_S,
     Checksum,
     character_time_out_s,
-    refused,
-    spoken,
-    typed,
+    operator_line,
+    program_line,
+    refusal_line,
+    to_ns,
 )
-from sattrack.servers.antenna.sky import NS, AxisKind, to_ns
+from sattrack.servers.antenna.trajectory import AxisKind
 from sattrack.views.run import (
     LONGEST_SHOWN,
     SHOWN_EXCHANGES,
@@ -52,35 +51,308 @@ if TYPE_CHECKING:
     from sattrack.servers.antenna.alpaca_focuser import FocusProcesses
     from sattrack.servers.antenna.controller import AntennaStation
 
+LEAVE = "leave"
+WORDS = ("local", "remote", "stop", "reset", "last", LEAVE)
+SHOW_EVERY_TICKS = 5
+MOST_REFUSALS_LOGGED = 5
+"""Refusals logged in one tick; more are counted."""
 REOPEN_EVERY_S = 2.0
 EMPTY_READS = 10
-"""A line that has something to read, again and again, and nothing is there, is gone."""
+"""A line that is readable so many times in a row, and gives nothing, is gone."""
 BAUDS = (9600, 19200, 38400, 57600, 115200)
 DEFAULT_FRAMING = "7E1"
 _FRAMING = re.compile(r"([5-8])([NEOMS])(1|1\.5|2)")
 ONE_CALLER = CallerLimits(callers=1, elsewhere_s=60.0)
-Answer = tuple[bytes, bool]
-"""What to send, and whether to drop what still waits to be sent."""
+Response = tuple[bytes, bool]
+"""The bytes to send, and whether to drop unsent output."""
 CONNECT_WITHIN_S = 3.0
 FORMS = "antenna://HOST:PORT or antenna:///dev/ttyUSB0, with ?axes=azel, ?rate=10 and the like"
 OPTIONS = ("axes", "check", "rate", "timing", "baud", "framing")
 MOST_RATE_HZ = 10.0
 
 
+@dataclass(slots=True)
+class AntennaLoop(StationLoop):
+    """Serves one station until `stop` is set and the mount is seen at rest.
+
+    `typed_words` returns the operator's words since the last call.
+    """
+
+    driver: AntennaStation
+    door: AntennaServer
+    typed_words: Callable[[], Sequence[str]]
+    where: str = ""
+    """The address of the server, as text."""
+    show: Callable[[AntennaView], None] | None = None
+    """Takes a view a few times a second; must not wait."""
+    focus: FocusProcesses | None = None
+    """The focuser, where it is not simulated."""
+    _logged_refusals: int = field(default=0, init=False)
+    _logged_caller: bool = field(default=False, init=False)
+    _logged_disconnected: int = field(default=0, init=False)
+    _logged_foreign: int = field(default=0, init=False)
+
+    def tell(self, words: str) -> None:
+        """See StationLoop."""
+        self.log(program_line(words))
+
+    def serve(self, ready: list[Any]) -> None:
+        """Serve antcn."""
+        if self.door.serve(ready, self.connection.now_utc_s, self.driver.receive_command):
+            self.driver.controller.hang_up()
+            self._logged_caller = False
+            self.tell("antcn is gone; the trajectory in force stays")
+
+    def obey(self, now_utc_s: float) -> None:
+        """Serve the serial line, the focuser and the operator's words."""
+        del now_utc_s
+        if self.door.reopen_lost(time.monotonic()):
+            self._logged_caller = True
+            self.tell("the serial line is there again")
+        if self.focus is not None:
+            for line in self.focus.exchange(self._at_ns):
+                self.tell(line)
+        for word in self.typed_words():
+            self._handle_word(word)
+
+    def _at_ns(self, monotonic_s: float) -> int:
+        """Return an instant by the antenna's clock."""
+        return to_ns(self.connection.clock.utc_s(monotonic_s) + self.driver.clock_ahead_s)
+
+    def _handle_word(self, word: str) -> None:
+        """Carry out a word typed at the controller's console."""
+        controller, now_ns = self.driver.controller, self._at_ns(time.monotonic())
+        if word:
+            self.log(operator_line(word))
+        if word in {"local", "remote"}:
+            controller.switch(word == "remote", now_ns)
+            self.tell(f"the controller is in {word}")
+        elif word == "last":
+            for exchange in controller.exchanges:
+                self.tell(f"{exchange.received} -> {exchange.answered}")
+        elif word == "stop":
+            controller.stop(now_ns)
+            self.tell("the operator has ended the trajectory")
+        elif word == "reset":
+            controller.reset()
+        elif word == LEAVE:
+            self.driver.end(self.connection.now_utc_s())
+        elif word:
+            self.tell(f"{word!r} is not a word of this console: {', '.join(WORDS)}")
+
+    def _show(self) -> None:
+        if self.show is not None:
+            self.show(self.view())
+
+    def view(self) -> AntennaView:
+        """Return the view of the controller's console."""
+        station, controller = self.driver, self.driver.controller
+        now_utc_s = self.connection.now_utc_s()
+        at_ns = self._at_ns(time.monotonic())
+        states = (controller.commanded(at_ns), station.actual(at_ns))
+        commanded, actual = (None if s is None else AxesView(s.first_deg, s.second_deg) for s in states)
+        return AntennaView(
+            utc_s=now_utc_s,
+            door=self.where,
+            caller=self.door.channel is not None,
+            axes=station.antenna.axes,
+            mount="sim" if self.connection.simulated is not None else str(self.connection.link.address),
+            link_up=station.link_up,
+            remote=controller.remote,
+            doing=controller.doing.value,
+            servo=controller.servo,
+            outside_limits=station.outside_limits,
+            tripped=station.tripped,
+            commanded=commanded,
+            actual=actual,
+            refused=controller.refused,
+            exchanges=tuple(
+                ExchangeView(e.utc_ns / NS, e.received[:LONGEST_SHOWN], e.answered[:LONGEST_SHOWN])
+                for e in islice(reversed(controller.exchanges), SHOWN_EXCHANGES)
+            ),
+            refusals=tuple(
+                RefusalView(e.utc_ns / NS, e.received[:LONGEST_SHOWN], NAK_MEANINGS[e.refused])
+                for e in islice(reversed(controller.refusals), SHOWN_REFUSALS)
+                if e.refused is not None
+            ),
+            focus=self._focus_view(at_ns),
+        )
+
+    def _focus_view(self, at_ns: int) -> FocusView | None:
+        focuser = self.driver.antenna.focuser
+        if focuser is None:
+            return None
+        report = focuser.report(at_ns)
+        return FocusView(tuple(place.actual_mm for place in report.axes), report.moving)
+
+    def report(self) -> None:
+        """Log what has changed: refusals, callers, interlocks, the link."""
+        self._report_refusals()
+        self._report_callers()
+        self.report_mount("trajectory", "RESET")
+        if self.ticks % SHOW_EVERY_TICKS == 0:
+            self._show()
+
+    def _report_refusals(self) -> None:
+        controller = self.driver.controller
+        count = controller.refused - self._logged_refusals
+        if count == 0:
+            return
+        self._logged_refusals = controller.refused
+        recent = [(e, e.refused) for e in controller.refusals if e.refused is not None]
+        recent = recent[-min(count, MOST_REFUSALS_LOGGED) :]
+        for exchange, why in recent:
+            self.log(refusal_line(exchange, why))
+        if count > len(recent):
+            self.tell(f"{count - len(recent)} more were refused")
+
+    def _report_callers(self) -> None:
+        caller = self.door.channel is not None
+        if caller and not self._logged_caller:
+            self.tell("antcn is there")
+        self._logged_caller = caller
+        if self.door.disconnected != self._logged_disconnected:
+            self._logged_disconnected = self.door.disconnected
+            self.tell("a second caller was hung up on: one antenna, one antcn")
+        if self.door.foreign != self._logged_foreign:
+            self._logged_foreign = self.door.foreign
+            self.tell("a caller that speaks HTTP or TLS was hung up on")
+
+
+@dataclass(slots=True)
+class AntennaServer:
+    """A listening socket with its caller, or a serial line."""
+
+    listener: socket.socket | None = None
+    channel: CallerLine | None = None
+    reopen: Callable[[], CallerLine] | None = None
+    """Opens the serial line again after its loss."""
+    limits: CallerLimits = ONE_CALLER
+    disconnected: int = 0
+    """Callers that were refused because another was connected."""
+    foreign: int = 0
+    """Callers that were disconnected because they spoke HTTP or TLS."""
+    _seat: Seat | None = None
+    """None on a serial line."""
+    _opening: Opening = field(default_factory=lambda: Opening(by_lines=True))
+    _next_try_s: float = 0.0
+    _waiting: bytes = b""
+
+    @property
+    def port(self) -> int | None:
+        """The TCP port; None on a serial line."""
+        return None if self.listener is None else int(self.listener.getsockname()[1])
+
+    def readers(self) -> list[Any]:
+        """See Doorway."""
+        return [part for part in (self.listener, self.channel) if part is not None]
+
+    def writers(self) -> list[Any]:
+        """See Doorway."""
+        return [self.channel] if self.channel is not None and self._waiting else []
+
+    def serve(
+        self, ready: list[Any], now: Callable[[], float], answer: Callable[[bytes, float], Response]
+    ) -> bool:
+        """Serve what is ready; return whether the caller has gone meanwhile.
+
+        `now` is read as soon as the bytes are here: that is the instant at which their line-feed came.
+        """
+        gone = False
+        if self.channel is not None and self.channel in ready:
+            data = self._read(self.channel)
+            came_s = now()
+            if data is None:
+                gone = True
+                self._hang_up()
+            elif data:
+                self._send(*answer(data, came_s))
+        if self.listener is not None and self.listener in ready:
+            gone = self._accept(self.listener) or gone
+        return gone
+
+    def flush(self) -> None:
+        """See Doorway."""
+        if self.channel is not None and self._waiting:
+            self._waiting = self._waiting[self.channel.write(self._waiting) :]
+
+    def close(self) -> None:
+        """Close everything."""
+        for part in (self.channel, self.listener):
+            if part is not None:
+                part.close()
+        self.channel = self.listener = None
+
+    def _send(self, data: bytes, drop: bool) -> None:
+        if drop and self.channel is not None:
+            self._waiting = b""
+            self.channel.drop_output()
+        self._waiting += data
+        self.flush()
+        if len(self._waiting) > MOST_WAITING_BYTES:
+            self._hang_up()
+
+    def _read(self, channel: CallerLine) -> bytes | None:
+        """Return the bytes that have come; None where the caller is gone, or speaks HTTP or TLS."""
+        data = channel.read()
+        if not data or self._seat is None:
+            return data
+        self._seat = self._seat._replace(asked_s=time.monotonic())
+        accepted = self._opening.take(data)
+        self.foreign += accepted is None
+        return accepted
+
+    def _accept(self, listener: socket.socket) -> bool:
+        """Accept a caller where there is room; return whether another had to go."""
+        try:
+            connection, (address, *_) = listener.accept()
+        except OSError:
+            return False
+        now_s = time.monotonic()
+        seats = {} if self._seat is None else {0: self._seat}
+        objection, makes_room = self.limits.admit(address, seats, now_s)
+        if objection is not None:
+            self.disconnected += 1
+            connection.close()
+            return False
+        if makes_room:
+            self._hang_up()
+        self.channel, self._seat = TcpChannel(connection), Seat(address, -math.inf, now_s)
+        self._opening = Opening(by_lines=True)
+        return bool(makes_room)
+
+    def _hang_up(self) -> None:
+        assert self.channel is not None
+        self.channel.close()
+        self._waiting = b""
+        self.channel = self._seat = None
+
+    def reopen_lost(self, monotonic_s: float) -> bool:
+        """Reopen a lost serial line, now and then; return whether it is open again."""
+        if self.channel is not None or self.reopen is None or monotonic_s < self._next_try_s:
+            return False
+        self._next_try_s = monotonic_s + REOPEN_EVERY_S
+        try:
+            self.channel = self.reopen()
+        except SattrackError:
+            return False
+        return True
+
+
 class CallerLine(Protocol):
-    """One caller's bytes."""
+    """The byte stream of one caller."""
 
     def fileno(self) -> int:
         """Return the descriptor to wait on."""
 
     def read(self) -> bytes | None:
-        """Return what has come, without waiting; None where the caller is gone."""
+        """Return the bytes that have come, without waiting; None where the caller is gone."""
 
     def write(self, data: bytes) -> int:
-        """Send what can be sent without waiting; return how many bytes were."""
+        """Send without waiting; return how many bytes were sent."""
 
     def drop_output(self) -> None:
-        """Drop what the system has taken and not sent yet, where that can be done."""
+        """Drop unsent output of the operating system, where possible."""
 
     def close(self) -> None:
         """Hang up."""
@@ -89,7 +361,7 @@ class CallerLine(Protocol):
 class SerialChannel:
     """A serial line, or anything that is a terminal to the system.
 
-    Raises BadInputError where pyserial is not installed or the settings are none, SattrackError where the
+    Raises BadInputError where pyserial is not installed or the settings are wrong, SattrackError where the
     line cannot be opened.
     """
 
@@ -163,131 +435,6 @@ class SerialChannel:
         self._line.close()
 
 
-def _reason(error: Exception) -> str:
-    number = getattr(error, "errno", None)
-    return str(error) if number is None else os.strerror(number)
-
-
-@dataclass(slots=True)
-class AntennaServer:
-    """A listening socket with its caller, or a serial line."""
-
-    listener: socket.socket | None = None
-    channel: CallerLine | None = None
-    reopen: Callable[[], CallerLine] | None = None
-    """Opens the serial line anew where it was lost."""
-    limits: CallerLimits = ONE_CALLER
-    hung_up_on: int = 0
-    """Callers that were refused because there was one already."""
-    foreign: int = 0
-    """Callers that were hung up on because they spoke HTTP or TLS."""
-    _seat: Seat | None = None
-    """None on a serial line."""
-    _opening: Opening = field(default_factory=lambda: Opening(by_lines=True))
-    _next_try_s: float = 0.0
-    _waiting: bytes = b""
-
-    @property
-    def port(self) -> int | None:
-        """The TCP port; None on a serial line."""
-        return None if self.listener is None else int(self.listener.getsockname()[1])
-
-    def readers(self) -> list[Any]:
-        """Return what to wait for."""
-        return [part for part in (self.listener, self.channel) if part is not None]
-
-    def writers(self) -> list[Any]:
-        """Return what to wait for to take more."""
-        return [self.channel] if self.channel is not None and self._waiting else []
-
-    def serve(
-        self, ready: list[Any], now: Callable[[], float], answer: Callable[[bytes, float], Answer]
-    ) -> bool:
-        """Serve what is ready; return whether the caller has gone meanwhile.
-
-        `now` is read as soon as the bytes are here: that is the instant at which their line-feed came.
-        """
-        gone = False
-        if self.channel is not None and self.channel in ready:
-            data = self._read(self.channel)
-            came_s = now()
-            if data is None:
-                gone = True
-                self._hang_up()
-            elif data:
-                self._send(*answer(data, came_s))
-        if self.listener is not None and self.listener in ready:
-            gone = self._accept(self.listener) or gone
-        return gone
-
-    def flush(self) -> None:
-        """Send what waits, as far as it can be sent now."""
-        if self.channel is not None and self._waiting:
-            self._waiting = self._waiting[self.channel.write(self._waiting) :]
-
-    def close(self) -> None:
-        """Close everything."""
-        for part in (self.channel, self.listener):
-            if part is not None:
-                part.close()
-        self.channel = self.listener = None
-
-    def _send(self, data: bytes, drop: bool) -> None:
-        if drop and self.channel is not None:
-            self._waiting = b""
-            self.channel.drop_output()
-        self._waiting += data
-        self.flush()
-        if len(self._waiting) > MOST_WAITING_BYTES:
-            self._hang_up()
-
-    def _read(self, channel: CallerLine) -> bytes | None:
-        """Return what may be obeyed of what has come; None where the caller is gone, or must go."""
-        data = channel.read()
-        if not data or self._seat is None:
-            return data
-        self._seat = self._seat._replace(asked_s=time.monotonic())
-        told = self._opening.take(data)
-        self.foreign += told is None
-        return told
-
-    def _accept(self, listener: socket.socket) -> bool:
-        """Let a caller in where there is room; return whether another had to make it."""
-        try:
-            connection, (address, *_) = listener.accept()
-        except OSError:
-            return False
-        now_s = time.monotonic()
-        seats = {} if self._seat is None else {0: self._seat}
-        objection, makes_room = self.limits.admit(address, seats, now_s)
-        if objection is not None:
-            self.hung_up_on += 1
-            connection.close()
-            return False
-        if makes_room:
-            self._hang_up()
-        self.channel, self._seat = TcpChannel(connection), Seat(address, -math.inf, now_s)
-        self._opening = Opening(by_lines=True)
-        return bool(makes_room)
-
-    def _hang_up(self) -> None:
-        assert self.channel is not None
-        self.channel.close()
-        self._waiting = b""
-        self.channel = self._seat = None
-
-    def mend(self, monotonic_s: float) -> bool:
-        """Open a serial line that was lost anew, now and then; return whether it is there again."""
-        if self.channel is not None or self.reopen is None or monotonic_s < self._next_try_s:
-            return False
-        self._next_try_s = monotonic_s + REOPEN_EVERY_S
-        try:
-            self.channel = self.reopen()
-        except SattrackError:
-            return False
-        return True
-
-
 @dataclass(frozen=True, slots=True)
 class AntennaUrl:
     """One controller's address: `host` and `port`, or `device` with its settings."""
@@ -323,7 +470,7 @@ class AntennaUrl:
 
 
 def parse_antenna_url(url: str) -> AntennaUrl:
-    """Read `--mount antenna:...`. Raises BadInputError, naming what is wrong."""
+    """Read `--mount antenna:...`. Raises BadInputError with the fault."""
     try:
         parts = urlsplit(url)
         options = parse_qs(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
@@ -333,7 +480,7 @@ def parse_antenna_url(url: str) -> AntennaUrl:
     for name, values in options.items():
         if name not in OPTIONS or len(values) != 1:
             raise BadInputError(
-                f"--mount {url}: {name} is not understood; there are {', '.join(OPTIONS)}, once"
+                f"--mount {url}: {name} is not an option; there are {', '.join(OPTIONS)}, once"
             )
     given = {name: values[0] for name, values in options.items()}
     on_line = not host and parts.path not in {"", "/"}
@@ -358,6 +505,11 @@ def parse_antenna_url(url: str) -> AntennaUrl:
     )
 
 
+def _reason(error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    return str(error) if number is None else os.strerror(number)
+
+
 def _one_of(url: str, given: Mapping[str, str], name: str, words: tuple[str, ...]) -> str:
     value = given.get(name, words[0])
     if value not in words:
@@ -376,158 +528,3 @@ def _rate_hz(url: str, given: Mapping[str, str]) -> float:
             f"--mount {url}: rate is {text!r}; designations a second, 0.1 to {MOST_RATE_HZ:g}"
         )
     return rate_hz
-
-
-SHOW_EVERY_TICKS = 5
-MOST_REFUSALS_TOLD = 5
-"""A tick's refusals in the log: a flood of them is counted."""
-LEAVE = "leave"
-WORDS = ("local", "remote", "stop", "reset", "last", LEAVE)
-
-
-@dataclass(slots=True)
-class AntennaLoop(StationLoop):
-    """Serves one station at one door until `stop` is asked for and the mount is seen at rest.
-
-    `words` gives what the operator typed since the last call.
-    """
-
-    driver: AntennaStation
-    door: AntennaServer
-    words: Callable[[], Sequence[str]]
-    where: str = ""
-    """The door, in words."""
-    show: Callable[[AntennaView], None] | None = None
-    """Takes a view a few times a second; must not wait."""
-    focus: FocusProcesses | None = None
-    """The focuser, where it is not simulated."""
-    _told_refusals: int = field(default=0, init=False)
-    _told_caller: bool = field(default=False, init=False)
-    _told_hung_up_on: int = field(default=0, init=False)
-    _told_foreign: int = field(default=0, init=False)
-
-    def tell(self, words: str) -> None:
-        """Have the program's own words logged."""
-        self.log(spoken(words))
-
-    def serve(self, ready: list[Any]) -> None:
-        """Serve antcn."""
-        if self.door.serve(ready, self.connection.now_utc_s, self.driver.receive_command):
-            self.driver.controller.hang_up()
-            self._told_caller = False
-            self.tell("antcn is gone; the trajectory in force stays")
-
-    def obey(self, now_utc_s: float) -> None:
-        """Heed the serial line, the focuser and the words of the console."""
-        del now_utc_s
-        if self.door.mend(time.monotonic()):
-            self._told_caller = True
-            self.tell("the serial line is there again")
-        if self.focus is not None:
-            for told in self.focus.exchange(self._at_ns):
-                self.tell(told)
-        for word in self.words():
-            self._obey_word(word)
-
-    def _at_ns(self, monotonic_s: float) -> int:
-        """Return an instant by the antenna's clock."""
-        return to_ns(self.connection.clock.utc_s(monotonic_s) + self.driver.clock_ahead_s)
-
-    def _obey_word(self, word: str) -> None:
-        """Obey a word typed at the controller's own console."""
-        controller, now_ns = self.driver.controller, self._at_ns(time.monotonic())
-        if word:
-            self.log(typed(word))
-        if word in {"local", "remote"}:
-            controller.switch(word == "remote", now_ns)
-            self.tell(f"the controller is in {word}")
-        elif word == "last":
-            for exchange in controller.exchanges:
-                self.tell(f"{exchange.received} -> {exchange.answered}")
-        elif word == "stop":
-            controller.stop(now_ns)
-            self.tell("the operator has ended the trajectory")
-        elif word == "reset":
-            controller.reset()
-        elif word == LEAVE:
-            self.driver.end(self.connection.now_utc_s())
-        elif word:
-            self.tell(f"{word!r} is no word of this console: {', '.join(WORDS)}")
-
-    def _show(self) -> None:
-        if self.show is not None:
-            self.show(self.view())
-
-    def view(self) -> AntennaView:
-        """Return what the controller's console shows now."""
-        station, controller = self.driver, self.driver.controller
-        now_utc_s = self.connection.now_utc_s()
-        at_ns = self._at_ns(time.monotonic())
-        states = (controller.commanded(at_ns), station.actual(at_ns))
-        commanded, actual = (None if s is None else AxesView(s.first_deg, s.second_deg) for s in states)
-        return AntennaView(
-            utc_s=now_utc_s,
-            door=self.where,
-            caller=self.door.channel is not None,
-            axes=station.antenna.axes,
-            mount="sim" if self.connection.simulated is not None else str(self.connection.link.address),
-            link_up=station.link_up,
-            remote=controller.remote,
-            doing=controller.doing.value,
-            servo=controller.servo,
-            outside_limits=station.outside_limits,
-            tripped=station.tripped,
-            commanded=commanded,
-            actual=actual,
-            refused=controller.refused,
-            exchanges=tuple(
-                ExchangeView(e.utc_ns / NS, e.received[:LONGEST_SHOWN], e.answered[:LONGEST_SHOWN])
-                for e in islice(reversed(controller.exchanges), SHOWN_EXCHANGES)
-            ),
-            refusals=tuple(
-                RefusalView(e.utc_ns / NS, e.received[:LONGEST_SHOWN], NAK_MEANINGS[e.refused])
-                for e in islice(reversed(controller.refusals), SHOWN_REFUSALS)
-                if e.refused is not None
-            ),
-            focus=self._focus_view(at_ns),
-        )
-
-    def _focus_view(self, at_ns: int) -> FocusView | None:
-        focuser = self.driver.antenna.focuser
-        if focuser is None:
-            return None
-        report = focuser.report(at_ns)
-        return FocusView(tuple(place.actual_mm for place in report.axes), report.moving)
-
-    def report(self) -> None:
-        """Say what has changed: refusals, callers, interlocks, the link."""
-        self._report_refusals()
-        self._report_callers()
-        self.report_mount("trajectory", "RESET")
-        if self.ticks % SHOW_EVERY_TICKS == 0:
-            self._show()
-
-    def _report_refusals(self) -> None:
-        controller = self.driver.controller
-        count = controller.refused - self._told_refusals
-        if count == 0:
-            return
-        self._told_refusals = controller.refused
-        told = [(e, e.refused) for e in controller.refusals if e.refused is not None]
-        told = told[-min(count, MOST_REFUSALS_TOLD) :]
-        for exchange, why in told:
-            self.log(refused(exchange, why))
-        if count > len(told):
-            self.tell(f"{count - len(told)} more were refused")
-
-    def _report_callers(self) -> None:
-        caller = self.door.channel is not None
-        if caller and not self._told_caller:
-            self.tell("antcn is there")
-        self._told_caller = caller
-        if self.door.hung_up_on != self._told_hung_up_on:
-            self._told_hung_up_on = self.door.hung_up_on
-            self.tell("a second caller was hung up on: one antenna, one antcn")
-        if self.door.foreign != self._told_foreign:
-            self._told_foreign = self.door.foreign
-            self.tell("a caller that speaks HTTP or TLS was hung up on")

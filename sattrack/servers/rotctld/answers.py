@@ -19,7 +19,7 @@ import struct
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from sattrack.servers.antenna.sky import NS
+from sattrack.servers.antenna.protocol import NS
 from sattrack.servers.rotctld.reader import (
     Code,
     FailedError,

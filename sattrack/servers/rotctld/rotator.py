@@ -22,7 +22,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from sattrack.servers.antenna.led_mount import RATE_STEP_S, PathDriver
-from sattrack.servers.antenna.sky import NS, AxisState, AzEl, HaDec, Path, Straight
+from sattrack.servers.antenna.protocol import NS
+from sattrack.servers.antenna.trajectory import AxisState, AzEl, HaDec, Path, Straight
 from sattrack.servers.rotctld.reader import Code
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from sattrack.mount.model import AxesPosition, MountProfile
     from sattrack.safety import SafetyLimits
     from sattrack.servers.antenna.equipment import Feedback
-    from sattrack.servers.antenna.sky import SiteSky
+    from sattrack.servers.antenna.trajectory import SiteSky
 
 MOST_POINTS = 7
 """So many are fitted: at one a second, more miss bends of the way, fewer let more of their rounding in."""

@@ -18,8 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from sattrack.runtime.callers import MOST_WAITING_BYTES, Bucket, Opening, Seat, TcpChannel
 from sattrack.runtime.station_loop import StationLoop
-from sattrack.servers.antenna.protocol import spoken
-from sattrack.servers.antenna.sky import to_ns
+from sattrack.servers.antenna.protocol import program_line, to_ns
 from sattrack.servers.rotctld.answers import Client
 
 if TYPE_CHECKING:
@@ -262,7 +261,7 @@ class RotctldLoop(StationLoop):
 
     def tell(self, words: str) -> None:
         """Have the program's own words logged."""
-        self.log(spoken(words, PROGRAM))
+        self.log(program_line(words, PROGRAM))
 
     def serve(self, ready: list[Any]) -> None:
         """Serve the clients that have said something, or wait for answers."""

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from sattrack.servers.antenna.controller import Controller
 from sattrack.servers.antenna.equipment import Antenna, Feedback, FocusAxis, SimulatedFocuser
-from sattrack.servers.antenna.sky import NS, AxisRange, AxisState, SiteSky
+from sattrack.servers.antenna.protocol import NS
+from sattrack.servers.antenna.trajectory import AxisRange, AxisState, SiteSky
 from tle.instants import Utc
 from tle.site import Site
 

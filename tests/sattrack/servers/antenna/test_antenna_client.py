@@ -21,8 +21,7 @@ from sattrack.servers.antenna.antcn import (
     read_position,
 )
 from sattrack.servers.antenna.controller import Controller
-from sattrack.servers.antenna.protocol import Checksum, character_time_out_s, encode, idle_time_s
-from sattrack.servers.antenna.sky import NS
+from sattrack.servers.antenna.protocol import NS, Checksum, character_time_out_s, encode, idle_time_s
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,8 +9,8 @@ import pytest
 from antenna_setup import NOON_NS, SITE, exchange, make_controller
 
 from sattrack.servers.antenna.controller import AntennaAction
-from sattrack.servers.antenna.protocol import encode
-from sattrack.servers.antenna.sky import NS, AzEl, HaDec, PointingModel, RaDec, Reduction, SiteSky, SkyPath
+from sattrack.servers.antenna.protocol import NS, encode
+from sattrack.servers.antenna.trajectory import AzEl, HaDec, PointingModel, RaDec, Reduction, SiteSky, SkyPath
 from tle.errors import DecayedError
 from tle.instants import Utc
 

@@ -13,7 +13,8 @@ from door_serving import PATIENCE_S, SITE
 
 from sattrack.mount.model import AxesPosition
 from sattrack.servers.antenna.equipment import Feedback
-from sattrack.servers.antenna.sky import NS, AxisState, SiteSky
+from sattrack.servers.antenna.protocol import NS
+from sattrack.servers.antenna.trajectory import AxisState, SiteSky
 from sattrack.servers.rotctld.rotator import Rotator
 from tle.instants import Utc
 
