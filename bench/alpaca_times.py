@@ -23,7 +23,7 @@ from alpaca.exceptions import DriverException
 from alpaca.telescope import GuideDirections, Telescope, TelescopeAxes
 from programs import SITE, ended, sattrack
 
-from sattrack.servers.alpaca.members import MEMBERS
+from sattrack.servers.alpaca.protocol import MEMBERS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

@@ -23,11 +23,10 @@ from antenna_harness import SITE, VirtualAntenna, rms, separation_arcsec
 
 from sattrack.core.clock import SystemClock
 from sattrack.runtime import practice
-from sattrack.servers.antenna.antcn import Antcn, epoch_utc_s
-from sattrack.servers.antenna.antcn_run import AntcnRun
-from sattrack.servers.antenna.controller import Position, position_message
-from sattrack.servers.antenna.line import TCP_CHARACTER_TIME_OUT_S, encode
-from sattrack.servers.antenna.trajectory import NS, AxisRange, AxisState
+from sattrack.servers.antenna.antcn import Antcn, AntcnRun, epoch_utc_s
+from sattrack.servers.antenna.controller import PositionStatus, position_message
+from sattrack.servers.antenna.protocol import NS, TCP_CHARACTER_TIME_OUT_S, encode
+from sattrack.servers.antenna.trajectory import AxisRange, AxisState
 from tle.instants import Utc
 from tle.propagator import Propagator
 
@@ -183,7 +182,7 @@ def peak_rate_deg_s() -> float:
 def longest_position_ms(baud: int) -> float:
     """Return how long a response to PS is on the line, all its figures as long as they get."""
     far = AxisState(-179.999999994, -89.999999994, -5.12345678901, -5.12345678901)
-    told = Position(far, far, Decimal("86399.999999"), remote=True, servo="TRACKING")
+    told = PositionStatus(far, far, Decimal("86399.999999"), remote=True, servo="TRACKING")
     return len(encode(position_message(told, AxisRange(-180.0, -200.0, 200.0, -90.0, 90.0)))) * 1e4 / baud
 
 

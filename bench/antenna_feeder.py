@@ -16,11 +16,11 @@ import msgspec
 from feeder_passes import KANOPUS, SCENARIOS, SETTLED_S, subjects, world
 
 from sattrack.runtime import practice
+from sattrack.servers.antenna.controller import AntennaStation
 from sattrack.servers.antenna.equipment import Antenna
 from sattrack.servers.antenna.led_mount import axis_range
-from sattrack.servers.antenna.line import encode
-from sattrack.servers.antenna.sky import Sky
-from sattrack.servers.antenna.station import Station
+from sattrack.servers.antenna.protocol import encode
+from sattrack.servers.antenna.trajectory import SiteSky
 
 if TYPE_CHECKING:
     from feeder_harness import Scenario
@@ -46,9 +46,9 @@ class ByElements:
             move_axis=scenario.move_axis,
         )
         antenna = Antenna(
-            Sky(subject.propagator.site), "hadec", axis_range(profile, "hadec"), refraction="on"
+            SiteSky(subject.propagator.site), "hadec", axis_range(profile, "hadec"), refraction="on"
         )
-        self._station = Station(antenna, profile, facts.limits)
+        self._station = AntennaStation(antenna, profile, facts.limits)
         self._number, self._lines = facts.elements.catalog_number, LINES[subject.name]
         self._ask_from_s = facts.started_utc_s + FIRST_SECOND_S
         self._asked = False

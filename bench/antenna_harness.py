@@ -12,12 +12,11 @@ from sattrack.mount.simulator.installation import Installation
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.runtime import practice
 from sattrack.safety import SafetyLimits
-from sattrack.servers.antenna.equipment import Antenna
-from sattrack.servers.antenna.focus import SimulatedFocuser
+from sattrack.servers.antenna.controller import AntennaStation
+from sattrack.servers.antenna.equipment import Antenna, SimulatedFocuser
 from sattrack.servers.antenna.led_mount import axis_range
-from sattrack.servers.antenna.line import encode
-from sattrack.servers.antenna.sky import Sky
-from sattrack.servers.antenna.station import Station
+from sattrack.servers.antenna.protocol import encode
+from sattrack.servers.antenna.trajectory import SiteSky
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -46,7 +45,7 @@ class VirtualAntenna:
     """Until when statuses are lost."""
 
     def __post_init__(self) -> None:
-        self.sky = Sky(SITE)
+        self.sky = SiteSky(SITE)
         self.station = self.make_station()
         site = SimulatedSite(SITE.latitude_deg, SITE.longitude_deg, SITE.height_m)
         mount = SimulatedMount(self.profile, site, self.start)
@@ -58,11 +57,11 @@ class VirtualAntenna:
         first = self._wires.next_turn_s(self.begin_utc_s - self.profile.period_s + MOUNT_PHASE_S)
         self._at(first, self._mount_turn, None)
 
-    def make_station(self) -> Station:
+    def make_station(self) -> AntennaStation:
         span = axis_range(self.profile, self.axes)
         focuser = SimulatedFocuser()
         antenna = Antenna(self.sky, self.axes, span, self.stow, self.service, focuser, self.refraction)
-        return Station(antenna, self.profile, self.limits)
+        return AntennaStation(antenna, self.profile, self.limits)
 
     def call(self, utc_s: float, what: Callable[[float], None]) -> None:
         self._at(utc_s, lambda now, _: what(now), None)

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.mount.simulator.mount import Truth
-    from sattrack.servers.antenna.sky import AzEl
+    from sattrack.servers.antenna.trajectory import AzEl
 
 RISE_UTC_S = Utc.parse("2026-10-02T13:01:56Z").unix_s
 SET_UTC_S = Utc.parse("2026-10-02T13:08:54Z").unix_s

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 
 from antenna_harness import VirtualAntenna
 
-from sattrack.servers.antenna.sky import HaDec
-from sattrack.servers.antenna.trajectory import to_ns
+from sattrack.servers.antenna.protocol import to_ns
+from sattrack.servers.antenna.trajectory import HaDec
 from sattrack.servers.rotctld.answers import Client
 from sattrack.servers.rotctld.rotator import RotatorStation
 
 if TYPE_CHECKING:
-    from sattrack.servers.antenna.sky import AzEl
+    from sattrack.servers.antenna.trajectory import AzEl
 
 
 @dataclass

@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 from typing import TYPE_CHECKING
 
-from sattrack.servers.alpaca.members import MEMBERS, Member
+from sattrack.servers.alpaca.protocol import MEMBERS, Member
 from tools.protocol.regions import replace_region
 from tools.writing import write_or_compare
 

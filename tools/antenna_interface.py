@@ -9,12 +9,9 @@ import sys
 from typing import TYPE_CHECKING
 
 from sattrack.servers.antenna.controller import Controller
-from sattrack.servers.antenna.equipment import Antenna, Feedback
-from sattrack.servers.antenna.focus import FocusAxis, SimulatedFocuser
-from sattrack.servers.antenna.line import encode
-from sattrack.servers.antenna.sky import Sky
-from sattrack.servers.antenna.trajectory import NS, AxisRange, AxisState
-from sattrack.servers.antenna.transactions import COMMANDS, NAK_MEANINGS, Command, Field
+from sattrack.servers.antenna.equipment import Antenna, Feedback, FocusAxis, SimulatedFocuser
+from sattrack.servers.antenna.protocol import COMMANDS, NAK_MEANINGS, NS, AntennaCommand, CommandField, encode
+from sattrack.servers.antenna.trajectory import AxisRange, AxisState, SiteSky
 from tle.instants import Utc
 from tle.site import Site
 from tools.protocol.regions import replace_region
@@ -75,7 +72,7 @@ class StandsStill(Feedback):
         return AxisState(30.0, 40.0, 0.0, 0.0)
 
 
-def field_words(field: Field) -> str:
+def field_words(field: CommandField) -> str:
     """Return a field as the table has it."""
     words = f"`{field.name}` {field.meaning}".rstrip()
     if field.kind == "number":
@@ -92,7 +89,7 @@ def command_table() -> str:
     return "\n".join(rows)
 
 
-def _row(command: Command) -> str:
+def _row(command: AntennaCommand) -> str:
     fields = "; ".join(field_words(field) for field in command.fields) or "none"
     local = "" if command.commands_antenna else " Answered in local too."
     return f"| `{command.word}` | {fields} | {command.meaning}.{local} | {command.answer} |"
@@ -107,7 +104,7 @@ def refusal_table() -> str:
 def dialogue() -> str:
     """Return an example of every command, with what is answered, as bytes."""
     antenna = Antenna(
-        Sky(Site(52.1541, 4.4908, 0.0)),
+        SiteSky(Site(52.1541, 4.4908, 0.0)),
         "hadec",
         AxisRange(-180.0, -200.0, 200.0, -89.9, 89.9),
         stow=(0.0, 80.0),

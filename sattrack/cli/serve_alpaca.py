@@ -30,11 +30,19 @@ from sattrack.runtime.callers import listen
 from sattrack.runtime.console import connected
 from sattrack.runtime.prepare import check_site
 from sattrack.runtime.signals import StopRequest, stopping
-from sattrack.servers.alpaca.device import Abilities
-from sattrack.servers.alpaca.door import AlpacaTask, ClockNumbers, Satellites, open_door
-from sattrack.servers.alpaca.serve import PROGRAM, AlpacaLoop, discovery_sockets, engine_maker
+from sattrack.servers.alpaca.serve import (
+    PROGRAM,
+    AlpacaLoop,
+    AlpacaTask,
+    ClockNumbers,
+    Satellites,
+    discovery_sockets,
+    engine_maker,
+    start_http_process,
+)
 from sattrack.servers.alpaca.station import TelescopeStation
-from sattrack.servers.antenna.log_lines import spoken
+from sattrack.servers.alpaca.telescope import Abilities
+from sattrack.servers.antenna.protocol import program_line
 from sattrack.settings import SiteSettings
 
 if TYPE_CHECKING:
@@ -46,7 +54,7 @@ if TYPE_CHECKING:
     from sattrack.mount.profiles import ProfileFile
     from sattrack.runtime.console import Connection
     from sattrack.runtime.mounts import MountAddress
-    from sattrack.servers.alpaca.device import Spans
+    from sattrack.servers.alpaca.telescope import Spans
     from tle.elements import Elements
 
 MOST_CLIENTS = 1000
@@ -99,19 +107,21 @@ def command(context: CommandContext, **options: Any) -> int:
         served = replace(served, described=described)
         abilities = abilities_of(connection, served.address, described.mount)
         station = TelescopeStation(described.mount, limits, served.site, mount, engine_maker(limits))
-        door = open_door(_task(context, served, options, (listener, *sockets), mount, abilities))
+        door = start_http_process(_task(context, served, options, (listener, *sockets), mount, abilities))
         closing.callback(door.close)
         closing.enter_context(stopping(stop))
         if context.json:
             JsonLines().write({"listening": port, "host": options["host"]})
         log.tell(
-            spoken(f"Alpaca is on {options['host']}:{port}; Ctrl-C stops the mount and ends it", PROGRAM)
+            program_line(
+                f"Alpaca is on {options['host']}:{port}; Ctrl-C stops the mount and ends it", PROGRAM
+            )
         )
         if (refused := refusals(connection, served.address)) is not None:
             tell(refused)
         for words in (trouble, reached_from_outside(PROGRAM, options["host"], port, callers.allowed)):
             if words is not None:
-                log.tell(spoken(words, PROGRAM))
+                log.tell(program_line(words, PROGRAM))
         AlpacaLoop(connection, stop, station, door, log.tell).run()
     if stop.asked and station.was_asked and station.mount_stopped is None:
         raise InterruptedRunError("interrupted; the mount was not moving, and goes on as it was")

@@ -27,25 +27,28 @@ from sattrack.core.process import self_command
 from sattrack.runtime.callers import CallerLimits, listen
 from sattrack.runtime.console import connected
 from sattrack.runtime.signals import StopRequest, stopping
-from sattrack.servers.antenna.antenna_focus import FORM, parse_focuser, start_focusers
-from sattrack.servers.antenna.door import BAUDS, DEFAULT_FRAMING, AntennaServer, SerialChannel
-from sattrack.servers.antenna.equipment import Antenna
-from sattrack.servers.antenna.focus import FocusAxis, SimulatedFocuser
+from sattrack.servers.antenna.alpaca_focuser import FORM, parse_focuser, start_focusers
+from sattrack.servers.antenna.controller import AntennaStation
+from sattrack.servers.antenna.equipment import Antenna, FocusAxis, SimulatedFocuser
 from sattrack.servers.antenna.led_mount import DEC_LIMIT_DEG, axis_range
-from sattrack.servers.antenna.line import Check
-from sattrack.servers.antenna.log_lines import spoken
-from sattrack.servers.antenna.serve import LEAVE, AntennaLoop
-from sattrack.servers.antenna.sky import Sky
-from sattrack.servers.antenna.station import Station
-from sattrack.servers.antenna.trajectory import to_ns
+from sattrack.servers.antenna.protocol import Checksum, program_line, to_ns
+from sattrack.servers.antenna.serve import (
+    BAUDS,
+    DEFAULT_FRAMING,
+    LEAVE,
+    AntennaLoop,
+    AntennaServer,
+    SerialChannel,
+)
+from sattrack.servers.antenna.trajectory import SiteSky
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from sattrack.mount.model import AxesPosition, MountProfile
-    from sattrack.servers.antenna.antenna_focus import FocuserConfig
+    from sattrack.servers.antenna.alpaca_focuser import FocuserConfig
     from sattrack.servers.antenna.equipment import Focuser
-    from sattrack.servers.antenna.sky import AxisKind
+    from sattrack.servers.antenna.trajectory import AxisKind
     from tle.site import Site
 
 DEFAULT_PORT = 7621
@@ -123,13 +126,13 @@ def command(context: CommandContext, **options: Any) -> int:
         if focus is not None:
             closing.callback(focus.close)
         antenna = _antenna(options, profile, served.site, simulated if focus is None else focus.focuser)
-        station = Station(antenna, profile, context.settings.safety.limits())
+        station = AntennaStation(antenna, profile, context.settings.safety.limits())
         station.controller.switch(not options["local"], to_ns(clock.utc_s(time.monotonic())))
         connection = closing.enter_context(connected(served.address, served.described, served.site, clock))
         closing.enter_context(stopping(stop))
         if lines is not None and context.json:
             lines.write({"listening": door.port, "serial": options["device"]})
-        log.tell(spoken(f"the antenna interface is on {where}; Ctrl-C stops the mount and ends it"))
+        log.tell(program_line(f"the antenna interface is on {where}; Ctrl-C stops the mount and ends it"))
         show = lines.write if lines is not None and options["stream"] else None
         words = Words(options["control"]).typed
         AntennaLoop(connection, stop, station, door, log.tell, words, where, show, focus).run()
@@ -140,14 +143,14 @@ def _antenna(options: dict[str, Any], profile: MountProfile, site: Site, focuser
     """Return the antenna that the options describe. Raises BadInputError."""
     axes: AxisKind = options["axes"]
     return Antenna(
-        Sky(site),
+        SiteSky(site),
         axes,
         axis_range(profile, axes),
         stow=_place("--stow", options["stow"], axes) or _park(profile.park, axes),
         service=_place("--service", options["service"], axes),
         focuser=focuser,
         refraction=options["refraction"],
-        check=Check.CRC16 if options["crc"] else Check.SUM,
+        check=Checksum.CRC16 if options["crc"] else Checksum.SUM,
     )
 
 

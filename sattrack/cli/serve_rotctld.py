@@ -20,11 +20,10 @@ from sattrack.cli.serving import (
 from sattrack.runtime.callers import listen
 from sattrack.runtime.console import connected
 from sattrack.runtime.signals import StopRequest, stopping
-from sattrack.servers.antenna.log_lines import spoken
-from sattrack.servers.antenna.sky import Sky
-from sattrack.servers.rotctld.door import RotctldServer
+from sattrack.servers.antenna.protocol import program_line
+from sattrack.servers.antenna.trajectory import SiteSky
 from sattrack.servers.rotctld.rotator import RotatorStation
-from sattrack.servers.rotctld.serve import PROGRAM, RotctldLoop, client_maker
+from sattrack.servers.rotctld.serve import PROGRAM, RotctldLoop, RotctldServer, client_maker
 
 MOST_CLIENTS = 500
 BACKLOG = 128
@@ -52,7 +51,7 @@ def command(context: CommandContext, **options: Any) -> int:
     with ExitStack() as closing:
         closing.callback(log.close)
         station = RotatorStation(
-            Sky(served.site),
+            SiteSky(served.site),
             served.described.mount,
             context.settings.safety.limits(),
             options["one_commander"],
@@ -70,9 +69,9 @@ def command(context: CommandContext, **options: Any) -> int:
         if context.json:
             JsonLines().write({"listening": door.port, "host": options["host"]})
         where = f"{options['host']}:{door.port}"
-        log.tell(spoken(f"rotctld is on {where}; Ctrl-C stops the mount and ends it", PROGRAM))
+        log.tell(program_line(f"rotctld is on {where}; Ctrl-C stops the mount and ends it", PROGRAM))
         warning = reached_from_outside(PROGRAM, options["host"], door.port, limits.allowed)
         if warning is not None:
-            log.tell(spoken(warning, PROGRAM))
+            log.tell(program_line(warning, PROGRAM))
         RotctldLoop(connection, stop, station, door, log.tell).run()
     return end_of_service(station.mount_stopped, stop)

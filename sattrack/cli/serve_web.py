@@ -58,7 +58,7 @@ def command(
         raise SattrackError("the browser's screen needs textual-serve: pip install 'sattrack[web]'")
     if token is not None and len(token) < FEWEST_CHARACTERS:
         raise BadInputError(f"--token: {len(token)} characters; give {FEWEST_CHARACTERS} or more")
-    from sattrack.servers.web.server import Visit, needs_token, new_token, serve
+    from sattrack.servers.web import Visit, needs_token, new_token, serve
 
     if token is None and needs_token(host):
         token = new_token()

@@ -15,7 +15,7 @@ from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackErr
 from sattrack.runtime import practice
 from sattrack.runtime.callers import CallerLimits
 from sattrack.runtime.mounts import mount_address
-from sattrack.servers.antenna.log_lines import stamp
+from sattrack.servers.antenna.protocol import log_stamp
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -177,7 +177,7 @@ class Log:
 
     def tell(self, words: str) -> None:
         """Log one line, without waiting."""
-        self._lines.put(stamp(self._clock.utc_s(time.monotonic())) + words)
+        self._lines.put(log_stamp(self._clock.utc_s(time.monotonic())) + words)
 
     def close(self) -> None:
         """Write the last lines, if that does not take long."""

@@ -49,7 +49,7 @@ class Park(msgspec.Struct, frozen=True, tag="park", forbid_unknown_fields=True):
     """Cut the drives' power; only ever at standstill at the profile's park position."""
 
 
-class PulseGuide(msgspec.Struct, frozen=True):
+class PulseGuide(msgspec.Struct, frozen=True, tag="pulse"):
     """Run at the guide rate for so many milliseconds; negative is east, and south."""
 
     ra_ms: int = 0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from sattrack.servers.antenna.transactions import BY_WORD
+from sattrack.servers.antenna.protocol import BY_WORD
 from tools.antenna_interface import DIALOGUE, PAGE, page
 
 ROOT = Path(__file__).resolve().parents[2]

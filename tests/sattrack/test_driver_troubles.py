@@ -26,15 +26,13 @@ from sattrack.runtime import practice
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.safety import SafetyLimits
-from sattrack.servers.alpaca.messages import MoveOrder, NumberedOrder
+from sattrack.servers.alpaca.protocol import MoveOrder, NumberedOrder
 from sattrack.servers.alpaca.station import TelescopeStation
-from sattrack.servers.antenna.equipment import Antenna
-from sattrack.servers.antenna.focus import SimulatedFocuser
+from sattrack.servers.antenna.controller import AntennaStation
+from sattrack.servers.antenna.equipment import Antenna, SimulatedFocuser
 from sattrack.servers.antenna.led_mount import axis_range
-from sattrack.servers.antenna.line import encode
-from sattrack.servers.antenna.sky import Sky
-from sattrack.servers.antenna.station import Station
-from sattrack.servers.antenna.trajectory import to_ns
+from sattrack.servers.antenna.protocol import encode, to_ns
+from sattrack.servers.antenna.trajectory import SiteSky
 from sattrack.servers.rotctld.answers import Client
 from sattrack.servers.rotctld.rotator import RotatorStation
 from sattrack.views.messages import Jog, StopNow
@@ -152,14 +150,14 @@ def track() -> tuple[Driver, float]:
 def antenna() -> tuple[Driver, float]:
     profile = MountProfile()
     focuser = SimulatedFocuser()
-    parts = Antenna(Sky(SITE), "hadec", axis_range(profile, "hadec"), None, None, focuser, "off")
-    station = Station(parts, profile, LIMITS)
+    parts = Antenna(SiteSky(SITE), "hadec", axis_range(profile, "hadec"), None, None, focuser, "off")
+    station = AntennaStation(parts, profile, LIMITS)
     designate = once(lambda now: station.receive_command(encode("TD 50 15 -0.5 0.5"), now), BEGIN_UTC_S + 1.0)
     return Ticked(station, designate, station.end, station.receive), BEGIN_UTC_S
 
 
 def rotator() -> tuple[Driver, float]:
-    station = RotatorStation(Sky(SITE), MountProfile(), LIMITS)
+    station = RotatorStation(SiteSky(SITE), MountProfile(), LIMITS)
     client = Client(1, station.rotator)
 
     def say(now_s: float) -> None:

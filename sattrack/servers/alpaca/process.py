@@ -1,9 +1,9 @@
-"""The process that Alpaca's clients talk to: HTTP and discovery. It never touches the mount.
+"""The HTTP process of `sattrack serve alpaca`: HTTP and discovery. It never touches the mount.
 
 Reads are answered from the mount's newest state, which the feeding process pushes; orders go there and are
-answered from there. So no number of requests disturbs the mount's datagrams, which are computed elsewhere.
-A gate stands between a connection and the protocol that serves it: it decides who may come in, and for how
-long without a whole request. Custom actions that take long are computed in a thread, one at a time.
+answered from there. So no number of requests disturbs the mount's datagrams. Each connection is admitted, and
+ended when it is silent or leaves a request unfinished for too long, before the HTTP protocol sees it. Long
+custom actions are computed in a thread, one at a time.
 """
 
 from __future__ import annotations
@@ -25,34 +25,31 @@ import msgspec
 from aiohttp import ClientPayloadError, http_exceptions, web
 
 from sattrack.core.clock import SimulatedClock, SystemClock
+from sattrack.mount.requests import Abort
 from sattrack.runtime.callers import Bucket, HostNames, Seat
-from sattrack.servers.alpaca.device import Device
-from sattrack.servers.alpaca.door import READY, decode_task, run_told
-from sattrack.servers.alpaca.messages import (
-    AbortOrder,
+from sattrack.servers.alpaca.protocol import (
     Answered,
     BiasOrder,
     Fault,
     FollowOrder,
-    LogLine,
+    LogMessage,
     Number,
     NumberedOrder,
     Passes,
-    SlewOrder,
     TrackSatellite,
-    decode_news,
+    decode_report,
     encode,
 )
-from sattrack.servers.alpaca.server import Pending, Reply, Server
-from sattrack.servers.alpaca.telescope import Telescope
+from sattrack.servers.alpaca.serve import READY, decode_task, run_summary
+from sattrack.servers.alpaca.telescope import Device, Pending, Reply, ServedTelescope, Server
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
     from sattrack.core.clock import Clock
     from sattrack.runtime.callers import CallerLimits
-    from sattrack.servers.alpaca.door import AlpacaTask, Satellites
-    from sattrack.servers.alpaca.messages import CustomAction, Order
+    from sattrack.servers.alpaca.protocol import CustomAction, Order
+    from sattrack.servers.alpaca.serve import AlpacaTask, Satellites
 
 REQUEST_WITHIN_S = 10.0
 """A request that has begun must be there as a whole within this time."""
@@ -67,12 +64,12 @@ SLEW_WITHIN_S = 600.0
 TEND_EVERY_S = 1.0
 BURST_S = 0.2
 """A connection that was silent may send the requests of so much time at once."""
-QUESTION = b"alpacadiscovery1"
-LONGEST_QUESTION = 1024
-A_SECOND = 100.0
-A_SECOND_EACH = 10.0
-REMEMBERED = 256
-TELL_EVERY_S = 10.0
+DISCOVERY_REQUEST = b"alpacadiscovery1"
+LONGEST_DISCOVERY = 1024
+ANSWERS_PER_S = 100.0
+ANSWERS_PER_S_EACH = 10.0
+MOST_HOSTS = 256
+LOG_EVERY_S = 10.0
 BROKEN_OFF = (
     web.RequestPayloadError,
     ClientPayloadError,
@@ -86,62 +83,62 @@ LONGEST_TASK = 1 << 28
 
 
 @dataclass(slots=True)
-class Doorkeeper:
-    """All connections that are open, by their transports; instants are the event loop's."""
+class OpenConnections:
+    """All open connections, by their transports; instants are the event loop's."""
 
     limits: CallerLimits
-    gates: dict[asyncio.BaseTransport, Gate] = field(default_factory=dict)
+    by_transport: dict[asyncio.BaseTransport, ClientConnection] = field(default_factory=dict)
     refused: int = 0
-    """Connections that were hung up on as they came."""
+    """Connections that were closed as they came."""
     cut: int = 0
-    """Connections that were silent, or halting, too long."""
+    """Connections that were silent, or left a request unfinished, for too long."""
 
     def admits(self, address: str, now_s: float) -> bool:
-        """Return whether an address may come in; whoever must make room for it is hung up on."""
-        # Whose answer is under way asks for something now.
+        """Return whether an address may connect; connections that must make room for it are closed."""
+        # A request whose answer is under way counts as new.
         seats = {
-            line: gate.seat._replace(asked_s=now_s) if gate.at_work else gate.seat
-            for line, gate in self.gates.items()
+            line: one.seat._replace(asked_s=now_s) if one.at_work else one.seat
+            for line, one in self.by_transport.items()
         }
         objection, idle = self.limits.admit(address, seats, now_s)
         for line in idle:
             self.cut += 1
-            self.gates.pop(line).hang_up()
+            self.by_transport.pop(line).hang_up()
         return objection is None
 
     def tend(self, now_s: float) -> None:
-        """Hang up on those who have been silent, or have left a request unfinished, for too long."""
-        for gate in list(self.gates.values()):
-            if gate.overdue(now_s, self.limits.idle_s):
+        """Close those that have been silent, or have left a request unfinished, for too long."""
+        for connection in list(self.by_transport.values()):
+            if connection.overdue(now_s, self.limits.idle_s):
                 self.cut += 1
-                gate.hang_up()
+                connection.hang_up()
 
 
-class Gate(asyncio.Protocol):
-    """One connection's gate; `make_inner` makes what serves it, once it is let in."""
+class ClientConnection(asyncio.Protocol):
+    """One connection; `make_inner` makes the protocol that serves it, once it is admitted."""
 
-    def __init__(self, keeper: Doorkeeper, make_inner: Callable[[], asyncio.Protocol]) -> None:
-        self._keeper, self._make_inner = keeper, make_inner
+    def __init__(self, connections: OpenConnections, make_inner: Callable[[], asyncio.Protocol]) -> None:
+        self._connections, self._make_inner = connections, make_inner
         self._inner: asyncio.Protocol | None = None
         self._transport: asyncio.Transport | None = None
         self._loop = asyncio.get_running_loop()
         self._since_s = self._loop.time()
-        """Since when nothing has happened, or a request is unfinished."""
+        """Since when nothing has come, or a request is unfinished."""
         self._unfinished = False
         self.seat = Seat("", -math.inf, self._since_s)
         self.at_work = 0
-        """How many whole requests have not been answered yet."""
+        """Number of whole requests that wait for an answer."""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """See asyncio.Protocol."""
         peer = transport.get_extra_info("peername")
-        if peer is None or not self._keeper.admits(str(peer[0]), self._since_s):
-            self._keeper.refused += 1
+        if peer is None or not self._connections.admits(str(peer[0]), self._since_s):
+            self._connections.refused += 1
             cast("asyncio.Transport", transport).abort()
             return
         self.seat = Seat(str(peer[0]), -math.inf, self._since_s)
         self._transport = cast("asyncio.Transport", transport)
-        self._keeper.gates[transport] = self
+        self._connections.by_transport[transport] = self
         self._inner = self._make_inner()
         self._inner.connection_made(transport)
 
@@ -170,12 +167,12 @@ class Gate(asyncio.Protocol):
     def connection_lost(self, exc: Exception | None) -> None:
         """See asyncio.Protocol."""
         if self._transport is not None:
-            self._keeper.gates.pop(self._transport, None)
+            self._connections.by_transport.pop(self._transport, None)
         if self._inner is not None:
             self._inner.connection_lost(exc)
 
     def begins(self) -> None:
-        """Note that a whole request is here: however long its answer takes, nothing is overdue."""
+        """Note a whole request: until its answer nothing is overdue."""
         self._unfinished = False
         self.at_work += 1
         self.seat = self.seat._replace(asked_s=self._loop.time())
@@ -198,25 +195,25 @@ class Gate(asyncio.Protocol):
 
 
 class Actions:
-    """Does what actions ask, one computation at a time."""
+    """Carries out custom actions, one computation at a time."""
 
-    def __init__(self, satellites: Satellites, telescope: Telescope, clock: Clock) -> None:
+    def __init__(self, satellites: Satellites, telescope: ServedTelescope, clock: Clock) -> None:
         self._satellites, self._telescope, self._clock = satellites, telescope, clock
         self._computing = False
         self._importing = asyncio.Lock()
-        """Two threads that import what imports each other may find a part of it."""
+        """Two threads that import modules at once may see them half imported."""
 
     async def prepare(self) -> None:
-        """Import what computes passes before anybody waits for it, but after the first answers."""
+        """Import what computes passes before a client waits for it, but after the first answers."""
         await asyncio.sleep(PREPARE_AFTER_S)
         async with self._importing:
             await asyncio.to_thread(self._satellites.prepare)
-        # The collector need not look through what was imported.
+        # Imported modules need no garbage collection.
         gc.collect()
         gc.freeze()
 
     async def do(self, asked: CustomAction, order: Callable[[Order], Awaitable[None]]) -> str:
-        """Return an action's answer, JSON text; `order` has orders carried out. Raises Fault."""
+        """Return an action's answer, JSON text; `order` sends an order. Raises Fault."""
         if isinstance(asked, BiasOrder):
             return await self._bias(asked, order)
         now_utc_s = self._clock.utc_s(time.monotonic())
@@ -226,7 +223,7 @@ class Actions:
         from sattrack.runtime.facts import encode_facts
 
         await order(FollowOrder(msgspec.Raw(encode_facts(facts))))
-        return _text(run_told(facts))
+        return _text(run_summary(facts))
 
     async def _computed(self, compute: Callable[..., Any], *arguments: Any) -> Any:
         if self._computing:
@@ -258,32 +255,31 @@ class FeederLine:
 
     reader: asyncio.StreamReader
     writer: asyncio.StreamWriter
-    telescope: Telescope
+    telescope: ServedTelescope
     _count: int = 0
     _waiting: dict[int, asyncio.Future[Answered]] = field(default_factory=dict)
 
     async def listen(self) -> None:
-        """Take what comes, until the other end is gone."""
+        """Take states and answers until the feeding process is gone."""
         while line := await self.reader.readline():
-            news = decode_news(line)
-            if not isinstance(news, Answered):
-                self.telescope.state = news
+            report = decode_report(line)
+            if not isinstance(report, Answered):
+                self.telescope.state = report
                 continue
-            waiting = self._waiting.get(news.number)
+            waiting = self._waiting.get(report.number)
             if waiting is not None and not waiting.done():
-                waiting.set_result(news)
+                waiting.set_result(report)
 
-    async def order(self, order: Order) -> None:
-        """Send an order and wait for its answer; raises Fault where it is refused."""
-        if len(self._waiting) >= MOST_WAITING and not isinstance(order, AbortOrder):
-            words = f"{len(self._waiting)} commands wait already: too many at once"
-            raise Fault(Number.INVALID_OPERATION, words)
+    async def order(self, order: Order, waits: bool = False) -> None:
+        """Send an order and wait for its answer; `waits`: until a slew ends. Raises Fault."""
+        if len(self._waiting) >= MOST_WAITING and not isinstance(order, Abort):
+            message = f"{len(self._waiting)} commands wait already: too many at once"
+            raise Fault(Number.INVALID_OPERATION, message)
         self._count += 1
         number = self._count
         waiting = self._waiting[number] = asyncio.get_running_loop().create_future()
-        waits = isinstance(order, SlewOrder) and order.wait
         try:
-            self.writer.write(encode(NumberedOrder(number, order)))
+            self.writer.write(encode(NumberedOrder(number, order, waits)))
             async with asyncio.timeout(SLEW_WITHIN_S if waits else ANSWER_WITHIN_S):
                 answer = await waiting
         except TimeoutError:
@@ -291,22 +287,22 @@ class FeederLine:
         finally:
             del self._waiting[number]
         if answer.fault:
-            raise Fault(Number(answer.fault), answer.words)
+            raise Fault(Number(answer.fault), answer.message)
 
-    def tell(self, words: str) -> None:
+    def log(self, text: str) -> None:
         """Log a line."""
-        self.writer.write(encode(LogLine(words)))
+        self.writer.write(encode(LogMessage(text)))
 
 
 @dataclass(slots=True)
 class Front:
-    """Serves HTTP requests; `server` knows what they mean."""
+    """Serves HTTP requests; `server` answers them."""
 
     server: Server
     channel: FeederLine
     actions: Actions
     clock: Clock
-    keeper: Doorkeeper
+    connections: OpenConnections
     requests_per_s: float
     names: HostNames = field(default_factory=HostNames)
     _paces: dict[asyncio.BaseTransport, Bucket] = field(default_factory=dict)
@@ -314,10 +310,10 @@ class Front:
     async def handle(self, request: web.BaseRequest) -> web.StreamResponse:
         """Answer one request."""
         transport = request.transport
-        gate = None if transport is None else self.keeper.gates.get(transport)
-        if transport is None or gate is None:
+        connection = None if transport is None else self.connections.by_transport.get(transport)
+        if transport is None or connection is None:
             return web.Response(status=503)
-        gate.begins()
+        connection.begins()
         try:
             if request.method != "GET" and "Origin" in request.headers:
                 return _hung_up(403, "a web page is not obeyed: only programs send no Origin")
@@ -327,10 +323,10 @@ class Front:
             await self._keep_pace(transport)
             return await self._answer(request)
         except Exception as error:  # noqa: BLE001 - one request that breaks something is no end of the others
-            self.channel.tell(f"a defect of sattrack: {error!r} in {request.method} {request.path[:60]!r}")
+            self.channel.log(f"a defect of sattrack: {error!r} in {request.method} {request.path[:60]!r}")
             return _hung_up(500, "a defect of sattrack: see its log")
         finally:
-            gate.ends()
+            connection.ends()
 
     async def _keep_pace(self, transport: asyncio.BaseTransport) -> None:
         """Count one request; wait where the connection asks too fast."""
@@ -357,51 +353,51 @@ class Front:
             if isinstance(pending.order, BiasOrder | Passes | TrackSatellite):
                 value = await self.actions.do(pending.order, self.channel.order)
                 return self.server.finish(pending, value)
-            await self.channel.order(pending.order)
+            await self.channel.order(pending.order, pending.waits)
         except Fault as fault:
             return self.server.finish(pending, fault=fault)
         return self.server.finish(pending)
 
     async def tend(self) -> None:
-        """Look after connections, for ever; tell of those that were refused, but not of each."""
-        told, told_s = (0, 0), -TELL_EVERY_S
+        """Look after connections, for ever; log how many were refused."""
+        logged, logged_s = (0, 0), -LOG_EVERY_S
         loop = asyncio.get_running_loop()
         while True:
             await asyncio.sleep(TEND_EVERY_S)
-            self.keeper.tend(loop.time())
-            gates = self.keeper.gates
-            self._paces = {line: pace for line, pace in self._paces.items() if line in gates}
-            counts = (self.keeper.refused, self.keeper.cut)
-            if counts != told and loop.time() - told_s >= TELL_EVERY_S:
-                new = (counts[0] - told[0], counts[1] - told[1])
-                self.channel.tell(
+            self.connections.tend(loop.time())
+            connected = self.connections.by_transport
+            self._paces = {line: pace for line, pace in self._paces.items() if line in connected}
+            counts = (self.connections.refused, self.connections.cut)
+            if counts != logged and loop.time() - logged_s >= LOG_EVERY_S:
+                new = (counts[0] - logged[0], counts[1] - logged[1])
+                self.channel.log(
                     f"{new[0]} connections were refused, {new[1]} were silent or halting too long"
                 )
-                told, told_s = counts, loop.time()
+                logged, logged_s = counts, loop.time()
 
 
 @dataclass(slots=True)
 class Discovery:
     """Answers Alpaca discovery ("ASCOM Alpaca API Reference") for one HTTP port. IPv4.
 
-    Answers are bounded, so that neither a storm of questions nor a forged sender makes this program flood
-    anybody. Instants are seconds of any clock that does not go back.
+    The rate of answers is limited, so that neither a storm of requests nor a forged sender makes this program
+    flood a host. Instants are seconds of any clock that does not go back.
     """
 
     http_port: int
     unanswered: int = 0
-    """Questions that came too fast."""
-    _all: Bucket = field(default_factory=lambda: Bucket(A_SECOND, A_SECOND, 0.0))
+    """Requests that came too fast."""
+    _all: Bucket = field(default_factory=lambda: Bucket(ANSWERS_PER_S, ANSWERS_PER_S, 0.0))
     _each: OrderedDict[str, Bucket] = field(default_factory=OrderedDict)
 
     def answer(self, data: bytes, host: str, now_s: float) -> bytes | None:
         """Return what to send back, None for nothing."""
-        if not data.startswith(QUESTION) or len(data) > LONGEST_QUESTION:
+        if not data.startswith(DISCOVERY_REQUEST) or len(data) > LONGEST_DISCOVERY:
             return None
         each = self._each.get(host)
         if each is None:
-            each = self._each[host] = Bucket(A_SECOND_EACH, A_SECOND_EACH, now_s)
-            if len(self._each) > REMEMBERED:
+            each = self._each[host] = Bucket(ANSWERS_PER_S_EACH, ANSWERS_PER_S_EACH, now_s)
+            if len(self._each) > MOST_HOSTS:
                 self._each.popitem(last=False)
         self._each.move_to_end(host)
         if not (each.take(now_s) and self._all.take(now_s)):
@@ -411,7 +407,7 @@ class Discovery:
 
 
 class DiscoveryProtocol(asyncio.DatagramProtocol):
-    """Answers discovery's questions from those who may connect."""
+    """Answers discovery to clients that may connect."""
 
     def __init__(self, discovery: Discovery, limits: CallerLimits) -> None:
         self._discovery, self._limits = discovery, limits
@@ -430,7 +426,7 @@ class DiscoveryProtocol(asyncio.DatagramProtocol):
             self._transport.sendto(answer, addr)
 
     def error_received(self, exc: Exception) -> None:
-        """See asyncio.DatagramProtocol: who asked is gone already, and that is all."""
+        """See asyncio.DatagramProtocol: the client is gone already."""
 
 
 async def _body(request: web.BaseRequest) -> bytes | web.Response:
@@ -451,8 +447,8 @@ async def _body(request: web.BaseRequest) -> bytes | web.Response:
     return data
 
 
-def _hung_up(status: int, words: str) -> web.Response:
-    response = web.Response(status=status, text=words + "\n")
+def _hung_up(status: int, message: str) -> web.Response:
+    response = web.Response(status=status, text=message + "\n")
     response.force_close()
     return response
 
@@ -469,14 +465,14 @@ async def serve(task: AlpacaTask, reader: asyncio.StreamReader, writer: asyncio.
     clock: Clock = SystemClock()
     if setting is not None:
         clock = SimulatedClock(setting.start_utc_s, setting.anchor_s, setting.speed)
-    telescope = Telescope(device)
+    telescope = ServedTelescope(device)
     site = known.site
     server = Server(telescope, f"{site.latitude_deg:.4f}, {site.longitude_deg:.4f}, {site.height_m:g} m")
     limits = task.limits()
-    channel, keeper = FeederLine(reader, writer, telescope), Doorkeeper(limits)
+    channel, connections = FeederLine(reader, writer, telescope), OpenConnections(limits)
     actions = Actions(known, telescope, clock)
     front = Front(
-        server, channel, actions, clock, keeper, task.requests_per_s, HostNames.of(task.host, task.names)
+        server, channel, actions, clock, connections, task.requests_per_s, HostNames.of(task.host, task.names)
     )
     http = web.Server(
         front.handle,
@@ -487,7 +483,9 @@ async def serve(task: AlpacaTask, reader: asyncio.StreamReader, writer: asyncio.
     )
     loop = asyncio.get_running_loop()
     listener = socket.socket(fileno=task.listener)
-    door = await loop.create_server(lambda: Gate(keeper, http), sock=listener, backlog=256)
+    http_server = await loop.create_server(
+        lambda: ClientConnection(connections, http), sock=listener, backlog=256
+    )
     for number in task.discovery:
         answers = Discovery(task.port)
         await loop.create_datagram_endpoint(
@@ -495,15 +493,15 @@ async def serve(task: AlpacaTask, reader: asyncio.StreamReader, writer: asyncio.
             sock=socket.socket(fileno=number),
         )
     aside = [loop.create_task(front.tend()), loop.create_task(actions.prepare())]
-    # What connections leave behind is then looked for among what they made, before it is megabytes.
+    # Garbage is then looked for among what connections made, before it is megabytes.
     gc.freeze()
-    channel.tell(READY)
+    channel.log(READY)
     try:
         await channel.listen()
     finally:
         for task_aside in aside:
             task_aside.cancel()
-        door.close()
+        http_server.close()
 
 
 async def _main(number: int) -> None:

@@ -1,87 +1,381 @@
-"""What `sattrack serve alpaca` adds to the loop of a door: orders, states and answers, and the log."""
+"""The feeding process of `sattrack serve alpaca`: its loop, and its channel to the process that serves HTTP.
+
+At most one order begins in a period, as checking a slew's path may take milliseconds; a stop never waits, and
+cancels the earlier orders that have not begun. States that the HTTP process is too slow for are left out;
+answers are not. That process gets its task as one JSON line: the mount, the clients that may connect, and the
+satellites for the custom actions.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import ipaddress
 import socket
 import time
+from collections import deque
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
+from sattrack.core.channel import Channel, see_off, start_process
+from sattrack.core.clock import decode_utc, encode_utc
 from sattrack.core.errors import SattrackError
-from sattrack.runtime.facts import build_engine, decode_facts
+from sattrack.mount.model import MountProfile
+from sattrack.mount.requests import Abort
+from sattrack.runtime.callers import CallerLimits
 from sattrack.runtime.station_loop import StationLoop
-from sattrack.servers.antenna.log_lines import spoken
+from sattrack.safety import SafetyLimits
+from sattrack.servers.alpaca.protocol import (
+    Answered,
+    BiasOrder,
+    Fault,
+    LogMessage,
+    Number,
+    NumberedOrder,
+    decode_order,
+    encode,
+)
+from sattrack.servers.alpaca.telescope import Abilities
+from sattrack.servers.antenna.protocol import program_line
+from sattrack.settings import SiteSettings
+from tle.elements import Elements
+from tle.errors import TleError
+from tle.instants import Utc
 
 if TYPE_CHECKING:
+    import subprocess
     from collections.abc import Callable, Sequence
 
     from sattrack.control.engine import Engine
-    from sattrack.safety import SafetyLimits
-    from sattrack.servers.alpaca.door import AlpacaHttpProcess
+    from sattrack.runtime.facts import RunFacts
+    from sattrack.servers.alpaca.protocol import Passes, TelescopeState, TrackSatellite
     from sattrack.servers.alpaca.station import TelescopeStation
+    from tle.passes import Pass
+
+NO_ELEMENTS = "no elements: give --elements FILE to `sattrack serve alpaca`, or set elements in sattrack.toml"
+READY = "ready"
+"""The first message of the HTTP process."""
+LONGEST_LINE = 1 << 22
+START_WITHIN_S = 30.0
+END_WITHIN_S = 3.0
+REMEMBERED_LINES = 20
+PAUSE_FACTOR = 9.0
+"""Orders take at most a tenth of the feeding process' time, however many wait."""
+
+
+class Satellites(msgspec.Struct, frozen=True):
+    """The satellites of the custom actions, the site, and the mount."""
+
+    elements: list[Elements]
+    site: SiteSettings
+    profile: MountProfile
+    limits: SafetyLimits
+    min_alt_deg: float
+    refraction: Literal["auto", "on", "off"]
+    mount: str
+
+    def prepare(self) -> None:
+        """Import what computes passes and facts, and read its tables, before a client waits for it."""
+        if not self.elements:
+            return
+        from sattrack.runtime import facts, prepare
+        from tle.propagator import Propagator
+
+        del facts, prepare
+        if self.profile.through_pole:
+            from sattrack.planning import keyhole
+
+            del keyhole
+        with contextlib.suppress(TleError):
+            Propagator(self.elements[0], self.site.place())
+
+    def passes(self, asked: Passes, now_utc_s: float) -> list[dict[str, Any]]:
+        """Return a satellite's coming passes, fields named as by `sattrack passes --json`. Raises Fault."""
+        from tle.passes import find_passes
+        from tle.propagator import Propagator
+
+        elements = self._find(asked.satellite)
+        floor_deg = self.min_alt_deg if asked.min_alt_deg is None else asked.min_alt_deg
+        try:
+            propagator = Propagator(elements, self.site.place())
+            found = find_passes(propagator, Utc(now_utc_s), asked.hours, floor_deg)
+        except TleError as error:
+            raise Fault(Number.INVALID_OPERATION, str(error)) from error
+        return [_row(elements, seen) for seen in found]
+
+    def facts(self, asked: TrackSatellite, now_utc_s: float) -> RunFacts:
+        """Return the facts of a run: the pass in progress, else the next. Raises Fault."""
+        from sattrack.runtime.facts import RunFacts, choose_pass, plan_for
+        from sattrack.runtime.prepare import with_detours
+        from tle.refraction import Refraction
+
+        elements, site, now = self._find(asked.satellite), self.site.place(), Utc(now_utc_s)
+        floor_deg = self.min_alt_deg if asked.min_alt_deg is None else asked.min_alt_deg
+        lowest_deg = self.limits.floor_altitude_deg
+        if floor_deg < lowest_deg:
+            message = f"min_alt_deg is {floor_deg:g}; the mount is kept above {lowest_deg:g}"
+            raise Fault(Number.INVALID_VALUE, message)
+        air = Refraction.standard(site.height_m)
+        try:
+            seen = choose_pass(elements, site, now, floor_deg)
+            return with_detours(
+                RunFacts(
+                    elements=elements,
+                    site=self.site,
+                    refraction=self.refraction,
+                    pressure_hpa=air.pressure_hpa,
+                    temperature_c=air.temperature_c,
+                    plan=plan_for(seen, now),
+                    culminate_utc_s=float(seen.culminate_utc.unix_s),
+                    max_alt_deg=float(seen.max_alt_deg),
+                    profile=self.profile,
+                    limits=self.limits,
+                    bias_along_s=0.0,
+                    bias_cross_deg=0.0,
+                    mount_name=self.mount,
+                    started_utc_s=now_utc_s,
+                )
+            )
+        except (SattrackError, TleError) as error:
+            raise Fault(Number.INVALID_OPERATION, str(error)) from error
+
+    def _find(self, name: str) -> Elements:
+        from tle.sources import find
+
+        if not self.elements:
+            raise Fault(Number.INVALID_OPERATION, NO_ELEMENTS)
+        try:
+            return find(self.elements, name)
+        except TleError as error:
+            raise Fault(Number.INVALID_VALUE, str(error)) from error
+
+
+def run_summary(facts: RunFacts) -> dict[str, Any]:
+    """Return the answer to a client whose run begins."""
+    return {
+        "name": facts.elements.name,
+        "catalog_number": facts.elements.catalog_number,
+        "from_utc": Utc(facts.plan.start_utc_s).isoformat("milliseconds"),
+        "to_utc": Utc(facts.plan.end_utc_s).isoformat("milliseconds"),
+        "culminate_utc": Utc(facts.culminate_utc_s).isoformat("milliseconds"),
+        "max_alt_deg": facts.max_alt_deg,
+    }
+
+
+def _row(elements: Elements, seen: Pass) -> dict[str, Any]:
+    def text(instant: Utc | None) -> str | None:
+        return None if instant is None else instant.isoformat("milliseconds")
+
+    return {
+        "name": elements.name,
+        "catalog_number": elements.catalog_number,
+        "rise_utc": text(seen.rise_utc),
+        "culminate_utc": text(seen.culminate_utc),
+        "set_utc": text(seen.set_utc),
+        "max_alt_deg": float(seen.max_alt_deg),
+    }
+
+
+class ClockNumbers(msgspec.Struct, frozen=True):
+    """A simulated clock's three numbers."""
+
+    start_utc_s: float
+    anchor_s: float
+    speed: float
+
+
+class AlpacaTask(msgspec.Struct, frozen=True):
+    """The task of the HTTP process, sent at its start; descriptors are inherited."""
+
+    listener: int
+    discovery: tuple[int, ...]
+    port: int
+    version: str
+    host: str
+    callers: int
+    idle_s: float
+    requests_per_s: float
+    allowed: tuple[str, ...] | None
+    satellites: Satellites
+    abilities: Abilities
+    clock: ClockNumbers | None = None
+    names: tuple[str, ...] = ()
+    """Names by which clients call this computer, beside its own."""
+
+    def limits(self) -> CallerLimits:
+        """Return the limits of its clients."""
+        allowed = None if self.allowed is None else tuple(ipaddress.ip_network(one) for one in self.allowed)
+        return CallerLimits(self.callers, self.idle_s, self.requests_per_s, allowed)
+
+
+def encode_task(task: AlpacaTask) -> bytes:
+    """Return a task as one JSON line."""
+    return msgspec.json.encode(task, enc_hook=encode_utc) + b"\n"
+
+
+def decode_task(line: bytes) -> AlpacaTask:
+    """Return the task of one JSON line; raises msgspec.MsgspecError."""
+    return msgspec.json.decode(line, type=AlpacaTask, dec_hook=decode_utc)
+
+
+@dataclass(slots=True)
+class AlpacaHttpProcess:
+    """The HTTP process and the channel to it; whoever logs the lines in `log_lines` removes them."""
+
+    line: Channel
+    process: subprocess.Popen[bytes]
+    log_lines: deque[str] = field(default_factory=lambda: deque(maxlen=REMEMBERED_LINES))
+    _orders: deque[NumberedOrder] = field(default_factory=deque)
+    _began_one: bool = False
+    _next_s: float = 0.0
+    """Before this instant of the monotonic clock no other order begins."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether the other process is gone."""
+        return self.line.ended
+
+    def readers(self) -> list[Any]:
+        """See Doorway."""
+        return [] if self.ended else [self.line]
+
+    def writers(self) -> list[Any]:
+        """See Doorway."""
+        return [self.line] if self.line.waiting and not self.ended else []
+
+    def flush(self) -> None:
+        """See Doorway."""
+        self.line.flush()
+
+    def push(self, state: TelescopeState, answers: list[Answered]) -> None:
+        """Send a state, unless the last one still waits, and answers after it."""
+        if answers or not self.line.waiting:
+            self.line.send(encode(state) + b"".join(encode(answer) for answer in answers))
+
+    def take(self) -> None:
+        """Read the lines that have come."""
+        self._take_lines(self.line.lines())
+
+    def next_order(self) -> tuple[NumberedOrder | None, list[Answered]]:
+        """Return the order to begin now, if any, and answers to those that a stop has cancelled."""
+        for index, asked in enumerate(self._orders):
+            if isinstance(asked.order, Abort):
+                reason = "AbortSlew came before it had begun"
+                cancelled = [
+                    Answered(self._orders.popleft().number, int(Number.CANCELLED), reason)
+                    for _ in range(index)
+                ]
+                return self._orders.popleft(), cancelled
+        if self._began_one or not self._orders:
+            return None, []
+        asked = self._orders.popleft()
+        self._began_one = not isinstance(asked.order, BiasOrder)
+        return asked, []
+
+    def begin_period(self, now_s: float) -> None:
+        """Let one more order begin, unless the last one took so long that datagrams come first."""
+        self._began_one = self._began_one and now_s < self._next_s
+
+    def took(self, seconds: float, now_s: float) -> None:
+        """Note how long an order took: searching for a path takes some tenths of a second."""
+        self._next_s = now_s + PAUSE_FACTOR * seconds
+
+    def close(self) -> None:
+        """End the other process."""
+        self.line.close()
+        see_off(self.process, END_WITHIN_S)
+
+    def _take_lines(self, lines: Sequence[bytes]) -> None:
+        for line in lines:
+            try:
+                message = decode_order(line)
+            except msgspec.MsgspecError as error:
+                self.log_lines.append(f"a line from the HTTP process was not understood: {error}")
+                continue
+            if isinstance(message, LogMessage):
+                self.log_lines.append(message.text)
+            else:
+                self._orders.append(message)
+
+
+def start_http_process(task: AlpacaTask) -> AlpacaHttpProcess:
+    """Start the process that serves HTTP; raises SattrackError where it does not come up."""
+    ours, theirs = socket.socketpair()
+    with theirs:
+        # A Ctrl-C is for the feeding process, which ends this one when the mount stands.
+        inherits = (theirs.fileno(), task.listener, *task.discovery)
+        process = start_process("sattrack.servers.alpaca.process", str(theirs.fileno()), inherits=inherits)
+    with contextlib.suppress(OSError):
+        ours.sendall(encode_task(task))
+    started = AlpacaHttpProcess(Channel(ours.detach(), longest=LONGEST_LINE), process)
+    started._take_lines(started.line.first(START_WITHIN_S))
+    if READY not in started.log_lines:
+        started.close()
+        raise SattrackError("the HTTP server did not start; its own messages are above")
+    started.log_lines.remove(READY)
+    return started
+
 
 PROGRAM = "alpaca"
 PORT = 32227
-"""Of discovery, UDP."""
-MOST_TOLD = 5
-"""A tick's lines of the log: a flood of them is counted."""
+"""UDP port of discovery."""
+MOST_LOGGED = 5
+"""Lines of the log in one tick; more are counted."""
 LOOPBACK, LOOPBACK_BROADCAST, ANY = "127.0.0.1", "127.255.255.255", "0.0.0.0"
 
 
 @dataclass(slots=True)
 class AlpacaLoop(StationLoop):
-    """Serves one mount to Alpaca's clients until `stop` is asked for and the mount is seen at rest."""
+    """Serves one mount to Alpaca's clients until `stop` is set and the mount is seen at rest."""
 
     driver: TelescopeStation
     door: AlpacaHttpProcess
-    _told_doing: str = field(default="idle", init=False)
 
     def tell(self, words: str) -> None:
-        """Have the program's own words logged."""
-        self.log(spoken(words, PROGRAM))
+        """See StationLoop."""
+        self.log(program_line(words, PROGRAM))
 
     def serve(self, ready: list[Any]) -> None:
-        """Take orders, and obey what may be obeyed now."""
+        """Take orders, and begin those that may begin now."""
         if self.door.line in ready:
             self.door.take()
-        self._obey_orders()
+        self._begin_orders()
 
     def obey(self, now_utc_s: float) -> None:
-        """Let another order be obeyed; end where the clients' process has."""
+        """Let another order begin; end where the HTTP process has ended."""
         del now_utc_s
         if self.door.ended and not self.driver.finished:
             raise SattrackError("the HTTP server's process is gone; the mount is being stopped")
         self.door.begin_period(time.monotonic())
 
     def heard(self) -> None:
-        """Push what the mount has said at once: clients then read it while it is new."""
+        """Push a new status at once, so that clients read it while it is new."""
         self._push()
 
     def report(self) -> None:
-        """Push the mount's state and the answers that are due, and say what has changed."""
+        """Push the mount's state and the answers that are due, and log what has changed."""
         self._push()
-        self._obey_orders()
-        words = [*self.driver.words, *self.door.words]
-        self.driver.words.clear()
-        self.door.words.clear()
-        for line in words[:MOST_TOLD]:
+        self._begin_orders()
+        lines = [*self.driver.log_lines, *self.door.log_lines]
+        self.driver.log_lines.clear()
+        self.door.log_lines.clear()
+        for line in lines[:MOST_LOGGED]:
             self.tell(line)
-        if len(words) > MOST_TOLD:
-            self.tell(f"and {len(words) - MOST_TOLD} lines more")
+        if len(lines) > MOST_LOGGED:
+            self.tell(f"and {len(lines) - MOST_LOGGED} lines more")
         self.report_mount("satellite", "AbortSlew")
 
-    def _obey_orders(self) -> None:
+    def _begin_orders(self) -> None:
         while True:
-            asked, void = self.door.next_order()
-            self.driver.answers.ready += void
-            if asked is None:
-                if void:
+            order, cancelled = self.door.next_order()
+            self.driver.answers.ready += cancelled
+            if order is None:
+                if cancelled:
                     self._push()
                 return
             began_s = time.monotonic()
-            self.driver.obey(asked, self.connection.now_utc_s())
+            self.driver.obey(order, self.connection.now_utc_s())
             self._push()
             self.door.took(time.monotonic() - began_s, time.monotonic())
 
@@ -92,7 +386,9 @@ class AlpacaLoop(StationLoop):
 
 
 def engine_maker(limits: SafetyLimits) -> Callable[[msgspec.Raw, float], Engine]:
-    """Return what makes an engine of the facts of a run, with this process' own limits."""
+    """Return the function that makes an engine of the facts of a run, with this process' own limits."""
+    # The HTTP process, which imports this module too, makes no engines.
+    from sattrack.runtime.facts import build_engine, decode_facts
 
     def make(raw: msgspec.Raw, now_utc_s: float) -> Engine:
         try:
@@ -105,9 +401,9 @@ def engine_maker(limits: SafetyLimits) -> Callable[[msgspec.Raw, float], Engine]
 
 
 def discovery_sockets(host: str) -> tuple[Sequence[socket.socket], str | None]:
-    """Return sockets on which discovery's questions come in, or why there are none.
+    """Return the sockets of discovery, or why there are none.
 
-    On loopback alone for a server on loopback: there, questions come by its own broadcast address.
+    A server on loopback answers there alone, where requests come by its own broadcast address.
     """
     inside = host.startswith("127.") or host == "localhost"
     opened: list[socket.socket] = []
@@ -120,7 +416,7 @@ def discovery_sockets(host: str) -> tuple[Sequence[socket.socket], str | None]:
         except OSError as error:
             for each in opened:
                 each.close()
-            words = f"discovery is not answered: UDP port {PORT} on {address} is not available"
-            return (), f"{words} ({error.strerror})"
+            reason = f"discovery is not answered: UDP port {PORT} on {address} is not available"
+            return (), f"{reason} ({error.strerror})"
         one.setblocking(False)
     return opened, None

@@ -14,8 +14,8 @@ from sattrack.control.following import Follower, TargetSpan
 from sattrack.mount.model import Hold, Motion, MoveAxes, Stop
 from sattrack.safety import Safety
 from sattrack.servers.antenna.equipment import Feedback, Sensors
-from sattrack.servers.antenna.sky import AxisKind, AzEl, HaDec, Sky
-from sattrack.servers.antenna.trajectory import AxisRange, AxisState, Path, to_ns
+from sattrack.servers.antenna.protocol import to_ns
+from sattrack.servers.antenna.trajectory import AxisKind, AxisRange, AxisState, AzEl, HaDec, Path, SiteSky
 
 if TYPE_CHECKING:
     from sattrack.control.following import Pair
@@ -66,7 +66,7 @@ class PathDriver(Driver, Feedback):  # type: ignore[override]
     """
 
     def __init__(
-        self, target: PathTarget, sky: Sky, kind: AxisKind, profile: MountProfile, limits: SafetyLimits
+        self, target: PathTarget, sky: SiteSky, kind: AxisKind, profile: MountProfile, limits: SafetyLimits
     ) -> None:
         self._sky, self._limits = sky, limits
         super().__init__(profile, self._make_safety(profile))

@@ -1,7 +1,7 @@
-"""A pass followed by trajectory designations over a line: prepared, flown, summed up.
+"""`sattrack track` with an antenna's controller: a pass by trajectory designations over a line.
 
-The controller has the last word on its antenna's limits, which are not known here. What is known is the sky:
-a pass that leads an optical telescope into the cone about the Sun, or one below the floor, is not begun.
+The controller keeps its antenna's limits, which are not known here. A pass that leads an optical telescope
+into the cone about the Sun, or below the floor, is not begun.
 """
 
 from __future__ import annotations
@@ -18,9 +18,8 @@ from sattrack.core.process import undisturbed
 from sattrack.runtime.facts import choose_pass, plan_for
 from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.safety.regions import moon_over, sun_over
-from sattrack.servers.antenna.antcn import Antcn
-from sattrack.servers.antenna.antcn_run import AntcnRun
-from sattrack.servers.antenna.line import encode
+from sattrack.servers.antenna.antcn import Antcn, AntcnRun
+from sattrack.servers.antenna.protocol import encode
 from sattrack.settings import NO_ELEMENTS, NO_SITE
 from sattrack.views.run import DatagramsView, Summary
 from tle.bias import Bias
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
     from sattrack.control.tracker import TrackPlan
     from sattrack.runtime.prepare import RunRequest
     from sattrack.safety import SafetyLimits
-    from sattrack.servers.antenna.door import AntennaUrl, CallerLine
+    from sattrack.servers.antenna.serve import AntennaUrl, CallerLine
     from tle.site import Site
 
 ON_TARGET_ARCSEC = 15.0
@@ -57,7 +56,7 @@ class AntennaPass:
     plan: TrackPlan
     max_alt_deg: float
 
-    def way(self, utc_s: float) -> tuple[float, float]:
+    def path(self, utc_s: float) -> tuple[float, float]:
         """Return both axes' positions of the satellite at an instant."""
         seen = self.propagator.at(Utc(utc_s), self.bias)
         if self.url.axes == "azel":
@@ -96,7 +95,7 @@ def prepare_pass(request: RunRequest, url: AntennaUrl, limits: SafetyLimits) -> 
 
 
 def check_bodies(ready: AntennaPass, limits: SafetyLimits, site: Site) -> None:
-    """Refuse a pass that leads into a cone that is forbidden."""
+    """Raise SafetyLimitError for a pass that leads into a forbidden cone."""
     bodies = (
         ("Sun", limits.sun_deg, sun_over(site.latitude_deg, site.longitude_deg)),
         ("Moon", limits.moon_cone_deg, moon_over(site.latitude_deg, site.longitude_deg)),
@@ -117,7 +116,7 @@ def check_bodies(ready: AntennaPass, limits: SafetyLimits, site: Site) -> None:
                     f"the pass comes within {apart:.1f}° of the {name} at {Utc(utc_s).isoformat('seconds')}; "
                     f"{cone_deg:g}° are kept: see [safety] in sattrack.toml"
                 )
-            # No nearer than this can the two come within the next step.
+            # The two cannot come nearer than this within the next step.
             utc_s += max(LOOK_S, min(60.0, (apart - cone_deg) / 3.0))
 
 
@@ -134,7 +133,7 @@ class AntennaFlight:
     _next_try_s: float = 0.0
 
     def fly(self) -> Summary:
-        """Follow the pass to its end. Raises SattrackError or its kinds where there is no line at first."""
+        """Follow the pass to its end. Raises SattrackError or its kinds where the first connection fails."""
         clock, ready = SystemClock(), self.ready
         self._channel = ready.url.connect()
         started_utc_s = clock.utc_s(time.monotonic())
@@ -142,7 +141,7 @@ class AntennaFlight:
         plan = ready.plan
         self.run = AntcnRun(
             line,
-            ready.way,
+            ready.path,
             plan.start_utc_s,
             plan.end_utc_s,
             ON_TARGET_ARCSEC,
@@ -161,20 +160,20 @@ class AntennaFlight:
         return self._summary(started_utc_s, clock.utc_s(time.monotonic()))
 
     def warnings(self) -> list[str]:
-        """Return what is worth telling after the flight."""
+        """Return the warnings after the pass."""
         if self.run.clock_gap_s <= LOUD_CLOCK_S:
             return []
         return [f"the controller's clock is off ours by {self.run.clock_gap_s:.3f} s at least"]
 
     def _guarded(self, part: Callable[[SystemClock], None], clock: SystemClock) -> None:
-        """Do one part of the loop; an error in it turns the run into a stop of the antenna."""
+        """Do one part of the loop; an error in it stops the antenna."""
         try:
             part(clock)
         except Exception as error:
             if self.run.ended_by is None:
                 self.run.end("error", clock.utc_s(time.monotonic()), str(error))
             elif part == self._turn:
-                # What must see the stop through is broken itself.
+                # The part that carries out the stop fails itself.
                 self._send(encode("STOP", self.run.line.check))
                 raise
 

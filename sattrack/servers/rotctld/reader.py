@@ -26,7 +26,7 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class RotctldCommand:
     """One command: its byte, its long name, what it takes, and the labels of what it gives.
 
     `gives` are those of extended responses; `answers`: there is an answer beside RPRT, after
@@ -41,12 +41,12 @@ class Command:
     whole_line: bool = False
 
 
-def _asks(letter: str, name: str, takes: tuple[str, ...], gives: tuple[str, ...]) -> Command:
-    return Command(ord(letter), name, takes, gives, answers=True)
+def _asks(letter: str, name: str, takes: tuple[str, ...], gives: tuple[str, ...]) -> RotctldCommand:
+    return RotctldCommand(ord(letter), name, takes, gives, answers=True)
 
 
-def _tells(letter: str, name: str, *takes: str) -> Command:
-    return Command(ord(letter), name, takes)
+def _tells(letter: str, name: str, *takes: str) -> RotctldCommand:
+    return RotctldCommand(ord(letter), name, takes)
 
 
 DUMP_STATE_BYTE = 0x8F
@@ -67,9 +67,9 @@ COMMANDS = (
     _tells("C", "set_conf", "Token", "Value"),
     _asks("_", "get_info", (), ("Info",)),
     _asks("s", "get_status", (), ("Status flags",)),
-    Command(ord("w"), "send_cmd", ("Cmd",), ("Reply",), answers=True, whole_line=True),
+    RotctldCommand(ord("w"), "send_cmd", ("Cmd",), ("Reply",), answers=True, whole_line=True),
     _tells("1", "dump_caps"),
-    Command(DUMP_STATE_BYTE, "dump_state", answers=True),
+    RotctldCommand(DUMP_STATE_BYTE, "dump_state", answers=True),
     _asks("L", "lonlat2loc", ("Longitude", "Latitude", "Loc Len [2-12]"), ("Locator",)),
     _asks("l", "loc2lonlat", ("Locator",), ("Longitude", "Latitude")),
     _asks("D", "dms2dec", ("Degrees", "Minutes", "Seconds", "S/W"), ("Dec Degrees",)),
@@ -79,7 +79,7 @@ COMMANDS = (
     _asks("B", "qrb", ("Lon 1", "Lat 1", "Lon 2", "Lat 2"), ("QRB Distance", "QRB Azimuth")),
     _asks("A", "a_sp2a_lp", ("Short Path Deg",), ("Long Path Deg",)),
     _asks("a", "d_sp2d_lp", ("Short Path km",), ("Long Path km",)),
-    Command(PAUSE_BYTE, "pause", ("Seconds",)),
+    RotctldCommand(PAUSE_BYTE, "pause", ("Seconds",)),
 )
 """All of them, in the order in which Hamlib lists them."""
 BY_BYTE = {command.byte: command for command in COMMANDS}
@@ -106,7 +106,7 @@ def usage() -> str:
     return "\n".join(lines) + "\n"
 
 
-class Said(Enum):
+class SpecialRequest(Enum):
     """What a client says beside commands."""
 
     QUIT = "quit"
@@ -117,10 +117,10 @@ class Said(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class RotctldRequest:
     """One command as it came; `mark` parts an extended response, and is an end of line in others."""
 
-    command: Command
+    command: RotctldCommand
     words: tuple[str, ...] = ()
     extended: bool = False
     mark: str = "\n"
@@ -145,7 +145,7 @@ class Reader:
         """Take bytes that have come."""
         self._bytes += data
 
-    def next(self) -> Request | Said | None:
+    def next(self) -> RotctldRequest | SpecialRequest | None:
         """Return what is said next; None until more has come."""
         if self._skipping and not self._skip():
             return None
@@ -156,8 +156,8 @@ class Reader:
                 return None
             end = LONGEST_COMMAND + 1
         if end > LONGEST_COMMAND:
-            said, end = Said.TOO_LONG, LONGEST_COMMAND
-        self._skipping |= said is Said.TOO_LONG
+            said, end = SpecialRequest.TOO_LONG, LONGEST_COMMAND
+        self._skipping |= said is SpecialRequest.TOO_LONG
         del self._bytes[:end]
         self._extended, self._mark = False, "\n"
         return said
@@ -178,7 +178,7 @@ class Reader:
         except IndexError:
             raise _More from None
 
-    def _read(self) -> tuple[Request | Said, int]:
+    def _read(self) -> tuple[RotctldRequest | SpecialRequest, int]:
         """Return what is said next, and where it ends."""
         while True:
             place, byte = 0, self._at(0)
@@ -201,33 +201,33 @@ class Reader:
                 command, place = BY_BYTE.get(byte), place + 1
                 break
             if self._after_end:
-                return Said.NOTHING, place + 1
+                return SpecialRequest.NOTHING, place + 1
             self._after_end = True
             del self._bytes[: place + 1]
             self._extended, self._mark = extended, mark
         if command is None:
-            return Said.NOTHING, place
+            return SpecialRequest.NOTHING, place
         words = self._line(place) if command.whole_line else self._words(command, place)
         if words is None:
-            return Said.TOO_LONG, place
-        return Request(command, words[0], extended, mark), words[1]
+            return SpecialRequest.TOO_LONG, place
+        return RotctldRequest(command, words[0], extended, mark), words[1]
 
-    def _special(self, byte: int, place: int) -> tuple[Said, int] | None:
+    def _special(self, byte: int, place: int) -> tuple[SpecialRequest, int] | None:
         if byte == ord("#"):
             self._skipping = True
-            return Said.NOTHING, place
+            return SpecialRequest.NOTHING, place
         if byte in b"qQ":
-            return Said.QUIT, place
-        return (Said.HELP, place) if byte == ord("?") else None
+            return SpecialRequest.QUIT, place
+        return (SpecialRequest.HELP, place) if byte == ord("?") else None
 
-    def _named(self, place: int) -> tuple[Command | None, int]:
+    def _named(self, place: int) -> tuple[RotctldCommand | None, int]:
         """Return the command of a name, and where what follows begins, without what ends a name."""
         end = place
         while self._at(end) in _IN_NAMES and end - place < LONGEST_NAME:
             end += 1
         return BY_NAME.get(self._bytes[place:end].decode("ascii")), end + 1
 
-    def _words(self, command: Command, place: int) -> tuple[tuple[str, ...], int] | None:
+    def _words(self, command: RotctldCommand, place: int) -> tuple[tuple[str, ...], int] | None:
         """Return the arguments; one that begins with a question mark has none after it. None: too long."""
         words: list[str] = []
         for _ in command.takes[:MOST_TAKEN]:
@@ -296,13 +296,13 @@ def done(code: Code) -> str:
     return ""
 
 
-def given(request: Request, *values: str) -> str:
+def given(request: RotctldRequest, *values: str) -> str:
     """Return values, each with its label in an extended response."""
     labels = request.command.gives if request.extended else ()
     named = [f"{label}: " for label in labels] or [""] * len(values)
     return "".join(f"{label}{value}{request.mark}" for label, value in zip(named, values, strict=True))
 
 
-def words_of(request: Request) -> tuple[str, ...]:
+def words_of(request: RotctldRequest) -> tuple[str, ...]:
     """Return as many words as a command takes; those that a question mark has cut off are empty."""
     return (*request.words, *[""] * (len(request.command.takes) - len(request.words)))

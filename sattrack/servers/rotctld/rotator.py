@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Literal, NamedTuple
 import numpy as np
 
 from sattrack.servers.antenna.led_mount import RATE_STEP_S, PathDriver
-from sattrack.servers.antenna.sky import AzEl, HaDec
-from sattrack.servers.antenna.trajectory import NS, AxisState, Path, Straight
+from sattrack.servers.antenna.protocol import NS
+from sattrack.servers.antenna.trajectory import AxisState, AzEl, HaDec, Path, Straight
 from sattrack.servers.rotctld.reader import Code
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from sattrack.mount.model import AxesPosition, MountProfile
     from sattrack.safety import SafetyLimits
     from sattrack.servers.antenna.equipment import Feedback
-    from sattrack.servers.antenna.sky import Sky
+    from sattrack.servers.antenna.trajectory import SiteSky
 
 MOST_POINTS = 7
 """So many are fitted: at one a second, more miss bends of the way, fewer let more of their rounding in."""
@@ -291,7 +291,7 @@ class Moving:
 class Rotator:
     """One mount for all clients; these are numbers. `PathTarget` tells what its driver asks of it."""
 
-    sky: Sky
+    sky: SiteSky
     feedback: Feedback
     park: AxesPosition | None = None
     one_at_a_time: bool = False
@@ -457,7 +457,7 @@ class RotatorStation(PathDriver):
     """One mount behind one rotator, until its end is asked for and the mount is seen at rest."""
 
     def __init__(
-        self, sky: Sky, profile: MountProfile, limits: SafetyLimits, one_at_a_time: bool = False
+        self, sky: SiteSky, profile: MountProfile, limits: SafetyLimits, one_at_a_time: bool = False
     ) -> None:
         self.rotator = Rotator(sky, self, profile.park, one_at_a_time)
         super().__init__(self.rotator, sky, "azel", profile, limits)

@@ -1,21 +1,248 @@
-"""What `sattrack serve rotctld` adds to the loop of a door: its clients, and what the log says of them."""
+"""What `sattrack serve rotctld` adds to the loop of a door: its clients, and what the log says of them.
+
+Where rotctld's clients come in: a TCP port, many callers, none of which may hold the mount up.
+
+What callers have said is answered in slices so short that a flood of requests delays the mount's next
+datagram by a millisecond or two at most; what is left waits. A caller with too many requests is not read from
+until it may ask again: its own system then keeps it from sending.
+"""
 
 from __future__ import annotations
 
+import math
+import socket
 import time
+from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from sattrack.runtime.callers import MOST_WAITING_BYTES, Bucket, Opening, Seat, TcpChannel
 from sattrack.runtime.station_loop import StationLoop
-from sattrack.servers.antenna.log_lines import spoken
-from sattrack.servers.antenna.trajectory import to_ns
+from sattrack.servers.antenna.protocol import program_line, to_ns
 from sattrack.servers.rotctld.answers import Client
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.servers.rotctld.door import RotctldServer
+    from sattrack.runtime.callers import CallerLimits
     from sattrack.servers.rotctld.rotator import Rotator, RotatorStation
+
+SLICE_S = 0.001
+"""So long is what callers have said answered before the mount is looked after again."""
+REQUESTS_AT_ONCE = 8
+MOST_ACCEPTED = 32
+BURST_S = 0.2
+"""A caller that was silent may send the requests of so much time at once."""
+REMEMBERED_WORDS = 20
+
+
+@dataclass(slots=True, eq=False)
+class Caller:
+    """One caller: its line, what it says, and what waits to be sent to it."""
+
+    channel: TcpChannel
+    client: Client
+    heard_s: float
+    budget: Bucket
+    seat: Seat
+    opening: Opening = field(default_factory=Opening)
+    waiting: bytes = b""
+    more: bool = False
+    """Whether there may be requests that were not answered yet."""
+
+    def fileno(self) -> int:
+        """Return the descriptor to wait on."""
+        return self.channel.fileno()
+
+
+@dataclass(slots=True)
+class RotctldServer:
+    """A listening socket with its callers; `make_client` makes the end that speaks to one."""
+
+    listener: socket.socket
+    limits: CallerLimits
+    make_client: Callable[[int], Client]
+    callers: dict[int, Caller] = field(default_factory=dict)
+    """By their number."""
+    words: deque[str] = field(default_factory=lambda: deque(maxlen=REMEMBERED_WORDS))
+    """Lines for the log; whoever logs them removes them."""
+    refused: int = 0
+    """Callers that were hung up on as they came."""
+    failures: int = 0
+    """Requests of callers that are gone that were answered with a failure."""
+    _next_number: int = 1
+    _always: tuple[socket.socket, socket.socket] = field(default_factory=socket.socketpair)
+    """A line on which something can always be read: waited on while requests are left over."""
+
+    def __post_init__(self) -> None:
+        """Have something to read."""
+        self._always[1].send(b"!")
+
+    @property
+    def port(self) -> int:
+        """The TCP port."""
+        return int(self.listener.getsockname()[1])
+
+    def readers(self) -> list[Any]:
+        """Return what to wait for."""
+        now_s = time.monotonic()
+        readers: list[Any] = [self.listener]
+        left_over = False
+        for caller in self.callers.values():
+            if caller.budget.fill(now_s) < 1.0 or caller.waiting or caller.client.paused:
+                continue
+            if caller.more:
+                left_over = True
+            else:
+                readers.append(caller)
+        return [*readers, self._always[0]] if left_over else readers
+
+    def writers(self) -> list[Any]:
+        """Return what to wait for to take more."""
+        return [caller for caller in self.callers.values() if caller.waiting]
+
+    def flush(self) -> None:
+        """Send what waits, as far as it can be sent now."""
+        for caller in self.callers.values():
+            if caller.waiting:
+                self._flush(caller)
+
+    def serve(self, ready: list[Any], now_ns: Callable[[], int]) -> list[int]:
+        """Serve what is ready; return the numbers of callers that have gone.
+
+        `now_ns` is read as soon as bytes are here: that is the instant that their positions are of.
+        """
+        until_s = time.monotonic() + SLICE_S
+        speaking = {id(part) for part in ready}
+        callers = [caller for caller in self.callers.values() if id(caller) in speaking]
+        gone = [caller.client.number for caller in callers if not self._read(caller)]
+        for number in gone:
+            self._answer_last(self.callers[number], now_ns())
+            self._hang_up(number)
+        gone += self._answer_all(now_ns(), until_s)
+        if self.listener in ready:
+            gone += self._accept()
+        return gone
+
+    def tend(self, now_ns: int) -> list[int]:
+        """Hang up on callers that have been silent too long; return their numbers. Call once a period."""
+        now_s = time.monotonic()
+        idle = [n for n, caller in self.callers.items() if now_s - caller.heard_s > self.limits.idle_s]
+        for number in idle:
+            self.words.append(f"client {number} was silent for {self.limits.idle_s:g} s and is hung up on")
+            self._hang_up(number)
+        for caller in self.callers.values():
+            # Pauses that clients asked for come to an end.
+            caller.more |= caller.client.paused and caller.client.pause_until_s <= now_ns / 1e9
+        return idle
+
+    def close(self) -> None:
+        """Close everything."""
+        for number in list(self.callers):
+            self._hang_up(number)
+        for part in (self.listener, *self._always):
+            part.close()
+
+    def _read(self, caller: Caller) -> bool:
+        """Take what a caller has sent; False where it is gone."""
+        data = caller.channel.read()
+        if data is None:
+            return False
+        if data:
+            caller.heard_s = time.monotonic()
+            told = caller.opening.take(data)
+            if told is None:
+                self.words.append(f"client {caller.client.number} speaks HTTP or TLS and is hung up on")
+                return False
+            caller.client.receive(told)
+            caller.more = True
+        return True
+
+    def _answer_all(self, now_ns: int, until_s: float) -> list[int]:
+        """Answer callers in turn until there is nothing more to answer, or no time."""
+        gone = []
+        answering = [caller for caller in self.callers.values() if caller.more and not caller.waiting]
+        while answering:
+            for caller in list(answering):
+                number = caller.client.number
+                goes_on = self._answer(caller, now_ns) and caller.more and not caller.waiting
+                leaves = caller.client.left or len(caller.waiting) > MOST_WAITING_BYTES
+                if leaves:
+                    gone.append(number)
+                    self._hang_up(number)
+                if leaves or not goes_on:
+                    answering.remove(caller)
+                if time.monotonic() >= until_s:
+                    # Whoever was answered comes last the next time.
+                    self._put_last(number)
+                    return gone
+        return gone
+
+    def _answer(self, caller: Caller, now_ns: int) -> bool:
+        """Answer some of a caller's requests; False where it may ask no more now."""
+        most = min(REQUESTS_AT_ONCE, int(caller.budget.fill(time.monotonic())))
+        if most < 1:
+            return False
+        answers, count = caller.client.answer(now_ns, most)
+        caller.budget.left -= count
+        if count:
+            caller.seat = caller.seat._replace(asked_s=time.monotonic())
+        caller.more = count == most
+        caller.waiting += answers
+        self._flush(caller)
+        return True
+
+    def _answer_last(self, caller: Caller, now_ns: int) -> None:
+        """Answer what a caller said that has shut its side before the end of its first line."""
+        rest = caller.opening.rest()
+        if rest:
+            caller.client.receive(rest)
+            self._answer(caller, now_ns)
+
+    def _flush(self, caller: Caller) -> None:
+        if caller.waiting:
+            caller.waiting = caller.waiting[caller.channel.write(caller.waiting) :]
+
+    def _put_last(self, number: int) -> None:
+        caller = self.callers.pop(number, None)
+        if caller is not None:
+            self.callers[number] = caller
+
+    def _accept(self) -> list[int]:
+        """Let callers in; return the numbers of those that had to make room."""
+        gone: list[int] = []
+        for _ in range(MOST_ACCEPTED):
+            try:
+                connection, address = self.listener.accept()
+            except OSError:
+                break
+            now_s = time.monotonic()
+            seats = {number: caller.seat for number, caller in self.callers.items()}
+            objection, idle = self.limits.admit(address[0], seats, now_s)
+            if objection is not None:
+                self.refused += 1
+                self.words.append(f"{address[0]} was hung up on: {objection}")
+                connection.close()
+                continue
+            for number in idle:
+                self.words.append(f"client {number} is hung up on: it makes room for another")
+                self._hang_up(number)
+            gone += idle
+            number = self._next_number
+            self._next_number += 1
+            rate = self.limits.requests_per_s
+            budget = Bucket(rate, max(1.0, BURST_S * rate), now_s)
+            client = self.make_client(number)
+            seat = Seat(address[0], -math.inf, now_s)
+            self.callers[number] = Caller(TcpChannel(connection), client, now_s, budget, seat)
+            self.words.append(f"client {number} is there, from {address[0]}:{address[1]}")
+        return gone
+
+    def _hang_up(self, number: int) -> None:
+        caller = self.callers.pop(number)
+        self.failures += caller.client.refused
+        caller.channel.close()
+
 
 PROGRAM = "rotctld"
 MOST_TOLD = 5
@@ -34,7 +261,7 @@ class RotctldLoop(StationLoop):
 
     def tell(self, words: str) -> None:
         """Have the program's own words logged."""
-        self.log(spoken(words, PROGRAM))
+        self.log(program_line(words, PROGRAM))
 
     def serve(self, ready: list[Any]) -> None:
         """Serve the clients that have said something, or wait for answers."""

@@ -11,8 +11,7 @@ import msgspec
 from antenna_harness import SITE, VirtualAntenna
 
 from sattrack.mount.model import AxesPosition, MountProfile
-from sattrack.servers.alpaca.device import Device
-from sattrack.servers.alpaca.messages import (
+from sattrack.servers.alpaca.protocol import (
     Answered,
     Fault,
     Number,
@@ -22,9 +21,8 @@ from sattrack.servers.alpaca.messages import (
     TrackSatellite,
 )
 from sattrack.servers.alpaca.serve import engine_maker
-from sattrack.servers.alpaca.server import Pending, Reply, Server
 from sattrack.servers.alpaca.station import TelescopeStation
-from sattrack.servers.alpaca.telescope import Telescope
+from sattrack.servers.alpaca.telescope import Device, Pending, Reply, ServedTelescope, Server
 
 BEGIN_UTC_S = 1790946000.0
 """2026-10-02T13:00:00Z, two minutes before the practice satellite rises."""
@@ -44,7 +42,7 @@ class VirtualTelescope(VirtualAntenna):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self.telescope = Telescope(Device(self.profile, SITE, "the simulated mount", "0.0", "bench"))
+        self.telescope = ServedTelescope(Device(self.profile, SITE, "the simulated mount", "0.0", "bench"))
         self.server = Server(self.telescope, "52.1541, 4.4908, 0 m")
         self.run_for(1.0)
         if self.connected:
@@ -79,14 +77,14 @@ class VirtualTelescope(VirtualAntenna):
         if isinstance(asked, Reply):
             return asked
         assert not isinstance(asked.order, TrackSatellite | Passes)
-        return self.answer_of(asked, self.give(asked.order))
+        return self.answer_of(asked, self.give(asked.order, asked.waits))
 
-    def give(self, order: Order) -> int:
+    def give(self, order: Order, waits: bool = False) -> int:
         """Give the mount's side an order; return its number."""
         self._numbers += 1
         # As on the wire between the two processes.
         asked = msgspec.json.decode(
-            msgspec.json.encode(NumberedOrder(self._numbers, order)), type=NumberedOrder
+            msgspec.json.encode(NumberedOrder(self._numbers, order, waits)), type=NumberedOrder
         )
         self.station.obey(asked, self.now_utc_s)
         self._see()
@@ -100,7 +98,7 @@ class VirtualTelescope(VirtualAntenna):
             self.run_for(0.05)
             self._see()
         answer = self._answers[number]
-        fault = Fault(Number(answer.fault), answer.words) if answer.fault else None
+        fault = Fault(Number(answer.fault), answer.message) if answer.fault else None
         return self.server.finish(asked, fault=fault)
 
     def answered(self, number: int) -> Answered | None:

@@ -12,7 +12,7 @@ from alpaca_stand import PROFILE, VirtualTelescope
 from alpaca_values import EVERYWHERE
 from msgspec.structs import replace
 
-from sattrack.servers.alpaca.messages import Fault, Number
+from sattrack.servers.alpaca.protocol import Fault, Number
 from tle.instants import Utc
 
 NOT_IMPLEMENTED, INVALID, NOT_SET = Number.NOT_IMPLEMENTED, Number.INVALID_VALUE, Number.VALUE_NOT_SET
@@ -320,7 +320,7 @@ def test_an_abort_ends_a_slew_and_tells_whoever_waits_for_it(scope: VirtualTeles
     asked = scope.ask(
         "PUT", "slewtocoordinates", RightAscension=(scope.get("siderealtime") + 3.0) % 24.0, Declination=60.0
     )
-    number = scope.give(asked.order)
+    number = scope.give(asked.order, asked.waits)
     scope.run_for(2.0)
     assert scope.answered(number) is None
     scope.put("abortslew")
@@ -587,7 +587,7 @@ def test_what_is_under_way_is_not_mixed_with_something_else(scope: VirtualTelesc
 def test_another_slew_takes_the_place_of_the_one_under_way(scope: VirtualTelescope) -> None:
     lst_h = scope.get("siderealtime")
     first = scope.ask("PUT", "slewtocoordinates", RightAscension=(lst_h + 3.0) % 24.0, Declination=60.0)
-    number = scope.give(first.order)
+    number = scope.give(first.order, first.waits)
     scope.run_for(1.0)
     scope.put("slewtocoordinates", RightAscension=(lst_h - 2.0) % 24.0, Declination=30.0)
     answer = scope.answered(number)

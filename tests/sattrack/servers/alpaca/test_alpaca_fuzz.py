@@ -10,8 +10,8 @@ from urllib.parse import quote_from_bytes, urlencode
 import pytest
 from alpaca_stand import VirtualTelescope
 
-from sattrack.servers.alpaca.members import MEMBERS
-from sattrack.servers.alpaca.server import Reply
+from sattrack.servers.alpaca.protocol import MEMBERS
+from sattrack.servers.alpaca.telescope import Reply
 
 DEVICE = "/api/v1/telescope/0/"
 # Each way to spoil a request, with the HTTP status that it must end in, or the error numbers with status 200.

@@ -13,9 +13,8 @@ from alpaca_stand import VirtualTelescope
 from antenna_harness import SITE
 
 from sattrack.mount.model import MountProfile
-from sattrack.servers.alpaca.device import Device
-from sattrack.servers.alpaca.members import MEMBERS
-from sattrack.servers.alpaca.server import Reply
+from sattrack.servers.alpaca.protocol import MEMBERS
+from sattrack.servers.alpaca.telescope import Device, Reply
 
 DEVICE = "/api/v1/telescope/0/"
 

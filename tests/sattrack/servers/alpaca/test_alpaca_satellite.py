@@ -13,8 +13,8 @@ from msgspec.structs import replace
 from sattrack.runtime import practice
 from sattrack.runtime.facts import encode_facts
 from sattrack.safety import SafetyLimits
-from sattrack.servers.alpaca.door import Satellites, run_told
-from sattrack.servers.alpaca.messages import Fault, FollowOrder, Number, Passes, TrackSatellite
+from sattrack.servers.alpaca.protocol import Fault, FollowOrder, Number, Passes, TrackSatellite
+from sattrack.servers.alpaca.serve import Satellites, run_summary
 from sattrack.settings import SiteSettings
 from tle.instants import Utc
 from tle.propagator import Propagator
@@ -40,7 +40,7 @@ def follow(scope: VirtualTelescope, seconds: float) -> None:
     number = scope.give(FollowOrder(msgspec.Raw(encode_facts(facts))))
     answer = scope.answered(number)
     assert answer is not None
-    assert answer.fault == 0, answer.words
+    assert answer.fault == 0, answer.message
     scope.run_for(seconds)
 
 
@@ -128,7 +128,7 @@ def test_at_the_end_of_its_pass_the_mount_is_free_again() -> None:
     assert told is not None
     assert told.following is None
     assert (told.doing, told.failure) == ("idle", None)
-    assert scope.station.words[-1] == "follows ISS (ZARYA) no more: set"
+    assert scope.station.log_lines[-1] == "follows ISS (ZARYA) no more: set"
     assert scope.fault_of("moveaxis", Axis=1, Rate=1.0) is Number.OK
 
 
@@ -169,7 +169,7 @@ def test_passes_are_those_of_the_command_line() -> None:
     (first, *_) = SATELLITES.passes(Passes("25544", hours=12.0), BEGIN_UTC_S)
     assert first["rise_utc"].startswith("2026-10-02T13:01:5")
     assert first["max_alt_deg"] == pytest.approx(81.27, abs=0.01)
-    told = run_told(SATELLITES.facts(TrackSatellite("1998-067A"), BEGIN_UTC_S))
+    told = run_summary(SATELLITES.facts(TrackSatellite("1998-067A"), BEGIN_UTC_S))
     assert told["from_utc"] == first["rise_utc"]
     assert told["to_utc"] == first["set_utc"]
     json.dumps(told)

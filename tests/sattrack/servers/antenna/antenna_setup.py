@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from sattrack.servers.antenna.controller import Controller
-from sattrack.servers.antenna.equipment import Antenna, Feedback
-from sattrack.servers.antenna.focus import FocusAxis, SimulatedFocuser
-from sattrack.servers.antenna.sky import Sky
-from sattrack.servers.antenna.trajectory import NS, AxisRange, AxisState
+from sattrack.servers.antenna.equipment import Antenna, Feedback, FocusAxis, SimulatedFocuser
+from sattrack.servers.antenna.protocol import NS
+from sattrack.servers.antenna.trajectory import AxisRange, AxisState, SiteSky
 from tle.instants import Utc
 from tle.site import Site
 
@@ -30,9 +29,9 @@ class StandsStill(Feedback):
         return AxisState(30.0, 40.0, 0.0, 0.0)
 
 
-def make_controller(axes: str = "hadec", sky: Sky | None = None) -> Controller:
+def make_controller(axes: str = "hadec", sky: SiteSky | None = None) -> Controller:
     antenna = Antenna(
-        sky or Sky(SITE),
+        sky or SiteSky(SITE),
         axes,
         RANGE,
         stow=(0.0, 89.0),

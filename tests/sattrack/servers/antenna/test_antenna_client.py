@@ -11,11 +11,17 @@ import antenna as bench
 import pytest
 from antenna_setup import NOON_NS, exchange, make_controller
 
-from sattrack.servers.antenna.antcn import Antcn, Stage, chord, epoch_utc_s, read_position
-from sattrack.servers.antenna.antcn_run import AntcnRun, Phase
+from sattrack.servers.antenna.antcn import (
+    Antcn,
+    AntcnPhase,
+    AntcnRun,
+    Stage,
+    chord,
+    epoch_utc_s,
+    read_position,
+)
 from sattrack.servers.antenna.controller import Controller
-from sattrack.servers.antenna.line import Check, character_time_out_s, encode, idle_time_s
-from sattrack.servers.antenna.trajectory import NS
+from sattrack.servers.antenna.protocol import NS, Checksum, character_time_out_s, encode, idle_time_s
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -82,8 +88,8 @@ def test_character_time_outs_follow_the_speed_of_the_line() -> None:
 
 
 def test_a_crc_is_the_one_of_the_catalogues() -> None:
-    assert Check.CRC16.of(b"123456789") == b"29B1"
-    assert encode("PS", Check.CRC16) == b"PS EDDC\n"
+    assert Checksum.CRC16.of(b"123456789") == b"29B1"
+    assert encode("PS", Checksum.CRC16) == b"PS EDDC\n"
 
 
 def test_messages_hold_nothing_that_would_break_the_line() -> None:
@@ -157,7 +163,7 @@ def test_a_pass_is_a_ps_and_a_td_a_second_and_a_stop_at_its_end() -> None:
     assert abs(words.count("PS") - 11) <= 2
     assert words.count("STOP") == 1
     assert run.error_arcsec == 0.0
-    assert run.phase is Phase.STOPPING
+    assert run.phase is AntcnPhase.STOPPING
 
 
 def test_a_controller_that_never_answers_is_given_up() -> None:
@@ -290,10 +296,10 @@ def test_with_character_time_outs_a_response_that_stops_half_way_is_given_up_at_
 
 
 def test_a_controller_with_the_other_check_takes_no_sums() -> None:
-    antenna = replace(make_controller().antenna, check=Check.CRC16)
+    antenna = replace(make_controller().antenna, check=Checksum.CRC16)
     controller = Controller(antenna)
     assert controller.receive(b"TIME 4F\n", NOON_NS)[0].startswith(b"TIME NAK 1 ")
-    answer, _ = controller.receive(encode("TIME", Check.CRC16), NOON_NS)
+    answer, _ = controller.receive(encode("TIME", Checksum.CRC16), NOON_NS)
     assert answer.startswith(b"TIME 20728 43200.000000 ")
     message, check = answer[:-5], answer[-5:-1]
     assert int(check, 16) == bitwise_crc(message)

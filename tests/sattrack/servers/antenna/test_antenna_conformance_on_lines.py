@@ -16,8 +16,8 @@ from antenna_setup import NOON_NS, make_controller
 from conformance_rows import ROWS, Row
 
 from sattrack.runtime.callers import Seat, listen
-from sattrack.servers.antenna.door import BAUDS, ONE_CALLER, AntennaServer, SerialChannel
-from sattrack.servers.antenna.trajectory import NS
+from sattrack.servers.antenna.protocol import NS
+from sattrack.servers.antenna.serve import BAUDS, ONE_CALLER, AntennaServer, SerialChannel
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -128,7 +128,7 @@ def test_a_second_caller_is_hung_up_on_and_the_first_goes_on(by_tcp: tuple[Anten
         door.serve([door.listener], float, lambda data, at: (b"", False))
         second.settimeout(PATIENCE_S)
         assert second.recv(100) == b""
-    assert door.hung_up_on == 1
+    assert door.disconnected == 1
     converse(ROWS[0], door, caller)
 
 

@@ -13,7 +13,7 @@ from antenna_setup import NOON_NS
 
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.alpaca.client import AlpacaRefusalError
-from sattrack.servers.antenna.antenna_focus import (
+from sattrack.servers.antenna.alpaca_focuser import (
     AlpacaAxis,
     FocuserConfig,
     FocuserDriver,
@@ -22,8 +22,8 @@ from sattrack.servers.antenna.antenna_focus import (
     parse_focuser,
     start_focusers,
 )
-from sattrack.servers.antenna.focus import FocusNews, FocusOrder, RemoteAxis, RemoteFocuser
-from sattrack.servers.antenna.trajectory import NS
+from sattrack.servers.antenna.equipment import FocusAxisState, FocusOrder, RemoteAxis, RemoteFocuser
+from sattrack.servers.antenna.protocol import NS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -78,7 +78,7 @@ def test_steps_are_millimetres_by_their_size_and_the_step_that_is_zero(make: Mak
 def test_it_goes_to_a_place_and_tells_when_it_stands_there(make: Make) -> None:
     axis, focuser, clock = make()
     axis.connect()
-    axis.obey(FocusOrder(1, to_mm=12.0), clock.now_s)
+    axis.begin(FocusOrder(1, to_mm=12.0), clock.now_s)
     told = run(axis, clock, 2.0)
     # 1000 steps of 2 µm at 1000 steps a second.
     assert told[0] == (10.0, True)
@@ -90,7 +90,7 @@ def test_it_goes_to_a_place_and_tells_when_it_stands_there(make: Make) -> None:
 def test_a_move_longer_than_one_increment_is_made_in_several(make: Make) -> None:
     axis, focuser, clock = make(max_increment=300)
     axis.connect()
-    axis.obey(FocusOrder(1, to_mm=12.0), clock.now_s)
+    axis.begin(FocusOrder(1, to_mm=12.0), clock.now_s)
     told = run(axis, clock, 3.0)
     assert focuser.moves == [5300, 5600, 5900, 6000]
     assert told[-1] == (12.0, False)
@@ -99,7 +99,7 @@ def test_a_move_longer_than_one_increment_is_made_in_several(make: Make) -> None
 def test_places_beyond_its_reach_are_come_near_to(make: Make) -> None:
     axis, focuser, clock = make()
     axis.connect()
-    axis.obey(FocusOrder(1, to_mm=1e4), clock.now_s)
+    axis.begin(FocusOrder(1, to_mm=1e4), clock.now_s)
     run(axis, clock, 6.0)
     assert focuser.moves == [10_000]
 
@@ -107,7 +107,7 @@ def test_places_beyond_its_reach_are_come_near_to(make: Make) -> None:
 def test_a_sweep_is_uniform_and_turns_at_both_limits(make: Make) -> None:
     axis, focuser, clock = make(max_step=6000)
     axis.connect()
-    axis.obey(FocusOrder(1, sweep_mm_s=1.0), clock.now_s)
+    axis.begin(FocusOrder(1, sweep_mm_s=1.0), clock.now_s)
     told = [mm for mm, _ in run(axis, clock, 20.0)]
     # 10 mm up to 12 mm in 2 s, then down to 0 mm in 12 s, and up again for 6 s.
     for at_s, mm in ((1.0, 11.0), (4.0, 10.0), (8.0, 6.0), (12.0, 2.0), (17.0, 3.0)):
@@ -122,9 +122,9 @@ def test_a_sweep_is_uniform_and_turns_at_both_limits(make: Make) -> None:
 def test_a_stop_halts_it_and_ends_a_sweep(make: Make) -> None:
     axis, focuser, clock = make()
     axis.connect()
-    axis.obey(FocusOrder(1, sweep_mm_s=1.0), clock.now_s)
+    axis.begin(FocusOrder(1, sweep_mm_s=1.0), clock.now_s)
     run(axis, clock, 1.0)
-    axis.obey(FocusOrder(2), clock.now_s)
+    axis.begin(FocusOrder(2), clock.now_s)
     stood = axis.turn(clock.now_s)[0]
     moves = len(focuser.moves)
     told = run(axis, clock, 1.0)
@@ -135,9 +135,9 @@ def test_a_stop_halts_it_and_ends_a_sweep(make: Make) -> None:
 def test_what_cannot_halt_is_told_to_go_where_it_is(make: Make) -> None:
     axis, focuser, clock = make(halts=False)
     axis.connect()
-    axis.obey(FocusOrder(1, to_mm=20.0), clock.now_s)
+    axis.begin(FocusOrder(1, to_mm=20.0), clock.now_s)
     run(axis, clock, 1.0)
-    axis.obey(FocusOrder(2), clock.now_s)
+    axis.begin(FocusOrder(2), clock.now_s)
     assert focuser.moves == [10_000, 6000]
     assert run(axis, clock, 1.0)[-1] == (12.0, False)
 
@@ -159,7 +159,7 @@ def test_the_size_of_a_step_may_have_to_be_given(make: Make) -> None:
 
 def test_what_the_focuser_refuses_is_told_and_it_is_taken_up_anew(make: Make) -> None:
     axis, focuser, clock = make()
-    told: list[FocusNews] = []
+    told: list[FocusAxisState] = []
     worker = FocuserDriver(axis.focuser, axis.config, told.append)
     worker.turn([], clock.now_s)
     focuser.max_step = 5500
@@ -175,7 +175,7 @@ def test_what_the_focuser_refuses_is_told_and_it_is_taken_up_anew(make: Make) ->
 
 def test_an_order_that_finds_no_focuser_is_not_obeyed_later(make: Make) -> None:
     axis, focuser, clock = make()
-    told: list[FocusNews] = []
+    told: list[FocusAxisState] = []
     there, axis.focuser.server = axis.focuser.server, "127.0.0.1:9"
     worker = FocuserDriver(axis.focuser, axis.config, told.append)
     worker.turn([FocusOrder(1, to_mm=18.0)], clock.now_s)
@@ -196,18 +196,18 @@ def test_the_stand_in_keeps_to_its_own_limits(make: Make) -> None:
 def test_an_order_counts_as_moving_until_it_has_been_taken_up() -> None:
     axis = RemoteAxis(-8.0, 12.0)
     focuser = RemoteFocuser([axis])
-    axis.hear(FocusNews(0.0, 2.0, moving=False, serial=0), NOON_NS)
+    axis.hear(FocusAxisState(0.0, 2.0, moving=False, serial=0), NOON_NS)
     assert focuser.report(NOON_NS + 1) == (((None, 2.0),), NOON_NS, False)
     focuser.move([50.0], NOON_NS)
     assert axis.orders == [FocusOrder(1, to_mm=12.0)]
     assert focuser.report(NOON_NS + 1) == (((12.0, 2.0),), NOON_NS, True)
-    axis.hear(FocusNews(0.0, 12.0, moving=False, serial=1), NOON_NS + 2)
+    axis.hear(FocusAxisState(0.0, 12.0, moving=False, serial=1), NOON_NS + 2)
     assert focuser.report(NOON_NS + 3) == (((12.0, 12.0),), NOON_NS + 2, False)
 
 
 def test_a_place_heard_long_ago_is_not_told() -> None:
     focuser = RemoteFocuser([RemoteAxis(-8.0, 12.0)])
-    focuser.axes[0].hear(FocusNews(0.0, 2.0, moving=False, serial=0), NOON_NS)
+    focuser.axes[0].hear(FocusAxisState(0.0, 2.0, moving=False, serial=0), NOON_NS)
     later_ns = NOON_NS + 4 * NS
     assert not focuser.heard(later_ns)
     assert focuser.report(later_ns) == (((None, None),), later_ns, True)

@@ -9,7 +9,7 @@ import pytest
 from antenna_setup import NOON_NS, make_controller
 from conformance_rows import ROWS
 
-from sattrack.servers.antenna.trajectory import NS
+from sattrack.servers.antenna.protocol import NS
 
 GOOD = sorted({line + b"\n" for row in ROWS for step in row.steps for line in step.sent.split(b"\n") if line})
 REFUSED = re.compile(rb"(\?\?|[A-Z]+) NAK ([1-9]|1[0-5]) ")

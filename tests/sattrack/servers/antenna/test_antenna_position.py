@@ -8,7 +8,7 @@ from antenna_setup import exchange, make_controller
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from sattrack.servers.antenna.line import encode
+from sattrack.servers.antenna.protocol import encode
 
 NOON_S = 43200
 positions = st.decimals("-170", "170", places=13)

@@ -8,11 +8,9 @@ import erfa
 import pytest
 from antenna_setup import NOON_NS, SITE, exchange, make_controller
 
-from sattrack.servers.antenna.controller import Doing
-from sattrack.servers.antenna.line import encode
-from sattrack.servers.antenna.reckoning import PointingModel, Reduction, SkyPath
-from sattrack.servers.antenna.sky import AzEl, HaDec, RaDec, Sky
-from sattrack.servers.antenna.trajectory import NS
+from sattrack.servers.antenna.controller import AntennaAction
+from sattrack.servers.antenna.protocol import NS, encode
+from sattrack.servers.antenna.trajectory import AzEl, HaDec, PointingModel, RaDec, Reduction, SiteSky, SkyPath
 from tle.errors import DecayedError
 from tle.instants import Utc
 
@@ -24,11 +22,11 @@ CULMINATION_S = 3924.0
 
 
 @pytest.fixture(scope="module")
-def sky() -> Sky:
-    return Sky(SITE)
+def sky() -> SiteSky:
+    return SiteSky(SITE)
 
 
-def by_erfa(sky: Sky, mean: RaDec, utc_s: float) -> tuple[float, float, float, float]:
+def by_erfa(sky: SiteSky, mean: RaDec, utc_s: float) -> tuple[float, float, float, float]:
     """Return a star's apparent right ascension and declination, azimuth and altitude without air, degrees."""
     o = sky.earth.orientation(Utc(utc_s))
     star = [math.radians(x) for x in mean]
@@ -45,7 +43,7 @@ PLACES = [RaDec(83.633, 22.014), RaDec(187.7, 12.39), RaDec(350.85, 58.8), RaDec
 
 
 @pytest.mark.parametrize("mean", PLACES)
-def test_mean_places_come_to_where_erfa_has_them(sky: Sky, mean: RaDec) -> None:
+def test_mean_places_come_to_where_erfa_has_them(sky: SiteSky, mean: RaDec) -> None:
     ra, dec, az, alt = by_erfa(sky, mean, NOON_S)
     seen = sky.of_date(mean, NOON_S)
     # The Sun's bending of light, up to 0.03" for these places on that day, is left out.
@@ -57,12 +55,12 @@ def test_mean_places_come_to_where_erfa_has_them(sky: Sky, mean: RaDec) -> None:
 
 
 @pytest.mark.parametrize(("az", "el"), [(10.0, 20.0), (200.0, 60.0), (359.0, 5.0), (90.0, 89.9)])
-def test_horizontal_places_come_back_from_hour_angles(sky: Sky, az: float, el: float) -> None:
+def test_horizontal_places_come_back_from_hour_angles(sky: SiteSky, az: float, el: float) -> None:
     back = sky.horizontal(sky.equatorial(AzEl(az, el), NOON_S), NOON_S)
     assert back == pytest.approx((az, el), abs=1e-6)
 
 
-def test_a_plunged_elevation_points_at_the_other_azimuth(sky: Sky) -> None:
+def test_a_plunged_elevation_points_at_the_other_azimuth(sky: SiteSky) -> None:
     plunged = sky.equatorial(AzEl(30.0, 100.0), NOON_S)
     plain = sky.equatorial(AzEl(210.0, 80.0), NOON_S)
     assert plunged == pytest.approx(plain, abs=1e-9)
@@ -76,7 +74,7 @@ def commanded(sent: list[str], at_s: float = 0.0) -> tuple[float, float]:
     return float(fields[1]), float(fields[2])
 
 
-def test_a_source_of_date_stands_at_sidereal_time_less_its_right_ascension(sky: Sky) -> None:
+def test_a_source_of_date_stands_at_sidereal_time_less_its_right_ascension(sky: SiteSky) -> None:
     theta = math.degrees(
         erfa.gst06a(2440587.5, NOON_S / 86400.0 + dut1(sky) / 86400.0, 2440587.5, (NOON_S + 69.184) / 86400.0)
     )
@@ -85,11 +83,11 @@ def test_a_source_of_date_stands_at_sidereal_time_less_its_right_ascension(sky: 
     assert dec == 20.0
 
 
-def dut1(sky: Sky) -> float:
+def dut1(sky: SiteSky) -> float:
     return sky.earth.orientation(Utc(NOON_S)).dut1_s
 
 
-def test_offsets_add_to_the_coordinates_themselves(sky: Sky) -> None:
+def test_offsets_add_to_the_coordinates_themselves(sky: SiteSky) -> None:
     plain = commanded(["RADEC DATE 200 20"])
     east = commanded(["OFFSET RADEC 0.5 0.25", "RADEC DATE 200 20"])
     assert east == pytest.approx((plain[0] - 0.5, plain[1] + 0.25), abs=2e-8)
@@ -137,7 +135,9 @@ def test_each_term_of_the_model_does_what_its_formula_says(
     assert PointingModel(**{term: 0.1}).correction(place) == pytest.approx(added, abs=1e-12)
 
 
-def test_a_pointing_model_moves_what_is_followed_and_its_inverse_tells_where_the_axes_point(sky: Sky) -> None:
+def test_a_pointing_model_moves_what_is_followed_and_its_inverse_tells_where_the_axes_point(
+    sky: SiteSky,
+) -> None:
     """It stands at 30° and 40°: with index errors of 0.5° and -0.25° it looks at 29.5° and 40.25°."""
     plain = commanded(["RADEC DATE 200 20"])
     moved = commanded(["RADEC DATE 200 20", "POINTING 0.5 -0.25 0 0 0 0"])
@@ -149,7 +149,7 @@ def test_a_pointing_model_moves_what_is_followed_and_its_inverse_tells_where_the
     assert told == pytest.approx([(sky.sidereal_deg(NOON_S) - 29.5) % 360.0, 40.25, *seen, 43200.0], abs=2e-8)
 
 
-def test_without_a_model_the_axes_point_where_they_stand(sky: Sky) -> None:
+def test_without_a_model_the_axes_point_where_they_stand(sky: SiteSky) -> None:
     told = [float(field) for field in exchange(make_controller(), encode("SKY")).split()[1:3]]
     assert told == pytest.approx([(sky.sidereal_deg(NOON_S) - 30.0) % 360.0, 40.0], abs=2e-8)
 
@@ -166,7 +166,7 @@ def test_a_positive_time_bias_leads() -> None:
     assert leads[0] == pytest.approx(later[0], abs=0.15)
 
 
-def test_a_positive_cross_bias_is_left_of_the_motion_seen_from_below(sky: Sky) -> None:
+def test_a_positive_cross_bias_is_left_of_the_motion_seen_from_below(sky: SiteSky) -> None:
     """Moving east, seen from below, north is on the left."""
     plain = commanded([*ISS, "SAT 25544"], CULMINATION_S)
     left = commanded([*ISS, "SAT 25544", "SATOFF 0 1"], CULMINATION_S)
@@ -261,7 +261,7 @@ def test_a_satellite_whose_elements_end_on_the_way_leaves_no_trajectory() -> Non
     controller = make_controller()
     reduction = Reduction(controller.antenna.sky, "hadec")
     controller.path = SkyPath(EndsAt(NOON_S + 10.0), reduction, 0.0)
-    controller.doing = Doing.FOLLOWING
+    controller.doing = AntennaAction.FOLLOWING
     assert b"SLEWING" in exchange(controller, encode("PS"), 5.0)
     assert b" ,, ,, 30" in exchange(controller, encode("PS"), 15.0)
     assert exchange(controller, encode("STATUS"), 16.0).split()[2] == b"IDLE"

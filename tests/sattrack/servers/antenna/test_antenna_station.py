@@ -11,7 +11,7 @@ from antenna_harness import VirtualAntenna, rms
 
 from sattrack.mount.model import MountProfile
 from sattrack.servers.antenna.led_mount import axis_range
-from sattrack.servers.antenna.trajectory import to_ns
+from sattrack.servers.antenna.protocol import to_ns
 from tle.instants import Utc
 
 BEGIN_UTC_S = Utc.parse("2026-10-02T13:05:00Z").unix_s

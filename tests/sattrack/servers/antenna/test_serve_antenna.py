@@ -29,7 +29,7 @@ from sattrack.core.errors import BadInputError, LinkLostError, SafetyLimitError
 from sattrack.runtime.signals import StopRequest
 from sattrack.safety import SafetyLimits
 from sattrack.safety.regions import sun_over
-from sattrack.servers.antenna.door import parse_antenna_url
+from sattrack.servers.antenna.serve import parse_antenna_url
 from sattrack.servers.antenna.track import AntennaFlight, AntennaPass, check_bodies
 from tle.bias import NO_BIAS
 from tle.earth import EarthOrientation
@@ -41,7 +41,7 @@ from tle.site import Site
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from sattrack.servers.antenna.antcn_run import AntcnRun
+    from sattrack.servers.antenna.antcn import AntcnRun
 
 pytestmark = pytest.mark.filterwarnings("ignore::tle.errors.EarthOrientationWarning")
 PATIENCE_S = 60.0

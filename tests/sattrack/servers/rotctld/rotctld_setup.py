@@ -13,8 +13,8 @@ from door_serving import PATIENCE_S, SITE
 
 from sattrack.mount.model import AxesPosition
 from sattrack.servers.antenna.equipment import Feedback
-from sattrack.servers.antenna.sky import Sky
-from sattrack.servers.antenna.trajectory import NS, AxisState
+from sattrack.servers.antenna.protocol import NS
+from sattrack.servers.antenna.trajectory import AxisState, SiteSky
 from sattrack.servers.rotctld.rotator import Rotator
 from tle.instants import Utc
 
@@ -35,7 +35,7 @@ class StandsStill(Feedback):
 
 def make_rotator(feedback: Feedback | None = None, one_at_a_time: bool = False) -> Rotator:
     park = AxesPosition(hour_angle_deg=0.0, dec_deg=60.0)
-    return Rotator(Sky(SITE), feedback or StandsStill(), park, one_at_a_time)
+    return Rotator(SiteSky(SITE), feedback or StandsStill(), park, one_at_a_time)
 
 
 def ask(client: Client, sent: bytes, at_s: float = 0.0) -> bytes:

@@ -8,7 +8,8 @@ import pytest
 from hamlib_exchanges import EXCHANGES
 from rotctld_setup import NOON_NS, StandsStill, ask, make_rotator
 
-from sattrack.servers.antenna.trajectory import NS, AxisState
+from sattrack.servers.antenna.protocol import NS
+from sattrack.servers.antenna.trajectory import AxisState
 from sattrack.servers.rotctld.answers import Client
 
 P_OF_STANDING = b"0.00\n0.00\n"

@@ -14,8 +14,7 @@ from hamlib_exchanges import EXCHANGES
 from rotctld_setup import NOON_NS, make_rotator
 
 from sattrack.runtime.callers import CallerLimits, Opening, Seat, listen
-from sattrack.servers.rotctld.door import RotctldServer
-from sattrack.servers.rotctld.serve import client_maker
+from sattrack.servers.rotctld.serve import RotctldServer, client_maker
 
 if TYPE_CHECKING:
     import socket

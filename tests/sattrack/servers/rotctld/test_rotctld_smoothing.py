@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from sattrack.servers.antenna.sky import AzEl
-from sattrack.servers.antenna.trajectory import NS
+from sattrack.servers.antenna.protocol import NS
+from sattrack.servers.antenna.trajectory import AzEl
 from sattrack.servers.rotctld.rotator import SmoothedTrack
 
 T0 = 1_790_000_000.0

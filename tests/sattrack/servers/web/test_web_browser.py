@@ -207,7 +207,7 @@ def test_a_screen_that_is_deaf_to_every_request_is_killed(
 ) -> None:
     from textual_serve.download_manager import DownloadManager
 
-    from sattrack.servers.web import server
+    from sattrack.servers import web as server
 
     monkeypatch.setattr(server, "LEAVE_WITHIN_S", 0.3)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sattrack.servers.web.server import Visit, addresses_in, needs_token, new_token
+from sattrack.servers.web import Visit, addresses_in, needs_token, new_token
 
 TOKEN = "correct-horse-battery"
 HERE = Visit("127.0.0.1", 8137, None, ("sattrack",))

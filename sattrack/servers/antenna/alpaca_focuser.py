@@ -1,8 +1,8 @@
-"""The antenna's focuser behind ASCOM Alpaca: a process for each axis, and its other end.
+"""The antenna's focuser over ASCOM Alpaca: a process for each axis, and the controller's channel to it.
 
-It is a process of its own because HTTP may take seconds, and the loop that feeds the mount never waits. Of
-the ASCOM Focuser interface it uses positions in steps from 0 to MaxStep, moves of MaxIncrement steps at most
-that return at once, IsMoving, Halt.
+HTTP may take seconds, and the loop that feeds the mount never waits, hence the process. Of the ASCOM Focuser
+interface it uses positions in steps from 0 to MaxStep, moves of MaxIncrement steps at most that return at
+once, IsMoving, Halt.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ import msgspec
 from sattrack.core.channel import Channel, PipedProcess
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.alpaca.client import NOT_IMPLEMENTED, AlpacaDevice, AlpacaRefusalError, NoAnswerError
-from sattrack.servers.antenna.focus import FocusNews, FocusOrder, RemoteAxis, RemoteFocuser, swept_mm
+from sattrack.servers.antenna.equipment import FocusAxisState, FocusOrder, RemoteAxis, RemoteFocuser, swept_mm
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -32,8 +32,8 @@ MICRONS_A_MM = 1000.0
 FORM = "alpaca://HOST:PORT/DEVICE, with ?step=MICROMETRES or &zero=STEP"
 START_WITHIN_S = 20.0
 END_WITHIN_S = 12.0
-"""A focuser that does not answer keeps its process for two requests' time."""
-_NEWS: msgspec.json.Decoder[FocusNews] = msgspec.json.Decoder(FocusNews)
+"""A focuser that does not answer delays its process by two requests."""
+_STATES: msgspec.json.Decoder[FocusAxisState] = msgspec.json.Decoder(FocusAxisState)
 
 
 class FocuserError(Exception):
@@ -51,7 +51,7 @@ class FocuserConfig(msgspec.Struct, frozen=True):
 
 @dataclass(slots=True)
 class AlpacaAxis:
-    """One focuser as an axis in mm. Its methods raise Refusal, or Unheard where it does not answer."""
+    """One focuser as an axis in mm. Its methods raise AlpacaRefusalError and NoAnswerError."""
 
     focuser: AlpacaDevice
     config: FocuserConfig
@@ -62,10 +62,10 @@ class AlpacaAxis:
     _wanted_step: int | None = None
     _sweep: tuple[float, float, float] | None = None
     """Where, at what rate and when a sweep began."""
-    _asked_step: int | None = None
+    _sent_step: int | None = None
 
     def connect(self) -> None:
-        """Connect, and learn what it can do. Raises FocuserError where it is of no use."""
+        """Connect, and read its range. Raises FocuserError where it cannot be used."""
         self.focuser.put("connected", Connected="True")
         if not self.focuser.get("absolute"):
             raise FocuserError("it moves by differences and knows no positions")
@@ -87,13 +87,13 @@ class AlpacaAxis:
 
     @property
     def limits_mm(self) -> tuple[float, float]:
-        """From where to where it reaches."""
+        """Its least and greatest place."""
         return self._to_mm(0), self._to_mm(self._max_step)
 
-    def obey(self, order: FocusOrder, now_s: float) -> None:
-        """Take an order up."""
+    def begin(self, order: FocusOrder, now_s: float) -> None:
+        """Begin an order."""
         self.serial = order.serial
-        self._wanted_step = self._sweep = self._asked_step = None
+        self._wanted_step = self._sweep = self._sent_step = None
         if order.to_mm is not None:
             self._wanted_step = self._to_step(order.to_mm)
         elif order.sweep_mm_s is not None:
@@ -102,7 +102,7 @@ class AlpacaAxis:
             self._halt()
 
     def turn(self, now_s: float) -> tuple[float, bool]:
-        """Go on with what was ordered; return where it is, mm, and whether it moves."""
+        """Go on with the order; return its place, mm, and whether it moves."""
         position, moving = self._position(), self.focuser.get("ismoving") is True
         wanted = self._wanted_step
         if self._sweep is not None:
@@ -110,22 +110,22 @@ class AlpacaAxis:
             # Where it must be at the next turn.
             ahead_s = now_s - since_s + TURN_S
             wanted = self._to_step(swept_mm(from_mm, rate_mm_s, ahead_s, *self.limits_mm))
-        if wanted is not None and not moving and self._asked_step != wanted:
-            moving = self._ask(position, wanted)
+        if wanted is not None and not moving and self._sent_step != wanted:
+            moving = self._approach(position, wanted)
         return self._to_mm(position), moving or self._sweep is not None
 
     def halt(self) -> None:
-        """Stop it, if it was sent anywhere."""
+        """Stop it, if an order moves it."""
         if self._sweep is not None or self._wanted_step is not None:
             self._halt()
 
-    def _ask(self, position: int, wanted: int) -> bool:
-        way = max(-self._max_increment, min(self._max_increment, wanted - position))
-        if way == 0:
-            self._asked_step = wanted
+    def _approach(self, position: int, wanted: int) -> bool:
+        steps = max(-self._max_increment, min(self._max_increment, wanted - position))
+        if steps == 0:
+            self._sent_step = wanted
             return False
-        self._go(position + way)
-        self._asked_step = position + way
+        self._go(position + steps)
+        self._sent_step = position + steps
         return True
 
     def _halt(self) -> None:
@@ -134,7 +134,7 @@ class AlpacaAxis:
         except AlpacaRefusalError as refusal:
             if refusal.number != NOT_IMPLEMENTED:
                 raise
-            # A focuser that cannot halt is sent to where it is.
+            # A focuser that cannot halt is sent to its own position.
             self._go(self._position())
 
     def _go(self, step: int) -> None:
@@ -159,18 +159,18 @@ class AlpacaAxis:
 
 @dataclass(slots=True)
 class FocuserDriver:
-    """Drives one focuser for as long as orders may come."""
+    """Drives one focuser."""
 
     focuser: AlpacaDevice
     config: FocuserConfig
-    tell: Callable[[FocusNews], None]
+    report: Callable[[FocusAxisState], None]
     axis: AlpacaAxis | None = None
     serial: int = 0
     _pending: list[FocusOrder] = field(default_factory=list)
     _next_try_s: float = 0.0
 
     def turn(self, orders: list[FocusOrder], now_s: float) -> None:
-        """Do what is due now; errors are reported, and it is tried anew later."""
+        """Begin new orders and report the state; after an error, connect again later."""
         self._pending += orders
         if self.axis is None and now_s < self._next_try_s:
             return
@@ -188,20 +188,20 @@ class FocuserDriver:
             # An order that the focuser refuses is not tried again.
             order = self._pending.pop(0)
             self.serial = order.serial
-            self.axis.obey(order, now_s)
+            self.axis.begin(order, now_s)
         began_s = time.monotonic()
         mm, moving = self.axis.turn(now_s)
         measured_s = 0.5 * (began_s + time.monotonic())
-        self.tell(FocusNews(measured_s, mm, moving, self.axis.serial, *self.axis.limits_mm))
+        self.report(FocusAxisState(measured_s, mm, moving, self.axis.serial, *self.axis.limits_mm))
 
-    def _fail(self, words: str, now_s: float) -> None:
+    def _fail(self, trouble: str, now_s: float) -> None:
         self.axis = None
         if self._pending:
-            # Nobody expects an order to be obeyed when the focuser comes back, however late.
+            # An order is not carried out late, when the focuser comes back.
             self.serial = self._pending[-1].serial
             self._pending.clear()
         self._next_try_s = now_s + RECONNECT_AFTER_S
-        self.tell(FocusNews(time.monotonic(), None, moving=False, serial=self.serial, trouble=words))
+        self.report(FocusAxisState(time.monotonic(), None, moving=False, serial=self.serial, trouble=trouble))
 
 
 def focuser_at(config: FocuserConfig) -> AlpacaDevice:
@@ -214,10 +214,10 @@ def main(config: FocuserConfig) -> int:
 
     channel = Channel(sys.stdin.fileno(), sys.stdout.fileno())
 
-    def tell(news: FocusNews) -> None:
-        channel.send(msgspec.json.encode(news) + b"\n")
+    def report(state: FocusAxisState) -> None:
+        channel.send(msgspec.json.encode(state) + b"\n")
 
-    worker = FocuserDriver(focuser_at(config), config, tell)
+    worker = FocuserDriver(focuser_at(config), config, report)
     decoder = msgspec.json.Decoder(FocusOrder)
     due_s = time.monotonic()
     while not channel.ended:
@@ -231,7 +231,7 @@ def main(config: FocuserConfig) -> int:
 
 
 def parse_focuser(url: str) -> FocuserConfig:
-    """Read one focuser's address. Raises BadInputError, naming what is wrong."""
+    """Read one focuser's address. Raises BadInputError with the fault."""
     try:
         parts = urlsplit(url)
         options = parse_qs(parts.query, keep_blank_values=True, strict_parsing=bool(parts.query))
@@ -253,7 +253,7 @@ def parse_focuser(url: str) -> FocuserConfig:
 
 @dataclass(slots=True)
 class FocusAxisProcess:
-    """One axis' process, and the axis as the controller has it."""
+    """One axis' process, and the axis as the controller sees it."""
 
     config: FocuserConfig
     running: PipedProcess
@@ -266,13 +266,15 @@ class FocusAxisProcess:
         return f"the focuser at {self.config.address}, device {self.config.device}"
 
     def exchange(self, to_ns: Callable[[float], int]) -> str | None:
-        """Take in what has come, hand out orders; return what is worth telling."""
-        news = self.running.channel.messages(_NEWS)
-        for one in news:
+        """Read states, send orders; return a line for the log."""
+        states = self.running.channel.messages(_STATES)
+        for one in states:
             self.axis.hear(one, to_ns(one.monotonic_s))
         orders, self.axis.orders = self.axis.orders, []
         self.running.channel.send(b"".join(msgspec.json.encode(order) + b"\n" for order in orders))
-        trouble = "it has ended" if self.running.channel.ended else news[-1].trouble if news else self.trouble
+        trouble = (
+            "it has ended" if self.running.channel.ended else states[-1].trouble if states else self.trouble
+        )
         if trouble == self.trouble:
             return None
         self.trouble = trouble
@@ -291,13 +293,13 @@ class FocusProcesses:
     focuser: RemoteFocuser = field(init=False)
 
     def __post_init__(self) -> None:
-        """Make of them what the controller knows."""
+        """Join the axes to a focuser."""
         self.focuser = RemoteFocuser([part.axis for part in self.parts])
 
     def exchange(self, to_ns: Callable[[float], int]) -> list[str]:
-        """Take in what has come, hand out orders; never waits. `to_ns` dates monotonic seconds."""
-        told = [part.exchange(to_ns) for part in self.parts]
-        return [words for words in told if words is not None]
+        """Read states and send orders, without waiting; return log lines. `to_ns` dates monotonic seconds."""
+        lines = [part.exchange(to_ns) for part in self.parts]
+        return [line for line in lines if line is not None]
 
     def close(self) -> None:
         """Stop and end all of them."""
@@ -306,7 +308,7 @@ class FocusProcesses:
 
 
 def start_focusers(configs: Sequence[FocuserConfig]) -> FocusProcesses:
-    """Start a process for each axis. Raises SattrackError where one of them is not there, or is of no use."""
+    """Start a process for each axis. Raises SattrackError where a focuser cannot be used."""
     started: list[FocusAxisProcess] = []
     try:
         for config in configs:
@@ -319,11 +321,11 @@ def start_focusers(configs: Sequence[FocuserConfig]) -> FocusProcesses:
 
 def _start(config: FocuserConfig) -> FocusAxisProcess:
     running = PipedProcess.start(
-        "sattrack.servers.antenna.antenna_focus", msgspec.json.encode(config).decode()
+        "sattrack.servers.antenna.alpaca_focuser", msgspec.json.encode(config).decode()
     )
     part = FocusAxisProcess(config, running, RemoteAxis(0.0, 0.0))
     lines = running.channel.first(START_WITHIN_S)
-    first = _NEWS.decode(lines[0]) if lines else None
+    first = _STATES.decode(lines[0]) if lines else None
     if first is None or first.mm is None:
         part.close()
         raise SattrackError(f"{part.name}: {first.trouble if first is not None else 'it does not answer'}")

@@ -1,9 +1,13 @@
-"""Every member of ITelescopeV4, as a table: its parameters, what it needs, and what it does here.
+"""The Alpaca protocol of a telescope: its members as a table, its errors, and the orders that come of it.
 
 Sources: "ASCOM Alpaca Device API" for names and parameters, ITelescopeV4's own definition for meanings and
 errors; "ASCOM Alpaca API Reference", Alpaca API contract, for requests: parameter names in a query may be of
 any case, those in a form may not. A value that cannot be read is a bad request; one out of range is an
-invalid value.
+invalid value. A custom action has one text parameter: a JSON object or, where it suffices, a name.
+
+Messages between the process that serves HTTP and the one that feeds the mount are JSON lines. Orders go one
+way, each in an envelope with a number; states and answers come the other way. A state that is sent before an
+answer already shows the order.
 """
 
 from __future__ import annotations
@@ -11,19 +15,57 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from enum import IntEnum
 from typing import TYPE_CHECKING, Literal
 from urllib.parse import parse_qsl
 
-from sattrack.servers.alpaca.messages import BadRequest, Fault, Number
+import msgspec
+
+from sattrack.mount.model import Slew
+from sattrack.mount.requests import Abort, FindHome, Park, PulseGuide, Sync
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-Kind = Literal["int", "float", "bool", "text"]
+
+class Number(IntEnum):
+    """The error numbers that Alpaca reserves, "ASCOM Alpaca API Reference", ASCOM reserved error numbers."""
+
+    OK = 0
+    NOT_IMPLEMENTED = 0x400
+    INVALID_VALUE = 0x401
+    VALUE_NOT_SET = 0x402
+    NOT_CONNECTED = 0x407
+    PARKED = 0x408
+    INVALID_OPERATION = 0x40B
+    ACTION_NOT_IMPLEMENTED = 0x40C
+    CANCELLED = 0x40E
+    DRIVER = 0x500
+
+
+class Fault(Exception):  # noqa: N818 - the protocol's own word is error number, not error
+    """A request that the device answers with an error number; the HTTP status is 200."""
+
+    def __init__(self, number: Number, message: str) -> None:
+        super().__init__(message)
+        self.number = number
+        self.message = message
+
+
+class BadRequest(Exception):  # noqa: N818 - HTTP's own term
+    """A request that cannot be read: answered with an HTTP status and a line of text."""
+
+    def __init__(self, message: str, status: int = 400) -> None:
+        super().__init__(message)
+        self.message = message
+        self.status = status
+
+
+ValueKind = Literal["int", "float", "bool", "text"]
 Value = int | float | bool | str
 MOST_FIELDS = 64
 LARGEST_ID = 2**32 - 1
-LONGEST_TOLD = 40
+LONGEST_QUOTED = 40
 _ID = re.compile(r"[0-9]{1,10}")
 _INT = re.compile(r"[+-]?[0-9]{1,18}")
 _FLOAT = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,3})?")
@@ -32,16 +74,16 @@ _WHAT = {"int": "a whole number", "float": "a number", "bool": "True or False", 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter of a member: what it is called, what it is, and between which bounds, both inclusive."""
+    """A parameter of a member: its name, its kind and its bounds, both inclusive."""
 
     name: str
-    kind: Kind
+    kind: ValueKind
     low: float = -math.inf
     high: float = math.inf
     optional: bool = False
 
     def read(self, text: str) -> Value:
-        """Return the value that a text says; raises BadRequest where it says none."""
+        """Return the value of a text; raises BadRequest where it has none."""
         value: Value | None = None
         if self.kind == "text":
             value = text
@@ -52,7 +94,7 @@ class Parameter:
         elif _FLOAT.fullmatch(text):
             value = float(text)
         if value is None or (isinstance(value, float) and not math.isfinite(value)):
-            raise BadRequest(f"{self.name} is {text[:LONGEST_TOLD]!r}: it must be {_WHAT[self.kind]}")
+            raise BadRequest(f"{self.name} is {text[:LONGEST_QUOTED]!r}: it must be {_WHAT[self.kind]}")
         return value
 
     def check(self, value: Value) -> None:
@@ -65,7 +107,7 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Form:
-    """What a request says beside its path: names and values as they came, any case, any order."""
+    """The parameters of a request: names and values as they came, any case, any order."""
 
     pairs: tuple[tuple[str, str], ...]
     any_case: bool
@@ -90,7 +132,7 @@ class Form:
         if text is None:
             return 0
         if not _ID.fullmatch(text) or int(text) > LARGEST_ID:
-            raise BadRequest(f"{name} is {text[:LONGEST_TOLD]!r}: it must be a whole number of 32 bits")
+            raise BadRequest(f"{name} is {text[:LONGEST_QUOTED]!r}: it must be a whole number of 32 bits")
         return int(text)
 
     def values(self, parameters: Iterable[Parameter]) -> dict[str, Value]:
@@ -109,7 +151,7 @@ class Form:
 
     def _near_miss(self, name: str) -> str:
         near = [given for given, _ in self.pairs if given.lower() == name.lower()]
-        return f": {near[0][:LONGEST_TOLD]} is not the same, case counts in a PUT" if near else ""
+        return f": {near[0][:LONGEST_QUOTED]} is not the same, case counts in a PUT" if near else ""
 
 
 def read_form(data: bytes, any_case: bool) -> Form:
@@ -170,7 +212,7 @@ def _reads(name: str, does: str, connected: bool = True) -> Member:
     return Member(name, does, read="yes", connected=connected)
 
 
-def _tells(name: str, does: str) -> Member:
+def _reported(name: str, does: str) -> Member:
     return Member(name, does, read="yes", heard=True)
 
 
@@ -203,7 +245,7 @@ MEMBERS = (
     ),
     _reads("Connecting", "false: connecting takes no time", connected=False),
     _reads("Description", "the program and the mount", connected=False),
-    _tells("DeviceState", "everything below that changes, at one instant"),
+    _reported("DeviceState", "everything below that changes, at one instant"),
     Member("Disconnect", "disconnects the client; what moves goes on", write="yes", connected=False),
     _reads("DriverInfo", "the program", connected=False),
     _reads("DriverVersion", "its version", connected=False),
@@ -211,12 +253,12 @@ MEMBERS = (
     _reads("Name", "the profile's name", connected=False),
     _reads("SupportedActions", "the names of the actions", connected=False),
     _reads("AlignmentMode", "2 (German) where the profile's pier rule is `hour_angle`, else 1 (polar)"),
-    _tells("Altitude", "as the mount reports it, degrees"),
+    _reported("Altitude", "as the mount reports it, degrees"),
     Member("ApertureArea", "unknown", read="absent"),
     Member("ApertureDiameter", "unknown", read="absent"),
-    _tells("AtHome", "whether it stands where `FindHome` brought it"),
-    _tells("AtPark", "whether its drives' power was cut from here"),
-    _tells("Azimuth", "as the mount reports it, degrees from north through east"),
+    _reported("AtHome", "whether it stands where `FindHome` brought it"),
+    _reported("AtPark", "whether its drives' power was cut from here"),
+    _reported("Azimuth", "as the mount reports it, degrees from north through east"),
     _reads("CanFindHome", "whether the profile has a home position"),
     _reads("CanPark", "whether the profile has a park position"),
     _reads("CanPulseGuide", "true; of an Alpaca telescope what its driver says"),
@@ -235,7 +277,7 @@ MEMBERS = (
     _reads("CanSync", "true; of an Alpaca telescope what its driver says"),
     _reads("CanSyncAltAz", "false"),
     _reads("CanUnpark", "false: a parked mount is woken at its own console"),
-    _tells("Declination", "as reported, degrees of date"),
+    _reported("Declination", "as reported, degrees of date"),
     Member(
         "DeclinationRate",
         "the fine rate in declination, arcseconds a second; AbortSlew ends it",
@@ -271,8 +313,8 @@ MEMBERS = (
         takes=(Parameter("GuideRateRightAscension", "float"),),
         heard=True,
     ),
-    _tells("IsPulseGuiding", "whether a pulse is under way"),
-    _tells("RightAscension", "as reported, hours of date"),
+    _reported("IsPulseGuiding", "whether a pulse is under way"),
+    _reported("RightAscension", "as reported, hours of date"),
     Member(
         "RightAscensionRate",
         "the fine rate in right ascension, seconds of it a sidereal second; AbortSlew ends it",
@@ -290,11 +332,11 @@ MEMBERS = (
         takes=(Parameter("SideOfPier", "int", 0, 1),),
         heard=True,
     ),
-    _tells("SiderealTime", "the mount's own clock, hours"),
+    _reported("SiderealTime", "the mount's own clock, hours"),
     _lacks("SiteElevation", "the mount's, else the site's", (Parameter("SiteElevation", "float"),), "yes"),
     _lacks("SiteLatitude", "the mount's, else the site's", (Parameter("SiteLatitude", "float"),), "yes"),
     _lacks("SiteLongitude", "the mount's, else the site's", (Parameter("SiteLongitude", "float"),), "yes"),
-    _tells("Slewing", "true in a slew, park, home or MoveAxis; an error where the last one failed"),
+    _reported("Slewing", "true in a slew, park, home or MoveAxis; an error where the last one failed"),
     _lacks("SlewSettleTime", "none", (Parameter("SlewSettleTime", "int"),)),
     Member(
         "TargetDeclination",
@@ -370,3 +412,203 @@ MEMBERS = (
     Member("Unpark", "none", write="absent"),
 )
 BY_PATH = {member.path: member for member in MEMBERS}
+ACTIONS = ("TrackSatellite", "Bias", "Passes")
+MOST_HOURS = 48.0
+
+
+class MoveOrder(msgspec.Struct, frozen=True, tag="move"):
+    """Turn one axis (0 hour angle, 1 declination) at a rate of its own, degrees per second.
+
+    Positive turns westward, and northward. 0 gives the axis back to what it did before.
+    """
+
+    axis: int
+    rate_deg_s: float
+
+
+class FineOrder(msgspec.Struct, frozen=True, tag="fine"):
+    """Adjust the tracking: degrees per second, westward and northward; None leaves an axis as it is."""
+
+    ra_deg_s: float | None = None
+    dec_deg_s: float | None = None
+
+
+class TrackOrder(msgspec.Struct, frozen=True, tag="tracking"):
+    """Make an idle mount follow the sky, or stand."""
+
+    on: bool
+
+
+class FollowOrder(msgspec.Struct, frozen=True, tag="follow"):
+    """Follow a satellite; `facts` are those of a run, as `runtime.facts` writes them."""
+
+    facts: msgspec.Raw
+
+
+class BiasOrder(msgspec.Struct, frozen=True, tag="bias", forbid_unknown_fields=True):
+    """Offset the satellite that is followed: seconds along its track, degrees across it.
+
+    None leaves an offset alone; `add` adds to what is in force. An action without offsets only asks for them.
+    """
+
+    along_s: float | None = None
+    cross_deg: float | None = None
+    add: bool = False
+
+
+Order = (
+    Slew
+    | Sync
+    | Abort
+    | Park
+    | FindHome
+    | PulseGuide
+    | MoveOrder
+    | FineOrder
+    | TrackOrder
+    | FollowOrder
+    | BiasOrder
+)
+
+
+class NumberedOrder(msgspec.Struct, frozen=True, tag="order"):
+    """An order with the number by which it is answered; `waits` holds a slew's answer until its end."""
+
+    number: int
+    order: Order
+    waits: bool = False
+
+
+class LogMessage(msgspec.Struct, frozen=True, tag="log"):
+    """A line for the log from the process that serves HTTP."""
+
+    text: str
+
+
+class Answered(msgspec.Struct, frozen=True, tag="answered"):
+    """The outcome of an order: `fault` is an error number, 0 where there was none."""
+
+    number: int
+    fault: int = 0
+    message: str = ""
+
+
+class FollowedState(msgspec.Struct, frozen=True):
+    """A satellite that is followed; error in arcseconds on the sky, None before it is known."""
+
+    name: str
+    catalog_number: int
+    phase: str
+    along_s: float
+    cross_deg: float
+    error_arcsec: float | None
+    acquired: bool
+
+
+class TelescopeState(msgspec.Struct, frozen=True, tag="state"):
+    """A mount at one instant, as clients may see it; None is what the mount does not report.
+
+    Degrees, hours where the name says so, UTC as POSIX seconds: `utc_s` is when it was sent, `measured_utc_s`
+    when the mount measured where it was. `ra_offset_deg_s` and `dec_offset_deg_s` are
+    the fine rates in force, westward and northward.
+    """
+
+    utc_s: float
+    heard: bool
+    measured_utc_s: float = 0.0
+    ra_h: float = 0.0
+    dec_deg: float = 0.0
+    altitude_deg: float | None = None
+    azimuth_deg: float | None = None
+    sidereal_h: float = 0.0
+    site_latitude_deg: float | None = None
+    site_longitude_deg: float | None = None
+    site_height_m: float | None = None
+    ra_guide_rate_deg_s: float | None = None
+    dec_guide_rate_deg_s: float | None = None
+    slewing: bool = False
+    tracking: bool = False
+    at_home: bool = False
+    at_park: bool = False
+    pulse_guiding: bool = False
+    beyond_pole: bool = False
+    does_refraction: bool = False
+    ra_offset_deg_s: float = 0.0
+    dec_offset_deg_s: float = 0.0
+    doing: str = "idle"
+    failure: str | None = None
+    """Why the last slew, park, home or move failed; None once something else is requested."""
+    tripped: str | None = None
+    following: FollowedState | None = None
+
+
+_REPORTS: msgspec.json.Decoder[TelescopeState | Answered] = msgspec.json.Decoder(TelescopeState | Answered)
+_ORDERS: msgspec.json.Decoder[NumberedOrder | LogMessage] = msgspec.json.Decoder(NumberedOrder | LogMessage)
+
+
+def encode(message: NumberedOrder | LogMessage | Answered | TelescopeState) -> bytes:
+    """Return a message as one JSON line, its end included."""
+    return msgspec.json.encode(message) + b"\n"
+
+
+def decode_report(line: bytes) -> TelescopeState | Answered:
+    """Return one line of the feeding process; raises msgspec.MsgspecError."""
+    return _REPORTS.decode(line)
+
+
+def decode_order(line: bytes) -> NumberedOrder | LogMessage:
+    """Return one line of the HTTP process; raises msgspec.MsgspecError."""
+    return _ORDERS.decode(line)
+
+
+class TrackSatellite(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Follow a satellite: the pass in progress above `min_alt_deg`, else the next."""
+
+    satellite: str
+    min_alt_deg: float | None = None
+
+
+class Passes(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """List a satellite's coming passes."""
+
+    satellite: str
+    hours: float = 24.0
+    min_alt_deg: float | None = None
+
+
+CustomAction = TrackSatellite | Passes | BiasOrder
+_KINDS: dict[str, type[TrackSatellite] | type[Passes] | type[BiasOrder]] = {
+    "tracksatellite": TrackSatellite,
+    "passes": Passes,
+    "bias": BiasOrder,
+}
+
+
+def read_action(name: str, parameters: str) -> CustomAction:
+    """Return the request of an action; its name may be of any case. Raises Fault."""
+    kind = _KINDS.get(name.lower())
+    if kind is None:
+        raise Fault(Number.ACTION_NOT_IMPLEMENTED, f"no action {name[:40]!r}: there are {', '.join(ACTIONS)}")
+    text = parameters.strip()
+    try:
+        if text.startswith("{") or (kind is BiasOrder and text):
+            action: CustomAction = msgspec.json.decode(text, type=kind)
+        else:
+            action = BiasOrder() if kind is BiasOrder else msgspec.convert({"satellite": text}, kind)
+    except (msgspec.MsgspecError, RecursionError) as error:
+        raise Fault(Number.INVALID_VALUE, f"{name}: {error}") from error
+    _check(name, action)
+    return action
+
+
+def _check(name: str, action: CustomAction) -> None:
+    if isinstance(action, BiasOrder):
+        return
+    if not action.satellite:
+        raise Fault(Number.INVALID_VALUE, f"{name}: name a satellite, by name, number or designator")
+    if action.min_alt_deg is not None and not 0.0 <= action.min_alt_deg < 90.0:
+        raise Fault(Number.INVALID_VALUE, f"{name}: min_alt_deg is {action.min_alt_deg:g}; from 0 to 90")
+    if isinstance(action, Passes) and not 0.0 < action.hours <= MOST_HOURS:
+        raise Fault(
+            Number.INVALID_VALUE, f"{name}: hours is {action.hours:g}; above 0, {MOST_HOURS:g} at most"
+        )

@@ -1,6 +1,6 @@
 """The mount's state in ASCOM's terms: parked, at home, tracking, following; and answers to orders.
 
-The protocol's bits for park and home are not packed, and its tracking bit is always true or the opposite of
+The Xerxes status has no usable bits for park and home, and its tracking bit is always true or the opposite of
 slewing. So a mount is parked when its power was cut from here and it was not seen alive since; it tracks when
 its drive turns with the sky. An order is answered at once, after the next statuses, or when a move that was
 ended is seen at rest.
@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 from sattrack.control.engine_view import bias_fields
 from sattrack.control.manual_operation import NEAR_DEG, off_axes_deg
 from sattrack.mount.model import DTICS_S_PER_DEG_S, SIDEREAL_RATE_DEG_S, AxesPosition
-from sattrack.servers.alpaca.messages import Answered, Fault, FollowedState, Number, TelescopeState
+from sattrack.servers.alpaca.protocol import Answered, Fault, FollowedState, Number, TelescopeState
 from sattrack.views.messages import OffsetBy
 
 if TYPE_CHECKING:
     from sattrack.control.engine import Engine
     from sattrack.mount.model import MountProfile, Status
     from sattrack.mount.xerxes.session import Session
-    from sattrack.servers.alpaca.messages import BiasOrder
+    from sattrack.servers.alpaca.protocol import BiasOrder
 
 ALIVE_STATUSES = 20
 """A parked mount that turns with the sky, or slews, for so many statuses in a row is parked no more."""
@@ -29,7 +29,7 @@ SYNCED_WITHIN_DEG = 3.0
 RESTING_STATUSES = 10
 """An axis that brakes to the sky's rate passes through others."""
 SEEN_AFTER_S = 1.0
-"""After so long, an offset that is asked for counts among those in force."""
+"""After so long, a new offset is in force."""
 SAME_OFFSET = 1e-9
 SETTLING_TICKS = 2
 """How many datagrams an answer waits for a status that shows its effect."""
@@ -69,7 +69,7 @@ class MountState:
             self._parked = False
 
     def moved(self, kind: str) -> None:
-        """Note that something else is asked of the mount: "slew" and "move" end in tracking."""
+        """Note that an operation begins: "slew" and "move" end in tracking."""
         self._home = None
         self._tracking = self._tracking or kind in {"slew", "move"}
 
@@ -81,9 +81,9 @@ class MountState:
     def came_home(self, session: Session) -> bool:
         """Note that the way home is over; return whether it ended there, as far as is known."""
         home, sample = self._profile.home, session.sample
-        told = session.status is not None and session.status.at_home
+        reported = session.status is not None and session.status.at_home
         near = home is not None and sample is not None and off_axes_deg(sample, home) <= SYNCED_WITHIN_DEG
-        if sample is not None and (told or near):
+        if sample is not None and (reported or near):
             hour_angle_deg = math.remainder(sample.sidereal_h * 15.0 - sample.ra_deg, 360.0)
             self._home = AxesPosition(hour_angle_deg, sample.dec_deg)
         return self._home is not None
@@ -95,19 +95,19 @@ class MountState:
 
     def at_home(self, session: Session) -> bool:
         """Return whether the mount stands where it was sent home to."""
-        told = session.status is not None and session.status.at_home
+        reported = session.status is not None and session.status.at_home
         place, sample = self._home, session.sample
         stands = place is not None and sample is not None and off_axes_deg(sample, place) <= NEAR_DEG
-        return told or stands
+        return reported or stands
 
     def tracking(self, session: Session) -> bool:
         """Return whether the mount follows the sky, or will when what moves it is over."""
         return self._tracking and not self.at_park(session)
 
 
-def state_of(  # noqa: PLR0913 - one argument for everything that statuses do not tell
+def state_of(  # noqa: PLR0913 - one argument for each value that statuses do not have
     session: Session,
-    standing: MountState,
+    mount_state: MountState,
     *,
     utc_s: float,
     heard: bool,
@@ -118,7 +118,7 @@ def state_of(  # noqa: PLR0913 - one argument for everything that statuses do no
     tripped: str | None,
     following: FollowedState | None,
 ) -> TelescopeState:
-    """Return what clients may see of a mount at an instant."""
+    """Return the state of a mount that clients see, at an instant."""
     status = session.status
     if status is None:
         return TelescopeState(utc_s=utc_s, heard=False, doing=doing, failure=failure)
@@ -139,9 +139,9 @@ def state_of(  # noqa: PLR0913 - one argument for everything that statuses do no
         ra_guide_rate_deg_s=_rate(status.ra_guide_rate_dtics_s),
         dec_guide_rate_deg_s=_rate(status.dec_guide_rate_dtics_s),
         slewing=slewing,
-        tracking=standing.tracking(session),
-        at_home=standing.at_home(session) and not slewing,
-        at_park=standing.at_park(session),
+        tracking=mount_state.tracking(session),
+        at_home=mount_state.at_home(session) and not slewing,
+        at_park=mount_state.at_park(session),
         pulse_guiding=pulsing or status.pulse_guiding,
         beyond_pole=status.side_of_pier,
         does_refraction=status.does_refraction,
@@ -155,7 +155,7 @@ def state_of(  # noqa: PLR0913 - one argument for everything that statuses do no
 
 
 def _measured_utc_s(session: Session, utc_s: float) -> float:
-    """Return when the mount measured what its last status says."""
+    """Return when the mount measured its last status."""
     sample = session.sample
     return utc_s if sample is None else sample.arrival_utc_s - session.profile.status_delay_s
 
@@ -185,29 +185,12 @@ def offset(engine: Engine | None, order: BiasOrder, now_utc_s: float) -> None:
         goal = had + value if order.add else value
         has = engine.tracker.steering.biases.totals(now_utc_s + SEEN_AFTER_S)[index]
         if abs(has - goal) > SAME_OFFSET:
-            words = engine.tracker.steering.refusal or "the offset was not taken"
-            raise Fault(Number.INVALID_VALUE, words)
-
-
-def receive_or_stop(engine: Engine, data: bytes, arrival_utc_s: float) -> None:
-    """Give a datagram to an engine; one that fails stops the mount."""
-    try:
-        engine.receive(data, arrival_utc_s)
-    except Exception as error:  # noqa: BLE001 - no error is worth a mount that is left moving
-        engine.fail(str(error))
-
-
-def tick_or_stop(engine: Engine, now_utc_s: float) -> bytes:
-    """Return an engine's datagram to send now; one that fails stops the mount."""
-    try:
-        return engine.tick(now_utc_s)
-    except Exception as error:  # noqa: BLE001 - no error is worth a mount that is left moving
-        engine.fail(str(error))
-        return engine.tick(now_utc_s)
+            reason = engine.tracker.steering.refusal or "the offset was not taken"
+            raise Fault(Number.INVALID_VALUE, reason)
 
 
 def followed(engine: Engine, now_utc_s: float) -> FollowedState:
-    """Return what clients may see of a satellite that is followed."""
+    """Return the state of the satellite that is followed."""
     elements, tracker = engine.spec.propagator.elements, engine.tracker
     bias = bias_fields(tracker, now_utc_s + SEEN_AFTER_S)
     error = tracker.error
@@ -238,16 +221,16 @@ class Answers:
         return bool(self._ends)
 
     def done(self, number: int) -> None:
-        """Answer that an order is obeyed."""
+        """Answer that an order is carried out."""
         self.ready.append(Answered(number))
 
     def refused(self, number: int, fault: Fault) -> None:
-        """Answer that it is not."""
-        self.ready.append(Answered(number, int(fault.number), fault.words))
+        """Answer that it is refused."""
+        self.ready.append(Answered(number, int(fault.number), fault.message))
 
     def soon(self, number: int, fault: Fault | None) -> None:
         """Answer when a status is there that shows it."""
-        answer = Answered(number) if fault is None else Answered(number, int(fault.number), fault.words)
+        answer = Answered(number) if fault is None else Answered(number, int(fault.number), fault.message)
         self._due.append((self._ticks + SETTLING_TICKS, answer))
 
     def at_rest(self, number: int) -> None:
@@ -255,7 +238,7 @@ class Answers:
         self._ends.append((number, self._ticks + ANSWER_WITHIN_TICKS))
 
     def supersede(self, kind: str, number: int | None) -> None:
-        """Answer what waits: something else is done; `number` waited for the end of something of a `kind`."""
+        """Answer the orders that wait, as another operation begins; `number` waited for one of `kind`."""
         if number is not None:
             self.refused(number, Fault(Number.CANCELLED, f"{kind} was ended by another command"))
         for waiting, _ in self._ends:
@@ -263,7 +246,7 @@ class Answers:
         self._ends.clear()
 
     def tick(self, rests: bool) -> None:
-        """Make ready what is due; `rests`: no move is under way any more."""
+        """Make ready the answers that are due; `rests`: no move is under way."""
         self._ticks += 1
         self.ready += [answer for at, answer in self._due if at <= self._ticks]
         self._due = [(at, answer) for at, answer in self._due if at > self._ticks]

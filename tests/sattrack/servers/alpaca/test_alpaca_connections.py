@@ -14,13 +14,13 @@ from aiohttp import web
 from sattrack.core.clock import SystemClock
 from sattrack.runtime.callers import CallerLimits, HostNames
 from sattrack.servers.alpaca.process import (
-    A_SECOND,
-    A_SECOND_EACH,
+    ANSWERS_PER_S,
+    ANSWERS_PER_S_EACH,
     REQUEST_WITHIN_S,
+    ClientConnection,
     Discovery,
-    Doorkeeper,
     Front,
-    Gate,
+    OpenConnections,
 )
 
 if TYPE_CHECKING:
@@ -52,28 +52,30 @@ class Callers:
 
 
 def with_door(
-    limits: CallerLimits, play: Callable[[Callers, Doorkeeper, asyncio.Event], Awaitable[None]]
+    limits: CallerLimits, play: Callable[[Callers, OpenConnections, asyncio.Event], Awaitable[None]]
 ) -> None:
     """Play a scene before a door; requests are answered when the event is set."""
 
     async def scene() -> None:
-        keeper, answers = Doorkeeper(limits), asyncio.Event()
+        connections, answers = OpenConnections(limits), asyncio.Event()
         answers.set()
 
         async def handle(request: web.BaseRequest) -> web.StreamResponse:
             assert request.transport is not None
-            gate = keeper.gates[request.transport]
-            gate.begins()
+            connection = connections.by_transport[request.transport]
+            connection.begins()
             await answers.wait()
-            gate.ends()
+            connection.ends()
             return web.Response(text="here")
 
         http = web.Server(handle, access_log=None, keepalive_timeout=IDLE_S * 10.0)
-        door = await asyncio.get_running_loop().create_server(lambda: Gate(keeper, http), "127.0.0.1", 0)
+        door = await asyncio.get_running_loop().create_server(
+            lambda: ClientConnection(connections, http), "127.0.0.1", 0
+        )
         callers = Callers(int(door.sockets[0].getsockname()[1]))
         try:
             async with asyncio.timeout(PATIENCE_S):
-                await play(callers, keeper, answers)
+                await play(callers, connections, answers)
         finally:
             await callers.leave()
             door.close()
@@ -92,32 +94,34 @@ async def hung_up(reader: asyncio.StreamReader) -> bool:
     return True
 
 
-async def overdue(keeper: Doorkeeper, after_s: float) -> None:
+async def overdue(connections: OpenConnections, after_s: float) -> None:
     """Wait until a connection would be overdue so long from now, and then make it so."""
     loop = asyncio.get_running_loop()
-    while not any(gate.overdue(loop.time() + after_s, IDLE_S) for gate in keeper.gates.values()):
+    while not any(
+        connection.overdue(loop.time() + after_s, IDLE_S) for connection in connections.by_transport.values()
+    ):
         await asyncio.sleep(0)
-    keeper.tend(loop.time() + after_s)
+    connections.tend(loop.time() + after_s)
 
 
 def test_who_is_silent_is_hung_up_on() -> None:
-    async def play(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
+    async def play(callers: Callers, connections: OpenConnections, _: asyncio.Event) -> None:
         reader, _writer = await callers.call()
-        await overdue(keeper, IDLE_S + 1.0)
+        await overdue(connections, IDLE_S + 1.0)
         assert await hung_up(reader)
-        assert keeper.cut == 1
+        assert connections.cut == 1
 
     with_door(LIMITS, play)
 
 
 def test_who_has_been_answered_may_be_silent_for_as_long_as_anybody() -> None:
-    async def play(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
+    async def play(callers: Callers, connections: OpenConnections, _: asyncio.Event) -> None:
         reader, writer = await callers.call()
         writer.write(WHOLE)
         assert (await reader.readline()).startswith(b"HTTP/1.1 200")
-        keeper.tend(asyncio.get_running_loop().time() + IDLE_S - 1.0)
-        assert keeper.cut == 0
-        await overdue(keeper, IDLE_S + 1.0)
+        connections.tend(asyncio.get_running_loop().time() + IDLE_S - 1.0)
+        assert connections.cut == 0
+        await overdue(connections, IDLE_S + 1.0)
         assert await hung_up(reader)
 
     with_door(LIMITS, play)
@@ -125,43 +129,48 @@ def test_who_has_been_answered_may_be_silent_for_as_long_as_anybody() -> None:
 
 @pytest.mark.parametrize("begun", [b"G", b"GET / HT", WHOLE[:-2], b"PUT / HTTP/1.1\r\nContent-Length: 9\r\n"])
 def test_who_leaves_a_request_unfinished_is_hung_up_on_much_sooner(begun: bytes) -> None:
-    async def play(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
+    async def play(callers: Callers, connections: OpenConnections, _: asyncio.Event) -> None:
         reader, writer = await callers.call()
         writer.write(begun)
-        await overdue(keeper, REQUEST_WITHIN_S + 1.0)
+        await overdue(connections, REQUEST_WITHIN_S + 1.0)
         assert await hung_up(reader)
-        assert keeper.cut == 1
+        assert connections.cut == 1
 
     with_door(LIMITS, play)
 
 
 def test_a_request_that_dribbles_in_gains_no_time_by_it() -> None:
-    async def play(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
+    async def play(callers: Callers, connections: OpenConnections, _: asyncio.Event) -> None:
         loop = asyncio.get_running_loop()
         _reader, writer = await callers.call()
         writer.write(b"GET / HTTP/1.1\r\nX: ")
-        while not any(gate.overdue(loop.time() + 11.0, IDLE_S) for gate in keeper.gates.values()):
+        while not any(
+            connection.overdue(loop.time() + 11.0, IDLE_S) for connection in connections.by_transport.values()
+        ):
             await asyncio.sleep(0)
-        (gate,), begun_s = keeper.gates.values(), loop.time()
+        (connection,), begun_s = connections.by_transport.values(), loop.time()
         while loop.time() < begun_s + 0.05:
             writer.write(b"a")
             await asyncio.sleep(0)
-        assert gate.overdue(begun_s + REQUEST_WITHIN_S + 0.001, IDLE_S)
+        assert connection.overdue(begun_s + REQUEST_WITHIN_S + 0.001, IDLE_S)
 
     with_door(LIMITS, play)
 
 
 def test_who_waits_for_an_answer_is_not_hung_up_on_however_long_it_takes() -> None:
-    async def play(callers: Callers, keeper: Doorkeeper, answers: asyncio.Event) -> None:
+    async def play(callers: Callers, connections: OpenConnections, answers: asyncio.Event) -> None:
         answers.clear()
         reader, writer = await callers.call()
         writer.write(WHOLE)
         silent, _writer = await callers.call()
-        while len(keeper.gates) < 2 or sum(gate.at_work for gate in keeper.gates.values()) < 1:
+        while (
+            len(connections.by_transport) < 2
+            or sum(connection.at_work for connection in connections.by_transport.values()) < 1
+        ):
             await asyncio.sleep(0)
-        keeper.tend(asyncio.get_running_loop().time() + 100.0 * IDLE_S)
+        connections.tend(asyncio.get_running_loop().time() + 100.0 * IDLE_S)
         assert await hung_up(silent)
-        assert keeper.cut == 1
+        assert connections.cut == 1
         answers.set()
         assert (await reader.readline()).startswith(b"HTTP/1.1 200")
 
@@ -169,31 +178,31 @@ def test_who_waits_for_an_answer_is_not_hung_up_on_however_long_it_takes() -> No
 
 
 def test_more_connections_than_allowed_and_strangers_are_not_let_in() -> None:
-    async def play(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
+    async def play(callers: Callers, connections: OpenConnections, _: asyncio.Event) -> None:
         lines = []
         for _ in range(2):
             lines.append(await callers.call())
             lines[-1][1].write(WHOLE)
             assert (await lines[-1][0].readline()).startswith(b"HTTP/1.1 200")
         assert await hung_up((await callers.call())[0])
-        assert keeper.refused == 1
+        assert connections.refused == 1
 
     with_door(CallerLimits(callers=2), play)
 
-    async def silent(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
+    async def silent(callers: Callers, connections: OpenConnections, _: asyncio.Event) -> None:
         lines = [await callers.call() for _ in range(3)]
         assert await hung_up(lines[0][0])
-        assert keeper.refused == 0
+        assert connections.refused == 0
         lines[2][1].write(WHOLE)
         assert (await lines[2][0].readline()).startswith(b"HTTP/1.1 200")
 
     with_door(CallerLimits(callers=2), silent)
 
-    async def strangers(callers: Callers, keeper: Doorkeeper, _: asyncio.Event) -> None:
+    async def strangers(callers: Callers, connections: OpenConnections, _: asyncio.Event) -> None:
         reader, writer = await callers.call()
         writer.write(WHOLE)
         assert await hung_up(reader)
-        assert (keeper.refused, len(keeper.gates)) == (1, 0)
+        assert (connections.refused, len(connections.by_transport)) == (1, 0)
 
     with_door(CallerLimits(allowed=(ipaddress.ip_network("192.0.2.0/24"),)), strangers)
 
@@ -202,30 +211,32 @@ class Broken:
     """Stands for a server with a defect, and for the line on which it is told."""
 
     def __init__(self) -> None:
-        self.told: list[str] = []
+        self.logged: list[str] = []
         self.asked = 0
 
     def answer(self, *_: object) -> None:
         self.asked += 1
         raise LookupError("what was that")
 
-    def tell(self, words: str) -> None:
-        self.told.append(words)
+    def log(self, text: str) -> None:
+        self.logged.append(text)
 
 
 def with_front(broken: Broken, play: Callable[[Callers], Awaitable[None]]) -> None:
     """Play a scene before the part that reads requests."""
 
     async def scene() -> None:
-        keeper = Doorkeeper(LIMITS)
-        front = Front(broken, broken, None, SystemClock(), keeper, 1000.0)  # type: ignore[arg-type]
+        connections = OpenConnections(LIMITS)
+        front = Front(broken, broken, None, SystemClock(), connections, 1000.0)  # type: ignore[arg-type]
         http = web.Server(front.handle, access_log=None)
-        door = await asyncio.get_running_loop().create_server(lambda: Gate(keeper, http), "127.0.0.1", 0)
+        door = await asyncio.get_running_loop().create_server(
+            lambda: ClientConnection(connections, http), "127.0.0.1", 0
+        )
         callers = Callers(int(door.sockets[0].getsockname()[1]))
         async with asyncio.timeout(PATIENCE_S):
             await play(callers)
             await callers.leave()
-            while keeper.gates:
+            while connections.by_transport:
                 await asyncio.sleep(0)
         door.close()
         await http.shutdown(1.0)
@@ -288,7 +299,7 @@ def test_a_defect_is_told_and_answered_and_ends_nothing_else() -> None:
             assert (await reader.readline()).startswith(b"HTTP/1.1 500")
 
     with_front(broken, play)
-    assert broken.told == ["a defect of sattrack: LookupError('what was that') in GET '/'"] * 2
+    assert broken.logged == ["a defect of sattrack: LookupError('what was that') in GET '/'"] * 2
 
 
 PUT = b"PUT / HTTP/1.1\r\nHost: localhost\r\n"
@@ -313,7 +324,7 @@ def test_a_body_that_breaks_off_or_is_broken_is_no_defect_and_is_not_obeyed(begu
         await hung_up(reader)
 
     with_front(broken, play)
-    assert broken.told == []
+    assert broken.logged == []
     assert broken.asked == 0
 
 
@@ -338,7 +349,7 @@ def test_a_storm_is_answered_no_faster_than_it_is_bounded_and_others_still_are()
         discovery.answer(b"alpacadiscovery1", "192.0.2.1", step / 10000.0) is not None
         for step in range(50000)
     )
-    assert answered == pytest.approx(A_SECOND_EACH * 6.0, abs=2)
+    assert answered == pytest.approx(ANSWERS_PER_S_EACH * 6.0, abs=2)
     assert discovery.answer(b"alpacadiscovery1", "192.0.2.2", 5.0) is not None
     assert discovery.unanswered == 50000 - answered
 
@@ -352,7 +363,7 @@ def test_a_storm_from_forged_senders_is_bounded_as_a_whole_and_leaves_nothing_be
         is not None
         for step in range(50000)
     )
-    assert answered == pytest.approx(A_SECOND * 6.0, abs=2)
+    assert answered == pytest.approx(ANSWERS_PER_S * 6.0, abs=2)
     assert len(discovery._each) <= 256
 
 

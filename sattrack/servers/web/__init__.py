@@ -1,1 +1,0 @@
-"""The screen of a run in a browser."""
