@@ -28,7 +28,7 @@ from sattrack.mount.requests import objection
 from sattrack.runtime import practice
 from sattrack.runtime.console import Connection, attend, connected
 from sattrack.runtime.mounts import mount_address
-from sattrack.views.console_words import where_words
+from sattrack.views.formatting import pointing_text
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -149,7 +149,7 @@ class Progress:
         _, writable, _ = select.select([], [sys.stderr], [], 0.0)
         if writable:
             self._shown = True
-            words = where_words(view_of(self.operation.console, now_utc_s))
+            words = pointing_text(view_of(self.operation.console, now_utc_s))
             renew(f"{self.operation.doing}: {words}")
 
     def wipe(self) -> None:
@@ -182,7 +182,7 @@ def perform(call: MountCall, procedure: Procedure, asked: dict[str, Any], words:
     if not call.context.json:
         how = outcome.state.value + (", acknowledged" if outcome.acknowledged else "")
         click.echo(f"{words}: {how}" + (f" ({outcome.reason})" if outcome.reason else ""))
-        click.echo(where_words(view))
+        click.echo(pointing_text(view))
         for warning in view.warnings:
             tell(warning)
     return 0

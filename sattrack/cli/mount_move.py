@@ -20,12 +20,12 @@ from sattrack.mount.requests import Abort, FindHome, FineRate, MoveAxis, Park, P
 from sattrack.runtime.console import attend
 from sattrack.runtime.owner import owner_of
 from sattrack.runtime.stopping import stop_session, wait_until_free
-from sattrack.views.console_words import (
+from sattrack.views.formatting import (
     DEC_FORMS,
     MINUS,
     RA_FORMS,
     Group,
-    Line,
+    StatusLine,
     parse_dec,
     parse_ra,
     status_text,
@@ -242,21 +242,21 @@ def _telescope(facts: DeviceFacts) -> Group:
     return Group(
         "telescope",
         (
-            Line("name", facts.name),
-            Line("interface", f"ITelescopeV{facts.interface_version}"),
-            Line("alignment", modes.get(facts.alignment_mode, str(facts.alignment_mode))),
-            Line("coordinates", "J2000" if facts.equatorial_system == J2000_SYSTEM else "of date"),
+            StatusLine("name", facts.name),
+            StatusLine("interface", f"ITelescopeV{facts.interface_version}"),
+            StatusLine("alignment", modes.get(facts.alignment_mode, str(facts.alignment_mode))),
+            StatusLine("coordinates", "J2000" if facts.equatorial_system == J2000_SYSTEM else "of date"),
             *(
-                Line(name, ", ".join(f"{one.low_deg_s:g} to {one.high_deg_s:g} °/s" for one in spans))
+                StatusLine(name, ", ".join(f"{one.low_deg_s:g} to {one.high_deg_s:g} °/s" for one in spans))
                 for name, spans in (
                     ("turns HA at", facts.primary_rates),
                     ("turns Dec at", facts.secondary_rates),
                 )
             ),
-            Line("sets tracking", yes(facts.can_set_tracking)),
-            Line("slews", yes(facts.can_slew)),
-            Line("syncs", yes(facts.can_sync)),
-            Line("guides", yes(facts.can_pulse_guide)),
+            StatusLine("sets tracking", yes(facts.can_set_tracking)),
+            StatusLine("slews", yes(facts.can_slew)),
+            StatusLine("syncs", yes(facts.can_sync)),
+            StatusLine("guides", yes(facts.can_pulse_guide)),
         ),
     )
 

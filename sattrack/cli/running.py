@@ -21,8 +21,8 @@ from sattrack.runtime.gallery_link import ViewServerLink, open_view_server
 from sattrack.runtime.observers import Observers, check_source, open_observers
 from sattrack.runtime.outcome import failure
 from sattrack.runtime.signals import StopRequest, stopping
+from sattrack.views.formatting import summary_lines
 from sattrack.views.run import Summary, SummaryLine, TrackView
-from sattrack.views.summary_text import summary_lines
 from tle.errors import TleError
 from tle.instants import Utc
 

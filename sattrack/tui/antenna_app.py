@@ -9,10 +9,11 @@ from rich.text import Text
 from textual.binding import Binding, BindingType
 from textual.widgets import Static
 
-from sattrack.tui import look, words
+from sattrack.tui import look
 from sattrack.tui.appearance import NIGHT
 from sattrack.tui.scene import Tone
 from sattrack.tui.screen_app import ScreenApp, TooSmall
+from sattrack.views import formatting
 
 if TYPE_CHECKING:
     from textual.app import ComposeResult
@@ -125,7 +126,7 @@ def drawn(view: AntennaView, theme: str = look.NIGHT.name) -> dict[str, Text]:
     """Return what each part of the screen says of a state, in the colours of a theme."""
     ink = inks(theme)
     return {
-        "title": Text(f"{view.mount} as an antenna on {view.door}   {words.clock(view.utc_s)} UTC"),
+        "title": Text(f"{view.mount} as an antenna on {view.door}   {formatting.clock(view.utc_s)} UTC"),
         "state": _state(view, ink),
         "axes": _axes(view, ink),
         "lines": _lines(view, ink),
@@ -177,13 +178,13 @@ def _axes(view: AntennaView, ink: Inks) -> Text:
 
 def _apart(arcsec: float) -> str:
     text = f"{arcsec:+15.2f}″" if abs(arcsec) < LARGE_ARCSEC else f"{arcsec / 3600.0:+15.6f}°"
-    return text.replace("-", words.MINUS)
+    return text.replace("-", formatting.MINUS)
 
 
 def _pair(axes: AxesView | None) -> str:
     if axes is None:
         return f"{'-':>16}{'-':>16}"
-    return f"{axes.first_deg:15.6f}°{axes.second_deg:15.6f}°".replace("-", words.MINUS)
+    return f"{axes.first_deg:15.6f}°{axes.second_deg:15.6f}°".replace("-", formatting.MINUS)
 
 
 def _lines(view: AntennaView, ink: Inks) -> Text:
@@ -191,7 +192,7 @@ def _lines(view: AntennaView, ink: Inks) -> Text:
     for one in view.exchanges:
         word, _, answer = one.answered.partition(" ")
         style = ink.spoken[Tone.NOTICE] if answer.startswith("NAK") else ""
-        text.append(f"{words.clock(one.utc_s)}  ", ink.dim).append(one.received, style)
+        text.append(f"{formatting.clock(one.utc_s)}  ", ink.dim).append(one.received, style)
         if word == "PS" or len(answer) > SHORT_ANSWER:
             text.append(f"\n            {answer}\n", ink.dim)
         else:
@@ -207,7 +208,7 @@ def _refusals(view: AntennaView, ink: Inks) -> Text:
         received = one.received
         if len(received) > REFUSED_CHARACTERS:
             received = received[: REFUSED_CHARACTERS - 1] + "…"
-        text.append(f"{words.clock(one.utc_s)}  ", ink.dim)
+        text.append(f"{formatting.clock(one.utc_s)}  ", ink.dim)
         text.append(f"{received:{REFUSED_CHARACTERS}}", ink.spoken[Tone.NOTICE]).append(f"  {one.why}\n")
     text.rstrip()
     return text

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from rich.cells import cell_len
 
-from sattrack.tui import words
 from sattrack.tui.look import DIM, PLATE, SPOKEN
 from sattrack.tui.panels import (
     STOP_PLATE,
@@ -17,6 +16,7 @@ from sattrack.tui.panels import (
     Touch,
     TouchBar,
     cells_of,
+    fitted,
     rows_content,
 )
 from sattrack.tui.scene import (
@@ -31,6 +31,7 @@ from sattrack.tui.scene import (
     cautions,
     headline,
 )
+from sattrack.views import formatting
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -48,12 +49,12 @@ class TitleBar(Panel):
         view = scene.view
         # What is over has a clock that stands.
         over = "as of " if scene.ended and scene.tape is None else ""
-        time = f"{over}{words.date(view.utc_s)} {words.clock(view.utc_s)} UTC"
+        time = f"{over}{formatting.date(view.utc_s)} {formatting.clock(view.utc_s)} UTC"
         replay: Row = [] if scene.tape is None else [(" REPLAY ", PLATE[Tone.NOTICE]), " "]
         room = self.content_size.width - cell_len(f"{view.name}  {view.catalog_number}   mount  {time}")
         room -= len(" REPLAY  ") if replay else 0
         # Addresses can be long; nothing else in this row may give way.
-        mount = words.fitted(view.mount, max(1, room))
+        mount = fitted(view.mount, max(1, room))
         return [
             [
                 *replay,
@@ -116,9 +117,9 @@ class TapeBar(Panel):
         row: Row = [
             (f" {state} ", PLATE[tone]),
             (f" ×{tape.speed:g}".ljust(6), "bold"),
-            (words.span(tape.at_s), "bold"),
+            (formatting.span(tape.at_s), "bold"),
             (" of ", DIM),
-            words.span(tape.length_s),
+            formatting.span(tape.length_s),
             ("" if tape.whole else ", reading on", DIM),
             "  ",
         ]

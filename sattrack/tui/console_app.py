@@ -12,12 +12,11 @@ from textual.containers import Container
 from sattrack.mount.model import Slew
 from sattrack.mount.requests import Abort, FindHome, Park, Sync
 from sattrack.tui import console_panels as panels
-from sattrack.tui import words
 from sattrack.tui.appearance import NIGHT
 from sattrack.tui.console_panels import FIRST_RATE, ConsoleScene, jog_rates_deg_s
 from sattrack.tui.dialogs import CONSOLE_TEXT, DirectionDialog, EnteredDirection, HelpScreen, Question
 from sattrack.tui.screen_app import ScreenApp, TooSmall
-from sattrack.views import console_words
+from sattrack.views import formatting
 from sattrack.views.messages import Jog, Leave, Reset
 
 if TYPE_CHECKING:
@@ -83,12 +82,12 @@ class ConsoleApp(ScreenApp):
         yield panels.ConsoleHeadline()
         yield panels.ConsoleCautions()
         with Container(id="fields"):
-            yield panels.GroupPanel(console_words.pointing, "pointing")
-            yield panels.GroupPanel(console_words.drives, "drives")
-            yield panels.GroupPanel(console_words.state, "state")
+            yield panels.GroupPanel(formatting.pointing, "pointing")
+            yield panels.GroupPanel(formatting.drives, "drives")
+            yield panels.GroupPanel(formatting.state, "state")
         yield panels.AcksPanel("acks")
         with Container(id="below"):
-            yield panels.GroupPanel(console_words.place, "place")
+            yield panels.GroupPanel(formatting.place, "place")
             yield panels.ReadingsPanel("readings")
             yield panels.MountLinkPanel("link")
         with Container(id="bottom"):
@@ -242,4 +241,4 @@ def _show(main: DOMNode, scene: ConsoleScene) -> None:
 
 
 def _spoken(direction: EnteredDirection) -> str:
-    return f"RA {words.right_ascension(direction.ra_deg)} Dec {words.declination(direction.dec_deg)}"
+    return f"RA {formatting.right_ascension(direction.ra_deg)} Dec {formatting.degrees(direction.dec_deg)}"

@@ -23,8 +23,8 @@ import click
 from sattrack.core.errors import SattrackError
 from sattrack.tui.appearance import NIGHT
 from sattrack.tui.child import FeederProcess
+from sattrack.views.formatting import summary_lines
 from sattrack.views.messages import Leave, StopNow
-from sattrack.views.summary_text import summary_lines
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence

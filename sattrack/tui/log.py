@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING, NamedTuple
 
-from sattrack.tui import words
 from sattrack.tui.look import DIM, SPOKEN
 from sattrack.tui.panels import ListPage, Row, rows_content
 from sattrack.tui.scene import Tone, why_ended
+from sattrack.views import formatting
 
 if TYPE_CHECKING:
     from textual.content import Content
@@ -49,7 +49,7 @@ class LogBook:
         self._utc_s = view.utc_s
         if view.phase != self._phase:
             self._phase = view.phase
-            off = "" if view.error is None else f", {words.arcsec(view.error.total_arcsec)} off"
+            off = "" if view.error is None else f", {formatting.arcsec(view.error.total_arcsec)} off"
             self.say(Tone.CALM, "run", f"{view.name}: {view.phase}{off if view.phase == 'tracking' else ''}")
         if view.link.state != self._link:
             self._link = view.link.state
@@ -78,7 +78,7 @@ class LogBook:
     def end(self, summary: Summary) -> None:
         """Take in what a run came to."""
         rms = summary.reported_rms_arcsec
-        error = "" if rms is None else f", error {words.arcsec(rms)} RMS"
+        error = "" if rms is None else f", error {formatting.arcsec(rms)} RMS"
         rest = {True: "at rest", False: "NO STOP CONFIRMED", None: "never heard"}[summary.mount_stopped]
         tone = Tone.BAD if summary.mount_stopped is False else Tone.CALM
         text = f"{summary.name}: {summary.on_target_s:.0f} s on target{error}; mount {rest}"
@@ -142,6 +142,6 @@ class LogPage(ListPage):
 
     def _row(self, one: LogLine) -> Row:
         return [
-            (f"{words.clock(one.utc_s)} ", DIM),
+            (f"{formatting.clock(one.utc_s)} ", DIM),
             (one.text, SPOKEN[one.tone] if one.source != "run" else ""),
         ]

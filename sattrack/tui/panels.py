@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, TypeVar
 
-from rich.cells import cell_len
+from rich.cells import cell_len, set_cell_size
 from textual.content import Content
 from textual.errors import NoWidget
 from textual.screen import ModalScreen
@@ -325,3 +325,8 @@ class DotCanvas:
             return " ", ""
         layer = self._layers[top]
         return layer.plain if self.plain else chr(BRAILLE + bits), layer.style
+
+
+def fitted(text: str, cells: int) -> str:
+    """Return a text that takes just so many cells: filled up with spaces, or cut, which is shown."""
+    return set_cell_size(text, cells) if cell_len(text) <= cells else set_cell_size(text, cells - 1) + "…"

@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 from textual.app import SuspendNotSupported
 
-from sattrack.tui import words
 from sattrack.tui.console_app import LAGGING_S
 from sattrack.tui.console_panels import FIRST_RATE, RATES, jog_rates_deg_s
 from sattrack.tui.dialogs import Question
 from sattrack.tui.scene import LIVE, MOUNT, PAUSED, TONIGHT
 from sattrack.tui.screen_app import ScreenApp
+from sattrack.views import formatting
 from sattrack.views.messages import Arm, DropRemembered, Go, Jog, Pause, StopNow
 
 if TYPE_CHECKING:
@@ -196,7 +196,7 @@ class RunKeys(ScreenApp):
         if scene.ended or scene.view.phase == "waiting":
             self._order(order)
             return
-        when = f"highest at {words.iso_clock(row.culminate_utc)} with {row.max_alt_deg:.0f}°"
+        when = f"highest at {formatting.iso_clock(row.culminate_utc)} with {row.max_alt_deg:.0f}°"
         text = f"{scene.view.name} is left, and the mount goes on to {row.name}, {when}."
         if row.feasible is False:
             text += f" That pass is no-go: {row.why_not or 'the mount cannot follow it'}."

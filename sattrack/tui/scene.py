@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, NamedTuple
 
-from sattrack.tui import words
 from sattrack.tui.offsets import TRACK
+from sattrack.views import formatting
 from sattrack.views.run import STARTER
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ PAGE_CLASSES = {page: f"-page-{page}" for page in PAGES.values()}
 
 ON_TARGET_ARCSEC = 2.0
 NO_NEWS_AFTER_S = 1.5
-OLD_ELEMENTS_S = 3.0 * words.DAY_S
+OLD_ELEMENTS_S = 3.0 * formatting.DAY_S
 STOP_UNHEARD_AFTER_S = 1.5
 REFUSAL_SHOWN_S = 4.0
 PAUSED = "paused"
@@ -156,7 +156,7 @@ def _under_way(scene: Scene) -> Headline:
 
 def _coming(view: TrackView) -> Headline:
     left_s = view.start_utc_s - view.utc_s
-    when = f" in {words.span(left_s)}" if left_s > 0.0 else ""
+    when = f" in {formatting.span(left_s)}" if left_s > 0.0 else ""
     if view.phase == "slewing":
         return Headline("SLEWING", f"to where the satellite will come by{when}", Tone.CALM)
     return Headline(
@@ -169,7 +169,7 @@ def _tracking(view: TrackView) -> Headline:
     if view.link.state != "up":
         return Headline("TRACKING", "blind: no fresh status from the mount", Tone.BAD)
     if off > ON_TARGET_ARCSEC:
-        return Headline("TRACKING", f"off the satellite by {words.arcsec(off)}", Tone.NOTICE)
+        return Headline("TRACKING", f"off the satellite by {formatting.arcsec(off)}", Tone.NOTICE)
     return Headline("TRACKING", "on the satellite: all is well", Tone.GOOD)
 
 
@@ -183,9 +183,9 @@ def _paused(scene: Scene) -> Headline:
     elif pause is not None and pause.at_rest:
         doing = "the mount is at rest"
     if view.utc_s < view.start_utc_s:
-        until = f"the pass begins in {words.span(view.start_utc_s - view.utc_s)}"
+        until = f"the pass begins in {formatting.span(view.start_utc_s - view.utc_s)}"
     else:
-        until = f"the pass lasts {words.span(view.end_utc_s - view.utc_s)} more"
+        until = f"the pass lasts {formatting.span(view.end_utc_s - view.utc_s)} more"
     if not scene.in_control or scene.tape is not None:
         goes = ""
     return Headline("PAUSED", f"{doing}; {until}{goes}", Tone.NOTICE)
@@ -271,6 +271,6 @@ def _cautions(scene: Scene) -> tuple[Caution, ...]:
         )
     if view.elements_age_s > OLD_ELEMENTS_S:
         nudge = ": ← → nudge" if scene.in_control else ""
-        old = f"elements are {words.age(view.elements_age_s)} old"
+        old = f"elements are {formatting.age(view.elements_age_s)} old"
         found.append(Caution(old, f"expect the satellite early or late{nudge}", Tone.NOTICE))
     return tuple(found)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from sattrack.tui import words
 from sattrack.tui.look import DIM, PLATE, SPOKEN
-from sattrack.tui.panels import ListPage, Row, rows_content
+from sattrack.tui.panels import ListPage, Row, fitted, rows_content
 from sattrack.tui.scene import Tone
+from sattrack.views import formatting
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from textual.content import Content
 
-    from sattrack.views.schedule import PassView, ScheduleView
+    from sattrack.views.schedule import SchedulePassView, ScheduleView
 
 NAME_CELLS, SHORT_NAME_CELLS = 24, 18
 ROOM_FOR_LONG_NAMES = 100
@@ -74,12 +74,12 @@ class SchedulePage(ListPage):
             if view.stopped_utc is not None:
                 doing = f"by an operator; {view.resume}"
         elif view.old and view.age_s is not None:
-            doing, tone = f"{doing}   NO NEWS for {words.span(view.age_s)}", Tone.BAD
+            doing, tone = f"{doing}   NO NEWS for {formatting.span(view.age_s)}", Tone.BAD
         state = (f" {view.state.upper()} ", PLATE[tone])
         second: Row = [("night ", DIM), f"{view.night}", "   ", *_count(view)]
         left_s = next_in_s(view)
         if left_s is not None:
-            second += [("   next in ", DIM), words.span(left_s)]
+            second += [("   next in ", DIM), formatting.span(left_s)]
         second += [("   mount ", DIM), view.mount]
         if view.weather:
             second += [("   ", DIM), view.weather]
@@ -91,10 +91,10 @@ class SchedulePage(ListPage):
     def _name_cells(self) -> int:
         return NAME_CELLS if self.content_size.width >= ROOM_FOR_LONG_NAMES else SHORT_NAME_CELLS
 
-    def _row(self, view: ScheduleView, one: PassView) -> Row:
-        name = words.fitted(one.name, self._name_cells)
+    def _row(self, view: ScheduleView, one: SchedulePassView) -> Row:
+        name = fitted(one.name, self._name_cells)
         times = "".join(
-            f"{words.iso_clock(utc):<9}" for utc in (one.start_utc, one.culminate_utc, one.end_utc)
+            f"{formatting.iso_clock(utc):<9}" for utc in (one.start_utc, one.culminate_utc, one.end_utc)
         )
         mark = "▶ " if one.number in {view.current, view.next_number} else "  "
         row: Row = [(mark, "bold"), f"{times}{one.max_alt_deg:3.0f}°  {name}  "]
@@ -110,7 +110,7 @@ def schedule_text(view: ScheduleView) -> str:
         doing = "its schedule goes on" if coming is None else f"next {coming.name}"
     else:
         doing = view.doing
-    return doing if left_s is None else f"{doing}, in {words.span(left_s)}"
+    return doing if left_s is None else f"{doing}, in {formatting.span(left_s)}"
 
 
 def next_in_s(view: ScheduleView) -> float | None:
@@ -120,7 +120,7 @@ def next_in_s(view: ScheduleView) -> float | None:
     return left_s if view.running and left_s > 0.0 else None
 
 
-def _coming(view: ScheduleView) -> PassView | None:
+def _coming(view: ScheduleView) -> SchedulePassView | None:
     return next((one for one in view.passes if one.state == WAITING), None)
 
 
@@ -134,20 +134,20 @@ def _count(view: ScheduleView) -> Row:
     return row
 
 
-def _state(view: ScheduleView, one: PassView) -> Row:
+def _state(view: ScheduleView, one: SchedulePassView) -> Row:
     """Return the outcome of a pass, or the time to its beginning or end."""
     coming_s, left_s = _utc_s(one.start_utc) - view.utc_s, _utc_s(one.end_utc) - view.utc_s
     if not view.running:
         coming_s = left_s = 0.0
     if coming_s > 0.0 and (one.number == view.current or one is _coming(view)):
-        return [("in ", DIM), (words.span(coming_s), "bold")]
+        return [("in ", DIM), (formatting.span(coming_s), "bold")]
     row: Row = [(one.state, SPOKEN[TONES[one.state]] if one.state in TONES else DIM)]
     if one.state == IN_PROGRESS and left_s > 0.0:
-        row.append((f" {words.span(left_s)}", "bold"))
+        row.append((f" {formatting.span(left_s)}", "bold"))
     if one.state in RESULTS and one.on_target_s:
         row.append(f" {one.on_target_s:.0f} s")
     if one.rms_arcsec is not None:
-        row.append(f"  {words.arcsec(one.rms_arcsec)}")
+        row.append(f"  {formatting.arcsec(one.rms_arcsec)}")
     if one.words or one.cause:
         row.append((f"  {one.words or one.cause}", DIM))
     return row

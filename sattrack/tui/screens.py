@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.core.errors import SattrackError
-from sattrack.tui import words
 from sattrack.tui.attached import folder_of, schedule_in
 from sattrack.tui.console_panels import MountPage
 from sattrack.tui.log import LogBook, LogPage
 from sattrack.tui.scene import LIVE, LOG, MOUNT, PAGE_CLASSES, SCHEDULE, TONIGHT
 from sattrack.tui.schedule_page import SchedulePage, schedule_text
 from sattrack.tui.tonight import PassList, TonightPage
+from sattrack.views import formatting
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -221,5 +221,5 @@ def _learnt(learnt: LearntView | None) -> str:
     lags = f"{1e3 * learnt.ra_lag_s:.0f}, {1e3 * learnt.dec_lag_s:.0f} ms"
     gains = ", ".join("?" if g is None else f"{g:.4f}" for g in (learnt.ra_gain, learnt.dec_gain))
     return f"   learnt: lag {lags}  gain {gains}  settling {learnt.settling_s:.2f} s".replace(
-        "-", words.MINUS
+        "-", formatting.MINUS
     )

@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from textual.content import Content
 
-from sattrack.tui import words
 from sattrack.tui.look import DIM, PLATE, SPOKEN
-from sattrack.tui.panels import ListPage, Row, rows_content
+from sattrack.tui.panels import ListPage, Row, fitted, rows_content
 from sattrack.tui.scene import Tone
+from sattrack.views import formatting
 from sattrack.views.messages import Arm, Disarm
 from sattrack.views.run import SAME_PASS_S
 
@@ -176,9 +176,9 @@ class TonightPage(ListPage):
 
     def _row(self, row: PassRow, pointed: bool) -> Row:
         style = "reverse" if pointed else ""
-        name = words.fitted(row.name, NAME_CELLS)
-        rise = "is up" if row.rise_utc is None else words.iso_clock(row.rise_utc)
-        times = (rise, words.iso_clock(row.culminate_utc), words.iso_clock(row.set_utc))
+        name = fitted(row.name, NAME_CELLS)
+        rise = "is up" if row.rise_utc is None else formatting.iso_clock(row.rise_utc)
+        times = (rise, formatting.iso_clock(row.culminate_utc), formatting.iso_clock(row.set_utc))
         text = "".join(f"{time:<9}" for time in times)
         text += f"{row.max_alt_deg:3.0f}°  {name}"
         return [("▶ " if pointed else "  ", "bold"), (text, style), "  ", *self._verdict(row)]
@@ -194,7 +194,7 @@ class TonightPage(ListPage):
                 (" over " if scene.ended else " this one ", PLATE[Tone.CALM if scene.ended else Tone.GOOD])
             ]
         if row.feasible is None:
-            return [(words.NOTHING, DIM)]
+            return [(formatting.NOTHING, DIM)]
         return [("go", SPOKEN[Tone.GOOD])] if row.feasible else [("NO-GO", SPOKEN[Tone.BAD])]
 
 
@@ -204,10 +204,17 @@ def _about(row: PassRow | None) -> list[Row]:
         return [[], []]
     path: Row = [(f"{row.catalog_number}  ", DIM)]
     if row.rise_az_deg is not None and row.set_az_deg is not None:
-        path += [("from ", DIM), words.azimuth(row.rise_az_deg), (" to ", DIM), words.azimuth(row.set_az_deg)]
+        path += [
+            ("from ", DIM),
+            formatting.azimuth(row.rise_az_deg),
+            (" to ", DIM),
+            formatting.azimuth(row.set_az_deg),
+        ]
     lit = "in shadow throughout"
     if row.sunlit_from_utc is not None:
-        lit = f"sunlit {words.iso_clock(row.sunlit_from_utc)} to {words.iso_clock(row.sunlit_to_utc)}"
+        lit = (
+            f"sunlit {formatting.iso_clock(row.sunlit_from_utc)} to {formatting.iso_clock(row.sunlit_to_utc)}"
+        )
     path.append((f"  {lit}", DIM))
     verdict: Row = [("the mount can follow it", DIM)] if row.feasible else []
     if row.why_not:

@@ -25,7 +25,7 @@ from sattrack.mount.requests import (
     TicketState,
     TrackingRate,
 )
-from sattrack.views.console_words import degrees, hours
+from sattrack.views.formatting import degrees, hours
 
 if TYPE_CHECKING:
     from sattrack.mount.model import AxesPosition, MountProfile, Status, StatusSample

@@ -18,8 +18,8 @@ from sattrack.core.errors import BadInputError
 from sattrack.mount.model import AxisLimits, CalibrationRecord, MountProfile
 from sattrack.mount.profiles import load_profile, load_profile_file, write_profile
 from sattrack.runtime.outcome import RunStatistics, summarise
+from sattrack.views.formatting import summary_lines
 from sattrack.views.run import LearntView
-from sattrack.views.summary_text import summary_lines
 
 if TYPE_CHECKING:
     from pathlib import Path

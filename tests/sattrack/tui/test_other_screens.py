@@ -23,8 +23,7 @@ from sattrack.tui.seen_run import News
 from sattrack.tui.tonight import PassList
 from sattrack.views.messages import Arm, Disarm, StopNow
 from sattrack.views.run import STARTER, Armed, LearntView, SessionView
-from sattrack.views.schedule import PassView as SchedulePass
-from sattrack.views.schedule import ScheduleView
+from sattrack.views.schedule import SchedulePassView, ScheduleView
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -427,9 +426,9 @@ def test_the_log_is_bounded() -> None:
 
 
 def schedule_view(**changes: Any) -> ScheduleView:
-    def one(number: int, minutes: float, state: str, **more: Any) -> SchedulePass:
+    def one(number: int, minutes: float, state: str, **more: Any) -> SchedulePassView:
         times = [Utc(UTC_S + 60.0 * minutes + ahead).isoformat() for ahead in (-300.0, 0.0, 300.0)]
-        return SchedulePass(number, f"SAT {number}", number, *times, 50.0, 1.0, state, **more)
+        return SchedulePassView(number, f"SAT {number}", number, *times, 50.0, 1.0, state, **more)
 
     passes = (
         one(101, -90.0, "done", rms_arcsec=0.31),
