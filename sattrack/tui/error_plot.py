@@ -14,10 +14,9 @@ from textual_plot import HiResMode, PlotWidget
 from textual_plot.axis_formatter import AxisFormatter
 from textual_plot.plot_widget import Legend
 
-from sattrack.tui.look import DIM, SPOKEN
+from sattrack.tui.look import DIM, SPOKEN, ScreenApp
 from sattrack.tui.panels import Panel, Row
 from sattrack.tui.scene import Scene, Tone
-from sattrack.tui.screen_app import ScreenApp
 from sattrack.views import formatting
 
 if TYPE_CHECKING:

@@ -13,7 +13,6 @@ from textual.containers import Horizontal, Vertical
 from textual.widgets import Digits, Static
 
 from sattrack.tui.look import DIM, SPOKEN
-from sattrack.tui.offsets import LABELS, TRACK
 from sattrack.tui.panels import (
     DOTS_ACROSS,
     DOTS_DOWN,
@@ -25,14 +24,14 @@ from sattrack.tui.panels import (
     cells_of,
     labelled,
 )
-from sattrack.tui.scene import Scene, Tone, headline
+from sattrack.tui.scene import LABELS, TRACK, Scene, Tone, headline
 from sattrack.views import formatting
 
 if TYPE_CHECKING:
     from textual.app import ComposeResult
 
     from sattrack.mount.model import LinkView
-    from sattrack.tui.offsets import Move
+    from sattrack.tui.scene import Move
     from sattrack.views.run import PassView, TrackView
 
 ARCSEC = 3600.0

@@ -11,7 +11,7 @@ import msgspec
 import pytest
 
 from sattrack.calibration.profile import LEAST_LAG_S, learnt_text, with_learnt
-from sattrack.cli.track_flight import check_new_profile
+from sattrack.cli.running import check_new_profile
 from sattrack.control.axes import Axes
 from sattrack.control.engine_view import LOOSE_FACTOR, learnt_view
 from sattrack.core.errors import BadInputError

@@ -11,11 +11,11 @@ from tui_builders import HandClock
 
 from sattrack.mount.model import Readings
 from sattrack.tui.console_app import ConsoleApp
-from sattrack.tui.console_feed import Latest
 from sattrack.tui.console_panels import ConsoleScene, headline
-from sattrack.tui.picture import draw_console
+from sattrack.tui.feeds import Latest
 from sattrack.views.formatting import clock_text, degrees, hours, number, status_groups, status_text
 from sattrack.views.run import ConsoleView
+from tools.screens import draw_console
 
 if TYPE_CHECKING:
     from sattrack.views.run import ConsoleView
