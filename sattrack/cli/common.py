@@ -1,9 +1,10 @@
-"""The options of every command and what they resolve to; what commands say, and how."""
+"""The options of every command and what they resolve to; what commands say; how a screen is started."""
 
 from __future__ import annotations
 
 import contextlib
 import functools
+import importlib.util
 import os
 import stat
 import sys
@@ -16,6 +17,7 @@ import msgspec
 
 from sattrack.core.clock import Clock, make_clock
 from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.process import self_command
 from sattrack.settings import NO_ELEMENTS, NO_SITE, Settings, find_settings_file, load_settings
 from tle.site import Site
 
@@ -27,10 +29,12 @@ if TYPE_CHECKING:
     from sattrack.core.local_time import LocalTime
     from sattrack.elements.downloads import Downloads
     from sattrack.mount.profiles import ProfileFile
-    from sattrack.tui.appearance import Appearance
+    from sattrack.tui.feeds import HelperOptions
+    from sattrack.tui.scene import Appearance
     from tle.elements import Elements
     from tle.instants import Utc
     from tle.sources import ElementSets
+
 
 WIDEST = 4000
 """Columns of what is printed for a pipe or a file: nothing is wrapped there."""
@@ -277,7 +281,7 @@ def screen_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def appearance(context: CommandContext, theme: str | None, plain: bool) -> Appearance:
     """Return how the screen is to be drawn: by the options, else the settings, else as the terminal can."""
-    from sattrack.tui.appearance import Appearance, can_show
+    from sattrack.tui.scene import Appearance, can_show
 
     screen = context.settings.screen
     return Appearance(theme or screen.theme, plain or screen.ascii or not can_show(sys.stdout.encoding))
@@ -409,3 +413,84 @@ class JsonLines:
     def end(self) -> None:
         """Let what is written by other means from now on be written whole, however long that takes."""
         os.set_blocking(self._out, True)
+
+
+CANNOT_DRAW = {"dumb", "unknown"}
+"""Terminals, by the name in TERM, that have no cursor to place: they get lines."""
+NO_PASSES = "no passes: give --elements FILE and --site, or run `sattrack init`"
+
+
+def tui_possible() -> bool:
+    """Tell whether there is a terminal that can be drawn on, and what it takes to draw."""
+    if os.environ.get("TERM") in CANNOT_DRAW:
+        return False
+    return sys.stdin.isatty() and sys.stdout.isatty() and importlib.util.find_spec("textual_plot") is not None
+
+
+def needed_terminal() -> str:
+    """Return what a screen needs, in words: where there is a terminal, why it is not enough."""
+    term = os.environ.get("TERM")
+    return f"a terminal that can draw (TERM={term} cannot)" if term in CANNOT_DRAW else "a terminal"
+
+
+def can_draw_lines_anew() -> bool:
+    """Tell whether what goes to standard error can be written over, as on a terminal that draws."""
+    return sys.stderr.isatty() and os.environ.get("TERM") not in CANNOT_DRAW
+
+
+def with_tui(appearance: Appearance, stay: bool = True, helpers: HelperOptions | None = None) -> int:
+    """Run this very command line headless in a process of its own, and the terminal UI here on top of it.
+
+    With `stay`, the screen of an ended run remains until it is left. `helpers`: what the screen starts.
+    The loop that feeds the mount must not share a process with anything that draws.
+    """
+    from sattrack.tui.launch import fly_with_tui
+
+    arguments = [*sys.argv[1:], "--stream", "--control", "--scene"]
+    return fly_with_tui([*self_command(), *arguments], appearance, stay, helpers=helpers)
+
+
+def helper_options(
+    context: CommandContext,
+    profile: Path | None,
+    min_alt_deg: float | None,
+    practising: bool,
+    mount_url: str | None = None,
+) -> HelperOptions:
+    """Return how a screen calls `passes` and `mount watch`; `practising`: with the built-in satellite."""
+    from sattrack.tui.feeds import HelperOptions
+
+    there = None if mount_url == "sim" else mount_url
+    shared = _option_words("--config", given("--config")) + _option_words("--profile", profile)
+    site = context.site_option
+    if site is None and not context.has_site():
+        from sattrack.runtime import practice
+
+        where = practice.SITE
+        site = f"{where.latitude_deg},{where.longitude_deg},{where.height_m}"
+    watch = shared + _option_words("--site", site)
+    least = _option_words("--min-alt", min_alt_deg)
+    sources = context.sources()
+    if practising:
+        from sattrack.runtime import practice
+
+        lines = f"{practice.NAME}\n{practice.LINE_1}\n{practice.LINE_2}\n"
+        return HelperOptions((*watch, *least, "--elements", "-"), watch, lines.encode(), mount_url=there)
+    if not sources or "-" in sources or not context.has_site():
+        return HelperOptions(None, watch, why=NO_PASSES, mount_url=there)
+    named = tuple(word for source in context.element_sources for word in ("--elements", source))
+    return HelperOptions((*watch, *least, *named), watch, mount_url=there)
+
+
+def _option_words(name: str, value: object | None) -> tuple[str, ...]:
+    return () if value is None else (name, str(value))
+
+
+def given(name: str) -> str | None:
+    """Return what this command line says of an option that the context does not keep."""
+    for word, following in zip(sys.argv, [*sys.argv[1:], ""], strict=True):
+        if word == name:
+            return following
+        if word.startswith(f"{name}="):
+            return word.partition("=")[2]
+    return None

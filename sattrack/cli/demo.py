@@ -14,19 +14,21 @@ from sattrack.cli.common import (
     bias_options,
     common_options,
     fov_option,
+    helper_options,
     profile_option,
     screen_options,
     stream_options,
     tell,
+    tui_possible,
+    with_tui,
 )
 from sattrack.cli.running import (
-    Progress,
+    RunProgress,
     Stream,
     check_observations,
     finish,
     fly_and_tell,
 )
-from sattrack.cli.screened import beside, tui_possible, with_tui
 from sattrack.core.errors import BadInputError
 from sattrack.mount.profiles import ProfileFile
 from sattrack.runtime import practice
@@ -58,7 +60,9 @@ def command(context: CommandContext, seconds: float | None, **options: Any) -> i
     alone = options["headless"] or context.json or options["stream"] or control or observations == "stdin"
     if not alone and tui_possible():
         look = appearance(context, options["theme"], options["plain"])
-        return with_tui(look, seconds is None, beside(context, options["profile"], None, practising=True))
+        return with_tui(
+            look, seconds is None, helper_options(context, options["profile"], None, practising=True)
+        )
     request = replace(
         demo_request(context.clock_option, options["record"], context.profile(options["profile"])),
         camera_rotation_deg=options["camera_rotation"],
@@ -67,7 +71,7 @@ def command(context: CommandContext, seconds: float | None, **options: Any) -> i
     )
     deadline_s = float("inf") if seconds is None else begun_s + seconds - STOPPING_TAKES_S
     output = (
-        Stream(tells_session=options["scene"]) if options["stream"] else Progress(quiet_off_terminal=False)
+        Stream(tells_session=options["scene"]) if options["stream"] else RunProgress(quiet_off_terminal=False)
     )
     prepared = prepare(request)
     for words in prepared.notes:

@@ -56,7 +56,7 @@ EXTRA_MODULES = {"tui": ("textual", "textual_plot"), "plot": ("matplotlib",), "k
 COLOURS = {"ok": "green", "warn": "yellow", "bad": "red"}
 
 
-class Check(msgspec.Struct, frozen=True):
+class CheckResult(msgspec.Struct, frozen=True):
     """One line of the doctor's: what it is about, how it is, in words, what to do (the best way first)."""
 
     subject: str
@@ -87,45 +87,51 @@ class TerminalFacts:
     colour_refused: bool = False
 
 
-def worst(checks: Sequence[Check]) -> State:
+def worst(checks: Sequence[CheckResult]) -> State:
     """Return the worst state of all."""
     order: tuple[State, ...] = ("ok", "warn", "bad")
     return max((check.state for check in checks), key=order.index, default="ok")
 
 
-def check_settings(path: Path | None, error: str | None) -> Check:
+def check_settings(path: Path | None, error: str | None) -> CheckResult:
     """Judge the settings file: `error` is what is wrong in it."""
     if error is not None:
-        return Check("settings", "bad", error, ("correct that line; what follows is without the file",))
+        return CheckResult("settings", "bad", error, ("correct that line; what follows is without the file",))
     if path is None:
-        return Check("settings", "ok", "no sattrack.toml: options and built-in values are in force")
-    return Check("settings", "ok", f"{path} is in force")
+        return CheckResult("settings", "ok", "no sattrack.toml: options and built-in values are in force")
+    return CheckResult("settings", "ok", f"{path} is in force")
 
 
-def check_site(site: Site | None, error: str | None) -> Check:
+def check_site(site: Site | None, error: str | None) -> CheckResult:
     """Judge where the mount stands."""
     ways = ("give --site LAT,LON,HEIGHT, or run `sattrack init`",)
     if error is not None:
-        return Check("site", "bad", error, ways)
+        return CheckResult("site", "bad", error, ways)
     if site is None:
-        return Check("site", "warn", "none is set: only practice with --mount sim is possible", ways)
+        return CheckResult("site", "warn", "none is set: only practice with --mount sim is possible", ways)
     where = f"{site.latitude_deg:.5f}° north, {site.longitude_deg:.5f}° east, {site.height_m:.0f} m"
-    return Check("site", "ok", where)
+    return CheckResult("site", "ok", where)
 
 
-def check_elements(facts: ElementFacts, now_utc_s: float) -> Check:
+def check_elements(facts: ElementFacts, now_utc_s: float) -> CheckResult:
     """Judge the elements by their number, their age and what was refused."""
     if facts.error is not None:
-        return Check("elements", "bad", facts.error, ("name a source that can be read with --elements",))
+        return CheckResult(
+            "elements", "bad", facts.error, ("name a source that can be read with --elements",)
+        )
     if not facts.sources:
         ways = (
             "give --elements FILE, or set elements in sattrack.toml; `sattrack elements get` fetches them",
         )
-        return Check("elements", "warn", "none are set: only practice with --mount sim is possible", ways)
+        return CheckResult(
+            "elements", "warn", "none are set: only practice with --mount sim is possible", ways
+        )
     refusal = "" if not facts.refused else f", {facts.refused} refused, the first: {facts.first_refusal}"
     if not facts.epochs_utc_s:
         ways = ("`sattrack elements check` tells what is wrong with each",)
-        return Check("elements", "bad", f"no set in {', '.join(facts.sources)} can be used{refusal}", ways)
+        return CheckResult(
+            "elements", "bad", f"no set in {', '.join(facts.sources)} can be used{refusal}", ways
+        )
     newest_s, oldest_s = max(facts.epochs_utc_s), min(facts.epochs_utc_s)
     ages = [(now_utc_s - epoch_s) / DAY_S for epoch_s in facts.epochs_utc_s]
     old = sum(abs(age) > OLD_ELEMENTS_DAYS for age in ages)
@@ -139,25 +145,25 @@ def check_elements(facts: ElementFacts, now_utc_s: float) -> Check:
         todo.append("fetch new ones (`sattrack elements get`): these are off by arcminutes along track")
     if facts.refused:
         todo.append("`sattrack elements check` tells what is wrong with those refused")
-    return Check("elements", "warn" if todo else "ok", what, tuple(todo))
+    return CheckResult("elements", "warn" if todo else "ok", what, tuple(todo))
 
 
-def check_earth(age: EarthOrientationAge | None, error: str | None) -> Check:
+def check_earth(age: EarthOrientationAge | None, error: str | None) -> CheckResult:
     """Judge the Earth orientation for the instant that is now."""
     ways = ("update the package: pip install --upgrade astropy-iers-data",)
     if age is None or age.observed_until is None or age.predicted_until is None or age.age_s is None:
-        return Check("earth", "bad", error or "no table of the Earth's orientation", ways)
+        return CheckResult("earth", "bad", error or "no table of the Earth's orientation", ways)
     observed, predicted = (at.isoformat("seconds")[:10] for at in (age.observed_until, age.predicted_until))
     what = f"{age.status} today; table observed to {observed}, predicted to {predicted}"
     if age.status == "extrapolated":
-        return Check("earth", "bad", f"{what}: directions may be off by seconds of arc", ways)
+        return CheckResult("earth", "bad", f"{what}: directions may be off by seconds of arc", ways)
     if age.status == "predicted" and age.age_s > OLD_ORIENTATION_DAYS * DAY_S:
         words = f"{what}: {age.age_s / DAY_S:.0f} days of prediction may be off by tenths of an arcsecond"
-        return Check("earth", "warn", words, ways)
-    return Check("earth", "ok", what)
+        return CheckResult("earth", "warn", words, ways)
+    return CheckResult("earth", "ok", what)
 
 
-def check_clock(clock: KernelClock | None) -> Check:
+def check_clock(clock: KernelClock | None) -> CheckResult:
     """Judge the machine's clock: time is pointing."""
     scale = f"1 ms is {ARCSEC_PER_MS:g}″ on a target at 1°/s"
     ways = (
@@ -165,37 +171,39 @@ def check_clock(clock: KernelClock | None) -> Check:
         "`chronyc tracking` says how it does",
     )
     if clock is None:
-        return Check("clock", "warn", f"this system does not say how good its clock is; {scale}", ways)
+        return CheckResult("clock", "warn", f"this system does not say how good its clock is; {scale}", ways)
     if not clock.synchronised:
-        return Check("clock", "warn", f"nothing disciplines it, so its error is not known; {scale}", ways)
+        return CheckResult(
+            "clock", "warn", f"nothing disciplines it, so its error is not known; {scale}", ways
+        )
     what = (
         f"synchronised, error {1e3 * clock.estimated_error_s:.3g} ms by estimate, "
         f"{1e3 * clock.largest_error_s:.3g} ms at most; {scale}"
     )
     poor = clock.estimated_error_s > POOR_CLOCK_S
-    return Check("clock", "warn" if poor else "ok", what, ways if poor else ())
+    return CheckResult("clock", "warn" if poor else "ok", what, ways if poor else ())
 
 
-def check_priority(grant: Grant, ways: Sequence[str]) -> Check:
+def check_priority(grant: Grant, ways: Sequence[str]) -> CheckResult:
     """Judge whether the loop that feeds the mount goes before everything else."""
     if grant.priority is not None:
-        return Check("priority", "ok", f"real-time priority {grant.priority} is granted")
+        return CheckResult("priority", "ok", f"real-time priority {grant.priority} is granted")
     why = "; ".join(words for words in grant.refusals if "memory" not in words) or "not granted"
-    return Check("priority", "warn", f"{why}; on a busy machine datagrams go out late", tuple(ways))
+    return CheckResult("priority", "warn", f"{why}; on a busy machine datagrams go out late", tuple(ways))
 
 
-def check_memory(grant: Grant, ways: Sequence[str]) -> Check:
+def check_memory(grant: Grant, ways: Sequence[str]) -> CheckResult:
     """Judge whether the loop's memory stays in memory."""
     if grant.memory_locked:
-        return Check("memory", "ok", "can be locked: the loop never waits for a page from the disk")
+        return CheckResult("memory", "ok", "can be locked: the loop never waits for a page from the disk")
     why = "; ".join(words for words in grant.refusals if "memory" in words) or "not locked"
-    return Check("memory", "warn", why, tuple(ways) if grant.realtime else ("as for the priority",))
+    return CheckResult("memory", "warn", why, tuple(ways) if grant.realtime else ("as for the priority",))
 
 
-def check_terminal(facts: TerminalFacts) -> Check:
+def check_terminal(facts: TerminalFacts) -> CheckResult:
     """Judge what the terminal screen will look like."""
     if facts.size is None:
-        return Check("terminal", "ok", "none here: runs tell their progress in lines")
+        return CheckResult("terminal", "ok", "none here: runs tell their progress in lines")
     columns, rows = facts.size
     colours = "no colours, as NO_COLOR asks" if facts.colour_refused else f"TERM={facts.kind or '(not set)'}"
     what = f"{columns} × {rows}, {facts.encoding}, {colours}"
@@ -206,24 +214,28 @@ def check_terminal(facts: TerminalFacts) -> Check:
         todo.append("set a UTF-8 locale (LANG=C.UTF-8): the screen draws with Unicode")
     if facts.kind in ("", "dumb"):
         todo.append("set TERM to what the terminal is, or use --headless")
-    return Check("terminal", "warn" if todo else "ok", what, tuple(todo))
+    return CheckResult("terminal", "warn" if todo else "ok", what, tuple(todo))
 
 
-def check_extras(installed: Mapping[str, bool]) -> Check:
+def check_extras(installed: Mapping[str, bool]) -> CheckResult:
     """Judge the optional parts; only the terminal screen is missed in every run."""
     missing = [name for name in EXTRAS if not installed.get(name, False)]
     if not missing:
-        return Check("extras", "ok", f"all installed: {', '.join(EXTRAS)}")
+        return CheckResult("extras", "ok", f"all installed: {', '.join(EXTRAS)}")
     what = "not installed: " + ", ".join(f"{name} ({EXTRAS[name]})" for name in missing)
     ways = (f"pip install 'sattrack[{','.join(missing)}]'",)
-    return Check("extras", "warn" if "tui" in missing else "ok", what, ways)
+    return CheckResult("extras", "warn" if "tui" in missing else "ok", what, ways)
 
 
-def check_profile(path: str | None, profile: MountProfile | None, error: str | None, real: bool) -> Check:
+def check_profile(
+    path: str | None, profile: MountProfile | None, error: str | None, real: bool
+) -> CheckResult:
     """Judge the mount's profile; `real` where a real mount is set."""
     ways = ("`sattrack mount calibrate` measures the mount and writes a profile",)
     if profile is None:
-        return Check("profile", "bad", error or "cannot be read", ("correct the file, or measure it again",))
+        return CheckResult(
+            "profile", "bad", error or "cannot be read", ("correct the file, or measure it again",)
+        )
     record = profile.calibration
     name = profile.name if path is None else f"{profile.name} ({path})"
     if record is None:
@@ -231,26 +243,26 @@ def check_profile(path: str | None, profile: MountProfile | None, error: str | N
             f"{name}, uncalibrated: signs, gains, delays and MoveAxis semantics ({profile.move_axis}) "
             f"are not measured; 20 ms of delay are {20.0 * ARCSEC_PER_MS:g}″ on a target at 1°/s"
         )
-        return Check("profile", "warn" if real else "ok", what, ways if real else ())
+        return CheckResult("profile", "warn" if real else "ok", what, ways if real else ())
     what = (
         f"{name}: calibrated {record.utc}, {record.side_of_pier.replace('_', ' ')} side"
         f"{' and the other' if record.both_sides else ''}; MoveAxis is {profile.move_axis}, "
         f"delays {1e3 * profile.command_delay_s:.1f} ms out and {1e3 * profile.status_delay_s:.1f} ms back"
     )
-    return Check("profile", "ok", what)
+    return CheckResult("profile", "ok", what)
 
 
-def check_link(mount: str, health: LinkHealth | None, listened_s: float, error: str | None) -> Check:
+def check_link(mount: str, health: LinkHealth | None, listened_s: float, error: str | None) -> CheckResult:
     """Judge the link by what came while nothing was sent; `health` None where nobody listened."""
     if error is not None:
-        return Check("link", "bad", error)
+        return CheckResult("link", "bad", error)
     if health is None:
-        return Check("link", "ok", f"{mount}: nothing to listen to")
+        return CheckResult("link", "ok", f"{mount}: nothing to listen to")
     if health.received == 0:
         beside = f", {health.rejected} datagrams that are no status" if health.rejected else ""
         beside += f", {health.strangers} from other hosts" if health.strangers else ""
         ways = ("is the mount on, set to send to this host and port, and no firewall between?",)
-        return Check("link", "bad", f"{mount}: no status within {listened_s:g} s{beside}", ways)
+        return CheckResult("link", "bad", f"{mount}: no status within {listened_s:g} s{beside}", ways)
     rate = "" if health.rate_hz is None else f", {health.rate_hz:.1f} a second"
     jitter_ms = None if health.jitter_s is None else 1e3 * health.jitter_s
     jitter = "" if jitter_ms is None else f", uneven by {jitter_ms:.1f} ms"
@@ -265,20 +277,22 @@ def check_link(mount: str, health: LinkHealth | None, listened_s: float, error: 
         todo.append("look for what holds the mount's computer up, or the network")
     if health.rejected or health.strangers:
         todo.append("something else sends to this port: give the mount one of its own")
-    return Check("link", "warn" if todo else "ok", what, tuple(todo))
+    return CheckResult("link", "warn" if todo else "ok", what, tuple(todo))
 
 
-def check_disk(folder: Path, free_bytes: float | None, writable: bool) -> Check:
+def check_disk(folder: Path, free_bytes: float | None, writable: bool) -> CheckResult:
     """Judge the folder that recordings would go to; `free_bytes` None where it cannot be asked."""
     if free_bytes is None:
-        return Check("disk", "bad", f"{folder}: no such folder", ("give another with --record-folder",))
+        return CheckResult("disk", "bad", f"{folder}: no such folder", ("give another with --record-folder",))
     if not writable:
-        return Check("disk", "warn", f"{folder}: cannot be written", ("record elsewhere: --record FILE",))
+        return CheckResult(
+            "disk", "warn", f"{folder}: cannot be written", ("record elsewhere: --record FILE",)
+        )
     what = f"{folder}: {free_bytes / 1e9:.1f} GB free for recordings"
     if free_bytes < LITTLE_SPACE_BYTES:
         state: State = "bad" if free_bytes < NO_SPACE_BYTES else "warn"
-        return Check("disk", state, what, ("make room, or record elsewhere: --record FILE",))
-    return Check("disk", "ok", what)
+        return CheckResult("disk", state, what, ("make room, or record elsewhere: --record FILE",))
+    return CheckResult("disk", "ok", what)
 
 
 def _age(seconds: float) -> str:
@@ -286,11 +300,11 @@ def _age(seconds: float) -> str:
     return f"{days:.1f} days old" if days >= 0.0 else f"{-days:.1f} days in the future"
 
 
-class Findings(msgspec.Struct, frozen=True):
+class DoctorReport(msgspec.Struct, frozen=True):
     """What `--json` prints."""
 
     worst: State
-    checks: list[Check]
+    checks: list[CheckResult]
 
 
 class _PatientCommand(click.Command):
@@ -327,24 +341,24 @@ def command(context: CommandContext, **options: Any) -> int:
 
     Exit code 1 where something is bad.
     """
-    checks: list[Check] = []
+    checks: list[CheckResult] = []
     for check in _checks(context, options):
         checks.append(check)
         if not context.json:
             _tell(check)
     if context.json:
-        click.echo(msgspec.json.encode(Findings(worst(checks), checks)).decode())
+        click.echo(msgspec.json.encode(DoctorReport(worst(checks), checks)).decode())
     return 1 if worst(checks) == "bad" else 0
 
 
-def _tell(check: Check) -> None:
+def _tell(check: CheckResult) -> None:
     state = click.style(f"{check.state:<4}", fg=COLOURS[check.state])
     click.echo(f"{state}  {check.subject:<9} {check.what}")
     for way in check.do:
         click.echo(f"{'':<16}→ {way}")
 
 
-def _checks(context: CommandContext, options: dict[str, Any]) -> Iterator[Check]:
+def _checks(context: CommandContext, options: dict[str, Any]) -> Iterator[CheckResult]:
     path, settings_error = click.get_current_context().meta[__name__]
     yield check_settings(path, settings_error)
     yield _check_site(context)
@@ -369,7 +383,7 @@ def _checks(context: CommandContext, options: dict[str, Any]) -> Iterator[Check]
     yield _check_disk(options["record_folder"])
 
 
-def _check_site(context: CommandContext) -> Check:
+def _check_site(context: CommandContext) -> CheckResult:
     if not context.has_site():
         return check_site(None, None)
     try:
@@ -394,7 +408,7 @@ def _element_facts(context: CommandContext) -> ElementFacts:
     )
 
 
-def _check_earth(now: Utc) -> Check:
+def _check_earth(now: Utc) -> CheckResult:
     try:
         return check_earth(earth_orientation_age(now), None)
     except (TleError, OSError) as error:
@@ -413,7 +427,7 @@ def _terminal_facts() -> TerminalFacts:
     )
 
 
-def _check_mount(context: CommandContext, url: str | None, explicit: Path | None) -> Iterator[Check]:
+def _check_mount(context: CommandContext, url: str | None, explicit: Path | None) -> Iterator[CheckResult]:
     real = url not in (None, "sim")
     configured = str(explicit) if explicit is not None else context.settings.mount.profile
     profile: MountProfile | None = None
@@ -425,12 +439,12 @@ def _check_mount(context: CommandContext, url: str | None, explicit: Path | None
     yield check_profile(configured, profile, error, real)
     if url is None:
         words = "no mount is set: with --mount, or [mount] url in sattrack.toml, its statuses are listened to"
-        yield Check("link", "ok", words)
+        yield CheckResult("link", "ok", words)
         return
     yield _check_link(url, profile or MountProfile())
 
 
-def _check_link(url: str, profile: MountProfile) -> Check:
+def _check_link(url: str, profile: MountProfile) -> CheckResult:
     # The session's modules are many; without a mount they are not needed.
     from sattrack.runtime.links import LISTEN_S, listen
     from sattrack.runtime.mounts import mount_address
@@ -443,7 +457,7 @@ def _check_link(url: str, profile: MountProfile) -> Check:
     return check_link(url, health, LISTEN_S, None)
 
 
-def _check_disk(folder: Path) -> Check:
+def _check_disk(folder: Path) -> CheckResult:
     absolute = folder.absolute()
     try:
         free_bytes: float | None = shutil.disk_usage(absolute).free

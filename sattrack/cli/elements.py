@@ -1,4 +1,4 @@
-"""`sattrack elements`: get element sets, show what they say, check that they are sound and fit."""
+"""`sattrack elements` and `sattrack biases`: element sets, and the biases remembered from earlier passes."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
+import msgspec
 
 from sattrack.cli.common import CommandContext, common_options, tell, write_file
 from sattrack.core.errors import BadInputError
+from sattrack.recording.bias_memory import BiasMemory, KeptBias, memory_file, told
 from tle.elements import expected_along_arcsec, expected_along_s
 from tle.errors import PropagationError, TleError
 from tle.instants import Utc
@@ -18,6 +20,8 @@ from tle.propagator import Motion
 from tle.sources import WRITTEN, ElementSets, find, is_fetched, newest, write_elements
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from tle.elements import Elements
     from tle.formats.observations import Observation
 
@@ -277,3 +281,36 @@ def _line(row: dict[str, Any]) -> str:
         f"{row['cross_arcsec']:+10.2f}″ ± {row['cross_sigma_arcsec']:.2f}  "
         f"{row['separation_arcsec']:9.1f}″ away  {row['name'] or row['catalog_number']}"
     )
+
+
+@click.command("biases")
+@click.option("--drop", "dropped", type=int, multiple=True, metavar="ENTRY", help="Offer this one no more.")
+@common_options
+def biases(context: CommandContext, dropped: tuple[int, ...]) -> int:
+    """Show the biases remembered from earlier passes, the newest first, as they were found.
+
+    Each is offered for passes of its object with the very elements that it was found with.
+    """
+    memory = BiasMemory(memory_file())
+    for entry in dropped:
+        if not memory.drop(entry):
+            raise BadInputError(f"--drop {entry}: there is no such entry; sattrack biases lists them")
+    entries = memory.entries()
+    if context.json:
+        click.echo(msgspec.json.encode(entries).decode())
+    elif entries:
+        click.echo("\n".join(_bias_lines(entries, time.time())))
+    else:
+        tell(f"nothing is remembered in {memory.path}")
+    return 0
+
+
+def _bias_lines(entries: Sequence[KeptBias], now_utc_s: float) -> list[str]:
+    lines = []
+    for one in entries:
+        epoch = Utc(one.elements_epoch_utc_s).isoformat("seconds")
+        state = "  DROPPED" if one.dropped else ""
+        name = one.name or str(one.catalog_number)
+        lines.append(f"{one.entry:4d}  {name} ({one.catalog_number}), elements of {epoch}{state}")
+        lines.append(f"      {told(one, now_utc_s)}; by the {one.made_by}, {one.mount}")
+    return lines

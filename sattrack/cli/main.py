@@ -17,7 +17,7 @@ from sattrack.core.errors import SattrackError, meant
 from tle.errors import TleError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 COMMANDS = {
     "init": "Ask for place, mount and satellites, and write the settings file.",
@@ -39,6 +39,46 @@ COMMANDS = {
     "elements": "Fetch, show and check element sets.",
     "doctor": "Check settings, clock, elements, priority and mount, and say what to do.",
 }
+PLACES = {
+    "report": "recording:report",
+    "biases": "elements:biases",
+    "mount": "main:mount",
+    "serve": "main:serve",
+}
+"""Module and attribute of the commands that are no `command` in a module of their name."""
+MOUNT_VERBS = {
+    "status": "All that the mount tells, once; nothing is sent to a real mount.",
+    "watch": "A full-screen manual console: status live, jog, slew, sync, park.",
+    "slew": "Go to a right ascension and declination, and track there.",
+    "sync": "Make the mount report a direction for where it points.",
+    "abort": "Stop both axes, and see them at rest.",
+    "park": "Slew to the park position, stop there, cut the drives' power.",
+    "home": "Go to the home position.",
+    "move": "Move at rates for some seconds, then track.",
+    "pulse": "Guide: move at the guide rate for some milliseconds.",
+    "fine-rate": "Adjust the tracking by small rates.",
+    "calibrate": "Find out what a mount does, and write its profile.",
+}
+MOUNT_PLACES = {verb: f"mount:{verb.replace('-', '_')}" for verb in MOUNT_VERBS} | {
+    "calibrate": "mount_calibrate:command"
+}
+MOUNT_HELP = """Look at a mount, and operate it by hand.
+
+All verbs take --mount URL, --profile FILE and --site; --mount sim is a simulated mount for practice.
+Ctrl-C stops the mount first.
+"""
+SERVERS = {
+    "alpaca": "The mount as an ASCOM telescope for programs that speak Alpaca, over HTTP.",
+    "antenna": "The mount as an antenna for a VLBI Field System, on TCP or a serial line.",
+    "rotctld": "The mount as a rotator for gpredict and other clients of Hamlib, on TCP.",
+    "web": "The screen of the run that goes on, in a browser.",
+}
+SERVER_PLACES = {
+    "alpaca": "serve_alpaca:command",
+    "antenna": "serve_antenna:command",
+    "rotctld": "serve:rotctld",
+    "web": "attach:web",
+}
 PLAIN_WORDS = (
     ("is not a valid float", "is not a number"),
     ("is not a valid integer", "is not a whole number"),
@@ -48,30 +88,49 @@ PLAIN_WORDS = (
 
 
 class LazyGroup(click.Group):
-    """A group that knows its commands by name and imports `sattrack.cli.NAME` on first use."""
+    """A group that lists its commands from a table and imports one of them on its first use.
+
+    `table` has the help of each by name; `places` its module and attribute in `sattrack.cli`, by default
+    `NAME:command`.
+    """
+
+    def __init__(
+        self, name: str, table: Mapping[str, str], places: Mapping[str, str], **settings: Any
+    ) -> None:
+        super().__init__(name, **settings)
+        self._table, self._places = table, places
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the commands in the order of the table."""
-        return list(COMMANDS)
+        return list(self._table)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import the command's module; None for an unknown name."""
-        if cmd_name not in COMMANDS:
+        if cmd_name not in self._table:
             return None
-        module = importlib.import_module(f"sattrack.cli.{cmd_name}")
-        command: click.Command = module.command
+        module, _, attribute = self._places.get(cmd_name, f"{cmd_name}:command").partition(":")
+        command: click.Command = getattr(importlib.import_module(f"sattrack.cli.{module}"), attribute)
         return command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """List the commands from the table, so that help imports none of them."""
         with formatter.section("Commands"):
-            formatter.write_dl(list(COMMANDS.items()))
+            formatter.write_dl(list(self._table.items()))
 
 
-@click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(__version__, prog_name="sattrack")
-def cli() -> None:
-    """Make a telescope mount follow satellites by streaming axis rates."""
+cli = click.version_option(__version__, prog_name="sattrack")(
+    LazyGroup(
+        "sattrack",
+        COMMANDS,
+        PLACES,
+        help="Make a telescope mount follow satellites by streaming axis rates.",
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+)
+mount = LazyGroup("mount", MOUNT_VERBS, MOUNT_PLACES, help=MOUNT_HELP)
+serve = LazyGroup(
+    "serve", SERVERS, SERVER_PLACES, help="Make the mount available to other people's programs."
+)
 
 
 def main(argv: Sequence[str] | None = None) -> None:

@@ -1,51 +1,606 @@
-"""`sattrack mount`: look at a mount, and operate it by hand. A verb's module is imported on its first use."""
+"""`sattrack mount VERB`: one operation with a mount, its outcome, and the manual console."""
 
 from __future__ import annotations
 
-import importlib
+import contextlib
+import functools
+import importlib.util
+import math
+import re
+import select
+import sys
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 import click
+import msgspec
 
-VERBS = {
-    "status": ("mount_move", "status", "All that the mount tells, once; nothing is sent to a real mount."),
-    "watch": ("mount_watch", "watch", "A full-screen manual console: status live, jog, slew, sync, park."),
-    "slew": ("mount_move", "slew", "Go to a right ascension and declination, and track there."),
-    "sync": ("mount_move", "sync", "Make the mount report a direction for where it points."),
-    "abort": ("mount_move", "abort", "Stop both axes, and see them at rest."),
-    "park": ("mount_move", "park", "Slew to the park position, stop there, cut the drives' power."),
-    "home": ("mount_move", "home", "Go to the home position."),
-    "move": ("mount_move", "move", "Move at rates for some seconds, then track."),
-    "pulse": ("mount_move", "pulse", "Guide: move at the guide rate for some milliseconds."),
-    "fine-rate": ("mount_move", "fine_rate", "Adjust the tracking by small rates."),
-    "calibrate": ("mount_calibrate", "command", "Find out what a mount does, and write its profile."),
-}
+from sattrack.cli.common import (
+    CommandContext,
+    JsonLines,
+    appearance,
+    common_options,
+    mount_option,
+    needed_terminal,
+    profile_option,
+    renew,
+    screen_options,
+    tell,
+    tui_possible,
+)
+from sattrack.control.console import Console, ConsoleSession, view_of
+from sattrack.control.manual_operation import (
+    DONE,
+    Look,
+    ManualOperation,
+    MoveFor,
+    Outcome,
+    ParkThere,
+    procedure_for,
+    request_words,
+)
+from sattrack.core.errors import (
+    BadInputError,
+    InterruptedRunError,
+    LinkLostError,
+    SafetyLimitError,
+    SattrackError,
+)
+from sattrack.core.process import self_command
+from sattrack.mount.alpaca.device import J2000_SYSTEM
+from sattrack.mount.model import LinkView, Readings, Slew, Status
+from sattrack.mount.requests import (
+    Abort,
+    FindHome,
+    FineRate,
+    MoveAxis,
+    Park,
+    PulseGuide,
+    Sync,
+    TicketState,
+    objection,
+)
+from sattrack.runtime import practice
+from sattrack.runtime.console import Connection, OrderInbox, attend, attend_console_session, connected
+from sattrack.runtime.mounts import mount_address
+from sattrack.runtime.owner import owner_of
+from sattrack.runtime.stopping import stop_session, wait_until_free
+from sattrack.views.formatting import (
+    DEC_FORMS,
+    MINUS,
+    RA_FORMS,
+    Group,
+    StatusLine,
+    parse_dec,
+    parse_ra,
+    pointing_text,
+    status_text,
+    yes,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from contextlib import AbstractContextManager
+
+    from sattrack.control.manual_operation import Procedure
+    from sattrack.core.clock import Clock
+    from sattrack.mount.alpaca.device import DeviceFacts
+    from sattrack.mount.profiles import ProfileFile
+    from sattrack.mount.requests import Request
+    from sattrack.runtime.mounts import MountAddress
+    from sattrack.runtime.owner import Owner
+    from sattrack.views.run import ConsoleView
+    from tle.site import Site
 
 
-class VerbGroup(click.Group):
-    """A group that imports `sattrack.cli.MODULE` for the verb that is asked for."""
+@dataclass(frozen=True, slots=True)
+class MountCall:
+    """Which mount a verb is for, and how it is to be met; `address` None is the simulated one."""
 
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the verbs in the order of the table."""
-        return list(VERBS)
+    context: CommandContext
+    address: MountAddress | None
+    described: ProfileFile
+    site: Site | None
+    clock: Clock
+    timeout_s: float | None
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import the verb's module; None for an unknown verb."""
-        if cmd_name not in VERBS:
-            return None
-        module, attribute, _ = VERBS[cmd_name]
-        found: click.Command = getattr(importlib.import_module(f"sattrack.cli.{module}"), attribute)
-        return found
+    @property
+    def name(self) -> str:
+        """The mount's name for people."""
+        return "sim" if self.address is None else str(self.address)
 
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the verbs from the table, so that help imports none of them."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(verb, words) for verb, (_, _, words) in VERBS.items()])
+    def console(self) -> Console:
+        """Return a console for it."""
+        return Console(self.described.mount, self.context.settings.safety.limits(), self.site, self.name)
+
+    def connected(self, own: bool = True) -> AbstractContextManager[Connection]:
+        """Return a connection to it, to be entered; without `own`, only to look at it."""
+        return connected(self.address, self.described, self.site, self.clock, own)
+
+    def check(self, request: Request) -> None:
+        """Raise BadInputError where a request cannot be one, before anything is sent."""
+        words = objection(request, self.described.mount)
+        if words is None and self.address is not None:
+            words = self.address.not_carried(request)
+        if words is not None:
+            raise BadInputError(f"{words}; nothing was sent")
+
+    def silence(self, connection: Connection, sent: bool) -> str:
+        """Return what to check where a mount was not heard; `sent` where it has been written to anyway."""
+        if self.address is None:
+            return "the simulated mount did not answer"
+        if sent and connection.refused():
+            return f"nothing listens on {self.address.name}"
+        return self.address.silence_advice
 
 
-@click.group("mount", cls=VerbGroup)
-def command() -> None:
-    """Look at a mount, and operate it by hand.
+def mount_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Add the options of every verb; the function's first argument becomes a CommandContext."""
+    options: tuple[Callable[[Callable[..., Any]], Callable[..., Any]], ...] = (
+        common_options,
+        profile_option,
+        mount_option,
+        click.option(
+            "--timeout", type=float, metavar="S", help="Give up, and stop the mount, after so long."
+        ),
+    )
+    return functools.reduce(lambda made, option: option(made), options, function)
 
-    All verbs take --mount URL, --profile FILE and --site; --mount sim is a simulated mount for practice.
-    Ctrl-C stops the mount first.
+
+def resolve(context: CommandContext, options: dict[str, Any], needs_site: bool = True) -> MountCall:
+    """Return which mount a verb is for. Raises BadInputError; no socket is opened."""
+    url = options["mount_url"] or context.settings.mount.url
+    address = mount_address(url)
+    if address is not None and context.clock_option is not None:
+        raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
+    timeout_s = options["timeout"]
+    if timeout_s is not None and not (math.isfinite(timeout_s) and timeout_s > 0.0):
+        raise BadInputError(f"--timeout {timeout_s:g}: give seconds, above 0")
+    described = context.profile(options["profile"], url)
+    site = context.site() if context.has_site() or (needs_site and address is not None) else None
+    if site is None and address is None:
+        site = practice.SITE.place()
+    if site is not None and address is not None:
+        address = address.seen_from(site)
+    return MountCall(context, address, described, site, context.clock(), timeout_s)
+
+
+class VerbResult(msgspec.Struct, frozen=True):
+    """What came of a verb, as scripts read it."""
+
+    request: dict[str, Any]
+    state: str
+    acknowledged: bool
+    reason: str | None
+    ended_by: str
+    mount_stopped: bool | None
+    """Whether the mount was told to stop at the end and seen at rest; null where it was not told to."""
+    hour_angle_deg: float | None
+    mount: str
+    status: Status | None
+    readings: Readings
+    link: LinkView
+    clock_offset_s: float | None
+    stranger_hosts: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+@dataclass(slots=True)
+class OperationProgress:
+    """A line about an operation that renews itself, on a terminal only, and never waited for."""
+
+    operation: ManualOperation
+    _shown: bool = False
+
+    def show(self, now_utc_s: float) -> None:
+        """Renew it."""
+        if not sys.stderr.isatty():
+            return
+        _, writable, _ = select.select([], [sys.stderr], [], 0.0)
+        if writable:
+            self._shown = True
+            words = pointing_text(view_of(self.operation.console, now_utc_s))
+            renew(f"{self.operation.doing}: {words}")
+
+    def wipe(self) -> None:
+        """Take the line away."""
+        if self._shown:
+            renew()
+
+
+def perform(call: MountCall, procedure: Procedure, asked: dict[str, Any], words: str) -> int:
+    """Carry a procedure out and tell what came of it; `words` say what was asked.
+
+    Raises the SattrackError whose exit code the verb ends with, else returns 0.
     """
+    with call.connected() as connection:
+        operation = ManualOperation(call.console(), procedure, connection.now_utc_s(), call.timeout_s)
+        progress = OperationProgress(operation)
+        attend(operation, connection, progress.show)
+        progress.wipe()
+        never_heard = operation.console.sample is None
+        advice = call.silence(connection, sent=True) if never_heard else operation.console.way_trouble
+        view = view_of(operation.console, connection.now_utc_s())
+    outcome = operation.outcome
+    assert outcome is not None
+    if call.context.json:
+        ending = (operation.ended_by or "error", operation.mount_stopped)
+        tell_result(asked, outcome, ending, view)
+    failed = failure(operation, outcome, words, advice)
+    if failed is not None:
+        raise failed
+    if not call.context.json:
+        how = outcome.state.value + (", acknowledged" if outcome.acknowledged else "")
+        click.echo(f"{words}: {how}" + (f" ({outcome.reason})" if outcome.reason else ""))
+        click.echo(pointing_text(view))
+        for warning in view.warnings:
+            tell(warning)
+    return 0
+
+
+def tell_result(
+    asked: dict[str, Any], outcome: Outcome, ending: tuple[str, bool | None], view: ConsoleView
+) -> None:
+    """Write the document of a verb; `ending` is what ended it, and whether the mount was stopped then."""
+    ended_by, mount_stopped = ending
+    result = VerbResult(
+        request=asked,
+        state=outcome.state.value,
+        acknowledged=outcome.acknowledged,
+        reason=outcome.reason,
+        ended_by=ended_by,
+        mount_stopped=mount_stopped,
+        hour_angle_deg=view.hour_angle_deg,
+        mount=view.mount,
+        status=view.status,
+        readings=view.readings,
+        link=view.link,
+        clock_offset_s=view.clock_offset_s,
+        stranger_hosts=view.stranger_hosts,
+        warnings=view.warnings,
+    )
+    click.echo(msgspec.json.encode(result).decode())
+
+
+def failure(
+    operation: ManualOperation, outcome: Outcome, words: str, advice: str | None
+) -> SattrackError | None:
+    """Return the error that a verb ends with, its class by the exit code; None where it was done."""
+    why = operation.ended_by or "error"
+    if why == "done" and outcome.state in DONE:
+        return None
+    message = f"{words}: {outcome.reason or outcome.state.value}"
+    if advice is not None:
+        message += f"; {advice}"
+    if operation.mount_stopped:
+        message += "; the mount was stopped and seen at rest"
+    elif operation.mount_stopped is False:
+        message += "; THE MOUNT DID NOT CONFIRM THE STOP: stop it by its own console"
+    elif not operation.begun:
+        message += "; nothing was asked of the mount"
+    by_safety = outcome.refusal is not None and outcome.refusal.by_safety
+    if why.startswith("limit:") or (why in ("refused", "done") and by_safety):
+        return SafetyLimitError(message)
+    kinds: dict[str, type[SattrackError]] = {"link": LinkLostError, "operator": InterruptedRunError}
+    return kinds.get(why, SattrackError)(message)
+
+
+LONGEST_MOVE_S = 600.0
+_NEGATIVE = re.compile(r"-[0-9.]")
+PATIENCE_S = 3.0
+
+
+@click.command("move")
+@click.option("--ra-rate", type=float, metavar="DEG_S", help="Rate of right ascension; positive goes east.")
+@click.option("--dec-rate", type=float, metavar="DEG_S", help="Rate of declination; positive goes north.")
+@click.option(
+    "--seconds", type=float, required=True, metavar="S", help=f"How long; {LONGEST_MOVE_S:g} at most."
+)
+@mount_options
+def move(
+    context: CommandContext, ra_rate: float | None, dec_rate: float | None, seconds: float, **options: Any
+) -> int:
+    """Move at rates against the stars for some seconds, then track.
+
+    Rates are those at which the reported right ascension and declination change, in degrees of the axis a
+    second: 0 stays with the stars, positive goes east (right ascension grows) and north. An axis without a
+    rate is left alone. Which way the motors must turn for that, the mount's profile says.
+    """
+    if not 0.0 < seconds <= LONGEST_MOVE_S:
+        raise BadInputError(f"--seconds {seconds:g}: give seconds, above 0 and {LONGEST_MOVE_S:g} at most")
+    call = resolve(context, options)
+    request = MoveAxis(ra_rate, dec_rate)
+    call.check(request)
+    asked = {"type": "move", "ra_rate_deg_s": ra_rate, "dec_rate_deg_s": dec_rate, "seconds": seconds}
+    words = f"{request_words(request)} for {seconds:g} s"
+    return perform(call, MoveFor(request, seconds), asked, words)
+
+
+@click.command("pulse")
+@click.option("--ra", "ra_ms", type=int, default=0, metavar="MS", help="Milliseconds; negative is east.")
+@click.option("--dec", "dec_ms", type=int, default=0, metavar="MS", help="Milliseconds; negative is south.")
+@mount_options
+def pulse(context: CommandContext, ra_ms: int, dec_ms: int, **options: Any) -> int:
+    """Move at the mount's guide rate for some milliseconds on either axis, and see it end."""
+    call = resolve(context, options, needs_site=False)
+    request = PulseGuide(ra_ms, dec_ms)
+    call.check(request)
+    asked = {"type": "pulse", "ra_ms": ra_ms, "dec_ms": dec_ms}
+    return perform(call, procedure_for(request, call.described.mount), asked, request_words(request))
+
+
+@click.command("fine-rate")
+@click.option(
+    "--ra", "ra_deg_s", type=float, default=0.0, metavar="DEG_S", help="Added to tracking, westward."
+)
+@click.option("--dec", "dec_deg_s", type=float, default=0.0, metavar="DEG_S", help="Positive goes north.")
+@mount_options
+def fine_rate(context: CommandContext, ra_deg_s: float, dec_deg_s: float, **options: Any) -> int:
+    """Adjust the tracking by small rates; without any, take adjustments back.
+
+    The rates hold until another program sends to the mount: every datagram says them anew, and the other
+    verbs say zero. The protocol gives them no sign and no acknowledgement.
+    """
+    call = resolve(context, options, needs_site=False)
+    request = FineRate(ra_deg_s, dec_deg_s)
+    call.check(request)
+    asked = {"type": "fine_rate", "ra_deg_s": ra_deg_s, "dec_deg_s": dec_deg_s}
+    return perform(call, procedure_for(request, call.described.mount), asked, request_words(request))
+
+
+class DirectionCommand(click.Command):
+    """A command whose arguments may be negative numbers, which are no options then."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Write the minus of an argument in a way that no option begins with."""
+        takes_value = {
+            name
+            for param in self.params
+            if isinstance(param, click.Option) and not param.is_flag
+            for name in param.opts
+        }
+        before = ["", *args]
+        marked = [
+            MINUS + text[1:] if _NEGATIVE.match(text) and last not in takes_value else text
+            for text, last in zip(args, before, strict=False)
+        ]
+        return super().parse_args(ctx, marked)
+
+
+@click.command("slew", cls=DirectionCommand, epilog=f"RA: {RA_FORMS}. DEC: {DEC_FORMS}.")
+@click.argument("ra")
+@click.argument("dec")
+@mount_options
+def slew(context: CommandContext, ra: str, dec: str, **options: Any) -> int:
+    """Go to RA and DEC, of date as the mount reports them, and track there. Ends when the mount stands."""
+    return _point(context, Slew(parse_ra(ra), parse_dec(dec)), options)
+
+
+@click.command("sync", cls=DirectionCommand, epilog=f"RA: {RA_FORMS}. DEC: {DEC_FORMS}.")
+@click.argument("ra")
+@click.argument("dec")
+@mount_options
+def sync(context: CommandContext, ra: str, dec: str, **options: Any) -> int:
+    """Make the mount report RA and DEC, of date, for where it points. Refused while it moves."""
+    return _point(context, Sync(parse_ra(ra), parse_dec(dec)), options)
+
+
+def _point(context: CommandContext, request: Slew | Sync, options: dict[str, Any]) -> int:
+    call = resolve(context, options)
+    call.check(request)
+    kind = "slew" if isinstance(request, Slew) else "sync"
+    asked = {"type": kind, "ra_deg": request.ra_deg, "dec_deg": request.dec_deg}
+    return perform(call, procedure_for(request, call.described.mount), asked, request_words(request))
+
+
+@click.command("abort")
+@mount_options
+def abort(context: CommandContext, **options: Any) -> int:
+    """Stop both axes at once, and see them at rest; the drives stay on. A silent mount is sent it, too.
+
+    A session that owns the mount stops it and ends, as by `sattrack stop`; then it is sent once more.
+    """
+    call = resolve(context, options, needs_site=False)
+    owner = None if call.address is None else owner_of(call.address.name)
+    if owner is not None and call.address is not None:
+        stopped = stop_session(owner, lambda: None)
+        tell(f"stopping it through its session, {owner}" if stopped is None else stopped.words)
+        if stopped is not None and (error := stopped.error()) is not None:
+            raise error
+        wait_until_free(call.address, lambda: None)
+    if call.address is not None:
+        call = replace(call, address=call.address.to_stop())
+    return perform(call, procedure_for(Abort(), call.described.mount), {"type": "abort"}, "abort")
+
+
+@click.command("park")
+@click.option("--drives-on", is_flag=True, help="Rest at the park position, the drives' power left on.")
+@mount_options
+def park(context: CommandContext, drives_on: bool, **options: Any) -> int:
+    """Slew to the profile's park position, stop there, see the mount at rest, cut the drives' power.
+
+    The protocol has no acknowledgement for parking: it ends as "sent, unconfirmed" unless the mount says that
+    it is at park. There is no unpark: the mount's own window gives the power back.
+    """
+    if not drives_on:
+        return _ask(context, "park", Park(), options)
+    call = resolve(context, options)
+    call.check(Park())
+    asked = {"type": "park", "drives_on": True}
+    return perform(call, ParkThere(call.described.mount, power_off=False), asked, "rest at the park position")
+
+
+@click.command("home")
+@mount_options
+def home(context: CommandContext, **options: Any) -> int:
+    """Go to the home position and watch the way there.
+
+    The protocol has no acknowledgement for it: it ends as "sent, unconfirmed" unless the mount says that it
+    is at home.
+    """
+    return _ask(context, "home", FindHome(), options)
+
+
+def _ask(context: CommandContext, name: str, request: Request, options: dict[str, Any]) -> int:
+    call = resolve(context, options)
+    call.check(request)
+    return perform(call, procedure_for(request, call.described.mount), {"type": name}, name)
+
+
+@click.command("status")
+@mount_options
+def status(context: CommandContext, **options: Any) -> int:
+    """Tell all that the mount says, once, with units; how well it is heard; and what its clock is off by.
+
+    Nothing is sent, so that what drives the mount is not disturbed. A mount that a session on this
+    machine owns is shown as that session hears it. Only a mount on this machine that nobody owns, which is
+    a simulated one, is sent datagrams without a command where it keeps silent.
+    """
+    call = resolve(context, options, needs_site=False)
+    owner = None if call.address is None else owner_of(call.address.name)
+    if owner is not None:
+        tell(f"as its owner hears it: {owner}")
+    with call.connected(own=False) as connection:
+        local = owner is None and connection.link.address.host.startswith("127.")
+        began_utc_s = connection.now_utc_s()
+        look = Look(call.console(), began_utc_s, call.timeout_s or PATIENCE_S, knock=local)
+        interrupted = attend(look, connection, lambda _: None)
+        view = view_of(look.console, connection.now_utc_s())
+        silent = view.status is None
+        advice = call.silence(connection, sent=local) if silent and not interrupted else ""
+        groups = [] if connection.telescope is None else [_telescope(connection.telescope)]
+    if interrupted:
+        raise InterruptedRunError("interrupted; nothing was asked of the mount")
+    words = _silence_words(call, view, advice)
+    if context.json:
+        state = TicketState.FAILED if silent else TicketState.COMPLETE
+        outcome = Outcome(state, False, words if silent else None)
+        tell_result({"type": "status"}, outcome, ("link" if silent else "done", None), view)
+    elif not silent:
+        click.echo(status_text(view, *groups))
+    if silent:
+        raise LinkLostError(words)
+    return 0
+
+
+def _telescope(facts: DeviceFacts) -> Group:
+    """Return what an Alpaca telescope is, and can do."""
+    modes = {1: "polar", 2: "German", None: "not told, taken for an equatorial one"}
+    return Group(
+        "telescope",
+        (
+            StatusLine("name", facts.name),
+            StatusLine("interface", f"ITelescopeV{facts.interface_version}"),
+            StatusLine("alignment", modes.get(facts.alignment_mode, str(facts.alignment_mode))),
+            StatusLine("coordinates", "J2000" if facts.equatorial_system == J2000_SYSTEM else "of date"),
+            *(
+                StatusLine(name, ", ".join(f"{one.low_deg_s:g} to {one.high_deg_s:g} °/s" for one in spans))
+                for name, spans in (
+                    ("turns HA at", facts.primary_rates),
+                    ("turns Dec at", facts.secondary_rates),
+                )
+            ),
+            StatusLine("sets tracking", yes(facts.can_set_tracking)),
+            StatusLine("slews", yes(facts.can_slew)),
+            StatusLine("syncs", yes(facts.can_sync)),
+            StatusLine("guides", yes(facts.can_pulse_guide)),
+        ),
+    )
+
+
+def _silence_words(call: MountCall, view: ConsoleView, advice: str) -> str:
+    """Return that a mount was not heard, what came in its stead, and what to check."""
+    counted = [
+        f"{count} {what}"
+        for count, what in (
+            (view.link.rejected, "datagrams came that are no status"),
+            (view.link.strangers, f"came from other hosts: {', '.join(view.stranger_hosts)}"),
+        )
+        if count
+    ]
+    heard = f" ({', '.join(counted)})" if counted else ""
+    return f"no status from {call.name} within {call.timeout_s or PATIENCE_S:g} s{heard}; {advice}"
+
+
+@click.command("watch")
+@click.option("--stream", is_flag=True, help="No screen: views as JSON lines on standard output.")
+@click.option(
+    "--control", is_flag=True, help="With --stream: orders as JSON lines on standard input; its end leaves."
+)
+@click.option("--park", is_flag=True, help="Park at once, as the key p does; SPACE stops it.")
+@screen_options
+@mount_options
+def watch(context: CommandContext, stream: bool, control: bool, park: bool, **options: Any) -> int:
+    """Operate a mount by hand, full screen: every field of its status live; jog, slew, sync, park, stop.
+
+    SPACE stops the mount, everywhere. A jog ends by itself when its key is let go. Beside a session that owns
+    the mount, it looks on.
+    """
+    call = resolve(context, options)
+    if call.clock.speed != 1.0:
+        raise BadInputError("--clock: a person jogs in real time; leave its speed out")
+    if control and not stream:
+        raise BadInputError("--control goes with --stream")
+    if call.timeout_s is not None:
+        raise BadInputError("--timeout: a console lasts until it is left")
+    if park and stream:
+        raise BadInputError("--park goes with the screen; `sattrack mount park` parks without one")
+    if stream and sys.stdout.isatty():
+        # A terminal that is held, by Ctrl-S or a full line, would hold up the loop that ends jogs.
+        raise BadInputError("--stream is for programs, not for a terminal; leave it out, or pipe it on")
+    if stream:
+        return _stream(call, control)
+    if importlib.util.find_spec("textual") is None:
+        raise SattrackError("the screen needs textual: pip install 'sattrack[tui]'")
+    if not tui_possible():
+        raise BadInputError(
+            f"watch needs {needed_terminal()}; `sattrack mount status` is one look, --stream is for programs"
+        )
+    from sattrack.tui.launch import watch_with_tui
+
+    called = [word for word in sys.argv[1:] if word != "--park"]
+    command = [*self_command(), *called, "--stream", "--control"]
+    look = appearance(context, options["theme"], options["plain"])
+    return watch_with_tui(command, first=Park() if park else None, appearance=look)
+
+
+def _stop(owner: Owner) -> None:
+    """Have the session that owns the mount stop it; where it does not answer, its silence shows."""
+    with contextlib.suppress(SattrackError):
+        stop_session(owner, lambda: None)
+
+
+class _NoOrders(OrderInbox):
+    """Nobody's orders."""
+
+    def __init__(self) -> None:
+        self.ignored = 0
+
+    def orders(self) -> tuple[()]:
+        """Return none."""
+        return ()
+
+
+def _stream(call: MountCall, control: bool) -> int:
+    lines = JsonLines()
+    inbox = OrderInbox() if control else _NoOrders()
+    owner = None if call.address is None else owner_of(call.address.name)
+    with call.connected(own=owner is None) as connection:
+        console_session = ConsoleSession(
+            call.console(), connection.now_utc_s(), None if owner is None else str(owner)
+        )
+        attend_console_session(
+            console_session,
+            connection,
+            inbox,
+            lambda now_utc_s: lines.write(console_session.view(now_utc_s)),
+            None if owner is None else partial(_stop, owner),
+        )
+    if inbox.ignored:
+        tell(f"{inbox.ignored} control lines were no orders")
+    if console_session.mount_stopped is False:
+        raise SattrackError("THE MOUNT DID NOT CONFIRM THE STOP: stop it by its own console")
+    if console_session.mount_stopped:
+        tell("the mount was stopped and seen at rest")
+    return 0

@@ -22,7 +22,7 @@ from tle.instants import DAY_S, Utc
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from sattrack.cli.passes_rows import PassTable
+    from sattrack.cli.passes_output import PassTable
     from tle.elements import Elements
     from tle.passes import CataloguePasses, Horizon
 
@@ -92,7 +92,7 @@ def command(context: CommandContext, satellites: tuple[str, ...], **options: Any
     table = _table(passes, known, separations, options).sorted(options["sort"])
     table = _judged(context, table, options)
     if options["plot"]:
-        from sattrack.cli.passes_plot import plot_passes
+        from sattrack.cli.passes_output import plot_passes
 
         plot_passes(options["plot"], table)
     _show_passes(table, context.json, options)
@@ -100,14 +100,14 @@ def command(context: CommandContext, satellites: tuple[str, ...], **options: Any
 
 
 def _show_passes(table: PassTable, as_json: bool, options: dict[str, Any]) -> None:
-    from sattrack.cli.passes_rows import table_lines, write_csv, write_json
+    from sattrack.cli.passes_output import table_lines, write_csv, write_json
 
     if as_json:
         write_json(table, sys.stdout.write)
     elif options["as_csv"]:
         write_csv(table, sys.stdout.write)
     elif options["as_ics"]:
-        from sattrack.cli.passes_calendar import passes_calendar
+        from sattrack.cli.passes_output import passes_calendar
 
         sys.stdout.write(passes_calendar(table).decode())
     elif len(table):
@@ -224,7 +224,7 @@ def _table(
     passes: CataloguePasses, known: dict[int, float], separations: bool, options: dict[str, Any]
 ) -> PassTable:
     """Return the passes with their facts that all filters let through."""
-    from sattrack.cli.passes_rows import PassTable
+    from sattrack.cli.passes_output import PassTable
     from tle.facts import fact_columns, sun_altitudes_deg
 
     index = np.arange(len(passes))
@@ -248,7 +248,7 @@ def _judged(context: CommandContext, table: PassTable, options: dict[str, Any]) 
     """Return the rows with a verdict by the mount's limits where one was asked for, else as they are."""
     if not (options["feasible"] or options["judged"]):
         return table
-    from sattrack.cli.passes_rows import judged_table
+    from sattrack.cli.passes_output import judged_table
 
     profile = context.profile(options["profile"]).mount
     judged = judged_table(table, profile, context.settings.safety.limits())

@@ -1,4 +1,4 @@
-"""`sattrack rehearse`: the coming pass run against the mount's limits beforehand."""
+"""`sattrack rehearse`: the coming pass run against the mount's limits beforehand, as text or a picture."""
 
 from __future__ import annotations
 
@@ -8,16 +8,29 @@ from typing import TYPE_CHECKING, Any
 
 import click
 import msgspec
+import numpy as np
 
 from sattrack.cli.common import CommandContext, common_options, profile_option, show, table, tell
 from sattrack.core.errors import BadInputError
+from sattrack.recording.plots import INK, PALE, label_times, new_figure, save, sky_axes, times
 from sattrack.runtime.facts import REFRACTION_MODES
 from tle.errors import printable
+from tle.instants import Utc
 
 if TYPE_CHECKING:
+    from datetime import datetime
+
+    from numpy.typing import NDArray
+
+    from sattrack.runtime.rehearse import Rehearsal
+
+    Array = NDArray[np.float64]
     from rich.table import Table
 
     from sattrack.planning.rehearsal import CutMoment, RehearsalReport
+
+GOOD, BAD, SUN, MOON = "#1f77b4", "#d1495b", "#edae49", "#7d7d8a"
+
 
 NO_GO = 1
 """The exit code of a pass that is not worth beginning: it could not be done."""
@@ -91,8 +104,6 @@ def command(context: CommandContext, satellite: str, number: int, **options: Any
     error_s = clock.estimated_error_s if clock is not None and clock.synchronised else None
     rehearsal = rehearse(prepared, error_s, fov_deg)
     if plot is not None:
-        from sattrack.cli.rehearse_plot import plot_rehearsal
-
         plot_rehearsal(plot, rehearsal)
     if context.json:
         click.echo(msgspec.json.encode(rehearsal.report).decode())
@@ -239,3 +250,246 @@ def _budget(report: RehearsalReport) -> list[str | Table]:
     sums = (f"{budget.along_arcsec:.2f}", f"{budget.across_arcsec:.2f}")
     parts.add_row("all", *sums, words, style="bold")
     return ["", parts]
+
+
+LABELS_APART_DEG = 11.0
+NEARLY_S = 5.0
+
+
+COLOURS = {
+    "keyhole": "#d1495b",
+    "rate": "#e07a1f",
+    "acceleration": "#b5651d",
+    "altitude": "#6a4c93",
+    "hour_angle": "#8338ec",
+    "sun": "#edae49",
+    "approach": "#2a9d8f",
+    "acquisition": "#2a9d8f",
+}
+
+
+def plot_rehearsal(path: Path, rehearsal: Rehearsal) -> None:
+    """Draw a rehearsal; raises BadInputError where that cannot be."""
+    report = rehearsal.report
+    figure = new_figure(13.0, 8.0)
+    grid = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.25), height_ratios=(1.0, 1.0, 0.9))
+    _draw_sky(figure.add_subplot(grid[:2, 0], projection="polar"), rehearsal)
+    _draw_error(figure.add_subplot(grid[2, 0]), rehearsal)
+    rates = figure.add_subplot(grid[0, 1])
+    _draw_rates(rates, rehearsal)
+    _draw_run(figure.add_subplot(grid[1, 1], sharex=rates), rehearsal)
+    _draw_cut(figure.add_subplot(grid[2, 1], sharex=rates), rehearsal)
+    figure.suptitle(
+        f"{report.name}, {report.start_utc[:10]} {report.start_utc[11:19]} to {report.end_utc[11:19]} UTC\n"
+        f"{report.verdict}",
+        color="#2a7f4f" if report.go else BAD,
+        fontsize="medium",
+        fontweight="bold",
+    )
+    save(figure, path)
+
+
+def _stretches(rehearsal: Rehearsal) -> list[tuple[float, float, str]]:
+    return [
+        (float(Utc.parse(lost.from_utc).unix_s), float(Utc.parse(lost.to_utc).unix_s), lost.limit)
+        for lost in rehearsal.report.lost
+    ]
+
+
+def _draw_sky(sky: Any, rehearsal: Rehearsal) -> None:
+    path = rehearsal.path
+    sky_axes(sky)
+    azimuths = np.linspace(0.0, 360.0, 721)
+    floor = np.clip(rehearsal.skyline_deg(azimuths), 0.0, 90.0)
+    sky.fill_between(np.radians(azimuths), 90.0 - floor, 90.0, color="0.86", linewidth=0.0)
+    angle, radius = np.radians(path.az_deg), 90.0 - path.alt_deg
+    sky.plot(angle, radius, color=GOOD, linewidth=2.5, solid_capstyle="round", label="followed")
+    labelled: set[str] = set()
+    for begin, end, limit in _stretches(rehearsal):
+        part = (path.utc_s >= begin - 0.5) & (path.utc_s <= end + 0.5)
+        label = None if limit in labelled else f"lost: {limit.replace('_', ' ')}"
+        labelled.add(limit)
+        sky.plot(angle[part], radius[part], color=COLOURS.get(limit, BAD), linewidth=5.0, label=label)
+    _mark_minutes(sky, rehearsal)
+    pole = abs(rehearsal.ability.latitude_deg)
+    azimuth = 0.0 if rehearsal.ability.latitude_deg >= 0.0 else np.pi
+    sky.plot([azimuth], [90.0 - pole], "+", color=INK, markersize=11, markeredgewidth=1.5, label="pole")
+    for name, colour, place in rehearsal.bodies():
+        if place[0] > 0.0:
+            sky.plot(
+                [np.radians(place[1])],
+                [90.0 - place[0]],
+                "o",
+                color=colour,
+                markersize=13,
+                markeredgecolor=INK,
+                label=name,
+            )
+            if name == "Sun":
+                _draw_cone(sky, place, rehearsal.sun_cone_deg)
+    sky.legend(loc="upper left", bbox_to_anchor=(-0.12, 1.08), fontsize="small", frameon=False)
+    sky.set_title("the sky from below", color=PALE, fontsize="small", y=-0.13)
+
+
+def _draw_cone(sky: Any, place: tuple[float, float], cone_deg: float) -> None:
+    """Draw the ring of so many degrees about a place of altitude and azimuth."""
+    if not cone_deg > 0.0:
+        return
+    alt, az, cone = np.radians(place[0]), np.radians(place[1]), np.radians(cone_deg)
+    round_ = np.linspace(0.0, 2.0 * np.pi, 181)
+    sine = np.sin(alt) * np.cos(cone) + np.cos(alt) * np.sin(cone) * np.cos(round_)
+    ring = np.arcsin(np.clip(sine, -1.0, 1.0))
+    east = np.sin(round_) * np.sin(cone) * np.cos(alt)
+    azimuths = az + np.arctan2(east, np.cos(cone) - np.sin(alt) * np.sin(ring))
+    sky.plot(azimuths, 90.0 - np.degrees(ring), color=SUN, linewidth=1.5, linestyle="--")
+
+
+def _mark_minutes(sky: Any, rehearsal: Rehearsal) -> None:
+    path = rehearsal.path
+    whole_s = float(path.utc_s[-1] - path.utc_s[0])
+    step = 60.0 * max(1, round(whole_s / 60.0 / 8.0))
+    first = np.ceil(path.utc_s[0] / 60.0) * 60.0
+    labelled: list[Any] = []
+    for at in np.arange(first, path.utc_s[-1], step):
+        i = int(np.searchsorted(path.utc_s, at))
+        angle, radius = np.radians(path.az_deg[i]), 90.0 - path.alt_deg[i]
+        here = np.array([radius * np.cos(angle), radius * np.sin(angle)])
+        if any(float(np.hypot(*(here - other))) < LABELS_APART_DEG for other in labelled):
+            continue
+        labelled.append(here)
+        sky.plot([angle], [radius], "o", color="white", markersize=5, markeredgecolor=INK, zorder=5)
+        sky.annotate(
+            Utc(float(at)).isoformat("seconds")[11:16],
+            (angle, radius),
+            xytext=(6, 5),
+            textcoords="offset points",
+            fontsize="x-small",
+            color=INK,
+        )
+
+
+def _shade(axes: Any, rehearsal: Rehearsal) -> None:
+    for begin, end, limit in _stretches(rehearsal):
+        low, high = times(np.array([begin, end]))
+        axes.axvspan(low, high, color=COLOURS.get(limit, BAD), alpha=0.18, linewidth=0.0)
+
+
+def _tidy(axes: Any) -> None:
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    axes.grid(color="0.92")
+
+
+def _draw_rates(axes: Any, rehearsal: Rehearsal) -> None:
+    path, profile = rehearsal.path, rehearsal.ability.profile
+    at = times(path.utc_s)
+    limits = profile.ra.max_rate_deg_s, profile.dec.max_rate_deg_s
+    same = limits[0] == limits[1]
+    for name, rate, limit, colour in (
+        ("hour angle", path.hour_angle_rate_deg_s, limits[0], GOOD),
+        ("declination", path.dec_rate_deg_s, limits[1], "#2a9d8f"),
+    ):
+        axes.plot(at, np.abs(rate), color=colour, linewidth=1.8, label=f"{name} asked")
+        if not same:
+            axes.axhline(limit, color=colour, linestyle=(0, (4, 3)), linewidth=1.2, label=f"{name} limit")
+    if same:
+        axes.axhline(limits[0], color=BAD, linestyle=(0, (4, 3)), linewidth=1.2, label="limit of both")
+    trace = rehearsal.performance.trace
+    rows = trace.moving
+    if rows.any():
+        reached = np.where(rows, np.abs(trace.hour_angle_rate_deg_s), np.nan)
+        axes.plot(times(trace.utc_s), reached, color=INK, linewidth=0.8, label="hour angle reached")
+    axes.set_yscale("log")
+    typical = float(np.median(np.hypot(path.hour_angle_rate_deg_s, path.dec_rate_deg_s)))
+    axes.set_ylim(bottom=float(np.clip(0.1 * typical, 1e-5, 0.005)))
+    axes.set_xlim(at[0], at[-1])
+    axes.set_ylabel("rate, °/s")
+    axes.legend(fontsize="x-small", ncols=3, frameon=False, loc="upper right", bbox_to_anchor=(1.0, 1.16))
+    _shade(axes, rehearsal)
+    _tidy(axes)
+    axes.tick_params(labelbottom=False)
+
+
+def _nearly_end(rehearsal: Rehearsal) -> datetime:
+    """Return a little before the end of the pass: what ends sooner was not run to its end."""
+    return times(rehearsal.path.utc_s[-1:] - NEARLY_S)[0]
+
+
+def _draw_run(axes: Any, rehearsal: Rehearsal) -> None:
+    trace = rehearsal.performance.trace
+    error = np.where(trace.moving, np.maximum(trace.total_arcsec, 1e-3), np.nan)
+    axes.plot(times(trace.utc_s), error, color=INK, linewidth=1.0, label="error of the rehearsed run")
+    axes.axhline(
+        rehearsal.ability.tolerance_deg * 3600.0,
+        color=BAD,
+        linestyle=(0, (4, 3)),
+        linewidth=1.2,
+        label="on target below",
+    )
+    axes.set_yscale("log")
+    axes.set_ylabel("error, ″")
+    axes.legend(fontsize="x-small", ncols=2, frameon=False, loc="upper right", bbox_to_anchor=(1.0, 1.16))
+    _shade(axes, rehearsal)
+    run_until = times(trace.utc_s[-1:])
+    if run_until and rehearsal.report.ended_by == "set" and run_until[0] < _nearly_end(rehearsal):
+        axes.annotate(
+            "not run: kinematics tell of the rest",
+            (run_until[0], 0.5),
+            xycoords=("data", "axes fraction"),
+            xytext=(6, 0),
+            textcoords="offset points",
+            fontsize="small",
+            color=PALE,
+        )
+    _tidy(axes)
+    axes.tick_params(labelbottom=False)
+
+
+def _draw_cut(axes: Any, rehearsal: Rehearsal) -> None:
+    loss = rehearsal.report.link_loss
+    at = [Utc.parse(moment.utc).datetime() for moment in loss.curve]
+    seconds = [np.nan if m.seconds_to_limit is None else m.seconds_to_limit for m in loss.curve]
+    axes.plot(at, seconds, color=BAD, linewidth=1.8, label="to the first limit, rates held")
+    if loss.watchdog_s is not None:
+        rests = [np.nan if m.seconds_to_rest is None else m.seconds_to_rest for m in loss.curve]
+        axes.plot(at, rests, color="#2a9d8f", linewidth=1.5, label="to rest by the mount's watchdog")
+    finite = [s for s in seconds if np.isfinite(s)]
+    if not finite:
+        words = f"no limit is met within {loss.looked_s / 60.0:.0f} minutes"
+        axes.annotate(words, (0.5, 0.5), xycoords="axes fraction", ha="center", color=PALE)
+    axes.set_ylim(0.0, 1.15 * max(finite, default=loss.looked_s))
+    axes.set_ylabel("after a cut link, s")
+    axes.legend(fontsize="x-small", frameon=False, loc="upper right")
+    label_times(axes)
+    axes.tick_params(axis="x", labelsize="small")
+    _tidy(axes)
+
+
+def _draw_error(axes: Any, rehearsal: Rehearsal) -> None:
+    from matplotlib.patches import Circle, Ellipse
+
+    budget = rehearsal.report.budget
+    along, across = budget.along_arcsec, budget.across_arcsec
+    for sigmas, alpha in ((2.0, 0.18), (1.0, 0.35)):
+        axes.add_patch(
+            Ellipse(
+                (0.0, 0.0), 2.0 * sigmas * along, 2.0 * sigmas * across, color=GOOD, alpha=alpha, linewidth=0
+            )
+        )
+    reach = 2.3 * max(along, across)
+    if budget.fov_deg is not None:
+        half = 0.5 * budget.fov_deg * 3600.0
+        axes.add_patch(Circle((0.0, 0.0), half, fill=False, color=BAD, linewidth=1.8))
+        axes.annotate(
+            f"field of view {budget.fov_deg:g}°", (0.72 * half, 0.72 * half), fontsize="x-small", color=BAD
+        )
+        reach = max(reach, 1.15 * half)
+    axes.set_xlim(-2.4 * reach, 2.4 * reach)
+    axes.set_ylim(-reach, reach)
+    axes.set_aspect("equal", adjustable="box")
+    axes.axhline(0.0, color="0.85", linewidth=0.8)
+    axes.axvline(0.0, color="0.85", linewidth=0.8)
+    axes.set_xlabel("along the track, ″", fontsize="small")
+    axes.set_ylabel("across, ″", fontsize="small")
+    axes.set_title(f"error expected, 1σ and 2σ: {along:.0f}″ by {across:.0f}″", fontsize="small", color=INK)
+    _tidy(axes)

@@ -16,13 +16,15 @@ from sattrack.cli.common import (
     CommandContext,
     JsonLines,
     appearance,
+    can_draw_lines_anew,
     common_options,
     fov_option,
+    needed_terminal,
     renew,
     screen_options,
     tell,
+    tui_possible,
 )
-from sattrack.cli.screened import can_draw_lines_anew, needed_terminal, tui_possible
 from sattrack.core.errors import BadInputError
 from sattrack.core.process import self_command
 from sattrack.recording.format import COMMAND, VIEW

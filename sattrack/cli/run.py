@@ -61,7 +61,7 @@ def command(context: CommandContext, file: Path, **options: Any) -> int:
 
         return show_check(context, file, options)
     if options["status"]:
-        from sattrack.cli.run_told import show_status
+        from sattrack.cli.run_report import show_status
 
         if options["resume"]:
             from sattrack.cli.run_night import take_back

@@ -19,7 +19,7 @@ from sattrack.cli.run_plan import (
     why_left,
     within_half_a_turn,
 )
-from sattrack.cli.run_told import RunReporter
+from sattrack.cli.run_report import RunReporter
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError, TerminatedRunError
 from sattrack.core.process import self_command

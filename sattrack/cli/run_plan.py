@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from sattrack.cli.common import tell
-from sattrack.cli.run_told import plan_lines
+from sattrack.cli.run_report import plan_lines
 from sattrack.core.angles import altitude_deg
 from sattrack.core.errors import BadInputError
 from sattrack.mount.alpaca.link import parse_alpaca
@@ -97,7 +97,7 @@ def _situation(
 
 def _write(plan: SchedulePlan, context: CommandContext, options: dict[str, Any]) -> None:
     if options["ics"] is not None:
-        from sattrack.cli.passes_calendar import plan_calendar
+        from sattrack.cli.passes_output import plan_calendar
 
         try:
             options["ics"].write_bytes(plan_calendar(plan, context.now()))

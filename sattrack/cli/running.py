@@ -1,46 +1,57 @@
-"""What `track` and `demo` share: runs one after another, progress, the summary, the exit code."""
+"""Runs of `track` and `demo` without a screen: one after another, progress, the summary, the exit code."""
 
 from __future__ import annotations
 
 import math
 import os
+import re
 import sys
 import time
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 import msgspec
 
-from sattrack.cli.common import JsonLines, renew, tell
-from sattrack.cli.screened import can_draw_lines_anew
+from sattrack.cli.common import JsonLines, can_draw_lines_anew, renew, tell
 from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.mount.profiles import write_profile
 from sattrack.runtime.desk import ControlArbiter, SessionInbox, StdinInbox
-from sattrack.runtime.fly import fly_live
+from sattrack.runtime.fly import fly_live, fly_virtual
 from sattrack.runtime.gallery_link import ViewServerLink, open_view_server
-from sattrack.runtime.observers import Observers, check_source, open_observers
+from sattrack.runtime.mounts import is_antenna, mount_address
+from sattrack.runtime.observers import Observers, check_source, open_observers, read_all
 from sattrack.runtime.outcome import failure
+from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.runtime.signals import StopRequest, stopping
+from sattrack.views.formatting import summary_lines
 from sattrack.views.run import Summary, SummaryLine, TrackView
-from sattrack.views.summary_text import summary_lines
+from tle.elements import expected_along_arcsec
 from tle.errors import TleError
-from tle.instants import Utc
+from tle.instants import DAY_S, Utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from sattrack.cli.common import CommandContext
+    from sattrack.mount.profiles import ProfileFile
     from sattrack.runtime.facts import RunFacts
     from sattrack.runtime.prepare import Prepared
+    from sattrack.servers.antenna.antcn import AntcnRun
     from sattrack.views.run import Armed, SessionView
+    from tle.elements import Elements
+
 
 SECONDS_BETWEEN_LINES = 5.0
 OLD_AFTER_DAYS = 3.0
+OLDEST_DAYS = 14.0
 TELLING_DELAY_S = 0.0005
 IDLE_S = 0.05
 
 
 @dataclass(slots=True)
-class Progress:
+class RunProgress:
     """Tells on standard error how a run goes: a line that renews itself on a terminal, else one now and then.
 
     With `quiet_off_terminal`, nothing is shown but on a terminal.
@@ -187,7 +198,7 @@ class Public:
     """Everybody whom runs are shown to: whoever started them, and those who look on."""
 
     def __init__(
-        self, output: Progress | Stream, desk: ControlArbiter, gallery: ViewServerLink | None
+        self, output: RunProgress | Stream, desk: ControlArbiter, gallery: ViewServerLink | None
     ) -> None:
         self._output, self._desk, self._gallery = output, desk, gallery
         self._version = -1
@@ -252,7 +263,7 @@ def _write_nowhere() -> None:
 
 def fly_and_tell(
     prepared: Prepared,
-    output: Progress | Stream,
+    output: RunProgress | Stream,
     control: bool,
     deadline_s: float = float("inf"),
     observations: str | None = None,
@@ -324,3 +335,203 @@ def _left(inbox: SessionInbox) -> bool:
     """
     inbox.messages()
     return inbox.ended
+
+
+def follow(context: CommandContext, satellite: str, options: dict[str, Any]) -> int:
+    """Follow a satellite by what the command line says; return the exit code. Raises what that may."""
+    url = options["mount_url"] or context.settings.mount.url
+    _check_options(context, url, options)
+    elements, site = context.followed(satellite, url)
+    request = RunRequest(
+        satellite=satellite,
+        mount_url=url,
+        elements=elements,
+        site=site,
+        clock_option=context.clock_option,
+        min_alt_deg=context.settings.min_altitude_deg if options["min_alt"] is None else options["min_alt"],
+        refraction=options["refraction"],
+        bias_along_s=options["bias_along"],
+        bias_cross_deg=options["bias_cross"],
+        camera_rotation_deg=options["camera_rotation"],
+        fov_deg=context.settings.camera.fov_deg if options["fov_deg"] is None else options["fov_deg"],
+        virtual=options["virtual"],
+        record=options["record"],
+        profile=context.profile(options["profile"], url),
+        limits=context.settings.safety.limits(),
+        memory=options["bias_memory"],
+        between=(_utc_s(options["begin"]), _utc_s(options["end"])),
+    )
+    if is_antenna(url):
+        return follow_by_antenna(context, request, options["old_elements"])
+    observations = options["observations"]
+    prepared = prepare(request)
+    if not (prepared.practising or options["old_elements"]):
+        check_age(prepared.facts.elements, prepared.facts.plan.start_utc_s, request.fov_deg)
+    check_new_profile(options["learn_profile"], prepared.clock.speed)
+    if prepared.practising:
+        words = "no elements or site set: practising with the built-in ISS pass over Leiden"
+        tell(words)
+    for words in (*announcement(prepared.facts), *prepared.notes):
+        tell(words)
+    output = (
+        Stream(tells_session=options["scene"]) if options["stream"] else RunProgress(quiet_off_terminal=True)
+    )
+    if isinstance(output, Stream) and options["scene"]:
+        output.tell_scene(prepared.facts)
+    if request.virtual:
+        observers = None if observations is None else read_all(sys.stdin.buffer)
+        summary, interrupted = fly_virtual(prepared, output.show, observers=observers), False
+        output.end()
+        if observers is not None:
+            tell_malformed(observers)
+    else:
+        summary, interrupted = fly_and_tell(
+            prepared,
+            output,
+            options["control"],
+            observations=observations,
+            again=lambda armed, before: prepare(_next_request(request, armed, before)),
+        )
+    learn_profile(options["learn_profile"], request.profile, summary)
+    return finish(summary, interrupted, context.json or options["stream"])
+
+
+def _check_options(context: CommandContext, url: str | None, options: dict[str, Any]) -> None:
+    """Raise BadInputError for a mount that cannot be, and for options that do not go together."""
+    if is_antenna(url):
+        for name in NOT_WITH_ANTENNA:
+            if options[name] and options[name] not in {"auto", "off"}:
+                option = name.replace("_", "-")
+                raise BadInputError(f"--{option} does not go with an antenna's controller; leave it out")
+        return
+    mount_address(url)
+    check_new_profile(options["learn_profile"])
+    virtual, observations = options["virtual"], options["observations"]
+    if virtual and (options["stream"] or options["control"]):
+        raise BadInputError("--stream and --control go with real time; leave --virtual out")
+    check_observations(observations, options["control"], context.sources())
+    if virtual and observations not in {None, "stdin"}:
+        raise BadInputError(f"--observations {observations}: in virtual time they come from stdin")
+
+
+def check_age(elements: Elements, start_utc_s: float, fov_deg: float | None) -> None:
+    """Raise BadInputError where elements are too old to find the satellite with.
+
+    That is when they are more than OLDEST_DAYS off the pass, or when the error to expect along the track is
+    larger than half the camera's field of view.
+    """
+    age_days = abs(start_utc_s - float(elements.epoch.unix_s)) / DAY_S
+    what = f"the elements of {elements.label} are {age_days:.0f} days off the pass"
+    do = f"fetch new ones (`sattrack elements get {elements.catalog_number}`), or give --old-elements"
+    if age_days > OLDEST_DAYS:
+        raise BadInputError(f"{what}, {OLDEST_DAYS:g} are allowed: {do}")
+    error_deg = expected_along_arcsec(elements, Utc(start_utc_s)) / 3600.0
+    if fov_deg is not None and error_deg > fov_deg / 2.0:
+        raise BadInputError(
+            f"{what}: expect it {error_deg:.2g}° off along its track, out of a field of {fov_deg:g}°: {do}"
+        )
+
+
+def check_new_profile(target: Path | None, speed: float = 1.0) -> None:
+    """Raise BadInputError where a profile cannot be learnt, or not be written as a new file."""
+    if target is None:
+        return
+    if speed != 1.0:
+        raise BadInputError(
+            f"--learn-profile: a clock of {speed:g} times the speed makes other delays; leave one of them out"
+        )
+    if target.exists():
+        raise BadInputError(f"--learn-profile {target}: there is such a file; give a new name")
+    if not target.parent.is_dir():
+        raise BadInputError(f"--learn-profile {target}: there is no folder {target.parent}; make it first")
+
+
+def learn_profile(target: Path | None, base: ProfileFile, summary: Summary) -> None:
+    """Write what a run has learnt of its mount, where that is asked for, and tell what was done."""
+    if target is None:
+        return
+    if summary.acquired_after_s is None or summary.learnt is None:
+        tell(f"{target} was not written: the mount was never on target, and nothing was learnt")
+        return
+    from sattrack.calibration.profile import learnt_text, with_learnt
+
+    profile, learnt = with_learnt(base, summary.learnt, target.stem)
+    if not learnt:
+        tell(f"{target} was not written: the pass was too short, or too rough, to learn from")
+        return
+    check_new_profile(target)
+    write_profile(target, learnt_text(profile, learnt, base.name, f"{summary.name} on {summary.ended_utc}"))
+    tell(f"learnt, and written to {target}: {', '.join(learnt)}")
+
+
+def _utc_s(text: str | None) -> float | None:
+    return None if text is None else float(Utc.parse(text).unix_s)
+
+
+def _next_request(request: RunRequest, armed: Armed, before: Prepared) -> RunRequest:
+    """Return what is asked for by a pass that was armed: the same by the same clock, its record apart."""
+    recording = before.facts.recording
+    return replace(
+        request,
+        satellite=str(armed.catalog_number),
+        between=(None, None),
+        culminate_utc_s=armed.culminate_utc_s,
+        clock=before.clock,
+        record=None if recording is None else next_file(Path(recording)),
+    )
+
+
+def next_file(path: Path) -> Path:
+    """Return the first name like `path` that is free: pass.mcap, pass-2.mcap, pass-3.mcap."""
+    stem, number = re.sub(r"-[0-9]+$", "", path.stem), 2
+    while (other := path.with_stem(f"{stem}-{number}")).exists():
+        number += 1
+    return other
+
+
+NOT_WITH_ANTENNA = ("stream", "control", "observations", "profile", "learn_profile", "bias_memory")
+
+
+def follow_by_antenna(context: CommandContext, request: RunRequest, old_elements: bool) -> int:
+    """Follow a pass with an antenna's controller; return the exit code."""
+    from sattrack.servers.antenna.serve import parse_antenna_url
+    from sattrack.servers.antenna.track import AntennaFlight, prepare_pass
+
+    assert request.mount_url is not None
+    url = parse_antenna_url(request.mount_url)
+    ready = prepare_pass(request, url, context.settings.safety.limits())
+    plan = ready.plan
+    if not old_elements:
+        check_age(ready.propagator.elements, plan.start_utc_s, request.fov_deg)
+    start, end = (Utc(s).isoformat("seconds") for s in (plan.start_utc_s, plan.end_utc_s))
+    label = ready.propagator.elements.label
+    tell(f"{label} from {start} to {end[11:]}, {ready.max_alt_deg:.1f}° high")
+    stop, progress = StopRequest(), AntennaProgress(label)
+    flight = AntennaFlight(ready, stop, progress.show)
+    summary = flight.fly()
+    progress.end()
+    for words in flight.warnings():
+        tell(words)
+    return finish(summary, stop.asked, context.json)
+
+
+class AntennaProgress:
+    """A line that renews itself on a terminal, once a second."""
+
+    def __init__(self, label: str) -> None:
+        self._label = label
+        self._told_utc_s = float("-inf")
+
+    def show(self, run: AntcnRun, now_utc_s: float) -> None:
+        """Take one state."""
+        if not sys.stderr.isatty() or now_utc_s - self._told_utc_s < 1.0:
+            return
+        self._told_utc_s = now_utc_s
+        clock = Utc(now_utc_s).isoformat("seconds")[11:]
+        error = "" if run.error_arcsec is None else f"  error {run.error_arcsec:.1f}″"
+        renew(f"{clock}  {self._label}  {run.phase.value}{error}")
+
+    def end(self) -> None:
+        """Leave the renewed line."""
+        if sys.stderr.isatty() and self._told_utc_s > 0.0:
+            click.echo(err=True)

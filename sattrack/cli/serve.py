@@ -1,39 +1,249 @@
-"""`sattrack serve DOOR`: the mount for other people's programs."""
+"""What every `sattrack serve` that moves the mount shares, and `sattrack serve rotctld`."""
 
 from __future__ import annotations
 
-import importlib
+import ipaddress
+import queue
+import threading
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
 
-DOORS = {
-    "alpaca": "The mount as an ASCOM telescope for programs that speak Alpaca, over HTTP.",
-    "antenna": "The mount as an antenna for a VLBI Field System, on TCP or a serial line.",
-    "rotctld": "The mount as a rotator for gpredict and other clients of Hamlib, on TCP.",
-    "web": "The screen of the run that goes on, in a browser.",
-}
+from sattrack import __version__
+from sattrack.cli.common import CommandContext, JsonLines, common_options, mount_option, profile_option
+from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
+from sattrack.runtime import practice
+from sattrack.runtime.callers import CallerLimits, listen
+from sattrack.runtime.console import connected
+from sattrack.runtime.mounts import mount_address
+from sattrack.runtime.signals import StopRequest, stopping
+from sattrack.servers.antenna.protocol import log_stamp, program_line
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from sattrack.core.clock import Clock
+    from sattrack.mount.profiles import ProfileFile
+    from sattrack.runtime.callers import Networks
+    from sattrack.runtime.mounts import MountAddress
+    from tle.site import Site
 
 
-class LazyDoors(click.Group):
-    """A group that knows its doors by name and imports `sattrack.cli.serve_NAME` on first use."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        """Return the doors in the order of the table."""
-        return list(DOORS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import the door's module; None for an unknown name."""
-        if cmd_name not in DOORS:
-            return None
-        door: click.Command = importlib.import_module(f"sattrack.cli.serve_{cmd_name}").command
-        return door
-
-    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """List the doors from the table, so that help imports none of them."""
-        with formatter.section("Commands"):
-            formatter.write_dl(list(DOORS.items()))
+Command = TypeVar("Command", bound="Callable[..., Any]")
+LAST_LINES_WITHIN_S = 1.0
 
 
-@click.group("serve", cls=LazyDoors)
-def command() -> None:
-    """Make the mount available to other people's programs."""
+@dataclass(frozen=True, slots=True)
+class Served:
+    """The mount that a door leads to, where it stands, and the clock; no `address`: a simulated one."""
+
+    address: MountAddress | None
+    described: ProfileFile
+    site: Site
+    clock: Clock
+
+
+def what_is_served(
+    context: CommandContext, mount_url: str | None, profile: Path | None, lives_in_real_time: str
+) -> Served:
+    """Return what the options and the settings say of the mount behind a door.
+
+    `lives_in_real_time` names who does. A simulated mount without a site stands at the practice site. Raises
+    BadInputError.
+    """
+    url = mount_url or context.settings.mount.url
+    address = mount_address(url)
+    if address is not None and context.clock_option is not None:
+        raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
+    described = context.profile(profile, url)
+    practising = address is None and not context.has_site()
+    site = practice.SITE.place() if practising else context.site()
+    clock = context.clock()
+    if clock.speed != 1.0:
+        raise BadInputError(f"--clock: {lives_in_real_time} in real time; leave its speed out")
+    return Served(address if address is None else address.seen_from(site), described, site, clock)
+
+
+def end_of_service(mount_stopped: bool | None, stop: StopRequest) -> int:
+    """Return the exit code of a service that has ended.
+
+    Raises SattrackError where the mount did not confirm the stop, InterruptedRunError where it was
+    interrupted.
+    """
+    if mount_stopped is False:
+        raise SattrackError("THE MOUNT DID NOT CONFIRM THE STOP: stop it by hand")
+    if stop.asked:
+        ended = "the mount is stopped" if mount_stopped else "nothing was asked of the mount"
+        raise InterruptedRunError(f"interrupted; {ended}")
+    return 0
+
+
+def caller_options(port: int, idle_s: float, requests_per_s: float) -> Callable[[Command], Command]:
+    """Add the options of a door on TCP without authentication; the defaults are its own."""
+    options = (
+        click.option(
+            "--host",
+            default="127.0.0.1",
+            show_default=True,
+            help="Address to listen on. No authentication: whoever reaches it moves the mount.",
+        ),
+        click.option("--port", default=port, show_default=True, help="TCP port; 0 takes a free one."),
+        click.option(
+            "--allow",
+            multiple=True,
+            metavar="ADDRESS",
+            help="Serve this address or network alone, as 192.0.2.7 or 192.0.2.0/24; may be repeated.",
+        ),
+        click.option("--clients", default=256, show_default=True, help="How many clients at once."),
+        click.option(
+            "--idle",
+            default=idle_s,
+            show_default=True,
+            help="Seconds of silence after which a client is hung up on.",
+        ),
+        click.option(
+            "--requests",
+            default=requests_per_s,
+            show_default=True,
+            help="Requests a second of one client; the rest waits.",
+        ),
+    )
+
+    def add(function: Command) -> Command:
+        for option in reversed(options):
+            function = option(function)
+        return function
+
+    return add
+
+
+def caller_limits(options: dict[str, Any], most_clients: int) -> CallerLimits:
+    """Return what `caller_options` let callers take. Raises BadInputError."""
+    check_port(options["port"])
+    if not 1 <= options["clients"] <= most_clients:
+        raise BadInputError(f"--clients {options['clients']}: from 1 to {most_clients}")
+    for name in ("idle", "requests"):
+        if not options[name] >= 1.0:
+            raise BadInputError(f"--{name} {options[name]:g}: 1 or more")
+    allowed = _networks(options["allow"])
+    return CallerLimits(options["clients"], options["idle"], options["requests"], allowed)
+
+
+def check_port(port: int) -> None:
+    """Raise BadInputError for a number that is no port."""
+    if not 0 <= port <= 65535:
+        raise BadInputError(f"--port {port}: ports run to 65535; 0 takes a free one")
+
+
+def _networks(given: Sequence[str]) -> Networks | None:
+    """Return the addresses and networks of `--allow`; None lets everybody in. Raises BadInputError."""
+    networks = []
+    for text in given:
+        try:
+            networks.append(ipaddress.ip_network(text))
+        except ValueError as error:
+            raise BadInputError(f"--allow {text}: {error}; write 192.0.2.7 or 192.0.2.0/24") from error
+    return tuple(networks) or None
+
+
+def reached_from_outside(program: str, host: str, port: int, allowed: Networks | None) -> str | None:
+    """Return the warning that a door without authentication is open to others; None on loopback."""
+    if _is_loopback(host):
+        return None
+    words = f"WARNING: {program} has no authentication: whoever reaches {host}:{port} moves the mount"
+    if allowed is None:
+        return words + "; --allow ADDRESS names those who may"
+    return words + f", if its address is {', '.join(str(one) for one in allowed)}"
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+class Log:
+    """Lines on standard error in the Field System's style, each with its instant.
+
+    They are written by a thread of their own: a terminal that is held holds nothing else up.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._write, name="log", daemon=True)
+        self._thread.start()
+
+    def tell(self, words: str) -> None:
+        """Log one line, without waiting."""
+        self._lines.put(log_stamp(self._clock.utc_s(time.monotonic())) + words)
+
+    def close(self) -> None:
+        """Write the last lines, if that does not take long."""
+        self._lines.put(None)
+        self._thread.join(LAST_LINES_WITHIN_S)
+
+    def _write(self) -> None:
+        while (line := self._lines.get()) is not None:
+            click.echo(line, err=True)
+
+
+MOST_CLIENTS = 500
+BACKLOG = 128
+
+
+@click.command("rotctld")
+@mount_option
+@profile_option
+@caller_options(4533, idle_s=3600.0, requests_per_s=1000.0)
+@click.option(
+    "--one-commander",
+    is_flag=True,
+    help="While one client commands, refuse the others, until it hangs up, is silent for 10 s, or S is sent.",
+)
+@common_options
+def rotctld(context: CommandContext, **options: Any) -> int:
+    """Serve Hamlib's rotctld protocol on TCP, until interrupted: for gpredict, rotctl and their like.
+
+    The mount is a rotator of azimuth and elevation; successive positions are followed smoothly.
+    docs/rotctld.md tells what each command does.
+    """
+    from sattrack.servers.antenna.trajectory import SiteSky
+    from sattrack.servers.rotctld.rotator import RotatorStation
+    from sattrack.servers.rotctld.serve import PROGRAM, RotctldLoop, RotctldServer, client_maker
+
+    limits = caller_limits(options, MOST_CLIENTS)
+    served = what_is_served(context, options["mount_url"], options["profile"], "rotctld's clients live")
+    stop, log = StopRequest(), Log(served.clock)
+    with ExitStack() as closing:
+        closing.callback(log.close)
+        station = RotatorStation(
+            SiteSky(served.site),
+            served.described.mount,
+            context.settings.safety.limits(),
+            options["one_commander"],
+        )
+        listener = listen(options["host"], options["port"], BACKLOG)
+        info = f"sattrack {__version__}: {served.described.mount.name}"
+        # One list for both, so that the log tells things in the order in which they happened.
+        words = station.rotator.words
+        door = RotctldServer(listener, limits, client_maker(station.rotator, info), words=words)
+        closing.callback(door.close)
+        connection = closing.enter_context(
+            connected(served.address, served.described, served.site, served.clock)
+        )
+        closing.enter_context(stopping(stop))
+        if context.json:
+            JsonLines().write({"listening": door.port, "host": options["host"]})
+        where = f"{options['host']}:{door.port}"
+        log.tell(program_line(f"rotctld is on {where}; Ctrl-C stops the mount and ends it", PROGRAM))
+        warning = reached_from_outside(PROGRAM, options["host"], door.port, limits.allowed)
+        if warning is not None:
+            log.tell(program_line(warning, PROGRAM))
+        RotctldLoop(connection, stop, station, door, log.tell).run()
+    return end_of_service(station.mount_stopped, stop)

@@ -12,7 +12,7 @@ import msgspec
 
 from sattrack import __version__
 from sattrack.cli.common import CommandContext, JsonLines, common_options, mount_option, profile_option, tell
-from sattrack.cli.serving import (
+from sattrack.cli.serve import (
     Log,
     caller_limits,
     caller_options,
@@ -48,7 +48,7 @@ from sattrack.settings import SiteSettings
 if TYPE_CHECKING:
     import socket
 
-    from sattrack.cli.serving import Served
+    from sattrack.cli.serve import Served
     from sattrack.mount.alpaca.device import DeviceFacts, RateSpan
     from sattrack.mount.model import MountProfile
     from sattrack.mount.profiles import ProfileFile

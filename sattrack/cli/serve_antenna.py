@@ -19,9 +19,9 @@ from sattrack.cli.common import (
     mount_option,
     profile_option,
     screen_options,
+    tui_possible,
 )
-from sattrack.cli.screened import tui_possible
-from sattrack.cli.serving import Log, check_port, end_of_service, what_is_served
+from sattrack.cli.serve import Log, check_port, end_of_service, what_is_served
 from sattrack.core.errors import BadInputError
 from sattrack.core.process import self_command
 from sattrack.runtime.callers import CallerLimits, listen

@@ -1,7 +1,9 @@
-"""`sattrack sim`: the simulated mount alone, on UDP."""
+"""`sattrack sim`: a simulated mount alone, on UDP, or with --alpaca an ASCOM telescope over HTTP."""
 
 from __future__ import annotations
 
+import asyncio
+import contextlib
 import signal
 from functools import partial
 from pathlib import Path
@@ -12,7 +14,9 @@ import msgspec
 
 from sattrack.cli.common import CommandContext, JsonLines, common_options
 from sattrack.core.clock import SimulatedClock
-from sattrack.core.errors import BadInputError
+from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.toml_text import read_toml
+from sattrack.mount.alpaca.link import DEFAULT_PORT as ALPACA_PORT
 from sattrack.mount.profiles import ProfileFile, load_profile_file
 from sattrack.mount.simulator.installation import GRAMMAR, parse_faults, simulator_profile
 from sattrack.mount.simulator.mount import SimulatedSite
@@ -21,7 +25,9 @@ from sattrack.mount.xerxes.client import DEFAULT_PORT
 from sattrack.runtime import practice
 
 if TYPE_CHECKING:
+    from sattrack.mount.simulator.alpaca_telescope import TelescopeSettings
     from sattrack.mount.simulator.mount import Truth
+
 
 FAULTS_HELP = "\n".join(
     (
@@ -35,7 +41,8 @@ FAULTS_HELP = "\n".join(
 @click.option(
     "--port",
     type=int,
-    help=f"UDP port for commands, {DEFAULT_PORT} by default (with --alpaca TCP, 11111); 0 takes a free one.",
+    help=f"UDP port for commands, {DEFAULT_PORT} by default (with --alpaca TCP, {ALPACA_PORT}); "
+    "0 takes a free one.",
 )
 @click.option(
     "--peer", type=int, metavar="PORT", help="Port to send statuses to; default: where commands come from."
@@ -76,7 +83,7 @@ def command(
         if number is not None and not 0 <= number <= 65535:
             raise BadInputError(f"port {number}: ports run to 65535; 0 takes a free one")
     if alpaca:
-        from sattrack.cli.sim_alpaca import simulate
+        from sattrack.cli.sim import simulate
 
         if not (peer is None and profile is None and faults is None and seed is None):
             raise BadInputError("--alpaca: --telescope FILE says what telescope it is; leave the others out")
@@ -132,3 +139,64 @@ def _silent(_: Truth) -> None:
 
 def _tell(lines: JsonLines, truth: Truth) -> None:
     lines.write(msgspec.structs.asdict(truth))
+
+
+def simulate(context: CommandContext, port: int | None, telescope: Path | None) -> int:
+    """Serve a simulated telescope until interrupted; return the exit code.
+
+    It stands at the site of the options or the settings, else where the practice pass is seen. Raises
+    BadInputError, naming file, line and key, SattrackError where the port is in use.
+    """
+    if context.clock_option is not None:
+        raise BadInputError(
+            "--clock does not go with --alpaca: what drives the telescope follows the real sky"
+        )
+    from sattrack.mount.simulator.alpaca_telescope import TelescopeSettings
+
+    settings = TelescopeSettings()
+    if telescope is not None:
+        settings = read_toml(telescope, TelescopeSettings, "the simulated telescope")
+    if telescope is None or context.has_site():
+        site = context.site() if context.has_site() else practice.SITE.place()
+        settings = msgspec.structs.replace(
+            settings,
+            latitude_deg=site.latitude_deg,
+            longitude_deg=site.longitude_deg,
+            height_m=site.height_m,
+        )
+    port = ALPACA_PORT if port is None else port
+    try:
+        ended = asyncio.run(_until_told(settings, port, context.json))
+    except OSError as error:
+        raise SattrackError(f"TCP port {port} is not available: {error.strerror}") from error
+    return 130 if ended == signal.SIGINT else 0
+
+
+async def _until_told(settings: TelescopeSettings, port: int, as_json: bool) -> int:
+    from sattrack.mount.simulator.alpaca_server import serve
+
+    loop, stopped, ended = asyncio.get_running_loop(), asyncio.Event(), [0]
+
+    def end(number: int) -> None:
+        ended[0] = number
+        stopped.set()
+
+    for number in (signal.SIGINT, signal.SIGTERM):
+        loop.add_signal_handler(number, end, number)
+
+    def ready(taken: int) -> None:
+        url = f"alpaca://127.0.0.1:{taken}/0"
+        click.echo(f"simulated telescope: --mount {url}; Ctrl-C ends it", err=True)
+        if as_json:
+            click.echo(msgspec.json.encode({"listening": taken, "mount": url}).decode())
+
+    serving = asyncio.create_task(serve(settings, port, ready))
+    telling = asyncio.create_task(stopped.wait())
+    await asyncio.wait({serving, telling}, return_when=asyncio.FIRST_COMPLETED)
+    if not stopped.is_set():
+        # Nothing else ends the service: its error is the user's to see.
+        await serving
+    serving.cancel()
+    with contextlib.suppress(asyncio.CancelledError):
+        await serving
+    return ended[0]

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
-from sattrack.cli.common import CommandContext, common_options, profile_option, tell
-from sattrack.cli.screened import can_draw_lines_anew
+from sattrack.cli.common import CommandContext, can_draw_lines_anew, common_options, profile_option, tell
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.runtime.mounts import FORMS, mount_address
 from sattrack.runtime.owner import ask_give_up, owner_of, owners, this_user

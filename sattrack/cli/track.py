@@ -16,8 +16,9 @@ from sattrack.cli.common import (
     profile_option,
     screen_options,
     stream_options,
+    tui_possible,
+    with_tui,
 )
-from sattrack.cli.screened import tui_possible, with_tui
 
 
 @click.command("track")
@@ -47,6 +48,7 @@ from sattrack.cli.screened import tui_possible, with_tui
 @click.option("--min-alt", type=float, metavar="DEG", help="Follow above this altitude (10, or as set).")
 @click.option("--from", "begin", metavar="UTC", help="Follow from then on: the pass that is up, or the next.")
 @click.option("--to", "end", metavar="UTC", help="Follow until then at the latest.")
+@click.option("--old-elements", is_flag=True, help="Follow with elements too old to find the satellite, too.")
 @click.option("--virtual", is_flag=True, help="With --mount sim: in virtual time, as fast as it goes.")
 @stream_options
 @bias_options
@@ -62,7 +64,7 @@ def command(context: CommandContext, satellite: str, **options: Any) -> int:
     if _wants_screen(context, options, url) and tui_possible():
         # Whatever is wrong with the rest, the feeder says, before there is a screen.
         return _on_screen(context, options, url)
-    from sattrack.cli.track_flight import follow
+    from sattrack.cli.running import follow
 
     return follow(context, satellite, options)
 
@@ -75,9 +77,9 @@ def _wants_screen(context: CommandContext, options: dict[str, Any], url: str | N
 
 
 def _on_screen(context: CommandContext, options: dict[str, Any], url: str | None) -> int:
-    from sattrack.cli.screened import beside
+    from sattrack.cli.common import helper_options
 
     practising = url == "sim" and not context.sources() and not context.has_site()
     look = appearance(context, options["theme"], options["plain"])
-    started = beside(context, options["profile"], options["min_alt"], practising, url)
-    return with_tui(look, beside=started)
+    started = helper_options(context, options["profile"], options["min_alt"], practising, url)
+    return with_tui(look, helpers=started)

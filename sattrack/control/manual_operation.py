@@ -25,7 +25,7 @@ from sattrack.mount.requests import (
 )
 from sattrack.mount.xerxes.datagrams import DatagramError, decode_status
 from sattrack.mount.xerxes.states import LinkState
-from sattrack.views.console_words import degrees, hours
+from sattrack.views.formatting import degrees, hours
 
 if TYPE_CHECKING:
     from sattrack.control.console import Console

@@ -423,6 +423,8 @@ class LiveExecutor:
         iso = [Utc(utc_s).isoformat("milliseconds") for utc_s in (one.start_utc_s, one.end_utc_s)]
         return context.command(
             *("track", str(one.elements.catalog_number), "--headless", "--stream", "--control"),
+            # The schedule has its own rule for old elements, and it was asked already.
+            "--old-elements",
             *(() if recording is None else ("--record", str((self.files.folder / recording).absolute()))),
             *("--elements", str(self.files.elements(one))),
             *("--from", iso[0], "--to", iso[1]),

@@ -18,7 +18,7 @@ from sattrack.schedule.night import (
     Started,
     Wait,
 )
-from sattrack.views.schedule import PassView, ScheduleView
+from sattrack.views.schedule import SchedulePassView, ScheduleView
 from tle.errors import printable
 from tle.instants import Utc
 
@@ -85,7 +85,7 @@ def _summed(attempts: tuple[PassAttempt, ...]) -> dict[str, float]:
     return {name: round(sum(attempt.held_s.get(name, 0.0) for attempt in attempts), 3) for name in names}
 
 
-def held_words(result: Result | PassView) -> str:
+def held_words(result: Result | SchedulePassView) -> str:
     """Return what limits took of a pass, in words; empty for nothing that is worth a word."""
     parts = [
         f"{seconds:.0f} s to the {name} limit" for name, seconds in result.held_s.items() if seconds >= TOLD_S
@@ -139,13 +139,13 @@ def view_of(run: Run, doing: Order | None, utc_s: float, schedule: str, folder: 
     )
 
 
-def _pass_view(one: NightPass, result: Result | None, current: bool, run: Run) -> PassView:
+def _pass_view(one: NightPass, result: Result | None, current: bool, run: Run) -> SchedulePassView:
     shown: dict[str, Any] = {"state": "waiting"}
     if current and run.state is RunState.FOLLOWING:
         shown = {"state": "in progress", "parts": run.part}
     elif result is not None:
         shown = {name: getattr(result, name) for name in RESULT_SHOWN}
-    return PassView(
+    return SchedulePassView(
         number=one.number,
         name=one.name,
         catalog_number=one.elements.catalog_number,

@@ -16,7 +16,7 @@ import msgspec
 from sattrack.core.errors import SattrackError
 from sattrack.runtime.gallery import feeders, name_for, started_by
 from sattrack.runtime.owner import ask_stop, owners
-from sattrack.tui.seen_run import SeenRun
+from sattrack.tui.feeds import BufferedFeed
 from sattrack.views.messages import StopNow, encode_message
 from sattrack.views.run import Farewell, PassView, SessionView, TrackView, Welcome
 from tle.errors import TleError
@@ -120,7 +120,7 @@ _Message = TrackView | SessionView | Welcome | Farewell
 _MESSAGES: msgspec.json.Decoder[_Message] = msgspec.json.Decoder(_Message)
 
 
-class AttachedRun(SeenRun):
+class AttachedRun(BufferedFeed):
     """A run seen through its gallery; its end, or that of the connection, does nothing to the mount.
 
     After a run of a schedule, the schedule's next one is waited for, and seen.
@@ -139,7 +139,7 @@ class AttachedRun(SeenRun):
 
     @property
     def you(self) -> int:
-        """See SeenRun."""
+        """See BufferedFeed."""
         return self.welcome.you
 
     def send(self, message: Message | SessionMessage) -> bool:

@@ -11,7 +11,6 @@ from textual.content import Content
 from textual.widgets import Static
 
 from sattrack.mount.model import DTICS_S_PER_DEG_S
-from sattrack.tui import words
 from sattrack.tui.look import DIM, PLATE, SPOKEN
 from sattrack.tui.panels import (
     STOP_PLATE,
@@ -26,8 +25,8 @@ from sattrack.tui.panels import (
     rows_content,
 )
 from sattrack.tui.scene import NO_NEWS_AFTER_S, STOP_UNHEARD_AFTER_S, Caution, Headline, Tone
-from sattrack.views import console_words
-from sattrack.views.console_words import SIDEREAL_DTICS_S, Group, Line, number
+from sattrack.views import formatting
+from sattrack.views.formatting import SIDEREAL_DTICS_S, Group, StatusLine, number
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -180,7 +179,7 @@ class ConsoleTitle(ConsolePanel):
     def full(self, scene: ConsoleScene) -> list[Row]:
         """Return the one row."""
         view = scene.view
-        time = f"{words.date(view.utc_s)} {words.clock(view.utc_s)} UTC"
+        time = f"{formatting.date(view.utc_s)} {formatting.clock(view.utc_s)} UTC"
         room = self.content_size.width - cell_len(f"mount    profile {view.profile}  {time}")
         # Addresses can be long; nothing else in this row may give way.
         mount = view.mount if len(view.mount) <= room else view.mount[: max(0, room - 1)] + "…"
@@ -220,7 +219,7 @@ class GroupPanel(ConsolePanel):
         """Return the rows."""
         status = scene.view.status
         if status is None:
-            return [[(words.NOTHING, DIM)]]
+            return [[(formatting.NOTHING, DIM)]]
         return _rows(self._make(scene.view, status).lines)
 
     def compact(self, scene: ConsoleScene) -> list[Row]:
@@ -230,7 +229,7 @@ class GroupPanel(ConsolePanel):
             return []
         return [
             _joined(
-                Line(_SHORT.get(line.name, line.name), *line[1:])
+                StatusLine(_SHORT.get(line.name, line.name), *line[1:])
                 for line in self._make(scene.view, status).lines
             )
         ]
@@ -240,7 +239,7 @@ class AcksPanel(GroupPanel):
     """Which commands the mount acknowledges: lamps, so that a glance suffices."""
 
     def __init__(self, id: str) -> None:  # noqa: A002
-        super().__init__(console_words.acknowledgements, id)
+        super().__init__(formatting.acknowledgements, id)
 
     def full(self, scene: ConsoleScene) -> list[Row]:
         """Return a lamp a row."""
@@ -269,7 +268,7 @@ class ReadingsPanel(ConsolePanel):
 
     def full(self, scene: ConsoleScene) -> list[Row]:
         """Return the rows."""
-        return _rows(console_words.readings(scene.view).lines)
+        return _rows(formatting.readings(scene.view).lines)
 
     def compact(self, scene: ConsoleScene) -> list[Row]:
         """Return two rows."""
@@ -289,7 +288,7 @@ class MountLinkPanel(ConsolePanel):
 
     def full(self, scene: ConsoleScene) -> list[Row]:
         """Return the lines in two columns."""
-        lines = console_words.link(scene.view).lines
+        lines = formatting.link(scene.view).lines
         half = (len(lines) + 1) // 2
         rows = []
         for left, right in zip(lines[:half], (*lines[half:], None), strict=False):
@@ -301,7 +300,7 @@ class MountLinkPanel(ConsolePanel):
 
     def compact(self, scene: ConsoleScene) -> list[Row]:
         """Return them in three rows."""
-        state, *others = console_words.link(scene.view).lines
+        state, *others = formatting.link(scene.view).lines
         return [
             [
                 ("link    ", DIM),
@@ -386,21 +385,21 @@ def _touches(keys: list[tuple[str, str]]) -> list[Touch]:
 _SHORT = {"latitude": "lat", "longitude": "lon", "height": "h", "UTC bytes": "UTC"}
 
 
-def _rows(lines: tuple[Line, ...]) -> list[Row]:
+def _rows(lines: tuple[StatusLine, ...]) -> list[Row]:
     cells = max(len(line.name) for line in lines) + 1
     return [_row(line, cells) for line in lines]
 
 
-def _row(line: Line, cells: int) -> Row:
+def _row(line: StatusLine, cells: int) -> Row:
     return labelled(line.name, (_shown(line), LOUD if line.loud else "bold"), cells=cells)
 
 
-def _shown(line: Line) -> str:
+def _shown(line: StatusLine) -> str:
     """Return a value as it is shown: what is wrong with the link in capitals, as on the screen of a run."""
     return line.value.upper() if line.loud and line.name == "state" else line.value
 
 
-def _joined(lines: Iterable[Line]) -> Row:
+def _joined(lines: Iterable[StatusLine]) -> Row:
     row: Row = []
     for line in lines:
         row += ["  " if row else "", (f"{line.name} ", DIM), (line.value, LOUD if line.loud else "")]
@@ -412,7 +411,7 @@ def _asked(asked: AskedView) -> tuple[Row, Row]:
     good = asked.state == "complete"
     tone = Tone.GOOD if good else Tone.CALM if not asked.settled else Tone.NOTICE
     reason = f" ({asked.reason})" if asked.reason else ""
-    what: Row = [(f"{words.clock(asked.utc_s)} ", DIM), asked.what]
+    what: Row = [(f"{formatting.clock(asked.utc_s)} ", DIM), asked.what]
     return what, [(asked.state, SPOKEN[tone]), (reason, DIM)]
 
 
@@ -432,13 +431,13 @@ class MountPage(Vertical):
         """Make the parts."""
         yield Static("", id="m-note", markup=False)
         with Container(id="m-fields"):
-            yield GroupPanel(console_words.pointing, "m-pointing")
-            yield GroupPanel(console_words.drives, "m-drives")
-            yield GroupPanel(console_words.state, "m-state")
+            yield GroupPanel(formatting.pointing, "m-pointing")
+            yield GroupPanel(formatting.drives, "m-drives")
+            yield GroupPanel(formatting.state, "m-state")
         yield JogPanel("m-jog")
         yield AcksPanel("m-acks")
         with Container(id="m-below"):
-            yield GroupPanel(console_words.place, "m-place")
+            yield GroupPanel(formatting.place, "m-place")
             yield ReadingsPanel("m-readings")
             yield MountLinkPanel("m-link")
 

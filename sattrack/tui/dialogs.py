@@ -11,7 +11,7 @@ from textual.widgets import Input, Label, Static
 from sattrack.core.errors import BadInputError
 from sattrack.tui.panels import Dialog
 from sattrack.tui.scene import LIVE, LOG, MOUNT, SCHEDULE, TONIGHT
-from sattrack.views.console_words import DEC_FORMS, RA_FORMS, parse_dec, parse_ra
+from sattrack.views.formatting import DEC_FORMS, RA_FORMS, parse_dec, parse_ra
 
 if TYPE_CHECKING:
     from textual.app import ComposeResult

@@ -14,11 +14,10 @@ from textual_plot import HiResMode, PlotWidget
 from textual_plot.axis_formatter import AxisFormatter
 from textual_plot.plot_widget import Legend
 
-from sattrack.tui import words
-from sattrack.tui.look import DIM, SPOKEN
+from sattrack.tui.look import DIM, SPOKEN, ScreenApp
 from sattrack.tui.panels import Panel, Row
 from sattrack.tui.scene import Scene, Tone
-from sattrack.tui.screen_app import ScreenApp
+from sattrack.views import formatting
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -165,7 +164,7 @@ class MinutesBeforeNow(AxisFormatter):
 
     def get_labels_for_ticks(self, ticks: Sequence[float]) -> list[str]:
         """Return `−3 min` to `now`."""
-        return ["now" if tick == 0.0 else f"{words.MINUS}{-tick / MINUTE_S:g} min" for tick in ticks]
+        return ["now" if tick == 0.0 else f"{formatting.MINUS}{-tick / MINUTE_S:g} min" for tick in ticks]
 
 
 class Arcseconds(AxisFormatter):
@@ -179,7 +178,7 @@ class Arcseconds(AxisFormatter):
 
     def get_labels_for_ticks(self, ticks: Sequence[float]) -> list[str]:
         """Return signed arcseconds."""
-        return ["0" if t == 0.0 else f"{t:+g}″".replace("-", words.MINUS) for t in ticks]
+        return ["0" if t == 0.0 else f"{t:+g}″".replace("-", formatting.MINUS) for t in ticks]
 
 
 class StyledCanvas(Canvas):
@@ -262,7 +261,7 @@ class PlotCaption(Panel):
             (f"{LEGEND[shapes]} RA on the sky", "$ra-line"),
             "   ",
             ("⠒⠒ Dec", "$dec-line"),
-            f"   scale {words.within(f'{self.range_arcsec:g}″', scene.plain)}",
+            f"   scale {formatting.within(f'{self.range_arcsec:g}″', scene.plain)}",
         ]
         if self.empty:
             row[-1] = ("   nothing followed yet", DIM)

@@ -12,9 +12,7 @@ from rich.cells import cell_len
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Digits, Static
 
-from sattrack.tui import words
 from sattrack.tui.look import DIM, SPOKEN
-from sattrack.tui.offsets import LABELS, TRACK
 from sattrack.tui.panels import (
     DOTS_ACROSS,
     DOTS_DOWN,
@@ -26,13 +24,14 @@ from sattrack.tui.panels import (
     cells_of,
     labelled,
 )
-from sattrack.tui.scene import Scene, Tone, headline
+from sattrack.tui.scene import LABELS, TRACK, Scene, Tone, headline
+from sattrack.views import formatting
 
 if TYPE_CHECKING:
     from textual.app import ComposeResult
 
     from sattrack.mount.model import LinkView
-    from sattrack.tui.offsets import Move
+    from sattrack.tui.scene import Move
     from sattrack.views.run import PassView, TrackView
 
 ARCSEC = 3600.0
@@ -117,13 +116,13 @@ def field_rows(field: ExpectedField | None, plain: bool = False) -> list[Row]:
         return [[("no error", DIM)], [("known", DIM)]]
     rows: list[Row] = [
         [("along", DIM)],
-        [(words.within(words.arcsec(SIGMAS * field.along_arcsec), plain), "bold")],
+        [(formatting.within(formatting.arcsec(SIGMAS * field.along_arcsec), plain), "bold")],
         [("across", DIM)],
-        [(words.within(words.arcsec(SIGMAS * field.across_arcsec), plain), "bold")],
+        [(formatting.within(formatting.arcsec(SIGMAS * field.across_arcsec), plain), "bold")],
     ]
     if field.radius_arcsec is None:
         return [*rows, [("field", DIM)], [("--fov", DIM)]]
-    return [*rows, [("field", DIM)], [(words.arcsec(2.0 * field.radius_arcsec), "bold")]]
+    return [*rows, [("field", DIM)], [(formatting.arcsec(2.0 * field.radius_arcsec), "bold")]]
 
 
 def _oval(canvas: DotCanvas, middle: tuple[float, float], wide: float, high: float, kind: FieldLayer) -> None:
@@ -156,7 +155,7 @@ class RmsLine(Panel):
     def full(self, scene: Scene) -> list[Row]:
         """Return the one row."""
         view = scene.view
-        recent, whole = words.arcsec(view.rms_10s_arcsec), words.arcsec(view.rms_pass_arcsec)
+        recent, whole = formatting.arcsec(view.rms_10s_arcsec), formatting.arcsec(view.rms_pass_arcsec)
         return [[("RMS 10 s ", DIM), (recent, "bold"), ("  pass ", DIM), (whole, "bold")]]
 
 
@@ -167,14 +166,16 @@ class ErrorBox(Vertical):
         """Make the parts."""
         yield ErrorCaption()
         with Horizontal(id="digits-row"):
-            yield Digits(words.NOTHING)
+            yield Digits(formatting.NOTHING)
             yield Static("", id="unit", markup=False)
         yield RmsLine()
 
     def show(self, scene: Scene) -> None:
         """Take a new scene."""
         error = scene.view.error
-        digits, unit = (words.NOTHING, "") if error is None else words.arcsec_parts(error.total_arcsec)
+        digits, unit = (
+            (formatting.NOTHING, "") if error is None else formatting.arcsec_parts(error.total_arcsec)
+        )
         self.query_one(Digits).update(digits)
         self.query_one("#unit", Static).update(unit)
         tone = headline(scene).tone if scene.following else Tone.CALM
@@ -196,7 +197,9 @@ class AxesPanel(Panel):
         )
         style = "bold" if scene.following else ""
         rows: list[Row] = [[("mount − satellite", DIM)]]
-        rows += [labelled(name, (f"{words.arcsec(value, sign=True):>10}", style)) for name, value in values]
+        rows += [
+            labelled(name, (f"{formatting.arcsec(value, sign=True):>10}", style)) for name, value in values
+        ]
         return rows
 
 
@@ -207,14 +210,14 @@ class WherePanel(Panel):
         """Return a row for each coordinate."""
         view = scene.view
         low = view.target_alt_deg < 0.0
-        alt = f"{view.target_alt_deg:.1f}°".replace("-", words.MINUS)
+        alt = f"{view.target_alt_deg:.1f}°".replace("-", formatting.MINUS)
         below: Part = (" not up", SPOKEN[Tone.NOTICE]) if low else ""
         return [
             labelled("alt", (alt, "bold"), below, cells=7),
-            labelled("az", (words.azimuth(view.target_az_deg), "bold"), cells=7),
+            labelled("az", (formatting.azimuth(view.target_az_deg), "bold"), cells=7),
             labelled("range", (f"{view.range_km:.0f} km", "bold"), cells=7),
-            labelled("RA", words.right_ascension(view.target_ra_deg), cells=7),
-            labelled("Dec", words.declination(view.target_dec_deg), cells=7),
+            labelled("RA", formatting.right_ascension(view.target_ra_deg), cells=7),
+            labelled("Dec", formatting.degrees(view.target_dec_deg), cells=7),
         ]
 
 
@@ -252,7 +255,7 @@ class TimesPanel(Panel):
 
     @staticmethod
     def _row(name: str, at_s: float, now_s: float) -> Row:
-        return labelled(name, words.clock(at_s), "  ", (_until(at_s - now_s), "bold"), cells=12)
+        return labelled(name, formatting.clock(at_s), "  ", (_until(at_s - now_s), "bold"), cells=12)
 
 
 def _ends(scene: Scene) -> tuple[str, str]:
@@ -266,7 +269,7 @@ def _ends(scene: Scene) -> tuple[str, str]:
 
 
 def _until(seconds: float) -> str:
-    return f"in {words.span(seconds)}" if seconds >= 0.0 else f"{words.span(seconds)} ago"
+    return f"in {formatting.span(seconds)}" if seconds >= 0.0 else f"{formatting.span(seconds)} ago"
 
 
 class LinkPanel(Panel):
@@ -315,28 +318,28 @@ def _heard(scene: Scene) -> Row:
     if _closed(scene):
         return [("closed", DIM)]
     word, tone = _LINK_WORDS.get(link.state, (link.state, Tone.NOTICE))
-    rate = words.NOTHING if link.rate_hz is None else f"{link.rate_hz:.1f}/s"
+    rate = formatting.NOTHING if link.rate_hz is None else f"{link.rate_hz:.1f}/s"
     return [(word, SPOKEN[tone]), "  ", rate]
 
 
 def _age(scene: Scene) -> Part:
     age_s = None if _closed(scene) else scene.view.link.age_s
-    return words.NOTHING if age_s is None else f"{age_s:.2f} s"
+    return formatting.NOTHING if age_s is None else f"{age_s:.2f} s"
 
 
 def _delay(link: LinkView) -> str:
     if link.delay_ms is None:
-        return words.NOTHING
+        return formatting.NOTHING
     decimals = 1 if abs(link.delay_ms) < 9.95 else 0
-    return f"{link.delay_ms:.{decimals}f} ms".replace("-", words.MINUS)
+    return f"{link.delay_ms:.{decimals}f} ms".replace("-", formatting.MINUS)
 
 
 def _clock(link: LinkView) -> Part:
     """Return the offset of the mount's clock, as finely as its size lets it matter."""
     offset_s = link.clock_offset_s
     if offset_s is None:
-        return words.NOTHING
-    return f"{words.signed(offset_s, 3 if abs(offset_s) < 9.9995 else 1)} s"
+        return formatting.NOTHING
+    return f"{formatting.number(offset_s, 3 if abs(offset_s) < 9.9995 else 1, sign=True)} s"
 
 
 def _count(count: int) -> Part:
@@ -349,12 +352,14 @@ class MountPanel(Panel):
     def full(self, scene: Scene) -> list[Row]:
         """Return position and rates in rows."""
         view = scene.view
-        ra = words.NOTHING if view.mount_ra_deg is None else words.right_ascension(view.mount_ra_deg)
-        dec = words.NOTHING if view.mount_dec_deg is None else words.declination(view.mount_dec_deg)
+        ra = (
+            formatting.NOTHING if view.mount_ra_deg is None else formatting.right_ascension(view.mount_ra_deg)
+        )
+        dec = formatting.degrees(view.mount_dec_deg)
         rows: list[Row] = [labelled("at RA", ra), labelled("at Dec", dec)]
         for name, rate, reached, limit in self._rates(scene):
             rows.append(labelled(f"{name} rate", *_rate_of(rate, limit)))
-            text = words.NOTHING if reached is None else words.signed(reached, 3)
+            text = formatting.number(reached, 3, sign=True)
             cells = max(4, self.content_size.width - FULL_GAUGE_FREE_CELLS)
             rows.append(labelled("reached", f"{text:<7} ", _gauge(rate, reached, limit, cells)))
         return rows
@@ -366,7 +371,7 @@ class MountPanel(Panel):
             bar = _gauge(rate, reached, limit, GAUGE_CELLS)
             if slewing and reached is not None:
                 # A slew is asked for by its end, and its rate is the mount's own: no limit of ours is on it.
-                row += [(f"{name} ", DIM), words.signed(reached, 3), (" °/s  ", DIM)]
+                row += [(f"{name} ", DIM), formatting.number(reached, 3, sign=True), (" °/s  ", DIM)]
                 continue
             row += [(f"{name} ", DIM), *_rate_of(rate, limit), " ", bar, "  "]
         return [row]
@@ -384,12 +389,12 @@ def _gauge(rate: float, reached: float | None, limit: float, cells: int) -> Part
     """Return a bar of the rate reached, with a stroke at the one commanded; of that alone where no other."""
     style = _rate_style(rate, limit) or DIM
     if reached is None or not limit:
-        return (words.gauge(rate / limit if limit else 0.0, cells), style)
-    return (words.gauge(reached / limit, cells, rate / limit), style)
+        return (formatting.gauge(rate / limit if limit else 0.0, cells), style)
+    return (formatting.gauge(reached / limit, cells, rate / limit), style)
 
 
 def _rate_of(rate: float, limit: float) -> Row:
-    return [(words.signed(rate, 3), _rate_style(rate, limit)), (f" of {limit:g} °/s", DIM)]
+    return [(formatting.number(rate, 3, sign=True), _rate_style(rate, limit)), (f" of {limit:g} °/s", DIM)]
 
 
 def _rate_style(rate: float, limit: float) -> str:
@@ -405,18 +410,18 @@ class RunPanel(Panel):
         expected = field_of(scene.sky, scene.view)
         if expected is not None:
             along, across = (
-                words.within(words.arcsec(SIGMAS * x), scene.plain)
+                formatting.within(formatting.arcsec(SIGMAS * x), scene.plain)
                 for x in (expected.along_arcsec, expected.across_arcsec)
             )
             row += [("  expect ", DIM), f"{along} {across}"]
             if expected.radius_arcsec is not None:
-                row += [(" in ", DIM), words.arcsec(2.0 * expected.radius_arcsec)]
+                row += [(" in ", DIM), formatting.arcsec(2.0 * expected.radius_arcsec)]
         if scene.view.link.clock_offset_s is not None:
             row += [("  clock ", DIM), _clock(scene.view.link)]
         label = ("   recording ", DIM)
         whole = _recording(scene, self.content_size.width)
         if cells_of([*row, label, whole]) > self.content_size.width:
-            row[1], label = words.age(scene.view.elements_age_s), ("  rec ", DIM)
+            row[1], label = formatting.age(scene.view.elements_age_s), ("  rec ", DIM)
         row.append(label)
         return [[*row, _recording(scene, self.content_size.width - cells_of(row))]]
 
@@ -439,7 +444,7 @@ class FieldPanel(Panel):
 
 
 def _elements(scene: Scene) -> Part:
-    return f"{words.age(scene.view.elements_age_s)} old"
+    return f"{formatting.age(scene.view.elements_age_s)} old"
 
 
 def _recording(scene: Scene, room: int) -> Part:
@@ -513,12 +518,12 @@ def _moves(scene: Scene) -> list[tuple[Move, tuple[str, str]]]:
 def _track_values(scene: Scene) -> tuple[Row, Row]:
     view = scene.view
     along: Row = [
-        (f"{words.signed(view.bias_along_s, 3)} s", "bold"),
-        *_asked(scene, TRACK.across.what, f"{words.signed(view.bias_along_goal_s, 3)} s"),
+        (f"{formatting.number(view.bias_along_s, 3, sign=True)} s", "bold"),
+        *_asked(scene, TRACK.across.what, f"{formatting.number(view.bias_along_goal_s, 3, sign=True)} s"),
     ]
     across: Row = [
-        (f"{words.signed(view.bias_cross_deg, 4)}°", "bold"),
-        *_asked(scene, TRACK.upward.what, f"{words.signed(view.bias_cross_goal_deg, 4)}°"),
+        (f"{formatting.number(view.bias_cross_deg, 4, sign=True)}°", "bold"),
+        *_asked(scene, TRACK.upward.what, f"{formatting.number(view.bias_cross_goal_deg, 4, sign=True)}°"),
     ]
     return along, across
 
@@ -528,15 +533,15 @@ def _asked(scene: Scene, what: str, goal: str) -> Row:
     rate = next((one.rate for one in scene.view.offsets if one.what == what), 0.0)
     if rate == 0.0:
         return [("  asked ", DIM), goal]
-    return [("  by ", DIM), f"{words.signed(rate, 5)}/s"]
+    return [("  by ", DIM), f"{formatting.number(rate, 5, sign=True)}/s"]
 
 
 def _values(scene: Scene, move: Move) -> Row:
     one = next((one for one in scene.view.offsets if one.what == move.what), None)
     applied, total = (0.0, 0.0) if one is None else (one.applied, one.total)
-    value: Row = [(f"{words.signed(applied, 4)}°", "bold")]
+    value: Row = [(f"{formatting.number(applied, 4, sign=True)}°", "bold")]
     if round(applied, 4) != round(total, 4):
-        value += [("  asked ", DIM), f"{words.signed(total, 4)}°"]
+        value += [("  asked ", DIM), f"{formatting.number(total, 4, sign=True)}°"]
     return value
 
 
@@ -553,7 +558,7 @@ def _news(scene: Scene) -> Row:
     if estimate.along_sigma_s is None or estimate.cross_sigma_deg is None:
         return [counts]
     sigmas = (f"{estimate.along_sigma_s:.4f} s", f"{estimate.cross_sigma_deg:.4f}°")
-    return [counts, (f" {' '.join(words.within(text, scene.plain) for text in sigmas)}", DIM)]
+    return [counts, (f" {' '.join(formatting.within(text, scene.plain) for text in sigmas)}", DIM)]
 
 
 def _remembered(scene: Scene) -> Row:
@@ -565,7 +570,7 @@ def _remembered(scene: Scene) -> Row:
     if known.along_sigma_s is None:
         return [(f"{hours:.1f} h old nudge", "bold"), ("   m drop", DIM)]
     return [
-        (f"{hours:.1f} h old {words.within(f'{known.along_sigma_s:.3f} s', scene.plain)}", "bold"),
+        (f"{hours:.1f} h old {formatting.within(f'{known.along_sigma_s:.3f} s', scene.plain)}", "bold"),
         ("   m drop", DIM),
     ]
 

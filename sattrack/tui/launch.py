@@ -21,20 +21,18 @@ from typing import TYPE_CHECKING, Protocol, TypeVar
 import click
 
 from sattrack.core.errors import SattrackError
-from sattrack.tui.appearance import NIGHT
-from sattrack.tui.child import FeederProcess
+from sattrack.tui.feeds import FeederProcess
+from sattrack.tui.scene import DEFAULT_APPEARANCE
+from sattrack.views.formatting import summary_lines
 from sattrack.views.messages import Leave, StopNow
-from sattrack.views.summary_text import summary_lines
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
     from sattrack.runtime.facts import RunFacts
-    from sattrack.tui.appearance import Appearance
-    from sattrack.tui.beside import Beside
-    from sattrack.tui.console_feed import ConsoleFeed
-    from sattrack.tui.screen_app import ScreenApp
-    from sattrack.tui.seen_run import Feed
+    from sattrack.tui.feeds import ConsoleFeed, Feed, HelperOptions
+    from sattrack.tui.look import ScreenApp
+    from sattrack.tui.scene import Appearance
     from sattrack.views.messages import ConsoleMessage
     from sattrack.views.run import PassView
 
@@ -71,18 +69,18 @@ class Endable(Protocol):
 
 def fly_with_tui(
     command: Sequence[str],
-    appearance: Appearance = NIGHT,
+    appearance: Appearance = DEFAULT_APPEARANCE,
     stay: bool = True,
     show: Callable[[Feed], bool] | None = None,
     patience_s: float = RUN_PATIENCE_S,
-    beside: Beside | None = None,
+    helpers: HelperOptions | None = None,
 ) -> int:
     """Run `command` (a feeder with `--stream --control`) under the screen; return its exit code.
 
     With `stay`, the screen of an ended run remains until it is left, so that it can be read. However the
     screen ends, the mount is told to stop, and the feeder has `patience_s` to bring it to rest. A feeder that
     reported that it is left running is left alone. `show` stands in for the screen; it returns whether it was
-    interrupted. `beside` is what the screen starts itself.
+    interrupted. `helpers` is what the screen starts itself.
     """
     begun_s = time.monotonic()
     feeder = FeederProcess(command)
@@ -90,10 +88,10 @@ def fly_with_tui(
 
     def show_run(feed: Feed) -> bool:
         from sattrack.tui.app import TrackApp
-        from sattrack.tui.beside import Aside
+        from sattrack.tui.feeds import Helpers
 
-        aside = None if beside is None else Aside.of(beside, feeder.pid)
-        return run_until_left(TrackApp(feed, stay, appearance=appearance, aside=aside), stopping=True)
+        started = None if helpers is None else Helpers.of(helpers, feeder.pid)
+        return run_until_left(TrackApp(feed, stay, appearance=appearance, helpers=started), stopping=True)
 
     def comes() -> bool:
         if show is not None:
@@ -110,7 +108,7 @@ def watch_with_tui(
     show: Callable[[ConsoleFeed], bool] | None = None,
     patience_s: float = MOUNT_PATIENCE_S,
     first: ConsoleMessage | None = None,
-    appearance: Appearance = NIGHT,
+    appearance: Appearance = DEFAULT_APPEARANCE,
 ) -> int:
     """Run `command` (a console with `--stream --control`) under the screen; return its exit code.
 
@@ -118,7 +116,7 @@ def watch_with_tui(
     set going. `show` stands in for the screen; it returns whether it was interrupted. `first` is sent as soon
     as the mount is heard.
     """
-    from sattrack.tui.child import ConsoleProcess
+    from sattrack.tui.feeds import ConsoleProcess
 
     console = ConsoleProcess(command)
     end_with_the_terminal(console, patience_s)
@@ -140,22 +138,22 @@ def watch_with_tui(
     return INTERRUPTED if interrupted and code == 0 else code
 
 
-def serve_with_console(command: Sequence[str], appearance: Appearance = NIGHT) -> int:
+def serve_with_console(command: Sequence[str], appearance: Appearance = DEFAULT_APPEARANCE) -> int:
     """Run `command` (`serve antenna` with --stream and --control) under the screen; return its exit code."""
-    from sattrack.tui.child import AntennaProcess
+    from sattrack.tui.feeds import AntennaProcess
 
     antenna = AntennaProcess(command)
     end_with_the_terminal(antenna, MOUNT_PATIENCE_S)
 
     def show(feed: AntennaProcess) -> bool:
-        from sattrack.tui.antenna_app import AntennaApp
+        from sattrack.tui.console_app import AntennaApp
 
         return run_until_left(AntennaApp(feed, appearance), stopping=True)
 
     def end(antenna: AntennaProcess) -> int:
         return _end_service(antenna, MOUNT_PATIENCE_S, "SERVICE")
 
-    interrupted, code = _under_screen(antenna, "sattrack.tui.antenna_app", antenna.wait_first_view, show, end)
+    interrupted, code = _under_screen(antenna, "sattrack.tui.console_app", antenna.wait_first_view, show, end)
     return INTERRUPTED if interrupted and code == 0 else code
 
 
@@ -163,7 +161,7 @@ def replay_with_tui(
     command: Sequence[str],
     name: str,
     speed: float,
-    appearance: Appearance = NIGHT,
+    appearance: Appearance = DEFAULT_APPEARANCE,
     show: Callable[[Feed], bool] | None = None,
 ) -> int:
     """Show what `command` makes of a recording (views as JSON lines, all at once); return the exit code.
@@ -184,10 +182,10 @@ def replay_with_tui(
     return INTERRUPTED if interrupted else 0 if reader.viewed else code
 
 
-def attach_with_tui(pid: int, name: str, appearance: Appearance, beside: Beside) -> int:
+def attach_with_tui(pid: int, name: str, appearance: Appearance, helpers: HelperOptions) -> int:
     """Show the run of a process until that is left; return the exit code. Raises SattrackError.
 
-    `beside` is what the screen starts itself.
+    `helpers` is what the screen starts itself.
     """
     from sattrack.tui.attached import AttachedRun
 
@@ -199,9 +197,9 @@ def attach_with_tui(pid: int, name: str, appearance: Appearance, beside: Beside)
 
     def show(run: AttachedRun) -> bool:
         from sattrack.tui.app import TrackApp
-        from sattrack.tui.beside import Aside
+        from sattrack.tui.feeds import Helpers
 
-        return run_until_left(TrackApp(run, appearance=appearance, aside=Aside.of(beside, pid)))
+        return run_until_left(TrackApp(run, appearance=appearance, helpers=Helpers.of(helpers, pid)))
 
     def end(run: AttachedRun) -> int:
         run.close()

@@ -1,18 +1,28 @@
-"""Colours, layout, plain characters. Restrained and dark; every state that has a colour has a word too."""
+"""The look of all screens (colours, layout, plain characters), and the application they share.
+
+Every state that has a colour has a word too.
+"""
 
 from __future__ import annotations
 
 import re
-from typing import TYPE_CHECKING
+from contextlib import suppress
+from typing import TYPE_CHECKING, ClassVar
 
 from rich.segment import Segment
+from textual.app import App
+from textual.binding import Binding, BindingType
+from textual.css.query import NoMatches
 from textual.filter import LineFilter
 from textual.theme import Theme
 
-from sattrack.tui.scene import Tone
+from sattrack.tui.scene import DEFAULT_APPEARANCE, Appearance, Tone
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
     from textual.color import Color
+    from textual.dom import DOMNode
 
 DIM = "$quiet"
 """Labels, and what need not be read first; styles name a theme's colours, so that it can be changed."""
@@ -310,3 +320,98 @@ class PlainFilter(LineFilter):
         """Return the segments with the same styles."""
         del background
         return [Segment(ascii_of(text), style, control) for text, style, control in segments]
+
+
+FEW_COLOURS = {None, "standard", "windows"}
+"""Rich's names of what has 16 colours or none, where different light colours become the same one."""
+
+
+class ScreenApp(App[None]):
+    """An application in front of which an operator sits, drawn as `appearance` says."""
+
+    HORIZONTAL_BREAKPOINTS = WIDTHS
+    VERTICAL_BREAKPOINTS = HEIGHTS
+    DEFAULT_CSS = """
+    Screen { layers: default above; }
+    TooSmall { layer: above; display: none; width: 100%; height: 100%; background: $background; }
+    .-slim TooSmall, .-low TooSmall { display: block; }
+    """
+    ENABLE_COMMAND_PALETTE = False
+    LOOK_EVERY_S = 0.1
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space", "stop", "STOP", priority=True),
+        Binding("ctrl+c", "interrupt", "interrupt", priority=True),
+        Binding("ctrl+q", "leave", "quit", priority=True),
+        Binding("q", "leave", "quit"),
+        Binding("t", "next_theme", "theme"),
+        Binding("question_mark", "help", "help"),
+    ]
+
+    def __init__(self, appearance: Appearance = DEFAULT_APPEARANCE) -> None:
+        # What lies below asks for it while it is made.
+        self._appearance = appearance
+        super().__init__()
+        self.interrupted = False
+        self._leave_asked = False
+
+    @property
+    def shapes(self) -> bool:
+        """Whether lines must differ in shape, since colours do not distinguish them."""
+        return self.no_color or (not self.is_headless and self.console.color_system in FEW_COLOURS)
+
+    def every(self, seconds: float, act: Callable[[], None]) -> None:
+        """Call a function again and again while there are screens; the application's timers outlive them."""
+        self.set_interval(seconds, lambda: act() if self.is_running else None)
+
+    def on_mount(self) -> None:
+        """Set the theme, and look at the feed from now on."""
+        for theme in THEMES:
+            self.register_theme(theme)
+        self.theme = self._appearance.theme
+        self.every(self.LOOK_EVERY_S, self.look)
+        self.look()
+
+    def look(self) -> None:
+        """Take in what has come, and draw the newest."""
+        raise NotImplementedError
+
+    def get_theme_variable_defaults(self) -> dict[str, str]:
+        """Return the colours beyond Textual's own, which the layout names before a theme is set."""
+        return NIGHT.variables
+
+    def get_line_filters(self) -> Sequence[LineFilter]:
+        """Return what everything that is drawn goes through at last."""
+        filters = super().get_line_filters()
+        return [*filters, PlainFilter()] if self._appearance.plain else filters
+
+    def action_next_theme(self) -> None:
+        """Go on to the next theme."""
+        at = THEME_NAMES.index(self.theme)
+        self.theme = THEME_NAMES[(at + 1) % len(THEME_NAMES)]
+
+    def action_leave(self) -> None:
+        """Leave, as the screen's own key does."""
+        raise NotImplementedError
+
+    async def action_quit(self) -> None:
+        """Leave as `q` does, whoever asks."""
+        self.action_leave()
+
+    def ask_to_leave(self) -> None:
+        """Leave soon, the mount stopped; may be called from a signal handler."""
+        self._leave_asked = True
+
+    def _was_asked_to_leave(self) -> bool:
+        """Tell it once."""
+        asked, self._leave_asked = self._leave_asked, False
+        return asked
+
+    def _close_dialogs(self) -> None:
+        while len(self.screen_stack) > 1:
+            self.pop_screen()
+
+    def _draw_on_main(self, draw: Callable[[DOMNode], object]) -> None:
+        """Draw on what lies under any dialog; nothing while it is being put up or taken down."""
+        if self.screen_stack:
+            with suppress(NoMatches):
+                draw(self.screen_stack[0])

@@ -10,17 +10,16 @@ from typing import TYPE_CHECKING, ClassVar, NamedTuple
 from textual.binding import Binding, BindingType
 
 from sattrack.tui.app import TrackApp
-from sattrack.tui.appearance import NIGHT
 from sattrack.tui.dialogs import REPLAY_TEXT, HelpScreen
 from sattrack.tui.error_plot import WINDOW_S
-from sattrack.tui.seen_run import News
+from sattrack.tui.feeds import News
+from sattrack.tui.scene import DEFAULT_APPEARANCE
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
-    from sattrack.tui.appearance import Appearance
-    from sattrack.tui.scene import Scene
-    from sattrack.tui.seen_run import Feed
+    from sattrack.tui.feeds import Feed
+    from sattrack.tui.scene import Appearance, Scene
     from sattrack.views.messages import Message, SessionMessage
     from sattrack.views.run import TrackView
 
@@ -206,7 +205,7 @@ class ReplayApp(TrackApp, inherit_bindings=False):
         self,
         feed: TapeFeed,
         monotonic: Callable[[], float] = time.monotonic,
-        appearance: Appearance = NIGHT,
+        appearance: Appearance = DEFAULT_APPEARANCE,
     ) -> None:
         super().__init__(feed, True, monotonic, appearance)
         self._tape = feed.tape

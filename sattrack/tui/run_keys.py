@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING
 
 from textual.app import SuspendNotSupported
 
-from sattrack.tui import words
 from sattrack.tui.console_app import LAGGING_S
 from sattrack.tui.console_panels import FIRST_RATE, RATES, jog_rates_deg_s
 from sattrack.tui.dialogs import Question
+from sattrack.tui.look import ScreenApp
 from sattrack.tui.scene import LIVE, MOUNT, PAUSED, TONIGHT
-from sattrack.tui.screen_app import ScreenApp
+from sattrack.views import formatting
 from sattrack.views.messages import Arm, DropRemembered, Go, Jog, Pause, StopNow
 
 if TYPE_CHECKING:
@@ -22,11 +22,10 @@ if TYPE_CHECKING:
 
     from textual.dom import DOMNode
 
-    from sattrack.tui.offsets import OffsetKeys
+    from sattrack.tui.app import Screens
+    from sattrack.tui.feeds import Feed
     from sattrack.tui.panels import ListPage
-    from sattrack.tui.scene import Scene
-    from sattrack.tui.screens import Screens
-    from sattrack.tui.seen_run import Feed
+    from sattrack.tui.scene import OffsetKeys, Scene
     from sattrack.views.messages import Message, SessionMessage
     from sattrack.views.run import Summary, TrackView
 
@@ -188,7 +187,7 @@ class RunKeys(ScreenApp):
         if scene is None or (which == "pointed" and self._screens.page != TONIGHT) or not self._may_command():
             return
         by = {"next": 1, "before": -1}.get(which, 0)
-        row = self._screens.beside(by, scene) if by else self._screens.night.pointed
+        row = self._screens.neighbour(by, scene) if by else self._screens.night.pointed
         if row is None:
             self.action_page(TONIGHT)
             return
@@ -196,7 +195,7 @@ class RunKeys(ScreenApp):
         if scene.ended or scene.view.phase == "waiting":
             self._order(order)
             return
-        when = f"highest at {words.iso_clock(row.culminate_utc)} with {row.max_alt_deg:.0f}°"
+        when = f"highest at {formatting.iso_clock(row.culminate_utc)} with {row.max_alt_deg:.0f}°"
         text = f"{scene.view.name} is left, and the mount goes on to {row.name}, {when}."
         if row.feasible is False:
             text += f" That pass is no-go: {row.why_not or 'the mount cannot follow it'}."

@@ -20,9 +20,9 @@ from textual.content import Content
 from textual.widget import Widget
 
 from sattrack.mount.model import mean_sidereal_deg
-from sattrack.tui import words
 from sattrack.tui.look import DIM
 from sattrack.tui.panels import DOTS_ACROSS, DOTS_DOWN, DotCanvas, Layer, Panel, Row, cells_of, rows_content
+from sattrack.views import formatting
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -257,7 +257,7 @@ def notes(sky: ChartedSky, plain: bool = False) -> list[Row]:
     known = sky.pass_view
     rows: list[Row] = [
         _note(mark(SATELLITE, plain), SATELLITE_STYLE, "satellite", _where(sky.satellite)),
-        _note(MOUNT, MOUNT_STYLE, "mount", words.NOTHING if sky.mount is None else _where(sky.mount)),
+        _note(MOUNT, MOUNT_STYLE, "mount", formatting.NOTHING if sky.mount is None else _where(sky.mount)),
     ]
     if known.path:
         first, last = known.path[0], known.path[-1]
@@ -268,7 +268,7 @@ def notes(sky: ChartedSky, plain: bool = False) -> list[Row]:
             ("set" if known.sets else "until", last),
         ):
             place = _where(SkySpot(point.alt_deg, point.az_deg))
-            rows.append(_note("", "", name, f"{place} {words.clock(point.utc_s)}"))
+            rows.append(_note("", "", name, f"{place} {formatting.clock(point.utc_s)}"))
     for name, body, cone_deg, style in (
         ("Sun", sky.sun, known.sun_cone_deg, SUN_STYLE),
         ("Moon", sky.moon, known.moon_cone_deg, MOON_STYLE),
@@ -308,8 +308,8 @@ def _note(sign: str, style: str, name: str, text: str) -> Row:
 
 def _where(spot: SkySpot) -> str:
     turned = round(spot.az_deg) % 360
-    cardinal = words.CARDINALS[round(spot.az_deg / 45.0) % 8]
-    return f"{spot.alt_deg:5.1f}° up {cardinal:<2} {turned:3d}°".replace("-", words.MINUS)
+    cardinal = formatting.cardinal(spot.az_deg)
+    return f"{spot.alt_deg:5.1f}° up {cardinal:<2} {turned:3d}°".replace("-", formatting.MINUS)
 
 
 def _rings(canvas: DotCanvas, disc: Disc) -> None:
@@ -397,10 +397,10 @@ def _labels(canvas: DotCanvas, disc: Disc, sky: ChartedSky, roomy: bool) -> None
             (path[-1], "set" if known.sets else "end"),
             (top, f"{top.alt_deg:.0f}°"),
         ):
-            if point is not top and path[-1].utc_s - path[0].utc_s >= words.DAY_S:
+            if point is not top and path[-1].utc_s - path[0].utc_s >= formatting.DAY_S:
                 # What never sets comes round to where it was, and a time of day would be of another day.
                 continue
-            text = f"{name} {words.clock(point.utc_s)[:5]}" if roomy and point is not top else name
+            text = f"{name} {formatting.clock(point.utc_s)[:5]}" if roomy and point is not top else name
             _label(canvas, _cell(disc, SkySpot(point.alt_deg, point.az_deg)), text, NAME_STYLE)
     if known.keyhole_deg is not None:
         _label(canvas, _cell(disc, sky.pole), "pole" if roomy else "P", POLE_STYLE, over=True)
@@ -500,14 +500,14 @@ def _error(scene: Scene) -> list[Row]:
         return []
     name = "error" if scene.following else "way to go"
     size, along, across = (
-        (words.arcsec(value, sign), "bold")
+        (formatting.arcsec(value, sign), "bold")
         for value, sign in (
             (error.total_arcsec, False),
             (error.along_arcsec, True),
             (error.across_arcsec, True),
         )
     )
-    recent = words.arcsec(view.rms_10s_arcsec)
+    recent = formatting.arcsec(view.rms_10s_arcsec)
     return [
         [(f"  {name:<10}", DIM), size, ("  RMS 10 s ", DIM), (recent, "bold")],
         [("  along     ", DIM), along, ("  across ", DIM), across],

@@ -24,7 +24,7 @@ class LostTo(msgspec.Struct, frozen=True):
     limit_rate_deg_s: float | None = None
 
 
-class PassView(msgspec.Struct, frozen=True):
+class SchedulePassView(msgspec.Struct, frozen=True):
     """One pass of the night's plan, and what has become of it.
 
     `state` is "waiting", "in progress", "done", "partly" or "lost"; `cause` and `words` say why it is one of
@@ -71,7 +71,7 @@ class ScheduleView(msgspec.Struct, frozen=True, tag="schedule"):
     night: int
     from_utc: str
     to_utc: str
-    passes: tuple[PassView, ...]
+    passes: tuple[SchedulePassView, ...]
     not_planned: int
     """Passes that were seen and lost to others, or were infeasible, as the plan was made."""
     current: int | None = None

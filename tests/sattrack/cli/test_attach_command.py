@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from sattrack.tui.seen_run import News
+    from sattrack.tui.feeds import News
 
 ABORT = 73
 """Where a command has its flag to stop, by the protocol's table."""

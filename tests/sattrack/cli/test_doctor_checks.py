@@ -8,7 +8,7 @@ import msgspec
 import pytest
 
 from sattrack.cli import doctor
-from sattrack.cli.doctor import Check, ElementFacts, TerminalFacts
+from sattrack.cli.doctor import CheckResult, ElementFacts, TerminalFacts
 from sattrack.core.process import Grant
 from sattrack.mount.model import CalibrationRecord, MountProfile
 from sattrack.mount.xerxes.link import LinkHealth
@@ -85,7 +85,7 @@ def test_earth_orientation_is_judged_by_whether_and_how_far_it_is_predicted(
 
 
 def test_no_table_of_the_earth_s_orientation_is_bad() -> None:
-    assert doctor.check_earth(None, "no such package") == Check(
+    assert doctor.check_earth(None, "no such package") == CheckResult(
         "earth", "bad", "no such package", ("update the package: pip install --upgrade astropy-iers-data",)
     )
 
@@ -210,7 +210,7 @@ def test_a_port_that_is_not_to_be_had_is_bad() -> None:
 
 def test_a_disk_is_judged_by_its_room() -> None:
     folder = Path("/recordings")
-    assert doctor.check_disk(folder, 5e9, True) == Check(
+    assert doctor.check_disk(folder, 5e9, True) == CheckResult(
         "disk", "ok", "/recordings: 5.0 GB free for recordings"
     )
     states = [doctor.check_disk(folder, free, True).state for free in (150e6, 5e6, None)]
@@ -231,7 +231,7 @@ def test_settings_and_site_name_what_is_wrong() -> None:
 
 
 def test_the_worst_of_all_counts() -> None:
-    fine, doubtful, wrong = (Check("x", state, "") for state in ("ok", "warn", "bad"))
+    fine, doubtful, wrong = (CheckResult("x", state, "") for state in ("ok", "warn", "bad"))
     assert doctor.worst([]) == "ok"
     assert doctor.worst([fine, doubtful, fine]) == "warn"
     assert doctor.worst([wrong, doubtful, fine]) == "bad"

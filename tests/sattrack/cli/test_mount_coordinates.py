@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from sattrack.core.errors import BadInputError
-from sattrack.views.console_words import parse_dec, parse_ra
+from sattrack.views.formatting import parse_dec, parse_ra
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ import pytest
 from programs import SITE, ended, free_port, sattrack, simulated_mount
 
 from sattrack.cli.main import run
-from sattrack.cli.mount_common import failure
+from sattrack.cli.mount import failure
 from sattrack.control.manual_operation import Outcome, RequestRefused
 from sattrack.core.errors import BadInputError
 from sattrack.mount.requests import TicketState

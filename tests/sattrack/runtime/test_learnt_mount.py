@@ -11,15 +11,15 @@ import msgspec
 import pytest
 
 from sattrack.calibration.profile import LEAST_LAG_S, learnt_text, with_learnt
-from sattrack.cli.track_flight import check_new_profile
+from sattrack.cli.running import check_new_profile
 from sattrack.control.axes import Axes
 from sattrack.control.engine_view import LOOSE_FACTOR, learnt_view
 from sattrack.core.errors import BadInputError
 from sattrack.mount.model import AxisLimits, CalibrationRecord, MountProfile
 from sattrack.mount.profiles import load_profile, load_profile_file, write_profile
 from sattrack.runtime.outcome import RunStatistics, summarise
+from sattrack.views.formatting import summary_lines
 from sattrack.views.run import LearntView
-from sattrack.views.summary_text import summary_lines
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -18,7 +18,7 @@ from sattrack.runtime.facts import build_engine
 from sattrack.runtime.outcome import RunStatistics, summarise
 from sattrack.runtime.pass_scene import keyhole_deg, pass_scene, uncalibrated
 from sattrack.runtime.prepare import RunRequest, prepare
-from sattrack.views.summary_text import summary_lines
+from sattrack.views.formatting import summary_lines
 
 FACTS = prepare(
     RunRequest(

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 from tui_builders import VIEW, FakeFeed, HandClock
 
-from sattrack.tui.screen_app import ScreenApp
-from sattrack.tui.seen_run import News
+from sattrack.tui.feeds import News
+from sattrack.tui.look import ScreenApp
 
 
 @pytest.fixture(autouse=True)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from sattrack.mount.model import LinkView, Readings, Status
-from sattrack.tui.console_feed import Latest
+from sattrack.tui.feeds import Latest
 from sattrack.views.run import AskedView, ConsoleView
 
 if TYPE_CHECKING:

@@ -16,14 +16,13 @@ from typing import TYPE_CHECKING
 FOLDER = Path(__file__).with_name("snapshots")
 sys.path.insert(0, str(Path(__file__).parent))
 
-from test_other_screens import FakeAside, schedule_view  # noqa: E402
+from test_other_screens import FakeHelpers, schedule_view  # noqa: E402
 from test_screen import following  # noqa: E402
 from tui_builders import SKY, VIEW, FakeFeed, HandClock, changed  # noqa: E402
 
 from sattrack.tui.app import TrackApp  # noqa: E402
-from sattrack.tui.appearance import Appearance  # noqa: E402
-from sattrack.tui.scene import PAGES  # noqa: E402
-from sattrack.tui.seen_run import News  # noqa: E402
+from sattrack.tui.feeds import News  # noqa: E402
+from sattrack.tui.scene import PAGES, Appearance  # noqa: E402
 from sattrack.views.run import (  # noqa: E402
     STARTER,
     Armed,
@@ -56,7 +55,7 @@ async def screens(size: tuple[int, int], theme: str) -> dict[str, list[Strip]]:
     resting = PauseView(views[-1].utc_s - 5.0, at_rest=True, jogging=False)
     paused = changed(views[-1], phase="paused", pause=resting, ra_rate_deg_s=0.0, dec_rate_deg_s=0.0)
     feed = FakeFeed([News(views, session=SESSION, sky=SKY)])
-    app = TrackApp(feed, monotonic=HandClock(), appearance=Appearance(theme), aside=FakeAside())  # type: ignore[arg-type]
+    app = TrackApp(feed, monotonic=HandClock(), appearance=Appearance(theme), helpers=FakeHelpers())  # type: ignore[arg-type]
     app._screens._read = lambda _: schedule_view()
     found: dict[str, list[Strip]] = {}
     async with app.run_test(size=size) as pilot:

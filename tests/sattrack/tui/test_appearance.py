@@ -11,10 +11,10 @@ from console_tui_builders import FakeConsole
 from tui_builders import SKY, UTC_S, FakeFeed, HandClock, changed
 
 from sattrack.tui.app import TrackApp
-from sattrack.tui.appearance import Appearance, can_show
 from sattrack.tui.console_app import ConsoleApp
+from sattrack.tui.feeds import News
 from sattrack.tui.look import THEME_NAMES, ascii_of
-from sattrack.tui.seen_run import News
+from sattrack.tui.scene import Appearance, can_show
 
 if TYPE_CHECKING:
     from collections.abc import Callable

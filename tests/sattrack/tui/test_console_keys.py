@@ -9,8 +9,8 @@ from tui_builders import HandClock, pressed
 from sattrack.mount.model import Slew
 from sattrack.mount.requests import Abort, FindHome, Park, Sync
 from sattrack.tui.console_app import LAGGING_S, LEAVE_WITHIN_S, ConsoleApp
-from sattrack.tui.console_feed import Latest
 from sattrack.tui.dialogs import DirectionDialog
+from sattrack.tui.feeds import Latest
 from sattrack.views.messages import ConsoleMessage, Jog, Leave, Reset
 
 RA = ("5", "h")

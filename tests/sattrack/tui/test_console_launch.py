@@ -14,14 +14,14 @@ from test_terminal import Terminal, on_terminal
 
 from sattrack.core.errors import SattrackError
 from sattrack.mount.requests import Abort
-from sattrack.tui.child import ConsoleProcess
+from sattrack.tui.feeds import ConsoleProcess
 from sattrack.tui.launch import watch_with_tui
 from sattrack.views.messages import Jog
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from sattrack.tui.console_feed import ConsoleFeed
+    from sattrack.tui.feeds import ConsoleFeed
 
 VIEW_LINE = msgspec.json.encode(VIEW).decode()
 OBEDIENT = """

@@ -11,11 +11,11 @@ from tui_builders import HandClock
 
 from sattrack.mount.model import Readings
 from sattrack.tui.console_app import ConsoleApp
-from sattrack.tui.console_feed import Latest
 from sattrack.tui.console_panels import ConsoleScene, headline
-from sattrack.tui.picture import draw_console
-from sattrack.views.console_words import clock_words, degrees, hours, number, status_groups, status_text
+from sattrack.tui.feeds import Latest
+from sattrack.views.formatting import clock_text, degrees, hours, number, status_groups, status_text
 from sattrack.views.run import ConsoleView
+from tools.screens import draw_console
 
 if TYPE_CHECKING:
     from sattrack.views.run import ConsoleView
@@ -193,9 +193,9 @@ class TestWords:
             (degrees(None), "–"),
             (number(-0.0001, 2, "°", sign=True), "+0.00°"),
             (number(None, 2), "–"),
-            (clock_words(0.35), "+0.35 s = 5.3″"),
-            (clock_words(-60.0), "−60.00 s = 15.0′"),
-            (clock_words(3600.0), "+3600.00 s = 15.0°"),
+            (clock_text(0.35), "+0.35 s = 5.3″"),
+            (clock_text(-60.0), "−60.00 s = 15.0′"),
+            (clock_text(3600.0), "+3600.00 s = 15.0°"),
         ],
     )
     def test_quantities(self, text: str, is_: str) -> None:

@@ -27,7 +27,7 @@ import sys, threading
 from {module} import {launch}
 def stuck(*_):
     threading.Event().wait()
-from sattrack.tui.child import FeederProcess
+from sattrack.tui.feeds import FeederProcess
 FeederProcess.wait_first_view = lambda self: True
 print("watched", flush=True)
 {launch}([sys.executable, "-c", {feeder!r}, sys.argv[1]], {also})

@@ -8,8 +8,8 @@ from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed, press
 
 from sattrack.tui.app import LEAVE_WITHIN_S, TrackApp
 from sattrack.tui.dialogs import HelpScreen
-from sattrack.tui.offsets import FIRST_STEP, STEPS
-from sattrack.tui.seen_run import News
+from sattrack.tui.feeds import News
+from sattrack.tui.scene import FIRST_STEP, STEPS
 from sattrack.views.messages import ClearBias, DropRemembered, Nudge, StopNow
 
 if TYPE_CHECKING:

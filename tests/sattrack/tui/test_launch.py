@@ -10,14 +10,14 @@ import pytest
 from tui_builders import SKY, SUMMARY, VIEW
 
 from sattrack.core.errors import SattrackError
-from sattrack.tui.child import FeederProcess
+from sattrack.tui.feeds import FeederProcess
 from sattrack.tui.launch import fly_with_tui
 from sattrack.views.messages import ClearBias, Nudge, StopNow
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from sattrack.tui.seen_run import Feed
+    from sattrack.tui.feeds import Feed
 
 VIEW_LINE = msgspec.json.encode(VIEW).decode()
 SUMMARY_LINE = json.dumps({"summary": msgspec.to_builtins(SUMMARY)})

@@ -10,7 +10,7 @@ import pytest
 from tui_builders import FakeFeed, HandClock, changed
 
 from sattrack.tui.app import TrackApp
-from sattrack.tui.seen_run import News
+from sattrack.tui.feeds import News
 from sattrack.views.messages import OffsetBy, Search
 from sattrack.views.run import EstimateView, OffsetView, RememberedView, SearchView
 

@@ -15,16 +15,12 @@ from tui_builders import SUMMARY, UTC_S, VIEW, FakeFeed, HandClock, changed
 
 from sattrack.core.errors import SattrackError
 from sattrack.tui.app import TrackApp
-from sattrack.tui.beside import PassRow, read_passes
-from sattrack.tui.console_feed import Latest
-from sattrack.tui.log import MOST_LINES, LogBook
+from sattrack.tui.feeds import Latest, News, PassRow, read_passes
+from sattrack.tui.pages import MOST_LINES, LogBook, PassList
 from sattrack.tui.scene import PAGES, Tone
-from sattrack.tui.seen_run import News
-from sattrack.tui.tonight import PassList
 from sattrack.views.messages import Arm, Disarm, StopNow
 from sattrack.views.run import STARTER, Armed, LearntView, SessionView
-from sattrack.views.schedule import PassView as SchedulePass
-from sattrack.views.schedule import ScheduleView
+from sattrack.views.schedule import SchedulePassView, ScheduleView
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -102,7 +98,7 @@ class FakeLook:
 
 
 @dataclass
-class FakeAside:
+class FakeHelpers:
     search: FakeSearch = field(default_factory=FakeSearch)
     look: FakeLook = field(default_factory=FakeLook)
     pid: int = 4321
@@ -116,13 +112,13 @@ def on_screen(
     act: Callable[[TrackApp, Pilot[None]], Any],
     *news: News,
     size: tuple[int, int] = (80, 24),
-    aside: FakeAside | None = None,
+    helpers: FakeHelpers | None = None,
 ) -> FakeFeed:
     """Run the screen, have something done with it, and return what it was told to say."""
     feed = FakeFeed(list(news) or [News((VIEW,), session=HERE)])
 
     async def run() -> None:
-        app = TrackApp(feed, monotonic=HandClock(), aside=aside or FakeAside())  # type: ignore[arg-type]
+        app = TrackApp(feed, monotonic=HandClock(), helpers=helpers or FakeHelpers())  # type: ignore[arg-type]
         async with app.run_test(size=size) as pilot:
             await act(app, pilot)
 
@@ -159,7 +155,7 @@ def test_a_pass_that_goes_on_is_up_and_has_no_time_of_rising() -> None:
         rows = [row.rstrip() for row in text_of(app).splitlines() if "SAT 9" in row]
         assert rows == [" ▶ is up    13:05:31 13:10:31  50°  SAT 9                     go"]
 
-    on_screen(act, aside=FakeAside(FakeSearch((pass_row(9, 1.0, rise_utc=None),))))
+    on_screen(act, helpers=FakeHelpers(FakeSearch((pass_row(9, 1.0, rise_utc=None),))))
 
 
 def test_tonight_arms_takes_back_and_follows_what_is_pointed_at() -> None:
@@ -316,36 +312,36 @@ def test_the_mount_screen_tells_what_was_learnt_of_it() -> None:
 
 
 def test_a_mount_is_looked_at_only_while_its_screen_is_wanted() -> None:
-    aside = FakeAside()
+    helpers = FakeHelpers()
 
     async def act(app: TrackApp, pilot: Pilot[None]) -> None:
-        assert aside.look.opened == []
+        assert helpers.look.opened == []
         await pilot.press("3")
         app.look()
-        assert set(aside.look.opened) == {4321}
+        assert set(helpers.look.opened) == {4321}
         await pilot.press("1")
         app._monotonic.now_s += 31.0  # type: ignore[attr-defined]
         app.look()
-        assert aside.look.closed
+        assert helpers.look.closed
 
-    on_screen(act, aside=aside)
+    on_screen(act, helpers=helpers)
 
 
 def test_the_search_begins_when_it_is_first_wanted_and_again_when_it_is_old() -> None:
-    aside = FakeAside(FakeSearch(rows=None))
+    helpers = FakeHelpers(FakeSearch(rows=None))
 
     async def act(app: TrackApp, pilot: Pilot[None]) -> None:
-        assert aside.search.begun == []
+        assert helpers.search.begun == []
         await pilot.press("2")
         app.look()
-        assert aside.search.begun == [UTC_S]
+        assert helpers.search.begun == [UTC_S]
         app._feed.coming.append(News((changed(utc_s=UTC_S + 601.0),)))  # type: ignore[attr-defined]
         app.look()
-        assert aside.search.begun == [UTC_S, UTC_S + 601.0]
+        assert helpers.search.begun == [UTC_S, UTC_S + 601.0]
         await pilot.press("g")
-        assert len(aside.search.begun) == 3
+        assert len(helpers.search.begun) == 3
 
-    on_screen(act, aside=aside)
+    on_screen(act, helpers=helpers)
 
 
 def test_filters_let_through_what_they_say_and_the_cursor_stays_on_its_pass() -> None:
@@ -368,7 +364,7 @@ def test_filters_let_through_what_they_say_and_the_cursor_stays_on_its_pass() ->
     assert night.pointed is None
     night.move(5)
     assert night.arm((), now=True) is None
-    assert night.point_beside(1, 25544, UTC_S) is None
+    assert night.point_next_to(1, 25544, UTC_S) is None
 
 
 def test_the_log_has_a_line_for_what_changed_and_not_for_what_stayed() -> None:
@@ -427,9 +423,9 @@ def test_the_log_is_bounded() -> None:
 
 
 def schedule_view(**changes: Any) -> ScheduleView:
-    def one(number: int, minutes: float, state: str, **more: Any) -> SchedulePass:
+    def one(number: int, minutes: float, state: str, **more: Any) -> SchedulePassView:
         times = [Utc(UTC_S + 60.0 * minutes + ahead).isoformat() for ahead in (-300.0, 0.0, 300.0)]
-        return SchedulePass(number, f"SAT {number}", number, *times, 50.0, 1.0, state, **more)
+        return SchedulePassView(number, f"SAT {number}", number, *times, 50.0, 1.0, state, **more)
 
     passes = (
         one(101, -90.0, "done", rms_arcsec=0.31),

@@ -10,17 +10,16 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import pytest
 from console_tui_builders import VIEW as MOUNT_VIEW
-from test_other_screens import FakeAside, on_screen, text_of
+from test_other_screens import FakeHelpers, on_screen, text_of
 from tui_builders import SKY, SUMMARY, UTC_S, VIEW, FakeFeed, HandClock, changed
 
 from sattrack.mount.requests import Park
 from sattrack.tui.app import TrackApp
 from sattrack.tui.console_app import ConsoleApp
-from sattrack.tui.console_feed import Latest
-from sattrack.tui.log import LogBook
+from sattrack.tui.feeds import Latest, News
+from sattrack.tui.pages import LogBook
 from sattrack.tui.run_keys import RestState
 from sattrack.tui.scene import headline
-from sattrack.tui.seen_run import News
 from sattrack.views.messages import Go, Jog, Nudge, Pause, StopNow
 from sattrack.views.run import STARTER, PauseView, SessionView, Watcher
 
@@ -90,7 +89,7 @@ def terminal(monkeypatch: pytest.MonkeyPatch) -> list[list[str]]:
 def test_each_key_says_what_it_means() -> None:
     async def run() -> None:
         feed = FakeFeed()
-        app = TrackApp(feed, monotonic=HandClock(), aside=FakeAside(console=COMMAND))  # type: ignore[arg-type]
+        app = TrackApp(feed, monotonic=HandClock(), helpers=FakeHelpers(console=COMMAND))  # type: ignore[arg-type]
         async with app.run_test(size=(80, 24)) as pilot:
             for view, session, keys, messages in CASES:
                 app._close_dialogs()
@@ -152,7 +151,7 @@ def test_the_log_has_a_line_for_a_pause_and_for_who_asked() -> None:
     ]
 
 
-def answered(view: TrackView, *keys: str, **aside: Any) -> str:
+def answered(view: TrackView, *keys: str, **given: Any) -> str:
     """Return what the screen shows after some keys, and see that nothing was said to the run."""
     shown: list[str] = []
 
@@ -162,8 +161,8 @@ def answered(view: TrackView, *keys: str, **aside: Any) -> str:
         await pilot.pause()
         shown.append(text_of(app))
 
-    news = News((view,), session=HERE, sky=aside.pop("sky", PARKS))
-    feed = on_screen(act, news, aside=FakeAside(**aside))
+    news = News((view,), session=HERE, sky=given.pop("sky", PARKS))
+    feed = on_screen(act, news, helpers=FakeHelpers(**given))
     assert feed.sent == []
     return shown[0]
 
@@ -217,7 +216,7 @@ def parked(terminal: list[list[str]], end: News, *keys: str) -> tuple[list[list[
         await pilot.pause()
         shown.append(text_of(app))
 
-    on_screen(act, News((VIEW,), session=HERE, sky=PARKS), aside=FakeAside(console=COMMAND))
+    on_screen(act, News((VIEW,), session=HERE, sky=PARKS), helpers=FakeHelpers(console=COMMAND))
     return terminal, shown[0]
 
 
@@ -257,7 +256,7 @@ def test_after_a_run_the_mount_is_parked_at_once_unless_its_stop_was_not_confirm
         await pilot.press("y")
         app.look()
 
-    feed = on_screen(act, over, aside=FakeAside(console=COMMAND))
+    feed = on_screen(act, over, helpers=FakeHelpers(console=COMMAND))
     given = [[*COMMAND, "--park", "--theme", "red"]] if parks else []
     assert terminal == given, "in the colours that this screen has"
     assert feed.sent == []

@@ -15,10 +15,10 @@ import pytest
 from tui_builders import SKY, SUMMARY, UTC_S, FakeFeed, HandClock, changed
 
 from sattrack.cli.main import run as run_program
-from sattrack.tui.appearance import Appearance
+from sattrack.tui.feeds import News
 from sattrack.tui.launch import replay_with_tui
 from sattrack.tui.replay_app import NOTHING_MOVES, ReplayApp, Tape, TapeFeed
-from sattrack.tui.seen_run import News
+from sattrack.tui.scene import Appearance
 from sattrack.views.run import PassView, TrackView
 
 if TYPE_CHECKING:

@@ -7,12 +7,12 @@ import random
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from test_other_screens import HERE, FakeAside, text_of
+from test_other_screens import HERE, FakeHelpers, text_of
 from textual.events import Paste
 from tui_builders import SKY, UTC_S, VIEW, FakeFeed, HandClock, changed
 
 from sattrack.tui.app import TrackApp
-from sattrack.tui.seen_run import News
+from sattrack.tui.feeds import News
 from sattrack.views.messages import (
     Arm,
     ClearBias,
@@ -66,7 +66,7 @@ def played(
     feed = FakeFeed([News((VIEW,), session=HERE, sky=SKY)])
 
     async def run() -> None:
-        app = TrackApp(feed, monotonic=HandClock(), aside=FakeAside())  # type: ignore[arg-type]
+        app = TrackApp(feed, monotonic=HandClock(), helpers=FakeHelpers())  # type: ignore[arg-type]
         async with app.run_test(size=size) as pilot:
             await act(app, pilot, feed)
             assert app.is_running

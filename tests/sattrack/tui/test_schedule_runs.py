@@ -19,7 +19,7 @@ from sattrack.runtime.gallery import SUPPORTED, name_for, started_by
 from sattrack.schedule.night_files import STATUS
 from sattrack.schedule.night_stop import locked
 from sattrack.tui.attached import AttachedRun
-from sattrack.tui.seen_run import News
+from sattrack.tui.feeds import News
 from sattrack.views.messages import StopNow
 from sattrack.views.run import SummaryLine, Welcome
 

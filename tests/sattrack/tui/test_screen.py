@@ -8,7 +8,7 @@ import pytest
 from tui_builders import ERROR, SKY, SUMMARY, UTC_S, VIEW, FakeFeed, HandClock, changed
 
 from sattrack.tui.app import TrackApp
-from sattrack.tui.seen_run import News
+from sattrack.tui.feeds import News
 from sattrack.views.messages import StopNow
 from sattrack.views.run import PauseView
 

@@ -10,8 +10,8 @@ from tui_builders import SUMMARY, VIEW, FakeFeed, HandClock, changed, press
 
 from sattrack.tui.app import TrackApp
 from sattrack.tui.dialogs import LeaveDialog
-from sattrack.tui.offsets import SHOWN_AFTER_S, OffsetKeys
-from sattrack.tui.seen_run import News
+from sattrack.tui.feeds import News
+from sattrack.tui.scene import SHOWN_AFTER_S, OffsetKeys
 from sattrack.views.messages import (
     ClearBias,
     LeaveRunning,
@@ -209,7 +209,7 @@ def test_who_looks_on_is_offered_control_and_no_key_that_needs_it(size: tuple[in
 def test_who_has_control_is_said_to_whoever_is_not_alone(
     session: SessionView, you: int, shown: bool, words: str
 ) -> None:
-    from sattrack.tui.bars import SessionBar
+    from sattrack.tui.panels import SessionBar
 
     async def run() -> tuple[bool, str]:
         app = TrackApp(told(session, you), monotonic=HandClock())

@@ -10,7 +10,7 @@ import msgspec
 
 from sattrack.mount.model import LinkView
 from sattrack.tui.app import TrackApp
-from sattrack.tui.seen_run import News
+from sattrack.tui.feeds import News
 from sattrack.views.run import DatagramsView, ErrorView, PassView, PathPoint, SkyPoint, Summary, TrackView
 
 if TYPE_CHECKING:

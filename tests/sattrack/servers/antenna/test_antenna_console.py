@@ -13,9 +13,9 @@ pytest.importorskip("textual")
 from textual._callback import invoke
 from textual.widgets import Static
 
-from sattrack.tui.antenna_app import AntennaApp, drawn
-from sattrack.tui.appearance import Appearance
-from sattrack.tui.child import AntennaProcess
+from sattrack.tui.console_app import AntennaApp, drawn
+from sattrack.tui.feeds import AntennaProcess, Latest
+from sattrack.tui.scene import Appearance
 from sattrack.views.run import AntennaView, AxesView, ExchangeView, FocusView, RefusalView
 
 VIEW = AntennaView(
@@ -51,8 +51,8 @@ class FakeFeed:
         self.view = view
         self.told: list[str] = []
 
-    def newest(self) -> tuple[AntennaView | None, bool]:
-        return self.view, False
+    def latest(self) -> Latest[AntennaView]:
+        return Latest(self.view)
 
     def tell(self, word: str) -> None:
         self.told.append(word)
@@ -128,11 +128,11 @@ def test_the_program_beneath_sends_views_takes_words_and_ends_with_its_input() -
     try:
         assert antenna.wait_first_view()
         antenna.tell("local")
-        view, _ = antenna.newest()
+        view = antenna.latest().view
         while view is None or view.remote:
             with antenna._changed:
                 assert antenna._changed.wait(60.0)
-            view = antenna.newest()[0] or view
+            view = antenna.latest().view or view
         assert view.mount == "sim"
         assert view.servo == "IDLE"
         antenna.close_input()

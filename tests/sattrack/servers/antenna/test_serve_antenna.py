@@ -23,7 +23,7 @@ import pytest
 from antenna_setup import SITE
 
 from sattrack.cli.main import run
-from sattrack.cli.track_antenna import AntennaProgress
+from sattrack.cli.running import AntennaProgress
 from sattrack.control.tracker import TrackPlan
 from sattrack.core.errors import BadInputError, LinkLostError, SafetyLimitError
 from sattrack.runtime.signals import StopRequest

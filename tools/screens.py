@@ -1,4 +1,4 @@
-"""Draw the screens as SVG: `python -m sattrack.tui.picture FOLDER`.
+"""Draw the screens as SVG: `python -m tools.screens FOLDER`.
 
 A run's screens are those of a real pass in virtual time. The console's mount is a simulated one in a process
 of its own, met over UDP and asked to slew; the clock is set to the practice pass.
@@ -25,13 +25,10 @@ from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.pass_scene import pass_scene
 from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.tui.app import TrackApp
-from sattrack.tui.appearance import Appearance
-from sattrack.tui.beside import Aside, Beside
-from sattrack.tui.child import ConsoleProcess
 from sattrack.tui.console_app import ConsoleApp
-from sattrack.tui.console_feed import Latest
+from sattrack.tui.feeds import ConsoleProcess, HelperOptions, Helpers, Latest, News
 from sattrack.tui.replay_app import ReplayApp, Tape, TapeFeed
-from sattrack.tui.seen_run import News
+from sattrack.tui.scene import Appearance
 from sattrack.views.messages import Leave
 from tle.elements import Elements
 
@@ -110,17 +107,17 @@ def practice_sky() -> PassView:
     return msgspec.structs.replace(pass_scene(prepare(_request()).facts), horizon=SKYLINE)
 
 
-def practice_aside(utc_s: float) -> Aside:
+def practice_helpers(utc_s: float) -> Helpers:
     """Return what lies beside a screen of the practice pass, the passes to come found already."""
     where = practice.SITE
     site = f"{where.latitude_deg},{where.longitude_deg},{where.height_m}"
     lines = f"{practice.NAME}\n{practice.LINE_1}\n{practice.LINE_2}\n"
-    beside = Beside(("--elements", "-", "--site", site), (), lines.encode())
-    aside = Aside.of(beside, os.getpid())
-    aside.search.begin(utc_s)
-    while aside.search.busy:
+    options = HelperOptions(("--elements", "-", "--site", site), (), lines.encode())
+    helpers = Helpers.of(options, os.getpid())
+    helpers.search.begin(utc_s)
+    while helpers.search.busy:
         time.sleep(LOOK_EVERY_S)
-    return aside
+    return helpers
 
 
 def _request() -> RunRequest:
@@ -158,8 +155,8 @@ def _app(views: list[TrackView], shot: Shot, sky: PassView | None) -> TrackApp:
     appearance = Appearance(shot.theme)
     until = [view for view in views if view.utc_s <= view.culminate_utc_s]
     if not shot.replayed:
-        aside = practice_aside(until[-1].utc_s) if "2" in shot.keys else None
-        return TrackApp(RecordedFeed(until, sky), monotonic=_still, appearance=appearance, aside=aside)
+        helpers = practice_helpers(until[-1].utc_s) if "2" in shot.keys else None
+        return TrackApp(RecordedFeed(until, sky), monotonic=_still, appearance=appearance, helpers=helpers)
     tape = Tape("iss.mcap")
     feed = TapeFeed(RecordedFeed(views, sky, ended=True), tape, _still)
     tape.add(feed.news().views)
@@ -235,7 +232,7 @@ def self_contained(svg: str) -> str:
 def main() -> None:
     """Write the pictures into the folder named on the command line."""
     if len(sys.argv) != 2 or not Path(sys.argv[1]).is_dir():
-        click.echo("usage: python -m sattrack.tui.picture FOLDER", err=True)
+        click.echo("usage: python -m tools.screens FOLDER", err=True)
         sys.exit(2)
     folder, views, sky = Path(sys.argv[1]), practice_views(), practice_sky()
     for name, shot in SHOTS.items():

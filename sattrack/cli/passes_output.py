@@ -1,4 +1,4 @@
-"""Passes as rows: the fields of JSON and CSV, and the lines of a table."""
+"""Passes as JSON, CSV, a table, a calendar (iCalendar, RFC 5545) and a chart of the sky."""
 
 from __future__ import annotations
 
@@ -7,30 +7,36 @@ import io
 import json
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 import msgspec
 import numpy as np
 
+from sattrack.cli.common import tell
 from tle.crossings import select
 from tle.errors import printable
 from tle.facts import NUMBERS
 from tle.instants import Utc
+from tle.propagator import Propagator
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
+    from pathlib import Path
 
+    from icalendar import Event
     from numpy.typing import NDArray
 
     from sattrack.mount.model import MountProfile
     from sattrack.safety.limits import SafetyLimits
+    from sattrack.views.schedule import PlannedPass, SchedulePlan
     from tle.elements import Elements
     from tle.facts import FactColumns, PassFacts
-    from tle.passes import CataloguePasses, Pass
+    from tle.passes import CataloguePasses, Horizon, Pass
 
     Array = NDArray[np.float64]
     Index = NDArray[np.intp]
+
 
 _NIGHT_DEG, _HIGH_DEG = -6.0, 60.0
 _HEAD = "Rise UTC  Az°  Top       Az°   Alt°  Set       Az°   HA °/s Dec °/s  Sun°   Mag  Light   Satellite"
@@ -367,3 +373,150 @@ def _moments(unix_s: Array, azimuth_deg: Array) -> list[str]:
         "........  ..." if missing else f"{text[11:19]} {azimuth % 360.0:4.0f}"
         for text, azimuth, missing in rows
     ]
+
+
+def passes_calendar(table: PassTable) -> bytes:
+    """Return the events of passes found; one that the span cuts begins or ends with it."""
+    start = table.passes.start
+    end = start.plus(table.passes.task.span[1])
+    return calendar_bytes("passes", (_found(row, start, end) for row in table.rows()))
+
+
+def plan_calendar(plan: SchedulePlan, made: Utc) -> bytes:
+    """Return the passes of a plan as events, made at an instant."""
+    return calendar_bytes("schedule", (_planned(one, made) for one in plan.passes))
+
+
+def calendar_bytes(product: str, events: Iterable[Event]) -> bytes:
+    """Return a calendar of events as UTF-8, in lines of at most 75 octets that end with CR and LF."""
+    from icalendar import Calendar
+
+    calendar = Calendar()
+    calendar.add("version", "2.0")
+    calendar.add("prodid", f"-//sattrack//{product}//EN")
+    for event in events:
+        calendar.add_component(event)
+    text: bytes = calendar.to_ical()
+    return text
+
+
+def event_of(uid: str, made: Utc, span: tuple[Utc, Utc], summary: str, description: str) -> Event:
+    """Return one event; instants to the second."""
+    from icalendar import Event
+
+    event = Event()
+    event.add("uid", uid)
+    for name, at in (("dtstamp", made), ("dtstart", span[0]), ("dtend", span[1])):
+        event.add(name, Utc(round(at.unix_s)).datetime())
+    event.add("summary", summary)
+    event.add("description", description)
+    return event
+
+
+def _found(row: Row, start: Utc, end: Utc) -> Event:
+    seen = row.seen
+    top = seen.culminate_utc
+    text = [f"Highest at {top.isoformat('seconds')}, azimuth {seen.culminate_az_deg:.0f}°."]
+    if row.facts is not None:
+        text.append(f"Sun at {row.facts.sun_alt_deg:.0f}°.")
+        text.append("Sunlit." if row.facts.sunlit else "Not sunlit.")
+    return event_of(
+        f"{row.elements.catalog_number}-{_stamp(top)}@sattrack",
+        start,
+        (seen.rise_utc or start, seen.set_utc or end),
+        f"{printable(row.elements.label)} {seen.max_alt_deg:.0f}°",
+        " ".join(text),
+    )
+
+
+def _planned(one: PlannedPass, made: Utc) -> Event:
+    text = [
+        f"Highest at {one.culminate_utc[:19]}Z: {one.max_alt_deg:.0f}°.",
+        f"From azimuth {one.start_az_deg:.0f}° to {one.end_az_deg:.0f}°.",
+        f"{one.useful_s:.0f} useful seconds, priority {one.priority:g}.",
+        f"The mount sets out by {one.leave_utc[:19]}Z.",
+        *(["Shortened."] if one.shortened else []),
+        f"Asked by {printable(one.asked_by)}",
+        *([f"Before: {'; '.join(one.before)}"] if one.before else []),
+        *([f"After: {'; '.join(one.after)}"] if one.after else []),
+    ]
+    event = event_of(
+        f"{one.catalog_number}-{_stamp(Utc.parse(one.culminate_utc))}-plan@sattrack",
+        made,
+        (Utc.parse(one.start_utc), Utc.parse(one.end_utc)),
+        f"{printable(one.name or str(one.catalog_number))} {one.max_alt_deg:.0f}°",
+        "\n".join(text),
+    )
+    event.add("categories", ["satellite pass"])
+    return event
+
+
+def _stamp(at: Utc) -> str:
+    return at.isoformat("seconds").replace("-", "").replace(":", "")
+
+
+_MOST_PASSES = 12
+_LOOKS = 200
+
+
+def plot_passes(path: Path, table: PassTable) -> None:
+    """Draw the first passes as seen from below: north up, east to the left; dashed where not sunlit.
+
+    Raises BadInputError where that cannot be.
+    """
+    from sattrack.recording.plots import new_figure, save, sky_axes
+
+    figure = new_figure(10.0, 7.0)
+    passes = table.passes
+    if len(table) > _MOST_PASSES:
+        tell(f"the chart shows the first {_MOST_PASSES} of {len(table)} passes")
+    sky = figure.add_subplot(projection="polar")
+    sky_axes(sky)
+    _draw_horizon(sky, passes.task.horizon)
+    for number, row in enumerate(table.take(np.arange(min(len(table), _MOST_PASSES))).rows()):
+        _draw_pass(sky, row, passes, f"C{number % 10}")
+    until = passes.start.plus(passes.task.span[1]).isoformat("seconds")
+    sky.set_title(
+        f"Passes from {passes.start.isoformat('seconds')} to {until}, sky seen from below", pad=20.0
+    )
+    if len(table):
+        figure.legend(loc="outside right upper", fontsize="small", title="highest (UTC), dashed: not sunlit")
+    save(figure, path)
+
+
+def _draw_horizon(sky: Any, horizon: Horizon) -> None:
+    azimuths = np.linspace(0.0, 360.0, 1441)
+    skyline = np.clip(np.broadcast_to(horizon.altitude_deg(azimuths), azimuths.shape), 0.0, 90.0)
+    sky.fill_between(np.radians(azimuths), 90.0 - skyline, 90.0, color="0.85", linewidth=0.0)
+
+
+def _draw_pass(sky: Any, row: Row, passes: CataloguePasses, colour: str) -> None:
+    seen = row.seen
+    first = seen.rise_utc or passes.start
+    last = seen.set_utc or passes.start.plus(passes.task.span[1])
+    times = Utc(np.linspace(first.unix_s, last.unix_s, _LOOKS))
+    propagator = Propagator(row.elements, passes.task.site, place="geometric", earth=passes.task.earth)
+    there = propagator.at(times)
+    angle, radius = np.radians(there.az_deg), 90.0 - there.alt_deg
+    lit = np.zeros(len(times), dtype=bool)
+    for low, high in row.facts.sunlit if row.facts is not None else ():
+        lit |= (times.unix_s >= low.unix_s) & (times.unix_s <= high.unix_s)
+    label = f"{row.elements.label}  {seen.culminate_utc.isoformat('seconds')[5:16]}  {seen.max_alt_deg:.0f}°"
+    sky.plot(angle, radius, color=colour, linewidth=1.0, linestyle=(0, (2, 3)))
+    sky.plot(angle, np.where(lit, radius, np.nan), color=colour, linewidth=2.0, label=label)
+    # An arrow at the middle tells which way it goes.
+    middle = _LOOKS // 2
+    sky.annotate(
+        "",
+        xy=(angle[middle + 3], radius[middle + 3]),
+        xytext=(angle[middle], radius[middle]),
+        arrowprops={"arrowstyle": "-|>", "color": colour, "mutation_scale": 14.0},
+    )
+    if seen.rise_utc is not None:
+        sky.annotate(
+            seen.rise_utc.isoformat("seconds")[11:16],
+            xy=(angle[0], radius[0]),
+            color=colour,
+            fontsize="small",
+            annotation_clip=False,
+        )

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     from sattrack.views.schedule import (
         EntryOutcome,
         LostPass,
-        PassView,
         PlannedPass,
+        SchedulePassView,
         SchedulePlan,
         ScheduleView,
     )
@@ -224,7 +224,7 @@ def status_lines(view: ScheduleView) -> list[str]:
     return lines
 
 
-def _line(one: PassView, view: ScheduleView) -> str:
+def _line(one: SchedulePassView, view: ScheduleView) -> str:
     why = f": {one.cause}" + (f": {printable(one.words)}" if one.words else "") if one.cause else ""
     if one.on_target_s and one.rms_arcsec is not None:
         why = f"  {one.on_target_s:.0f} s, {one.rms_arcsec:.2f}″ RMS{why}"

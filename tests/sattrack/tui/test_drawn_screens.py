@@ -7,7 +7,7 @@ from pathlib import Path
 
 from tui_builders import SKY, VIEW
 
-from sattrack.tui.picture import SHOTS, draw, practice_sky, practice_views
+from tools.screens import SHOTS, draw, practice_sky, practice_views
 
 DOCS = Path(__file__).parents[3] / "docs"
 NAMESPACE = "http://www.w3.org/2000/svg"

@@ -3,7 +3,8 @@ from __future__ import annotations
 import pytest
 from rich.cells import cell_len
 
-from sattrack.tui import words
+from sattrack.tui.panels import fitted
+from sattrack.views import formatting
 
 
 @pytest.mark.parametrize(
@@ -11,7 +12,7 @@ from sattrack.tui import words
     [(1.25, 2, "+1.25"), (-1.0, 1, "−1.0"), (0.0, 2, "+0.00"), (-0.001, 2, "+0.00"), (-0.006, 2, "−0.01")],
 )
 def test_signed(value: float, decimals: int, text: str) -> None:
-    assert words.signed(value, decimals) == text
+    assert formatting.number(value, decimals, sign=True) == text
 
 
 @pytest.mark.parametrize(
@@ -30,7 +31,7 @@ def test_signed(value: float, decimals: int, text: str) -> None:
     ],
 )
 def test_arcseconds_take_the_unit_that_fits(arcsec: float | None, text: str) -> None:
-    assert words.arcsec(arcsec, sign=True) == text
+    assert formatting.arcsec(arcsec, sign=True) == text
 
 
 @pytest.mark.parametrize(
@@ -38,7 +39,7 @@ def test_arcseconds_take_the_unit_that_fits(arcsec: float | None, text: str) -> 
     [(0.0, "0:00"), (-7.9, "0:07"), (754.0, "12:34"), (3600.0, "1:00:00"), (187200.0, "2 d 4 h")],
 )
 def test_span(seconds: float, text: str) -> None:
-    assert words.span(seconds) == text
+    assert formatting.span(seconds) == text
 
 
 @pytest.mark.parametrize(
@@ -46,7 +47,7 @@ def test_span(seconds: float, text: str) -> None:
     [(90.0, "2 min"), (45900.0, "12.8 h"), (432000.0, "5.0 days"), (-7200.0, "2.0 h ahead")],
 )
 def test_age(seconds: float, text: str) -> None:
-    assert words.age(seconds) == text
+    assert formatting.age(seconds) == text
 
 
 @pytest.mark.parametrize(
@@ -59,7 +60,7 @@ def test_age(seconds: float, text: str) -> None:
     ],
 )
 def test_right_ascension(degrees: float, text: str) -> None:
-    assert words.right_ascension(degrees) == text
+    assert formatting.right_ascension(degrees) == text
 
 
 @pytest.mark.parametrize(
@@ -67,21 +68,21 @@ def test_right_ascension(degrees: float, text: str) -> None:
     [(0.0, "+00° 00′ 00″"), (-0.5, "−00° 30′ 00″"), (-0.00001, "+00° 00′ 00″"), (89.99999, "+90° 00′ 00″")],
 )
 def test_declination(degrees: float, text: str) -> None:
-    assert words.declination(degrees) == text
+    assert formatting.degrees(degrees) == text
 
 
 @pytest.mark.parametrize(
     ("degrees", "text"), [(0.0, "0.0° N"), (359.9, "359.9° N"), (22.6, "22.6° NE"), (-90.0, "270.0° W")]
 )
 def test_azimuth(degrees: float, text: str) -> None:
-    assert words.azimuth(degrees) == text
+    assert formatting.azimuth(degrees) == text
 
 
 @pytest.mark.parametrize(
     ("share", "bar"), [(0.0, "····"), (0.01, "▏···"), (-0.5, "██··"), (1.0, "████"), (9.0, "████")]
 )
 def test_gauge(share: float, bar: str) -> None:
-    assert words.gauge(share, 4) == bar
+    assert formatting.gauge(share, 4) == bar
 
 
 @pytest.mark.parametrize(
@@ -96,7 +97,7 @@ def test_gauge(share: float, bar: str) -> None:
     ],
 )
 def test_a_gauge_with_a_stroke_where_it_is_to_be(share: float, mark: float, bar: str) -> None:
-    assert words.gauge(share, 4, mark) == bar
+    assert formatting.gauge(share, 4, mark) == bar
 
 
 @pytest.mark.parametrize(
@@ -104,5 +105,5 @@ def test_a_gauge_with_a_stroke_where_it_is_to_be(share: float, mark: float, bar:
     [("ISS", "ISS   "), ("SAT 01", "SAT 01"), ("SAT 101", "SAT 1…"), ("天宫一号", "天宫 …")],
 )
 def test_a_text_takes_just_the_cells_that_it_is_given(text: str, shown: str) -> None:
-    assert words.fitted(text, 6) == shown
+    assert fitted(text, 6) == shown
     assert cell_len(shown) == 6
