@@ -1,9 +1,11 @@
-"""Orbital elements in, topocentric directions and rates out.
+"""Orbital elements in, topocentric directions and rates out. The public names are those of `dir(tle)`.
 
 >>> from tle import Propagator, Site, Utc, find, read_elements
 >>> iss = find(read_elements("stations.tle"), "ISS")                         # doctest: +SKIP
 >>> seen = Propagator(iss, Site(52.15, 4.49)).at(Utc.parse("2026-10-02T13:05:24Z"))  # doctest: +SKIP
 >>> seen.ra_deg, seen.dec_deg, seen.ra_rate_deg_s                            # doctest: +SKIP
+
+`tle.skyfield` takes and gives skyfield's objects, `to_astropy()` gives astropy's; see docs/library.md.
 """
 
 from __future__ import annotations
@@ -17,8 +19,8 @@ if TYPE_CHECKING:
     from tle.earth import EarthOrientation, earth_orientation_age
     from tle.elements import Elements
     from tle.errors import TleError
-    from tle.facts import PassFacts, pass_facts
-    from tle.formats.observations import Observation, read_observations
+    from tle.facts import PassFacts, pass_facts, read_magnitudes
+    from tle.formats.observations import Observation, Stations, read_observations, read_stations
     from tle.instants import Utc
     from tle.passes import (
         CataloguePasses,
@@ -50,6 +52,7 @@ __all__ = [
     "Refraction",
     "SatellitePass",
     "Site",
+    "Stations",
     "TleError",
     "Utc",
     "bias_from_observation",
@@ -61,39 +64,38 @@ __all__ = [
     "parse_elements",
     "pass_facts",
     "read_elements",
+    "read_magnitudes",
     "read_observations",
+    "read_stations",
     "write_elements",
 ]
 
 _HOMES = {
-    "Bias": "bias",
-    "BiasEstimate": "bias",
-    "CataloguePasses": "passes",
-    "Direction": "direction",
-    "EarthOrientation": "earth",
-    "Elements": "elements",
-    "Horizon": "passes",
-    "HorizonMask": "passes",
-    "Observation": "formats.observations",
-    "Pass": "passes",
-    "PassFacts": "facts",
-    "Propagator": "propagator",
-    "Refraction": "refraction",
-    "SatellitePass": "passes",
-    "Site": "site",
-    "TleError": "errors",
-    "Utc": "instants",
-    "bias_from_observation": "bias",
-    "earth_orientation_age": "earth",
-    "find": "sources",
-    "find_catalogue_passes": "passes",
-    "find_passes": "passes",
-    "load_elements": "sources",
-    "parse_elements": "sources",
-    "pass_facts": "facts",
-    "read_elements": "sources",
-    "read_observations": "formats.observations",
-    "write_elements": "sources",
+    name: module
+    for module, names in {
+        "bias": ("Bias", "BiasEstimate", "bias_from_observation"),
+        "direction": ("Direction",),
+        "earth": ("EarthOrientation", "earth_orientation_age"),
+        "elements": ("Elements",),
+        "errors": ("TleError",),
+        "facts": ("PassFacts", "pass_facts", "read_magnitudes"),
+        "formats.observations": ("Observation", "Stations", "read_observations", "read_stations"),
+        "instants": ("Utc",),
+        "passes": (
+            "CataloguePasses",
+            "Horizon",
+            "HorizonMask",
+            "Pass",
+            "SatellitePass",
+            "find_catalogue_passes",
+            "find_passes",
+        ),
+        "propagator": ("Propagator",),
+        "refraction": ("Refraction",),
+        "site": ("Site",),
+        "sources": ("find", "load_elements", "parse_elements", "read_elements", "write_elements"),
+    }.items()
+    for name in names
 }
 
 
@@ -102,3 +104,8 @@ def __getattr__(name: str) -> Any:
     if name not in _HOMES:
         raise AttributeError(f"module 'tle' has no attribute {name!r}")
     return getattr(import_module(f"tle.{_HOMES[name]}"), name)
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return __all__

@@ -19,13 +19,14 @@ import numpy as np
 
 from tle.earth import to_tirs
 from tle.errors import BiasError, ObservationError, PlaceError
+from tle.instants import as_utc
 from tle.sun import LIGHT_KM_S, earth_velocity_km_s
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from tle.earth import EarthOrientation
-    from tle.instants import Quantity, Utc
+    from tle.instants import Instant, Quantity, Utc
     from tle.propagator import Propagator
     from tle.site import Site
 
@@ -55,7 +56,9 @@ class Bias:
     epoch: Utc | None = None
 
     def __post_init__(self) -> None:
-        """Check the numbers."""
+        """Check the numbers; take a datetime or a Time of another package as the epoch."""
+        if self.epoch is not None:
+            object.__setattr__(self, "epoch", as_utc(self.epoch))
         if not math.isfinite(self.along_s + self.cross_deg + self.along_rate + self.cross_rate_deg_s):
             raise BiasError("a bias is not a finite number: give seconds along and degrees across the track")
         if abs(self.cross_deg) > 90.0:
@@ -103,7 +106,7 @@ def bias_from_observation(
     propagator: Propagator,
     ra_deg: float,
     dec_deg: float,
-    t: Utc,
+    t: Instant,
     frame: Frame = "of_date",
     sigma_arcsec: float = 1.0,
     sigma_time_s: float = 0.0,
@@ -117,6 +120,7 @@ def bias_from_observation(
     Raises ObservationError where no bias along the track leads to the direction (another satellite, most
     likely) or the direction is none; PlaceError for an unknown frame; BiasError; PropagationError.
     """
+    t = as_utc(t)
     observed = _measured(ra_deg, dec_deg, frame)
     if not (sigma_arcsec >= 0.0 and sigma_time_s >= 0.0):
         raise ObservationError("a standard deviation is negative or no number: give arcseconds and seconds")
@@ -142,7 +146,7 @@ def bias_from_observation(
 
 
 def apparent_unit(
-    ra_deg: float, dec_deg: float, t: Utc, frame: Frame, site: Site, earth: EarthOrientation
+    ra_deg: float, dec_deg: float, t: Instant, frame: Frame, site: Site, earth: EarthOrientation
 ) -> NDArray[np.float64]:
     """Return the apparent direction, without air, of one that was measured at an instant; shape (3,).
 
@@ -153,6 +157,7 @@ def apparent_unit(
     without the terms of 0.001″ that relativity has. Raises ObservationError where it is no direction,
     PlaceError for an unknown frame, TimeRangeError.
     """
+    t = as_utc(t)
     measured = _measured(ra_deg, dec_deg, frame)
     if frame == "of_date":
         return measured

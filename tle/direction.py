@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -213,6 +213,33 @@ class Direction:
         sun = np.einsum("...ij,...j->...i", to_date, sun_km(self.utc))
         lit = is_sunlit(stacked(turned(self._satellite, self._turn[2])), sun)
         return lit if self.utc.is_array else bool(lit)
+
+    def to_astropy(self) -> Any:
+        """Return the direction as an astropy SkyCoord. Raises PackageError without astropy.
+
+        Frame TETE (true equator and equinox of date) of the instant and the site, with the range; it becomes
+        altitude and azimuth by `.transform_to(AltAz(obstime=..., location=...))`. An astrometric place is a
+        SkyCoord of frame ICRS without range, because astropy counts that from the barycentre. What astropy
+        makes of TEME over ITRS is a geometric place, without light time and aberration.
+        """
+        time = self.utc.to_astropy()
+        from astropy import units
+        from astropy.coordinates import TETE, SkyCoord
+
+        ra, dec = self.ra_deg * units.deg, self.dec_deg * units.deg
+        if self._icrf is not None:
+            return SkyCoord(ra, dec, frame="icrs", obstime=time)
+        frame = TETE(obstime=time, location=self._observer[1].to_astropy())
+        return SkyCoord(ra, dec, self.range_km * units.km, frame=frame)
+
+    def __repr__(self) -> str:
+        """Show when, where on the sky, and how far; of an array when and how many."""
+        if self.utc.is_array:
+            return f"<Direction at {len(self.utc)} instants: {self.utc!r}>"
+        return (
+            f"<Direction at {self.utc}: RA {self.ra_deg:.5f}°, Dec {self.dec_deg:.5f}°, "
+            f"altitude {self.alt_deg:.4f}°, azimuth {self.az_deg:.4f}°, {self.range_km:.3f} km>"
+        )
 
     def turned(self, turn: SkyTurn) -> Direction:
         """Return the same sight of one instant with its direction turned on the sky, all rates with it.

@@ -15,30 +15,28 @@ import warnings
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import erfa
 import numpy as np
 
 from tle.errors import EarthOrientationWarning, SourceError, TimeRangeError
-from tle.instants import DAY_S, Utc, functions_for
+from tle.instants import DAY_S, TT_MINUS_TAI_S, UNIX_EPOCH_MJD, Utc, as_utc, functions_for, tai_minus_utc_s
 from tle.site import EARTH_RADIUS_KM, FLATTENING, Site, Vector
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from tle.instants import Quantity
+    from tle.instants import Instant, Quantity
 
     Array = NDArray[np.float64]
 
 _RECORD = 188
 _TAIL_RECORDS = 800
-UNIX_EPOCH_MJD = 40587
 FIRST_MJD = 41684
 Status = Literal["observed", "predicted", "extrapolated", "fixed"]
 
 _MJD_JD = 2400000.5
-_TT_MINUS_TAI_S = 32.184
 _ARCSEC = math.pi / 648000.0
 # Two-digit years of element sets end with 2056, and nobody knows the Earth's rotation so far ahead.
 _END = Utc.parse("2057-01-01")
@@ -117,23 +115,6 @@ def installed_table() -> IersTable:
     return IersTable(astropy_iers_data.IERS_A_FILE)
 
 
-@lru_cache(maxsize=1)
-def _leap_seconds() -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the days (MJD) from which TAI-UTC has its values since 1972, and the values in seconds."""
-    table = erfa.leap_seconds.get()
-    table = table[table["year"] >= 1972]
-    starts = [
-        int(erfa.cal2jd(int(y), int(m), 1)[1]) for y, m in zip(table["year"], table["month"], strict=True)
-    ]
-    return np.array(starts, dtype=np.int64), np.asarray(table["tai_utc"], dtype=np.float64)
-
-
-def tai_minus_utc_s(mjd: int) -> float:
-    """Return TAI-UTC on a day since 1972, in seconds."""
-    starts, values = _leap_seconds()
-    return float(values[max(0, int(np.searchsorted(starts, mjd, side="right")) - 1)])
-
-
 @dataclass(frozen=True, slots=True)
 class EarthOrientationAge:
     """How good the Earth orientation for an instant is.
@@ -149,10 +130,20 @@ class EarthOrientationAge:
     predicted_until: Utc | None
 
 
+class OrientationTable(Protocol):
+    """UT1 and polar motion by day, and up to where: None for `last_observed_mjd` where that is not known."""
+
+    @property
+    def last_observed_mjd(self) -> int | None: ...  # noqa: D102
+    @property
+    def last_mjd(self) -> int: ...  # noqa: D102
+    def day(self, mjd: int) -> Orientation: ...  # noqa: D102
+
+
 class EarthOrientation:
     """UT1 and polar motion for any instant, and what follows from them for any site."""
 
-    def __init__(self, table: IersTable | None, fixed: Orientation | None = None) -> None:
+    def __init__(self, table: OrientationTable | None, fixed: Orientation | None = None) -> None:
         """Take a table, or the one orientation of all instants; see `installed` and `fixed`."""
         self._table = table
         self._fixed = fixed
@@ -172,6 +163,17 @@ class EarthOrientation:
     def fixed(cls, dut1_s: float, xp_arcsec: float = 0.0, yp_arcsec: float = 0.0) -> EarthOrientation:
         """Return an orientation with the same UT1-UTC and pole for all instants."""
         return cls(None, Orientation(0, dut1_s, xp_arcsec, yp_arcsec))
+
+    def __repr__(self) -> str:
+        """Show where UT1 and polar motion come from."""
+        if self._fixed is not None:
+            one = self._fixed
+            return (
+                f"<EarthOrientation, UT1-UTC {one.dut1_s:g} s, pole {one.xp_arcsec:g}″, {one.yp_arcsec:g}″>"
+            )
+        assert self._table is not None
+        until = Utc((self._table.last_mjd - UNIX_EPOCH_MJD) * DAY_S)
+        return f"<EarthOrientation by a table until {until.isoformat('seconds')}>"
 
     def rotation(self, unix_s: Quantity) -> Rotation:
         """Return θ and dθ/dt, E and dE/dt, x_p and y_p for POSIX seconds of UTC, in rad and rad/s.
@@ -196,12 +198,13 @@ class EarthOrientation:
             y0 + y1 * s,
         )
 
-    def celestial_matrix(self, at: Utc) -> NDArray[np.float64]:
+    def celestial_matrix(self, at: Instant) -> NDArray[np.float64]:
         """Return the matrices, shape (3, 3) or (n, 3, 3), from GCRS to true equator and equinox of date.
 
         Bias, precession and nutation of IAU 2006/2000A (ERFA's pnm06a), without the IERS's celestial pole
         offsets of under a milliarcsecond. Raises TimeRangeError.
         """
+        at = as_utc(at)
         if at.is_array:
             self._check(at.unix_s)
             index = np.floor(at.unix_s / DAY_S).astype(np.int64)
@@ -216,18 +219,21 @@ class EarthOrientation:
         matrix: NDArray[np.float64] = np.tensordot([1.0, x, x * x, x * x * x], self._matrix(one), axes=1)
         return matrix
 
-    def local_apparent_sidereal_deg(self, at: Utc, site: Site) -> Quantity:
+    def local_apparent_sidereal_deg(self, at: Instant, site: Site) -> Quantity:
         """Return local apparent sidereal time, GAST06A plus the site's longitude, degrees from 0 to 360."""
+        at = as_utc(at)
         theta, _, equinoxes, _, _, _ = self.rotation(at.unix_s)
         return ((theta + equinoxes) * (180.0 / math.pi) + site.longitude_deg) % 360.0
 
-    def sidereal_rate_deg_s(self, at: Utc) -> Quantity:
+    def sidereal_rate_deg_s(self, at: Instant) -> Quantity:
         """Return the rate of apparent sidereal time, degrees in a second of UTC."""
+        at = as_utc(at)
         _, theta_rate, _, equinoxes_rate, _, _ = self.rotation(at.unix_s)
         return (theta_rate + equinoxes_rate) * (180.0 / math.pi)
 
-    def orientation(self, at: Utc) -> Orientation:
+    def orientation(self, at: Instant) -> Orientation:
         """Return UT1-UTC and pole at one instant, linear between the table's days."""
+        at = as_utc(at)
         index = self._index(at.unix_s)
         first, last = self._ends(index)
         part = at.unix_s / DAY_S - index
@@ -238,9 +244,10 @@ class EarthOrientation:
             first.yp_arcsec + part * (last.yp_arcsec - first.yp_arcsec),
         )
 
-    def age(self, at: Utc) -> EarthOrientationAge:
+    def age(self, at: Instant) -> EarthOrientationAge:
         """Tell how good the orientation for one instant is."""
-        if self._table is None:
+        at = as_utc(at)
+        if self._table is None or self._table.last_observed_mjd is None:
             return EarthOrientationAge(None, "fixed", None, None)
         observed = Utc((self._table.last_observed_mjd - UNIX_EPOCH_MJD) * DAY_S)
         predicted = Utc((self._table.last_mjd - UNIX_EPOCH_MJD) * DAY_S)
@@ -339,11 +346,12 @@ class EarthOrientation:
         return self._matrices[index]
 
     @staticmethod
-    def _tt(mjd: int) -> NDArray[np.float64]:
-        return (_NODES_S + tai_minus_utc_s(mjd) + _TT_MINUS_TAI_S) / DAY_S
+    def _tt(mjd: int) -> Array:
+        tt: Array = (_NODES_S + tai_minus_utc_s(mjd) + TT_MINUS_TAI_S) / DAY_S
+        return tt
 
 
-def earth_orientation_age(at: Utc, earth: EarthOrientation | None = None) -> EarthOrientationAge:
+def earth_orientation_age(at: Instant, earth: EarthOrientation | None = None) -> EarthOrientationAge:
     """Tell whether Earth orientation for an instant is observed, predicted or extrapolated, and its age."""
     return (earth or EarthOrientation.installed()).age(at)
 

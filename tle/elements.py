@@ -20,16 +20,16 @@ from tle.errors import (
     SubOrbitalError,
     TimeRangeError,
 )
-from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc
+from tle.instants import DAY_S, UNIX_EPOCH_JD, Utc, as_utc
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from tle.instants import Quantity
+    from tle.instants import Instant, Quantity
 
 _SGP4_EPOCH_JD = 2433281.5
-_REV_DAY_PER_RAD_MIN = 1440.0 / (2.0 * math.pi)
-_DEG = math.pi / 180.0
+REV_DAY_PER_RAD_MIN = 1440.0 / (2.0 * math.pi)
+DEG = math.pi / 180.0
 _LEAST_INCLINATION_DEG = 1e-100
 DECAYED = 6
 # The Earth as SGP4 has it (WGS 72).
@@ -75,6 +75,19 @@ class Elements:
     element_set_number: int = 0
     revolution_number: int = 0
 
+    def __post_init__(self) -> None:
+        """Take a datetime or a Time of another package as the epoch."""
+        if type(self.epoch) is not Utc:
+            object.__setattr__(self, "epoch", as_utc(self.epoch))
+
+    def __repr__(self) -> str:
+        """Show which object's elements these are, of when, and what orbit it has."""
+        names = " ".join(part for part in (self.name, str(self.catalog_number), self.designator) if part)
+        return (
+            f"<Elements of {names}: epoch {self.epoch}, {self.perigee_km:.0f} to {self.apogee_km:.0f} km, "
+            f"inclination {self.inclination_deg:g}°>"
+        )
+
     @classmethod
     def from_tle(cls, line1: str, line2: str, name: str | None = None) -> Elements:
         """Return the elements of a two-line set; every column is checked.
@@ -110,8 +123,9 @@ class Elements:
         """Give the greatest height above an Earth of 6378.135 km radius, in km, as catalogues do."""
         return self.semi_major_axis_km * (1.0 + self.eccentricity) - RADIUS_KM
 
-    def age_s(self, at: Utc) -> Quantity:
+    def age_s(self, at: Instant) -> Quantity:
         """Return seconds from the epoch of the elements to an instant; negative before the epoch."""
+        at = as_utc(at)
         return at.unix_s - self.epoch.unix_s
 
     def satrec(self) -> Satrec:
@@ -128,15 +142,15 @@ class Elements:
             0,  # the number plays no part in the motion, and nine-digit ones do not fit
             (jd + fraction) - _SGP4_EPOCH_JD,
             self.bstar_per_earth_radius,
-            self.mean_motion_dot_rev_day2 / (_REV_DAY_PER_RAD_MIN * 1440.0),
-            self.mean_motion_ddot_rev_day3 / (_REV_DAY_PER_RAD_MIN * 1440.0 * 1440.0),
+            self.mean_motion_dot_rev_day2 / (REV_DAY_PER_RAD_MIN * 1440.0),
+            self.mean_motion_ddot_rev_day3 / (REV_DAY_PER_RAD_MIN * 1440.0 * 1440.0),
             self.eccentricity,
-            self.arg_perigee_deg * _DEG,
+            self.arg_perigee_deg * DEG,
             # SGP4 divides by its sine, unless that is naught.
-            self.inclination_deg * _DEG if self.inclination_deg > _LEAST_INCLINATION_DEG else 0.0,
-            self.mean_anomaly_deg * _DEG,
-            self.mean_motion_rev_day / _REV_DAY_PER_RAD_MIN,
-            self.raan_deg * _DEG,
+            self.inclination_deg * DEG if self.inclination_deg > _LEAST_INCLINATION_DEG else 0.0,
+            self.mean_anomaly_deg * DEG,
+            self.mean_motion_rev_day / REV_DAY_PER_RAD_MIN,
+            self.raan_deg * DEG,
         )
         # The epoch above is one float, good to 20 µs, because that is what enters SGP4's lunisolar
         # terms when it reads a TLE itself; the time since epoch comes from the two parts below.
@@ -213,7 +227,7 @@ def format_alpha5(number: int) -> str | None:
     return None
 
 
-def expected_along_s(elements: Elements, at: Utc) -> float:
+def expected_along_s(elements: Elements, at: Instant) -> float:
     """Return the along-track error to expect at an instant, in seconds; at most half a revolution.
 
     A typical figure, not a bound, and as large before the epoch as after it. It joins three parts as the root
@@ -228,7 +242,7 @@ def expected_along_s(elements: Elements, at: Utc) -> float:
     return min(error_s, 0.5 * elements.period_s)
 
 
-def expected_along_arcsec(elements: Elements, at: Utc) -> float:
+def expected_along_arcsec(elements: Elements, at: Instant) -> float:
     """Return what `expected_along_s` is on the sky, in arcsec, at its largest: perigee straight overhead."""
     height_km = max(elements.perigee_km, _LOWEST_KM)
     speed_km_s = math.sqrt(MU_KM3_S2 * (2.0 / (RADIUS_KM + height_km) - 1.0 / elements.semi_major_axis_km))

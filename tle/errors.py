@@ -117,6 +117,12 @@ class TimeRangeError(TleError):
     """An instant that is not finite, or outside the span for which directions are defined."""
 
 
+class PackageError(TleError):
+    """A package that the request needs is not installed."""
+
+    exit_code = 1
+
+
 class SiteError(TleError):
     """A site that is not on Earth: out of range, not a number, not three numbers."""
 

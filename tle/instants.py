@@ -1,6 +1,7 @@
 """Instants in UTC: the one kind of time that everything in this package takes and gives.
 
 A `Quantity` is a float for one instant and an array for many; `functions_for` gives the functions of either.
+Wherever an instant is taken, an aware datetime and the Time of astropy or skyfield will do (`as_utc`).
 """
 
 from __future__ import annotations
@@ -8,17 +9,26 @@ from __future__ import annotations
 import math
 import re
 from datetime import UTC, datetime, timedelta, timezone
-from typing import Any, NamedTuple, TypeAlias
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
-from tle.errors import NaiveTimeError, TimeFormatError, TimeRangeError
+from tle.errors import NaiveTimeError, PackageError, TimeFormatError, TimeRangeError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 # float for one instant, NDArray[float64] for an array of instants. An explicit Any, because a union would
 # make every caller narrow it although the shape is always that of the instants given.
 Quantity: TypeAlias = Any
+# What is taken as an instant, or as an array of instants.
+Instant: TypeAlias = "Utc | datetime | AstropyTime | SkyfieldTime"
 DAY_S = 86400.0
 UNIX_EPOCH_JD = 2440587.5
+UNIX_EPOCH_MJD = 40587
+_MJD_JD = 2400000.5
+TT_MINUS_TAI_S = 32.184
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _ISO = re.compile(
     r"(\d{4})-(\d\d)-(\d\d)"
@@ -98,12 +108,21 @@ class Utc:
         return cls(_unix_of(moment))
 
     @classmethod
-    def range(cls, start: Utc, stop: Utc, step_s: float) -> Utc:
+    def now(cls) -> Utc:
+        """Return the present instant by the computer's clock, to the microsecond.
+
+        For scripts. Nothing in this package calls it: every calculation takes its instants as arguments.
+        """
+        return cls.from_datetime(datetime.now(UTC))
+
+    @classmethod
+    def range(cls, start: Instant, stop: Instant, step_s: float) -> Utc:
         """Return instants from start to stop, both included where the step meets it, every step_s seconds.
 
         Raises TimeRangeError for a step that is not positive, a stop before the start, or a span of more
         than ten million instants.
         """
+        start, stop = as_utc(start), as_utc(stop)
         span_s = stop.unix_s - start.unix_s
         if not step_s > 0.0 or not math.isfinite(step_s):
             raise TimeRangeError(f"a step of {step_s} s leads nowhere: give a positive number of seconds")
@@ -132,6 +151,16 @@ class Utc:
             return _EPOCH + timedelta(seconds=self.unix_s)
         except (OverflowError, ValueError):
             raise TimeRangeError(f"{self.unix_s} s since 1970 is outside the calendar") from None
+
+    def to_astropy(self) -> Any:
+        """Return the same instants as an astropy Time, scale UTC. Raises PackageError without astropy."""
+        try:
+            from astropy.time import Time
+        except ImportError:
+            raise PackageError("astropy is not installed: pip install astropy") from None
+        days, fraction = self.split()
+        offset_s = tai_minus_utc_s(days - _MJD_JD)
+        return Time(days, fraction + offset_s / DAY_S, format="jd", scale="tai").utc
 
     def isoformat(self, timespec: str = "microseconds") -> str:
         """Return one instant as ISO 8601 ending in Z; timespec as in datetime.isoformat, rounded.
@@ -199,11 +228,96 @@ class Utc:
         """Hash a single instant."""
         return hash(self.unix_s)
 
+    def __str__(self) -> str:
+        """Return one instant as ISO 8601, an array as its repr."""
+        return repr(self) if self.is_array else self._text()
+
     def __repr__(self) -> str:
-        """Show the instant as a reader would write it."""
-        if self.is_array:
-            return f"<Utc {len(self)} instants>"
-        return f"Utc({self.unix_s!r})"
+        """Show the instant as a reader would write it, an array by its first and last."""
+        if not self.is_array:
+            return f"<Utc {self._text()}>"
+        if len(self) == 0:
+            return "<Utc, no instants>"
+        return f"<Utc, {len(self)} instants from {self[0]} to {self[len(self) - 1]}>"
+
+    def _text(self) -> str:
+        """Return one instant as ISO 8601 without trailing zeros, as seconds where the calendar ends."""
+        try:
+            text = self.isoformat()[:-1]
+        except (TimeRangeError, ValueError):
+            return f"{self.unix_s} s since 1970"
+        return text.rstrip("0").rstrip(".") + "Z"
+
+
+class AstropyTime(Protocol):
+    """What is read of an astropy Time: the same instants in TAI, whose Julian date is `jd1` + `jd2`."""
+
+    @property
+    def tai(self) -> Any: ...  # noqa: D102
+    @property
+    def jd1(self) -> Any: ...  # noqa: D102
+    @property
+    def jd2(self) -> Any: ...  # noqa: D102
+
+
+class SkyfieldTime(Protocol):
+    """What is read of a skyfield Time: its Julian date in TT is `whole` + `tt_fraction`."""
+
+    whole: Any
+    tt_fraction: Any
+
+
+def as_utc(instant: Instant) -> Utc:
+    """Return the Utc of an aware datetime, or of a Time of astropy or skyfield; a Utc as it is.
+
+    Arrays of one dimension stay arrays. Times of other scales (TT, TDB, UT1) are converted by their own
+    package to TAI or TT, and from there by ERFA's leap seconds. Raises NaiveTimeError for a datetime without
+    a zone, and TimeFormatError for anything else.
+    """
+    if isinstance(instant, Utc):
+        return instant
+    if isinstance(instant, datetime):
+        return Utc.from_datetime(instant)
+    if hasattr(instant, "jd1") and hasattr(instant, "tai"):
+        atomic = instant.tai
+        return _utc_of_tai(atomic.jd1, atomic.jd2)
+    if hasattr(instant, "tt_fraction"):
+        return _utc_of_tai(instant.whole, instant.tt_fraction - TT_MINUS_TAI_S / DAY_S)
+    raise TimeFormatError(
+        f"{instant!r} is no instant: give a Utc, an aware datetime, or a Time of astropy or skyfield"
+    )
+
+
+def _utc_of_tai(days: Quantity, fraction: Quantity) -> Utc:
+    """Return the instants of a two-part Julian date in TAI; a leap second counts on past midnight."""
+    import erfa
+
+    # The bare functions give a status for years without announced leap seconds, where the others warn.
+    utc_days, utc_fraction, _ = erfa.ufunc.taiutc(days, fraction)
+    year, month, day, clock, _ = erfa.ufunc.d2dtf(b"UTC", 9, utc_days, utc_fraction)
+    _, mjd, _ = erfa.ufunc.cal2jd(year, month, day)
+    second = clock["h"] * 3600.0 + clock["m"] * 60.0 + clock["s"] + clock["f"] * 1e-9
+    return Utc.of((mjd - UNIX_EPOCH_MJD) * DAY_S + second)
+
+
+def tai_minus_utc_s(mjd: Quantity) -> Quantity:
+    """Return TAI-UTC on days since 1972, in seconds; on an earlier day that of 1972."""
+    starts, values = _leap_seconds()
+    found = values[np.maximum(0, np.searchsorted(starts, mjd, side="right") - 1)]
+    return found if isinstance(mjd, np.ndarray) else float(found)
+
+
+@lru_cache(maxsize=1)
+def _leap_seconds() -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return the days (MJD) from which TAI-UTC has its values since 1972, and the values in seconds."""
+    import erfa
+
+    table = erfa.leap_seconds.get()
+    table = table[table["year"] >= 1972]
+    starts = [
+        int(erfa.cal2jd(int(y), int(m), 1)[1]) for y, m in zip(table["year"], table["month"], strict=True)
+    ]
+    return np.array(starts, dtype=np.int64), np.asarray(table["tai_utc"], dtype=np.float64)
 
 
 class Functions(NamedTuple):
@@ -223,8 +337,6 @@ def _scalar_where(condition: bool, yes: float, no: float) -> float:
 
 
 FLOATS = Functions(math.sin, math.cos, math.tan, math.sqrt, math.exp, math.atan2, _scalar_where)
-
-
 ARRAYS = Functions(np.sin, np.cos, np.tan, np.sqrt, np.exp, np.arctan2, np.where)
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from tle.elements import MU_KM3_S2, RADIUS_KM
+from tle.elements import DEG, MU_KM3_S2, RADIUS_KM, REV_DAY_PER_RAD_MIN
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 XKE = 60.0 / math.sqrt(RADIUS_KM**3 / MU_KM3_S2)
 _J2, _J3, _J4 = 0.001082616, -0.00000253881, -0.00000165597
 _J3_J2 = _J3 / _J2
-_DEG = math.pi / 180.0
-_REV_DAY_PER_RAD_MIN = 1440.0 / (2.0 * math.pi)
 DEEP_SPACE_MIN = 225.0
 # Newton's next error is e/2 times the square of the last step: below rounding, and below 200 m where rough.
 _EXACT_RAD, _ROUGH_RAD, _MOST_STEPS = 1e-8, 5e-3, 12
@@ -117,9 +115,9 @@ class MeanOrbit(NamedTuple):
 
 def brouwer_mean_motion(elements: Sequence[Elements]) -> Array:
     """Return mean motions in rad/min, Kozai's of the element sets turned into Brouwer's; shape (n,)."""
-    kozai = np.array([e.mean_motion_rev_day for e in elements]) / _REV_DAY_PER_RAD_MIN
+    kozai = np.array([e.mean_motion_rev_day for e in elements]) / REV_DAY_PER_RAD_MIN
     e2 = np.array([e.eccentricity for e in elements]) ** 2
-    cos2 = np.cos(np.array([e.inclination_deg for e in elements]) * _DEG) ** 2
+    cos2 = np.cos(np.array([e.inclination_deg for e in elements]) * DEG) ** 2
     return _brouwer(kozai, e2, cos2)
 
 
@@ -138,11 +136,11 @@ def start_near_earth(elements: Sequence[Elements]) -> NearEarth:
             (
                 e.epoch.unix_s,
                 e.eccentricity,
-                e.inclination_deg * _DEG,
-                e.raan_deg * _DEG,
-                e.arg_perigee_deg * _DEG,
-                e.mean_anomaly_deg * _DEG,
-                e.mean_motion_rev_day / _REV_DAY_PER_RAD_MIN,
+                e.inclination_deg * DEG,
+                e.raan_deg * DEG,
+                e.arg_perigee_deg * DEG,
+                e.mean_anomaly_deg * DEG,
+                e.mean_motion_rev_day / REV_DAY_PER_RAD_MIN,
                 e.bstar_per_earth_radius,
             )
             for e in elements

@@ -32,7 +32,7 @@ from tle.crossings import (
 from tle.earth import EarthOrientation, Ground
 from tle.elements import DECAYED
 from tle.errors import PropagationError, SiteError, SourceError, TimeRangeError, printable
-from tle.instants import DAY_S, Utc
+from tle.instants import DAY_S, Utc, as_utc
 from tle.near_earth import DEEP_SPACE_MIN, brouwer_mean_motion, start_near_earth
 from tle.prefilter import drag_share, near_crossings, near_places
 
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 
     from tle.crossings import Arcs
     from tle.elements import Elements
-    from tle.instants import Quantity
+    from tle.instants import Instant, Quantity
     from tle.near_earth import NearEarth
     from tle.prefilter import DeepSpace
     from tle.propagator import Propagator
@@ -88,10 +88,21 @@ class Pass(NamedTuple):
     max_alt_deg: float
     culminations_utc: tuple[Utc, ...] = ()
 
+    def __repr__(self) -> str:
+        """Show rise, culmination and set with their azimuths."""
+        rise = (
+            "up before"
+            if self.rise_utc is None
+            else f"rises {_when(self.rise_utc)} at {self.rise_az_deg:.0f}°"
+        )
+        end = "up after" if self.set_utc is None else f"sets {_when(self.set_utc)} at {self.set_az_deg:.0f}°"
+        top = f"culminates {_when(self.culminate_utc)} at {self.max_alt_deg:.1f}° altitude"
+        return f"<Pass {rise}, {top}, {end}>"
+
 
 def find_passes(
     propagator: Propagator,
-    start: Utc,
+    start: Instant,
     hours: float,
     min_alt_deg: float = 10.0,
     mask: HorizonMask | None = None,
@@ -103,6 +114,7 @@ def find_passes(
     No pass longer than half a second is missed; see `crossings` for the proof.
     Raises TimeRangeError, SiteError for an altitude that is none, PropagationError where SGP4 fails at once.
     """
+    start = as_utc(start)
     check_hours(hours)
     horizon = Horizon(min_alt_deg, mask)
     start_s, span_s = float(start.unix_s), hours * HOUR_S
@@ -159,6 +171,13 @@ class CataloguePasses(Sequence[SatellitePass]):
         self.found = found
         self.failed = failed
 
+    def __repr__(self) -> str:
+        """Show how many passes of how many objects there are, and from when on."""
+        hours = self.task.span[1] / HOUR_S
+        return (
+            f"<CataloguePasses, {len(self)} of {len(self.elements)} objects in {hours:g} h from {self.start}>"
+        )
+
     def __len__(self) -> int:
         """Return how many passes there are."""
         return len(self.found.obj)
@@ -189,7 +208,7 @@ class CataloguePasses(Sequence[SatellitePass]):
 def find_catalogue_passes(
     elements: Sequence[Elements],
     site: Site,
-    start: Utc,
+    start: Instant,
     hours: float,
     horizon: Horizon | float = 10.0,
     *,
@@ -205,6 +224,7 @@ def find_catalogue_passes(
     catalogues among as many processes; a script that asks for them must guard its own work by
     `if __name__ == "__main__"`. Raises TimeRangeError, SiteError; what SGP4 refuses is listed in `failed`.
     """
+    start = as_utc(start)
     check_hours(hours)
     level = horizon if isinstance(horizon, Horizon) else Horizon(horizon)
     task = SearchTask(elements, site, (float(start.unix_s), hours * HOUR_S), level, earth)
@@ -335,6 +355,10 @@ class Horizon:
             np.minimum(low[level, first], low[level, second]),
             np.maximum(high[level, first], high[level, second]),
         )
+
+
+def _when(t: Utc) -> str:
+    return t.isoformat("seconds")
 
 
 def _near(propagator: Propagator, span: tuple[float, float], horizon: Horizon) -> Crossings | None:

@@ -17,7 +17,7 @@ from tle.direction import Direction, Sight, stacked, teme_axis, unit_of
 from tle.earth import EarthOrientation, Rotation, Triple, turned
 from tle.elements import MU_KM3_S2, RADIUS_KM, propagation_error
 from tle.errors import PlaceError
-from tle.instants import ARRAYS, DAY_S, FLOATS, UNIX_EPOCH_JD, Functions, Utc, functions_for
+from tle.instants import ARRAYS, DAY_S, FLOATS, UNIX_EPOCH_JD, Functions, Utc, as_utc, functions_for
 from tle.sun import LIGHT_KM_S, earth_velocity_km_s
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from sgp4.api import Satrec
 
     from tle.elements import Elements
-    from tle.instants import Quantity
+    from tle.instants import Instant, Quantity
     from tle.refraction import Refraction
     from tle.site import Site
 
@@ -92,19 +92,31 @@ class Propagator:
         self._observer = (self.earth, site)
         self._aberrated = diurnal_aberration and place != "geometric"
 
+    def __repr__(self) -> str:
+        """Show what is seen from where, and what is taken into account."""
+        site, elements = self.site, self.elements
+        air = f", {self.refraction!r}" if self.refraction is not None else ""
+        bias = f", {self.bias!r}" if self.bias != NO_BIAS else ""
+        return (
+            f"<Propagator of {elements.label} ({elements.catalog_number}) from {site.latitude_deg:g}, "
+            f"{site.longitude_deg:g}, {site.height_m:g} m: {self.place} place{air}{bias}>"
+        )
+
     def with_place(self, place: Place) -> Propagator:
         """Return the same propagator for another kind of place, without refraction."""
         return Propagator(
             self.elements, self.site, self.bias, self.earth, None, place, self.diurnal_aberration
         )
 
-    def at(self, t: Utc, bias: Bias | None = None) -> Direction:
+    def at(self, t: Instant, bias: Bias | None = None) -> Direction:
         """Return where the satellite is seen at an instant, or at each of an array of instants.
 
-        A bias given here takes the place of the propagator's own.
+        An instant is a Utc, an aware datetime, or a Time of astropy or skyfield. A bias given here takes the
+        place of the propagator's own.
         Raises TimeRangeError; DecayedError or another PropagationError for one instant at which SGP4 fails
         (in an array, that instant is NaN and its `error` is SGP4's number).
         """
+        t = as_utc(t)
         bias = self.bias if bias is None else bias
         unix_s = t.unix_s
         turn = self.earth.rotation(unix_s)

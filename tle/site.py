@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
-from tle.errors import SiteError
+from tle.errors import PackageError, SiteError
 
 EARTH_RADIUS_KM = 6378.137
 FLATTENING = 1.0 / 298.257223563
@@ -50,6 +51,14 @@ class Site:
             ("up", (cos_phi * cos_lam, cos_phi * sin_lam, sin_phi)),
         ):
             object.__setattr__(self, name, vector)
+
+    def to_astropy(self) -> Any:
+        """Return the site as an astropy EarthLocation (WGS 84). Raises PackageError without astropy."""
+        try:
+            from astropy.coordinates import EarthLocation
+        except ImportError:
+            raise PackageError("astropy is not installed: pip install astropy") from None
+        return EarthLocation.from_geodetic(self.longitude_deg, self.latitude_deg, self.height_m)
 
     @classmethod
     def parse(cls, text: str) -> Site:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import erfa
 import numpy as np
 
-from tle.earth import UNIX_EPOCH_MJD, tai_minus_utc_s, turned
-from tle.instants import DAY_S, Utc
+from tle.earth import turned
+from tle.instants import DAY_S, TT_MINUS_TAI_S, UNIX_EPOCH_MJD, Utc, tai_minus_utc_s
 from tle.site import EARTH_RADIUS_KM, FLATTENING
 
 if TYPE_CHECKING:
@@ -30,10 +30,10 @@ _MOON_STEP_S, _SUN_STEP_S = 600.0, 3600.0
 
 
 def terrestrial_time(at: Utc) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return Julian dates of TT, which TDB follows within 2 ms; UTC's step is that of the first instant."""
+    """Return Julian dates of TT, which TDB follows within 2 ms, in two parts of shape (n,)."""
     seconds = np.atleast_1d(np.asarray(at.unix_s, dtype=np.float64))
     days = np.floor(seconds / DAY_S)
-    offset_s = tai_minus_utc_s(int(days[0]) + UNIX_EPOCH_MJD) + 32.184 if len(days) else 0.0
+    offset_s = tai_minus_utc_s(days + UNIX_EPOCH_MJD) + TT_MINUS_TAI_S
     return days + UNIX_EPOCH_MJD + _MJD_JD, (seconds - days * DAY_S + offset_s) / DAY_S
 
 

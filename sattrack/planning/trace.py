@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from tle.bias import NO_BIAS, Bias
-from tle.instants import Utc
+from tle.instants import Utc, as_utc
 from tle.propagator import Propagator
 
 if TYPE_CHECKING:
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from sattrack.control.tracker import TrackPlan
     from tle.direction import Direction
+    from tle.instants import Instant
 
     Array = NDArray[np.float64]
     Bools = NDArray[np.bool_]
@@ -185,8 +186,9 @@ class TabledPropagator(Propagator):
         self._good = [bool(x) for x in np.all(np.isfinite(units), axis=1).ravel()]
         self._rows: list[list[float]] = np.concatenate([units, rates * STEP_S], axis=1).tolist()
 
-    def at(self, t: Utc, bias: Bias | None = None) -> Direction:
+    def at(self, t: Instant, bias: Bias | None = None) -> Direction:
         """See Propagator.at; of a single instant in the table, a `TabledDirection`."""
+        t = as_utc(t)
         unix_s = t.unix_s
         if not isinstance(unix_s, np.ndarray) and (bias is None or bias == self._table_bias):
             steps = (unix_s - self._begin_utc_s) / STEP_S

@@ -14,11 +14,10 @@ from tle.earth import (
     IersTable,
     earth_orientation_age,
     installed_table,
-    tai_minus_utc_s,
     to_tirs,
 )
 from tle.errors import EarthOrientationWarning, SourceError, TimeRangeError
-from tle.instants import Utc
+from tle.instants import Utc, tai_minus_utc_s
 from tle.site import Site
 
 ARCSEC = math.pi / 648000.0

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tle.errors import NaiveTimeError, TimeFormatError, TimeRangeError
-from tle.instants import Utc
+from tle.instants import Utc, as_utc
 
 # 2026-10-02T13:05:24 UTC: 20728 days of 86400 s since 1970, and 13:05:24.
 CULMINATION_S = 20728 * 86400 + 13 * 3600 + 5 * 60 + 24
@@ -137,11 +137,39 @@ def test_instants_are_values():
     assert t <= Utc(5.0)
     assert not t < Utc(5.0)
     assert t.plus(2.5) - t == 2.5
-    assert repr(t) == "Utc(5.0)"
-    assert repr(Utc.of([1.0])) == "<Utc 1 instants>"
 
 
-def test_far_from_the_calendar_is_told():
+def test_instants_are_shown_as_a_reader_writes_them():
+    t = Utc.parse("2026-10-02T13:05:24.25Z")
+    assert (str(t), repr(t)) == ("2026-10-02T13:05:24.25Z", "<Utc 2026-10-02T13:05:24.25Z>")
+    assert str(Utc(0.0)) == "1970-01-01T00:00:00Z"
+    assert str(Utc(1e15)) == "1000000000000000.0 s since 1970"
+    assert str(Utc(float("nan"))) == "nan s since 1970"
+    shown = "<Utc, 2 instants from 1970-01-01T00:00:01Z to 1970-01-02T00:00:00.5Z>"
+    assert repr(Utc.of([1.0, 86400.5])) == str(Utc.of([1.0, 86400.5])) == shown
+    assert repr(Utc.of([])) == "<Utc, no instants>"
+
+
+def test_now_is_the_computers_clock():
+    before = datetime.now(UTC)
+    now = Utc.now().datetime()
+    assert before <= now <= datetime.now(UTC)
+
+
+def test_what_names_an_instant_is_taken_as_one():
+    moment = datetime(2026, 10, 2, 15, 5, 24, 250000, tzinfo=timezone(timedelta(hours=2)))
+    assert as_utc(moment) == Utc.parse("2026-10-02T13:05:24.25Z")
+    t = Utc(5.0)
+    assert as_utc(t) is t
+    assert Utc.range(moment, moment, 1.0)[0] == as_utc(moment)
+    with pytest.raises(NaiveTimeError, match="no time zone"):
+        as_utc(datetime(2026, 10, 2))  # noqa: DTZ001
+    for other in (5.0, "2026-10-02", None):
+        with pytest.raises(TimeFormatError, match="is no instant: give a Utc"):
+            as_utc(other)
+
+
+def test_far_from_the_calendar_is_named():
     with pytest.raises(TimeRangeError, match="outside the calendar"):
         Utc.of(1e15).datetime()
 

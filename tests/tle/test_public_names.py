@@ -22,7 +22,17 @@ def test_every_public_name_stays_what_it_is():
     assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "", "")
 
 
-def test_unknown_names_are_told():
+def test_the_module_lists_its_public_names():
+    assert dir(tle) == sorted(tle.__all__)
+
+
+def test_importing_the_package_imports_nothing_else():
+    code = "import sys, tle; print([n for n in sys.modules if n.startswith('tle.') or n == 'numpy'])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.strip(), done.stderr) == (0, "[]", "")
+
+
+def test_unknown_names_are_named():
     with pytest.raises(AttributeError, match="no attribute 'Nothing'"):
         tle.Nothing  # noqa: B018
 

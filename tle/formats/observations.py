@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, get_args
 
 from tle.bias import BiasEstimate, Frame, bias_from_observation
 from tle.errors import ObservationError, SiteError, SourceError, TimeFormatError
-from tle.instants import DAY_S, Utc
+from tle.instants import DAY_S, Utc, as_utc
 from tle.site import Site
 
 if TYPE_CHECKING:
@@ -84,6 +84,7 @@ class Observation:
 
     def __post_init__(self) -> None:
         """Check that the direction is one. Raises ObservationError."""
+        object.__setattr__(self, "utc", as_utc(self.utc))
         if not -90.0 <= self.dec_deg <= 90.0:
             raise self.error(f"a declination of {self.dec_deg}° is outside -90° to 90°")
         if not 0.0 <= self.ra_deg <= 360.0:
