@@ -71,7 +71,7 @@ def _lines(view: RecordingView, facts: RunFacts, parts: int) -> list[str]:
 @command.command("export")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
-@click.option("--format", "kind", type=click.Choice(FORMATS), help="Else told by OUT's ending.")
+@click.option("--format", "kind", type=click.Choice(FORMATS), help="By default from OUT's ending.")
 @click.option("--table", type=click.Choice(TABLES), default="status", show_default=True, help="Of CSV, JSON.")
 @click.option("--anonymous", is_flag=True, help="Move site and time together, and leave names out.")
 @_part

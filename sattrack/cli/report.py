@@ -49,7 +49,7 @@ def command(context: CommandContext, files: tuple[Path, ...], **options: Any) ->
     """Tell what recorded passes show: error, link, gains and delays, the satellite's biases, what to change.
 
     With several files, the trend over them too. Biases are fitted from observations that came in during the
-    run; without any, the operator's last nudge is told as such.
+    run; without any, the operator's last nudge is printed, labelled as one.
     """
     html_file, folder, tdm = options["html_file"], options["folder"], options["tdm"]
     if tdm is not None and len(files) > 1:
