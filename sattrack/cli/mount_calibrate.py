@@ -46,10 +46,10 @@ FILE = click.Path(path_type=Path)
     "--clock-true",
     type=float,
     metavar="SECONDS",
-    help="The mount's clock and ours are true to so many seconds: the delays are then told apart.",
+    help="The mount's clock and ours are true to so many seconds: the two delays then follow.",
 )
 @click.option(
-    "--sim-profile", type=FILE, metavar="FILE", help="With --mount sim: the mount that is to be found out."
+    "--sim-profile", type=FILE, metavar="FILE", help="With --mount sim: the mount to find out about."
 )
 @common_options
 def command(context: CommandContext, **options: Any) -> int:

@@ -85,7 +85,7 @@ def _lines(view: RecordingView, facts: RunFacts, parts: int) -> list[str]:
 @command.command("export")
 @click.argument("file", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
-@click.option("--format", "kind", type=click.Choice(FORMATS), help="Else told by OUT's ending.")
+@click.option("--format", "kind", type=click.Choice(FORMATS), help="By default from OUT's ending.")
 @click.option("--table", type=click.Choice(TABLES), default="status", show_default=True, help="Of CSV, JSON.")
 @click.option("--anonymous", is_flag=True, help="Move site and time together, and leave names out.")
 @_part
@@ -170,7 +170,7 @@ def report(context: CommandContext, files: tuple[Path, ...], **options: Any) -> 
     """Tell what recorded passes show: error, link, gains and delays, the satellite's biases, what to change.
 
     With several files, the trend over them too. Biases are fitted from observations that came in during the
-    run; without any, the operator's last nudge is told as such.
+    run; without any, the operator's last nudge is printed, labelled as one.
     """
     html_file, folder, tdm = options["html_file"], options["folder"], options["tdm"]
     if tdm is not None and len(files) > 1:

@@ -103,7 +103,7 @@ def caller_options(port: int, idle_s: float, requests_per_s: float) -> Callable[
             "--idle",
             default=idle_s,
             show_default=True,
-            help="Seconds of silence after which a client is hung up on.",
+            help="Seconds of silence after which a client is disconnected.",
         ),
         click.option(
             "--requests",

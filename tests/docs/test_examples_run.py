@@ -1,0 +1,183 @@
+"""Every block of the README, the tutorial and the how-tos does what the page says.
+
+Blocks of `sh` run in a folder that holds examples/, a page's blocks one after the other; a block without a
+language after one is its output, in which `…` stands for any lines. Those after `<!-- parse only: WHY -->` do
+not run: each `sattrack` line of theirs must parse. Other marks say what reads a block: `sattrack.toml`,
+`profile`, `schedule`, `message`.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+import msgspec
+import pytest
+
+from sattrack.cli.main import COMMANDS, cli
+from sattrack.mount.model import MountProfile
+from sattrack.schedule.file import load_schedule
+from sattrack.settings import load_settings
+from sattrack.views.messages import decode_message
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [
+    ROOT / "README.md",
+    ROOT / "docs" / "index.md",
+    ROOT / "docs" / "tutorial.md",
+    ROOT / "docs" / "python.md",
+    *sorted((ROOT / "docs" / "howto").glob("*.md")),
+]
+FENCE = re.compile(
+    r"(?:^<!-- (?P<mark>[^\n]*?) -->\n)?^```(?P<kind>\w*)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL
+)
+KINDS = {"sh", "python", "toml", "json", "console", ""}
+
+
+class Block(NamedTuple):
+    kind: str
+    mark: str
+    text: str
+    after: str
+    """What stands between the block before and this one."""
+
+
+def blocks(page: Path) -> list[Block]:
+    text = page.read_text(encoding="utf-8")
+    found, end = [], 0
+    for fence in FENCE.finditer(text):
+        found.append(
+            Block(fence["kind"], fence["mark"] or "", fence["text"], text[end : fence.start()].strip())
+        )
+        end = fence.end()
+    return found
+
+
+def command_lines(text: str) -> list[list[str]]:
+    """The words of each `sattrack` command of a shell block."""
+    lines = text.replace("\\\n", " ").splitlines()
+    words = [shlex.split(line.partition(" < ")[0], comments=True) for line in lines]
+    return [one[1:] for one in words if one and one[0].endswith("sattrack")]
+
+
+def parse(words: list[str]) -> None:
+    """Parse a command line, through its groups, without running it."""
+    command: click.Command = cli
+    name = "sattrack"
+    while isinstance(command, click.Group):
+        with click.Context(command, info_name=name) as context:
+            found = command.get_command(context, words[0])
+        assert found is not None, f"{name} has no command {words[0]}"
+        command, name, words = found, f"{name} {words[0]}", words[1:]
+    with command.make_context(name, list(words)):
+        pass
+
+
+def matches(shown: str, printed: str) -> bool:
+    """Whether a text is as shown; a line of `…` stands for any lines, none too."""
+    parts = [re.escape(line) for line in shown.rstrip("\n").split("\n")]
+    pattern = "\n".join(parts).replace("\n…\n", "\n(?:.*\n)*?").removesuffix("\n…")
+    return re.match(pattern + (r"\n?$" if not shown.rstrip().endswith("…") else ""), printed) is not None
+
+
+def name_of(page: Path) -> str:
+    return str(page.relative_to(ROOT))
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_run_as_shown(page: Path, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "examples", tmp_path / "examples")
+    env = {
+        **os.environ,
+        "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
+        "HOME": str(tmp_path),
+        "XDG_STATE_HOME": str(tmp_path / "state"),
+        "XDG_DATA_HOME": str(tmp_path / "data"),
+        "XDG_CONFIG_HOME": str(tmp_path / "config"),
+        "NO_COLOR": "1",
+        "COLUMNS": "120",
+    }
+    printed: str | None = None
+    for block in blocks(page):
+        assert block.kind in KINDS, block
+        if block.kind in ("sh", "python") and not block.mark:
+            program = (
+                ["bash", "-ec", _with_init(block.text)]
+                if block.kind == "sh"
+                else [sys.executable, "-c", block.text]
+            )
+            done = subprocess.run(program, cwd=tmp_path, env=env, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, (block.text, done.stdout, done.stderr)
+            printed = done.stdout
+        elif block.kind == "" and not block.mark and not block.after and printed is not None:
+            assert matches(block.text, printed), (block.text, printed)
+            printed = None
+
+
+def _with_init(text: str) -> str:
+    """Let a settings file stand in for `sattrack init` where the program does not have it yet."""
+    if "init" in COMMANDS:
+        return text
+    return re.sub(
+        r"^sattrack init .*$", "cp examples/sattrack.toml examples/iss_leiden.tle .", text, flags=re.MULTILINE
+    )
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_commands_that_do_not_run_parse(page: Path) -> None:
+    for block in blocks(page):
+        if block.kind == "sh":
+            for words in command_lines(block.text):
+                if words[0].startswith("-") or (words[0] == "init" and "init" not in COMMANDS):
+                    continue
+                parse(words)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_files_and_messages_are_read(page: Path, tmp_path: Path) -> None:
+    for block in blocks(page):
+        file = tmp_path / "block.toml"
+        file.write_text(block.text, encoding="utf-8")
+        if block.mark == "sattrack.toml":
+            assert load_settings(file).site is not None
+        elif block.mark == "profile":
+            msgspec.toml.decode(block.text, type=MountProfile)
+        elif block.mark == "schedule":
+            assert load_schedule(file).entries
+        elif block.mark == "message":
+            for line in block.text.splitlines():
+                decode_message(line.encode())
+        elif block.kind == "json":
+            json.loads(block.text)
+        else:
+            assert block.kind != "toml", f"say what reads this: {block.text}"
+
+
+def test_readme_and_ci_run_the_same_tests_and_the_readme_is_short() -> None:
+    readme = PAGES[0].read_text(encoding="utf-8")
+    (tests,) = re.findall(r"^(python3 -m venv .*pytest.*)$", readme, re.MULTILINE)
+    assert tests in (ROOT / ".ci" / "run").read_text(encoding="utf-8").splitlines()
+    (demo,) = re.findall(r"^(python3 -m venv .*sattrack demo)$", readme, re.MULTILINE)
+    assert "-c constraints.txt '.[all]'" in demo
+    assert len(readme.splitlines()) < 150
+
+
+def test_a_difference_in_the_output_shows() -> None:
+    shown = "one\n…\nfour\n"
+    assert matches(shown, "one\ntwo\nthree\nfour\n")
+    assert matches("one\n…\n", "one\ntwo\n")
+    for printed in ("two\nfour\n", "one\ntwo\n", "one\ntwo\nfour\nfive\n"):
+        assert not matches(shown, printed)
+    with pytest.raises(click.NoSuchOption):
+        parse(["track", "ISS", "--no-such-option"])
+    for before, after in pairwise(blocks(ROOT / "docs" / "tutorial.md")):
+        assert before is not after

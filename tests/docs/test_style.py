@@ -1,0 +1,126 @@
+"""Pages and help texts keep to the words of docs/style.md."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import click
+import pytest
+
+from sattrack.cli.main import COMMANDS, cli
+
+ROOT = Path(__file__).resolve().parents[2]
+STYLE = ROOT / "docs" / "style.md"
+NOT_YET = {
+    "accuracy",
+    "alpaca-mount",
+    "alpaca",
+    "antenna-conformance",
+    "antenna-interface",
+    "architecture",
+    "biases",
+    "cadence",
+    "calibration",
+    "elements",
+    "feeder",
+    "link-loss",
+    "mount",
+    "nights",
+    "passes",
+    "recordings",
+    "rehearsal",
+    "rotctld",
+    "safety",
+    "schedules",
+    "tui",
+    "xerxes-protocol",
+}
+PAGES = sorted({ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")} - {STYLE})
+PAGES = [page for page in PAGES if page.parent.name == "howto" or page.stem not in NOT_YET]
+FOREIGN = (
+    r"\b(?:is|are|was|were|be|not) (?:not )?to be (?:had|found out|had at)\b",
+    r"\bto be had\b",
+    r"\b(?:is|are|was|were) to be\b",
+    r"\bhad better\b",
+    r"\bwhat becomes of\b",
+    r"\bwhat became of\b",
+    r"\b(?:is|are|was|were) told\b",
+    r"\btold (?:of|by|with|in|at|on)\b",
+    r"\bis said\b",
+    r"\bwhosever\b",
+    r"\bwhichever way\b",
+    r"\bforetell|\bforetold\b",
+    r"\breckon",
+    r"\bnobody here\b",
+    r"\bpass always\b",
+    r"\bso it is on\b",
+    r"\bwhat is the matter\b",
+    r"\bdoes? not bear\b",
+    r"\bbears? no\b",
+    r"\bof a second become\b",
+    r"\bthan could otherwise\b",
+    r"\bhung up on\b",
+    r"\bas near as\b",
+    r"\bthe way (?:there|here) is\b",
+    r"\bmuch to do as\b",
+    r"\bof its own motion\b",
+    r"\bby turns\b",
+    r"\bgoes round\b",
+    r"\bbe it\b",
+    r"\blest\b",
+    r"\bthereof\b",
+    r"\bwhereof\b",
+    r"\bwherewith\b",
+    r"\bhenceforth\b",
+)
+HEADLINE = re.compile(
+    r"^#+ (?:What (?:it|becomes|makes|is (?:not|known|kept|run|remembered))"
+    r"|How (?:near|well it|soon|far|it) |Who may$)"
+)
+PATTERN = re.compile("|".join(FOREIGN), re.IGNORECASE)
+GENERATED = re.compile(r"<!-- BEGIN .*?<!-- END [^\n]*-->|^```.*?^```$|`[^`\n]*`", re.MULTILINE | re.DOTALL)
+
+
+def found_in(text: str) -> list[str]:
+    """The words of a page that are not of the house, with their lines' text; code is left out."""
+    prose = GENERATED.sub(lambda code: re.sub(r"[^\n]", " ", code[0]), text)
+    joined = re.sub(r"(?<!\n)\n(?!\n)", " ", prose)
+    return [joined[max(0, hit.start() - 30) : hit.end() + 20] for hit in PATTERN.finditer(joined)]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_pages_are_in_plain_words(page: Path) -> None:
+    text = page.read_text(encoding="utf-8")
+    assert found_in(text) == []
+    prose = GENERATED.sub("", text)
+    assert [line for line in prose.splitlines() if HEADLINE.match(line)] == []
+
+
+def helps(command: click.Command, name: str) -> list[tuple[str, str]]:
+    """The help of a command and its options, and of those below it."""
+    own = [(name, command.help or "")]
+    own += [
+        (f"{name} {one.opts[0]}", one.help or "") for one in command.params if isinstance(one, click.Option)
+    ]
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for verb in command.list_commands(context):
+            found = command.get_command(context, verb)
+            assert found is not None
+            own += helps(found, f"{name} {verb}")
+    return own
+
+
+def test_help_is_in_plain_words() -> None:
+    texts = [*helps(cli, "sattrack"), *COMMANDS.items()]
+    assert len(texts) > 200
+    assert [(name, found_in(text)) for name, text in texts if found_in(text)] == []
+
+
+def test_a_foreign_word_shows_and_code_does_not_count() -> None:
+    assert found_in("No way is to be had.")
+    assert found_in("They are\ntold of it.")
+    assert not found_in("```\nit is to be had\n```\nand `is told`.")
+    assert HEADLINE.match("## What becomes of a link that is lost")
+    assert not HEADLINE.match("## What happens if the link is lost")
