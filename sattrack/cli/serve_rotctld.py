@@ -23,7 +23,7 @@ from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.servers.antenna.protocol import program_line
 from sattrack.servers.antenna.trajectory import SiteSky
 from sattrack.servers.rotctld.rotator import RotatorStation
-from sattrack.servers.rotctld.serve import PROGRAM, RotctldLoop, RotctldServer, client_maker
+from sattrack.servers.rotctld.serve import PROGRAM, RotctldLoop, RotctldServer
 
 MOST_CLIENTS = 500
 BACKLOG = 128
@@ -58,9 +58,7 @@ def command(context: CommandContext, **options: Any) -> int:
         )
         listener = listen(options["host"], options["port"], BACKLOG)
         info = f"sattrack {__version__}: {served.described.mount.name}"
-        # One list for both, so that the log tells things in the order in which they happened.
-        words = station.rotator.words
-        door = RotctldServer(listener, limits, client_maker(station.rotator, info), words=words)
+        door = RotctldServer(listener, limits, station.rotator, info)
         closing.callback(door.close)
         connection = closing.enter_context(
             connected(served.address, served.described, served.site, served.clock)
