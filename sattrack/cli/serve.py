@@ -208,10 +208,10 @@ BACKLOG = 128
 )
 @common_options
 def rotctld(context: CommandContext, **options: Any) -> int:
-    """Serve Hamlib's rotctld protocol on TCP, until interrupted: for gpredict, rotctl and their like.
+    """Serve Hamlib's rotctld protocol on TCP, until interrupted: for gpredict, rotctl and similar clients.
 
     The mount is a rotator of azimuth and elevation; successive positions are followed smoothly.
-    docs/rotctld.md tells what each command does.
+    docs/rotctld.md says what each command does.
     """
     from sattrack.servers.antenna.trajectory import SiteSky
     from sattrack.servers.rotctld.rotator import RotatorStation

@@ -1,4 +1,7 @@
-"""The page and the connections behind it, and who may open it; each visitor's screen is a process."""
+"""The screen of a run in a browser: the page, its connections and who may open it.
+
+Each visitor's screen is a process.
+"""
 
 from __future__ import annotations
 
@@ -33,16 +36,16 @@ FIB_TRIE = Path("/proc/net/fib_trie")
 IF_INET6 = Path("/proc/net/if_inet6")
 LOOPBACK = frozenset({"127.0.0.1", "::1", "localhost"})
 WILDCARDS = frozenset({"0.0.0.0", "::", ""})
-"""Listening there is listening on all of the machine's addresses."""
+"""All of the machine's addresses."""
 TOKEN_BYTES = 18
 MOST_VISITORS = 8
-"""Each has a process of its own here."""
+"""Each has a process of its own."""
 FONT_SIZES = range(8, 41)
 USUAL_FONT_SIZE = 16
 LOOK_AGAIN_S = 3
 HEARTBEAT_S = 15.0
 LEAVE_WITHIN_S = 2.0
-"""How long a visitor's screen may take to end at each request, before the next one is less polite."""
+"""How long a visitor's screen may take to end after each request, before a harder one follows."""
 READ_WITHIN_S = 10.0
 """How long a visitor's screen may leave its input unread."""
 HEADERS = {
@@ -80,7 +83,7 @@ def _text(path: Path) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Visit:
-    """Where the page is, what a visitor brings, and the program that draws each visitor's screen."""
+    """The address of the page, its token, and the program that draws each visitor's screen."""
 
     host: str
     port: int
@@ -93,7 +96,7 @@ class Visit:
         return f"sattrack_{self.port}"
 
     def urls(self, port: int, machine: tuple[str, ...]) -> tuple[str, ...]:
-        """Return what can be opened: where the host is a wildcard, one of each of the machine's addresses."""
+        """Return the addresses to open: where the host is a wildcard, one for each of the machine's."""
         hosts: tuple[str, ...] = (self.host,)
         if self.host in WILDCARDS:
             hosts = tuple(each for each in machine if ":" not in each or self.host != "0.0.0.0")
@@ -106,8 +109,8 @@ class Visit:
     ) -> str | None:
         """Return why a request is refused, or None.
 
-        A page elsewhere that is open in a visitor's browser could otherwise reach this one, by its own
-        scripts (told by the origin) or by a name that it has lead here (told by the host).
+        Another page in a visitor's browser could otherwise reach this one, by its scripts (shown by the
+        origin) or by a name that leads here (shown by the host).
         """
         if self.host in LOOPBACK and _name(host_header) not in LOOPBACK:
             return f"this page is at {self.host} only"
@@ -122,7 +125,7 @@ class Visit:
 
 
 def needs_token(host: str) -> bool:
-    """Return whether others than this machine's users can come."""
+    """Return whether users of other machines can connect."""
     return host not in LOOPBACK
 
 
@@ -157,7 +160,7 @@ class VisitorScreen(AppService):
             await websocket.close()
 
         async def write_bytes(data: bytes) -> None:
-            # A visitor who has gone: what the process still draws is read, so that it is not stuck with it.
+            # A visitor who has gone: the process' output is still read, so that it does not block.
             with suppress(ConnectionError):
                 await websocket.send_bytes(data)
 
@@ -170,7 +173,7 @@ class VisitorScreen(AppService):
         )
 
     async def send_bytes(self, data: bytes) -> bool:
-        """Hand input over. Raises TimeoutError where the process does not read it."""
+        """Pass input on. Raises TimeoutError where the process does not read it."""
         async with asyncio.timeout(READ_WITHIN_S):
             return await super().send_bytes(data)
 
@@ -180,7 +183,7 @@ class VisitorScreen(AppService):
             return await super().send_meta(data)
 
     async def run(self) -> None:
-        """Pass on what the process draws; its end closes the visitor's connection."""
+        """Pass the process' output on; its end closes the visitor's connection."""
         try:
             await super().run()
         finally:
@@ -205,7 +208,7 @@ class VisitorScreen(AppService):
 
 
 class RunServer(Server):
-    """Serves the screens. `runs` finds what there is to look at: each run's process, and the run in words."""
+    """Serves the screens. `runs` returns the runs: each one's process and its description."""
 
     def __init__(self, visit: Visit, runs: Callable[[], Mapping[int, str]]) -> None:
         super().__init__(shlex.join(visit.command), visit.host, visit.port, title="sattrack")
@@ -250,7 +253,7 @@ class RunServer(Server):
     async def _index(self, request: web.Request) -> web.StreamResponse:
         token = self._visit.token
         if token is not None and "token" in request.query:
-            # The token is to stand neither in the address nor in the browser's history.
+            # The token must stand neither in the address nor in the browser's history.
             moved = web.Response(status=303, headers={"Location": request.path})
             moved.set_cookie(self._visit.cookie, token, httponly=True, samesite="Lax")
             return moved
@@ -268,7 +271,7 @@ class RunServer(Server):
         return web.Response(text=page, content_type="text/html")
 
     async def _run_of(self, request: web.Request) -> tuple[Mapping[int, str], int | None]:
-        """Return the runs, and the one that is asked for: the only one where none is named."""
+        """Return the runs, and the requested one: the only one where none is named."""
         runs = await asyncio.to_thread(self._runs)
         named = request.match_info.get("run")
         if named is None:
@@ -295,8 +298,7 @@ class RunServer(Server):
             await screen.start(_cells(request, "width", 80), _cells(request, "height", 24))
             await self._process_messages(websocket, screen)
         except (OSError, ValueError, KeyError, IndexError, TypeError, AssertionError):
-            # What came was no message of the page's, or nobody read it: this visitor's screen ends, and
-            # nothing else.
+            # An invalid message, or one that the screen did not read, ends this visitor's screen alone.
             pass
         finally:
             self._visitors -= 1
@@ -322,7 +324,7 @@ def _cells(request: web.Request, name: str, usual: int) -> int:
 def serve(
     visit: Visit, runs: Callable[[], Mapping[int, str]], tell: Callable[[tuple[str, ...]], None]
 ) -> None:
-    """Serve until a signal ends it; `tell` is handed the addresses that can be opened.
+    """Serve until a signal ends it; `tell` takes the addresses to open.
 
     Raises SattrackError where the port is taken.
     """

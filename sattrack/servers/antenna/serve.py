@@ -480,7 +480,7 @@ def parse_antenna_url(url: str) -> AntennaUrl:
     for name, values in options.items():
         if name not in OPTIONS or len(values) != 1:
             raise BadInputError(
-                f"--mount {url}: {name} is not an option; there are {', '.join(OPTIONS)}, once"
+                f"--mount {url}: {name} is not understood; there are {', '.join(OPTIONS)}, once"
             )
     given = {name: values[0] for name, values in options.items()}
     on_line = not host and parts.path not in {"", "/"}

@@ -1,8 +1,8 @@
-"""What a client's bytes mean: commands one after the other. The table of commands, and how answers are put.
+"""The rotctld protocol: the table of commands, requests in a client's bytes, and the form of answers.
 
-rotctld does not read lines: a command is a character, or a name behind a backslash; its arguments are words,
-which blanks and ends of lines part alike; what follows is the next command. A `+`, or another punctuation
-mark, before a command asks for an extended response, parted by that mark. Commands as Hamlib 4.5.4 has them:
+rotctld does not read lines: a command is a character, or a name after a backslash; its arguments are words
+separated by blanks or line ends; then comes the next command. A `+`, or another punctuation mark, before a
+command requests an extended response, separated by that mark. Commands are those of Hamlib 4.5.4:
 `rotctld(1)`, and the output of `??`. Pure: bytes in, requests out.
 """
 
@@ -13,10 +13,10 @@ from enum import Enum, IntEnum
 from typing import TypeVar
 
 LONGEST_WORD = 127
-"""Bytes of an argument; Hamlib has room for as many."""
+"""Bytes of an argument, as in Hamlib."""
 LONGEST_NAME = 32
 LONGEST_COMMAND = 1024
-"""Bytes of one command with all that stands between its words."""
+"""Bytes of one command with the space between its words."""
 _PUNCTUATION = frozenset(b"!\"#$%&'()*+,-./:;<=>?@[\\]^_`{|}~")
 _NO_MARKS = frozenset(b"\\_#")
 _ENDS = frozenset(b"\n\r")
@@ -27,10 +27,10 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class RotctldCommand:
-    """One command: its byte, its long name, what it takes, and the labels of what it gives.
+    """One command: its byte, its long name, its arguments, and the labels of its values.
 
-    `gives` are those of extended responses; `answers`: there is an answer beside RPRT, after
-    which a success is not reported. `whole_line` is of a command whose one argument is the rest of the line.
+    `gives` are the labels of extended responses; `answers`: there are values, after which success is not
+    reported. `whole_line`: the one argument is the rest of the line.
     """
 
     byte: int
@@ -41,54 +41,54 @@ class RotctldCommand:
     whole_line: bool = False
 
 
-def _asks(letter: str, name: str, takes: tuple[str, ...], gives: tuple[str, ...]) -> RotctldCommand:
+def _query(letter: str, name: str, takes: tuple[str, ...], gives: tuple[str, ...]) -> RotctldCommand:
     return RotctldCommand(ord(letter), name, takes, gives, answers=True)
 
 
-def _tells(letter: str, name: str, *takes: str) -> RotctldCommand:
+def _order(letter: str, name: str, *takes: str) -> RotctldCommand:
     return RotctldCommand(ord(letter), name, takes)
 
 
 DUMP_STATE_BYTE = 0x8F
 PAUSE_BYTE = 0x8C
 COMMANDS = (
-    _tells("P", "set_pos", "Azimuth", "Elevation"),
-    _asks("p", "get_pos", (), ("Azimuth", "Elevation")),
-    _tells("K", "park"),
-    _tells("S", "stop"),
-    _tells("R", "reset", "Reset"),
-    _tells("M", "move", "Direction", "Speed"),
-    _tells("V", "set_level", "Level", "Level Value"),
-    _asks("v", "get_level", ("Level",), ("Level Value",)),
-    _tells("U", "set_func", "Func", "Func Status"),
-    _asks("u", "get_func", ("Func",), ("Func Status",)),
-    _tells("X", "set_parm", "Parm", "Parm Value"),
-    _asks("x", "get_parm", ("Parm",), ("Parm Value",)),
-    _tells("C", "set_conf", "Token", "Value"),
-    _asks("_", "get_info", (), ("Info",)),
-    _asks("s", "get_status", (), ("Status flags",)),
+    _order("P", "set_pos", "Azimuth", "Elevation"),
+    _query("p", "get_pos", (), ("Azimuth", "Elevation")),
+    _order("K", "park"),
+    _order("S", "stop"),
+    _order("R", "reset", "Reset"),
+    _order("M", "move", "Direction", "Speed"),
+    _order("V", "set_level", "Level", "Level Value"),
+    _query("v", "get_level", ("Level",), ("Level Value",)),
+    _order("U", "set_func", "Func", "Func Status"),
+    _query("u", "get_func", ("Func",), ("Func Status",)),
+    _order("X", "set_parm", "Parm", "Parm Value"),
+    _query("x", "get_parm", ("Parm",), ("Parm Value",)),
+    _order("C", "set_conf", "Token", "Value"),
+    _query("_", "get_info", (), ("Info",)),
+    _query("s", "get_status", (), ("Status flags",)),
     RotctldCommand(ord("w"), "send_cmd", ("Cmd",), ("Reply",), answers=True, whole_line=True),
-    _tells("1", "dump_caps"),
+    _order("1", "dump_caps"),
     RotctldCommand(DUMP_STATE_BYTE, "dump_state", answers=True),
-    _asks("L", "lonlat2loc", ("Longitude", "Latitude", "Loc Len [2-12]"), ("Locator",)),
-    _asks("l", "loc2lonlat", ("Locator",), ("Longitude", "Latitude")),
-    _asks("D", "dms2dec", ("Degrees", "Minutes", "Seconds", "S/W"), ("Dec Degrees",)),
-    _asks("d", "dec2dms", ("Dec Degrees",), ("Degrees", "Minutes", "Seconds", "S/W")),
-    _asks("E", "dmmm2dec", ("Degrees", "Dec Minutes", "S/W"), ("Dec Deg",)),
-    _asks("e", "dec2dmmm", ("Dec Deg",), ("Degrees", "Dec Minutes", "S/W")),
-    _asks("B", "qrb", ("Lon 1", "Lat 1", "Lon 2", "Lat 2"), ("QRB Distance", "QRB Azimuth")),
-    _asks("A", "a_sp2a_lp", ("Short Path Deg",), ("Long Path Deg",)),
-    _asks("a", "d_sp2d_lp", ("Short Path km",), ("Long Path km",)),
+    _query("L", "lonlat2loc", ("Longitude", "Latitude", "Loc Len [2-12]"), ("Locator",)),
+    _query("l", "loc2lonlat", ("Locator",), ("Longitude", "Latitude")),
+    _query("D", "dms2dec", ("Degrees", "Minutes", "Seconds", "S/W"), ("Dec Degrees",)),
+    _query("d", "dec2dms", ("Dec Degrees",), ("Degrees", "Minutes", "Seconds", "S/W")),
+    _query("E", "dmmm2dec", ("Degrees", "Dec Minutes", "S/W"), ("Dec Deg",)),
+    _query("e", "dec2dmmm", ("Dec Deg",), ("Degrees", "Dec Minutes", "S/W")),
+    _query("B", "qrb", ("Lon 1", "Lat 1", "Lon 2", "Lat 2"), ("QRB Distance", "QRB Azimuth")),
+    _query("A", "a_sp2a_lp", ("Short Path Deg",), ("Long Path Deg",)),
+    _query("a", "d_sp2d_lp", ("Short Path km",), ("Long Path km",)),
     RotctldCommand(PAUSE_BYTE, "pause", ("Seconds",)),
 )
-"""All of them, in the order in which Hamlib lists them."""
+"""All commands, in Hamlib's order."""
 BY_BYTE = {command.byte: command for command in COMMANDS}
 BY_NAME = {command.name: command for command in COMMANDS}
 MOST_TAKEN = 4
 
 
 def usage() -> str:
-    """Return the help that a question mark asks for."""
+    """Return the answer to a question mark."""
     lines = ["Commands (some may not be available for this rotator):"]
     for command in COMMANDS:
         letter = chr(command.byte) if 0x20 <= command.byte < 0x7F else "?"
@@ -107,7 +107,7 @@ def usage() -> str:
 
 
 class SpecialRequest(Enum):
-    """What a client says beside commands."""
+    """A request that is not a command."""
 
     QUIT = "quit"
     HELP = "help"
@@ -118,7 +118,7 @@ class SpecialRequest(Enum):
 
 @dataclass(frozen=True, slots=True)
 class RotctldRequest:
-    """One command as it came; `mark` parts an extended response, and is an end of line in others."""
+    """One command as it came; `mark` separates the values of a response: a line end unless it is extended."""
 
     command: RotctldCommand
     words: tuple[str, ...] = ()
@@ -132,38 +132,38 @@ class _More(Exception):  # noqa: N818
 
 @dataclass(slots=True)
 class Reader:
-    """Cuts one client's bytes into what they say. Nothing that comes can break it, or make it grow."""
+    """Cuts one client's bytes into requests. No input raises, or makes it grow."""
 
     _bytes: bytearray = field(default_factory=bytearray)
     _extended: bool = False
     _mark: str = "\n"
     _after_end: bool = True
     _skipping: bool = False
-    """Whether the rest of a line is not looked at: a comment, or what follows something too long."""
+    """Whether the rest of a line is skipped: a comment, or the end of a command that was too long."""
 
     def feed(self, data: bytes) -> None:
-        """Take bytes that have come."""
+        """Take received bytes."""
         self._bytes += data
 
     def next(self) -> RotctldRequest | SpecialRequest | None:
-        """Return what is said next; None until more has come."""
+        """Return the next request; None until more has come."""
         if self._skipping and not self._skip():
             return None
         try:
-            said, end = self._read()
+            request, end = self._read()
         except _More:
             if len(self._bytes) <= LONGEST_COMMAND:
                 return None
             end = LONGEST_COMMAND + 1
         if end > LONGEST_COMMAND:
-            said, end = SpecialRequest.TOO_LONG, LONGEST_COMMAND
-        self._skipping |= said is SpecialRequest.TOO_LONG
+            request, end = SpecialRequest.TOO_LONG, LONGEST_COMMAND
+        self._skipping |= request is SpecialRequest.TOO_LONG
         del self._bytes[:end]
         self._extended, self._mark = False, "\n"
-        return said
+        return request
 
     def _skip(self) -> bool:
-        """Pass over the rest of a line; return whether its end has come."""
+        """Skip the rest of a line; return whether its end has come."""
         ends = [place for end in _ENDS if (place := self._bytes.find(end)) >= 0]
         if not ends:
             self._bytes.clear()
@@ -179,7 +179,7 @@ class Reader:
             raise _More from None
 
     def _read(self) -> tuple[RotctldRequest | SpecialRequest, int]:
-        """Return what is said next, and where it ends."""
+        """Return the next request, and where it ends."""
         while True:
             place, byte = 0, self._at(0)
             extended, mark = self._extended, self._mark
@@ -221,7 +221,7 @@ class Reader:
         return (SpecialRequest.HELP, place) if byte == ord("?") else None
 
     def _named(self, place: int) -> tuple[RotctldCommand | None, int]:
-        """Return the command of a name, and where what follows begins, without what ends a name."""
+        """Return the command of a name, and the place after the end of the name."""
         end = place
         while self._at(end) in _IN_NAMES and end - place < LONGEST_NAME:
             end += 1
@@ -262,7 +262,7 @@ class Code(IntEnum):
 
     OK = 0
     MALFORMED = 1
-    """Hamlib means to say INVALID, and forgets the sign."""
+    """Hamlib's INVALID without its sign."""
     INVALID = -1
     IO = -6
     REJECTED = -9
@@ -283,14 +283,14 @@ def report(code: Code) -> str:
 
 
 def need(value: T | None) -> T:
-    """Return a value that must be there. Raises FailedError."""
+    """Return a value that must not be None. Raises FailedError."""
     if value is None:
         raise FailedError(Code.INVALID)
     return value
 
 
 def done(code: Code) -> str:
-    """Return the answer of what has none. Raises FailedError where it failed."""
+    """Return the empty answer. Raises FailedError for a code of failure."""
     if code is not Code.OK:
         raise FailedError(code)
     return ""
@@ -304,5 +304,5 @@ def given(request: RotctldRequest, *values: str) -> str:
 
 
 def words_of(request: RotctldRequest) -> tuple[str, ...]:
-    """Return as many words as a command takes; those that a question mark has cut off are empty."""
+    """Return as many words as a command takes; those after a question mark are empty."""
     return (*request.words, *[""] * (len(request.command.takes) - len(request.words)))

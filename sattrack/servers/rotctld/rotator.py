@@ -1,15 +1,15 @@
-"""The mount as a rotator: who commands it, the last command, and where it must be. No I/O, no clock.
+"""The mount as a rotator: the commanding client, the last command, and the path. No I/O, no clock.
 
-Every client may command, and the last one that did is obeyed; steps of two clients are never taken for one
-track. Where only one may command at a time, the others are refused until it hangs up, stops the mount, or has
-been silent for a while.
+Every client may command, and the last command counts; positions of two clients never make one track. Where
+only one may command at a time, the others are refused until it disconnects, stops the mount, or has been
+silent for a while.
 
-A satellite program tells a rotator about once a second where the satellite is just then, to a hundredth of a
-degree. Three or more positions of which each continues those before make a *track*: a parabola through the
-last ones by least squares, in Cartesian coordinates so that neither the zenith nor north is anything special,
-is followed until the next position comes. Where a new one bends the path, the difference is let go of over a
-second or more, without a step in position or rate. Everything else is a position to stand at. A track whose
-client falls silent ends soon. Instants are given, UTC as POSIX seconds.
+A satellite program sends the satellite's position about once a second, to a hundredth of a degree. Three or
+more positions, each continuing those before, make a *track*: a parabola through the last ones by least
+squares, in Cartesian coordinates so that neither the zenith nor north is special, is followed until the next
+position comes. Where a new one bends the path, the difference decays over a second or more, without a step in
+position or rate. The mount stands at any other position. A track whose client falls silent ends soon.
+Instants are arguments, UTC as POSIX seconds.
 """
 
 from __future__ import annotations
@@ -36,44 +36,44 @@ if TYPE_CHECKING:
     from sattrack.servers.antenna.trajectory import SiteSky
 
 MOST_POINTS = 7
-"""So many are fitted: at one a second, more miss bends of the way, fewer let more of their rounding in."""
+"""Positions that are fitted: at one a second, more miss bends of the path, fewer pass more rounding."""
 FEWEST_POINTS = 3
-"""A track has so many; with these few its way is straight."""
+"""Positions that make a track; with so few it is straight."""
 MOST_GAP_S = 40.0
 LEAST_GAP_S = 0.02
-"""Positions that come sooner after each other than this are one: the last."""
+"""Of positions that come faster than this, the last counts."""
 MOST_RATE_DEG_S = 6.0
 NOISY_DEG, NOISY_S = 0.03, 12.0
-"""Positions of so short a time that scatter more than this about a parabola are fitted by a straight way,
-which follows them less; those of a longer time may be off it because the way bends more."""
+"""Positions of so short a time that scatter more than this about a parabola are fitted by a straight line,
+which follows them less; those of a longer time may be off it because the path bends more."""
 STRAY_DEG = 0.1
 STRAY_SHARE = 0.15
 STRAY_S = 1.0
-"""How far a position may be from where those before lead: so much, and so much of a step; and along the way
-so much sooner or later, as some programs send where a satellite will be, now more ahead and now less."""
+"""How far a position may be from the prediction: so much, and so much of a step; and along the path so much
+earlier or later, as some programs send a satellite's future position, with a varying lead."""
 COAST_S = 3.0
-"""How long a track goes on after the last word of its client."""
-LEAST_CONTENT_S, MOST_CONTENT_S, CONTENT_GAPS = 10.0, 30.0, 2.5
-"""How long it goes on after the last position, while its client goes on to ask where the mount is: so many of
-the last interval between positions. Some clients send a position only where the mount is off."""
+"""How long a track goes on after its client's last request."""
+LEAST_HOLD_S, MOST_HOLD_S, HOLD_GAPS = 10.0, 30.0, 2.5
+"""How long it goes on after the last position, while its client still asks where the mount is: so many of the
+last interval between positions. Some clients send a position only where the mount is off."""
 EASE_S = 1.0
 """How long a track takes to come to rest."""
 RETURN_S = 4.0
-"""How long it rests there; a client that asks on, and sends nothing, then means the position that it sent."""
+"""How long it rests there; then the mount goes to the last position of a client that still asks."""
 LEAST_BLEND_S, MOST_BLEND_S = 1.0, 3.0
 BLEND_DEG_S2 = 0.5
-"""A bend is let go of so slowly that this acceleration is enough, as far as that is within those times."""
+"""A bend decays so slowly that this acceleration suffices, within those times."""
 MOVE_RATE_DEG_S = 2.0
-"""What speed 100 of a move is."""
+"""The rate of a move at speed 100."""
 MOVE_MOST_S = 10.0
-"""A move goes on so long after its command."""
+"""A move lasts so long after its command."""
 MOST_SPEED = 100
 SPEED_LEVELS = 4
 COMMANDS_FOR_S = 10.0
-"""A commander that has said nothing for so long commands no longer."""
+"""A client that has been silent for so long commands no longer."""
 MOVING_DEG_S = 0.01
-"""Faster than this an axis moves; the sky turns by less than half of it."""
-REMEMBERED_WORDS = 20
+"""An axis moves above this rate; sidereal rate is less than half of it."""
+REMEMBERED_LINES = 20
 
 
 def _unit(place: AzEl) -> Vector:
@@ -113,7 +113,7 @@ class _Point(NamedTuple):
 
 
 class SmoothedTrack:
-    """The way that one client's positions make."""
+    """The path that one client's positions make."""
 
     def __init__(self) -> None:
         self._points: deque[_Point] = deque(maxlen=MOST_POINTS)
@@ -131,7 +131,7 @@ class SmoothedTrack:
         return self._curve is not None
 
     def take(self, place: AzEl, utc_s: float) -> None:
-        """Take a position that has come."""
+        """Take a position."""
         v, points = _unit(place), self._points
         former = None if self._curve is None else self._in_force(utc_s)
         if points and utc_s - points[-1].utc_s < LEAST_GAP_S:
@@ -149,16 +149,16 @@ class SmoothedTrack:
             self._blend_s = max(LEAST_BLEND_S, min(MOST_BLEND_S, blend_s))
 
     def heard(self, utc_s: float) -> None:
-        """Note that the client has sent something; after too long a silence that changes nothing."""
+        """Note a request of the client; after too long a silence that changes nothing."""
         if utc_s <= self._ends_s():
             self._heard_s = utc_s
 
     def hang_up(self) -> None:
-        """Note that the client is gone."""
+        """Note that the client has disconnected."""
         self._gone = True
 
     def at(self, utc_ns: int) -> AxisState:
-        """Return where the way is at an instant: azimuth, elevation and their rates; see trajectory.Path."""
+        """See trajectory.Path: azimuth, elevation and their rates."""
         utc_s = utc_ns / NS
         here, later = self._at(utc_s), self._at(utc_s + RATE_STEP_S)
         return AxisState(
@@ -172,22 +172,22 @@ class SmoothedTrack:
         if self._curve is None:
             return self._last
         ends_s = self._ends_s()
-        content = not self._gone and ends_s >= self._points[-1].utc_s + self._content_s()
-        if content and utc_s >= ends_s + EASE_S + RETURN_S:
+        holds = not self._gone and ends_s >= self._points[-1].utc_s + self._holds_s()
+        if holds and utc_s >= ends_s + EASE_S + RETURN_S:
             return self._last
         return _place(self._in_force(utc_s)[0])
 
     def _ends_s(self) -> float:
-        """Return when a track begins to come to rest, if nothing else is heard."""
+        """Return when a track begins to come to rest, if nothing more comes."""
         if not self._points:
             return -math.inf
-        return min(self._heard_s + COAST_S, self._points[-1].utc_s + self._content_s())
+        return min(self._heard_s + COAST_S, self._points[-1].utc_s + self._holds_s())
 
-    def _content_s(self) -> float:
+    def _holds_s(self) -> float:
         if len(self._points) < FEWEST_POINTS:
-            return LEAST_CONTENT_S
+            return LEAST_HOLD_S
         gap_s = self._points[-1].utc_s - self._points[-2].utc_s
-        return max(LEAST_CONTENT_S, min(MOST_CONTENT_S, CONTENT_GAPS * gap_s))
+        return max(LEAST_HOLD_S, min(MOST_HOLD_S, HOLD_GAPS * gap_s))
 
     def _in_force(self, utc_s: float) -> tuple[Vector, Vector]:
         """Return place and rate of a track, which slows down where it ends, and stands."""
@@ -196,7 +196,7 @@ class SmoothedTrack:
         return place, rate * (1.0 - past_s / EASE_S)
 
     def _on_curve(self, utc_s: float) -> tuple[Vector, Vector]:
-        """Return place and rate of the way, with what is left of the last bend."""
+        """Return place and rate of the path, with the rest of the last bend."""
         assert self._curve is not None
         place, rate = self._curve.at(utc_s)
         lasts_s = self._blend_s
@@ -248,7 +248,7 @@ class SmoothedTrack:
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """What positions a client may send, degrees; an elevation past 90 is beyond the zenith."""
+    """The positions that clients may send, degrees; an elevation past 90 is beyond the zenith."""
 
     min_az_deg: float = -180.0
     max_az_deg: float = 450.0
@@ -256,7 +256,7 @@ class Reach:
     max_el_deg: float = 180.0
 
     def holds(self, az_deg: float, el_deg: float) -> bool:
-        """Return whether a position is within; what is no number is not."""
+        """Return whether a position is within; NaN is not."""
         return self.min_az_deg <= az_deg <= self.max_az_deg and self.min_el_deg <= el_deg <= self.max_el_deg
 
 
@@ -266,7 +266,7 @@ Direction = Literal["up", "down", "left", "right"]
 
 @dataclass(frozen=True, slots=True)
 class Moving:
-    """The way of a move: at a rate from a place, until it has gone on long enough or the reach ends."""
+    """The path of a move: at a rate from a place, for a limited time and within the reach."""
 
     start: AzEl
     az_rate_deg_s: float
@@ -274,7 +274,7 @@ class Moving:
     since_ns: int
 
     def at(self, utc_ns: int) -> AxisState:
-        """Return where it is at an instant."""
+        """See trajectory.Path."""
         seconds = max(0.0, min(MOVE_MOST_S, (utc_ns - self.since_ns) / NS))
         lowest, highest = min(0.0, self.start.el_deg), max(90.0, self.start.el_deg)
         el_deg = max(lowest, min(highest, self.start.el_deg + self.el_rate_deg_s * seconds))
@@ -289,7 +289,7 @@ class Moving:
 
 @dataclass(slots=True)
 class Rotator:
-    """One mount for all clients; these are numbers. `PathTarget` tells what its driver asks of it."""
+    """One mount for all clients, which are numbers; see `PathTarget`."""
 
     sky: SiteSky
     feedback: Feedback
@@ -300,18 +300,16 @@ class Rotator:
     path: Path | None = None
     reset_asked: bool = False
     commander: int | None = None
-    words: deque[str] = field(default_factory=lambda: deque(maxlen=REMEMBERED_WORDS))
-    """Lines for the log; whoever logs them removes them."""
+    log_lines: deque[str] = field(default_factory=lambda: deque(maxlen=REMEMBERED_LINES))
+    """Whoever logs them removes them."""
     _heard_s: float = -math.inf
-    _told_az_deg: float | None = None
+    _sent_az_deg: float | None = None
     _plunged: bool = False
     _shown: tuple[int, AzEl | None] | None = None
 
     def commanded(self, utc_ns: int) -> AxisState | None:
-        """Return azimuth and elevation to be at, None where nothing is asked of the mount but rest."""
+        """Return the commanded azimuth and elevation, None for rest."""
         return None if self.path is None else self.path.at(utc_ns)
-
-    # What clients ask for.
 
     def point(self, client: int, az_deg: float, el_deg: float, now_s: float) -> Code:
         """Go to a position, or on along the track that it continues."""
@@ -326,7 +324,7 @@ class Rotator:
             self.path = SmoothedTrack()
         assert isinstance(self.path, SmoothedTrack)
         self.path.take(AzEl(az_deg, el_deg), now_s)
-        self._told_az_deg, self._plunged = az_deg, el_deg > 90.0
+        self._sent_az_deg, self._plunged = az_deg, el_deg > 90.0
         return Code.OK
 
     def move(self, client: int, direction: Direction, speed: int, now_s: float) -> Code:
@@ -361,17 +359,17 @@ class Rotator:
         return Code.OK
 
     def stop(self) -> Code:
-        """Bring the mount to rest; anybody may."""
+        """Bring the mount to rest; any client may."""
         self.path, self.commander = None, None
         return Code.OK
 
     def reset(self) -> Code:
-        """Bring the mount to rest, and have what safety stopped made ready again."""
+        """Bring the mount to rest, and make it ready again after safety has stopped it."""
         self.reset_asked = True
         return self.stop()
 
     def narrow(self, name: str, value_deg: float) -> Code:
-        """Set one bound of what positions are taken, never beyond what they are at most."""
+        """Set one bound of the positions that are accepted, within the full reach."""
         full = getattr(FULL_REACH, name)
         if math.isnan(value_deg):
             return Code.INVALID
@@ -379,46 +377,42 @@ class Rotator:
         self.reach = replace(self.reach, **{name: within})
         return Code.OK
 
-    # Who is there.
-
     def heard(self, client: int, now_s: float) -> None:
-        """Note that a client has said something."""
+        """Note a request of a client."""
         if client == self.commander:
             self._heard_s = now_s
             if isinstance(self.path, SmoothedTrack):
                 self.path.heard(now_s)
 
     def hang_up(self, client: int) -> None:
-        """Note that a client is gone: a slew goes on to its end, a track soon comes to rest."""
+        """Note that a client has disconnected: a slew goes on to its end, a track soon comes to rest."""
         if client == self.commander:
             self.commander = None
             if isinstance(self.path, SmoothedTrack):
                 self.path.hang_up()
 
     def _objection(self, client: int, now_s: float) -> Code | None:
-        """Return why nothing may be asked of the mount now by a client."""
+        """Return why a client may not command the mount now, or None."""
         if not self.feedback.link_up:
             return Code.IO
         if self.feedback.tripped is not None:
             return Code.REJECTED
         in_charge = self.commander not in {None, client} and now_s - self._heard_s <= COMMANDS_FOR_S
         if self.one_at_a_time and in_charge:
-            self.words.append(f"client {client} was refused: client {self.commander} commands")
+            self.log_lines.append(f"client {client} was refused: client {self.commander} commands")
             return Code.REJECTED
         return None
 
     def _take_over(self, client: int, now_s: float) -> None:
         if client != self.commander:
-            self.words.append(f"client {client} commands")
+            self.log_lines.append(f"client {client} commands")
         self.commander, self._heard_s = client, now_s
 
-    # What clients see.
-
     def where(self, utc_ns: int) -> AzEl | None:
-        """Return where the mount points, in the client's own count of turns; None where that is not known.
+        """Return where the mount points, in the client's count of turns; None where it is not known.
 
-        The azimuth is on the turn nearest to the one last asked for, as far as that is within reach, and the
-        elevation beyond the zenith where that was.
+        The azimuth is on the turn nearest to the last one sent, within the reach; the elevation is beyond the
+        zenith where that was.
         """
         if self._shown is None or self._shown[0] != utc_ns:
             self._shown = utc_ns, self._counted(utc_ns)
@@ -431,15 +425,15 @@ class Rotator:
         az_deg, el_deg = here.first_deg, here.second_deg
         if self._plunged:
             az_deg, el_deg = (az_deg + 180.0) % 360.0, 180.0 - el_deg
-        if self._told_az_deg is None:
+        if self._sent_az_deg is None:
             return AzEl(az_deg, el_deg)
-        near_deg = self._told_az_deg
+        near_deg = self._sent_az_deg
         turns = [az_deg + turn for turn in (-360.0, 0.0, 360.0)]
         within = [az for az in turns if FULL_REACH.min_az_deg <= az <= FULL_REACH.max_az_deg]
         return AzEl(min(within, key=lambda az: abs(az - near_deg)), el_deg)
 
     def flags(self, utc_ns: int) -> tuple[str, ...] | None:
-        """Return what the mount does, in Hamlib's words; None where that is not known."""
+        """Return Hamlib's flags of the mount's motion; None where it is not known."""
         here = self.feedback.actual(utc_ns)
         if here is None:
             return None
@@ -454,7 +448,7 @@ class Rotator:
 
 
 class RotatorStation(PathDriver):
-    """One mount behind one rotator, until its end is asked for and the mount is seen at rest."""
+    """One mount behind one rotator, until `end` is called and the mount is seen at rest."""
 
     def __init__(
         self, sky: SiteSky, profile: MountProfile, limits: SafetyLimits, one_at_a_time: bool = False

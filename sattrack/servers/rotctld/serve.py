@@ -1,10 +1,8 @@
-"""What `sattrack serve rotctld` adds to the loop of a door: its clients, and what the log says of them.
+"""`sattrack serve rotctld`: its loop and its TCP port, for many callers, none of which may delay the mount.
 
-Where rotctld's clients come in: a TCP port, many callers, none of which may hold the mount up.
-
-What callers have said is answered in slices so short that a flood of requests delays the mount's next
-datagram by a millisecond or two at most; what is left waits. A caller with too many requests is not read from
-until it may ask again: its own system then keeps it from sending.
+Requests are answered in slices so short that a flood of them delays the mount's next datagram by a
+millisecond or two at most; the rest waits. A caller with too many requests is not read from for a while: its
+own system then keeps it from sending.
 """
 
 from __future__ import annotations
@@ -12,7 +10,6 @@ from __future__ import annotations
 import math
 import socket
 import time
-from collections import deque
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -27,55 +24,89 @@ if TYPE_CHECKING:
     from sattrack.runtime.callers import CallerLimits
     from sattrack.servers.rotctld.rotator import Rotator, RotatorStation
 
+PROGRAM = "rotctld"
+MOST_LOGGED = 5
+"""Lines of the log in one tick; more are counted."""
+LOG_FAILURES_EVERY_S = 10.0
 SLICE_S = 0.001
-"""So long is what callers have said answered before the mount is looked after again."""
+"""Requests are answered for so long at a time."""
 REQUESTS_AT_ONCE = 8
 MOST_ACCEPTED = 32
 BURST_S = 0.2
 """A caller that was silent may send the requests of so much time at once."""
-REMEMBERED_WORDS = 20
 
 
-@dataclass(slots=True, eq=False)
-class Caller:
-    """One caller: its line, what it says, and what waits to be sent to it."""
+@dataclass(slots=True)
+class RotctldLoop(StationLoop):
+    """Serves one mount to rotctld's clients until `stop` is set and the mount is seen at rest."""
 
-    channel: TcpChannel
-    client: Client
-    heard_s: float
-    budget: Bucket
-    seat: Seat
-    opening: Opening = field(default_factory=Opening)
-    waiting: bytes = b""
-    more: bool = False
-    """Whether there may be requests that were not answered yet."""
+    driver: RotatorStation
+    door: RotctldServer
+    _logged_failures: int = field(default=0, init=False)
+    _failures_logged_s: float = field(default=0.0, init=False)
 
-    def fileno(self) -> int:
-        """Return the descriptor to wait on."""
-        return self.channel.fileno()
+    def tell(self, words: str) -> None:
+        """See StationLoop."""
+        self.log(program_line(words, PROGRAM))
+
+    def serve(self, ready: list[Any]) -> None:
+        """Serve the clients that have sent bytes, or wait for answers."""
+        self._gone(self.door.serve(ready, self._now_ns))
+
+    def obey(self, now_utc_s: float) -> None:
+        """Disconnect clients that are silent for too long."""
+        del now_utc_s
+        self._gone(self.door.tend(self._now_ns()))
+
+    def report(self) -> None:
+        """Log what has changed: clients, the commanding one, refusals, interlocks, the link."""
+        lines = self.driver.rotator.log_lines
+        for _ in range(min(MOST_LOGGED, len(lines))):
+            self.tell(lines.popleft())
+        if lines:
+            self.tell(f"and {len(lines)} lines more, or still more")
+            lines.clear()
+        self._report_failures()
+        self.report_mount("position", "R")
+
+    def _report_failures(self) -> None:
+        count = self.door.failures + sum(caller.client.refused for caller in self.door.callers.values())
+        now_s = time.monotonic()
+        if count == self._logged_failures or now_s - self._failures_logged_s < LOG_FAILURES_EVERY_S:
+            return
+        self.tell(f"{count - self._logged_failures} requests were answered with a failure")
+        self._logged_failures, self._failures_logged_s = count, now_s
+
+    def _gone(self, numbers: list[int]) -> None:
+        for number in numbers:
+            self.driver.rotator.hang_up(number)
+            self.driver.rotator.log_lines.append(f"client {number} is gone")
+
+    def _now_ns(self) -> int:
+        return to_ns(self.connection.now_utc_s())
 
 
 @dataclass(slots=True)
 class RotctldServer:
-    """A listening socket with its callers; `make_client` makes the end that speaks to one."""
+    """A listening socket with its callers, who share one rotator and its lines for the log."""
 
     listener: socket.socket
     limits: CallerLimits
-    make_client: Callable[[int], Client]
+    rotator: Rotator
+    info: str
+    """The rotator's name, for clients."""
     callers: dict[int, Caller] = field(default_factory=dict)
     """By their number."""
-    words: deque[str] = field(default_factory=lambda: deque(maxlen=REMEMBERED_WORDS))
-    """Lines for the log; whoever logs them removes them."""
     refused: int = 0
-    """Callers that were hung up on as they came."""
+    """Callers that were disconnected as they came."""
     failures: int = 0
-    """Requests of callers that are gone that were answered with a failure."""
+    """Failed requests of callers that are gone."""
     _next_number: int = 1
     _always: tuple[socket.socket, socket.socket] = field(default_factory=socket.socketpair)
-    """A line on which something can always be read: waited on while requests are left over."""
+    """A socket that is always readable: waited on while requests are left over."""
 
     def __post_init__(self) -> None:
-        """Have something to read."""
+        """Make the socket readable."""
         self._always[1].send(b"!")
 
     @property
@@ -84,7 +115,7 @@ class RotctldServer:
         return int(self.listener.getsockname()[1])
 
     def readers(self) -> list[Any]:
-        """Return what to wait for."""
+        """See Doorway."""
         now_s = time.monotonic()
         readers: list[Any] = [self.listener]
         left_over = False
@@ -98,11 +129,11 @@ class RotctldServer:
         return [*readers, self._always[0]] if left_over else readers
 
     def writers(self) -> list[Any]:
-        """Return what to wait for to take more."""
+        """See Doorway."""
         return [caller for caller in self.callers.values() if caller.waiting]
 
     def flush(self) -> None:
-        """Send what waits, as far as it can be sent now."""
+        """See Doorway."""
         for caller in self.callers.values():
             if caller.waiting:
                 self._flush(caller)
@@ -110,7 +141,7 @@ class RotctldServer:
     def serve(self, ready: list[Any], now_ns: Callable[[], int]) -> list[int]:
         """Serve what is ready; return the numbers of callers that have gone.
 
-        `now_ns` is read as soon as bytes are here: that is the instant that their positions are of.
+        `now_ns` is read as soon as bytes are here: their positions are of that instant.
         """
         until_s = time.monotonic() + SLICE_S
         speaking = {id(part) for part in ready}
@@ -129,7 +160,9 @@ class RotctldServer:
         now_s = time.monotonic()
         idle = [n for n, caller in self.callers.items() if now_s - caller.heard_s > self.limits.idle_s]
         for number in idle:
-            self.words.append(f"client {number} was silent for {self.limits.idle_s:g} s and is hung up on")
+            self.rotator.log_lines.append(
+                f"client {number} was silent for {self.limits.idle_s:g} s and is hung up on"
+            )
             self._hang_up(number)
         for caller in self.callers.values():
             # Pauses that clients asked for come to an end.
@@ -144,22 +177,24 @@ class RotctldServer:
             part.close()
 
     def _read(self, caller: Caller) -> bool:
-        """Take what a caller has sent; False where it is gone."""
+        """Take a caller's bytes; False where it is gone."""
         data = caller.channel.read()
         if data is None:
             return False
         if data:
             caller.heard_s = time.monotonic()
-            told = caller.opening.take(data)
-            if told is None:
-                self.words.append(f"client {caller.client.number} speaks HTTP or TLS and is hung up on")
+            accepted = caller.opening.take(data)
+            if accepted is None:
+                self.rotator.log_lines.append(
+                    f"client {caller.client.number} speaks HTTP or TLS and is hung up on"
+                )
                 return False
-            caller.client.receive(told)
+            caller.client.receive(accepted)
             caller.more = True
         return True
 
     def _answer_all(self, now_ns: int, until_s: float) -> list[int]:
-        """Answer callers in turn until there is nothing more to answer, or no time."""
+        """Answer callers in turn until nothing is left to answer, or no time."""
         gone = []
         answering = [caller for caller in self.callers.values() if caller.more and not caller.waiting]
         while answering:
@@ -173,7 +208,7 @@ class RotctldServer:
                 if leaves or not goes_on:
                     answering.remove(caller)
                 if time.monotonic() >= until_s:
-                    # Whoever was answered comes last the next time.
+                    # The caller answered last comes last the next time.
                     self._put_last(number)
                     return gone
         return gone
@@ -193,7 +228,7 @@ class RotctldServer:
         return True
 
     def _answer_last(self, caller: Caller, now_ns: int) -> None:
-        """Answer what a caller said that has shut its side before the end of its first line."""
+        """Answer a caller that has shut its side before the end of its first line."""
         rest = caller.opening.rest()
         if rest:
             caller.client.receive(rest)
@@ -221,21 +256,21 @@ class RotctldServer:
             objection, idle = self.limits.admit(address[0], seats, now_s)
             if objection is not None:
                 self.refused += 1
-                self.words.append(f"{address[0]} was hung up on: {objection}")
+                self.rotator.log_lines.append(f"{address[0]} was hung up on: {objection}")
                 connection.close()
                 continue
             for number in idle:
-                self.words.append(f"client {number} is hung up on: it makes room for another")
+                self.rotator.log_lines.append(f"client {number} is hung up on: it makes room for another")
                 self._hang_up(number)
             gone += idle
             number = self._next_number
             self._next_number += 1
             rate = self.limits.requests_per_s
             budget = Bucket(rate, max(1.0, BURST_S * rate), now_s)
-            client = self.make_client(number)
+            client = Client(number, self.rotator, self.info)
             seat = Seat(address[0], -math.inf, now_s)
             self.callers[number] = Caller(TcpChannel(connection), client, now_s, budget, seat)
-            self.words.append(f"client {number} is there, from {address[0]}:{address[1]}")
+            self.rotator.log_lines.append(f"client {number} is there, from {address[0]}:{address[1]}")
         return gone
 
     def _hang_up(self, number: int) -> None:
@@ -244,62 +279,20 @@ class RotctldServer:
         caller.channel.close()
 
 
-PROGRAM = "rotctld"
-MOST_TOLD = 5
-"""A tick's lines of the log: a flood of them is counted."""
-TELL_FAILURES_EVERY_S = 10.0
+@dataclass(slots=True, eq=False)
+class Caller:
+    """One caller: its channel, its client, and the bytes that wait to be sent to it."""
 
+    channel: TcpChannel
+    client: Client
+    heard_s: float
+    budget: Bucket
+    seat: Seat
+    opening: Opening = field(default_factory=Opening)
+    waiting: bytes = b""
+    more: bool = False
+    """Whether there may be unanswered requests."""
 
-@dataclass(slots=True)
-class RotctldLoop(StationLoop):
-    """Serves one mount to rotctld's clients until `stop` is asked for and the mount is seen at rest."""
-
-    driver: RotatorStation
-    door: RotctldServer
-    _told_failures: int = field(default=0, init=False)
-    _failures_told_s: float = field(default=0.0, init=False)
-
-    def tell(self, words: str) -> None:
-        """Have the program's own words logged."""
-        self.log(program_line(words, PROGRAM))
-
-    def serve(self, ready: list[Any]) -> None:
-        """Serve the clients that have said something, or wait for answers."""
-        self._gone(self.door.serve(ready, self._now_ns))
-
-    def obey(self, now_utc_s: float) -> None:
-        """Hang up on clients that are too long silent."""
-        del now_utc_s
-        self._gone(self.door.tend(self._now_ns()))
-
-    def report(self) -> None:
-        """Say what has changed: clients, who commands, refusals, interlocks, the link."""
-        words = self.door.words
-        for _ in range(min(MOST_TOLD, len(words))):
-            self.tell(words.popleft())
-        if words:
-            self.tell(f"and {len(words)} lines more, or still more")
-            words.clear()
-        self._report_failures()
-        self.report_mount("position", "R")
-
-    def _report_failures(self) -> None:
-        count = self.door.failures + sum(caller.client.refused for caller in self.door.callers.values())
-        now_s = time.monotonic()
-        if count == self._told_failures or now_s - self._failures_told_s < TELL_FAILURES_EVERY_S:
-            return
-        self.tell(f"{count - self._told_failures} requests were answered with a failure")
-        self._told_failures, self._failures_told_s = count, now_s
-
-    def _gone(self, numbers: list[int]) -> None:
-        for number in numbers:
-            self.driver.rotator.hang_up(number)
-            self.door.words.append(f"client {number} is gone")
-
-    def _now_ns(self) -> int:
-        return to_ns(self.connection.now_utc_s())
-
-
-def client_maker(rotator: Rotator, info: str) -> Callable[[int], Client]:
-    """Return what makes the end that speaks to one client."""
-    return lambda number: Client(number, rotator, info)
+    def fileno(self) -> int:
+        """Return the descriptor to wait on."""
+        return self.channel.fileno()

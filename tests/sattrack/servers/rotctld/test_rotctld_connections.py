@@ -14,7 +14,7 @@ from hamlib_exchanges import EXCHANGES
 from rotctld_setup import NOON_NS, make_rotator
 
 from sattrack.runtime.callers import CallerLimits, Opening, Seat, listen
-from sattrack.servers.rotctld.serve import RotctldServer, client_maker
+from sattrack.servers.rotctld.serve import RotctldServer
 
 if TYPE_CHECKING:
     import socket
@@ -25,7 +25,7 @@ class Here:
 
     def __init__(self, limits: CallerLimits) -> None:
         self.rotator = make_rotator()
-        self.door = RotctldServer(listen("127.0.0.1", 0), limits, client_maker(self.rotator, "here"))
+        self.door = RotctldServer(listen("127.0.0.1", 0), limits, self.rotator, "here")
         self.now_ns = NOON_NS
 
     def serve(self) -> list[int]:
@@ -193,7 +193,7 @@ def test_a_web_page_moves_nothing() -> None:
             here.serve()
         assert hung_up_on(line)
     assert here.rotator.path is None
-    assert any("speaks HTTP or TLS" in words for words in here.door.words)
+    assert any("speaks HTTP or TLS" in words for words in here.rotator.log_lines)
     here.door.close()
 
 
@@ -205,7 +205,7 @@ def test_a_thousand_callers_that_come_and_go_leave_nothing_behind() -> None:
             while not here.serve():
                 pass
     assert not here.door.callers
-    assert len(here.door.words) <= 20
+    assert len(here.rotator.log_lines) <= 20
     here.door.close()
 
 
@@ -221,7 +221,7 @@ def test_callers_beyond_what_is_allowed_are_hung_up_on_while_the_others_are_busy
             here.serve()
         assert hung_up_on(third)
     words = "127.0.0.1 was hung up on: there are 2 busy clients already, as many as --clients allows"
-    assert words in here.door.words
+    assert words in here.rotator.log_lines
     while here.door.callers:
         here.serve()
     here.door.close()
