@@ -24,8 +24,8 @@ import numpy as np
 
 from sattrack.control.target import Detour
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.safety.bounds import UP_DEG
-from sattrack.safety.regions import moon_over, sun_over
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
     from sattrack.mount.model import PierZone
+    from sattrack.safety.bodies import Wanderer
     from sattrack.safety.limits import SafetyLimits
-    from sattrack.safety.regions import Wanderer
 
     Bools = NDArray[np.bool_]
     Corners = tuple[tuple[float, float], ...]

@@ -17,7 +17,7 @@ from sattrack.core.errors import BadInputError, SafetyLimitError, SattrackError
 from sattrack.core.process import undisturbed
 from sattrack.runtime.facts import choose_pass, plan_for
 from sattrack.runtime.signals import StopRequest, stopping
-from sattrack.safety.regions import moon_over, sun_over
+from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.servers.antenna.antcn import Antcn
 from sattrack.servers.antenna.antcn_run import AntcnRun
 from sattrack.servers.antenna.line import encode
