@@ -15,8 +15,7 @@ import msgspec
 
 from sattrack.calibration.calibrator import Calibrator
 from sattrack.calibration.findings import Findings, conclude, dated_by_requests
-from sattrack.calibration.guard import Surroundings
-from sattrack.calibration.plan import Plan
+from sattrack.calibration.guard import Plan, Surroundings
 from sattrack.calibration.profile import bounded, calibrated
 from sattrack.control.target import sky_error
 from sattrack.core.figures import RunningError

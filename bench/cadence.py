@@ -37,7 +37,7 @@ from typing import TYPE_CHECKING, NamedTuple
 from programs import free_port, satellite
 
 from sattrack.core.figures import quantile
-from sattrack.core.process import PRIORITY, VARIABLE
+from sattrack.core.realtime import PRIORITY, VARIABLE
 
 if TYPE_CHECKING:
     from collections.abc import Callable

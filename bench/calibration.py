@@ -34,7 +34,7 @@ from sattrack.mount.xerxes.datagrams import Command, decode_status, encode_comma
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.calibration.transients import AxisMotion
+    from sattrack.calibration.motion import AxisMotion
 
 SITE = SimulatedSite(52.0, 4.5, 0.0)
 SLICE_S = 0.015625

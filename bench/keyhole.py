@@ -20,8 +20,7 @@ from rehearsal_draws import orbit
 
 from sattrack.core.errors import SattrackError
 from sattrack.mount.profiles import ProfileFile
-from sattrack.planning.keyhole import Keyhole, find_keyholes
-from sattrack.planning.path import axis_path
+from sattrack.planning.path import Keyhole, axis_path, find_keyholes
 from sattrack.runtime.facts import build_engine
 from sattrack.runtime.fly import fly_virtual
 from sattrack.runtime.prepare import RunRequest, prepare

@@ -26,7 +26,7 @@ from pathlib import Path
 
 import msgspec
 
-from sattrack.core.process import undisturbed
+from sattrack.core.realtime import undisturbed
 from sattrack.recording.format import COMMAND, VIEW
 from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import BackgroundRecorder, NoRecording, Recorder, Sink, create

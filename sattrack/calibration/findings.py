@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from sattrack.calibration.calibrator import AXIS_WORDS, LegHeard, Observations
 from sattrack.calibration.clocks import (
     Bracket,
     ClockLine,
@@ -22,16 +23,22 @@ from sattrack.calibration.clocks import (
     status_period,
 )
 from sattrack.calibration.guard import CalibrationEndedError, EndKind
-from sattrack.calibration.motion import AxisName, AxisResponse, Stretch, axis_response, steady_part
-from sattrack.calibration.script import AXIS_WORDS, LegHeard, Observations
-from sattrack.calibration.transients import AxisMotion, axis_motion
+from sattrack.calibration.motion import (
+    AxisMotion,
+    AxisName,
+    AxisResponse,
+    Stretch,
+    axis_motion,
+    axis_response,
+    steady_part,
+)
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import DTICS_S_PER_DEG_S, SIDEREAL_RATE_DEG_S, mean_sidereal_deg
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from sattrack.calibration.statuses import HeardStatus
+    from sattrack.calibration.clocks import HeardStatus
 
 RateFields = Literal["true", "meaningless"]
 SlewingField = Literal["true", "quiet", "meaningless"]

@@ -12,9 +12,8 @@ from tle.instants import Utc
 
 if TYPE_CHECKING:
     from sattrack.calibration.findings import Findings, Interval, RateFields, SlewingField
-    from sattrack.calibration.motion import AxisResponse
+    from sattrack.calibration.motion import AxisMotion, AxisResponse
     from sattrack.calibration.servo import Measured
-    from sattrack.calibration.transients import AxisMotion
     from sattrack.views.run import LearntView
 
 

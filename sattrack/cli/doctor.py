@@ -20,7 +20,7 @@ import msgspec
 
 from sattrack.cli.common import CommandContext, common_options, profile_option
 from sattrack.core.errors import SattrackError
-from sattrack.core.process import how_to_grant, undisturbed
+from sattrack.core.realtime import how_to_grant, undisturbed
 from sattrack.mount.model import MountProfile
 from sattrack.runtime.kernel_clock import read_kernel_clock
 from sattrack.settings import find_settings_file, load_settings
@@ -32,7 +32,7 @@ from tle.sources import newest
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from sattrack.core.process import Grant
+    from sattrack.core.realtime import Grant
     from sattrack.mount.xerxes.link import LinkHealth
     from sattrack.runtime.kernel_clock import KernelClock
     from tle.earth import EarthOrientationAge

@@ -126,8 +126,7 @@ def _base(options: dict[str, Any], url: str | None) -> ProfileFile:
 
 def _ask(consented: bool, mount_name: str) -> None:
     """Tell what will move, and go on only with the operator's consent."""
-    from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, SUN_CONE_DEG
-    from sattrack.calibration.plan import BOX_DEG, Plan
+    from sattrack.calibration.guard import BOX_DEG, FLOOR_ALTITUDE_DEG, SUN_CONE_DEG, Plan
 
     for words in Plan().words():
         tell(words)
@@ -196,7 +195,7 @@ def _conclude(calibrator: Calibrator, site: Site, stated_s: float | None, dates_
 
 def _clock_truth(calibrator: Calibrator, site: Site, stated_s: float | None) -> ClockTruth | None:
     from sattrack.calibration.findings import ClockTruth
-    from sattrack.calibration.plan import true_clocks
+    from sattrack.calibration.guard import true_clocks
 
     last = calibrator.seen.log.last
     if stated_s is None or last is None:

@@ -20,7 +20,7 @@ from sattrack.core.errors import BadInputError
 from sattrack.mount.alpaca.link import parse_alpaca
 from sattrack.mount.requests import Park
 from sattrack.runtime.prepare import check_site
-from sattrack.safety.regions import sun_over
+from sattrack.safety.bodies import sun_over
 from sattrack.schedule.candidates import Loaded, PlanSituation
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.making import SAME, make_plan

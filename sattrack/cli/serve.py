@@ -215,7 +215,7 @@ def rotctld(context: CommandContext, **options: Any) -> int:
     """
     from sattrack.servers.antenna.trajectory import SiteSky
     from sattrack.servers.rotctld.rotator import RotatorStation
-    from sattrack.servers.rotctld.serve import PROGRAM, RotctldLoop, RotctldServer, client_maker
+    from sattrack.servers.rotctld.serve import PROGRAM, RotctldLoop, RotctldServer
 
     limits = caller_limits(options, MOST_CLIENTS)
     served = what_is_served(context, options["mount_url"], options["profile"], "rotctld's clients live")
@@ -230,9 +230,7 @@ def rotctld(context: CommandContext, **options: Any) -> int:
         )
         listener = listen(options["host"], options["port"], BACKLOG)
         info = f"sattrack {__version__}: {served.described.mount.name}"
-        # One list for both, so that the log tells things in the order in which they happened.
-        words = station.rotator.words
-        door = RotctldServer(listener, limits, client_maker(station.rotator, info), words=words)
+        door = RotctldServer(listener, limits, station.rotator, info)
         closing.callback(door.close)
         connection = closing.enter_context(
             connected(served.address, served.described, served.site, served.clock)

@@ -12,7 +12,7 @@ What a run learns of a mount while it follows is the lag and the gain of each ax
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple
 
 import msgspec
 
@@ -24,6 +24,7 @@ from sattrack.mount.model import MoveAxes
 
 if TYPE_CHECKING:
     from sattrack.control.axis_filter import AxisFilter
+    from sattrack.control.target import Pair, Target
     from sattrack.mount.model import AxisLimits, Motion, MountProfile, StatusSample
 
 IDLE_SHIFT_S, IDLE_SHIFT_SHARE = 0.002, 0.2
@@ -32,27 +33,6 @@ UNDATED_AT_MOST = 15
 """Samples in a row dated no later than the one before that are left out: a clock is learnt anew meanwhile."""
 MOST_EDGE_PERIODS = 12.0
 """The longest that the rates of one edge act: until the next, which the handshake lets through."""
-Pair = tuple[float, float]
-"""A value of the right ascension axis, and one of the declination axis."""
-
-
-class TargetSpan(NamedTuple):
-    """A target over the interval in which a command acts: right ascension and declination of the axes.
-
-    Degrees and seconds. `bound_deg` is where the axes are bound for, on the turns that the target is on.
-    """
-
-    begin_deg: Pair
-    move_deg: Pair
-    acceleration_deg_s2: Pair
-    bound_deg: Pair
-
-
-class Target(Protocol):
-    """What is followed."""
-
-    def span(self, begin_utc_s: float, interval_s: float, bound_deg: Pair) -> TargetSpan:
-        """Return the target from an instant on; `bound_deg` is where commands so far lead the axes."""
 
 
 class Follower:

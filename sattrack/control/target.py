@@ -12,11 +12,10 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import msgspec
 
-from sattrack.control.following import TargetSpan
 from sattrack.core.angles import wrap180
 from sattrack.mount.model import MoveAxes, StatusSample
 from sattrack.views.run import ErrorView
@@ -24,11 +23,31 @@ from sattrack.views.run import ErrorView
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.control.following import Pair
     from tle.direction import Direction
 
 SAME_INSTANT_S = 0.0005
 FORETOLD_KEPT = 12
+Pair = tuple[float, float]
+"""A value of the right ascension axis, and one of the declination axis."""
+
+
+class TargetSpan(NamedTuple):
+    """A target over the interval in which a command acts: right ascension and declination of the axes.
+
+    Degrees and seconds. `bound_deg` is where the axes are bound for, on the turns that the target is on.
+    """
+
+    begin_deg: Pair
+    move_deg: Pair
+    acceleration_deg_s2: Pair
+    bound_deg: Pair
+
+
+class Target(Protocol):
+    """What is followed."""
+
+    def span(self, begin_utc_s: float, interval_s: float, bound_deg: Pair) -> TargetSpan:
+        """Return the target from an instant on; `bound_deg` is where commands so far lead the axes."""
 
 
 class TargetState(msgspec.Struct, frozen=True, gc=False):

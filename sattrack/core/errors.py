@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
@@ -67,6 +66,8 @@ class Origin(NamedTuple):
 
 def meant(given: str, known: Iterable[str]) -> str:
     """Return "; did you mean ...?" where something known looks like what was given, else nothing."""
+    from difflib import get_close_matches
+
     choices = list(known)
     folded = {choice.casefold(): choice for choice in choices}
     near = get_close_matches(given.casefold(), folded, n=1, cutoff=0.6)

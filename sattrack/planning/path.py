@@ -1,31 +1,46 @@
-"""A satellite's path over one pass in a mount's two axes, with rates and accelerations, and its limits.
+"""A satellite's path over one pass in a mount's two axes, its limits, and the keyhole about the celestial
+pole.
 
 The limits' names are those of the interlocks in `sattrack.safety`, which judges single moments with the
 distance that the axes need to stop; here the limits themselves count, for whole passes at once.
+
+Near the pole the hour angle turns by nearly half a turn in the time that the target takes past it. Where
+that is faster than the axis can, time is lost; here the way that loses least is searched among all that
+leave the target at one instant and join it at another, the hour angle axis running between them by a
+trapezoid of rates within its limits: round the pole, lagging or leading, or through it, with the
+declination axis past 90°, where the mount can do that. Along such a way the declination axis keeps as near
+to the target as it can, so that the distance on the sky is |cos δ sin(H - h)| for a target at H, δ and an
+hour angle axis at h.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from sattrack.control.target import Detour
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
+from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.safety.bounds import UP_DEG
-from sattrack.safety.regions import moon_over, sun_over
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from sattrack.mount.model import MountProfile, PierZone
-    from sattrack.safety.limits import SafetyLimits
-    from sattrack.safety.regions import Wanderer
+    from sattrack.control.tracker import TrackPlan
+    from sattrack.mount.model import AxisLimits, MountProfile
     from tle.bias import Bias
     from tle.propagator import Propagator
 
     Array = NDArray[np.float64]
+    from sattrack.mount.model import PierZone
+    from sattrack.safety.bodies import Wanderer
+    from sattrack.safety.limits import SafetyLimits
+
     Bools = NDArray[np.bool_]
     Corners = tuple[tuple[float, float], ...]
 
@@ -284,3 +299,344 @@ def _outside_deg(x: Array, y: Array, corners: Corners) -> Array:
         if dy:
             inside ^= ((y1 > y) != (y2 > y)) & (x < x1 + (y - y1) / dy * dx)
     return np.where(inside, -nearest, nearest)
+
+
+RATE_SHARE, ACCELERATION_SHARE = 0.99, 0.95
+"""What a way may use of the axis' limits: the controller needs the rest to correct with."""
+COARSE, FINE = 161, 21
+"""Instants to leave and to join that are tried at first, and in each round of refinement."""
+ROUNDS = 7
+SHRINK = 0.25
+TRIED = 60
+"""Of the pairs of instants within reach, so many of the nearest are judged by what they lose."""
+SAMPLES = 301
+BISECTIONS = 50
+LONGEST_S = 150.0
+JOIN_S = 1.0
+"""Stretches that are too fast and so near one another are one keyhole."""
+POLE_WITHIN_DEG = 15.0
+
+
+@dataclass(frozen=True, slots=True)
+class Keyhole:
+    """A stretch in which the hour angle turns too fast, and what the ways past it lose; seconds of time.
+
+    `clipped_s` is lost by an axis that follows as long as it can and then at its limits until it has caught
+    up, `round_s` by the best way that keeps to this side of the pole, `through_s` by the best one through it,
+    None where the mount cannot. `detour` is the way to take, None where none is better than clipping.
+    """
+
+    begin_utc_s: float
+    end_utc_s: float
+    nearest_utc_s: float
+    polar_distance_deg: float
+    peak_rate_deg_s: float
+    clipped_s: float
+    round_s: float
+    through_s: float | None
+    detour: Detour | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Track:
+    """The target around a keyhole: seconds since an origin, unwrapped hour angle, its rate, declination."""
+
+    origin_utc_s: float
+    time_s: Array
+    hour_angle_deg: Array
+    rate_deg_s: Array
+    dec_deg: Array
+
+    def hour_angle_at(self, time_s: Array) -> Array:
+        return np.interp(time_s, self.time_s, self.hour_angle_deg)
+
+    def rate_at(self, time_s: Array) -> Array:
+        return np.interp(time_s, self.time_s, self.rate_deg_s)
+
+    def dec_at(self, time_s: Array) -> Array:
+        return np.interp(time_s, self.time_s, self.dec_deg)
+
+
+class _Crossing(NamedTuple):
+    """One path past the pole: instants to leave and to join, half turns on, rates, seconds lost."""
+
+    leave_s: float
+    join_s: float
+    half_turns: float
+    first_deg_s: float
+    cruise_deg_s: float
+    last_deg_s: float
+    lost_s: float
+
+
+def reach_deg(
+    first_deg_s: Array, last_deg_s: Array, seconds: Array, limit_deg_s: float, acceleration_deg_s2: float
+) -> tuple[Array, Array]:
+    """Return the least and the most that an axis can turn in a time, between given rates at its two ends.
+
+    Bounded rate and acceleration; arrays of any one shape. Where the time is too short to go from the one
+    rate to the other both are NaN.
+    """
+    most = _extreme(first_deg_s, last_deg_s, seconds, limit_deg_s, acceleration_deg_s2)
+    least = -_extreme(-first_deg_s, -last_deg_s, seconds, limit_deg_s, acceleration_deg_s2)
+    return least, most
+
+
+def _extreme(first: Array, last: Array, seconds: Array, limit: float, acceleration: float) -> Array:
+    cruise = np.minimum(limit, 0.5 * (first + last + acceleration * seconds))
+    short = acceleration * seconds < np.abs(last - first)
+    return np.where(short, np.nan, _turned(first, cruise, last, seconds, acceleration))
+
+
+def _turned(first: Array, cruise: Array, last: Array, seconds: Array, acceleration: float) -> Array:
+    """Return how far a trapezoid turns."""
+    on, off = np.abs(cruise - first) / acceleration, np.abs(last - cruise) / acceleration
+    turned: Array = cruise * seconds + 0.5 * (first - cruise) * on + 0.5 * (last - cruise) * off
+    return turned
+
+
+def cruise_deg_s(
+    first_deg_s: Array, last_deg_s: Array, seconds: Array, turn_deg: Array, acceleration_deg_s2: float
+) -> Array:
+    """Return the cruising rates of trapezoids that turn so far in those times; they must be within reach."""
+    swing = 0.5 * (acceleration_deg_s2 * seconds - np.abs(last_deg_s - first_deg_s))
+    low = np.minimum(first_deg_s, last_deg_s) - swing
+    high = np.maximum(first_deg_s, last_deg_s) + swing
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        short = _turned(first_deg_s, middle, last_deg_s, seconds, acceleration_deg_s2) < turn_deg
+        low, high = np.where(short, middle, low), np.where(short, high, middle)
+    return np.asarray(0.5 * (low + high))
+
+
+def can_pass_pole(path: AxisPath, profile: MountProfile, at: int) -> bool:
+    """Tell whether the declination axis' travel holds the path from a sample on, seen across the pole."""
+    low, high = profile.dec_axis_limits_deg
+    dec = path.pointing.dec_axis_deg[at:]
+    across = math.copysign(180.0, float(dec[0])) - dec
+    return bool(np.min(across) >= low and np.max(across) <= high)
+
+
+def find_keyholes(
+    path: AxisPath, profile: MountProfile, tolerance_deg: float, ways: bool = True
+) -> list[Keyhole]:
+    """Return the keyholes of a target's path, in order.
+
+    `path` needs steps well below a second near the pole; `tolerance_deg` is how far on the sky from the
+    target still counts as on it. The pole is passed through where the declination axis' travel allows that.
+    Without `ways`, no way past it is looked for but that of an axis at its limits.
+    """
+    limits = profile.ra
+    rate = limits.max_rate_deg_s
+    fast = np.abs(path.hour_angle_rate_deg_s) > rate
+    fast &= np.abs(path.hour_angle_acceleration_deg_s2) < np.inf
+    fast |= np.abs(path.hour_angle_acceleration_deg_s2) > limits.max_acceleration_deg_s2
+    # An axis that is too slow for the target wherever it is, and not by the pole, has no keyhole.
+    fast &= np.abs(np.abs(path.pointing.dec_axis_deg) - 90.0) < POLE_WITHIN_DEG
+    fast &= path.sky_rate_deg_s <= rate
+    if not fast.any():
+        return []
+    keyholes: list[Keyhole] = []
+    for first, last in _stretches(fast, path.utc_s):
+        if keyholes and path.utc_s[last] <= keyholes[-1].end_utc_s:
+            continue
+        through_pole = profile.through_pole and can_pass_pole(path, profile, (first + last) // 2)
+        turns: tuple[tuple[int, ...], ...] = ()
+        if ways:
+            turns = (_ROUND, _THROUGH) if through_pole else (_ROUND,)
+        keyholes.append(_keyhole(path, first, last, limits, tolerance_deg, turns))
+    return keyholes
+
+
+def _stretches(fast: NDArray[np.bool_], utc_s: Array) -> list[tuple[int, int]]:
+    """Return first and last index of each stretch, those joined that are near one another."""
+    found: list[tuple[int, int]] = []
+    for first, last in stretches(fast):
+        if found and utc_s[first] - utc_s[found[-1][1]] < JOIN_S:
+            found[-1] = (found[-1][0], last)
+        else:
+            found.append((first, last))
+    return found
+
+
+_ROUND, _THROUGH = (-2, 0, 2), (-1, 1)
+"""Half turns of the hour angle on the ways round the pole, and through it."""
+
+
+def _keyhole(
+    path: AxisPath,
+    first: int,
+    last: int,
+    limits: AxisLimits,
+    tolerance_deg: float,
+    turns: tuple[tuple[int, ...], ...],
+) -> Keyhole:
+    p = path.pointing
+    distance = np.abs(90.0 - np.abs(p.dec_axis_deg))
+    nearest = first + int(np.argmin(distance[first : last + 1]))
+    low, high = np.searchsorted(p.utc_s, [p.utc_s[first] - LONGEST_S, p.utc_s[last] + LONGEST_S])
+    part = slice(int(low), int(high))
+    origin = float(p.utc_s[nearest])
+    track = _Track(
+        origin,
+        p.utc_s[part] - origin,
+        p.hour_angle_axis_deg[part],
+        path.hour_angle_rate_deg_s[part],
+        p.dec_axis_deg[part],
+    )
+    begin_s = float(p.utc_s[max(0, first - 1)]) - origin
+    end_s = float(p.utc_s[min(last + 1, len(p.utc_s) - 1)]) - origin
+    full = _DetourSearch(
+        track, begin_s, end_s, limits.max_rate_deg_s, limits.max_acceleration_deg_s2, tolerance_deg
+    )
+    search = _DetourSearch(
+        track,
+        begin_s,
+        end_s,
+        limits.max_rate_deg_s * RATE_SHARE,
+        limits.max_acceleration_deg_s2 * ACCELERATION_SHARE,
+        tolerance_deg,
+    )
+    clipped = full.best((0,), lagging=True)
+    around = search.best(_ROUND) if _ROUND in turns else None
+    through = search.best(_THROUGH) if _THROUGH in turns else None
+    rest_s = float(track.time_s[-1]) - begin_s
+    clipped_s = rest_s if clipped is None else clipped.lost_s
+    ways = [way for way in (around, through) if way is not None and way.lost_s < clipped_s]
+    best = min(ways, key=lambda way: way.lost_s, default=None)
+    return Keyhole(
+        begin_utc_s=origin + begin_s,
+        end_utc_s=origin + end_s,
+        nearest_utc_s=origin,
+        polar_distance_deg=float(distance[nearest]),
+        peak_rate_deg_s=float(np.max(np.abs(path.hour_angle_rate_deg_s[first : last + 1]))),
+        clipped_s=clipped_s,
+        round_s=clipped_s if around is None else min(clipped_s, around.lost_s),
+        through_s=None if through is None else through.lost_s,
+        detour=None if best is None else search.detour(best, path),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _DetourSearch:
+    """The search for the way past one keyhole that loses least, within limits of the hour angle axis."""
+
+    track: _Track
+    begin_s: float
+    end_s: float
+    limit_deg_s: float
+    acceleration_deg_s2: float
+    tolerance_deg: float
+
+    def best(self, half_turns: tuple[int, ...], lagging: bool = False) -> _Crossing | None:
+        """Return the way that loses least; `lagging` for those that leave only when they must."""
+        first_s, last_s = float(self.track.time_s[0]), float(self.track.time_s[-1])
+        leaves = np.array([self.begin_s]) if lagging else np.linspace(first_s, self.begin_s, COARSE)
+        joins = np.linspace(self.end_s, last_s, COARSE)
+        best = self._best_of(leaves, joins, half_turns)
+        if best is None:
+            return None
+        leave_span, join_span = (first_s - self.begin_s) / COARSE, (last_s - self.end_s) / COARSE
+        for _ in range(ROUNDS):
+            if not lagging:
+                leaves = _around(best.leave_s, leave_span, first_s, self.begin_s)
+            joins = _around(best.join_s, join_span, self.end_s, last_s)
+            finer = self._best_of(leaves, joins, (int(best.half_turns),))
+            if finer is not None and finer.lost_s < best.lost_s:
+                best = finer
+            leave_span, join_span = leave_span * SHRINK, join_span * SHRINK
+        return best
+
+    def _best_of(self, leaves: Array, joins: Array, half_turns: tuple[int, ...]) -> _Crossing | None:
+        leave, join, turns = (
+            a.ravel() for a in np.meshgrid(leaves, joins, np.array(half_turns, dtype=float), indexing="ij")
+        )
+        first, last = self.track.rate_at(leave), self.track.rate_at(join)
+        turn = self.track.hour_angle_at(join) + 180.0 * turns - self.track.hour_angle_at(leave)
+        seconds = join - leave
+        least, most = reach_deg(first, last, seconds, self.limit_deg_s, self.acceleration_deg_s2)
+        possible = (turn >= least) & (turn <= most)
+        possible &= (np.abs(first) <= self.limit_deg_s) & (np.abs(last) <= self.limit_deg_s)
+        index = np.flatnonzero(possible)
+        if not len(index):
+            return None
+        index = index[np.argsort(seconds[index], kind="stable")[:TRIED]]
+        cruise = cruise_deg_s(
+            first[index], last[index], seconds[index], turn[index], self.acceleration_deg_s2
+        )
+        columns = (leave[index], join[index], turns[index], first[index], cruise, last[index])
+        lost = self._lost_s(*columns)
+        first_of = int(np.argmin(lost))
+        return _Crossing(*(float(column[first_of]) for column in (*columns, lost)))
+
+    def _lost_s(
+        self, leave: Array, join: Array, turns: Array, first: Array, cruise: Array, last: Array
+    ) -> Array:
+        """Return the seconds off target of each way, the edges of the tolerance found between samples."""
+        share = np.linspace(0.0, 1.0, SAMPLES)
+        seconds = (join - leave)[:, None]
+        time = seconds * share
+        on = np.abs(cruise - first)[:, None] / self.acceleration_deg_s2
+        off = np.abs(last - cruise)[:, None] / self.acceleration_deg_s2
+        ramp_on, ramp_off = np.minimum(time, on), np.maximum(0.0, time - (seconds - off))
+        axis = self.track.hour_angle_at(leave)[:, None] + cruise[:, None] * time
+        axis += (first - cruise)[:, None] * (ramp_on - 0.5 * ramp_on**2 / np.maximum(on, 1e-9))
+        axis += (last - cruise)[:, None] * 0.5 * ramp_off**2 / np.maximum(off, 1e-9)
+        at = leave[:, None] + time
+        apart = np.radians(self.track.hour_angle_at(at) - axis)
+        cos_dec = np.cos(np.radians(self.track.dec_at(at)))
+        side = np.abs(cos_dec * np.sin(apart))
+        # Without the far side of the pole, the pole itself is the nearest that there is to turn to.
+        beyond = (turns[:, None] % 2.0 == 0.0) & (np.cos(apart) < 0.0)
+        gap = np.degrees(np.arcsin(np.clip(np.where(beyond, np.abs(cos_dec), side), 0.0, 1.0)))
+        over = gap - self.tolerance_deg
+        before, after = over[:, :-1], over[:, 1:]
+        span = np.where(before == after, 1.0, np.abs(after - before))
+        part = np.clip(np.maximum(before, after) / span, 0.0, 1.0)
+        outside = np.where(
+            (before > 0.0) & (after > 0.0), 1.0, np.where((before > 0.0) | (after > 0.0), part, 0.0)
+        )
+        lost: Array = np.sum(outside, axis=1) * (join - leave) / (SAMPLES - 1)
+        return lost
+
+    def detour(self, way: _Crossing, path: AxisPath) -> Detour:
+        """Return a way as rates of the right ascension, which falls as the hour angle rises."""
+        begin = self.track.origin_utc_s + way.leave_s
+        return Detour(
+            begin_utc_s=begin,
+            end_utc_s=self.track.origin_utc_s + way.join_s,
+            ra_deg=float(np.interp(begin, path.utc_s, path.ra_deg)),
+            first_deg_s=SIDEREAL_RATE_DEG_S - way.first_deg_s,
+            cruise_deg_s=SIDEREAL_RATE_DEG_S - way.cruise_deg_s,
+            last_deg_s=SIDEREAL_RATE_DEG_S - way.last_deg_s,
+            acceleration_deg_s2=self.acceleration_deg_s2,
+            through_pole=way.half_turns % 2.0 == 1.0,
+            pole_dec_deg=math.copysign(90.0, float(self.track.dec_at(np.array(0.0)))),
+        )
+
+
+def _around(middle: float, span: float, low: float, high: float) -> Array:
+    return np.clip(np.linspace(middle - abs(span), middle + abs(span), FINE), low, high)
+
+
+STEP_S = 0.05
+MOST_SAMPLES = 60_000
+
+
+def detours_for(
+    propagator: Propagator, bias: Bias, plan: TrackPlan, profile: MountProfile
+) -> tuple[Detour, ...]:
+    """Return the detours of a plan; none where the profile does not let following go through the pole.
+
+    Round the pole no way loses less than following as long as the axes can and catching up, which needs no
+    plan. `propagator` gives what is fed. Raises TimeRangeError, PropagationError.
+    """
+    if not profile.through_pole:
+        return ()
+    duration_s = plan.end_utc_s - plan.start_utc_s
+    count = min(MOST_SAMPLES, max(8, math.ceil(duration_s / STEP_S) + 1))
+    path = axis_path(propagator, bias, np.linspace(plan.start_utc_s, plan.end_utc_s, count))
+    if not np.isfinite(path.pointing.dec_axis_deg).all():
+        return ()
+    found = find_keyholes(path, profile, plan.on_target_arcsec / 3600.0)
+    return tuple(k.detour for k in found if k.detour is not None and k.detour.through_pole)

@@ -16,17 +16,15 @@ import numpy as np
 
 from sattrack.mount.model import MountProfile
 from sattrack.planning.budget import Budget
-from sattrack.planning.kinematics import LEAST_SHARE, Ability, ForetoldLoss, losses
+from sattrack.planning.kinematics import LEAST_SHARE, Ability, ForetoldLoss, Sides, losses
 from sattrack.planning.path import Pointing, margins_deg
-from sattrack.planning.sides import Sides
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from sattrack.control.tracker import TrackPlan
-    from sattrack.planning.keyhole import Keyhole
-    from sattrack.planning.path import AxisPath
+    from sattrack.planning.path import AxisPath, Keyhole
     from sattrack.planning.trace import Performance, TraceArrays
     from sattrack.safety.limits import SafetyLimits
 

@@ -13,8 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from sattrack.calibration.calibrator import Calibrator
-from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, EndKind, Surroundings
-from sattrack.calibration.plan import Plan, sun_hour_angle_and_dec
+from sattrack.calibration.guard import FLOOR_ALTITUDE_DEG, EndKind, Plan, Surroundings, sun_hour_angle_and_dec
 from sattrack.core.angles import altitude_deg, separation_deg
 from sattrack.core.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
 from sattrack.mount.profiles import ProfileFile, load_profile_file

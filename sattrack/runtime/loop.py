@@ -8,14 +8,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from sattrack.core.errors import SattrackError
-from sattrack.core.process import undisturbed
+from sattrack.core.realtime import undisturbed
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from sattrack.core.process import Grant
+    from sattrack.core.realtime import Grant
     from sattrack.mount.model import MountProfile
     from sattrack.runtime.console import Connection
     from sattrack.runtime.signals import StopRequest

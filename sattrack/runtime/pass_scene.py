@@ -11,7 +11,7 @@ from sattrack.core.angles import altitude_deg, azimuth_deg
 from sattrack.planning.budget import Circumstances, error_budget
 from sattrack.planning.rehearsal import uncalibrated_words
 from sattrack.runtime.facts import SEARCH_HOURS, SIMULATED, build_engine, first_bias
-from sattrack.safety.regions import moon_over, sun_over
+from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.views.run import PassView, PathPoint, SkyPoint
 from tle.bias import Bias
 from tle.errors import TleError
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from sattrack.control.engine import RunSpec
     from sattrack.runtime.facts import RunFacts
-    from sattrack.safety.regions import Wanderer
+    from sattrack.safety.bodies import Wanderer
     from tle.site import Site
 
     Array = NDArray[np.float64]

@@ -178,7 +178,7 @@ def with_detours(facts: RunFacts) -> RunFacts:
     """Return the facts with the ways past the celestial pole in their plan, where the profile has it so."""
     if not facts.profile.through_pole:
         return facts
-    from sattrack.planning.keyhole import detours_for
+    from sattrack.planning.path import detours_for
 
     spec = build_engine(facts).spec
     detours = detours_for(spec.propagator, first_bias(facts), facts.plan, facts.profile)

@@ -25,9 +25,17 @@ from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.mount.simulator.installation import SimulatorProfile, simulator_profile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.planning.budget import Circumstances, error_budget
-from sattrack.planning.keyhole import find_keyholes
-from sattrack.planning.kinematics import Ability, losses, outside
-from sattrack.planning.path import axis_path, margins_deg, skyline_deg
+from sattrack.planning.kinematics import (
+    Ability,
+    Lost,
+    Sides,
+    choose_sides,
+    losses,
+    outside,
+    sides_of,
+    with_flips,
+)
+from sattrack.planning.path import axis_path, find_keyholes, margins_deg, skyline_deg
 from sattrack.planning.rehearsal import (
     LOOKED_S,
     LostStretch,
@@ -44,7 +52,6 @@ from sattrack.planning.rehearsal import (
     uncalibrated_words,
     verdict,
 )
-from sattrack.planning.sides import Lost, Sides, choose_sides, sides_of, with_flips
 from sattrack.planning.trace import Performance, RehearsalTrace, TabledPropagator
 from sattrack.recording.recorder import NoRecording
 from sattrack.runtime import practice
@@ -64,9 +71,8 @@ if TYPE_CHECKING:
 
     from sattrack.control.tracker import TrackPlan
     from sattrack.mount.model import MountProfile
-    from sattrack.planning.keyhole import Keyhole
-    from sattrack.planning.path import AxisPath
-    from sattrack.planning.sides import Rule
+    from sattrack.planning.kinematics import Rule
+    from sattrack.planning.path import AxisPath, Keyhole
     from sattrack.planning.trace import TraceArrays
     from sattrack.runtime.facts import RunFacts
     from sattrack.runtime.prepare import Prepared

@@ -19,8 +19,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from sattrack.mount.model import MountProfile
+    from sattrack.safety.bodies import Body, Wanderer
     from sattrack.safety.limits import SafetyLimits
-    from sattrack.safety.regions import Body, Wanderer
 
 ROOM_DEG = 4.0
 """How far on each side a box is tried to be grown."""
@@ -282,7 +282,7 @@ class Bounds:
     def _bodies(self, longitude_deg: float) -> list[tuple[str, Wanderer, float]]:
         if self._wanderers is None:
             # ERFA is imported where the sky matters, and not on the way to --help.
-            from sattrack.safety.regions import moon_over, sun_over
+            from sattrack.safety.bodies import moon_over, sun_over
 
             limits = self._limits
             self._wanderers = [("sun", sun_over(self._latitude_deg, longitude_deg), limits.sun_deg)]

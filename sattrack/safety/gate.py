@@ -38,7 +38,7 @@ from sattrack.mount.requests import (
 from sattrack.safety.bounds import CONES, ESCAPE_NEAR_DEG, INSIDE_MARGIN_DEG, Bounds
 from sattrack.safety.geometry import Box, Place
 from sattrack.safety.rate_limit import Ahead, Spot, nearest_rates, within
-from sattrack.safety.route import SlewGate
+from sattrack.safety.slews import SlewGate
 from sattrack.safety.table import ROWS
 from sattrack.safety.watch import BACKWARD_S, FASTER, OLDEST_STATUS_S, Belief, PositionFilter, Watch
 

@@ -12,21 +12,14 @@ from bisect import bisect_left, bisect_right
 from functools import partial
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
-import erfa
-
 from sattrack.core.angles import azimuth_deg
-from sattrack.mount.model import mean_sidereal_deg
 from sattrack.safety.geometry import TURN_DEG, Box, Toward, lowest_altitude_deg, meets_polygon
-from tle.instants import Utc
-from tle.sun import moon_km, sun_km, terrestrial_time
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    import numpy as np
-    from numpy.typing import NDArray
-
     from sattrack.mount.model import MountProfile, PierZone
+    from sattrack.safety.bodies import Body
     from sattrack.safety.limits import HorizonPoint
 
 SMALLEST_DEG = 0.05
@@ -303,64 +296,3 @@ def _turned(box: Box, corner: tuple[float, float]) -> Box:
 
 def _moved(corners: tuple[tuple[float, float], ...], turns: int) -> tuple[tuple[float, float], ...]:
     return tuple((ha + turns * TURN_DEG, dec) for ha, dec in corners)
-
-
-LOOK_S = 30.0
-"""In that time the Sun comes 1.2″ of right ascension, the Moon 16″."""
-EARTH_RADIUS_KM = 6378.1
-
-
-class Body(NamedTuple):
-    """One of them at one instant: hour angle and declination, degrees, and the unit vector of `Box`."""
-
-    hour_angle_deg: float
-    dec_deg: float
-    x: float
-    y: float
-    z: float
-
-
-class Wanderer:
-    """The Sun or the Moon over one site; ask it for instants in any order."""
-
-    def __init__(
-        self, place_km: Callable[[Utc], NDArray[np.float64]], latitude_deg: float, longitude_deg: float
-    ) -> None:
-        self._place_km = place_km
-        self._latitude_deg, self._longitude_deg = latitude_deg, longitude_deg
-        self._looked_at: float | None = None
-        self._ra_deg = self._dec_deg = 0.0
-
-    def at(self, utc_s: float) -> Body:
-        """Return where it stands at an instant of UTC (POSIX seconds)."""
-        look = math.floor(utc_s / LOOK_S)
-        if look != self._looked_at:
-            self._look((look + 0.5) * LOOK_S)
-            self._looked_at = look
-        hour_angle_deg = mean_sidereal_deg(utc_s, self._longitude_deg) - self._ra_deg
-        h, d = math.radians(hour_angle_deg), math.radians(self._dec_deg)
-        cos_dec = math.cos(d)
-        return Body(hour_angle_deg, self._dec_deg, cos_dec * math.cos(h), cos_dec * math.sin(h), math.sin(d))
-
-    def _look(self, utc_s: float) -> None:
-        at = Utc(utc_s)
-        first, second = terrestrial_time(at)
-        x, y, z = (float(c) for c in erfa.pnm06a(first[0], second[0]) @ self._place_km(at))
-        # As seen from the site: a minute of arc for a ball of an Earth, a degree without this for the Moon.
-        sidereal = math.radians(mean_sidereal_deg(utc_s, self._longitude_deg))
-        latitude = math.radians(self._latitude_deg)
-        x -= EARTH_RADIUS_KM * math.cos(latitude) * math.cos(sidereal)
-        y -= EARTH_RADIUS_KM * math.cos(latitude) * math.sin(sidereal)
-        z -= EARTH_RADIUS_KM * math.sin(latitude)
-        self._ra_deg = math.degrees(math.atan2(y, x))
-        self._dec_deg = math.degrees(math.atan2(z, math.hypot(x, y)))
-
-
-def sun_over(latitude_deg: float, longitude_deg: float) -> Wanderer:
-    """Return the Sun over a site, degrees north and east."""
-    return Wanderer(sun_km, latitude_deg, longitude_deg)
-
-
-def moon_over(latitude_deg: float, longitude_deg: float) -> Wanderer:
-    """Return the Moon over a site, degrees north and east."""
-    return Wanderer(moon_km, latitude_deg, longitude_deg)

@@ -1,9 +1,9 @@
-"""Slews and their ways: each judged by its whole way once, led round what is in it, and watched on it.
+"""Ways of slews: whether the straight one is clear, and a detour of intermediate slews where it is not.
 
-The mount slews by itself, each axis in its own time, so that nobody knows its way between two places but
-that it stays within the box that both span in axis angles: that whole box must be clear. Where the profile
-says that the axes go together, the way is the straight line between them. A detour is looked for on a
-coarse grid and then judged like any other slew, leg by leg.
+The mount slews by itself, each axis in its own time, so that nobody knows its way between two places but that
+it stays within the box that both span in axis angles: that whole box must be clear. Where the profile says
+that the axes go together, the way is the straight line between them. A detour is looked for on a coarse grid
+and then judged like any other slew, leg by leg.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sattrack.core.angles import separation_deg, wrap180
-from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, Slew
+from sattrack.core.angles import wrap180
+from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.safety.geometry import Box, Place
 
 if TYPE_CHECKING:
@@ -26,229 +26,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from sattrack.mount.model import Seen
-    from sattrack.safety.bounds import Bounds
+    from sattrack.mount.model import MountProfile
 
     Array = NDArray[np.float64]
     Bools = NDArray[np.bool_]
     Judge = Callable[[Box, float], str | None]
     """Names what a box of axis angles is not clear of within so many seconds, or None."""
-
-THERE_DEG = 0.1
-WAITS_S = 70.0
-"""How long the mount may wait at the target until it follows, tracking the sky."""
-STRAYED_DEG = 1.0
-STRAYED_STATUSES = 3
-
-
-class SlewGate:
-    """The slew that is asked for, in legs; without `detours` it is one leg or none."""
-
-    def __init__(self, profile: MountProfile, bounds: Bounds, latitude_deg: float, detours: bool) -> None:
-        self._profile, self._bounds, self._latitude_deg = profile, bounds, latitude_deg
-        self._detours = detours
-        self._target: Slew | None = None
-        self._legs: list[Slew] = []
-        self._box: Box | None = None
-        self._astray = 0
-
-    @property
-    def on_last_leg(self) -> bool:
-        """Whether what is under way goes to the target itself."""
-        return len(self._legs) <= 1
-
-    @property
-    def under_way(self) -> bool:
-        """Whether a slew has been cleared since something else was asked for."""
-        return self._target is not None
-
-    def forget(self) -> None:
-        """Something else is asked for."""
-        self._target, self._legs, self._box, self._astray = None, [], None, 0
-
-    def clear(
-        self, target: Slew, sidereal_deg: float, reported: tuple[float, float], place: Place, braking: Box
-    ) -> Slew | str:
-        """Return the slew to ask for now, or the name of the row that it is not clear of.
-
-        `braking` is where axes that move may come until they stand.
-        """
-        if target != self._target:
-            found = self._legs_to(target, sidereal_deg, place)
-            if isinstance(found, str):
-                return found
-            self._target, self._legs = target, list(found)
-            self._enter(place, sidereal_deg, braking)
-        elif not self.on_last_leg and self.is_there(reported):
-            self._legs.pop(0)
-            name = self.objection(self._legs[0], sidereal_deg, place)
-            if name is not None:
-                found = self._legs_to(target, sidereal_deg, place)
-                if isinstance(found, str):
-                    return found
-                self._legs = list(found)
-            self._enter(place, sidereal_deg, braking)
-        return self._legs[0]
-
-    def _legs_to(self, target: Slew, sidereal_deg: float, place: Place) -> tuple[Slew, ...] | str:
-        if self._detours:
-            return self.route(target, sidereal_deg, place, waits=True)
-        name = self.objection(target, sidereal_deg, place)
-        return (target,) if name is None else name
-
-    def route(
-        self, target: Slew, sidereal_deg: float, place: Place, waits: bool = False
-    ) -> tuple[Slew, ...] | str:
-        """Return the legs to a target from a place, or the name of the row that is in the way.
-
-        Where the target itself is past a limit and `waits`, the way is to the nearest place that is not.
-        """
-        if self.objection(target, sidereal_deg, place) is None:
-            return (target,)
-        found = self._route_from(place, target, sidereal_deg, waits)
-        if isinstance(found, str) and self._bounds.near(place):
-            exit_place = self._way_out(place)
-            if exit_place is not None:
-                leg = _slew_to(exit_place, sidereal_deg)
-                onward = self._route_from(exit_place, target, sidereal_deg, waits)
-                if not isinstance(onward, str):
-                    found = (leg, *onward)
-                elif waits and self._bounds.dazzled(place):
-                    # Whatever becomes of the target, the telescope does not stay in the Sun.
-                    found = (leg,)
-        return found
-
-    def way_out(self, sidereal_deg: float, place: Place) -> Slew | None:
-        """Return a slew out of the Sun's or the Moon's cone, None where there is none or no need of one."""
-        exit_place = self._way_out(place) if self._bounds.dazzled(place) else None
-        return None if exit_place is None else _slew_to(exit_place, sidereal_deg)
-
-    def _way_out(self, place: Place) -> Place | None:
-        """Return the nearest clear place to which axes get that are past a limit, or too near to one."""
-        from sattrack.safety.route import blocked, clear_places
-
-        for beside in clear_places(place, self._latitude_deg, self._profile, self._judge):
-            if blocked(place, beside, self._profile, self._judge_leaving(place)) is None:
-                return beside
-        return None
-
-    def _judge(self, box: Box, seconds: float) -> str | None:
-        return self._bounds.violated(box, {}, seconds)
-
-    def _judge_leaving(self, place: Place) -> Judge:
-        def judge(box: Box, seconds: float) -> str | None:
-            return self._bounds.violated(box, self._bounds.leaving(place, seconds), seconds)
-
-        return judge
-
-    def _route_from(
-        self, place: Place, target: Slew, sidereal_deg: float, waits: bool
-    ) -> tuple[Slew, ...] | str:
-        from sattrack.safety.route import axes_of, slew_s
-
-        goal = axes_of(sidereal_deg - target.ra_deg, target.dec_deg, self._profile, self._latitude_deg)
-        judge, leaving = self._judge, self._judge_leaving(place)
-        # The mount tracks the sky there until it follows.
-        drift_deg = SIDEREAL_RATE_DEG_S * (slew_s(place, goal, self._profile) + WAITS_S)
-        in_goal = judge(Box.between(goal, goal).grown(0.0, drift_deg if waits else 0.0, 0.0, 0.0), 0.0)
-        goals = self._beside(place, goal, judge, leaving) if in_goal is not None and waits else [goal]
-        if in_goal is not None and not goals:
-            return in_goal
-        found = self._first_route(place, goals, judge, leaving)
-        if found.blocked_by is not None:
-            return found.blocked_by
-        slews = [_slew_to(leg, sidereal_deg) for leg in found.legs]
-        return tuple(slews) if in_goal is not None else (*slews[:-1], target)
-
-    def _beside(self, place: Place, goal: Place, judge: Judge, leaving: Judge) -> list[Place]:
-        """Return where to wait instead: the nearest place, and the nearest that is reached straight on."""
-        from sattrack.safety.route import blocked, clear_places
-
-        found: list[Place] = []
-        for beside in clear_places(goal, self._latitude_deg, self._profile, judge):
-            if not found:
-                found.append(beside)
-            if blocked(place, beside, self._profile, leaving) is None:
-                return [*found, beside]
-        return found
-
-    def _first_route(self, place: Place, goals: list[Place], judge: Judge, leaving: Judge) -> Route:
-        from sattrack.safety.route import Route, find_route
-
-        found = Route((), None)
-        for goal in goals:
-            found = find_route(place, goal, self._profile, judge, leaving, self._latitude_deg)
-            if found.blocked_by is None:
-                break
-        return found
-
-    def objection(self, target: Slew, sidereal_deg: float, place: Place) -> str | None:
-        """Return the name of the row that the straight way to a target is not clear of, or None."""
-        from sattrack.safety.route import axes_of
-
-        goal = axes_of(sidereal_deg - target.ra_deg, target.dec_deg, self._profile, self._latitude_deg)
-        return self.way_objection(place, goal)
-
-    def way_objection(self, place: Place, goal: tuple[float, float]) -> str | None:
-        """Return the name of the row that the way between two places is not clear of, or None."""
-        from sattrack.safety.route import blocked
-
-        end = Place(*goal)
-        at_end = self._judge(Box.between(end, end), 0.0)
-        if at_end is not None:
-            return at_end
-        return blocked(place, end, self._profile, self._judge_leaving(place))
-
-    def strays(self, place: Place, seen: Seen) -> bool:
-        """Tell whether the mount has left what its slew was judged by."""
-        box = self._box
-        if box is None or not seen.slewing:
-            self._astray = 0
-            return False
-        m = STRAYED_DEG
-        grown = box.grown(m, m, m, m)
-        inside = (
-            grown.ha_low_deg <= place[0] <= grown.ha_high_deg
-            and grown.dec_low_deg <= place[1] <= grown.dec_high_deg
-        )
-        self._astray = 0 if inside else self._astray + 1
-        return self._astray >= STRAYED_STATUSES
-
-    def _enter(self, place: Place, sidereal_deg: float, braking: Box) -> None:
-        from sattrack.safety.route import axes_of, slew_s
-
-        leg = self._legs[0]
-        goal = axes_of(sidereal_deg - leg.ra_deg, leg.dec_deg, self._profile, self._latitude_deg)
-        self._box, self._astray = Box.between(place, goal), 0
-        # Axes that still brake go on the old way for a while; that is no disobedience where nothing is near.
-        wider = _hull(self._box, braking)
-        seconds = slew_s(place, goal, self._profile)
-        drifted = wider.grown(0.0, SIDEREAL_RATE_DEG_S * seconds, 0.0, 0.0)
-        if self._judge_leaving(place)(drifted, seconds) is None:
-            self._box = wider
-
-    def is_there(self, reported: tuple[float, float]) -> bool:
-        """Tell whether the mount reports to be where the leg under way ends."""
-        leg = self._legs[0]
-        off = separation_deg(reported[0], reported[1], leg.ra_deg, leg.dec_deg)
-        return math.isfinite(off) and off < THERE_DEG
-
-
-def _slew_to(place: Place, sidereal_deg: float) -> Slew:
-    from sattrack.safety.route import direction_of
-
-    hour_angle_deg, dec_deg = direction_of(place)
-    return Slew((sidereal_deg - hour_angle_deg) % 360.0, dec_deg)
-
-
-def _hull(one: Box, other: Box) -> Box:
-    return Box(
-        min(one.ha_low_deg, other.ha_low_deg),
-        max(one.ha_high_deg, other.ha_high_deg),
-        min(one.dec_low_deg, other.dec_low_deg),
-        max(one.dec_high_deg, other.dec_high_deg),
-    )
-
 
 CELL_DEG = 4.0
 NODE_DEG = 12.0

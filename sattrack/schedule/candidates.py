@@ -14,7 +14,7 @@ from sattrack.core.angles import altitude_deg
 from sattrack.core.errors import meant
 from sattrack.planning.kinematics import ability_at, verdict_on
 from sattrack.planning.path import Pointing, body_place_deg, margins_deg
-from sattrack.safety.regions import sun_over
+from sattrack.safety.bodies import sun_over
 from tle.errors import AmbiguousSatelliteError, SatelliteNotFoundError
 from tle.facts import pass_facts, sun_altitudes_deg
 from tle.instants import DAY_S, Utc

@@ -19,7 +19,8 @@ from sattrack.mount.model import Slew, mean_sidereal_deg
 from sattrack.safety.bounds import HOLD_MARGIN_DEG, Bounds
 from sattrack.safety.geometry import Place
 from sattrack.safety.regions import is_clear
-from sattrack.safety.route import HANDSHAKE_S, RAMP, SlewGate, axes_of, direction_of, slew_s
+from sattrack.safety.route import HANDSHAKE_S, RAMP, axes_of, direction_of, slew_s
+from sattrack.safety.slews import SlewGate
 from sattrack.schedule.planner import Problem
 from sattrack.schedule.schema import CommandAction, SlewAction, Star, find_star, hour_angle_and_dec_deg
 from tle.instants import Utc

@@ -28,7 +28,7 @@ import msgspec
 from sattrack.core.channel import Channel, start_process
 from sattrack.core.clock import Clock, SystemClock
 from sattrack.core.errors import SattrackError
-from sattrack.core.process import go_before_others
+from sattrack.core.realtime import go_before_others
 from sattrack.mount.alpaca.bridge import Bridge
 from sattrack.mount.alpaca.client import (
     ANSWER_WITHIN_S,

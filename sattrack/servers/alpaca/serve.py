@@ -84,9 +84,9 @@ class Satellites(msgspec.Struct, frozen=True):
 
         del facts, prepare
         if self.profile.through_pole:
-            from sattrack.planning import keyhole
+            from sattrack.planning import path
 
-            del keyhole
+            del path
         with contextlib.suppress(TleError):
             Propagator(self.elements[0], self.site.place())
 

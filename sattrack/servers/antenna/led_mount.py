@@ -10,7 +10,8 @@ import math
 from typing import TYPE_CHECKING, Protocol
 
 from sattrack.control.driver import Driver, StopProcedure
-from sattrack.control.following import Follower, TargetSpan
+from sattrack.control.following import Follower
+from sattrack.control.target import TargetSpan
 from sattrack.mount.model import Hold, Motion, MoveAxes, Stop
 from sattrack.safety import Safety
 from sattrack.servers.antenna.equipment import Feedback, Sensors
@@ -18,7 +19,7 @@ from sattrack.servers.antenna.protocol import to_ns
 from sattrack.servers.antenna.trajectory import AxisKind, AxisRange, AxisState, AzEl, HaDec, Path, SiteSky
 
 if TYPE_CHECKING:
-    from sattrack.control.following import Pair
+    from sattrack.control.target import Pair
     from sattrack.mount.model import MountProfile, StatusSample
     from sattrack.safety import SafetyLimits
 

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 from sattrack.core.angles import altitude_deg, separation_deg
 from sattrack.core.clock import SystemClock
 from sattrack.core.errors import BadInputError, SafetyLimitError, SattrackError
-from sattrack.core.process import undisturbed
+from sattrack.core.realtime import undisturbed
 from sattrack.runtime.facts import choose_pass, plan_for
 from sattrack.runtime.signals import StopRequest, stopping
-from sattrack.safety.regions import moon_over, sun_over
+from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.servers.antenna.antcn import Antcn, AntcnRun
 from sattrack.servers.antenna.protocol import encode
 from sattrack.settings import NO_ELEMENTS, NO_SITE

@@ -9,8 +9,7 @@ import numpy as np
 from calibration import Network, Timer, VirtualRun
 
 from sattrack.calibration.calibrator import Calibrator
-from sattrack.calibration.guard import Surroundings
-from sattrack.calibration.plan import Leg, Plan
+from sattrack.calibration.guard import Leg, Plan, Surroundings
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from sattrack.calibration.guard import EndKind
-from sattrack.calibration.plan import Leg, Plan
+from sattrack.calibration.guard import EndKind, Leg, Plan
 from sattrack.cli.mount_calibrate import command
 from sattrack.core.clock import SystemClock
 from sattrack.core.errors import BadInputError, InterruptedRunError, LinkLostError, SattrackError

@@ -11,7 +11,7 @@ from calibration_builders import run
 from ramp_mount import RampMount
 
 from sattrack.calibration.findings import ClockTruth, Findings, conclude
-from sattrack.calibration.plan import sun_hour_angle_and_dec, true_clocks
+from sattrack.calibration.guard import sun_hour_angle_and_dec, true_clocks
 from sattrack.calibration.profile import calibrated
 from sattrack.mount.model import AxisLimits, MountProfile
 from sattrack.mount.profiles import ProfileFile, load_profile, load_profile_file, profile_text

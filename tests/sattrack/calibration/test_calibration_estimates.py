@@ -9,10 +9,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sattrack.calibration.clocks import Bracket, RoundTripEstimate, clock_line, contradiction, status_period
+from sattrack.calibration.clocks import (
+    Bracket,
+    HeardStatus,
+    RoundTripEstimate,
+    StatusLog,
+    TurnForecast,
+    clock_line,
+    contradiction,
+    status_period,
+)
 from sattrack.calibration.motion import AxisResponse, Plateau, Stretch, axis_response, lag, steady_part
 from sattrack.calibration.servo import Transient, braking
-from sattrack.calibration.statuses import HeardStatus, StatusLog, TurnForecast
 from sattrack.mount.model import Status
 
 SIDEREAL_DEG_S = 360.0 / 86164.0905

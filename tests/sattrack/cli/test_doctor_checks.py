@@ -9,7 +9,7 @@ import pytest
 
 from sattrack.cli import doctor
 from sattrack.cli.doctor import CheckResult, ElementFacts, TerminalFacts
-from sattrack.core.process import Grant
+from sattrack.core.realtime import Grant
 from sattrack.mount.model import CalibrationRecord, MountProfile
 from sattrack.mount.xerxes.link import LinkHealth
 from sattrack.runtime.kernel_clock import KernelClock

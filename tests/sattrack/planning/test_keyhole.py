@@ -9,7 +9,7 @@ import pytest
 from planning_builders import great_circle
 
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile
-from sattrack.planning.keyhole import cruise_deg_s, find_keyholes, reach_deg
+from sattrack.planning.path import cruise_deg_s, find_keyholes, reach_deg
 
 TOLERANCE_DEG = 2.0 / 3600.0
 FREE = MountProfile(through_pole=True, dec_axis_limits_deg=(-270.0, 270.0))

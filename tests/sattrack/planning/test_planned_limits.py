@@ -10,10 +10,9 @@ import pytest
 from planning_builders import path_of
 
 from sattrack.mount.model import AxisLimits, MountProfile, PierZone
-from sattrack.planning.kinematics import Ability, losses, why_not
+from sattrack.planning.kinematics import Ability, choose_sides, losses, why_not
 from sattrack.planning.path import AxisPath, Pointing, axis_path, margins_deg
 from sattrack.planning.rehearsal import MountPath, link_loss
-from sattrack.planning.sides import choose_sides
 from sattrack.planning.trace import TabledPropagator
 from sattrack.runtime import practice
 from sattrack.safety.limits import SafetyLimits

@@ -22,7 +22,7 @@ from sattrack.mount.model import (
 from sattrack.mount.requests import FineRate, MoveAxis, PulseGuide, Request
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.safety import Safety, SafetyLimits
-from sattrack.safety.regions import sun_over
+from sattrack.safety.bodies import sun_over
 
 PROFILE = MountProfile()
 LIMITS = SafetyLimits(floor_altitude_deg=20.0, optical=False)

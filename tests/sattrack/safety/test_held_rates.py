@@ -13,8 +13,8 @@ from sattrack.core.angles import altitude_deg, separation_deg
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, MountProfile, MoveAxes, Slew, mean_sidereal_deg
 from sattrack.mount.simulator.mount import StartPosition
 from sattrack.safety import SafetyLimits
+from sattrack.safety.bodies import Body, sun_over
 from sattrack.safety.rate_limit import nearest_rates
-from sattrack.safety.regions import Body, sun_over
 
 DARK = SafetyLimits(floor_altitude_deg=-90.0, optical=False)
 

@@ -12,8 +12,9 @@ import pytest
 
 from sattrack.core.angles import azimuth_deg, separation_deg
 from sattrack.mount.model import MountProfile, PierZone
+from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.safety.geometry import Box, Place, lowest_altitude_deg, meets_polygon, nearest_deg
-from sattrack.safety.regions import Cone, Floor, PierCollision, Skyline, Travel, is_clear, moon_over, sun_over
+from sattrack.safety.regions import Cone, Floor, PierCollision, Skyline, Travel, is_clear
 from sattrack.safety.route import find_route
 
 

@@ -9,8 +9,7 @@ import pytest
 from alpaca_harness import calibrate, follow
 from skyfield.api import load
 
-from sattrack.calibration.guard import CalibrationEndedError
-from sattrack.calibration.plan import Leg, Plan
+from sattrack.calibration.guard import CalibrationEndedError, Leg, Plan
 from sattrack.mount.simulator.alpaca_telescope import SimulatedPlace, SimulatedTelescope, TelescopeSettings
 
 BOUND_ARCSEC = 10.0

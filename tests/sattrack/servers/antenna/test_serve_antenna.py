@@ -28,7 +28,7 @@ from sattrack.control.tracker import TrackPlan
 from sattrack.core.errors import BadInputError, LinkLostError, SafetyLimitError
 from sattrack.runtime.signals import StopRequest
 from sattrack.safety import SafetyLimits
-from sattrack.safety.regions import sun_over
+from sattrack.safety.bodies import sun_over
 from sattrack.servers.antenna.serve import parse_antenna_url
 from sattrack.servers.antenna.track import AntennaFlight, AntennaPass, check_bodies
 from tle.bias import NO_BIAS

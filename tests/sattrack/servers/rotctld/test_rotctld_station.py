@@ -12,7 +12,7 @@ from sattrack.mount.model import AxesPosition, MountProfile
 from sattrack.runtime.console import Connection
 from sattrack.runtime.signals import StopRequest
 from sattrack.safety import SafetyLimits
-from sattrack.safety.regions import sun_over
+from sattrack.safety.bodies import sun_over
 from sattrack.servers.antenna.trajectory import HaDec
 from sattrack.servers.rotctld.serve import RotctldLoop
 from tle.instants import Utc

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 from sattrack.cli.common import JsonLines
-from sattrack.core.process import PRIORITY, how_to_grant, undisturbed, wanted
+from sattrack.core.realtime import PRIORITY, how_to_grant, undisturbed, wanted
 from sattrack.recording.reading import Recording
 from sattrack.recording.replay import replay
 from sattrack.runtime import kernel_clock
@@ -62,7 +62,7 @@ def test_what_is_said_to_be_granted_is_in_force_for_this_thread_alone_and_given_
 def test_where_all_is_refused_the_run_goes_on_and_says_what_it_lacks() -> None:
     code = """
 import os, resource
-from sattrack.core.process import undisturbed
+from sattrack.core.realtime import undisturbed
 for limit in (resource.RLIMIT_RTPRIO, resource.RLIMIT_MEMLOCK):
     resource.setrlimit(limit, (0, 0))
 if os.geteuid() == 0:
