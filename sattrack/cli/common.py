@@ -17,6 +17,7 @@ import msgspec
 
 from sattrack.core.clock import Clock, make_clock
 from sattrack.core.errors import BadInputError, SattrackError
+from sattrack.core.local_time import use_zone
 from sattrack.core.process import self_command
 from sattrack.settings import NO_ELEMENTS, NO_SITE, Settings, find_settings_file, load_settings
 from tle.site import Site
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
 
     from rich.table import Table
 
-    from sattrack.core.local_time import LocalTime
     from sattrack.elements.downloads import Downloads
     from sattrack.mount.profiles import ProfileFile
     from sattrack.tui.feeds import HelperOptions
@@ -50,7 +50,6 @@ class CommandContext:
     clock_option: str | None
     json: bool
     debug: bool
-    utc: bool = False
 
     def has_site(self) -> bool:
         """Tell whether a site was given anywhere."""
@@ -73,12 +72,6 @@ class CommandContext:
             return None, None
         site = self.site()
         return self.elements(satellite), site
-
-    def local_time(self) -> LocalTime:
-        """Return how people read times here: UTC with --utc, else in the settings' zone or the system's."""
-        from sattrack.core.local_time import LocalTime
-
-        return LocalTime.named("UTC" if self.utc else self.settings.zone)
 
     def sources(self) -> tuple[str, ...]:
         """Return the element sources: the options', else the settings file's."""
@@ -334,7 +327,8 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
         **rest: Any,
     ) -> Any:
         settings = load_settings(config)
-        context = CommandContext(settings, site_option, element_sources, clock_option, as_json, debug, utc)
+        use_zone("UTC" if utc else settings.zone)
+        context = CommandContext(settings, site_option, element_sources, clock_option, as_json, debug)
         named = (settings.safety.horizon, settings.mount.profile, rest.get("profile"))
         watch = SettingsWatch(config, [Path(path) for path in named if path is not None])
         result = function(context, **rest)

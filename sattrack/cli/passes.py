@@ -95,14 +95,14 @@ def command(context: CommandContext, satellites: tuple[str, ...], **options: Any
         from sattrack.cli.passes_output import plot_passes
 
         plot_passes(options["plot"], table)
-    _show_passes(table, context.json, options)
+    _show_passes(context, table, options)
     return 0
 
 
-def _show_passes(table: PassTable, as_json: bool, options: dict[str, Any]) -> None:
+def _show_passes(context: CommandContext, table: PassTable, options: dict[str, Any]) -> None:
     from sattrack.cli.passes_output import table_lines, write_csv, write_json
 
-    if as_json:
+    if context.json:
         write_json(table, sys.stdout.write)
     elif options["as_csv"]:
         write_csv(table, sys.stdout.write)
@@ -113,7 +113,8 @@ def _show_passes(table: PassTable, as_json: bool, options: dict[str, Any]) -> No
     elif len(table):
         # https://no-color.org: any value but an empty one; elsewhere click leaves colour to terminals.
         colour = False if os.environ.get("NO_COLOR") else None
-        lines = table_lines(table, table.passes.start.isoformat("seconds")[:10])
+        now_utc_s = None if options["start"] else float(table.passes.start.unix_s)
+        lines = table_lines(table, now_utc_s)
         for some in _batched(lines):
             click.echo("\n".join(some), color=colour)
     else:

@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 
 from sattrack.cli.common import tell
+from sattrack.core import local_time
 from tle.crossings import select
 from tle.errors import printable
 from tle.facts import NUMBERS
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
 
 
 _NIGHT_DEG, _HIGH_DEG = -6.0, 60.0
-_HEAD = "Rise UTC  Az°  Top       Az°   Alt°  Set       Az°   HA °/s Dec °/s  Sun°   Mag  Light   Satellite"
+_HEAD = "Rise      Az°  Top       Az°   Alt°  Set       Az°   HA °/s Dec °/s  Sun°   Mag  Light   Satellite"
 _SINGLE = (
     "name",
     "catalog_number",
@@ -310,28 +311,40 @@ def _feasible(block: PassTable, words: tuple[str, str, str]) -> list[str]:
     return [yes if why is None else no for why in block.why_not] if block.judged else [unknown] * len(block)
 
 
-def table_lines(table: PassTable, day: str) -> Iterator[str]:
-    """Yield a table in colours; dates are written where they are not `day` or the line before's."""
+def table_lines(table: PassTable, now_utc_s: float | None) -> Iterator[str]:
+    """Yield a table in colours, its times local, with a line for each day.
+
+    `now_utc_s` is the instant from which the next pass is counted, None where that is of no interest.
+    """
+    begins_s, span_s = table.passes.task.span
+    if now_utc_s is not None:
+        rises = begins_s + table.passes.found.rise_s[table.index]
+        coming = rises[rises > now_utc_s]
+        if len(coming):
+            yield f"The next pass begins {local_time.until(float(coming.min()) - now_utc_s)}."
     yield click.style(_HEAD, bold=True)
+    day = ""
+    ends = (begins_s, begins_s + span_s)
+    changes = local_time.offset_s(ends[0]) != local_time.offset_s(ends[1])
     for block in table.blocks():
         found, start_s = block.passes.found, block.passes.task.span[0]
         moments = [
-            _moments(start_s + since_s[block.index], azimuth_deg[block.index])
+            _moments(start_s + since_s[block.index], azimuth_deg[block.index], changes)
             for since_s, azimuth_deg in (
                 (found.rise_s, found.rise_az_deg),
                 (found.culminate_s, found.culminate_az_deg),
                 (found.set_s, found.set_az_deg),
             )
         ]
-        first_s = np.where(np.isnan(found.rise_s), found.culminate_s, found.rise_s)[block.index]
-        dates = [text[:10] for text in Utc(start_s + first_s).isoformats("seconds")]
+        first_s = start_s + np.where(np.isnan(found.rise_s), found.culminate_s, found.rise_s)[block.index]
         alts_deg = found.max_alt_deg[block.index].tolist()
         facts = block.facts.items(start_s)
         labels = _of_objects(block, lambda every: [one.label for one in every])
         why_not = block.why_not or (None,) * len(block)
-        for date, rise, top, end, *rest in zip(
-            dates, *moments, alts_deg, facts, labels, why_not, strict=True
+        for first, rise, top, end, *rest in zip(
+            first_s.tolist(), *moments, alts_deg, facts, labels, why_not, strict=True
         ):
+            date = f"{local_time.day(first)}, {local_time.zone_name(first)}"
             if date != day:
                 yield click.style(date, bold=True)
                 day = date
@@ -365,9 +378,17 @@ def _line(
     )
 
 
-def _moments(unix_s: Array, azimuth_deg: Array) -> list[str]:
-    """Return time of day and azimuth in 13 columns; dots where the span's end cuts the pass."""
-    texts = Utc(np.nan_to_num(unix_s, nan=0.0)).isoformats("seconds")
+def _moments(unix_s: Array, azimuth_deg: Array, changes: bool) -> list[str]:
+    """Return time of day and azimuth in 13 columns; dots where the span's end cuts the pass.
+
+    `changes` says whether the zone's offset changes within the span: then each instant has its own.
+    """
+    known_s = np.nan_to_num(unix_s, nan=0.0)
+    if changes:
+        local_s = known_s + np.array([local_time.offset_s(at) for at in known_s.tolist()])
+    else:
+        local_s = known_s + (local_time.offset_s(float(known_s.max())) if len(known_s) else 0.0)
+    texts = Utc(local_s).isoformats("seconds")
     rows = zip(texts, azimuth_deg.tolist(), np.isnan(unix_s).tolist(), strict=True)
     return [
         "........  ..." if missing else f"{text[11:19]} {azimuth % 360.0:4.0f}"
@@ -475,12 +496,10 @@ def plot_passes(path: Path, table: PassTable) -> None:
     _draw_horizon(sky, passes.task.horizon)
     for number, row in enumerate(table.take(np.arange(min(len(table), _MOST_PASSES))).rows()):
         _draw_pass(sky, row, passes, f"C{number % 10}")
-    until = passes.start.plus(passes.task.span[1]).isoformat("seconds")
-    sky.set_title(
-        f"Passes from {passes.start.isoformat('seconds')} to {until}, sky seen from below", pad=20.0
-    )
+    begin_s, span_s = passes.task.span
+    sky.set_title(f"Passes from {local_time.span(begin_s, begin_s + span_s)}, sky seen from below", pad=20.0)
     if len(table):
-        figure.legend(loc="outside right upper", fontsize="small", title="highest (UTC), dashed: not sunlit")
+        figure.legend(loc="outside right upper", fontsize="small", title="highest at, dashed: not sunlit")
     save(figure, path)
 
 
@@ -501,7 +520,8 @@ def _draw_pass(sky: Any, row: Row, passes: CataloguePasses, colour: str) -> None
     lit = np.zeros(len(times), dtype=bool)
     for low, high in row.facts.sunlit if row.facts is not None else ():
         lit |= (times.unix_s >= low.unix_s) & (times.unix_s <= high.unix_s)
-    label = f"{row.elements.label}  {seen.culminate_utc.isoformat('seconds')[5:16]}  {seen.max_alt_deg:.0f}°"
+    top = local_time.clock(float(seen.culminate_utc.unix_s))[:5]
+    label = f"{row.elements.label}  {top}  {seen.max_alt_deg:.0f}°"
     sky.plot(angle, radius, color=colour, linewidth=1.0, linestyle=(0, (2, 3)))
     sky.plot(angle, np.where(lit, radius, np.nan), color=colour, linewidth=2.0, label=label)
     # An arrow at the middle tells which way it goes.

@@ -10,13 +10,14 @@ import click
 import msgspec
 
 from sattrack.cli.common import tell
+from sattrack.core import local_time
 from sattrack.core.errors import SattrackError
 from sattrack.schedule.night import Planned, Started, SummedUp
 from sattrack.schedule.night_commands import facts_of
 from sattrack.schedule.night_files import OLD_AFTER_S, read_status
 from sattrack.schedule.summary import held_words, view_of
+from sattrack.views.formatting import iso_clock, iso_unix_s
 from tle.errors import printable
-from tle.instants import Utc
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -64,7 +65,7 @@ class RunReporter:
             click.echo(msgspec.json.encode(view).decode())
         elif run.message is not None:
             self._wipe()
-            tell(f"{Utc(event.utc_s).isoformat('seconds')} {printable(run.message)}")
+            tell(f"{local_time.date(event.utc_s)} {local_time.clock(event.utc_s)} {printable(run.message)}")
         if self.notifier is not None:
             self._notify(run, event, self.notifier)
         self.progress(progress_line(view))
@@ -175,7 +176,7 @@ class RunReporter:
 
 def progress_line(view: ScheduleView) -> str:
     """Return one line about a schedule's run."""
-    clock = Utc(view.utc_s).isoformat("seconds")[11:]
+    clock = local_time.clock(view.utc_s)
     words = f"{clock}  {printable(view.doing)}"
     following = next((one for one in view.passes if one.number == view.next_number), None)
     if following is not None and view.next_in_s is not None and view.next_in_s > 0.0:
@@ -199,21 +200,22 @@ def show_status(context: CommandContext, folder: Path) -> int:
 def status_lines(view: ScheduleView) -> list[str]:
     """Return the status as lines of text."""
     alive = f"runs, process {view.pid}" if view.running else "does not run"
-    as_of = f"as of {Utc(view.utc_s).isoformat('seconds')}"
+    as_of = f"as of {local_time.instant(view.utc_s)}"
     if view.old and view.age_s is not None:
         as_of += f", OLD: nothing was heard for {view.age_s:.0f} s; before that"
     lines = [
         f"{printable(view.schedule)} {alive}; {as_of}: {printable(view.doing)}",
-        f"night {view.night}: {view.from_utc} to {view.to_utc}; mount {view.mount}",
+        f"night {view.night}: {_span(view.from_utc, view.to_utc)}; mount {view.mount}",
     ]
     if view.stopped_utc is not None:
-        stopped = f"STOPPED BY AN OPERATOR at {view.stopped_utc} ({printable(str(view.stopped_by))})"
+        at = local_time.instant(iso_unix_s(view.stopped_utc))
+        stopped = f"STOPPED BY AN OPERATOR at {at} ({printable(str(view.stopped_by))})"
         lines.append(f"{stopped}: nothing is followed; `{view.resume}` goes on")
     lines += [f"TROUBLE: {printable(words)}" for words in view.troubles]
     if view.weather is not None:
         lines.append(f"weather: {printable(view.weather)}")
     if view.passes:
-        lines += ["", "  #  Start UTC  End       Alt°   State        Satellite"]
+        lines += ["", "  #  Start      End       Alt°   State        Satellite"]
     lines += [_line(one, view) for one in view.passes]
     if view.not_planned:
         lines.append(f"     {view.not_planned} other passes were seen and are not planned")
@@ -235,32 +237,32 @@ def _line(one: SchedulePassView, view: ScheduleView) -> str:
     if one.number == view.next_number and view.next_in_s is not None and view.next_in_s > 0.0:
         why += f"  in {duration(view.next_in_s)}"
     return (
-        f"{one.number:3d}  {one.start_utc[11:19]}   {one.end_utc[11:19]}  {one.max_alt_deg:5.1f}  "
+        f"{one.number:3d}  {iso_clock(one.start_utc)}   {iso_clock(one.end_utc)}  {one.max_alt_deg:5.1f}  "
         f"{one.state:<11}  {printable(one.name)}{why}"
     )
 
 
 MOST_LOST = 60
-_HEAD = "  #  Start UTC  End       Idle     Slew s  Alt°   Sun°  Useful s  Value     Satellite"
-_LOST_HEAD = "     Start UTC  End       Alt°  Value     Why"
+_HEAD = "  #  Start      End       Idle     Slew s  Alt°   Sun°  Useful s  Value     Satellite"
+_LOST_HEAD = "     Start      End       Alt°  Value     Why"
 
 
 def plan_lines(plan: SchedulePlan) -> list[str]:
     """Return the lines of a table."""
     lines = [
-        f"{printable(plan.schedule)}: {_short(plan.from_utc)} to {_short(plan.to_utc)} UTC, "
+        f"{printable(plan.schedule)}: {_span(plan.from_utc, plan.to_utc)}, "
         f"mount {printable(plan.profile)}; times in the file without a zone are {plan.timezone}"
     ]
     if plan.passes:
         lines += ["", click.style(_HEAD, bold=True)]
-    day = plan.from_utc[:10]
+    day = local_time.day(iso_unix_s(plan.from_utc))
     for one in plan.passes:
         day = _new_day(lines, one.start_utc, day)
         lines += _pass_lines(one)
     lines += ["", _total(plan)]
     if plan.lost:
         lines += ["", click.style("Not taken", bold=True), click.style(_LOST_HEAD, bold=True)]
-        day = plan.from_utc[:10]
+        day = local_time.day(iso_unix_s(plan.from_utc))
         for lost in plan.lost[:MOST_LOST]:
             day = _new_day(lines, lost.start_utc, day)
             lines.append(_lost_line(lost))
@@ -273,9 +275,10 @@ def plan_lines(plan: SchedulePlan) -> list[str]:
 
 
 def _new_day(lines: list[str], utc: str, day: str) -> str:
-    if utc[:10] != day:
-        lines.append(click.style(utc[:10], bold=True))
-    return utc[:10]
+    new = local_time.day(iso_unix_s(utc))
+    if new != day:
+        lines.append(click.style(new, bold=True))
+    return new
 
 
 def _pass_lines(one: PlannedPass) -> list[str]:
@@ -285,7 +288,7 @@ def _pass_lines(one: PlannedPass) -> list[str]:
     if one.priority != 1.0:
         words += f"  priority {one.priority:g}"
     lines = [
-        f"{one.number:3d}  {one.start_utc[11:19]}   {one.end_utc[11:19]}  {duration(one.idle_s):>7}  "
+        f"{one.number:3d}  {iso_clock(one.start_utc)}   {iso_clock(one.end_utc)}  {duration(one.idle_s):>7}  "
         f"{one.slew_s:6.1f}  {one.max_alt_deg:5.1f}  {sun:>4}  {one.useful_s:8.0f}  {one.value:8.0f}  {words}"
     ]
     indent = " " * 5
@@ -303,8 +306,8 @@ def _pass_lines(one: PlannedPass) -> list[str]:
 def _lost_line(one: LostPass) -> str:
     name = printable(one.name or str(one.catalog_number))
     return (
-        f"     {one.start_utc[11:19]}   {one.end_utc[11:19]}  {one.max_alt_deg:5.1f}  {one.value:8.0f}  "
-        f"{name}: {click.style(one.reason, fg='yellow')}: {printable(one.why)}"
+        f"     {iso_clock(one.start_utc)}   {iso_clock(one.end_utc)}  {one.max_alt_deg:5.1f}  "
+        f"{one.value:8.0f}  {name}: {click.style(one.reason, fg='yellow')}: {printable(one.why)}"
     )
 
 
@@ -338,5 +341,5 @@ def duration(seconds: float) -> str:
     return f"{whole // 3600}h{whole % 3600 // 60:02d}m"
 
 
-def _short(utc: str) -> str:
-    return utc[:16].replace("T", " ")
+def _span(from_utc: str, to_utc: str) -> str:
+    return local_time.span(iso_unix_s(from_utc), iso_unix_s(to_utc))

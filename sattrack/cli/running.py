@@ -15,6 +15,7 @@ import click
 import msgspec
 
 from sattrack.cli.common import JsonLines, can_draw_lines_anew, renew, tell
+from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.profiles import write_profile
 from sattrack.runtime.desk import ControlArbiter, SessionInbox, StdinInbox
@@ -111,22 +112,18 @@ def _when(facts: RunFacts) -> str:
     from sattrack.runtime.facts import SEARCH_HOURS
 
     plan, now_s, high = facts.plan, facts.started_utc_s, f"{facts.max_alt_deg:.1f}° high"
-    start, end = (Utc(s).isoformat("seconds") for s in (plan.start_utc_s, plan.end_utc_s))
-    # A date that both have is said once.
-    end = end[11:] if end[:10] == start[:10] else end
     begins_s = plan.start_utc_s - now_s
-    if begins_s >= 60.0:
-        return f"from {start} to {end}, {high}, begins in {begins_s / 60.0:.0f} min"
     if begins_s > 0.0:
-        return f"from {start} to {end}, {high}, begins in {begins_s:.0f} s"
+        times = local_time.span(plan.start_utc_s, plan.end_utc_s)
+        return f"from {times}, {high}, begins {local_time.until(begins_s)}"
     if plan.end_utc_s >= now_s + SEARCH_HOURS * 3600.0 - 1.0:
         return f"is up, and stays up for the next {SEARCH_HOURS:g} h and longer, {high}"
-    return f"is up now, to {end}, {high}"
+    return f"is up now, until {local_time.clock(plan.end_utc_s)} {local_time.zone_name(now_s)}, {high}"
 
 
 def progress_line(view: TrackView) -> str:
     """Return one line about a state."""
-    clock = Utc(view.utc_s).isoformat("seconds")[11:]
+    clock = local_time.clock(view.utc_s)
     error = "" if view.error is None else f"  error {view.error.total_arcsec:.2f}″"
     rms = "" if view.rms_10s_arcsec is None else f"  rms {view.rms_10s_arcsec:.2f}″"
     if view.phase not in {"acquiring", "tracking"}:
@@ -503,9 +500,9 @@ def follow_by_antenna(context: CommandContext, request: RunRequest, old_elements
     plan = ready.plan
     if not old_elements:
         check_age(ready.propagator.elements, plan.start_utc_s, request.fov_deg)
-    start, end = (Utc(s).isoformat("seconds") for s in (plan.start_utc_s, plan.end_utc_s))
+    times = local_time.span(plan.start_utc_s, plan.end_utc_s)
     label = ready.propagator.elements.label
-    tell(f"{label} from {start} to {end[11:]}, {ready.max_alt_deg:.1f}° high")
+    tell(f"{label} from {times}, {ready.max_alt_deg:.1f}° high")
     stop, progress = StopRequest(), AntennaProgress(label)
     flight = AntennaFlight(ready, stop, progress.show)
     summary = flight.fly()
@@ -527,7 +524,7 @@ class AntennaProgress:
         if not sys.stderr.isatty() or now_utc_s - self._told_utc_s < 1.0:
             return
         self._told_utc_s = now_utc_s
-        clock = Utc(now_utc_s).isoformat("seconds")[11:]
+        clock = local_time.clock(now_utc_s)
         error = "" if run.error_arcsec is None else f"  error {run.error_arcsec:.1f}″"
         renew(f"{clock}  {self._label}  {run.phase.value}{error}")
 

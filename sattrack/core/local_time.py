@@ -1,17 +1,19 @@
-"""Times as people read them: in their time zone, with the day, and how long it is until then.
+"""Times as people read them: in the local time zone, with the day, and how long it is until then.
 
-Programs get UTC; this is for tables, messages and screens.
+Instants are POSIX seconds of UTC. Programs get UTC; this is for tables, messages and screens. The zone is the
+process's own, as the system's tools have it; processes that this one starts inherit it.
 """
 
 from __future__ import annotations
 
+import os
+import time
 import zoneinfo
-from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import TYPE_CHECKING
+from importlib.util import find_spec
+from pathlib import Path
 
-if TYPE_CHECKING:
-    from datetime import tzinfo
+_SYSTEM_ZONES = "/usr/share/zoneinfo"
 
 
 def is_zone(name: str) -> bool:
@@ -23,41 +25,60 @@ def is_zone(name: str) -> bool:
     return True
 
 
-@dataclass(frozen=True, slots=True)
-class LocalTime:
-    """Writes instants, POSIX seconds of UTC, in a time zone; without one, in the system's."""
+def use_zone(name: str | None) -> None:
+    """Make a zone, by its IANA name, that of this process; None leaves the system's."""
+    if name is None:
+        return
+    if not (Path(_SYSTEM_ZONES) / name).is_file() and (package := find_spec("tzdata")) is not None:
+        # A system without time zones has those of Python's package.
+        folder = (package.submodule_search_locations or [""])[0]
+        os.environ["TZDIR"] = str(Path(folder) / "zoneinfo")
+    os.environ["TZ"] = name
+    if hasattr(time, "tzset"):
+        time.tzset()
 
-    zone: tzinfo | None = None
 
-    @classmethod
-    def named(cls, name: str | None) -> LocalTime:
-        """Return that of an IANA name, which must be one (`is_zone`); None for the system's."""
-        return cls(None if name is None else zoneinfo.ZoneInfo(name))
+def _at(utc_s: float) -> datetime:
+    return datetime.fromtimestamp(utc_s, UTC).astimezone()
 
-    def at(self, utc_s: float) -> datetime:
-        """Return the instant with the offset that is in force then."""
-        return datetime.fromtimestamp(utc_s, UTC).astimezone(self.zone)
 
-    def clock(self, utc_s: float) -> str:
-        """Return the time of day, 21:04:09, rounded to the second."""
-        return f"{self.at(round(utc_s)):%H:%M:%S}"
+def offset_s(utc_s: float) -> float:
+    """Return by how much the zone is ahead of UTC at an instant, seconds."""
+    offset = _at(utc_s).utcoffset()
+    return 0.0 if offset is None else offset.total_seconds()
 
-    def minute(self, utc_s: float) -> str:
-        """Return the time of day to the minute, 21:04."""
-        return f"{self.at(round(utc_s / 60.0) * 60.0):%H:%M}"
 
-    def day(self, utc_s: float) -> str:
-        """Return the day, Sun 22 Nov 2026."""
-        at = self.at(utc_s)
-        return f"{at:%a} {at.day} {at:%b %Y}"
+def zone_name(utc_s: float) -> str:
+    """Return the zone's abbreviation at an instant: CET, UTC."""
+    return _at(utc_s).tzname() or f"{_at(utc_s):%z}"
 
-    def instant(self, utc_s: float) -> str:
-        """Return day, time and zone, Sun 22 Nov 2026 21:04:09 CET."""
-        return f"{self.day(round(utc_s))} {self.clock(utc_s)} {self.zone_name(utc_s)}"
 
-    def zone_name(self, utc_s: float) -> str:
-        """Return the zone's abbreviation at an instant: CET, UTC, or an offset where it has none."""
-        return self.at(utc_s).tzname() or f"{self.at(utc_s):%z}"
+def clock(utc_s: float) -> str:
+    """Return the time of day, 21:04:09, rounded to the second."""
+    return f"{_at(round(utc_s)):%H:%M:%S}"
+
+
+def day(utc_s: float) -> str:
+    """Return the day, Sun 22 Nov 2026."""
+    at = _at(round(utc_s))
+    return f"{at:%a} {at.day} {at:%b %Y}"
+
+
+def date(utc_s: float) -> str:
+    """Return the date, 2026-11-22."""
+    return f"{_at(round(utc_s)):%Y-%m-%d}"
+
+
+def instant(utc_s: float) -> str:
+    """Return day, time and zone, Sun 22 Nov 2026 21:04:09 CET."""
+    return f"{day(utc_s)} {clock(utc_s)} {zone_name(utc_s)}"
+
+
+def span(start_utc_s: float, end_utc_s: float) -> str:
+    """Return from when to when, the second day only where it is another one, and the zone."""
+    start, end = day(start_utc_s), day(end_utc_s)
+    other = "" if start == end else f"{end} "
+    return f"{start} {clock(start_utc_s)} to {other}{clock(end_utc_s)} {zone_name(end_utc_s)}"
 
 
 def until(seconds: float) -> str:
@@ -65,7 +86,7 @@ def until(seconds: float) -> str:
     size = abs(seconds)
     if size < 1.0:
         return "now"
-    if size < 99.5:
+    if size < 60.0:
         text = f"{size:.0f} s"
     elif size < 3600.0 - 30.0:
         text = f"{size / 60.0:.0f} min"

@@ -9,10 +9,11 @@ from sattrack.control.engine_view import estimate_view, learnt_view, offset_view
 from sattrack.core.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
 from sattrack.core.figures import RunningError, quantile
 from sattrack.views.run import DatagramsView, PeriodView, Summary
-from tle.instants import Utc
+from tle.instants import DAY_S, Utc
 
 if TYPE_CHECKING:
     from sattrack.control.engine import Engine
+    from tle.elements import Elements
 
 
 @dataclass(slots=True)
@@ -92,7 +93,13 @@ def summarise(engine: Engine, statistics: RunStatistics, ended_utc_s: float) -> 
         calibrated=spec.profile.calibration is not None,
         learnt=learnt_view(engine),
         why_not_acquired=why,
+        elements_age_days=age_days(spec.propagator.elements, spec.started_utc_s),
     )
+
+
+def age_days(elements: Elements, utc_s: float) -> float:
+    """Return how old elements are at an instant, days."""
+    return round(float(elements.age_s(Utc(utc_s))) / DAY_S, 3)
 
 
 def _seconds_between(first_s: float | None, second_s: float | None) -> float | None:

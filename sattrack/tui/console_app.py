@@ -12,6 +12,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Container
 from textual.widgets import Static
 
+from sattrack.core.local_time import zone_name
 from sattrack.mount.model import Slew
 from sattrack.mount.requests import Abort, FindHome, Park, Sync
 from sattrack.tui import console_panels as panels
@@ -340,8 +341,9 @@ class AntennaApp(ScreenApp):
 def drawn(view: AntennaView, theme: str = look.NIGHT.name) -> dict[str, Text]:
     """Return what each part of the screen says of a state, in the colours of a theme."""
     ink = inks(theme)
+    time = f"{formatting.clock(view.utc_s)} {zone_name(view.utc_s)}"
     return {
-        "title": Text(f"{view.mount} as an antenna on {view.door}   {formatting.clock(view.utc_s)} UTC"),
+        "title": Text(f"{view.mount} as an antenna on {view.door}   {time}"),
         "state": _state(view, ink),
         "axes": _axes(view, ink),
         "lines": _lines(view, ink),

@@ -10,6 +10,7 @@ from textual.containers import Container, Vertical
 from textual.content import Content
 from textual.widgets import Static
 
+from sattrack.core.local_time import zone_name
 from sattrack.mount.model import DTICS_S_PER_DEG_S
 from sattrack.tui.look import DIM, PLATE, SPOKEN
 from sattrack.tui.panels import (
@@ -179,7 +180,7 @@ class ConsoleTitle(ConsolePanel):
     def full(self, scene: ConsoleScene) -> list[Row]:
         """Return the one row."""
         view = scene.view
-        time = f"{formatting.date(view.utc_s)} {formatting.clock(view.utc_s)} UTC"
+        time = f"{formatting.date(view.utc_s)} {formatting.clock(view.utc_s)} {zone_name(view.utc_s)}"
         room = self.content_size.width - cell_len(f"mount    profile {view.profile}  {time}")
         # Addresses can be long; nothing else in this row may give way.
         mount = view.mount if len(view.mount) <= room else view.mount[: max(0, room - 1)] + "…"

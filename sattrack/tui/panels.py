@@ -11,6 +11,7 @@ from textual.errors import NoWidget
 from textual.screen import ModalScreen
 from textual.widget import Widget
 
+from sattrack.core.local_time import zone_name
 from sattrack.tui.look import DIM, PLATE, SPOKEN
 from sattrack.tui.scene import LIVE, LOG, MOUNT, PAGES, SCHEDULE, TONIGHT, Scene, Tone, cautions, headline
 from sattrack.views import formatting
@@ -364,7 +365,7 @@ class TitleBar(Panel):
         view = scene.view
         # What is over has a clock that stands.
         over = "as of " if scene.ended and scene.tape is None else ""
-        time = f"{over}{formatting.date(view.utc_s)} {formatting.clock(view.utc_s)} UTC"
+        time = f"{over}{formatting.date(view.utc_s)} {formatting.clock(view.utc_s)} {zone_name(view.utc_s)}"
         replay: Row = [] if scene.tape is None else [(" REPLAY ", PLATE[Tone.NOTICE]), " "]
         room = self.content_size.width - cell_len(f"{view.name}  {view.catalog_number}   mount  {time}")
         room -= len(" REPLAY  ") if replay else 0

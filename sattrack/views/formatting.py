@@ -6,6 +6,7 @@ import math
 import re
 from typing import TYPE_CHECKING, NamedTuple
 
+from sattrack.core import local_time
 from sattrack.core.errors import BadInputError
 from sattrack.mount.model import DTICS_S_PER_DEG_S
 from tle.instants import Utc
@@ -52,13 +53,13 @@ def arcsec(value: float | None, sign: bool = False) -> str:
 
 
 def clock(utc_s: float) -> str:
-    """Return the time of day of an instant, UTC, to the second."""
-    return Utc(math.floor(utc_s)).isoformat("seconds")[11:19]
+    """Return the local time of day of an instant, to the second that has begun."""
+    return local_time.clock(math.floor(utc_s))
 
 
 def date(utc_s: float) -> str:
-    """Return the date of an instant, UTC."""
-    return Utc(math.floor(utc_s)).isoformat("seconds")[:10]
+    """Return the local date of an instant."""
+    return local_time.date(math.floor(utc_s))
 
 
 def span(seconds: float) -> str:
@@ -111,9 +112,14 @@ def gauge(share: float, cells: int, mark: float | None = None) -> str:
     return f"{bar[:at]}┃{bar[at + 1 :]}"
 
 
+def iso_unix_s(utc: str) -> float:
+    """Return an instant in ISO 8601 as POSIX seconds."""
+    return float(Utc.parse(utc).unix_s)
+
+
 def iso_clock(utc: str | None) -> str:
     """Return the time of day of an instant in ISO 8601; a dash for none."""
-    return NOTHING if utc is None else clock(float(Utc.parse(utc).unix_s))
+    return NOTHING if utc is None else clock(iso_unix_s(utc))
 
 
 def within(text: str, plain: bool = False) -> str:
@@ -443,14 +449,21 @@ ALONG_AND_ACROSS = ("along_s", "cross_deg")
 NO_PRIORITY = ", without real-time priority (`sattrack doctor` says how to grant it)"
 
 
+OLD_ELEMENTS_DAYS = 3.0
+
+
 def summary_lines(summary: Summary) -> list[str]:
     """Return the summary for people."""
     uncalibrated = ", uncalibrated" if summary.calibrated is False and summary.mount != "sim" else ""
+    times = local_time.span(iso_unix_s(summary.started_utc), iso_unix_s(summary.ended_utc))
     lines = [
         f"{summary.name} ({summary.catalog_number}) with {summary.mount}{uncalibrated}: "
         f"ended by {summary.ended_by}",
-        f"  {summary.started_utc} to {summary.ended_utc}, on target {summary.on_target_s:.1f} s",
+        f"  {times}, on target {summary.on_target_s:.1f} s",
     ]
+    age_days = summary.elements_age_days
+    if age_days is not None and age_days >= OLD_ELEMENTS_DAYS:
+        lines.append(f"  against elements {age_days:.0f} days old")
     if summary.acquired_after_s is not None:
         lines.append(f"  acquired {summary.acquired_after_s:.1f} s after it could be followed")
     for word, rms, peak in (

@@ -308,6 +308,8 @@ class Summary(msgspec.Struct, frozen=True):
     """What was learnt of the mount; null where it was never followed with."""
     why_not_acquired: str | None = None
     """Why the mount was never on target, and what to do; null where it was, or where nobody can tell."""
+    elements_age_days: float | None = None
+    """How old the elements were when the run began; negative where they are of a later epoch."""
 
 
 class SummaryLine(msgspec.Struct, frozen=True):

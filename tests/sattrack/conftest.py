@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING
 
 import pytest
+
+from sattrack.core.local_time import use_zone
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -20,6 +23,13 @@ def user_data(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         # Nothing listens there: a test that names no server of its own asks nobody.
         patch.setenv("SATTRACK_CELESTRAK_URL", "http://127.0.0.1:9")
         yield
+
+
+@pytest.fixture(autouse=True)
+def time_zone() -> None:
+    """Let local time be UTC, whatever the machine's zone is and whatever a test's command has set."""
+    if os.environ.get("TZ") != "UTC":
+        use_zone("UTC")
 
 
 @pytest.fixture

@@ -16,6 +16,7 @@ from sattrack.core.clock import SystemClock
 from sattrack.core.errors import BadInputError, SafetyLimitError, SattrackError
 from sattrack.core.realtime import undisturbed
 from sattrack.runtime.facts import choose_pass, plan_for
+from sattrack.runtime.outcome import age_days
 from sattrack.runtime.signals import StopRequest, stopping
 from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.servers.antenna.antcn import Antcn, AntcnRun
@@ -257,4 +258,5 @@ class AntennaFlight:
             recording=None,
             mount_stopped=run.mount_stopped,
             message=message,
+            elements_age_days=age_days(ready.propagator.elements, started_utc_s),
         )

@@ -114,14 +114,14 @@ def test_what_is_said_before_a_run_tells_a_pass_to_come_from_one_that_goes_on_an
         return announcement(msgspec.structs.replace(FACTS, plan=changed, started_utc_s=started_utc_s))[0]
 
     assert said(plan.start_utc_s - 65.0) == (
-        "ISS (ZARYA) from 2026-10-02T13:01:59Z to 13:08:49Z, 81.3° high, begins in 1 min"
+        "ISS (ZARYA) from Fri 2 Oct 2026 13:01:59 to 13:08:49 UTC, 81.3° high, begins in 1 min"
     )
     assert said(plan.start_utc_s - 5.0).endswith("begins in 5 s")
-    assert said(plan.start_utc_s) == "ISS (ZARYA) is up now, to 13:08:49Z, 81.3° high"
+    assert said(plan.start_utc_s) == "ISS (ZARYA) is up now, until 13:08:49 UTC, 81.3° high"
     ever = said(plan.start_utc_s, end_utc_s=plan.start_utc_s + 48.0 * 3600.0)
     assert ever == "ISS (ZARYA) is up, and stays up for the next 48 h and longer, 81.3° high"
     longer = said(plan.start_utc_s - 3600.0, end_utc_s=plan.start_utc_s + 40.0 * 3600.0)
-    assert " from 2026-10-02T13:01:59Z to 2026-10-04T05:01:59Z, " in longer
+    assert " from Fri 2 Oct 2026 13:01:59 to Sun 4 Oct 2026 05:01:59 UTC, " in longer
 
 
 MEASURED = MountProfile(
