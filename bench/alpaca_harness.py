@@ -24,8 +24,7 @@ from sattrack.mount.alpaca.address import AlpacaAddress
 from sattrack.mount.alpaca.bridge import Bridge
 from sattrack.mount.alpaca.device import DeviceFacts, DeviceState, Place, Span
 from sattrack.mount.simulator.alpaca.telescope import Refused, Telescope
-from sattrack.runtime.facts import build_engine, suited_to
-from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.runtime.facts import RunRequest, build_engine, prepare, suited_to
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -12,7 +12,7 @@ import click
 from sattrack.cli.common import CommandContext, appearance, common_options, screen_options
 from sattrack.cli.screened import beside, needed_terminal, tui_possible
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.runtime.gallery import SUPPORTED, feeders
+from sattrack.runtime.view_server import SUPPORTED, feeders
 
 if TYPE_CHECKING:
     from sattrack.views.run import Welcome

@@ -10,7 +10,7 @@ import msgspec
 
 from sattrack.cli.common import CommandContext, common_options, tell
 from sattrack.core.errors import BadInputError
-from sattrack.recording.bias_memory import BiasMemory, KeptBias, memory_file, told
+from sattrack.runtime.bias_memory import BiasMemory, KeptBias, memory_file, told
 from tle.instants import Utc
 
 if TYPE_CHECKING:

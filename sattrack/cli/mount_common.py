@@ -25,8 +25,9 @@ from sattrack.core.errors import (
 )
 from sattrack.mount.model import LinkView, Readings, Status
 from sattrack.mount.requests import objection
-from sattrack.runtime import practice
-from sattrack.runtime.console import Connection, attend, connected
+from sattrack.runtime import demo_pass
+from sattrack.runtime.connection import Connection, connected
+from sattrack.runtime.console import attend
 from sattrack.runtime.mounts import mount_address
 from sattrack.views.console_words import where_words
 
@@ -109,7 +110,7 @@ def resolve(context: CommandContext, options: dict[str, Any], needs_site: bool =
     described = context.profile(options["profile"], url)
     site = context.site() if context.has_site() or (needs_site and address is not None) else None
     if site is None and address is None:
-        site = practice.SITE.place()
+        site = demo_pass.SITE.place()
     if site is not None and address is not None:
         address = address.seen_from(site)
     return MountCall(context, address, described, site, context.clock(), timeout_s)

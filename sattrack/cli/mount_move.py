@@ -17,9 +17,8 @@ from sattrack.core.errors import BadInputError, InterruptedRunError, LinkLostErr
 from sattrack.mount.alpaca.device import J2000_SYSTEM
 from sattrack.mount.model import Slew
 from sattrack.mount.requests import Abort, FindHome, FineRate, MoveAxis, Park, PulseGuide, Sync, TicketState
-from sattrack.runtime.console import attend
-from sattrack.runtime.owner import owner_of
-from sattrack.runtime.stopping import stop_session, wait_until_free
+from sattrack.runtime.console import attend, stop_session, wait_until_free
+from sattrack.runtime.mounts import owner_of
 from sattrack.views.console_words import (
     DEC_FORMS,
     MINUS,

@@ -17,13 +17,12 @@ from sattrack.control.manual.sitting import ConsoleSession
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.own_program import own_program
 from sattrack.mount.requests import Park
-from sattrack.runtime.console import OrderInbox, attend_console_session
-from sattrack.runtime.owner import owner_of
-from sattrack.runtime.stopping import stop_session
+from sattrack.runtime.console import OrderInbox, attend_console_session, stop_session
+from sattrack.runtime.mounts import owner_of
 
 if TYPE_CHECKING:
     from sattrack.cli.common import CommandContext
-    from sattrack.runtime.owner import Owner
+    from sattrack.runtime.mounts import Owner
 
 
 @click.command("watch")

@@ -15,12 +15,17 @@ import msgspec
 from sattrack.cli.common import JsonLines, renew, tell
 from sattrack.cli.screened import can_draw_lines_anew
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.runtime.desk import ControlArbiter, SessionInbox, StdinInbox
-from sattrack.runtime.fly import fly_live
-from sattrack.runtime.gallery_link import ViewServerLink, open_view_server
-from sattrack.runtime.observers import Observers, check_source, open_observers
-from sattrack.runtime.outcome import failure
-from sattrack.runtime.signals import StopRequest, stopping
+from sattrack.runtime.control_arbiter import (
+    ControlArbiter,
+    Observers,
+    SessionInbox,
+    StdinInbox,
+    check_source,
+    open_observers,
+)
+from sattrack.runtime.flight import failure, fly_live
+from sattrack.runtime.system import StopRequest, stopping
+from sattrack.runtime.view_server import ViewServerLink, open_view_server
 from sattrack.views.run import Summary, SummaryLine, TrackView
 from sattrack.views.summary_text import summary_lines
 from tle.errors import TleError
@@ -29,8 +34,7 @@ from tle.instants import Utc
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from sattrack.runtime.facts import RunFacts
-    from sattrack.runtime.prepare import Prepared
+    from sattrack.runtime.facts import Prepared, RunFacts
     from sattrack.views.run import Armed, SessionView
 
 SECONDS_BETWEEN_LINES = 5.0
@@ -89,7 +93,7 @@ def announcement(facts: RunFacts) -> list[str]:
 
 
 def _uncalibrated(facts: RunFacts) -> str | None:
-    from sattrack.runtime.pass_scene import uncalibrated
+    from sattrack.runtime.rehearse import uncalibrated
 
     return uncalibrated(facts)
 
@@ -135,8 +139,8 @@ class Stream(JsonLines):
 
     def tell_scene(self, facts: RunFacts) -> None:
         """Say what does not change during a pass, before it."""
-        from sattrack.runtime.kernel_clock import read_kernel_clock
-        from sattrack.runtime.pass_scene import pass_scene
+        from sattrack.runtime.rehearse import pass_scene
+        from sattrack.runtime.system import read_kernel_clock
 
         clock = read_kernel_clock()
         known = clock is not None and clock.synchronised

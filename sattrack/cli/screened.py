@@ -65,17 +65,17 @@ def beside(
     shared = _option("--config", given("--config")) + _option("--profile", profile)
     site = context.site_option
     if site is None and not context.has_site():
-        from sattrack.runtime import practice
+        from sattrack.runtime import demo_pass
 
-        where = practice.SITE
+        where = demo_pass.SITE
         site = f"{where.latitude_deg},{where.longitude_deg},{where.height_m}"
     watch = shared + _option("--site", site)
     least = _option("--min-alt", min_alt_deg)
     sources = context.sources()
     if practising:
-        from sattrack.runtime import practice
+        from sattrack.runtime import demo_pass
 
-        lines = f"{practice.NAME}\n{practice.LINE_1}\n{practice.LINE_2}\n"
+        lines = f"{demo_pass.NAME}\n{demo_pass.LINE_1}\n{demo_pass.LINE_2}\n"
         return Beside((*watch, *least, "--elements", "-"), watch, lines.encode(), mount_url=there)
     if not sources or "-" in sources or not context.has_site():
         return Beside(None, watch, why=NO_ELEMENTS, mount_url=there)

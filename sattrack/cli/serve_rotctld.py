@@ -18,8 +18,8 @@ from sattrack.cli.serving import (
     what_is_served,
 )
 from sattrack.runtime.callers import listen
-from sattrack.runtime.console import connected
-from sattrack.runtime.signals import StopRequest, stopping
+from sattrack.runtime.connection import connected
+from sattrack.runtime.system import StopRequest, stopping
 from sattrack.servers.antenna.log_lines import spoken
 from sattrack.servers.antenna.sky import Sky
 from sattrack.servers.rotctld.door import RotctldServer

@@ -14,7 +14,7 @@ from sattrack.cli.common import CommandContext, common_options, screen_options, 
 from sattrack.cli.screened import given
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.own_program import own_program
-from sattrack.runtime.gallery import feeders
+from sattrack.runtime.view_server import feeders
 
 PORT = 8137
 FEWEST_CHARACTERS = 16

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.runtime.callers import CallerLimits
 from sattrack.runtime.mounts import mount_address
 from sattrack.servers.antenna.log_lines import stamp
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from sattrack.mount.profiles import ProfileFile
     from sattrack.runtime.callers import Networks
     from sattrack.runtime.mounts import MountAddress
-    from sattrack.runtime.signals import StopRequest
+    from sattrack.runtime.system import StopRequest
     from tle.site import Site
 
 Command = TypeVar("Command", bound="Callable[..., Any]")
@@ -57,7 +57,7 @@ def what_is_served(
         raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
     described = context.profile(profile, url)
     practising = address is None and not context.has_site()
-    site = practice.SITE.place() if practising else context.site()
+    site = demo_pass.SITE.place() if practising else context.site()
     clock = context.clock()
     if clock.speed != 1.0:
         raise BadInputError(f"--clock: {lives_in_real_time} in real time; leave its speed out")

@@ -15,7 +15,7 @@ from sattrack.core.toml_text import read_toml
 from sattrack.mount.alpaca.address import DEFAULT_PORT
 from sattrack.mount.simulator.alpaca.server import serve
 from sattrack.mount.simulator.alpaca.telescope import TelescopeSettings
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,7 +37,7 @@ def simulate(context: CommandContext, port: int | None, telescope: Path | None) 
     if telescope is not None:
         settings = read_toml(telescope, TelescopeSettings, "the simulated telescope")
     if telescope is None or context.has_site():
-        site = context.site() if context.has_site() else practice.SITE.place()
+        site = context.site() if context.has_site() else demo_pass.SITE.place()
         settings = msgspec.structs.replace(
             settings,
             latitude_deg=site.latitude_deg,

@@ -10,14 +10,14 @@ import click
 from sattrack.cli.common import renew, tell
 from sattrack.cli.running import finish
 from sattrack.core.errors import BadInputError
-from sattrack.runtime.signals import StopRequest
+from sattrack.runtime.system import StopRequest
 from sattrack.servers.antenna.door import parse_antenna_url
 from sattrack.servers.antenna.track import AntennaFlight, prepare_pass
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from sattrack.cli.common import CommandContext
-    from sattrack.runtime.prepare import RunRequest
+    from sattrack.runtime.facts import RunRequest
     from sattrack.servers.antenna.antcn_run import AntcnRun
 
 NOT_WITH_ANTENNA = ("stream", "control", "observations", "profile", "learn_profile")

@@ -21,16 +21,16 @@ from sattrack.cli.running import (
 )
 from sattrack.core.errors import BadInputError
 from sattrack.mount.profiles import write_profile
-from sattrack.runtime.fly import fly_virtual
+from sattrack.runtime.control_arbiter import read_all
+from sattrack.runtime.facts import RunRequest, prepare
+from sattrack.runtime.flight import fly_virtual
 from sattrack.runtime.mounts import is_antenna
-from sattrack.runtime.observers import read_all
-from sattrack.runtime.prepare import RunRequest, prepare
 from tle.instants import Utc
 
 if TYPE_CHECKING:
     from sattrack.cli.common import CommandContext
     from sattrack.mount.profiles import ProfileFile
-    from sattrack.runtime.prepare import Prepared
+    from sattrack.runtime.facts import Prepared
     from sattrack.views.run import Armed, Summary
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.core.own_program import ending_with_us, own_program
-from sattrack.runtime.owner import owners
+from sattrack.runtime.mounts import owners
 from sattrack.tui.child import ConsoleProcess
 from sattrack.tui.console_feed import Latest
 from sattrack.views.messages import Leave

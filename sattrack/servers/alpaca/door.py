@@ -74,10 +74,10 @@ class Satellites(msgspec.Struct, frozen=True):
         """Import what passes and facts are computed with, and read its tables: nobody waits for it then."""
         if not self.elements:
             return
-        from sattrack.runtime import facts, prepare
+        from sattrack.runtime import facts
         from tle.propagator import Propagator
 
-        del facts, prepare
+        del facts
         if self.profile.through_pole:
             from sattrack.planning import keyhole
 
@@ -101,8 +101,7 @@ class Satellites(msgspec.Struct, frozen=True):
 
     def facts(self, asked: TrackSatellite, now_utc_s: float) -> RunFacts:
         """Return the facts of a run: the pass in progress, else the next. Raises Fault."""
-        from sattrack.runtime.facts import RunFacts, choose_pass, plan_for
-        from sattrack.runtime.prepare import with_detours
+        from sattrack.runtime.facts import RunFacts, choose_pass, plan_for, with_detours
         from tle.refraction import Refraction
 
         elements, site, now = self._find(asked.satellite), self.site.place(), Utc(now_utc_s)

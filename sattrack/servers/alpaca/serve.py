@@ -11,7 +11,7 @@ import msgspec
 
 from sattrack.core.errors import SattrackError
 from sattrack.runtime.facts import build_engine, decode_facts
-from sattrack.runtime.station_loop import StationLoop
+from sattrack.runtime.loop import StationLoop
 from sattrack.servers.antenna.log_lines import spoken
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from itertools import islice
 from typing import TYPE_CHECKING, Any
 
-from sattrack.runtime.station_loop import StationLoop
+from sattrack.runtime.loop import StationLoop
 from sattrack.servers.antenna.log_lines import refused, spoken, typed
 from sattrack.servers.antenna.trajectory import NS, to_ns
 from sattrack.servers.antenna.transactions import NAK_MEANINGS

@@ -16,7 +16,7 @@ from sattrack.core.clock import SystemClock
 from sattrack.core.errors import BadInputError, SafetyLimitError, SattrackError
 from sattrack.core.realtime import undisturbed
 from sattrack.runtime.facts import choose_pass, plan_for
-from sattrack.runtime.signals import StopRequest, stopping
+from sattrack.runtime.system import StopRequest, stopping
 from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.servers.antenna.antcn import Antcn
 from sattrack.servers.antenna.antcn_run import AntcnRun
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.control.tracker import TrackPlan
-    from sattrack.runtime.prepare import RunRequest
+    from sattrack.runtime.facts import RunRequest
     from sattrack.safety import SafetyLimits
     from sattrack.servers.antenna.door import AntennaUrl, CallerLine
     from tle.site import Site

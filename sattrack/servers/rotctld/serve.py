@@ -6,7 +6,7 @@ import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from sattrack.runtime.station_loop import StationLoop
+from sattrack.runtime.loop import StationLoop
 from sattrack.servers.antenna.log_lines import spoken
 from sattrack.servers.antenna.trajectory import to_ns
 from sattrack.servers.rotctld.answers import Client

@@ -12,7 +12,7 @@ from sattrack.control import orders
 from sattrack.control.biases import Biases
 from sattrack.control.pattern import spiral
 from sattrack.mount.model import AxisLimits, MountProfile
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.views.messages import OffsetBy, Search
 from tle.bias import NO_BIAS, Bias
 from tle.instants import Utc
@@ -25,7 +25,7 @@ SETTLED_S = 3.0
 
 @pytest.fixture
 def propagator() -> Propagator:
-    return Propagator(practice.elements(), practice.SITE.place())
+    return Propagator(demo_pass.elements(), demo_pass.SITE.place())
 
 
 @pytest.fixture
