@@ -25,7 +25,7 @@ from sattrack.control.tracker import TrackPlan
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, mean_sidereal_deg
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.xerxes.datagrams import Command, encode_command
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import RunFacts
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
@@ -100,7 +100,7 @@ def draw(number: int, seed: int) -> Draw:
     kind = KINDS[number % len(KINDS)]
     while True:
         elements = replace(
-            practice.elements(),
+            demo_pass.elements(),
             inclination_deg=rng.uniform(30.0, 120.0),
             raan_deg=rng.uniform(0.0, 360.0),
             mean_anomaly_deg=rng.uniform(0.0, 360.0),

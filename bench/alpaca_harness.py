@@ -23,8 +23,7 @@ from sattrack.mount.alpaca.bridge import Bridge
 from sattrack.mount.alpaca.device import DeviceFacts, DeviceState, RateSpan, SkyPlace
 from sattrack.mount.alpaca.link import AlpacaAddress
 from sattrack.mount.simulator.alpaca_telescope import RefusedError, SimulatedTelescope
-from sattrack.runtime.facts import build_engine, suited_to
-from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.runtime.facts import RunRequest, build_engine, prepare, suited_to
 
 if TYPE_CHECKING:
     from collections.abc import Callable

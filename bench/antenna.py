@@ -22,7 +22,7 @@ from typing import NamedTuple
 from antenna_harness import SITE, VirtualAntenna, rms, separation_arcsec
 
 from sattrack.core.clock import SystemClock
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.servers.antenna.antcn import Antcn, AntcnRun, epoch_utc_s
 from sattrack.servers.antenna.controller import PositionStatus, position_message
 from sattrack.servers.antenna.protocol import NS, TCP_CHARACTER_TIME_OUT_S, encode
@@ -44,7 +44,7 @@ class Figures(NamedTuple):
 
 
 def satellite() -> Propagator:
-    return Propagator(practice.elements(), SITE)
+    return Propagator(demo_pass.elements(), SITE)
 
 
 def hadec(propagator: Propagator, utc_s: float) -> tuple[float, float]:
@@ -123,8 +123,8 @@ def by_elements(begin_utc_s: float = RISE_UTC_S, end_utc_s: float = SET_UTC_S) -
     """Follow the pass, or a part of it, by elements on the controller's side."""
     antenna = VirtualAntenna(begin_utc_s)
     antenna.run_for(1.0)
-    number = practice.elements().catalog_number
-    for line, text in (("1", practice.LINE_1), ("2", practice.LINE_2)):
+    number = demo_pass.elements().catalog_number
+    for line, text in (("1", demo_pass.LINE_1), ("2", demo_pass.LINE_2)):
         assert antenna.say(f"TLE {line} {number} {text}") == "TLE ACK"
     assert antenna.say(f"SAT {number}") == "SAT ACK"
     antenna.run_until(end_utc_s)

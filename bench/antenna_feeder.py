@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 import msgspec
 from feeder_passes import KANOPUS, SCENARIOS, SETTLED_S, subjects, world
 
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.servers.antenna.controller import AntennaStation
 from sattrack.servers.antenna.equipment import Antenna
 from sattrack.servers.antenna.led_mount import axis_range
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from feeder_harness import Scenario
     from feeder_passes import Subject
 
-LINES = {"ISS": (practice.LINE_1, practice.LINE_2), "KANOPUS": KANOPUS}
+LINES = {"ISS": (demo_pass.LINE_1, demo_pass.LINE_2), "KANOPUS": KANOPUS}
 FIRST_SECOND_S = 1.0
 """When the satellite is asked for: the mount is heard by then."""
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sattrack.mount.model import MountProfile
 from sattrack.mount.simulator.installation import Installation
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.safety import SafetyLimits
 from sattrack.servers.antenna.controller import AntennaStation
 from sattrack.servers.antenna.equipment import Antenna, SimulatedFocuser
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from sattrack.mount.simulator.mount import Truth
 
 MOUNT_PHASE_S = 0.0217
-SITE = practice.SITE.place()
+SITE = demo_pass.SITE.place()
 START = StartPosition(hour_angle_deg=50.0, dec_deg=15.0)
 
 

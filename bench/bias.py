@@ -20,7 +20,7 @@ import numpy as np
 
 from sattrack.control.biases import Course
 from sattrack.control.steering import Estimator
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import choose_pass
 from sattrack.views.messages import Observation, decode_message, encode_message
 from tle.bias import NO_BIAS, Bias
@@ -56,7 +56,7 @@ class Pass:
 def passes() -> dict[str, Pass]:
     """Return the two passes."""
     return {
-        "ISS": _pass("ISS", practice.elements(), practice.SITE.place(), Utc.parse(practice.BEFORE_PASS)),
+        "ISS": _pass("ISS", demo_pass.elements(), demo_pass.SITE.place(), Utc.parse(demo_pass.BEFORE_PASS)),
         "KANOPUS": _pass(
             "KANOPUS",
             Elements.from_tle(*KANOPUS, "KANOPUS-V 1"),

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from programs import ended, free_port, sattrack
 
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 
 if TYPE_CHECKING:
     from contextlib import ExitStack
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 PERIOD_NS = 50_000_000
 SO_TIMESTAMPNS = 35
 SETTLE_S = 4.0
-PLACE = practice.SITE.place()
+PLACE = demo_pass.SITE.place()
 WHERE = f"{PLACE.latitude_deg},{PLACE.longitude_deg},{PLACE.height_m}"
 MANY = (1, 1000.0)
 """One client that asks 1,000 times a second."""

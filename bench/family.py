@@ -32,7 +32,7 @@ from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile, 
 from sattrack.mount.simulator.installation import ServoSettings, SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.mount.xerxes.session import REPEAT_AFTER_PERIODS
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import RunFacts, build_engine
 from sattrack.settings import SiteSettings
 from tle.instants import Utc
@@ -117,7 +117,7 @@ def draw(number: int, kinds: tuple[str, ...] = KINDS) -> Draw:
     joined = rng.random() < 0.5
     while True:
         elements = replace(
-            practice.elements(),
+            demo_pass.elements(),
             inclination_deg=rng.uniform(30.0, 120.0),
             raan_deg=rng.uniform(0.0, 360.0),
             mean_anomaly_deg=rng.uniform(0.0, 360.0),

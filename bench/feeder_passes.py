@@ -10,7 +10,7 @@ from feeder_harness import Link, Scenario, World
 from sattrack.mount.model import MountProfile, mean_sidereal_deg
 from sattrack.mount.simulator.installation import ServoSettings, SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import RunFacts, build_engine, choose_pass, plan_for
 from sattrack.safety import SafetyLimits
 from sattrack.settings import SiteSettings
@@ -65,7 +65,7 @@ def subjects(above_deg: float = 10.0) -> list[Subject]:
     """Return the passes, as far as they are above an altitude."""
     return [
         _subject(
-            "ISS", practice.elements(), practice.SITE.place(), Utc.parse(practice.BEFORE_PASS), above_deg
+            "ISS", demo_pass.elements(), demo_pass.SITE.place(), Utc.parse(demo_pass.BEFORE_PASS), above_deg
         ),
         _subject(
             "KANOPUS",

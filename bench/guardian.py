@@ -31,7 +31,7 @@ from sattrack.core.figures import quantile
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.client import Address
 from sattrack.mount.xerxes.datagrams import Command, encode_command
-from sattrack.runtime.guard import owned
+from sattrack.runtime.connection import owned
 
 AT_A_TIME = 4
 CULMINATES_AFTER_S = 21.0

@@ -21,15 +21,14 @@ from rehearsal_draws import orbit
 from sattrack.core.errors import SattrackError
 from sattrack.mount.profiles import ProfileFile
 from sattrack.planning.path import Keyhole, axis_path, find_keyholes
-from sattrack.runtime.facts import build_engine
-from sattrack.runtime.fly import fly_virtual
-from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.runtime.facts import RunRequest, build_engine, prepare
+from sattrack.runtime.flight import fly_virtual
 from sattrack.safety import SafetyLimits
 from tle.instants import Utc
 from tle.site import Site
 
 if TYPE_CHECKING:
-    from sattrack.runtime.prepare import Prepared
+    from sattrack.runtime.facts import Prepared
 
 WITHIN_DEG = 2.0
 LONGEST_S = 900.0

@@ -19,7 +19,7 @@ import erfa
 import msgspec
 from sgp4.api import Satrec
 
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from tle.elements import Elements
 from tle.instants import Utc
 from tle.sources import write_elements
@@ -45,7 +45,7 @@ def free_port() -> int:
 
 def elements_of_today(**changes: float) -> tuple[str, str]:
     """The ISS' orbit with today as its epoch, so that it is no older in years to come."""
-    orbit = Elements.from_tle(practice.LINE_1, practice.LINE_2)
+    orbit = Elements.from_tle(demo_pass.LINE_1, demo_pass.LINE_2)
     today = Utc(time.time() // 86400.0 * 86400.0)
     line_1, line_2 = write_elements([replace(orbit, epoch=today, **changes)], "2le").split("\n")[:2]
     return line_1, line_2

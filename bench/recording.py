@@ -31,9 +31,8 @@ from sattrack.recording.format import COMMAND, VIEW
 from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import BackgroundRecorder, NoRecording, Recorder, Sink, create
 from sattrack.recording.replay import replay
-from sattrack.runtime import fly, practice
-from sattrack.runtime.facts import engine_of
-from sattrack.runtime.prepare import Prepared, RunRequest, prepare
+from sattrack.runtime import demo_pass, flight
+from sattrack.runtime.facts import Prepared, RunRequest, engine_of, prepare
 from sattrack.views.run import TrackView
 
 PERIOD_S = 0.05
@@ -49,7 +48,7 @@ def make(path: Path) -> None:
     """Record the built-in pass in virtual time."""
     options = ["--virtual", "--mount", "sim", "--json", "--record", str(path)]
     subprocess.run(
-        [sys.executable, "-m", "sattrack", "track", str(practice.elements().catalog_number), *options],
+        [sys.executable, "-m", "sattrack", "track", str(demo_pass.elements().catalog_number), *options],
         check=True,
         capture_output=True,
     )
@@ -124,7 +123,7 @@ def kill_one(prepared: Prepared, told: mmap.mmap, after_s: float) -> None:
     child = os.fork()
     if child == 0:
         try:
-            fly.fly_virtual(prepared)
+            flight.fly_virtual(prepared)
         finally:
             os._exit(0)
     while struct.unpack("<d", told[:8])[0] == 0.0:
@@ -138,7 +137,7 @@ def kills(folder: Path, times: int) -> None:
     """Kill runs at random instants; print what was lost, and whether the rest replays to the same bytes."""
     rng, told = random.Random(10), mmap.mmap(-1, 8)
     Telling.told = told
-    fly.Recorder = Telling  # type: ignore[misc]
+    flight.Recorder = Telling  # type: ignore[misc]
     lost_s, commands, differ = [], 0, 0
     for number in range(times):
         path = folder / f"{number}.mcap"

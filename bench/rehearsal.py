@@ -24,8 +24,7 @@ from sattrack.runtime import rehearse as rehearsing
 if TYPE_CHECKING:
     from sattrack.planning.rehearsal import RehearsalReport
     from sattrack.planning.trace import Performance
-    from sattrack.runtime.facts import RunFacts
-    from sattrack.runtime.prepare import Prepared
+    from sattrack.runtime.facts import Prepared, RunFacts
 
 STICKY_EVERY = 4
 LOST_WITHIN_S, PEAKS_WITHIN = 0.5, 0.01

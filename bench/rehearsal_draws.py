@@ -14,17 +14,15 @@ from sattrack.mount.simulator.installation import simulator_profile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
 from sattrack.mount.xerxes.datagrams import decode_status
 from sattrack.recording.recorder import NoRecording
-from sattrack.runtime import practice
-from sattrack.runtime.facts import build_engine
-from sattrack.runtime.outcome import summarise
-from sattrack.runtime.prepare import RunRequest, prepare
-from sattrack.runtime.virtual import VirtualRun
+from sattrack.runtime import demo_pass
+from sattrack.runtime.facts import RunRequest, build_engine, prepare
+from sattrack.runtime.flight import VirtualRun, summarise
 from tle.elements import Elements
 from tle.instants import Utc
 from tle.site import Site
 
 if TYPE_CHECKING:
-    from sattrack.runtime.prepare import Prepared
+    from sattrack.runtime.facts import Prepared
     from sattrack.views.run import Summary
 
 LONGEST_S = 600.0
@@ -132,7 +130,7 @@ def fly(prepared: Prepared) -> Flown:
     """Fly the pass as `track --mount sim --virtual` does, looking on at each status that arrives."""
     facts = prepared.facts
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
-    mount = SimulatedMount(facts.profile, site, practice.START, simulator_profile(prepared.simulator))
+    mount = SimulatedMount(facts.profile, site, demo_pass.START, simulator_profile(prepared.simulator))
     run = WatchedRun(build_engine(facts), mount, facts.started_utc_s, NoRecording())
     ended_utc_s = run.run()
     summary = summarise(run.engine, run.statistics, ended_utc_s)

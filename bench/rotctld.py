@@ -17,7 +17,7 @@ from antenna import peak_rate_deg_s
 from antenna_harness import SITE, rms, separation_arcsec
 from rotctld_harness import VirtualRotator
 
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.servers.rotctld import rotator as rotator_module
 from sattrack.servers.rotctld.rotator import SmoothedTrack
 from tle.instants import Utc
@@ -62,7 +62,7 @@ def follow(
     """Follow the pass by a client that asks where the mount is, and sends a position, once a second."""
     rotator_module.SmoothedTrack = make
     rotator = VirtualRotator(begin_utc_s - 15.0)
-    propagator, chance = Propagator(practice.elements(), SITE), random.Random(3)
+    propagator, chance = Propagator(demo_pass.elements(), SITE), random.Random(3)
     sent = []
 
     def turn(now: float) -> None:
@@ -103,7 +103,7 @@ def jerk(truths: list[Truth]) -> float:
 
 def highest_deg() -> float:
     """Return how high the satellite gets."""
-    propagator = Propagator(practice.elements(), SITE)
+    propagator = Propagator(demo_pass.elements(), SITE)
     seconds = range(int(SET_UTC_S - RISE_UTC_S))
     return max(float(propagator.at(Utc(RISE_UTC_S + second)).alt_deg) for second in seconds)
 

@@ -22,9 +22,8 @@ from sattrack.mount.profiles import ProfileFile
 from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.recording.recorder import NoRecording
-from sattrack.runtime.facts import build_engine
-from sattrack.runtime.prepare import RunRequest, prepare
-from sattrack.runtime.virtual import VirtualRun
+from sattrack.runtime.facts import RunRequest, build_engine, prepare
+from sattrack.runtime.flight import VirtualRun
 from sattrack.safety import SafetyLimits
 from tle.instants import Utc
 from tle.site import Site

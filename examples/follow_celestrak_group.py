@@ -12,8 +12,8 @@ import time
 
 from sattrack.core.errors import SattrackError
 from sattrack.elements.downloads import Downloads
-from sattrack.runtime.fly import fly_virtual
-from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.runtime.facts import RunRequest, prepare
+from sattrack.runtime.flight import fly_virtual
 from tle import Site, TleError, Utc, find, read_elements
 
 

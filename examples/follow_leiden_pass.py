@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from sattrack.runtime.fly import fly_virtual
-from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.runtime.facts import RunRequest, prepare
+from sattrack.runtime.flight import fly_virtual
 from sattrack.views.messages import Nudge
 from tle import Site, Utc, read_elements
 

@@ -20,10 +20,10 @@ import msgspec
 
 from sattrack.core.process import self_command
 from sattrack.mount.model import Slew
-from sattrack.runtime import practice
-from sattrack.runtime.fly import fly_virtual
-from sattrack.runtime.pass_scene import pass_scene
-from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.runtime import demo_pass
+from sattrack.runtime.facts import RunRequest, prepare
+from sattrack.runtime.flight import fly_virtual
+from sattrack.runtime.rehearse import pass_scene
 from sattrack.tui.app import TrackApp
 from sattrack.tui.console_app import ConsoleApp
 from sattrack.tui.feeds import ConsoleProcess, HelperOptions, Helpers, Latest, News
@@ -109,9 +109,9 @@ def practice_sky() -> PassView:
 
 def practice_helpers(utc_s: float) -> Helpers:
     """Return what lies beside a screen of the practice pass, the passes to come found already."""
-    where = practice.SITE
+    where = demo_pass.SITE
     site = f"{where.latitude_deg},{where.longitude_deg},{where.height_m}"
-    lines = f"{practice.NAME}\n{practice.LINE_1}\n{practice.LINE_2}\n"
+    lines = f"{demo_pass.NAME}\n{demo_pass.LINE_1}\n{demo_pass.LINE_2}\n"
     options = HelperOptions(("--elements", "-", "--site", site), (), lines.encode())
     helpers = Helpers.of(options, os.getpid())
     helpers.search.begin(utc_s)
@@ -122,11 +122,11 @@ def practice_helpers(utc_s: float) -> Helpers:
 
 def _request() -> RunRequest:
     return RunRequest(
-        satellite=practice.NAME,
+        satellite=demo_pass.NAME,
         mount_url="sim",
-        elements=[Elements.from_tle(practice.LINE_1, practice.LINE_2, practice.NAME)],
-        site=practice.SITE.place(),
-        clock_option=practice.BEFORE_PASS,
+        elements=[Elements.from_tle(demo_pass.LINE_1, demo_pass.LINE_2, demo_pass.NAME)],
+        site=demo_pass.SITE.place(),
+        clock_option=demo_pass.BEFORE_PASS,
         min_alt_deg=10.0,
         virtual=True,
         fov_deg=FIELD_DEG,
@@ -182,7 +182,7 @@ class StillFeed:
 
 def slewing_view() -> ConsoleView:
     """Return the view of a mount half-way through a slew."""
-    options = ["--mount", "sim", "--clock", practice.BEFORE_PASS, "--stream", "--control"]
+    options = ["--mount", "sim", "--clock", demo_pass.BEFORE_PASS, "--stream", "--control"]
     console = ConsoleProcess([*self_command(), "mount", "watch", *options])
     asked = False
     try:

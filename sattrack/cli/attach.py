@@ -24,7 +24,7 @@ from sattrack.cli.common import (
 )
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.core.process import self_command
-from sattrack.runtime.gallery import SUPPORTED, feeders
+from sattrack.runtime.view_server import SUPPORTED, feeders
 
 if TYPE_CHECKING:
     from sattrack.views.run import Welcome

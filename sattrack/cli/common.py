@@ -458,17 +458,17 @@ def helper_options(
     shared = _option_words("--config", given("--config")) + _option_words("--profile", profile)
     site = context.site_option
     if site is None and not context.has_site():
-        from sattrack.runtime import practice
+        from sattrack.runtime import demo_pass
 
-        where = practice.SITE
+        where = demo_pass.SITE
         site = f"{where.latitude_deg},{where.longitude_deg},{where.height_m}"
     watch = shared + _option_words("--site", site)
     least = _option_words("--min-alt", min_alt_deg)
     sources = context.sources()
     if practising:
-        from sattrack.runtime import practice
+        from sattrack.runtime import demo_pass
 
-        lines = f"{practice.NAME}\n{practice.LINE_1}\n{practice.LINE_2}\n"
+        lines = f"{demo_pass.NAME}\n{demo_pass.LINE_1}\n{demo_pass.LINE_2}\n"
         return HelperOptions((*watch, *least, "--elements", "-"), watch, lines.encode(), mount_url=there)
     if not sources or "-" in sources or not context.has_site():
         return HelperOptions(None, watch, why=NO_PASSES, mount_url=there)

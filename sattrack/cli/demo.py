@@ -31,9 +31,8 @@ from sattrack.cli.running import (
 )
 from sattrack.core.errors import BadInputError
 from sattrack.mount.profiles import ProfileFile
-from sattrack.runtime import practice
-from sattrack.runtime.facts import choose_pass
-from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.runtime import demo_pass
+from sattrack.runtime.facts import RunRequest, choose_pass, prepare
 from tle.instants import Utc
 
 STOPPING_TAKES_S = 0.7
@@ -88,11 +87,11 @@ def demo_request(
     """Return what the demonstration asks for; its clock starts shortly before the satellite is up."""
     from pathlib import Path
 
-    elements, site = practice.elements(), practice.SITE.place()
+    elements, site = demo_pass.elements(), demo_pass.SITE.place()
     if clock_option is None:
-        rise = choose_pass(elements, site, Utc.parse(practice.BEFORE_PASS), 10.0).rise_utc
+        rise = choose_pass(elements, site, Utc.parse(demo_pass.BEFORE_PASS), 10.0).rise_utc
         assert rise is not None
-        clock_option = rise.plus(-practice.LEAD_S).isoformat()
+        clock_option = rise.plus(-demo_pass.LEAD_S).isoformat()
     return RunRequest(
         satellite=str(elements.catalog_number),
         mount_url="sim",

@@ -22,7 +22,7 @@ from sattrack.cli.common import CommandContext, common_options, profile_option
 from sattrack.core.errors import SattrackError
 from sattrack.core.realtime import how_to_grant, undisturbed
 from sattrack.mount.model import MountProfile
-from sattrack.runtime.kernel_clock import read_kernel_clock
+from sattrack.runtime.system import read_kernel_clock
 from sattrack.settings import find_settings_file, load_settings
 from tle.earth import earth_orientation_age
 from tle.errors import TleError
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from sattrack.core.realtime import Grant
     from sattrack.mount.xerxes.link import LinkHealth
-    from sattrack.runtime.kernel_clock import KernelClock
+    from sattrack.runtime.system import KernelClock
     from tle.earth import EarthOrientationAge
     from tle.site import Site
 
@@ -446,8 +446,7 @@ def _check_mount(context: CommandContext, url: str | None, explicit: Path | None
 
 def _check_link(url: str, profile: MountProfile) -> CheckResult:
     # The session's modules are many; without a mount they are not needed.
-    from sattrack.runtime.links import LISTEN_S, listen
-    from sattrack.runtime.mounts import mount_address
+    from sattrack.runtime.mounts import LISTEN_S, listen, mount_address
 
     try:
         address = mount_address(url)

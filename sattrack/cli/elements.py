@@ -12,7 +12,7 @@ import msgspec
 
 from sattrack.cli.common import CommandContext, common_options, tell, write_file
 from sattrack.core.errors import BadInputError
-from sattrack.recording.bias_memory import BiasMemory, KeptBias, memory_file, told
+from sattrack.runtime.bias_memory import BiasMemory, KeptBias, memory_file, told
 from tle.elements import expected_along_arcsec, expected_along_s
 from tle.errors import PropagationError, TleError
 from tle.instants import Utc

@@ -274,7 +274,7 @@ def _source(source: str) -> None:
 
 def _mount_note(answers: Answers) -> str | None:
     """Try the mount, without moving it; return what is wrong, None where it answers or is simulated."""
-    from sattrack.runtime.links import LISTEN_S, listen
+    from sattrack.runtime.mounts import LISTEN_S, listen
 
     address: MountAddress | None = mount_address(answers.mount_url)
     if address is None:

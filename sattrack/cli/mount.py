@@ -61,11 +61,10 @@ from sattrack.mount.requests import (
     TicketState,
     objection,
 )
-from sattrack.runtime import practice
-from sattrack.runtime.console import Connection, OrderInbox, attend, attend_console_session, connected
-from sattrack.runtime.mounts import mount_address
-from sattrack.runtime.owner import owner_of
-from sattrack.runtime.stopping import stop_session, wait_until_free
+from sattrack.runtime import demo_pass
+from sattrack.runtime.connection import Connection, connected
+from sattrack.runtime.console import OrderInbox, attend, attend_console_session, stop_session, wait_until_free
+from sattrack.runtime.mounts import mount_address, owner_of
 from sattrack.views.formatting import (
     DEC_FORMS,
     MINUS,
@@ -88,8 +87,7 @@ if TYPE_CHECKING:
     from sattrack.mount.alpaca.device import DeviceFacts
     from sattrack.mount.profiles import ProfileFile
     from sattrack.mount.requests import Request
-    from sattrack.runtime.mounts import MountAddress
-    from sattrack.runtime.owner import Owner
+    from sattrack.runtime.mounts import MountAddress, Owner
     from sattrack.views.run import ConsoleView
     from tle.site import Site
 
@@ -160,7 +158,7 @@ def resolve(context: CommandContext, options: dict[str, Any], needs_site: bool =
     described = context.profile(options["profile"], url)
     site = context.site() if context.has_site() or (needs_site and address is not None) else None
     if site is None and address is None:
-        site = practice.SITE.place()
+        site = demo_pass.SITE.place()
     if site is not None and address is not None:
         address = address.seen_from(site)
     return MountCall(context, address, described, site, context.clock(), timeout_s)

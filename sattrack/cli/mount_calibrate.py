@@ -16,7 +16,7 @@ import msgspec
 from sattrack import __version__
 from sattrack.cli.common import CommandContext, common_options, mount_option, renew, show, table, tell
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.settings import NO_SITE
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def command(context: CommandContext, **options: Any) -> int:
     if site is None:
         if address is not None:
             raise BadInputError(NO_SITE)
-        site = practice.SITE.place()
+        site = demo_pass.SITE.place()
     if address is not None:
         address = address.seen_from(site)
     _ask(options["yes"], "sim" if address is None else str(address))

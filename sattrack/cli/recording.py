@@ -19,8 +19,8 @@ from sattrack.recording.export import ERROR, TABLES, error_columns, table_of
 from sattrack.recording.report import make_report
 from sattrack.recording.report_text import TREND_HEADS, all_rows, report_html, trend_rows
 from sattrack.recording.trace import trace
+from sattrack.runtime.bias_memory import keep_fit
 from sattrack.runtime.facts import engine_of, open_recording
-from sattrack.runtime.remembering import keep_fit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -71,9 +71,9 @@ def command(context: CommandContext, satellite: str, number: int, **options: Any
     SATELLITE is a catalogue number, an international designator or a name. Nothing is moved. The exit code is
     0 for a go and 1 for a no-go.
     """
-    from sattrack.runtime.kernel_clock import read_kernel_clock
-    from sattrack.runtime.prepare import RunRequest, prepare
+    from sattrack.runtime.facts import RunRequest, prepare
     from sattrack.runtime.rehearse import choose_nth_pass, rehearse
+    from sattrack.runtime.system import read_kernel_clock
 
     fov_deg = options["fov_deg"]
     if fov_deg is not None and not (math.isfinite(fov_deg) and 0.0 < fov_deg <= 180.0):

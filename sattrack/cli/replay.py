@@ -30,8 +30,7 @@ from sattrack.core.process import self_command
 from sattrack.recording.format import COMMAND, VIEW
 from sattrack.recording.replay import Choice, replay, replay_lines, replay_view
 from sattrack.runtime.facts import engine_of, open_recording
-from sattrack.runtime.outcome import RunStatistics, summarise
-from sattrack.runtime.whatif import read_law, what_if
+from sattrack.runtime.flight import RunStatistics, read_law, summarise, what_if
 from sattrack.views.run import SummaryLine
 from tle.errors import TleError
 
@@ -202,7 +201,7 @@ def _try(context: CommandContext, recording: Recording, facts: RunFacts, law: Co
 
 def _give_all(recording: Recording, facts: RunFacts) -> int:
     """Write all views for the screen, after what is to be known of the pass."""
-    from sattrack.runtime.pass_scene import pass_scene
+    from sattrack.runtime.rehearse import pass_scene
 
     views = ViewsAtOnce(recording)
     with contextlib.suppress(TleError):

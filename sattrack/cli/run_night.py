@@ -23,7 +23,7 @@ from sattrack.cli.run_report import RunReporter
 from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError, TerminatedRunError
 from sattrack.core.process import self_command
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.runtime.mounts import is_antenna, mount_address
 from sattrack.schedule.candidates import named_by
 from sattrack.schedule.file import load_schedule
@@ -262,7 +262,7 @@ def _virtual_executor(
     seed: int | None,
 ) -> VirtualExecutor:
     plans, files, journal, requests = parts
-    start = practice.START
+    start = demo_pass.START
     limits = context.settings.safety.limits()
     station = SimulatedStation(context.site(), plans.profile, limits, start.hour_angle_deg, start.dec_deg)
     return VirtualExecutor(

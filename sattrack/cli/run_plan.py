@@ -19,7 +19,7 @@ from sattrack.core.angles import altitude_deg
 from sattrack.core.errors import BadInputError
 from sattrack.mount.alpaca.link import parse_alpaca
 from sattrack.mount.requests import Park
-from sattrack.runtime.prepare import check_site
+from sattrack.runtime.facts import check_site
 from sattrack.safety.bodies import sun_over
 from sattrack.schedule.candidates import Loaded, PlanSituation
 from sattrack.schedule.file import load_schedule
@@ -211,7 +211,7 @@ def rehearser(
 ) -> Callable[[Candidate, float, float], Rehearsed]:
     """Return what rehearses a candidate from one instant to another, POSIX seconds of UTC."""
     from sattrack.control.tracker import TrackPlan
-    from sattrack.runtime.prepare import Prepared
+    from sattrack.runtime.facts import Prepared
     from sattrack.runtime.rehearse import READY_S, rehearse
     from sattrack.schedule.night_virtual import planned_facts
     from sattrack.views.schedule import Rehearsed

@@ -18,14 +18,20 @@ from sattrack.cli.common import JsonLines, can_draw_lines_anew, renew, tell
 from sattrack.core import local_time
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.profiles import write_profile
-from sattrack.runtime.desk import ControlArbiter, SessionInbox, StdinInbox
-from sattrack.runtime.fly import fly_live, fly_virtual
-from sattrack.runtime.gallery_link import ViewServerLink, open_view_server
+from sattrack.runtime.control_arbiter import (
+    ControlArbiter,
+    Observers,
+    SessionInbox,
+    StdinInbox,
+    check_source,
+    open_observers,
+    read_all,
+)
+from sattrack.runtime.facts import RunRequest, prepare
+from sattrack.runtime.flight import failure, fly_live, fly_virtual
 from sattrack.runtime.mounts import is_antenna, mount_address
-from sattrack.runtime.observers import Observers, check_source, open_observers, read_all
-from sattrack.runtime.outcome import failure
-from sattrack.runtime.prepare import RunRequest, prepare
-from sattrack.runtime.signals import StopRequest, stopping
+from sattrack.runtime.system import StopRequest, stopping
+from sattrack.runtime.view_server import ViewServerLink, open_view_server
 from sattrack.views.formatting import summary_lines
 from sattrack.views.run import Summary, SummaryLine, TrackView
 from tle.elements import expected_along_arcsec
@@ -37,8 +43,7 @@ if TYPE_CHECKING:
 
     from sattrack.cli.common import CommandContext
     from sattrack.mount.profiles import ProfileFile
-    from sattrack.runtime.facts import RunFacts
-    from sattrack.runtime.prepare import Prepared
+    from sattrack.runtime.facts import Prepared, RunFacts
     from sattrack.servers.antenna.antcn import AntcnRun
     from sattrack.views.run import Armed, SessionView
     from tle.elements import Elements
@@ -101,7 +106,7 @@ def announcement(facts: RunFacts) -> list[str]:
 
 
 def _uncalibrated(facts: RunFacts) -> str | None:
-    from sattrack.runtime.pass_scene import uncalibrated
+    from sattrack.runtime.rehearse import uncalibrated
 
     return uncalibrated(facts)
 
@@ -143,8 +148,8 @@ class Stream(JsonLines):
 
     def tell_scene(self, facts: RunFacts) -> None:
         """Say what does not change during a pass, before it."""
-        from sattrack.runtime.kernel_clock import read_kernel_clock
-        from sattrack.runtime.pass_scene import pass_scene
+        from sattrack.runtime.rehearse import pass_scene
+        from sattrack.runtime.system import read_kernel_clock
 
         clock = read_kernel_clock()
         known = clock is not None and clock.synchronised

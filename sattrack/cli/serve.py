@@ -15,11 +15,11 @@ import click
 from sattrack import __version__
 from sattrack.cli.common import CommandContext, JsonLines, common_options, mount_option, profile_option
 from sattrack.core.errors import BadInputError, InterruptedRunError, SattrackError
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.runtime.callers import CallerLimits, listen
-from sattrack.runtime.console import connected
+from sattrack.runtime.connection import connected
 from sattrack.runtime.mounts import mount_address
-from sattrack.runtime.signals import StopRequest, stopping
+from sattrack.runtime.system import StopRequest, stopping
 from sattrack.servers.antenna.protocol import log_stamp, program_line
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def what_is_served(
         raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
     described = context.profile(profile, url)
     practising = address is None and not context.has_site()
-    site = practice.SITE.place() if practising else context.site()
+    site = demo_pass.SITE.place() if practising else context.site()
     clock = context.clock()
     if clock.speed != 1.0:
         raise BadInputError(f"--clock: {lives_in_real_time} in real time; leave its speed out")

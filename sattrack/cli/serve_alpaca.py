@@ -25,11 +25,11 @@ from sattrack.core.errors import InterruptedRunError
 from sattrack.mount.alpaca.link import GatewayLink
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
 from sattrack.mount.requests import FineRate, Park
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.runtime.callers import listen
-from sattrack.runtime.console import connected
-from sattrack.runtime.prepare import check_site
-from sattrack.runtime.signals import StopRequest, stopping
+from sattrack.runtime.connection import connected
+from sattrack.runtime.facts import check_site
+from sattrack.runtime.system import StopRequest, stopping
 from sattrack.servers.alpaca.serve import (
     PROGRAM,
     AlpacaLoop,
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     from sattrack.mount.alpaca.device import DeviceFacts, RateSpan
     from sattrack.mount.model import MountProfile
     from sattrack.mount.profiles import ProfileFile
-    from sattrack.runtime.console import Connection
+    from sattrack.runtime.connection import Connection
     from sattrack.runtime.mounts import MountAddress
     from sattrack.servers.alpaca.telescope import Spans
     from tle.elements import Elements
@@ -170,7 +170,7 @@ def _elements(context: CommandContext, served: Served) -> list[Elements]:
     """Return whose passes can be asked for: those set, for practice the practice satellite's, or none."""
     if context.sources():
         return context.elements()
-    return [practice.elements()] if served.address is None else []
+    return [demo_pass.elements()] if served.address is None else []
 
 
 def within_its_rates(described: ProfileFile, connection: Connection) -> ProfileFile:

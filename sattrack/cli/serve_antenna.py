@@ -25,8 +25,8 @@ from sattrack.cli.serve import Log, check_port, end_of_service, what_is_served
 from sattrack.core.errors import BadInputError
 from sattrack.core.process import self_command
 from sattrack.runtime.callers import CallerLimits, listen
-from sattrack.runtime.console import connected
-from sattrack.runtime.signals import StopRequest, stopping
+from sattrack.runtime.connection import connected
+from sattrack.runtime.system import StopRequest, stopping
 from sattrack.servers.antenna.alpaca_focuser import FORM, parse_focuser, start_focusers
 from sattrack.servers.antenna.controller import AntennaStation
 from sattrack.servers.antenna.equipment import Antenna, FocusAxis, SimulatedFocuser

@@ -22,7 +22,7 @@ from sattrack.mount.simulator.installation import GRAMMAR, parse_faults, simulat
 from sattrack.mount.simulator.mount import SimulatedSite
 from sattrack.mount.simulator.process import ClockSetting, SimulatorConfig, make_server
 from sattrack.mount.xerxes.client import DEFAULT_PORT
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 
 if TYPE_CHECKING:
     from sattrack.mount.simulator.alpaca_telescope import TelescopeSettings
@@ -91,7 +91,7 @@ def command(
     if telescope is not None:
         raise BadInputError(f"--telescope {telescope}: that goes with --alpaca")
     where = context.site() if context.has_site() else None
-    site = SimulatedSite(practice.SITE.latitude_deg, practice.SITE.longitude_deg, practice.SITE.height_m)
+    site = SimulatedSite(demo_pass.SITE.latitude_deg, demo_pass.SITE.longitude_deg, demo_pass.SITE.height_m)
     if where is not None:
         site = SimulatedSite(where.latitude_deg, where.longitude_deg, where.height_m)
     described = ProfileFile() if profile is None else load_profile_file(profile)
@@ -102,7 +102,7 @@ def command(
     config = SimulatorConfig(
         site=site,
         profile=described.mount,
-        start=practice.START,
+        start=demo_pass.START,
         port=DEFAULT_PORT if port is None else port,
         peer_port=peer,
         clock=_setting(context),
@@ -157,7 +157,7 @@ def simulate(context: CommandContext, port: int | None, telescope: Path | None) 
     if telescope is not None:
         settings = read_toml(telescope, TelescopeSettings, "the simulated telescope")
     if telescope is None or context.has_site():
-        site = context.site() if context.has_site() else practice.SITE.place()
+        site = context.site() if context.has_site() else demo_pass.SITE.place()
         settings = msgspec.structs.replace(
             settings,
             latitude_deg=site.latitude_deg,

@@ -16,9 +16,9 @@ import msgspec
 
 from sattrack.cli.common import CommandContext, can_draw_lines_anew, common_options, profile_option, tell
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.runtime.mounts import FORMS, mount_address
-from sattrack.runtime.owner import ask_give_up, owner_of, owners, this_user
-from sattrack.runtime.stopping import MountStop, stop_after, stop_directly, stop_session
+from sattrack.runtime.console import MountStop, stop_after, stop_directly, stop_session
+from sattrack.runtime.mounts import FORMS, ask_give_up, mount_address, owner_of, owners
+from sattrack.runtime.system import this_user
 from sattrack.schedule.night_stop import NightStop, begin_stops, listed_nights
 
 if TYPE_CHECKING:
@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from sattrack.mount.model import MountProfile
-    from sattrack.runtime.mounts import MountAddress
-    from sattrack.runtime.owner import Owner
+    from sattrack.runtime.mounts import MountAddress, Owner
     from sattrack.schedule.night_stop import ListedRun
 
 ANSWER_WITHIN_S = 10.0

@@ -18,12 +18,10 @@ from sattrack.core.angles import altitude_deg, separation_deg
 from sattrack.core.errors import InterruptedRunError, LinkLostError, SafetyLimitError, SattrackError
 from sattrack.mount.profiles import ProfileFile, load_profile_file
 from sattrack.mount.simulator.mount import StartPosition
-from sattrack.runtime import practice
-from sattrack.runtime.console import Connection
-from sattrack.runtime.embedded import simulator_config, start_embedded
-from sattrack.runtime.guard import owned
+from sattrack.runtime import demo_pass
+from sattrack.runtime.connection import Connection, owned, simulator_config, start_embedded
 from sattrack.runtime.loop import RealtimeLoop
-from sattrack.runtime.signals import StopRequest, stopping
+from sattrack.runtime.system import StopRequest, stopping
 from sattrack.safety import SafetyLimits
 from sattrack.safety.bounds import Bounds
 
@@ -34,7 +32,7 @@ if TYPE_CHECKING:
     from sattrack.calibration.calibrator import Ending
     from sattrack.core.clock import Clock
     from sattrack.mount.model import MountProfile
-    from sattrack.runtime.embedded import EmbeddedMount
+    from sattrack.runtime.connection import EmbeddedMount
     from sattrack.runtime.mounts import MountAddress
     from tle.site import Site
 
@@ -80,7 +78,7 @@ def start_practice_mount(
 
 def _clear_start(around: Surroundings) -> StartPosition:
     """Return a place high and far from the Sun; where there is none, one that is refused with reasons."""
-    place = practice.START
+    place = demo_pass.START
     for hour_angle_deg in (50.0, -50.0, 20.0, -20.0):
         for nearer_equator_deg in (35.0, 15.0, -10.0):
             north = math.copysign(1.0, around.latitude_deg)

@@ -1,39 +1,35 @@
-"""Manual operation in real time."""
+"""Manual operation in real time; and the stop of a mount from outside, by its session or directly."""
 
 from __future__ import annotations
 
 import sys
 import threading
 import time
-from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 
+from sattrack.control.driver import DirectStop
 from sattrack.core.channel import LineReader
-from sattrack.mount.xerxes.client import Address, UdpLink, nobody_listens
+from sattrack.core.clock import SimulatedClock
+from sattrack.core.errors import LinkLostError, SattrackError
+from sattrack.mount.xerxes.client import Address, nobody_listens
 from sattrack.mount.xerxes.datagrams import Command, encode_command
-from sattrack.runtime import practice
-from sattrack.runtime.embedded import simulator_config, start_embedded
-from sattrack.runtime.guard import Guard, Unguarded, owned
-from sattrack.runtime.links import heard
+from sattrack.runtime.connection import Connection, owned
+from sattrack.runtime.guardian import GONE_AFTER_S
 from sattrack.runtime.loop import DriverLike, RealtimeLoop
-from sattrack.runtime.signals import StopRequest, stopping
+from sattrack.runtime.mounts import GoesOn, Taken, ask_stop, owned_address, owner_of
+from sattrack.runtime.system import StopRequest, stopping, utc_now
 from sattrack.views.messages import Leave, decode_order
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
     from sattrack.control.console import Console, ConsoleSession
-    from sattrack.core.clock import Clock
-    from sattrack.mount.alpaca.device import DeviceFacts
-    from sattrack.mount.profiles import ProfileFile
-    from sattrack.runtime.embedded import EmbeddedMount
-    from sattrack.runtime.mounts import MountAddress
-    from sattrack.runtime.owner import OverheardLink
+    from sattrack.mount.model import MountProfile
+    from sattrack.runtime.mounts import MountAddress, Owner
     from sattrack.views.messages import ConsoleMessage
-    from tle.site import Site
 
 SHOW_EVERY_TICKS = 2
 
@@ -50,59 +46,6 @@ class Part(DriverLike, Protocol):
 
     def fail(self, words: str, now_utc_s: float) -> None:
         """Come to a safe end, for a defect."""
-
-
-@dataclass(slots=True)
-class Connection:
-    """A socket towards a mount, and the clock to run by; `simulated` is the one started for it.
-
-    `guard` watches whoever may set the mount going.
-    """
-
-    link: UdpLink | OverheardLink
-    clock: Clock
-    simulated: EmbeddedMount | None = None
-    guard: Guard = field(default_factory=Unguarded)
-
-    @property
-    def telescope(self) -> DeviceFacts | None:
-        """What an Alpaca telescope at the other end is; None for other mounts, and where it is overheard."""
-        return getattr(self.link, "facts", None)
-
-    def now_utc_s(self) -> float:
-        """Return the instant that is now, UTC."""
-        return self.clock.utc_s(time.monotonic())
-
-    def refused(self) -> bool:
-        """Tell whether the mount's host says that nothing listens at the mount's port."""
-        address = self.link.address
-        return isinstance(address, Address) and nobody_listens(address, encode_command(Command()))
-
-
-@contextmanager
-def connected(
-    address: MountAddress | None, described: ProfileFile, site: Site | None, clock: Clock, own: bool = True
-) -> Iterator[Connection]:
-    """Give a connection to a mount; with `address` None, to a simulated one in a process of its own.
-
-    With `own`, the mount is owned, and guarded, meanwhile; without, nothing may be asked of it, and where a
-    session owns it, what that hears is overheard. Raises SattrackError where it has another owner, or the
-    port, or the simulated mount, is not available.
-    """
-    with ExitStack() as stack:
-        simulated = None
-        if address is None:
-            simulated = start_embedded(
-                simulator_config(described.mount, described.simulator, site or practice.SITE.place(), clock)
-            )
-            stack.callback(simulated.close)
-            address = simulated.address
-        if own:
-            name = None if simulated is None else "sim"
-            link, guard = stack.enter_context(owned(address, described.mount, clock.speed, name))
-            yield Connection(link, clock, simulated, guard)
-            return
-        yield Connection(stack.enter_context(heard(address)), clock, simulated)
 
 
 class OrderInbox:
@@ -208,3 +151,128 @@ def attend_console_session(
             told[0].start()
 
     return attend(console_session, connection, show, obey)
+
+
+NOBODY = "nothing listens there"
+GIVE_UP = "`sattrack stop --give-up` ends that"
+FREE_WITHIN_S = 10.0
+"""How long a session that has stopped its mount may take to close its recording and end."""
+LOOK_AGAIN_S = 0.05
+
+
+class MountStop(msgspec.Struct, frozen=True):
+    """What came of the stop of one mount; `at_rest` None where nobody could see it."""
+
+    mount: str
+    by: str
+    """"session", "guardian", "direct", or "gone": a simulated mount ended with its session."""
+    at_rest: bool | None
+    pid: int | None
+    command: str | None
+    words: str
+    goes_on: GoesOn | None = None
+    """Who goes on telling it to stop where it is not known at rest."""
+
+    def error(self) -> SattrackError | None:
+        """Return the error whose exit code this is; None where the mount is at rest, or no more."""
+        if self.at_rest or self.by == "gone":
+            return None
+        return (LinkLostError if self.at_rest is None else SattrackError)(f"{self.mount}: {self.words}")
+
+
+def stop_session(owner: Owner, waiting: Callable[[], None]) -> MountStop | None:
+    """Have a session stop its mount and end; None where nobody is left that stops it, or knows it at rest.
+
+    Raises SattrackError where it does not answer.
+    """
+    stopped = ask_stop(owner, waiting)
+    if stopped is not None and stopped.goes_on is not None:
+        words = f"IT IS NOT KNOWN AT REST: {stopped.goes_on}; {GIVE_UP}"
+        return MountStop(
+            owner.mount, stopped.by, stopped.at_rest, owner.pid, owner.command, words, stopped.goes_on
+        )
+    if stopped is None or not stopped.at_rest:
+        return None
+    who = "its guardian" if stopped.by == "guardian" else "it"
+    words = f"stopped and seen at rest; `{owner.command}`, process {owner.pid}, has ended, {who} saw to it"
+    return MountStop(owner.mount, stopped.by, True, owner.pid, owner.command, words)
+
+
+@dataclass(slots=True)
+class DirectLoop(RealtimeLoop):
+    """Stops a mount until it is seen at rest, or its time has passed, or nothing is there to be stopped."""
+
+    driver: DirectStop
+    waiting: Callable[[], None]
+    nobody: bool = field(default=False, init=False)
+    _asked_s: float = field(default_factory=time.monotonic, init=False)
+
+    @property
+    def rest(self) -> bool | None:
+        """See RealtimeLoop."""
+        return None if self.nobody else bool(self.driver.mount_stopped)
+
+    def interrupt(self, now_utc_s: float) -> None:
+        """See RealtimeLoop: the mount is being stopped already."""
+
+    def fail(self, error: Exception, now_utc_s: float) -> None:
+        """See RealtimeLoop: likewise."""
+
+    def report(self) -> None:
+        """Look whether a mount that is not heard is there at all."""
+        self.waiting()
+        now_s = time.monotonic()
+        if self.driver.session.sample is not None or now_s - self._asked_s < GONE_AFTER_S:
+            return
+        self._asked_s = now_s
+        address = self.connection.link.address
+        assert isinstance(address, Address)
+        if nobody_listens(address, encode_command(Command(abort=True)), LOOK_AGAIN_S):
+            self.nobody = self.driver.stop.finished = True
+
+
+def stop_directly(address: MountAddress, profile: MountProfile, waiting: Callable[[], None]) -> MountStop:
+    """Stop a mount that no session owns, by datagrams of our own, and see it at rest.
+
+    Raises SattrackError where another session comes in between, or the port is not available.
+    """
+    wait_until_free(address, waiting)
+    mount = address.name
+    with owned(address.to_stop(), profile) as (link, guard):
+        # By the monotonic clock itself: nothing here depends on the time of day.
+        connection = Connection(link, SimulatedClock(0.0, 0.0), guard=guard)
+        stop = DirectStop(profile, time.monotonic())
+        loop = DirectLoop(connection, StopRequest(), stop, waiting)
+        loop.run()
+        if loop.nobody:
+            return MountStop(mount, "direct", None, None, None, NOBODY)
+        goes_on = (
+            None if stop.mount_stopped else GoesOn(guard.pid, utc_now(), stop.last_heard(time.monotonic()))
+        )
+    if stop.mount_stopped:
+        return MountStop(mount, "direct", True, None, None, "stopped and seen at rest")
+    words = "it was told to stop and IS NOT AT REST" if stop.mount_stopped is False else "it was told to stop"
+    if stop.mount_stopped is None:
+        words += ", but is NOT HEARD: nobody knows whether it obeyed"
+    words = f"{words}; {goes_on}; look after it, and stop it by its own console; {GIVE_UP}"
+    return MountStop(mount, "direct", stop.mount_stopped, None, None, words, goes_on)
+
+
+def stop_after(owner: Owner, profile: MountProfile, waiting: Callable[[], None]) -> MountStop:
+    """Stop directly a mount whose session has ended without knowing it at rest. Raises SattrackError."""
+    address = owned_address(owner)
+    stopped = stop_directly(address, profile, waiting)
+    if stopped.words == NOBODY and address.host.startswith("127."):
+        words = f"the simulated mount has ended with its session, `{owner.command}`, process {owner.pid}"
+        return msgspec.structs.replace(stopped, by="gone", pid=owner.pid, command=owner.command, words=words)
+    return stopped
+
+
+def wait_until_free(address: MountAddress, waiting: Callable[[], None]) -> None:
+    """Wait for the end of a session that owns the mount still; raises Taken where it does not come."""
+    until_s = time.monotonic() + FREE_WITHIN_S
+    while (owner := owner_of(address.name)) is not None:
+        if time.monotonic() > until_s:
+            raise Taken(f"{address} has an owner: {owner}; it does not end: `kill {owner.pid}`")
+        waiting()
+        time.sleep(LOOK_AGAIN_S)

@@ -1,19 +1,29 @@
-"""The facts of a run as plain data: what a recording keeps, and what an engine is built from."""
+"""The facts of a run as plain data, from what the user asked for: satellite, pass, mount and instant.
+
+A recording keeps them, and an engine is built from them.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Literal
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
+from sattrack.control.biases import MOST_ALONG_S, MOST_CROSS_DEG
 from sattrack.control.engine import Engine, RunSpec
 from sattrack.control.tracker import TrackPlan
-from sattrack.core.clock import decode_utc, encode_utc
+from sattrack.core.angles import wrap180
+from sattrack.core.clock import Clock, decode_utc, encode_utc, make_clock
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.model import MountProfile
+from sattrack.mount.profiles import ProfileFile
+from sattrack.runtime import demo_pass
+from sattrack.runtime.mounts import SIMULATED, mount_address
 from sattrack.safety import SafetyLimits
-from sattrack.settings import SiteSettings
+from sattrack.settings import NO_ELEMENTS, NO_SITE, SiteSettings
 from sattrack.views.run import SAME_PASS_S, RememberedView
 from tle.bias import Bias
 from tle.elements import Elements
@@ -22,18 +32,18 @@ from tle.instants import Utc
 from tle.passes import Pass, find_passes
 from tle.propagator import Propagator
 from tle.refraction import Refraction
+from tle.sources import find
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
     from sattrack.recording.reading import Recording
+    from sattrack.runtime.bias_memory import MemoryMode
+    from sattrack.runtime.mounts import MountAddress
     from tle.site import Site
 
-
 SEARCH_HOURS = 48.0
-SIMULATED = "sim"
-"""The name of the simulated mount, as `--mount` has it."""
 SETTLING_PERIODS = 2.0
 REFRACTION_MODES = ("auto", "on", "off")
 
@@ -177,3 +187,186 @@ def open_recording(path: Path, part: int = 1) -> tuple[Recording, RunFacts]:
 def engine_of(spec: msgspec.Raw) -> Engine:
     """Return a new engine for the facts that a recording holds; raises msgspec.MsgspecError, TleError."""
     return build_engine(decode_facts(spec))
+
+
+SAME_SITE_DEG = 0.1
+VIRTUAL_LEAD_S = 5.0
+MOST_FIELD_DEG = 180.0
+
+
+@dataclass(frozen=True, slots=True)
+class RunRequest:
+    """What the user asked for; elements and site None where nothing was set anywhere."""
+
+    satellite: str
+    mount_url: str | None
+    elements: list[Elements] | None
+    site: Site | None
+    clock_option: str | None
+    min_alt_deg: float
+    refraction: Literal["auto", "on", "off"] = "auto"
+    bias_along_s: float = 0.0
+    bias_cross_deg: float = 0.0
+    camera_rotation_deg: float = 0.0
+    fov_deg: float | None = None
+    virtual: bool = False
+    record: Path | None = None
+    profile: ProfileFile = field(default_factory=ProfileFile)
+    limits: SafetyLimits = field(default_factory=SafetyLimits)
+    memory: MemoryMode = "off"
+    between: tuple[float | None, float | None] = (None, None)
+    """From when, and until when, at most, the pass is followed: POSIX seconds of UTC."""
+    clock: Clock | None = None
+    """A clock that runs already, by which to go on."""
+    culminate_utc_s: float | None = None
+    """About when the pass that is meant culminates; None for the next."""
+
+
+@dataclass(frozen=True, slots=True)
+class Prepared:
+    """A run ready to begin; `address` is None for the simulated mount."""
+
+    facts: RunFacts
+    clock: Clock
+    address: MountAddress | None
+    practising: bool
+    """Whether the built-in pass stands in for elements and site that nobody set."""
+    simulator: dict[str, Any] = field(default_factory=dict)
+    """What the profile's file says of the simulated mount alone."""
+    memory: MemoryMode = "off"
+    notes: tuple[str, ...] = ()
+    """What to report before the run begins: of the bias memory, of a mount that is not calibrated."""
+
+
+def prepare(request: RunRequest) -> Prepared:
+    """Resolve a request, moving nothing. Raises BadInputError, SattrackError or TleError."""
+    address = mount_address(request.mount_url)
+    if address is not None and request.clock_option is not None:
+        raise BadInputError("--clock is for simulated mounts only; a real mount follows the real sky")
+    if address is not None and request.virtual:
+        raise BadInputError("--virtual goes with --mount sim only; a real mount needs real time")
+    _check_bias(request)
+    floor_deg = request.limits.floor_altitude_deg
+    if request.min_alt_deg < floor_deg:
+        raise BadInputError(f"--min-alt {request.min_alt_deg:g}: the mount is kept above {floor_deg:g}°")
+    practising = address is None and request.elements is None and request.site is None
+    elements, site = _object_and_site(request, practising)
+    check_site(request.profile.mount, site)
+    if address is not None:
+        address = address.seen_from(site)
+    clock_text = request.clock_option
+    if clock_text is None and practising:
+        clock_text = demo_pass.BEFORE_PASS
+    clock, now = make_clock(clock_text)
+    if request.clock is not None:
+        clock = request.clock
+        now = Utc(clock.utc_s(time.monotonic()))
+    satellite = find(elements, request.satellite)
+    begin_s, end_s = request.between
+    from_then = now if begin_s is None else Utc(max(begin_s, float(now.unix_s)))
+    satellite_pass = choose_pass(satellite, site, from_then, request.min_alt_deg, request.culminate_utc_s)
+    plan = _until(plan_for(satellite_pass, from_then), end_s, satellite.label)
+    if address is not None:
+        plan = suited_to(plan, request.profile.mount, address.on_target_arcsec)
+    started_s = float(now.unix_s)
+    if request.virtual:
+        started_s = max(started_s, plan.start_utc_s - plan.approach_s - VIRTUAL_LEAD_S)
+    air = Refraction.standard(site.height_m)
+    facts = RunFacts(
+        elements=satellite,
+        site=SiteSettings(site.latitude_deg, site.longitude_deg, site.height_m),
+        refraction=request.refraction,
+        pressure_hpa=air.pressure_hpa,
+        temperature_c=air.temperature_c,
+        plan=plan,
+        culminate_utc_s=float(satellite_pass.culminate_utc.unix_s),
+        max_alt_deg=float(satellite_pass.max_alt_deg),
+        profile=request.profile.mount,
+        limits=request.limits,
+        bias_along_s=request.bias_along_s,
+        bias_cross_deg=request.bias_cross_deg,
+        camera_rotation_deg=request.camera_rotation_deg,
+        fov_deg=request.fov_deg,
+        mount_name="sim" if address is None else str(address),
+        started_utc_s=started_s,
+        recording=None if request.record is None else str(request.record),
+    )
+    notes: tuple[str, ...] = ()
+    from sattrack.runtime.bias_memory import recall, uses_memory  # brings SQLite, only needed here
+
+    if uses_memory(request.memory, address is None):
+        given = bool(request.bias_along_s or request.bias_cross_deg)
+        recalled = recall(satellite, facts.culminate_utc_s, request.memory, given)
+        facts, notes = _beginning_with(facts, recalled.bias), recalled.notes
+    if address is not None and address.presumption is not None and facts.profile.calibration is None:
+        notes = (*notes, address.presumption)
+    facts = with_detours(facts)
+    return Prepared(facts, clock, address, practising, request.profile.simulator, request.memory, notes)
+
+
+def _until(plan: TrackPlan, end_utc_s: float | None, name: str) -> TrackPlan:
+    """Return a plan that ends no later than an instant. Raises SattrackError where it begins only then."""
+    if end_utc_s is None:
+        return plan
+    if plan.start_utc_s >= end_utc_s:
+        raise SattrackError(
+            f"--to {Utc(end_utc_s).isoformat('seconds')}: {name} can be followed from "
+            f"{Utc(plan.start_utc_s).isoformat('seconds')} on"
+        )
+    return msgspec.structs.replace(plan, end_utc_s=min(plan.end_utc_s, end_utc_s))
+
+
+def _beginning_with(facts: RunFacts, bias: RememberedView | None) -> RunFacts:
+    """Return the facts with a remembered bias: a nudge as the operator's own, a fit as an estimate."""
+    facts = msgspec.structs.replace(facts, remembered=bias)
+    if bias is None or bias.cross_deg is None:
+        return facts
+    return msgspec.structs.replace(facts, bias_along_s=bias.along_s, bias_cross_deg=bias.cross_deg)
+
+
+def with_detours(facts: RunFacts) -> RunFacts:
+    """Return the facts with the ways past the celestial pole in their plan, where the profile has it so."""
+    if not facts.profile.through_pole:
+        return facts
+    from sattrack.planning.path import detours_for
+
+    spec = build_engine(facts).spec
+    detours = detours_for(spec.propagator, first_bias(facts), facts.plan, facts.profile)
+    return msgspec.structs.replace(facts, plan=msgspec.structs.replace(facts.plan, detours=detours))
+
+
+def check_site(profile: MountProfile, site: Site) -> None:
+    """Raise BadInputError where a profile was made for a mount that stands elsewhere."""
+    made = profile.stands_at
+    if made is None:
+        return
+    east_deg = wrap180(made.longitude_deg - site.longitude_deg)
+    if max(abs(made.latitude_deg - site.latitude_deg), abs(east_deg)) > SAME_SITE_DEG:
+        raise BadInputError(
+            f"the profile {profile.name!r} is of a mount at {made.latitude_deg:.2f}, "
+            f"{made.longitude_deg:.2f} (stands_at), and the site is {site.latitude_deg:.2f}, "
+            f"{site.longitude_deg:.2f}: give this mount's profile"
+        )
+
+
+def _check_bias(request: RunRequest) -> None:
+    if not abs(request.bias_along_s) <= MOST_ALONG_S:
+        raise BadInputError(f"--bias-along {request.bias_along_s}: give seconds, {MOST_ALONG_S:g} at most")
+    if not abs(request.bias_cross_deg) <= MOST_CROSS_DEG:
+        raise BadInputError(
+            f"--bias-cross {request.bias_cross_deg}: give degrees on the sky, {MOST_CROSS_DEG:g} at most"
+        )
+    if not abs(request.camera_rotation_deg) <= 360.0:
+        raise BadInputError(f"--camera-rotation {request.camera_rotation_deg}: give degrees, -360 to 360")
+    if request.fov_deg is not None and not 0.0 < request.fov_deg <= MOST_FIELD_DEG:
+        raise BadInputError(f"--fov {request.fov_deg:g}: give the field's diameter in degrees, above 0")
+
+
+def _object_and_site(request: RunRequest, practising: bool) -> tuple[list[Elements], Site]:
+    if practising:
+        return [demo_pass.elements()], demo_pass.SITE.place()
+    if request.elements is None:
+        raise BadInputError(NO_ELEMENTS)
+    if request.site is None:
+        raise BadInputError(NO_SITE)
+    return request.elements, request.site

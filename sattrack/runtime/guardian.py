@@ -1,21 +1,29 @@
 """The guardian: a small process that stops the mount when the feeder cannot do it any more.
 
-Started by `guard.Guarded`, told everything in one JSON line on the descriptor that is its only argument. The
-end of that channel is the feeder's end; `guard_memory` tells whether it turns, and whether it has let go.
+Started by `connection.Guarded`, which sends it its task in one JSON line on the descriptor that is its only
+argument. The end of that channel is the feeder's end. A page of shared memory, written without ever waiting,
+shows whether the feeder's loop turns, and whether it has let go. Each word of the page has one writer and is
+read and written whole, so nothing needs a lock. The page lives as long as one of both has its descriptor; a
+hung or dead process holds nothing up.
 """
 
 from __future__ import annotations
 
 import contextlib
+import mmap
 import os
 import select
 import signal
 import socket
+import struct
 import sys
+import tempfile
 import time
 from dataclasses import dataclass, field
+from enum import IntEnum
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import msgspec
 
@@ -25,9 +33,7 @@ from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.client import Address, UdpLink, nobody_listens
 from sattrack.mount.xerxes.datagrams import Command, encode_command
 from sattrack.mount.xerxes.states import LinkState
-from sattrack.runtime import guard_memory
-from sattrack.runtime.guard_memory import Release, Word
-from sattrack.runtime.owner import (
+from sattrack.runtime.mounts import (
     LONGEST_LINE,
     STOP_OR_GIVE_UP,
     Ask,
@@ -36,9 +42,105 @@ from sattrack.runtime.owner import (
     Overheard,
     Owner,
     Stopped,
-    utc_now,
 )
-from sattrack.runtime.signals import outlive
+from sattrack.runtime.system import outlive, utc_now
+
+SIZE = mmap.PAGESIZE
+STATUSES_AT = 1024
+STATUSES = 8
+"""So many of the last statuses are kept, each in a place of its own."""
+_STATUS = struct.Struct("@dH160s")
+PLACE_BYTES = 256
+
+
+class Word(IntEnum):
+    """The words, by their place; each has one writer, the feeder or the guardian."""
+
+    BEATS = 0
+    """Counts turns of the feeder's loop."""
+    COUNTER = 1
+    """Number of the last datagram that was sent."""
+    ARMED = 2
+    """1 once a datagram has gone out that may set the mount going."""
+    RELEASED = 3
+    """How the feeder ended its work, a `Release`; 0 before that."""
+    OBEYING = 4
+    """1 once the feeder has seen that it is to stop."""
+    STOP_ASKED = 5
+    """1 once somebody has asked for a stop of the mount and the end of the session."""
+    DEPOSED = 6
+    """1 once the mount is the guardian's: the feeder has stood still for too long."""
+    STOPPED = 7
+    """How the guardian's own stop ended, a `Release`; 0 before that."""
+    HEARD = 8
+    """The feeder's count of statuses from the mount."""
+
+
+class Release(IntEnum):
+    """How a feeder, or its guardian, ended its work: what is known of the mount."""
+
+    UNKNOWN = 1
+    AT_REST = 2
+    NOT_CONFIRMED = 3
+
+    @classmethod
+    def of(cls, at_rest: bool | None) -> Release:
+        """Return the one that says so."""
+        if at_rest is None:
+            return cls.UNKNOWN
+        return cls.AT_REST if at_rest else cls.NOT_CONFIRMED
+
+    @property
+    def at_rest(self) -> bool | None:
+        """What it says."""
+        return {Release.UNKNOWN: None, Release.AT_REST: True, Release.NOT_CONFIRMED: False}[self]
+
+
+class ReceivedStatus(NamedTuple):
+    """One datagram from the mount, and the reading of the monotonic clock when it arrived."""
+
+    monotonic_s: float
+    data: bytes
+
+
+def note_status(page: memoryview, monotonic_s: float, data: bytes) -> None:
+    """Keep a datagram from the mount for whoever looks on; what is longer than a status is cut."""
+    bytes_, count = page.cast("B"), page[Word.HEARD]
+    place = STATUSES_AT + count % STATUSES * PLACE_BYTES
+    _STATUS.pack_into(bytes_, place, monotonic_s, min(len(data), 160), data)
+    # Only now: who looks on reads what the count says is whole.
+    page[Word.HEARD] = count + 1
+
+
+def statuses_since(page: memoryview, count: int) -> tuple[int, list[ReceivedStatus]]:
+    """Return the count of datagrams so far, and those after `count` that are still kept."""
+    bytes_, heard = page.cast("B"), page[Word.HEARD]
+    found = []
+    # The oldest place may be written anew this very moment.
+    for number in range(max(count, heard - STATUSES + 1), heard):
+        place = STATUSES_AT + number % STATUSES * PLACE_BYTES
+        monotonic_s, length, data = _STATUS.unpack_from(bytes_, place)
+        found.append(ReceivedStatus(monotonic_s, data[:length]))
+    return heard, found
+
+
+def create_page() -> int:
+    """Return the descriptor of a fresh page, all words 0; it has no name that anybody else could open."""
+    if sys.platform.startswith("linux"):
+        descriptor = os.memfd_create("sattrack-guard")
+    else:
+        descriptor, path = tempfile.mkstemp(prefix="sattrack-guard-")
+        os.unlink(path)  # noqa: PTH108 - it came as a string
+    os.ftruncate(descriptor, SIZE)
+    return descriptor
+
+
+def open_page(descriptor: int) -> memoryview:
+    """Return the page as a view of words, indexed by `Word`."""
+    page = mmap.mmap(descriptor, SIZE)
+    page[0] = page[0]  # touched, so that the first beat finds it in memory
+    return memoryview(page).cast("Q")
+
 
 POLL_S = 0.1
 WATCH_S = 0.02
@@ -48,7 +150,7 @@ OBEY_WITHIN_S = 1.0
 GONE_AFTER_S = 1.0
 """After each so long in silence, a mount on this machine is asked whether it is there at all."""
 ASK_WITHIN_S = 0.02
-MOST_VISITORS = 32
+MOST_CLIENTS = 32
 
 
 class GuardianTask(msgspec.Struct, frozen=True):
@@ -65,7 +167,7 @@ class GuardianTask(msgspec.Struct, frozen=True):
 
 
 @dataclass(slots=True)
-class Visitor:
+class GuardianClient:
     """Somebody at the door, and what was said so far."""
 
     door: socket.socket
@@ -77,7 +179,7 @@ class Visitor:
 
 
 @dataclass(slots=True)
-class Watch:
+class FeederWatch:
     """What a guardian knows of its feeder, and what to make of it; without I/O.
 
     `silent_s` counts only time in which the guardian itself was awake: where the whole machine stood still,
@@ -119,8 +221,8 @@ class Guardian:
     door: socket.socket | None
     feeder: int | None
     """Descriptor of the feeder's process, for its end by force; None where there is no such thing."""
-    visitors: list[Visitor] = field(default_factory=list)
-    _watch: Watch = field(init=False)
+    clients: list[GuardianClient] = field(default_factory=list)
+    _watch: FeederWatch = field(init=False)
     _stop: DirectStop | None = None
     _why: str = ""
     _begun_s: float = 0.0
@@ -137,10 +239,10 @@ class Guardian:
 
     def __post_init__(self) -> None:
         """Begin to watch."""
-        self._watch = Watch(self.words, self.task.hang_after_s)
+        self._watch = FeederWatch(self.words, self.task.hang_after_s)
 
     def run(self) -> None:
-        """Watch to the end."""
+        """FeederWatch to the end."""
         looked_s = time.monotonic()
         while not self._over():
             self._wait()
@@ -162,12 +264,12 @@ class Guardian:
         return bool(self.words[Word.ARMED]) and self.words[Word.RELEASED] in (0, Release.NOT_CONFIRMED)
 
     def _wait(self) -> None:
-        watched: list[socket.socket | UdpLink] = [visitor.door for visitor in self.visitors]
+        watched: list[socket.socket | UdpLink] = [client.door for client in self.clients]
         if not self._gone:
             watched.append(self.life)
         if self.door is not None:
             watched.append(self.door)
-        looks_on = any(visitor.heard is not None for visitor in self.visitors)
+        looks_on = any(client.heard is not None for client in self.clients)
         timeout_s = WATCH_S if looks_on else POLL_S
         if self._stop is not None:
             watched.append(self.link)
@@ -177,15 +279,15 @@ class Guardian:
             self._hear_feeder()
         if self.door is not None and self.door in readable:
             self._admit()
-        for visitor in [visitor for visitor in self.visitors if visitor.door in readable]:
-            self._hear(visitor)
-        for visitor in [visitor for visitor in self.visitors if visitor.heard is not None]:
-            self._show(visitor)
+        for client in [client for client in self.clients if client.door in readable]:
+            self._hear(client)
+        for client in [client for client in self.clients if client.heard is not None]:
+            self._show(client)
         if self._stop is not None and self.link in readable:
             for arrival in self.link.receive():
                 self._stop.receive(arrival.data, arrival.monotonic_s * self.task.speed)
             if self._due_s - time.monotonic() > self._period_s:
-                # Heard at last: no more waiting.
+                # ReceivedStatus at last: no more waiting.
                 self._due_s = time.monotonic()
 
     def _hear_feeder(self) -> None:
@@ -216,7 +318,7 @@ class Guardian:
         now_s = self._begun_s = self._due_s = time.monotonic()
         counter = self.words[Word.COUNTER]
         self._stop = DirectStop(self.task.profile, now_s * self.task.speed, counter)
-        self.link.onlooker = partial(guard_memory.note_status, self.words)
+        self.link.onlooker = partial(note_status, self.words)
         # What has waited unread since the feeder read last is old, but for the newest.
         for arrival in self.link.receive()[-1:]:
             self._stop.receive(arrival.data, arrival.monotonic_s * self.task.speed)
@@ -325,46 +427,46 @@ class Guardian:
         with contextlib.suppress(OSError):
             door, _ = self.door.accept()
             door.setblocking(False)
-            self.visitors.append(Visitor(door))
-        if len(self.visitors) > MOST_VISITORS:
+            self.clients.append(GuardianClient(door))
+        if len(self.clients) > MOST_CLIENTS:
             # Who has said nothing for the longest time makes room; a stop must always find its way in.
-            idle = [visitor for visitor in self.visitors if not visitor.waits]
-            self._dismiss((idle or self.visitors)[0])
+            idle = [client for client in self.clients if not client.waits]
+            self._dismiss((idle or self.clients)[0])
 
-    def _hear(self, visitor: Visitor) -> None:
+    def _hear(self, client: GuardianClient) -> None:
         try:
-            data = visitor.door.recv(LONGEST_LINE)
+            data = client.door.recv(LONGEST_LINE)
         except BlockingIOError:
             return
         except OSError:
             data = b""
-        visitor.said += data
-        if not data or len(visitor.said) > LONGEST_LINE:
-            self._dismiss(visitor)
-        elif visitor.said.endswith(b"\n"):
-            self._obey(visitor)
+        client.said += data
+        if not data or len(client.said) > LONGEST_LINE:
+            self._dismiss(client)
+        elif client.said.endswith(b"\n"):
+            self._obey(client)
 
-    def _obey(self, visitor: Visitor) -> None:
+    def _obey(self, client: GuardianClient) -> None:
         try:
-            ask = msgspec.json.decode(visitor.said, type=Ask).ask
+            ask = msgspec.json.decode(client.said, type=Ask).ask
         except msgspec.MsgspecError:
-            self._dismiss(visitor)
+            self._dismiss(client)
             return
-        visitor.said = b""
+        client.said = b""
         if ask == "who":
             owner = msgspec.structs.replace(self.task.owner, state=self._state(), goes_on=self._goes_on())
-            self._say(visitor, owner)
+            self._say(client, owner)
             return
         if ask == "give-up":
-            self._say(visitor, GivenUp(self._goes_on()))
-            self._dismiss(visitor)
+            self._say(client, GivenUp(self._goes_on()))
+            self._dismiss(client)
             if self._goes_on_utc is not None:
                 self._give_up()
             return
         if ask == "watch":
-            visitor.heard = self.words[Word.HEARD]
+            client.heard = self.words[Word.HEARD]
             return
-        visitor.waits = True
+        client.waits = True
         self.words[Word.STOP_ASKED] = 1
         if self._goes_on_utc is not None and self._stop is not None and self._told:
             self._told, self._due_s = False, time.monotonic()
@@ -372,12 +474,12 @@ class Guardian:
         elif self._told or (self._stop is None and self.words[Word.RELEASED]):
             self._answer_all()
 
-    def _show(self, visitor: Visitor) -> None:
+    def _show(self, client: GuardianClient) -> None:
         """Tell one who looks on what the feeder has heard meanwhile."""
-        visitor.heard, statuses = guard_memory.statuses_since(self.words, visitor.heard or 0)
+        client.heard, statuses = statuses_since(self.words, client.heard or 0)
         for status in statuses:
-            if visitor in self.visitors:
-                self._say(visitor, Overheard(status.monotonic_s, status.data))
+            if client in self.clients:
+                self._say(client, Overheard(status.monotonic_s, status.data))
 
     def _state(self) -> str:
         if self._gone:
@@ -388,7 +490,7 @@ class Guardian:
 
     def _answer_all(self) -> None:
         """Tell those who wait for the stop what came of it; a feeder that hangs is ended with it."""
-        waiting = [visitor for visitor in self.visitors if visitor.waits]
+        waiting = [client for client in self.clients if client.waits]
         if not waiting:
             return
         if self._stop is not None:
@@ -397,24 +499,24 @@ class Guardian:
         else:
             released = self.words[Word.RELEASED]
             stopped = Stopped("session", Release(released).at_rest if released else None)
-        for visitor in waiting:
-            self._say(visitor, stopped)
-            self._dismiss(visitor)
+        for client in waiting:
+            self._say(client, stopped)
+            self._dismiss(client)
 
     def _end_feeder(self) -> None:
         if self.words[Word.DEPOSED] and not self._gone and self.feeder is not None:
             with contextlib.suppress(OSError):
                 signal.pidfd_send_signal(self.feeder, signal.SIGKILL)
 
-    def _say(self, visitor: Visitor, what: object) -> None:
+    def _say(self, client: GuardianClient, what: object) -> None:
         try:
-            visitor.door.send(msgspec.json.encode(what) + b"\n")
+            client.door.send(msgspec.json.encode(what) + b"\n")
         except OSError:
-            self._dismiss(visitor)
+            self._dismiss(client)
 
-    def _dismiss(self, visitor: Visitor) -> None:
-        visitor.door.close()
-        self.visitors = [other for other in self.visitors if other is not visitor]
+    def _dismiss(self, client: GuardianClient) -> None:
+        client.door.close()
+        self.clients = [other for other in self.clients if other is not client]
 
 
 def log_path() -> Path:
@@ -429,7 +531,7 @@ def main() -> int:
     life = socket.socket(fileno=int(sys.argv[1]))
     with life.makefile("rb") as lines:
         task = msgspec.json.decode(lines.readline(), type=GuardianTask)
-    words = guard_memory.words(task.memory)
+    words = open_page(task.memory)
     link = UdpLink(task.address, socket.socket(fileno=task.link))
     door = None if task.door < 0 else socket.socket(fileno=task.door)
     feeder = None

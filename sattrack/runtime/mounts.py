@@ -1,20 +1,48 @@
-"""Which mount is meant: what `--mount`, or the settings, say."""
+"""Mounts: which one `--mount` or the settings name, a link to it, and the session that owns it.
+
+A mount has one owner at a time on this machine, by a name that the kernel gives to one session only: that of
+a Unix socket in Linux's abstract namespace, made of the mount's address. It is taken by binding to it, freed
+by the kernel when the last process that holds the socket is gone, however that went, and leaves no file
+behind that could be stale; a recycled process number means nothing to it. It counts for all users of a
+machine (of a network namespace). On the same socket anybody can ask who owns the mount, ask for a stop, or
+look on at the statuses that the session receives; the session's guardian answers, also where the session
+hangs.
+
+Two machines, or two containers, know nothing of one another's names: there, only acknowledgements that are
+not ours show another sender (see `xerxes.link`).
+"""
 
 from __future__ import annotations
 
 import contextlib
-from typing import TYPE_CHECKING, TypeAlias
+import select
+import socket
+import struct
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
-from sattrack.core.errors import BadInputError
+import msgspec
+
+from sattrack.core.channel import LineReader, taken_names
+from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.alpaca.link import AlpacaAddress, parse_alpaca
 from sattrack.mount.model import MountProfile
-from sattrack.mount.xerxes.client import Address, parse_address
+from sattrack.mount.xerxes.client import Address, Arrival, UdpLink, parse_address
+from sattrack.mount.xerxes.session import Session
 
 if TYPE_CHECKING:
-    from sattrack.runtime.owner import Owner
+    from collections.abc import Callable, Iterator
+
+    from sattrack.mount.xerxes.link import LinkHealth
+
 
 MountAddress: TypeAlias = Address | AlpacaAddress
 """Where a real mount is; `runtime.links.open_link` opens the way there, the same for all kinds."""
+SIMULATED = "sim"
+"""The name of the simulated mount, as `--mount` has it."""
 FORMS = "xerxes://HOST:PORT?listen=PORT or alpaca://HOST:PORT/DEVICE"
 
 
@@ -31,7 +59,7 @@ def mount_address(url: str | None) -> MountAddress | None:
             "--mount sim is a simulated one for practice"
         )
     scheme = url.partition(":")[0]
-    if url == "sim":
+    if url == SIMULATED:
         return None
     if is_antenna(url):
         raise BadInputError(f"--mount {url}: an antenna's controller is driven by `sattrack track` alone")
@@ -56,3 +84,371 @@ def usual_profile(url: str | None) -> MountProfile:
         with contextlib.suppress(BadInputError):
             return parse_alpaca(url).usual_profile()
     return MountProfile()
+
+
+@contextmanager
+def open_link(address: MountAddress) -> Iterator[UdpLink]:
+    """Give a socket towards a mount.
+
+    Raises SattrackError where the port is not available, LinkLostError where a gateway finds no telescope.
+    """
+    if isinstance(address, Address):
+        link = UdpLink(address)
+    else:
+        # HTTP's modules are many; without an Alpaca telescope they are not needed.
+        from sattrack.mount.alpaca.link import open_gateway
+
+        link = open_gateway(address)
+    try:
+        yield link
+    finally:
+        link.close()
+
+
+@contextmanager
+def heard(address: MountAddress) -> Iterator[UdpLink | OverheardLink]:
+    """Give what to listen to a mount by: its owner's own ears where it has one on this machine, else ours.
+
+    Raises as `open_link`.
+    """
+    overheard = look_on(address)
+    if overheard is None:
+        with open_link(address) as link:
+            yield link
+        return
+    try:
+        yield overheard
+    finally:
+        overheard.close()
+
+
+LISTEN_S = 2.0
+
+
+def listen(address: MountAddress, profile: MountProfile, seconds: float = LISTEN_S) -> LinkHealth:
+    """Return what was heard from a mount within some seconds, by its owner if it has one; nothing is sent.
+
+    Raises SattrackError where the port is not available.
+    """
+    # The clock needs numpy, and a guardian, which imports this module, stays small.
+    from sattrack.core.clock import SystemClock
+
+    session, clock = Session(profile), SystemClock()
+    with heard(address) as link:
+        end_s = time.monotonic() + seconds
+        while (left_s := end_s - time.monotonic()) > 0.0:
+            select.select([link], [], [], left_s)
+            for arrival in link.receive():
+                session.receive(arrival.data, clock.utc_s(arrival.monotonic_s))
+    session.health.strangers = link.strangers
+    return session.health
+
+
+PREFIX = "sattrack-mount/"
+ANSWER_WITHIN_S = 3.0
+STOP_WITHIN_S = 75.0
+"""Longer than stops are sent to a mount that does not come to rest."""
+LONGEST_LINE = 4096
+BACKLOG = 16
+TRY_AGAIN_S = 0.02
+STOP_OR_GIVE_UP = "`sattrack stop` tries again, `sattrack stop --give-up` ends that"
+_CREDENTIALS = struct.Struct("3i")
+
+
+class Owner(msgspec.Struct, frozen=True):
+    """Who owns a mount: a session on this machine."""
+
+    pid: int
+    user: int
+    command: str
+    since_utc: str
+    mount: str
+    listen_port: int
+    state: str = "running"
+    """"running", "stopping", "hangs" or "ended without a word"."""
+    goes_on: GoesOn | None = None
+    """Who goes on stopping the mount where the session has ended without seeing it at rest."""
+
+    def __str__(self) -> str:
+        """Return it as text."""
+        if self.goes_on is not None:
+            return f"`{self.command}` has ended, the mount NOT KNOWN AT REST; {self.goes_on}"
+        doing = "" if self.state == "running" else f", {self.state}"
+        return f"`{self.command}`, process {self.pid}{doing}, since {self.since_utc}"
+
+
+class Ask(msgspec.Struct, frozen=True):
+    """What whoever connects may say."""
+
+    ask: Literal["who", "stop", "watch", "give-up"]
+
+
+class GoesOn(msgspec.Struct, frozen=True):
+    """A guardian that goes on telling a mount to stop after its session has ended."""
+
+    pid: int
+    since_utc: str
+    heard: str
+    """What it heard last, as text."""
+
+    def __str__(self) -> str:
+        """Return it as text."""
+        who = f"its guardian, process {self.pid}"
+        return f"{who}, goes on telling it to stop since {self.since_utc}; {self.heard}"
+
+
+class Stopped(msgspec.Struct, frozen=True):
+    """What came of a stop that was asked for."""
+
+    by: Literal["session", "guardian"]
+    at_rest: bool | None
+    """Whether the mount was seen at rest; None where it was not heard, or nothing had been asked of it."""
+    goes_on: GoesOn | None = None
+    """Who goes on where it was not seen at rest."""
+
+
+class GivenUp(msgspec.Struct, frozen=True):
+    """Whether a guardian was asked to give up; None where it did not go on."""
+
+    was: GoesOn | None
+
+
+class Overheard(msgspec.Struct, frozen=True, array_like=True):
+    """A datagram that the owner has heard from the mount, and when, by the machine's monotonic clock."""
+
+    monotonic_s: float
+    data: bytes
+
+
+class Taken(SattrackError):  # noqa: N818 - it is said of the mount
+    """The mount has an owner already."""
+
+
+class Claim:
+    """The name of one mount, held until `close`, and by whoever inherits its descriptor."""
+
+    def __init__(self, bound: socket.socket | None) -> None:
+        self._socket = bound
+
+    def fileno(self) -> int:
+        """Return the descriptor to hand on; -1 where there are no names."""
+        return -1 if self._socket is None else self._socket.fileno()
+
+    def close(self) -> None:
+        """Give the name back."""
+        if self._socket is not None:
+            self._socket.close()
+
+
+def claim(address: MountAddress) -> Claim:
+    """Take a mount's name. Raises Taken, naming the owner, where somebody has it.
+
+    Off Linux there are no such names, and nothing is held.
+    """
+    if not sys.platform.startswith("linux"):
+        return Claim(None)
+    bound = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    try:
+        bound.bind(_name(address.name))
+        bound.listen(BACKLOG)
+    except OSError as error:
+        bound.close()
+        raise Taken(_refusal(address)) from error
+    bound.setblocking(False)
+    return Claim(bound)
+
+
+def owner_of(name: str) -> Owner | None:
+    """Return who owns the mount of a name, its address'; None where nobody on this machine does."""
+    return _ask_who(_name(name))
+
+
+def owners() -> list[Owner]:
+    """Return who owns mounts on this machine, each session once."""
+    found = []
+    for name in sorted(taken_names(PREFIX)):
+        owner = _ask_who(_name(name))
+        if owner is not None:
+            found.append(owner)
+    return found
+
+
+def ask_stop(owner: Owner, waiting: Callable[[], None], within_s: float = STOP_WITHIN_S) -> Stopped | None:
+    """Ask a session to stop its mount and end; `waiting` is called now and then until it has.
+
+    None where the session is gone without an answer. Raises SattrackError where it does not answer in time.
+    """
+    line = _asked(owner, Ask("stop"), waiting, within_s)
+    return msgspec.json.decode(line, type=Stopped) if line else None
+
+
+def ask_give_up(owner: Owner) -> GoesOn | None:
+    """Ask a guardian to give up; return who had gone on, None where nobody had. Raises SattrackError."""
+    line = _asked(owner, Ask("give-up"), lambda: None, ANSWER_WITHIN_S)
+    return msgspec.json.decode(line, type=GivenUp).was if line else None
+
+
+def _asked(owner: Owner, ask: Ask, waiting: Callable[[], None], within_s: float) -> bytes | None:
+    try:
+        with _connected(_name(owner.mount), ANSWER_WITHIN_S) as door:
+            door.sendall(msgspec.json.encode(ask) + b"\n")
+            line = _line(door, within_s, waiting)
+    except ConnectionError:
+        return None
+    except TimeoutError:
+        line = None
+    if line is None:
+        raise SattrackError(
+            f"{owner} does not answer within {within_s:g} s: end it with `kill {owner.pid}`, "
+            "and stop the mount by its own console"
+        )
+    return line
+
+
+def door_to_watch(name: str) -> socket.socket | None:
+    """Return a connection on which a session sends each status that it hears; None where there is none."""
+    try:
+        door = _connected(_name(name), ANSWER_WITHIN_S)
+        door.sendall(msgspec.json.encode(Ask("watch")) + b"\n")
+    except OSError:
+        return None
+    door.setblocking(False)
+    return door
+
+
+def _name(mount: str) -> str:
+    return f"\0{PREFIX}{mount}"
+
+
+def _ask_who(name: str) -> Owner | None:
+    try:
+        with _connected(name, ANSWER_WITHIN_S) as door:
+            pid, user, _ = _CREDENTIALS.unpack(
+                door.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+            )
+            door.sendall(msgspec.json.encode(Ask("who")) + b"\n")
+            line = _line(door, ANSWER_WITHIN_S)
+    except ConnectionError:
+        return None
+    except TimeoutError:
+        pid, user, line = 0, -1, None
+    if line:
+        with contextlib.suppress(msgspec.MsgspecError):
+            return msgspec.json.decode(line, type=Owner)
+    mount = name.removeprefix(f"\0{PREFIX}")
+    return Owner(pid, user, _command_of(pid), "an unknown instant", mount, 0, "does not answer")
+
+
+def _connected(name: str, within_s: float) -> socket.socket:
+    """Return a connection to a session's door.
+
+    Raises ConnectionError where there is none, TimeoutError where so many stand there that nobody gets in.
+    """
+    if not sys.platform.startswith("linux"):
+        raise ConnectionRefusedError
+    until_s = time.monotonic() + within_s
+    door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    while True:
+        try:
+            door.settimeout(within_s)
+            door.connect(name)
+        except BlockingIOError as error:
+            if time.monotonic() > until_s:
+                door.close()
+                raise TimeoutError from error
+            time.sleep(TRY_AGAIN_S)
+        except OSError as error:
+            door.close()
+            raise ConnectionRefusedError from error
+        else:
+            return door
+
+
+def _line(door: socket.socket, within_s: float, waiting: Callable[[], None] | None = None) -> bytes | None:
+    """Return the line that is answered, empty where the door closes without, None where none comes."""
+    until_s, data = time.monotonic() + within_s, b""
+    door.settimeout(0.2)
+    while time.monotonic() < until_s and len(data) < LONGEST_LINE:
+        try:
+            more = door.recv(LONGEST_LINE)
+        except TimeoutError:
+            if waiting is not None:
+                waiting()
+            continue
+        data += more
+        if not more or data.endswith(b"\n"):
+            return data
+    return None
+
+
+def _refusal(address: MountAddress) -> str:
+    owner = owner_of(address.name)
+    if owner is None:
+        return f"{address} was owned by another session until just now: ask again"
+    if owner.goes_on is not None:
+        return f"{address} is not known at rest: {owner}; {STOP_OR_GIVE_UP}"
+    way = "`sattrack stop` ends it"
+    if owner.state == "does not answer":
+        way = f"end it with `kill {owner.pid}`"
+    return f"{address} has an owner: {owner}; {way}"
+
+
+def _command_of(pid: int) -> str:
+    try:
+        words = Path(f"/proc/{pid}/cmdline").read_bytes().split(b"\0")
+    except OSError:
+        return "a session"
+    return b" ".join(words).decode(errors="replace").strip()[:200]
+
+
+_OVERHEARD = msgspec.json.Decoder(Overheard)
+
+
+class OverheardLink:
+    """In place of a `UdpLink`: the same datagrams with the same arrivals; what is sent goes nowhere."""
+
+    def __init__(self, address: MountAddress, door: socket.socket) -> None:
+        self.address = address
+        self.strangers = self.unsent = 0
+        self.stranger_hosts: list[str] = []
+        self.trouble: str | None = None
+        self.ended = False
+        """Whether the session has ended, and nothing more will be heard."""
+        self._door = door
+        self._nobody: socket.socket | None = None
+        self._reader = LineReader(door.fileno())
+
+    def fileno(self) -> int:
+        """Return the descriptor to wait on."""
+        return self._door.fileno()
+
+    def send(self, data: bytes) -> None:
+        """Send nothing, and count it."""
+        del data
+        self.unsent += 1
+
+    def receive(self) -> list[Arrival]:
+        """Return what the owner has heard meanwhile, in order."""
+        overheard = self._reader.messages(_OVERHEARD)
+        if self._reader.ended:
+            self._end()
+        return [Arrival(heard.data, heard.monotonic_s) for heard in overheard]
+
+    def close(self) -> None:
+        """Look away."""
+        self._door.close()
+        if self._nobody is not None:
+            self._nobody.close()
+
+    def _end(self) -> None:
+        """Put a door that stays silent in place of one that says again and again that it is closed."""
+        self.ended = True
+        self._door.close()
+        self._door, self._nobody = socket.socketpair()
+        self._reader = LineReader(self._door.fileno())
+
+
+def look_on(address: MountAddress) -> OverheardLink | None:
+    """Return what to look on by; None where nobody on this machine owns the mount."""
+    door = door_to_watch(address.name)
+    return None if door is None else OverheardLink(address, door)

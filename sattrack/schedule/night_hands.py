@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 from msgspec import structs
 
 from sattrack.core.errors import SattrackError
-from sattrack.runtime.stopping import wait_until_free
+from sattrack.runtime.console import wait_until_free
 from sattrack.schedule import machine
 from sattrack.schedule.night import (
     AskWeather,

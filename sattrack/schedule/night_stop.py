@@ -24,8 +24,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from sattrack.core.errors import SattrackError
-from sattrack.runtime.owner import this_command, this_user, utc_now
-from sattrack.runtime.signals import handling
+from sattrack.runtime.system import handling, this_command, this_user, utc_now
 from tle.instants import Utc
 
 if TYPE_CHECKING:

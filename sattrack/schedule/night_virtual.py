@@ -27,10 +27,9 @@ from sattrack.mount.simulator.installation import simulator_profile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, StartPosition
 from sattrack.planning.trace import TabledPropagator
 from sattrack.recording.recorder import NoRecording
-from sattrack.runtime.facts import SIMULATED, RunFacts, build_engine
-from sattrack.runtime.outcome import summarise
-from sattrack.runtime.prepare import with_detours
-from sattrack.runtime.virtual import VirtualRun
+from sattrack.runtime.facts import RunFacts, build_engine, with_detours
+from sattrack.runtime.flight import VirtualRun, summarise
+from sattrack.runtime.mounts import SIMULATED
 from sattrack.schedule.night import (
     AskWeather,
     ClockSet,

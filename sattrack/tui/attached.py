@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, BinaryIO
 import msgspec
 
 from sattrack.core.errors import SattrackError
-from sattrack.runtime.gallery import feeders, name_for, started_by
-from sattrack.runtime.owner import ask_stop, owners
+from sattrack.runtime.mounts import ask_stop, owners
+from sattrack.runtime.view_server import feeders, name_for, started_by
 from sattrack.tui.feeds import BufferedFeed
 from sattrack.views.messages import StopNow, encode_message
 from sattrack.views.run import Farewell, PassView, SessionView, TrackView, Welcome

@@ -20,7 +20,7 @@ import msgspec
 
 from sattrack.core.process import ending_with_us, self_command
 from sattrack.mount.requests import Abort
-from sattrack.runtime.owner import owners
+from sattrack.runtime.mounts import owners
 from sattrack.views.messages import Leave, StopNow, encode_message
 from sattrack.views.run import (
     SAME_PASS_S,

@@ -11,7 +11,7 @@ import pytest
 from sattrack.mount.alpaca import bridge, link, warden
 from sattrack.mount.alpaca.link import parse_alpaca
 from sattrack.mount.model import AxisLimits, MountProfile
-from sattrack.runtime import guard
+from sattrack.runtime import connection
 
 PAGE = (Path(__file__).parents[2] / "docs" / "alpaca-mount.md").read_text()
 
@@ -46,7 +46,7 @@ def test_the_usual_profile_is_what_the_page_says() -> None:
 @pytest.mark.parametrize(
     ("words", "seconds"),
     [
-        ("the session is killed, or hangs for {:g} s", guard.HANG_AFTER_S),
+        ("the session is killed, or hangs for {:g} s", connection.HANG_AFTER_S),
         ("after {:g} s without a word of theirs", bridge.DEADMAN_S),
         ("the gateway is killed, or hangs for {:g} s", warden.HANG_AFTER_S),
         ("then the warden for {:g} s more", warden.STOPS_SENT_S),

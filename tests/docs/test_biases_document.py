@@ -8,8 +8,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from sattrack.runtime.fly import fly_virtual
-from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.runtime.facts import RunRequest, prepare
+from sattrack.runtime.flight import fly_virtual
 from sattrack.views.messages import StopNow, decode_message
 from tle.instants import Utc
 

@@ -79,9 +79,9 @@ def test_every_option_of_a_run_and_every_variable_of_a_program_is_told() -> None
         for option in {*parameter.opts} - planning - common:
             if option.startswith("--"):
                 assert f"`{option}" in TEXT, option
-    from sattrack.runtime import practice
+    from sattrack.runtime import demo_pass
 
-    one = NightPass("k", 1, practice.elements(), 0.0, 1.0, 2.0, 0.0, 50.0, 1.0, 2.0, Terms(), "x")
+    one = NightPass("k", 1, demo_pass.elements(), 0.0, 1.0, 2.0, 0.0, 50.0, 1.0, 2.0, Terms(), "x")
     for name in as_environment(facts_of(one, "x", "after", Result("done"))):
         assert f"`{name}`" in TEXT, name
 

@@ -21,14 +21,14 @@ from programs import free_port
 from sattrack.cli.main import run
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.client import Address
-from sattrack.runtime import practice
-from sattrack.runtime.guard import owned
+from sattrack.runtime import demo_pass
+from sattrack.runtime.connection import owned
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 PATIENCE_S = 60.0
-SITE = practice.SITE.place()
+SITE = demo_pass.SITE.place()
 WHERE = f"{SITE.latitude_deg},{SITE.longitude_deg},0"
 
 

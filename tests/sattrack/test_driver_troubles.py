@@ -22,9 +22,8 @@ from sattrack.mount.xerxes.datagrams import (
     encode_command,
     encode_status,
 )
-from sattrack.runtime import practice
-from sattrack.runtime.facts import build_engine
-from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.runtime import demo_pass
+from sattrack.runtime.facts import RunRequest, build_engine, prepare
 from sattrack.safety import SafetyLimits
 from sattrack.servers.alpaca.protocol import MoveOrder, NumberedOrder
 from sattrack.servers.alpaca.station import TelescopeStation
@@ -42,7 +41,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 PERIOD_S = 0.05
-SITE = practice.SITE.place()
+SITE = demo_pass.SITE.place()
 LIMITS = SafetyLimits(optical=False)
 BEGIN_UTC_S = float(Utc.parse("2026-10-02T13:05:00Z").unix_s)
 STEADY = 10

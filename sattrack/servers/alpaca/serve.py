@@ -24,7 +24,8 @@ from sattrack.core.errors import SattrackError
 from sattrack.mount.model import MountProfile
 from sattrack.mount.requests import Abort
 from sattrack.runtime.callers import CallerLimits
-from sattrack.runtime.station_loop import StationLoop
+from sattrack.runtime.facts import build_engine, decode_facts
+from sattrack.runtime.loop import StationLoop
 from sattrack.safety import SafetyLimits
 from sattrack.servers.alpaca.protocol import (
     Answered,
@@ -79,7 +80,8 @@ class Satellites(msgspec.Struct, frozen=True):
         """Import what computes passes and facts, and read its tables, before a client waits for it."""
         if not self.elements:
             return
-        from sattrack.runtime import facts, prepare
+        from sattrack.runtime import facts
+        from sattrack.runtime.facts import prepare
         from tle.propagator import Propagator
 
         del facts, prepare
@@ -106,8 +108,7 @@ class Satellites(msgspec.Struct, frozen=True):
 
     def facts(self, asked: TrackSatellite, now_utc_s: float) -> RunFacts:
         """Return the facts of a run: the pass in progress, else the next. Raises Fault."""
-        from sattrack.runtime.facts import RunFacts, choose_pass, plan_for
-        from sattrack.runtime.prepare import with_detours
+        from sattrack.runtime.facts import RunFacts, choose_pass, plan_for, with_detours
         from tle.refraction import Refraction
 
         elements, site, now = self._find(asked.satellite), self.site.place(), Utc(now_utc_s)
@@ -388,7 +389,6 @@ class AlpacaLoop(StationLoop):
 def engine_maker(limits: SafetyLimits) -> Callable[[msgspec.Raw, float], Engine]:
     """Return the function that makes an engine of the facts of a run, with this process' own limits."""
     # The HTTP process, which imports this module too, makes no engines.
-    from sattrack.runtime.facts import build_engine, decode_facts
 
     def make(raw: msgspec.Raw, now_utc_s: float) -> Engine:
         try:

@@ -21,7 +21,7 @@ from urllib.parse import parse_qs, urlsplit
 
 from sattrack.core.errors import BadInputError, LinkLostError, SattrackError
 from sattrack.runtime.callers import MOST_WAITING_BYTES, READ_BYTES, CallerLimits, Opening, Seat, TcpChannel
-from sattrack.runtime.station_loop import StationLoop
+from sattrack.runtime.loop import StationLoop
 from sattrack.servers.antenna.protocol import (
     NAK_MEANINGS,
     NS,

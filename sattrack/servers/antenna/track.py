@@ -16,8 +16,8 @@ from sattrack.core.clock import SystemClock
 from sattrack.core.errors import BadInputError, SafetyLimitError, SattrackError
 from sattrack.core.realtime import undisturbed
 from sattrack.runtime.facts import choose_pass, plan_for
-from sattrack.runtime.outcome import age_days
-from sattrack.runtime.signals import StopRequest, stopping
+from sattrack.runtime.flight import age_days
+from sattrack.runtime.system import StopRequest, stopping
 from sattrack.safety.bodies import moon_over, sun_over
 from sattrack.servers.antenna.antcn import Antcn, AntcnRun
 from sattrack.servers.antenna.protocol import encode
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from sattrack.control.tracker import TrackPlan
-    from sattrack.runtime.prepare import RunRequest
+    from sattrack.runtime.facts import RunRequest
     from sattrack.safety import SafetyLimits
     from sattrack.servers.antenna.serve import AntennaUrl, CallerLine
     from tle.site import Site

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from sattrack.runtime.callers import MOST_WAITING_BYTES, Bucket, Opening, Seat, TcpChannel
-from sattrack.runtime.station_loop import StationLoop
+from sattrack.runtime.loop import StationLoop
 from sattrack.servers.antenna.protocol import program_line, to_ns
 from sattrack.servers.rotctld.answers import Client
 

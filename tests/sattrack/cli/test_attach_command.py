@@ -13,7 +13,7 @@ from programs import ended, sattrack
 
 from sattrack.recording.format import COMMAND, OPERATOR
 from sattrack.recording.reading import Recording
-from sattrack.runtime.gallery import SUPPORTED
+from sattrack.runtime.view_server import SUPPORTED
 from sattrack.tui.attached import AttachedRun
 from sattrack.tui.launch import sky_of_run
 from sattrack.views.messages import LeaveRunning, Nudge, StopNow, TakeControl, encode_message

@@ -12,7 +12,7 @@ from sattrack.cli.doctor import CheckResult, ElementFacts, TerminalFacts
 from sattrack.core.realtime import Grant
 from sattrack.mount.model import CalibrationRecord, MountProfile
 from sattrack.mount.xerxes.link import LinkHealth
-from sattrack.runtime.kernel_clock import KernelClock
+from sattrack.runtime.system import KernelClock
 from tle.earth import EarthOrientationAge
 from tle.instants import Utc
 from tle.site import Site

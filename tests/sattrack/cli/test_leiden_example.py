@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.settings import load_settings
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
@@ -20,10 +20,10 @@ def test_it_follows_the_pass() -> None:
 
 def test_its_facts_are_those_of_the_built_in_pass() -> None:
     assert (EXAMPLES / "iss_leiden.tle").read_text().splitlines()[-3:] == [
-        practice.NAME,
-        practice.LINE_1,
-        practice.LINE_2,
+        demo_pass.NAME,
+        demo_pass.LINE_1,
+        demo_pass.LINE_2,
     ]
     settings = load_settings(EXAMPLES / "sattrack.toml")
-    assert settings.site == practice.SITE
+    assert settings.site == demo_pass.SITE
     assert settings.elements == (str(EXAMPLES / "iss_leiden.tle"),)

@@ -16,8 +16,8 @@ from programs import SITE, Mount, ended, free_port, sattrack, simulated_mount
 from sattrack.cli import stop as stop_module
 from sattrack.cli.main import run
 from sattrack.core.errors import SattrackError
-from sattrack.runtime.owner import Owner, owner_of
-from sattrack.runtime.stopping import MountStop
+from sattrack.runtime.console import MountStop
+from sattrack.runtime.mounts import Owner, owner_of
 
 if TYPE_CHECKING:
     import subprocess

@@ -11,7 +11,7 @@ import pytest
 
 from sattrack.control.biases import Course
 from sattrack.control.steering import ANEW_AFTER, Estimator
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.views.messages import Observation
 from tle.bias import NO_BIAS, Bias, bias_from_observation
 from tle.instants import Utc
@@ -26,7 +26,7 @@ FRAMES = {"icrs": "icrf", "j2000": "j2000", "of_date": "of_date"}
 @pytest.fixture
 def course() -> Course:
     air = Refraction.standard(0.0)
-    return Course(Propagator(practice.elements(), practice.SITE.place(), refraction=air))
+    return Course(Propagator(demo_pass.elements(), demo_pass.SITE.place(), refraction=air))
 
 
 @pytest.fixture
@@ -35,7 +35,7 @@ def estimator() -> Estimator:
 
 
 def seen(seconds: float, ahead_s: float = 3.0, sigma_arcsec: float = 20.0, seed: int = 1) -> Observation:
-    true = bench.true_satellite(practice.elements(), practice.SITE.place(), ahead_s)
+    true = bench.true_satellite(demo_pass.elements(), demo_pass.SITE.place(), ahead_s)
     rng = random.Random(f"{seed} {seconds}")
     return bench.solution(true, CULMINATION_S + seconds, rng, sigma_arcsec)
 
@@ -58,8 +58,8 @@ def test_one_observation_says_what_the_full_inversion_says(
     """`tle.bias.bias_from_observation` is the slow way, and knows no distances."""
     utc = Utc(CULMINATION_S + seconds)
     true = Propagator(
-        replace(practice.elements(), epoch=Utc(float(practice.elements().epoch.unix_s) - ahead_s)),
-        practice.SITE.place(),
+        replace(demo_pass.elements(), epoch=Utc(float(demo_pass.elements().epoch.unix_s) - ahead_s)),
+        demo_pass.SITE.place(),
         Bias(cross_deg=0.01),
         refraction=course.propagator.refraction,
     )
@@ -140,7 +140,7 @@ def test_a_frame_that_is_not_the_declared_one_is_rejected_and_guessed(
         assert take(estimator, course, seen(second - 5.0, 0.0))
     assert estimator.filter is not None
     before = estimator.filter.along_s, estimator.filter.cross_km
-    true = bench.true_satellite(practice.elements(), practice.SITE.place(), 0.0)
+    true = bench.true_satellite(demo_pass.elements(), demo_pass.SITE.place(), 0.0)
     place = (true if declared != "of_date" else true.with_place("astrometric")).at(Utc(CULMINATION_S))
     wrong = changed(seen(0.0), ra_deg=float(place.ra_deg), dec_deg=float(place.dec_deg), frame=declared)
     assert not take(estimator, course, wrong)
@@ -153,7 +153,7 @@ def test_the_first_observation_in_a_wrong_frame_is_rejected_wherever_it_shows_ac
     course: Course,
 ) -> None:
     """What precession moves along the track, late elements would too: that part no single one can tell."""
-    true = bench.true_satellite(practice.elements(), practice.SITE.place(), 0.0)
+    true = bench.true_satellite(demo_pass.elements(), demo_pass.SITE.place(), 0.0)
     across_deg, rejected = [], []
     for seconds in range(-200, 200, 10):
         utc = Utc(CULMINATION_S + seconds)
@@ -171,7 +171,7 @@ def test_the_first_observation_in_a_wrong_frame_is_rejected_wherever_it_shows_ac
 
 def test_wrong_frames_all_through_a_pass_never_settle(course: Course, estimator: Estimator) -> None:
     """Even where the first of them is believed: as the satellite turns, they contradict each other."""
-    true = bench.true_satellite(practice.elements(), practice.SITE.place(), 0.0).with_place("astrometric")
+    true = bench.true_satellite(demo_pass.elements(), demo_pass.SITE.place(), 0.0).with_place("astrometric")
     for second in range(-200, 200):
         place = true.at(Utc(CULMINATION_S + second))
         one = changed(seen(second), ra_deg=float(place.ra_deg), dec_deg=float(place.dec_deg), frame="of_date")
@@ -186,10 +186,10 @@ def test_another_satellites_observations_are_rejected_and_change_nothing(
         assert take(estimator, course, seen(second - 60.0))
     assert estimator.filter is not None
     before = estimator.filter.along_s
-    other = replace(practice.elements(), raan_deg=practice.elements().raan_deg + 4.0)
+    other = replace(demo_pass.elements(), raan_deg=demo_pass.elements().raan_deg + 4.0)
     rng = random.Random(1)
     for second in range(100):
-        stray = bench.solution(Propagator(other, practice.SITE.place()), CULMINATION_S + second, rng, 20.0)
+        stray = bench.solution(Propagator(other, demo_pass.SITE.place()), CULMINATION_S + second, rng, 20.0)
         assert not take(estimator, course, stray)
     assert estimator.filter.along_s == before
     assert (estimator.accepted, estimator.rejected, estimator.begun_anew) == (5, 100, 0)
@@ -211,7 +211,7 @@ def test_what_the_operator_found_far_off_is_where_observations_are_expected(
     course: Course, estimator: Estimator
 ) -> None:
     off = Bias(-4.0, 1.5)
-    true = Propagator(practice.elements(), practice.SITE.place(), off)
+    true = Propagator(demo_pass.elements(), demo_pass.SITE.place(), off)
     one = bench.solution(true, CULMINATION_S, random.Random(2), 20.0)
     assert not take(estimator, course, one)
     assert take(Estimator(25544, RISE_S), course, one, Bias(-3.8, 1.45))

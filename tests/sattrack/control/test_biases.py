@@ -18,7 +18,7 @@ from sattrack.control.biases import (
 )
 from sattrack.control.offset import spiral
 from sattrack.mount.model import AxisLimits, MountProfile
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.views.messages import OffsetBy, Search
 from tle.bias import NO_BIAS, Bias
 from tle.instants import Utc
@@ -31,7 +31,7 @@ SETTLED_S = 3.0
 
 @pytest.fixture
 def propagator() -> Propagator:
-    return Propagator(practice.elements(), practice.SITE.place())
+    return Propagator(demo_pass.elements(), demo_pass.SITE.place())
 
 
 @pytest.fixture

@@ -11,7 +11,7 @@ import pytest
 
 from sattrack.control.stages import Attempt, AxisAttempt, why_not
 from sattrack.mount.model import AxisLimits, MountProfile
-from sattrack.runtime.outcome import RunStatistics, failure, summarise
+from sattrack.runtime.flight import RunStatistics, failure, summarise
 from sattrack.views.run import LearntView
 from tle.instants import Utc
 from tle.propagator import Propagator

@@ -40,7 +40,8 @@ def test_times_are_those_of_the_python_library_in_any_zone(zone):
     ("seconds", "text"),
     [
         (0.4, "now"), (40.0, "in 40 s"), (-40.0, "40 s ago"), (60.0, "in 1 min"), (240.0, "in 4 min"),
-        (3600.0, "in 1 h"), (23220.0, "in 6 h 27 min"), (-23220.0, "6 h 27 min ago"), (3 * 864e2, "in 3.0 days"),
+        (3600.0, "in 1 h"), (23220.0, "in 6 h 27 min"), (-23220.0, "6 h 27 min ago"),
+        (3 * 86400.0, "in 3.0 days"),
     ],
 )  # fmt: skip
 def test_how_long_it_is_until_then(seconds, text):
@@ -57,14 +58,7 @@ def listed(folder, *options: str) -> list[str]:
     words = ("passes", "--elements", "-", "--site", "52.1541,4.4908,0", "--from", "2026-10-02T12:00:00Z")
     command = [sys.executable, "-m", "sattrack", *words, "--hours", "2", *options]
     done = subprocess.run(
-        command,
-        cwd=folder,
-        input=ISS,
-        capture_output=True,
-        text=True,
-        timeout=60,
-        check=True,
-        env=dict(os.environ),
+        command, cwd=folder, input=ISS, capture_output=True, text=True, timeout=60, check=True
     )
     return done.stdout.splitlines()
 

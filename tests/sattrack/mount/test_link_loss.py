@@ -21,11 +21,10 @@ from sattrack.mount.model import SIDEREAL_RATE_DEG_S, AxisLimits, MountProfile
 from sattrack.mount.profiles import ProfileFile
 from sattrack.mount.simulator.installation import Installation, SimulatorProfile, parse_faults
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
-from sattrack.runtime import practice
-from sattrack.runtime.facts import build_engine
-from sattrack.runtime.guard import HANG_AFTER_S
+from sattrack.runtime import demo_pass
+from sattrack.runtime.connection import HANG_AFTER_S
+from sattrack.runtime.facts import RunRequest, build_engine, prepare
 from sattrack.runtime.guardian import POLL_S
-from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.views.messages import StopNow
 
 if TYPE_CHECKING:
@@ -103,7 +102,7 @@ def laboratory(described: ProfileFile, faults: str = "", **hardware: object) -> 
     facts = prepared.facts
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
     settings = SimulatorProfile(**hardware)  # type: ignore[arg-type]
-    mount = SimulatedMount(facts.profile, site, practice.START, settings)
+    mount = SimulatedMount(facts.profile, site, demo_pass.START, settings)
     installation = Installation(mount, parse_faults(faults))
     installation.next_turn_s(facts.started_utc_s)
     return Laboratory(build_engine(facts), installation, facts.started_utc_s)

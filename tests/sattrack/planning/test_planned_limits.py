@@ -14,7 +14,7 @@ from sattrack.planning.kinematics import Ability, choose_sides, losses, why_not
 from sattrack.planning.path import AxisPath, Pointing, axis_path, margins_deg
 from sattrack.planning.rehearsal import MountPath, link_loss
 from sattrack.planning.trace import TabledPropagator
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.safety.limits import SafetyLimits
 from tle.bias import NO_BIAS
 from tle.instants import Utc
@@ -175,8 +175,8 @@ def test_a_mount_that_flips_by_its_rule_begins_late_from_the_side_that_holds_the
 
 
 def test_the_table_gives_the_directions_of_the_propagator() -> None:
-    site = practice.SITE.place()
-    real = Propagator(practice.elements(), site, refraction=Refraction.standard(site.height_m))
+    site = demo_pass.SITE.place()
+    real = Propagator(demo_pass.elements(), site, refraction=Refraction.standard(site.height_m))
     table = TabledPropagator(real, NO_BIAS, *PASS)
     for utc_s in np.random.default_rng(1).uniform(*PASS, 300):
         ours, theirs = table.at(Utc(float(utc_s))), real.at(Utc(float(utc_s)))
@@ -188,7 +188,7 @@ def test_the_table_gives_the_directions_of_the_propagator() -> None:
 
 
 def test_the_path_has_the_differences_of_the_directions_as_rates() -> None:
-    real = Propagator(practice.elements(), practice.SITE.place())
+    real = Propagator(demo_pass.elements(), demo_pass.SITE.place())
     time_s = np.linspace(*PASS, 4091)
     path = axis_path(real, NO_BIAS, time_s)
     seen = real.at(Utc(time_s))

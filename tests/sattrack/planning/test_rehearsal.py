@@ -22,9 +22,9 @@ from sattrack.core.errors import SattrackError
 from sattrack.mount.model import MountProfile
 from sattrack.mount.profiles import ProfileFile
 from sattrack.planning.budget import Circumstances, error_budget
-from sattrack.runtime import practice
-from sattrack.runtime.fly import fly_virtual
-from sattrack.runtime.prepare import Prepared, RunRequest, prepare
+from sattrack.runtime import demo_pass
+from sattrack.runtime.facts import Prepared, RunRequest, prepare
+from sattrack.runtime.flight import fly_virtual
 from sattrack.runtime.rehearse import RehearsedRun, rehearse
 from tle.bias import NO_BIAS
 from tle.elements import Elements
@@ -194,14 +194,14 @@ def budget(**changes: Any) -> Any:
         "refraction_applied": True,
         "fov_deg": 0.5,
     }
-    real = Propagator(practice.elements(), practice.SITE.place())
+    real = Propagator(demo_pass.elements(), demo_pass.SITE.place())
     return error_budget(real, NO_BIAS, PASS, MountProfile(), Circumstances(**{**facts, **changes}))
 
 
 def test_the_clock_s_part_is_its_error_times_the_speed_on_the_sky() -> None:
     found = budget()
     clock = next(part for part in found.parts if part.name == "clock")
-    real = Propagator(practice.elements(), practice.SITE.place())
+    real = Propagator(demo_pass.elements(), demo_pass.SITE.place())
     at = float(Utc.parse(found.utc).unix_s)
     one, other = real.at(Utc(at - 0.5)), real.at(Utc(at + 0.5))
     cosine = float(np.dot(one.unit, other.unit))
@@ -238,10 +238,10 @@ def test_refraction_counts_as_far_as_the_air_is_not_known_and_in_full_where_none
 ) -> None:
     found = budget(refraction_applied=applied)
     part = next(part for part in found.parts if part.name == "refraction")
-    site = practice.SITE.place()
+    site = demo_pass.SITE.place()
     at = Utc.parse(found.utc)
-    bent = Propagator(practice.elements(), site, refraction=Refraction.standard(site.height_m)).at(at)
-    airless = Propagator(practice.elements(), site).at(at)
+    bent = Propagator(demo_pass.elements(), site, refraction=Refraction.standard(site.height_m)).at(at)
+    airless = Propagator(demo_pass.elements(), site).at(at)
     raised_arcsec = float(bent.alt_deg - airless.alt_deg) * 3600.0
     assert math.hypot(part.along_arcsec, part.across_arcsec) == pytest.approx(share * raised_arcsec, rel=0.02)
 

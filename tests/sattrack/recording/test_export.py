@@ -19,7 +19,7 @@ from sattrack.recording.format import COMMAND, OPERATOR, STATUS
 from sattrack.recording.observed import SeenDirection, tdm_text
 from sattrack.recording.reading import Recording, clock_steps
 from sattrack.recording.recorder import Recorder
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from tle.errors import ObservationError
 from tle.formats.observations import Stations, read_observations
 from tle.site import Site
@@ -174,7 +174,7 @@ def test_sigmas_of_a_tdm_come_back_each_with_its_own_observation(tmp_path: Path)
         )
     ]
     out = tmp_path / "seen.tdm"
-    out.write_text(tdm_text(seen, practice.elements(), site, 1790946400.0, "made up"))
+    out.write_text(tdm_text(seen, demo_pass.elements(), site, 1790946400.0, "made up"))
     back = read_observations(out, Stations({}, site))
     found = sorted((float(one.utc.unix_s), one.ra_deg, one.dec_deg, one.sigma_arcsec or -1.0) for one in back)
     wanted = [(one.utc_s, one.ra_deg, one.dec_deg, one.sigma_arcsec or -1.0) for one in seen]

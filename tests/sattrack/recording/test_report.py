@@ -20,9 +20,9 @@ from sattrack.recording.format import COMMAND, STATUS
 from sattrack.recording.mount_fit import NoFit, lines, one_way, repeats, spectrum
 from sattrack.recording.reading import Recording
 from sattrack.recording.smoothing import ObservedBias, fit_biases, smooth_track
-from sattrack.runtime import practice
-from sattrack.runtime.fly import fly_virtual
-from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.runtime import demo_pass
+from sattrack.runtime.facts import RunRequest, prepare
+from sattrack.runtime.flight import fly_virtual
 from sattrack.safety import SafetyLimits
 from sattrack.views.messages import Go, Message, Nudge, Pause
 from tle.bias import Bias, bias_from_observation
@@ -45,7 +45,7 @@ SIGMA_ARCSEC = 20.0
 
 def solution(utc_s: float, rng: random.Random, bias: Bias = BIAS, sigma_arcsec: float = SIGMA_ARCSEC) -> dict:
     """Return a camera's plate solution of a satellite that is off its elements by a bias, noise drawn."""
-    seen = Propagator(practice.elements(), practice.SITE.place()).with_place("astrometric")
+    seen = Propagator(demo_pass.elements(), demo_pass.SITE.place()).with_place("astrometric")
     true = seen.at(Utc(utc_s), bias)
     dec_deg = float(true.dec_deg) + rng.gauss(0.0, sigma_arcsec / 3600.0)
     east_deg = rng.gauss(0.0, sigma_arcsec / 3600.0) / math.cos(math.radians(dec_deg))
@@ -162,7 +162,7 @@ def test_html_holds_its_plots_and_nothing_from_elsewhere(
         assert base64.b64decode(data).startswith(b"\x89PNG")
     assert "http" not in re.sub(r'src="[^"]*"', "", text)
     assert len(list(folder.iterdir())) == 7
-    assert len(read_observations(tdm, Stations({}, practice.SITE.place()))) == 15
+    assert len(read_observations(tdm, Stations({}, demo_pass.SITE.place()))) == 15
     assert run(["report", str(observed), "--html", str(out)]) == 2
     assert "exists already" in capsys.readouterr().err
 
@@ -208,7 +208,7 @@ def fitted(seed: int, count: int) -> tuple[BiasFit, float]:
     """Return the fit of a pass of which a camera took so many plates, and its cross bias, km, by the seed."""
     rng = random.Random(seed)
     along, cross = rng.uniform(-5.0, 5.0), rng.uniform(-0.02, 0.02)
-    elements = Propagator(practice.elements(), practice.SITE.place())
+    elements = Propagator(demo_pass.elements(), demo_pass.SITE.place())
     said = []
     for _ in range(count):
         utc_s = CULMINATION_S + rng.uniform(-150.0, 150.0)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from sattrack.core.errors import SattrackError
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import choose_pass
 from tle.instants import Utc
 
@@ -26,7 +26,7 @@ FIRST_SETS, SECOND_SETS = "2026-10-02T13:08", "2026-10-02T14:45"
 )
 def test_the_pass_that_is_meant_is_taken(now: str, culminates: str | None, sets: str) -> None:
     about = None if culminates is None else float(Utc.parse(culminates).unix_s) + 40.0
-    found = choose_pass(practice.elements(), practice.SITE.place(), Utc.parse(now), 10.0, about)
+    found = choose_pass(demo_pass.elements(), demo_pass.SITE.place(), Utc.parse(now), 10.0, about)
 
     assert found.set_utc is not None
     assert found.set_utc.isoformat("seconds")[:16] == sets
@@ -39,5 +39,5 @@ def test_a_pass_that_is_over_or_was_none_is_refused_by_name(culminates: str) -> 
         SattrackError, match=f"ISS .* no pass above 10° that culminates about {culminates[:16]}"
     ):
         choose_pass(
-            practice.elements(), practice.SITE.place(), Utc.parse("2026-10-02T13:20:00Z"), 10.0, about
+            demo_pass.elements(), demo_pass.SITE.place(), Utc.parse("2026-10-02T13:20:00Z"), 10.0, about
         )

@@ -16,8 +16,9 @@ from sattrack.mount.requests import Abort
 from sattrack.mount.xerxes.client import Address, UdpLink
 from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_command
 from sattrack.runtime import loop
-from sattrack.runtime.console import Connection, ConsoleLoop, OrderInbox
-from sattrack.runtime.signals import StopRequest
+from sattrack.runtime.connection import Connection
+from sattrack.runtime.console import ConsoleLoop, OrderInbox
+from sattrack.runtime.system import StopRequest
 from sattrack.safety import SafetyLimits
 from sattrack.views.messages import Leave
 

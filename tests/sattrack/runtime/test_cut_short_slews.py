@@ -14,9 +14,9 @@ from sattrack.control.tracker import FOLLOWING, Phase
 from sattrack.mount.simulator.installation import simulator_profile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
 from sattrack.recording.recorder import NoRecording
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import build_engine
-from sattrack.runtime.virtual import VirtualRun
+from sattrack.runtime.flight import VirtualRun
 from tle.instants import Utc
 from tle.propagator import Propagator
 
@@ -53,7 +53,7 @@ def flown(seed: int) -> tuple[RunFacts, Watched]:
     prepared = noisy(draw(seed), seed, sticky=False)
     facts = prepared.facts
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
-    mount = SimulatedMount(facts.profile, site, practice.START, simulator_profile(prepared.simulator))
+    mount = SimulatedMount(facts.profile, site, demo_pass.START, simulator_profile(prepared.simulator))
     run = Watched(build_engine(facts), mount, facts.started_utc_s, NoRecording())
     run.run()
     return facts, run

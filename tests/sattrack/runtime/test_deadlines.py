@@ -15,11 +15,10 @@ from sattrack.core.clock import SimulatedClock
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.datagrams import decode_command
 from sattrack.recording.recorder import NoRecording
-from sattrack.runtime.console import Connection
-from sattrack.runtime.guard import Unguarded
-from sattrack.runtime.live import LiveLoop
+from sattrack.runtime.connection import Connection, Unguarded
+from sattrack.runtime.flight import LiveLoop
 from sattrack.runtime.loop import LAST_STOPS
-from sattrack.runtime.signals import StopRequest
+from sattrack.runtime.system import StopRequest
 from sattrack.views.messages import StopNow
 
 TICKS = 60

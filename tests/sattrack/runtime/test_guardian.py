@@ -18,10 +18,9 @@ from programs import PATIENCE_S, SITE, simulated_mount
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.client import Address
 from sattrack.mount.xerxes.datagrams import Command, decode_command, encode_command
-from sattrack.runtime.guard import HANG_AFTER_S, LOOK_EVERY_BEATS, Guarded, owned
-from sattrack.runtime.guard_memory import Release, Word
-from sattrack.runtime.guardian import OBEY_WITHIN_S, POLL_S, Watch
-from sattrack.runtime.owner import Taken, ask_give_up, claim, owner_of
+from sattrack.runtime.connection import HANG_AFTER_S, LOOK_EVERY_BEATS, Guarded, owned
+from sattrack.runtime.guardian import OBEY_WITHIN_S, POLL_S, FeederWatch, Release, Word
+from sattrack.runtime.mounts import Taken, ask_give_up, claim, owner_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -175,7 +174,7 @@ def test_a_mount_that_is_not_known_at_rest_is_stopped_on_until_somebody_gives_up
 HANGING = """
 import signal, sys
 from sattrack.mount.model import MountProfile
-from sattrack.runtime.guard import owned
+from sattrack.runtime.connection import owned
 from sattrack.mount.xerxes.client import Address
 with owned(Address("127.0.0.1", int(sys.argv[1]), 0), MountProfile(), speed=10.0) as (_, guard):
     guard.beat(bytes.fromhex(sys.argv[2]))
@@ -256,12 +255,12 @@ def test_a_guardian_that_dies_is_replaced_once_and_then_the_run_is_to_end(
     assert not is_guardian(second)
 
 
-def watched() -> tuple[Watch, memoryview]:
+def watched() -> tuple[FeederWatch, memoryview]:
     words = memoryview(bytearray(8 * len(Word))).cast("Q")
-    return Watch(words, hang_after_s=1.0), words
+    return FeederWatch(words, hang_after_s=1.0), words
 
 
-def looks(watch: Watch, count: int, elapsed_s: float = POLL_S) -> list[str]:
+def looks(watch: FeederWatch, count: int, elapsed_s: float = POLL_S) -> list[str]:
     return [why for _ in range(count) if (why := watch.look(elapsed_s)) is not None]
 
 

@@ -17,7 +17,7 @@ from sattrack.control.engine_view import LOOSE_FACTOR, learnt_view
 from sattrack.core.errors import BadInputError
 from sattrack.mount.model import AxisLimits, CalibrationRecord, MountProfile
 from sattrack.mount.profiles import load_profile, load_profile_file, write_profile
-from sattrack.runtime.outcome import RunStatistics, summarise
+from sattrack.runtime.flight import RunStatistics, summarise
 from sattrack.views.formatting import summary_lines
 from sattrack.views.run import LearntView
 

@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 
 import bias as bench
 import pytest
-from live import until
+from flight_runs import until
 from programs import ended, free_port, sattrack
 
 from sattrack.recording.format import OPERATOR, VIEW
 from sattrack.recording.reading import Recording
 from sattrack.recording.replay import replay
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import build_engine, decode_facts
 from sattrack.views.messages import encode_message
 from tle.bias import Bias
@@ -46,7 +46,7 @@ TRACK = [
 
 
 def true_satellite(ahead_s: float = LATE_S) -> Propagator:
-    return bench.true_satellite(practice.elements(), practice.SITE.place(), ahead_s)
+    return bench.true_satellite(demo_pass.elements(), demo_pass.SITE.place(), ahead_s)
 
 
 def solutions(
@@ -117,14 +117,14 @@ def test_a_satellite_a_minute_ahead_is_followed_from_the_first_observation_on() 
 
 def test_garbage_strangers_and_wrong_frames_leave_the_pass_as_it_was() -> None:
     plain, _ = fly([])
-    other = replace(practice.elements(), raan_deg=practice.elements().raan_deg + 4.0)
+    other = replace(demo_pass.elements(), raan_deg=demo_pass.elements().raan_deg + 4.0)
     on_track = true_satellite(0.0)
     wrong_frame = [line.replace(b'"icrs"', b'"of_date"') for line in solutions(3, on_track, BEGIN_S - 3.0)]
     lines = [
         b"garbage\n",
         b'{"type":"stop"}\n',
         b'{"type":"observation","utc":"2026-10-02T13:05:12Z","ra_deg":NaN}\n',
-        *solutions(3, Propagator(other, practice.SITE.place())),
+        *solutions(3, Propagator(other, demo_pass.SITE.place())),
         *solutions(3, on_track, BEGIN_S - 3600.0),
         *(line.replace(b"null", b"38707") for line in solutions(3, on_track)),
         *wrong_frame,
@@ -235,6 +235,6 @@ def test_options_that_make_no_sense_are_refused(
 
 def test_the_bias_of_a_true_satellite_is_no_bias_of_the_propagators() -> None:
     """The truth of these tests is SGP4 with another epoch; that `Bias` agrees is what they rest on."""
-    believed = Propagator(practice.elements(), practice.SITE.place())
+    believed = Propagator(demo_pass.elements(), demo_pass.SITE.place())
     one, other = true_satellite().at(Utc(BEGIN_S)), believed.at(Utc(BEGIN_S), Bias(LATE_S))
     assert separation_arcsec((one.ra_deg, one.dec_deg), (other.ra_deg, other.dec_deg)) < 0.01

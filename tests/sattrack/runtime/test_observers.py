@@ -11,11 +11,11 @@ from programs import free_port
 
 from sattrack.core.channel import LineReader
 from sattrack.core.errors import BadInputError, SattrackError
-from sattrack.runtime.desk import StdinInbox
-from sattrack.runtime.observers import (
+from sattrack.runtime.control_arbiter import (
     DATAGRAMS_A_TICK,
     QUEUED_MOST,
     Observers,
+    StdinInbox,
     open_observers,
 )
 from sattrack.views.messages import Nudge, Observation, StopNow

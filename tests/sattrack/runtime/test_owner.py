@@ -17,12 +17,10 @@ import pytest
 from sattrack.mount.model import MountProfile
 from sattrack.mount.xerxes.client import Address, Arrival
 from sattrack.mount.xerxes.datagrams import Command, encode_command
-from sattrack.runtime import guard_memory
-from sattrack.runtime import owner as owner_module
-from sattrack.runtime.guard import owned
-from sattrack.runtime.guardian import MOST_VISITORS
-from sattrack.runtime.links import listen
-from sattrack.runtime.owner import Taken, ask_stop, claim, look_on, owner_of, owners
+from sattrack.runtime import mounts as mounts_module
+from sattrack.runtime.connection import owned
+from sattrack.runtime.guardian import MOST_CLIENTS, SIZE, note_status, statuses_since
+from sattrack.runtime.mounts import Taken, ask_stop, claim, listen, look_on, owner_of, owners
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -31,7 +29,7 @@ if TYPE_CHECKING:
 MOVING = encode_command(Command(7, move_ra=True, move_ra_rate_deg_s=1.0))
 HOLDER = """
 import sys, time
-from sattrack.runtime.owner import claim
+from sattrack.runtime.mounts import claim
 from sattrack.mount.xerxes.client import Address
 held = claim(Address("127.0.0.1", int(sys.argv[1]), 0))
 print("held", flush=True)
@@ -83,7 +81,7 @@ def test_another_mount_has_another_owner(address: Address) -> None:
 def test_a_name_is_free_again_however_its_holder_ended(
     address: Address, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(owner_module, "ANSWER_WITHIN_S", 0.2)
+    monkeypatch.setattr(mounts_module, "ANSWER_WITHIN_S", 0.2)
     claim(address).close()
     with subprocess.Popen(
         [sys.executable, "-c", HOLDER, str(address.port)], stdout=subprocess.PIPE, text=True
@@ -100,7 +98,7 @@ def test_a_name_is_free_again_however_its_holder_ended(
 def test_an_owner_that_does_not_answer_is_named_by_its_process(
     address: Address, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(owner_module, "ANSWER_WITHIN_S", 0.3)
+    monkeypatch.setattr(mounts_module, "ANSWER_WITHIN_S", 0.3)
     held = claim(address)
     try:
         with pytest.raises(Taken, match=rf"process {os.getpid()}, does not answer, .*kill {os.getpid()}"):
@@ -197,14 +195,14 @@ def test_whoever_listens_hears_an_owned_mount_too(address: Address) -> None:
 
 
 def test_who_cannot_keep_up_sees_the_newest() -> None:
-    page = memoryview(bytearray(guard_memory.SIZE)).cast("Q")
+    page = memoryview(bytearray(SIZE)).cast("Q")
     for number in range(100):
-        guard_memory.note_status(page, float(number), bytes([number]) * 160)
-    count, statuses = guard_memory.statuses_since(page, 50)
+        note_status(page, float(number), bytes([number]) * 160)
+    count, statuses = statuses_since(page, 50)
     assert count == 100
     assert [status.monotonic_s for status in statuses] == [93.0, 94.0, 95.0, 96.0, 97.0, 98.0, 99.0]
     assert statuses[-1].data == bytes([99]) * 160
-    assert guard_memory.statuses_since(page, 100) == (100, [])
+    assert statuses_since(page, 100) == (100, [])
 
 
 def test_nonsense_at_the_door_changes_nothing(address: Address) -> None:
@@ -212,7 +210,7 @@ def test_nonsense_at_the_door_changes_nothing(address: Address) -> None:
     with owned(address, MountProfile()) as (_, guard):
         assert guard.beat(MOVING)
         crowd = []
-        for words in (b"\n", b"stop\n", b'{"ask":"fly"}\n', b"x" * 9000, b'{"ask":', b"") * MOST_VISITORS:
+        for words in (b"\n", b"stop\n", b'{"ask":"fly"}\n', b"x" * 9000, b'{"ask":', b"") * MOST_CLIENTS:
             door = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
             crowd.append(door)
             door.connect(name)

@@ -13,20 +13,19 @@ from skyfield.api import EarthSatellite, load, wgs84
 
 from sattrack.cli.running import announcement
 from sattrack.mount.model import CalibrationRecord, MountProfile
-from sattrack.runtime import practice
-from sattrack.runtime.facts import build_engine
-from sattrack.runtime.outcome import RunStatistics, summarise
-from sattrack.runtime.pass_scene import keyhole_deg, pass_scene, uncalibrated
-from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.runtime import demo_pass
+from sattrack.runtime.facts import RunRequest, build_engine, prepare
+from sattrack.runtime.flight import RunStatistics, summarise
+from sattrack.runtime.rehearse import keyhole_deg, pass_scene, uncalibrated
 from sattrack.views.formatting import summary_lines
 
 FACTS = prepare(
     RunRequest(
-        satellite=practice.NAME,
+        satellite=demo_pass.NAME,
         mount_url="sim",
-        elements=[practice.elements()],
-        site=practice.SITE.place(),
-        clock_option=practice.BEFORE_PASS,
+        elements=[demo_pass.elements()],
+        site=demo_pass.SITE.place(),
+        clock_option=demo_pass.BEFORE_PASS,
         min_alt_deg=10.0,
     )
 ).facts
@@ -37,7 +36,7 @@ def test_the_path_is_that_of_another_library() -> None:
     times = load.timescale(builtin=True)
     site = FACTS.site
     place = wgs84.latlon(site.latitude_deg, site.longitude_deg, elevation_m=site.height_m)
-    seen = EarthSatellite(practice.LINE_1, practice.LINE_2, ts=times) - place
+    seen = EarthSatellite(demo_pass.LINE_1, demo_pass.LINE_2, ts=times) - place
     for point in SCENE.path[10:-10:20]:
         at = times.from_datetime(datetime.fromtimestamp(point.utc_s, UTC))
         alt, az, _ = seen.at(at).altaz(temperature_C=FACTS.temperature_c, pressure_mbar=FACTS.pressure_hpa)
@@ -137,7 +136,7 @@ def test_what_an_uncalibrated_mount_costs_is_the_passs_greatest_speed_times_a_de
     times = load.timescale(builtin=True)
     site = FACTS.site
     place = wgs84.latlon(site.latitude_deg, site.longitude_deg, elevation_m=site.height_m)
-    seen = EarthSatellite(practice.LINE_1, practice.LINE_2, ts=times) - place
+    seen = EarthSatellite(demo_pass.LINE_1, demo_pass.LINE_2, ts=times) - place
 
     def direction(utc_s: float) -> np.ndarray:
         at = seen.at(times.from_datetime(datetime.fromtimestamp(utc_s, UTC))).position.km

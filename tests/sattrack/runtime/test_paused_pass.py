@@ -21,10 +21,8 @@ from sattrack.recording.reading import Recording
 from sattrack.recording.recorder import NoRecording
 from sattrack.recording.replay import choose, replay
 from sattrack.recording.trace import trace
-from sattrack.runtime.facts import build_engine, engine_of
-from sattrack.runtime.fly import fly_virtual
-from sattrack.runtime.outcome import summarise
-from sattrack.runtime.prepare import RunRequest, prepare
+from sattrack.runtime.facts import RunRequest, build_engine, engine_of, prepare
+from sattrack.runtime.flight import fly_virtual, summarise
 from sattrack.views.messages import (
     ClearBias,
     Go,

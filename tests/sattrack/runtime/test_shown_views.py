@@ -10,7 +10,7 @@ import msgspec
 import pytest
 
 from sattrack.recording.recorder import QUEUED_MOST, BackgroundRecorder, Recorder
-from sattrack.runtime.live import Screen
+from sattrack.runtime.flight import Screen
 
 if TYPE_CHECKING:
     from sattrack.views.run import TrackView

@@ -20,7 +20,7 @@ from strangers import planner
 
 from sattrack.cli import stop as stop_module
 from sattrack.cli.main import run
-from sattrack.runtime.owner import owner_of
+from sattrack.runtime.mounts import owner_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -20,11 +20,9 @@ from sattrack.mount.xerxes.datagrams import (
     encode_status,
 )
 from sattrack.recording.recorder import NoRecording
-from sattrack.runtime import practice
-from sattrack.runtime.facts import build_engine
-from sattrack.runtime.outcome import summarise
-from sattrack.runtime.prepare import RunRequest, prepare
-from sattrack.runtime.virtual import VirtualRun
+from sattrack.runtime import demo_pass
+from sattrack.runtime.facts import RunRequest, build_engine, prepare
+from sattrack.runtime.flight import VirtualRun, summarise
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -112,7 +110,7 @@ def fly(
         began_s = plan.start_utc_s - plan.approach_s - LEAD_S
         facts = msgspec.structs.replace(facts, plan=plan, started_utc_s=began_s)
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg)
-    mount = SimulatedMount(facts.profile, site, practice.START)
+    mount = SimulatedMount(facts.profile, site, demo_pass.START)
     run = StrangeRun(build_engine(facts), mount, facts.started_utc_s, NoRecording(), (), **strange)
     run.progress = run.views.append
     ended_utc_s = run.run()

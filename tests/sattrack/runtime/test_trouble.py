@@ -12,11 +12,9 @@ from sattrack.mount.model import MountProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite, Truth
 from sattrack.mount.xerxes.datagrams import decode_status, encode_status
 from sattrack.recording.recorder import NoRecording
-from sattrack.runtime import practice
-from sattrack.runtime.facts import build_engine
-from sattrack.runtime.outcome import failure, summarise
-from sattrack.runtime.prepare import RunRequest, prepare
-from sattrack.runtime.virtual import VirtualRun
+from sattrack.runtime import demo_pass
+from sattrack.runtime.facts import RunRequest, build_engine, prepare
+from sattrack.runtime.flight import VirtualRun, failure, summarise
 from sattrack.views.messages import Message, Nudge, StopNow
 from tle.instants import Utc
 
@@ -96,7 +94,7 @@ def fly(
     if profile is not None:
         facts = msgspec.structs.replace(facts, profile=profile)
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg)
-    mount = SimulatedMount(mount_profile or facts.profile, site, practice.START)
+    mount = SimulatedMount(mount_profile or facts.profile, site, demo_pass.START)
     timed = tuple((CULMINATION_S + at_s, message) for at_s, message in messages)
     run = TroubledRun(build_engine(facts), mount, facts.started_utc_s, NoRecording(), timed, **trouble)
     run.progress = run.views.append
@@ -186,7 +184,7 @@ def test_a_pass_that_ends_before_it_is_reached_is_not_a_success() -> None:
     request = RunRequest("25544", "sim", None, None, "2026-10-02T13:08:40Z", 10.0, virtual=True)
     request = replace(request, elements=None, site=None)
     facts = prepare(request).facts
-    mount = SimulatedMount(facts.profile, SimulatedSite(52.1541, 4.4908), practice.START)
+    mount = SimulatedMount(facts.profile, SimulatedSite(52.1541, 4.4908), demo_pass.START)
     run = VirtualRun(build_engine(facts), mount, facts.started_utc_s, NoRecording())
     summary = summarise(run.engine, run.statistics, run.run())
     error = failure(summary, interrupted=False)

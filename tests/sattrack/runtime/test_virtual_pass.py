@@ -9,9 +9,9 @@ import msgspec
 import pytest
 
 from sattrack.cli.main import run
-from sattrack.runtime import practice
-from sattrack.runtime.fly import fly_virtual
-from sattrack.runtime.prepare import Prepared, RunRequest, prepare
+from sattrack.runtime import demo_pass
+from sattrack.runtime.facts import Prepared, RunRequest, prepare
+from sattrack.runtime.flight import fly_virtual
 from sattrack.views.messages import ClearBias, Message, Nudge, StopNow
 from tle.elements import Elements
 from tle.instants import Utc
@@ -135,7 +135,7 @@ def test_refraction_is_fed_where_the_mount_applies_none(refraction: str) -> None
     views: list[TrackView] = []
     fly_virtual(prepared(10.0, refraction=refraction), views.append, ((CULMINATION_S - 190.0, StopNow()),))
     view = next(v for v in views if v.phase == "tracking")
-    elements = Elements.from_tle(practice.LINE_1, practice.LINE_2)
+    elements = Elements.from_tle(demo_pass.LINE_1, demo_pass.LINE_2)
     from tle.propagator import Propagator
 
     assert view.error is not None

@@ -12,10 +12,9 @@ from sattrack.mount.profiles import ProfileFile
 from sattrack.mount.simulator.installation import SimulatorProfile
 from sattrack.mount.simulator.mount import SimulatedMount, SimulatedSite
 from sattrack.recording.recorder import NoRecording
-from sattrack.runtime import practice
-from sattrack.runtime.facts import build_engine
-from sattrack.runtime.prepare import RunRequest, prepare
-from sattrack.runtime.virtual import VirtualRun
+from sattrack.runtime import demo_pass
+from sattrack.runtime.facts import RunRequest, build_engine, prepare
+from sattrack.runtime.flight import VirtualRun
 from sattrack.settings import load_settings
 
 if TYPE_CHECKING:
@@ -150,7 +149,7 @@ def test_a_profile_whose_statuses_are_of_another_kind_ends_the_run_before_anythi
     facts = prepare(request).facts
     told = msgspec.structs.replace(facts.profile, readings={"ra_rate_dtics_s": "double"})
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
-    mount = SimulatedMount(facts.profile, site, practice.START, SimulatorProfile())
+    mount = SimulatedMount(facts.profile, site, demo_pass.START, SimulatorProfile())
     engine = build_engine(msgspec.structs.replace(facts, profile=told))
     ended_s = VirtualRun(engine, mount, facts.started_utc_s, NoRecording()).run()
     assert ended_s - facts.started_utc_s < 2.0
@@ -169,7 +168,7 @@ def test_a_run_keeps_the_limits_with_which_it_began(tmp_path: Path) -> None:
     engine = build_engine(msgspec.structs.replace(facts, plan=plan))
     path.write_text("[safety]\nfloor_altitude_deg = 80.0\n", encoding="utf-8")
     site = SimulatedSite(facts.site.latitude_deg, facts.site.longitude_deg, facts.site.height_m)
-    mount = SimulatedMount(ProfileFile().mount, site, practice.START, SimulatorProfile())
+    mount = SimulatedMount(ProfileFile().mount, site, demo_pass.START, SimulatorProfile())
     VirtualRun(engine, mount, facts.started_utc_s, NoRecording()).run()
     assert engine.spec.limits.floor_altitude_deg == 5.0
     assert engine.tracker.ended_by == "set"
@@ -200,7 +199,7 @@ def test_settings_that_change_while_a_command_runs_are_told_of(
             path.write_text(f"[safety]\n{later}\n", encoding="utf-8")
         return msgspec.structs.replace(plan, end_utc_s=plan.start_utc_s + 1.0)
 
-    monkeypatch.setattr("sattrack.runtime.prepare.plan_for", meanwhile)
+    monkeypatch.setattr("sattrack.runtime.facts.plan_for", meanwhile)
     assert run([*TRACK, "--config", str(path)]) == 0
     err = capsys.readouterr().err
     if says is None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from random import Random
 
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.schedule.night import (
     AskWeather,
     ClockSet,
@@ -65,7 +65,7 @@ def drawn_passes(random: Random, night: int, begin: float, end: float) -> tuple[
             NightPass(
                 key=f"{night}/{len(found)}",
                 number=len(found) + 1,
-                elements=practice.elements(),
+                elements=demo_pass.elements(),
                 start_utc_s=start,
                 culminate_utc_s=0.5 * (start + last),
                 end_utc_s=last,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.schedule.planner import Problem
 
 if TYPE_CHECKING:
@@ -102,7 +102,7 @@ def random_sky(count: int, seed: int = 4) -> list[Elements]:
     rng = np.random.default_rng(seed)
     return [
         replace(
-            practice.elements(),
+            demo_pass.elements(),
             name=f"SAT {k + 1:03d}",
             catalog_number=70001 + k,
             designator="",

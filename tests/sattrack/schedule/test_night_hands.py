@@ -26,7 +26,7 @@ from sattrack.core.errors import SattrackError
 from sattrack.mount.model import AxesPosition
 from sattrack.mount.profiles import ProfileFile, load_profile_file
 from sattrack.mount.requests import TicketState
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.safety import SafetyLimits
 from sattrack.schedule.file import load_schedule
 from sattrack.schedule.night import NightPass, Result
@@ -57,7 +57,7 @@ BEGIN = 1_790_942_520.0
 ONE = NightPass(
     key="25544@x",
     number=3,
-    elements=practice.elements(),
+    elements=demo_pass.elements(),
     start_utc_s=BEGIN,
     culminate_utc_s=BEGIN + 200.0,
     end_utc_s=BEGIN + 400.0,
@@ -266,7 +266,7 @@ def test_elements_are_renewed_before_each_pass_and_the_provider_asked_once_in_tw
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     (tmp_path / "night.toml").write_text('elements = ["celestrak:stations"]\n[[passes]]\nsatellite = "ISS"\n')
     schedule = load_schedule(tmp_path / "night.toml")
-    old = replace(practice.elements(), epoch=Utc(float(practice.elements().epoch.unix_s) - 3.0 * 86400.0))
+    old = replace(demo_pass.elements(), epoch=Utc(float(demo_pass.elements().epoch.unix_s) - 3.0 * 86400.0))
     with element_server() as server:
         monkeypatch.setenv("SATTRACK_CELESTRAK_URL", server.url)
         context = CommandContext(Settings(), "52.1541,4.4908,0", (), None, False, False)
@@ -350,7 +350,7 @@ def test_a_mount_is_laid_down_at_its_park_position_with_its_drives_on_or_off(
     power_off: bool, state: TicketState
 ) -> None:
     profile = ProfileFile(park=AxesPosition(-20.0, 40.0))
-    station = SimulatedStation(practice.SITE.place(), profile, SafetyLimits(), 50.0, 15.0)
+    station = SimulatedStation(demo_pass.SITE.place(), profile, SafetyLimits(), 50.0, 15.0)
     midnight = BEGIN + 43_200.0
     outcome, ended = station.perform(ParkThere(profile.mount, power_off=power_off), midnight)
     assert outcome is not None
@@ -407,7 +407,7 @@ def runner(folder: Path, clock: str) -> subprocess.Popen[bytes]:
 @pytest.mark.soak
 def test_a_runner_killed_in_mid_pass_follows_the_rest_of_it_when_it_is_started_again(tmp_path: Path) -> None:
     (tmp_path / "night.toml").write_text(SCHEDULE)
-    (tmp_path / "iss.json").write_text(write_elements([replace(practice.elements(), name="ISS")], "json"))
+    (tmp_path / "iss.json").write_text(write_elements([replace(demo_pass.elements(), name="ISS")], "json"))
     (tmp_path / "mount.toml").write_text('name = "m"\npark = { hour_angle_deg = 0.0, dec_deg = 30.0 }\n')
     first = runner(tmp_path, "2026-10-02T13:01:50Z")
     assert first.stdout is not None

@@ -744,11 +744,11 @@ def test_a_check_reads_all_that_a_run_needs_and_moves_and_writes_nothing(
     options: tuple[str, ...],
     words: str,
 ) -> None:
-    from sattrack.runtime import practice
+    from sattrack.runtime import demo_pass
 
     monkeypatch.chdir(tmp_path)
     (tmp_path / "night.toml").write_text('park_at_end = false\n[[passes]]\nsatellite = "25544"\n')
-    (tmp_path / "iss.json").write_text(write_elements([practice.elements()], "json"))
+    (tmp_path / "iss.json").write_text(write_elements([demo_pass.elements()], "json"))
     site = ("--site", "52.1541,4.4908,0", "--mount", "sim", "--elements", "iss.json")
     code = run(["run", "night.toml", "--check", *site, *options])
     out, err = capsys.readouterr()

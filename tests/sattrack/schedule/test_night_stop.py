@@ -22,7 +22,7 @@ from schedule_night import Plan, told
 
 from sattrack.cli import stop as stop_module
 from sattrack.cli.main import run
-from sattrack.runtime.owner import owners
+from sattrack.runtime.mounts import owners
 from sattrack.schedule import night_stop
 from sattrack.schedule.night_stop import (
     NightRequests,

@@ -15,7 +15,7 @@ from planning_nights import random_sky
 from sattrack.cli.main import run
 from sattrack.cli.run_plan import plot_plan
 from sattrack.mount.model import MountProfile
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.safety.limits import SafetyLimits
 from sattrack.safety.route import axes_of, slew_s
 from sattrack.schedule import candidates
@@ -46,7 +46,7 @@ CLOCK = ("--clock", "2026-10-02T12:00:00Z")
 def made_up_sky(count: int) -> list[Elements]:
     """Return the ISS, and satellites in low orbits, drawn at random."""
     drawn = enumerate(random_sky(count), start=1)
-    return [practice.elements(), *(replace(one, name=f"SAT {number:02d}") for number, one in drawn)]
+    return [demo_pass.elements(), *(replace(one, name=f"SAT {number:02d}") for number, one in drawn)]
 
 
 @pytest.fixture(scope="module")
@@ -134,7 +134,7 @@ def test_a_plan_says_whether_the_mount_is_parked_at_its_end_and_why_it_is_not(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     file = written(tmp_path, f"{wanted}{SPAN}[[passes]]\nsatellite = '25544'\n")
-    (tmp_path / "iss.tle").write_text(f"{practice.LINE_1}\n{practice.LINE_2}\n")
+    (tmp_path / "iss.tle").write_text(f"{demo_pass.LINE_1}\n{demo_pass.LINE_2}\n")
     place = "park = { hour_angle_deg = 0.0, dec_deg = 30.0 }\n" if park else ""
     (tmp_path / "mount.toml").write_text(f'name = "m"\n{place}')
     options = ("--elements", str(tmp_path / "iss.tle"), "--profile", str(tmp_path / "mount.toml"))

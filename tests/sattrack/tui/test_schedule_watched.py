@@ -11,8 +11,8 @@ import pytest
 from test_in_tmux import in_tmux
 from test_in_tmux import pytestmark as in_tmux_only
 
-from sattrack.runtime import practice
-from sattrack.runtime.gallery import SUPPORTED, feeders, started_by
+from sattrack.runtime import demo_pass
+from sattrack.runtime.view_server import SUPPORTED, feeders, started_by
 from tle.sources import write_elements
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ end = 2026-10-02T13:07:15Z
 
 def test_a_schedule_is_watched_from_pass_to_pass_and_stopped_between_them(tmp_path: Path) -> None:
     (tmp_path / "night.toml").write_text(SCHEDULE)
-    (tmp_path / "iss.json").write_text(write_elements([practice.elements()], "json"))
+    (tmp_path / "iss.json").write_text(write_elements([demo_pass.elements()], "json"))
     options = ("--mount", "sim", "--elements", "iss.json", "--site", "52.1541,4.4908,0", "--json")
     runner = subprocess.Popen(
         [sys.executable, "-m", "sattrack", "run", "night.toml", *options, "--clock", "2026-10-02T13:01:58Z"],

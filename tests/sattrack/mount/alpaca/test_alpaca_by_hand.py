@@ -121,10 +121,10 @@ def test_a_stop_is_refused_no_telescope(command: tuple[str, ...]) -> None:
 
 @pytest.fixture
 def elements(tmp_path_factory: pytest.TempPathFactory) -> str:
-    from sattrack.runtime import practice
+    from sattrack.runtime import demo_pass
 
     path = tmp_path_factory.mktemp("elements") / "iss.tle"
-    path.write_text(f"{practice.NAME}\n{practice.LINE_1}\n{practice.LINE_2}\n")
+    path.write_text(f"{demo_pass.NAME}\n{demo_pass.LINE_1}\n{demo_pass.LINE_2}\n")
     return str(path)
 
 

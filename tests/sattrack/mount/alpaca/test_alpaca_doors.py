@@ -16,8 +16,8 @@ from door_serving import call, serving_door
 from programs import SITE
 
 from sattrack.cli.main import run
-from sattrack.runtime import practice
-from sattrack.runtime.owner import owners
+from sattrack.runtime import demo_pass
+from sattrack.runtime.mounts import owners
 from tle.instants import Utc
 
 if TYPE_CHECKING:
@@ -235,7 +235,7 @@ def test_a_schedule_leaves_an_alpaca_telescope_where_it_is_and_says_so(
 ) -> None:
     begin, end = (Utc(time.time() + seconds).isoformat("milliseconds") for seconds in (-5.0, 2.0))
     (tmp_path / "night.toml").write_text(f'from = {begin}\nto = {end}\n[[passes]]\nrule = "all"\n')
-    (tmp_path / "iss.tle").write_text(f"{practice.LINE_1}\n{practice.LINE_2}\n")
+    (tmp_path / "iss.tle").write_text(f"{demo_pass.LINE_1}\n{demo_pass.LINE_2}\n")
     (tmp_path / "mount.toml").write_text('name = "m"\npark = { hour_angle_deg = 0.0, dec_deg = 30.0 }\n')
     options = ("--mount", "alpaca://127.0.0.1:1/0", "--profile", "mount.toml", *SITE)
     assert run(["run", "night.toml", "--elements", "iss.tle", *options]) == 0

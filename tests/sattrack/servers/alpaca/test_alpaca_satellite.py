@@ -10,7 +10,7 @@ from alpaca_stand import BEGIN_UTC_S, PROFILE, VirtualTelescope
 from antenna_harness import SITE, separation_arcsec
 from msgspec.structs import replace
 
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from sattrack.runtime.facts import encode_facts
 from sattrack.safety import SafetyLimits
 from sattrack.servers.alpaca.protocol import Fault, FollowOrder, Number, Passes, TrackSatellite
@@ -21,7 +21,7 @@ from tle.propagator import Propagator
 
 LIMITS = SafetyLimits(optical=False)
 SATELLITES = Satellites(
-    elements=[practice.elements()],
+    elements=[demo_pass.elements()],
     site=SiteSettings(SITE.latitude_deg, SITE.longitude_deg, SITE.height_m),
     profile=PROFILE,
     limits=LIMITS,
@@ -47,11 +47,11 @@ def follow(scope: VirtualTelescope, seconds: float) -> None:
 def off_arcsec(scope: VirtualTelescope, along_s: float = 0.0) -> float:
     """Return how far the axes themselves are from the satellite, seen so many seconds ahead on its track."""
     truth = scope.truths[-1]
-    propagator = Propagator(practice.elements(), SITE)
+    propagator = Propagator(demo_pass.elements(), SITE)
     if along_s:
         from tle.bias import Bias
 
-        propagator = Propagator(practice.elements(), SITE, Bias(along_s, 0.0))
+        propagator = Propagator(demo_pass.elements(), SITE, Bias(along_s, 0.0))
     seen = propagator.at(Utc(truth.utc_s))
     return separation_arcsec(truth.ra_deg, truth.dec_deg, float(seen.ra_deg), float(seen.dec_deg))
 

@@ -26,7 +26,7 @@ from sattrack.cli.main import run
 from sattrack.cli.running import AntennaProgress
 from sattrack.control.tracker import TrackPlan
 from sattrack.core.errors import BadInputError, LinkLostError, SafetyLimitError
-from sattrack.runtime.signals import StopRequest
+from sattrack.runtime.system import StopRequest
 from sattrack.safety import SafetyLimits
 from sattrack.safety.bodies import sun_over
 from sattrack.servers.antenna.serve import parse_antenna_url

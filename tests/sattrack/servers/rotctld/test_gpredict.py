@@ -14,7 +14,7 @@ import pytest
 from door_serving import PATIENCE_S, SITE, call, serving_door
 from rotctld_setup import say
 
-from sattrack.runtime import practice
+from sattrack.runtime import demo_pass
 from tle.instants import Utc
 from tle.propagator import Propagator
 from tle.sources import write_elements
@@ -45,7 +45,7 @@ def that_is_up(now_s: float) -> Elements:
     for raan_deg in range(0, 360, 10):
         for anomaly_deg in range(0, 360, 10):
             one = dataclasses.replace(
-                practice.elements(),
+                demo_pass.elements(),
                 name="TESTSAT",
                 epoch=Utc(now_s),
                 inclination_deg=70.0,

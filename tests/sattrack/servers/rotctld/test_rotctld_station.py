@@ -9,8 +9,8 @@ import rotctld as bench
 from rotctld_harness import VirtualRotator
 
 from sattrack.mount.model import AxesPosition, MountProfile
-from sattrack.runtime.console import Connection
-from sattrack.runtime.signals import StopRequest
+from sattrack.runtime.connection import Connection
+from sattrack.runtime.system import StopRequest
 from sattrack.safety import SafetyLimits
 from sattrack.safety.bodies import sun_over
 from sattrack.servers.antenna.trajectory import HaDec

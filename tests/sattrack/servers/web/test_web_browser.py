@@ -27,7 +27,7 @@ import aiohttp
 import pytest
 from aiohttp import web
 
-from sattrack.runtime.gallery import SUPPORTED, name_for
+from sattrack.runtime.view_server import SUPPORTED, name_for
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

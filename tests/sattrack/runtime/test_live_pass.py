@@ -9,15 +9,15 @@ from itertools import islice
 from typing import TYPE_CHECKING
 
 import pytest
-from live import site_on_the_path, track_arguments, until
+from flight_runs import site_on_the_path, track_arguments, until
 from programs import ended, free_port, sattrack, simulated_mount
 
 from sattrack.cli.demo import demo_request
 from sattrack.core.errors import SattrackError
 from sattrack.mount.model import SIDEREAL_RATE_DEG_S
-from sattrack.runtime.fly import fly_live
-from sattrack.runtime.prepare import prepare
-from sattrack.runtime.signals import StopRequest
+from sattrack.runtime.facts import prepare
+from sattrack.runtime.flight import fly_live
+from sattrack.runtime.system import StopRequest
 
 if TYPE_CHECKING:
     import subprocess

@@ -1,4 +1,4 @@
-"""The pass that practice and the demonstration follow: a real one, with its elements and site.
+"""The pass that the demonstration follows: a real one, with its elements and site.
 
 ISS, elements of 2026-275 (Space-Track, by way of CelesTrak), over Leiden on 2026-10-02: above 10° from
 13:01:55 to 13:08:54 UTC, culminating at 13:05:24 UTC at 81.27°.

@@ -1,9 +1,9 @@
-"""The feeder's end of its guardian: own the mount, be watched, and let go of it in good order.
+"""A connection to a mount, real or simulated, owned by one session and watched by its guardian.
 
 A guardian is a small process in a session of its own, so that what ends the feeder does not end it. It holds
 the feeder's socket, so that the port stays bound, and the mount's name. It stops the mount when the feeder is
-gone without having let go, or stands still for HANG_AFTER_S; a feeder that wakes up then finds that it is no
-longer to send.
+gone without having let go, or stands still for HANG_AFTER_S; a feeder that wakes up then must not send any
+more.
 """
 
 from __future__ import annotations
@@ -14,30 +14,44 @@ import select
 import socket
 import subprocess
 import sys
+import time
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import msgspec
 
+from sattrack.core.channel import PipedProcess
+from sattrack.core.clock import SimulatedClock
 from sattrack.core.errors import SattrackError
 from sattrack.core.process import self_command
-from sattrack.runtime import guard_memory
-from sattrack.runtime.guard_memory import Release, Word
-from sattrack.runtime.guardian import GuardianTask
-from sattrack.runtime.links import open_link
-from sattrack.runtime.owner import Owner, claim, this_command, this_user, utc_now
+from sattrack.mount.simulator.installation import simulator_profile
+from sattrack.mount.simulator.mount import SimulatedSite, Truth
+from sattrack.mount.simulator.process import ClockSetting, Ready, SimulatorConfig
+from sattrack.mount.xerxes.client import Address, nobody_listens
+from sattrack.mount.xerxes.datagrams import Command, encode_command
+from sattrack.runtime import demo_pass
+from sattrack.runtime.guardian import GuardianTask, Release, Word, create_page, note_status, open_page
+from sattrack.runtime.mounts import Owner, claim, heard, open_link
+from sattrack.runtime.system import this_command, this_user, utc_now
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from sattrack.core.clock import Clock
+    from sattrack.mount.alpaca.device import DeviceFacts
     from sattrack.mount.model import MountProfile
+    from sattrack.mount.profiles import ProfileFile
+    from sattrack.mount.simulator.mount import StartPosition
     from sattrack.mount.xerxes.client import UdpLink
-    from sattrack.runtime.mounts import MountAddress
+    from sattrack.runtime.mounts import MountAddress, OverheardLink
+    from tle.site import Site
+
 
 HANG_AFTER_S = 1.0
 """How long a feeder may stand still before its guardian takes the mount from it."""
-START_WITHIN_S = 10.0
+START_WITHIN_S = 20.0
 END_WITHIN_S = 3.0
 LOOK_EVERY_BEATS = 20
 NO_FLAGS = bytes(8)
@@ -46,7 +60,7 @@ COUNTER = slice(8, 16)
 """Where a command has its flags, and its number."""
 
 
-class Guard(Protocol):
+class MountGuard(Protocol):
     """What a loop that feeds a mount says to whoever watches it, and hears."""
 
     @property
@@ -75,12 +89,12 @@ class Unguarded:
     trouble: str | None = None
 
     def beat(self, datagram: bytes | None = None) -> bool:
-        """See Guard."""
+        """See MountGuard."""
         del datagram
         return True
 
     def release(self, at_rest: bool | None) -> None:
-        """See Guard."""
+        """See MountGuard."""
         del at_rest
 
 
@@ -90,9 +104,9 @@ class Guarded:
     def __init__(
         self, link: UdpLink, door: int, profile: MountProfile, speed: float, name: str, owned_as: str
     ) -> None:
-        self._memory = guard_memory.create()
-        self._words = guard_memory.words(self._memory)
-        link.onlooker = partial(guard_memory.note_status, self._words)
+        self._memory = create_page()
+        self._words = open_page(self._memory)
+        link.onlooker = partial(note_status, self._words)
         self._task = GuardianTask(
             memory=self._memory,
             link=link.fileno(),
@@ -130,7 +144,7 @@ class Guarded:
 
     @property
     def deposed(self) -> bool:
-        """See Guard."""
+        """See MountGuard."""
         return self._words[Word.DEPOSED] != 0
 
     @property
@@ -141,7 +155,7 @@ class Guarded:
 
     @property
     def stop_asked(self) -> bool:
-        """See Guard."""
+        """See MountGuard."""
         if not self._words[Word.STOP_ASKED]:
             return False
         self._words[Word.OBEYING] = 1
@@ -149,7 +163,7 @@ class Guarded:
 
     @property
     def trouble(self) -> str | None:
-        """See Guard."""
+        """See MountGuard."""
         if not self.deposed:
             return self._lost
         rest = "was told to stop, and NOT SEEN AT REST" if self.mount_stopped is False else "is being stopped"
@@ -158,7 +172,7 @@ class Guarded:
         return f"this process stood still, so its guardian took the mount from it: {self._name} {rest}"
 
     def beat(self, datagram: bytes | None = None) -> bool:
-        """See Guard. Writes a few words of memory; once a second it asks whether the guardian lives."""
+        """See MountGuard. Writes a few words of memory; once a second it asks whether the guardian lives."""
         words = self._words
         if words[Word.DEPOSED]:
             return False
@@ -173,7 +187,7 @@ class Guarded:
         return True
 
     def release(self, at_rest: bool | None) -> None:
-        """See Guard."""
+        """See MountGuard."""
         if not self.deposed:
             self._words[Word.RELEASED] = Release.of(at_rest)
 
@@ -263,3 +277,109 @@ def owned(
         stack.callback(guard.close)
         guard.wait_ready()
         yield link, guard
+
+
+@dataclass(slots=True)
+class Connection:
+    """A socket towards a mount, and the clock to run by; `simulated` is the one started for it.
+
+    `guard` watches whoever may set the mount going.
+    """
+
+    link: UdpLink | OverheardLink
+    clock: Clock
+    simulated: EmbeddedMount | None = None
+    guard: MountGuard = field(default_factory=Unguarded)
+
+    @property
+    def telescope(self) -> DeviceFacts | None:
+        """What an Alpaca telescope at the other end is; None for other mounts, and where it is overheard."""
+        return getattr(self.link, "facts", None)
+
+    def now_utc_s(self) -> float:
+        """Return the instant that is now, UTC."""
+        return self.clock.utc_s(time.monotonic())
+
+    def refused(self) -> bool:
+        """Tell whether the mount's host says that nothing listens at the mount's port."""
+        address = self.link.address
+        return isinstance(address, Address) and nobody_listens(address, encode_command(Command()))
+
+
+@contextmanager
+def connected(
+    address: MountAddress | None, described: ProfileFile, site: Site | None, clock: Clock, own: bool = True
+) -> Iterator[Connection]:
+    """Give a connection to a mount; with `address` None, to a simulated one in a process of its own.
+
+    With `own`, the mount is owned, and guarded, meanwhile; without, nothing may be asked of it, and where a
+    session owns it, what that hears is overheard. Raises SattrackError where it has another owner, or the
+    port, or the simulated mount, is not available.
+    """
+    with contextlib.ExitStack() as stack:
+        simulated = None
+        if address is None:
+            simulated = start_embedded(
+                simulator_config(described.mount, described.simulator, site or demo_pass.SITE.place(), clock)
+            )
+            stack.callback(simulated.close)
+            address = simulated.address
+        if own:
+            name = None if simulated is None else "sim"
+            link, guard = stack.enter_context(owned(address, described.mount, clock.speed, name))
+            yield Connection(link, clock, simulated, guard)
+            return
+        yield Connection(stack.enter_context(heard(address)), clock, simulated)
+
+
+_TRUTHS = msgspec.json.Decoder(Truth)
+
+
+@dataclass(slots=True)
+class EmbeddedMount:
+    """A running simulated mount: its port, and where its axes really are."""
+
+    running: PipedProcess
+    port: int
+
+    @property
+    def address(self) -> Address:
+        """Where the mount listens."""
+        return Address("127.0.0.1", self.port, 0)
+
+    def truths(self) -> list[Truth]:
+        """Return the true positions since the last call."""
+        return self.running.channel.messages(_TRUTHS)
+
+    def close(self) -> None:
+        """End the process."""
+        self.running.close(END_WITHIN_S)
+
+
+def simulator_config(
+    profile: MountProfile,
+    table: dict[str, Any],
+    site: Site,
+    clock: Clock,
+    start: StartPosition = demo_pass.START,
+    where: str = "the mount profile",
+) -> SimulatorConfig:
+    """Return how to simulate a mount by a clock; `table` is `[simulator]` of its profile, read from `where`.
+
+    Raises BadInputError for a table that says what it cannot.
+    """
+    setting = None
+    if isinstance(clock, SimulatedClock):
+        setting = ClockSetting(clock.start_utc_s, clock.anchor_s, clock.speed)
+    place = SimulatedSite(site.latitude_deg, site.longitude_deg, site.height_m)
+    return SimulatorConfig(place, profile, start, clock=setting, hardware=simulator_profile(table, where))
+
+
+def start_embedded(config: SimulatorConfig) -> EmbeddedMount:
+    """Start a simulated mount; raises SattrackError where it does not come up."""
+    running = PipedProcess.start("sattrack.mount.simulator.process", msgspec.json.encode(config).decode())
+    lines = running.channel.first(START_WITHIN_S)
+    if not lines:
+        running.close(0.0)
+        raise SattrackError("the simulated mount did not start; run `sattrack sim --debug` to see why")
+    return EmbeddedMount(running, msgspec.json.decode(lines[0], type=Ready).port)

@@ -1,4 +1,4 @@
-"""The gallery as a process: whoever looks on, slowly, loudly or not at all, never holds up the feeder."""
+"""The view_server as a process: whoever looks on, slowly, loudly or not at all, never holds up the feeder."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 import pytest
 
-from sattrack.runtime import practice
-from sattrack.runtime.desk import ControlArbiter, SessionInbox
-from sattrack.runtime.gallery import (
-    MOST_VISITORS,
+from sattrack.runtime import demo_pass
+from sattrack.runtime.control_arbiter import ControlArbiter, SessionInbox
+from sattrack.runtime.facts import RunRequest, prepare
+from sattrack.runtime.view_server import (
+    MOST_CLIENTS,
     REMEMBERED_S,
     SUPPORTED,
     ViewServer,
+    ViewServerLink,
     ViewServerTask,
     feeders,
     name_for,
 )
-from sattrack.runtime.gallery_link import ViewServerLink
-from sattrack.runtime.prepare import RunRequest, prepare
 from sattrack.views.messages import StopNow
 
 if TYPE_CHECKING:
@@ -40,11 +40,11 @@ PATIENCE_S = 60.0
 @pytest.fixture(scope="module")
 def facts():
     request = RunRequest(
-        satellite=practice.NAME,
+        satellite=demo_pass.NAME,
         mount_url="sim",
         elements=None,
         site=None,
-        clock_option=practice.BEFORE_PASS,
+        clock_option=demo_pass.BEFORE_PASS,
         min_alt_deg=10.0,
     )
     return prepare(request).facts
@@ -58,7 +58,7 @@ def view(facts) -> TrackView:
 
 
 @pytest.fixture
-def gallery(facts) -> Iterator[ViewServerLink]:
+def view_server(facts) -> Iterator[ViewServerLink]:
     made = ViewServerLink(facts)
     yield made
     made.close()
@@ -78,7 +78,7 @@ class Seen:
 
 
 class Visitor:
-    """Somebody at the gallery, with patience."""
+    """Somebody at the view server, with patience."""
 
     def __init__(self) -> None:
         self.door = socket.socket(socket.AF_UNIX)
@@ -121,9 +121,9 @@ def heard_until(inbox: SessionInbox, done) -> list[Any]:
 
 
 def test_whoever_comes_is_welcomed_with_what_was_shown_and_sees_what_is_shown(
-    gallery: ViewServerLink, view: TrackView
+    view_server: ViewServerLink, view: TrackView
 ) -> None:
-    gallery.show(view)
+    view_server.show(view)
     with visitors(2) as (first, second):
         for number, each in enumerate((first, second), start=1):
             welcome = each.next("welcome")
@@ -131,7 +131,7 @@ def test_whoever_comes_is_welcomed_with_what_was_shown_and_sees_what_is_shown(
             assert welcome["pid"] == os.getpid()
             assert each.next("elements")["elements"]["catalog_number"] == 25544
             assert each.next("view")["utc_s"] == view.utc_s
-        gallery.show(msgspec.structs.replace(view, utc_s=view.utc_s + 1.0))
+        view_server.show(msgspec.structs.replace(view, utc_s=view.utc_s + 1.0))
         while (shown := first.next("view"))["utc_s"] != view.utc_s + 1.0:
             assert shown["utc_s"] == view.utc_s
     assert os.getpid() in feeders()
@@ -142,8 +142,8 @@ def test_who_comes_late_learns_when_each_phase_and_warning_began(view: TrackView
     task = ViewServerTask(0, 0, 1, "sattrack track", "2026-03-01T00:00:00Z", "sim", "ISS")
     ends = socket.socketpair()
     with ends[0] as feeder, ends[1] as door, pytest.MonkeyPatch.context() as patch:
-        patch.setattr("sattrack.runtime.gallery.time.monotonic", lambda: next(clock))
-        gallery = ViewServer(task, feeder, door)
+        patch.setattr("sattrack.runtime.view_server.time.monotonic", lambda: next(clock))
+        view_server = ViewServer(task, feeder, door)
         for second in range(1000):
             seen = msgspec.structs.replace(
                 view,
@@ -151,40 +151,40 @@ def test_who_comes_late_learns_when_each_phase_and_warning_began(view: TrackView
                 phase="tracking" if second >= 300 else "slewing",
                 warnings=(f"the mount is {second}\u2033 off",) if 100 <= second < 200 else (),
             )
-            gallery._remember(msgspec.json.encode(seen) + b"\n")
+            view_server._remember(msgspec.json.encode(seen) + b"\n")
         visitor = Seen()
-        gallery._welcome(visitor)  # type: ignore[arg-type]
+        view_server._welcome(visitor)  # type: ignore[arg-type]
     utc_s = [told["utc_s"] for told in map(json.loads, visitor.out.splitlines()) if "phase" in told]
     older = [each for each in utc_s if each < 1000.0 - REMEMBERED_S - 1.0]
     assert older == [0.0, 100.0, 200.0, 300.0]
     assert utc_s == sorted(utc_s)
 
 
-def test_one_who_does_not_read_costs_nobody_anything(gallery: ViewServerLink, view: TrackView) -> None:
+def test_one_who_does_not_read_costs_nobody_anything(view_server: ViewServerLink, view: TrackView) -> None:
     with visitors(2) as (silent, reading):
         reading.next("welcome")
         longest_s = 0.0
         for number in range(600):
             shown = msgspec.structs.replace(view, utc_s=float(number))
             begun_s = time.monotonic()
-            gallery.show(shown)
+            view_server.show(shown)
             longest_s = max(longest_s, time.monotonic() - begun_s)
             if number % 20 == 0:
                 while reading.next("view")["utc_s"] < number:
                     pass
         assert longest_s < 2.0, "it waited for one who does not read"
         # A stop of one who has read nothing for so long is heard all the same.
-        inbox = SessionInbox(ControlArbiter(True), None, gallery)
+        inbox = SessionInbox(ControlArbiter(True), None, view_server)
         silent.say({"type": "stop"})
         assert heard_until(inbox, bool) == [StopNow()]
 
 
-def test_a_flood_of_words_is_bounded_and_a_stop_of_another_comes_through(gallery: ViewServerLink) -> None:
-    desk = ControlArbiter(False)
-    inbox = SessionInbox(desk, None, gallery)
+def test_a_flood_of_words_is_bounded_and_a_stop_of_another_comes_through(view_server: ViewServerLink) -> None:
+    arbiter = ControlArbiter(False)
+    inbox = SessionInbox(arbiter, None, view_server)
     with visitors(2) as (loud, quiet):
         loud.say({"type": "take_control"})
-        heard_until(inbox, lambda _: desk.controller is not None)
+        heard_until(inbox, lambda _: arbiter.controller is not None)
         loud.door.setblocking(False)
         nudge, sent = json.dumps({"type": "nudge", "along_s": 0.1}).encode() + b"\n", 0
         until_s = time.monotonic() + 0.5
@@ -203,15 +203,17 @@ def test_a_flood_of_words_is_bounded_and_a_stop_of_another_comes_through(gallery
 @pytest.mark.parametrize(
     "rubbish", [b"\xff\xfe\n", b"{}\n", b"[]\n", b'{"type":"fire"}\n', b"[" * 3000 + b"\n", b"\n" * 50]
 )
-def test_rubbish_moves_nothing_and_its_sender_is_still_heard(gallery: ViewServerLink, rubbish: bytes) -> None:
-    inbox = SessionInbox(ControlArbiter(True), None, gallery)
+def test_rubbish_moves_nothing_and_its_sender_is_still_heard(
+    view_server: ViewServerLink, rubbish: bytes
+) -> None:
+    inbox = SessionInbox(ControlArbiter(True), None, view_server)
     with visitors(1) as (one,):
         one.door.sendall(rubbish)
         one.say({"type": "stop"})
         assert heard_until(inbox, bool) == [StopNow()]
 
 
-def test_a_line_without_end_sends_its_writer_away(gallery: ViewServerLink, view: TrackView) -> None:
+def test_a_line_without_end_sends_its_writer_away(view_server: ViewServerLink, view: TrackView) -> None:
     with visitors(2) as (endless, other):
         endless.next("welcome")
         with contextlib.suppress(OSError):
@@ -219,37 +221,37 @@ def test_a_line_without_end_sends_its_writer_away(gallery: ViewServerLink, view:
         with contextlib.suppress(OSError):
             while endless.door.recv(65536):
                 pass
-        gallery.show(view)
+        view_server.show(view)
         other.next("view")
 
 
-def test_there_is_room_for_so_many_and_the_next_is_told(gallery: ViewServerLink) -> None:
-    desk = ControlArbiter(True)
-    inbox = SessionInbox(desk, None, gallery)
-    with visitors(MOST_VISITORS) as crowd:
-        heard_until(inbox, lambda _: desk.view().watching == MOST_VISITORS)
+def test_there_is_room_for_so_many_and_the_next_is_told(view_server: ViewServerLink) -> None:
+    arbiter = ControlArbiter(True)
+    inbox = SessionInbox(arbiter, None, view_server)
+    with visitors(MOST_CLIENTS) as crowd:
+        heard_until(inbox, lambda _: arbiter.view().watching == MOST_CLIENTS)
         with visitors(1) as (late,):
             assert "no more room" in late.next("farewell")["why"]
         crowd[0].close()
-        heard_until(inbox, lambda _: desk.view().watching == MOST_VISITORS - 1)
+        heard_until(inbox, lambda _: arbiter.view().watching == MOST_CLIENTS - 1)
 
 
-def test_a_gallery_that_dies_takes_nothing_with_it(gallery: ViewServerLink, view: TrackView) -> None:
-    inbox = SessionInbox(ControlArbiter(True), None, gallery)
-    gallery.show(view)
-    gallery._process.kill()
-    gallery._process.wait()
+def test_a_server_that_dies_takes_nothing_with_it(view_server: ViewServerLink, view: TrackView) -> None:
+    inbox = SessionInbox(ControlArbiter(True), None, view_server)
+    view_server.show(view)
+    view_server._process.kill()
+    view_server._process.wait()
 
     for _ in range(3):
-        gallery.show(view)
+        view_server.show(view)
         assert inbox.messages() == []
-        assert not gallery.tell(ControlArbiter(True).view())
+        assert not view_server.tell(ControlArbiter(True).view())
 
 
-def test_it_ends_with_its_feeder_when_all_is_told(gallery: ViewServerLink, view: TrackView) -> None:
+def test_it_ends_with_its_feeder_when_all_is_told(view_server: ViewServerLink, view: TrackView) -> None:
     with visitors(1) as (one,):
-        gallery.show(view)
+        view_server.show(view)
         one.next("view")
-        gallery.close()
+        view_server.close()
         assert one.door.recv(1) == b""
-    assert gallery._process.poll() == 0
+    assert view_server._process.poll() == 0

@@ -1,30 +1,39 @@
-"""The view server: a small process from which any number of people look on at a run, and speak to it.
+"""The view server: a small process from which any number of people look on at a run, and send messages.
 
-Started by `gallery_link.ViewServerLink`, given its task in one JSON line on the descriptor that is its only
-argument. The feeder never waits for it, nor it for anybody: who reads too slowly loses views, who says too
-much is not heard, and a stop goes before everything else. It ends with the feeder.
+`ViewServerLink` is the feeder's end: it starts the process and gives it its task in one packet on the
+descriptor that is its only argument. Each message between the two is one packet over a pair of sockets. The
+feeder never waits for the server, nor it for any client: who reads too slowly loses views, who sends too much
+is ignored, and a stop goes before everything else. The server ends with the feeder.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
+import os
 import re
 import select
 import socket
 import struct
+import subprocess
 import sys
 import time
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import msgspec
 
-from sattrack.core.channel import Channel, taken_names
+from sattrack.core.channel import Channel, start_process, taken_names
 from sattrack.runtime.callers import Bucket
-from sattrack.runtime.signals import outlive
-from sattrack.views.run import Farewell, Welcome
+from sattrack.runtime.system import outlive, this_command, this_user, utc_now
+from sattrack.views.run import Farewell, SummaryLine, Welcome
+
+if TYPE_CHECKING:
+    from sattrack.runtime.facts import RunFacts
+    from sattrack.views.run import SessionView, Summary, TrackView
+
 
 PREFIX = "sattrack-run/"
 """Of the name, in Linux's abstract namespace, at which a run's view server is found; its process follows."""
@@ -32,7 +41,7 @@ FACTS, VIEW, SESSION, SUMMARY = b"F", b"V", b"C", b"E"
 """What a packet for the view server begins with; the rest is one JSON object."""
 SUPPORTED = sys.platform.startswith("linux")
 PACKET_BYTES = 262144
-MOST_VISITORS = 64
+MOST_CLIENTS = 64
 LONGEST_LINE = 4096
 ROOM_FOR_VIEWS = 65536
 """Bytes that wait for somebody, beyond which views are left out."""
@@ -63,7 +72,7 @@ class ViewServerTask(msgspec.Struct, frozen=True):
     name: str
 
 
-class VisitorEvent(msgspec.Struct, frozen=True, array_like=True):
+class ViewClientEvent(msgspec.Struct, frozen=True, array_like=True):
     """What somebody did who looks on: came (`text` is a name), went, or said a line."""
 
     number: int
@@ -99,7 +108,7 @@ _FIGURES = re.compile(r"[0-9.]+")
 
 
 @dataclass(slots=True, eq=False)
-class Visitor:
+class ViewClient:
     """Somebody who looks on."""
 
     door: socket.socket
@@ -120,7 +129,7 @@ class ViewServer:
 
     def __init__(self, task: ViewServerTask, feeder: socket.socket, door: socket.socket) -> None:
         self._task, self._feeder, self._door = task, feeder, door
-        self._visitors: list[Visitor] = []
+        self._clients: list[ViewClient] = []
         self._count = 0
         self._kept: dict[bytes, bytes] = {}
         """The last of what newcomers get at once."""
@@ -128,25 +137,25 @@ class ViewServer:
         self._changes: deque[tuple[float, bytes]] = deque(maxlen=MOST_CHANGES)
         self._told: tuple[object, ...] = ()
         self._newest = b""
-        self._unheard: deque[VisitorEvent] = deque()
+        self._unheard: deque[ViewClientEvent] = deque()
         self._ended_s: float | None = None
 
     def run(self) -> None:
         """Show the run to its end."""
         while not self._over():
             self._turn()
-        for visitor in self._visitors:
-            visitor.door.close()
+        for client in self._clients:
+            client.door.close()
 
     def _over(self) -> bool:
         if self._ended_s is None:
             return False
-        waiting = any(visitor.channel.waiting for visitor in self._visitors)
+        waiting = any(client.channel.waiting for client in self._clients)
         return not waiting or time.monotonic() - self._ended_s > LAST_WORDS_WITHIN_S
 
     def _turn(self) -> None:
-        reads: list[socket.socket] = [visitor.door for visitor in self._visitors]
-        writes = [visitor.door for visitor in self._visitors if visitor.channel.waiting]
+        reads: list[socket.socket] = [client.door for client in self._clients]
+        writes = [client.door for client in self._clients if client.channel.waiting]
         if self._ended_s is None:
             reads.append(self._feeder)
             if len(self._unheard) < MOST_UNHEARD:
@@ -158,10 +167,10 @@ class ViewServer:
             self._take_news()
         if self._door in readable:
             self._admit()
-        for visitor in [one for one in self._visitors if one.door in readable]:
-            self._hear(visitor)
-        for visitor in [one for one in self._visitors if one.door in writable]:
-            self._say(visitor, b"")
+        for client in [one for one in self._clients if one.door in readable]:
+            self._hear(client)
+        for client in [one for one in self._clients if one.door in writable]:
+            self._say(client, b"")
         self._tell_feeder()
 
     def _take_news(self) -> None:
@@ -186,9 +195,9 @@ class ViewServer:
             self._told = ()
             self._newest = b""
             self._kept.pop(SUMMARY, None)
-        for visitor in list(self._visitors):
-            if kind != VIEW or len(visitor.channel.waiting) < ROOM_FOR_VIEWS:
-                self._say(visitor, line)
+        for client in list(self._clients):
+            if kind != VIEW or len(client.channel.waiting) < ROOM_FOR_VIEWS:
+                self._say(client, line)
 
     def _remember(self, line: bytes) -> None:
         now_s = time.monotonic()
@@ -209,7 +218,7 @@ class ViewServer:
                 door.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
             )
             channel = Channel(door.fileno(), longest=LONGEST_LINE, most_waiting=MOST_WAITING)
-            visitor = Visitor(
+            client = ViewClient(
                 door, self._count + 1, channel, Bucket(LINES_A_SECOND, MOST_AT_ONCE, time.monotonic())
             )
             refusal = self._refusal(user)
@@ -218,20 +227,20 @@ class ViewServer:
                 door.close()
                 return
             self._count += 1
-            self._visitors.append(visitor)
-            self._unheard.append(VisitorEvent(visitor.number, "came", f"process {pid}"))
-            self._welcome(visitor)
+            self._clients.append(client)
+            self._unheard.append(ViewClientEvent(client.number, "came", f"process {pid}"))
+            self._welcome(client)
 
     def _refusal(self, user: int) -> str | None:
         if user not in (0, self._task.user):
             return "this run is another user's"
-        if len(self._visitors) >= MOST_VISITORS:
-            return f"{MOST_VISITORS} look on already, and there is no more room"
+        if len(self._clients) >= MOST_CLIENTS:
+            return f"{MOST_CLIENTS} look on already, and there is no more room"
         return None
 
-    def _welcome(self, visitor: Visitor) -> None:
+    def _welcome(self, client: ViewClient) -> None:
         task = self._task
-        welcome = Welcome(visitor.number, task.pid, task.command, task.since_utc, task.mount, task.name)
+        welcome = Welcome(client.number, task.pid, task.command, task.since_utc, task.mount, task.name)
         first = [msgspec.json.encode(welcome) + b"\n"]
         first += [self._kept[kind] for kind in (FACTS, SESSION) if kind in self._kept]
         oldest_s = self._views[0][0] if self._views else float("inf")
@@ -240,32 +249,32 @@ class ViewServer:
         first.append(self._newest)
         if SUMMARY in self._kept:
             first.append(self._kept[SUMMARY])
-        self._say(visitor, b"".join(first))
+        self._say(client, b"".join(first))
 
-    def _hear(self, visitor: Visitor) -> None:
-        for line in visitor.channel.lines():
-            self._take_line(visitor, line)
-        if visitor.channel.ended or visitor.channel.overlong:
-            self._dismiss(visitor)
+    def _hear(self, client: ViewClient) -> None:
+        for line in client.channel.lines():
+            self._take_line(client, line)
+        if client.channel.ended or client.channel.overlong:
+            self._dismiss(client)
 
-    def _take_line(self, visitor: Visitor, line: bytes) -> None:
+    def _take_line(self, client: ViewClient, line: bytes) -> None:
         try:
             told = msgspec.json.decode(line, type=_Line)
             text = line.decode()
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
             return
         if told.type == "stop":
-            stop = VisitorEvent(visitor.number, "said", text)
+            stop = ViewClientEvent(client.number, "said", text)
             if stop not in self._unheard:
                 self._unheard.appendleft(stop)
             return
-        if len(self._unheard) >= MOST_UNHEARD or not visitor.budget.take(time.monotonic()):
+        if len(self._unheard) >= MOST_UNHEARD or not client.budget.take(time.monotonic()):
             return
         if told.type == "hello":
             name = "".join(each for each in told.name if each.isprintable())[:LONGEST_NAME]
-            self._unheard.append(VisitorEvent(visitor.number, "came", name or f"watcher {visitor.number}"))
+            self._unheard.append(ViewClientEvent(client.number, "came", name or f"watcher {client.number}"))
             return
-        self._unheard.append(VisitorEvent(visitor.number, "said", text))
+        self._unheard.append(ViewClientEvent(client.number, "said", text))
 
     def _tell_feeder(self) -> None:
         while self._unheard and self._ended_s is None:
@@ -278,16 +287,16 @@ class ViewServer:
                 return
             self._unheard.popleft()
 
-    def _say(self, visitor: Visitor, line: bytes) -> None:
-        visitor.channel.send(line)
-        if visitor.channel.ended:
-            self._dismiss(visitor)
+    def _say(self, client: ViewClient, line: bytes) -> None:
+        client.channel.send(line)
+        if client.channel.ended:
+            self._dismiss(client)
 
-    def _dismiss(self, visitor: Visitor) -> None:
-        visitor.door.close()
-        if visitor in self._visitors:
-            self._visitors.remove(visitor)
-            self._unheard.append(VisitorEvent(visitor.number, "gone"))
+    def _dismiss(self, client: ViewClient) -> None:
+        client.door.close()
+        if client in self._clients:
+            self._clients.remove(client)
+            self._unheard.append(ViewClientEvent(client.number, "gone"))
 
 
 def name_for(pid: int) -> str:
@@ -308,6 +317,123 @@ def started_by(pid: int) -> int | None:
     except OSError:
         return None
     return int(words.split()[1])
+
+
+BACKLOG = 128
+HEARD_AT_ONCE = 20
+END_WITHIN_S = 3.0
+SUMMARY_WITHIN_S = 0.5
+EVENT_BYTES = 65536
+
+
+class ViewServerLink:
+    """A view server at work. Where it dies, the run goes on, and nobody can look on any more."""
+
+    def __init__(self, facts: RunFacts) -> None:
+        """Start the process. Raises OSError where it cannot start, or the name is taken."""
+        self._socket, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        with theirs, socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as door:
+            try:
+                door.bind(name_for(os.getpid()))
+                door.listen(BACKLOG)
+                door.setblocking(False)
+                self._process = start_process(
+                    "sattrack.runtime.view_server",
+                    str(theirs.fileno()),
+                    inherits=(theirs.fileno(), door.fileno()),
+                )
+            except OSError:
+                self._socket.close()
+                raise
+            task = ViewServerTask(
+                door=door.fileno(),
+                user=this_user(),
+                pid=os.getpid(),
+                command=this_command(),
+                since_utc=utc_now(),
+                mount=facts.mount_name,
+                name=facts.elements.label,
+            )
+        self._socket.setblocking(False)
+        self._gone = False
+        self._send(msgspec.json.encode(task))
+        self._send(_facts_packet(facts))
+        self._decoder = msgspec.json.Decoder(ViewClientEvent)
+
+    @property
+    def pid(self) -> int:
+        """The view server's process number."""
+        return self._process.pid
+
+    def begin(self, facts: RunFacts) -> None:
+        """Show another run from now on."""
+        self._send(_facts_packet(facts))
+
+    def show(self, view: TrackView) -> None:
+        """Show a view; where the view server does not keep up, it is lost."""
+        self._send(VIEW + msgspec.json.encode(view))
+
+    def tell(self, session: SessionView) -> bool:
+        """Show who has control; return whether that was sent."""
+        return self._send(SESSION + msgspec.json.encode(session))
+
+    def tell_end(self, summary: Summary) -> None:
+        """Send the summary, when the run's loop is over."""
+        with contextlib.suppress(OSError):
+            self._socket.settimeout(SUMMARY_WITHIN_S)
+            self._socket.send(SUMMARY + msgspec.json.encode(SummaryLine(summary)))
+        self._socket.setblocking(False)
+
+    def heard(self) -> list[ViewClientEvent]:
+        """Return what was said and who came and went, a bounded part of it, without waiting."""
+        found: list[ViewClientEvent] = []
+        while len(found) < HEARD_AT_ONCE and not self._gone:
+            try:
+                packet = self._socket.recv(EVENT_BYTES)
+            except BlockingIOError:
+                break
+            except OSError:
+                packet = b""
+            if not packet:
+                self._gone = True
+                break
+            found.append(self._decoder.decode(packet))
+        return found
+
+    def close(self) -> None:
+        """Let go; the view server ends once everybody has heard the last."""
+        self._socket.close()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self._process.wait(END_WITHIN_S)
+
+    def _send(self, packet: bytes) -> bool:
+        if self._gone:
+            return False
+        try:
+            self._socket.send(packet)
+        except BlockingIOError:
+            return False
+        except OSError as error:
+            self._gone = error.errno != errno.EMSGSIZE
+            return False
+        return True
+
+
+def _facts_packet(facts: RunFacts) -> bytes:
+    # The server itself must start without all that a run needs.
+    from sattrack.runtime.facts import encode_facts
+
+    return FACTS + encode_facts(facts)
+
+
+def open_view_server(facts: RunFacts) -> ViewServerLink | None:
+    """Start a view server; None where there are no such names, or it cannot be started."""
+    if not SUPPORTED:
+        return None
+    try:
+        return ViewServerLink(facts)
+    except OSError:
+        return None
 
 
 def main() -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sattrack.runtime.desk import NAMED, ControlArbiter
+from sattrack.runtime.control_arbiter import NAMED, ControlArbiter
 from sattrack.views.messages import (
     ClearBias,
     Go,
@@ -33,7 +33,7 @@ MOVING = [
 ]
 
 
-def desk(with_starter: bool = True, *names: str) -> ControlArbiter:
+def arbiter(with_starter: bool = True, *names: str) -> ControlArbiter:
     made = ControlArbiter(with_starter)
     for number, name in enumerate(names, start=1):
         made.came(number, name)
@@ -42,7 +42,7 @@ def desk(with_starter: bool = True, *names: str) -> ControlArbiter:
 
 @pytest.mark.parametrize("message", MOVING)
 def test_the_starter_has_control_first_and_nobody_else_moves_the_target(message) -> None:
-    before = desk(True, "anna")
+    before = arbiter(True, "anna")
 
     assert before.hear(STARTER, message) is message
     assert before.hear(1, message) is None
@@ -50,7 +50,7 @@ def test_the_starter_has_control_first_and_nobody_else_moves_the_target(message)
 
 @pytest.mark.parametrize("message", MOVING)
 def test_whoever_took_control_moves_the_target_and_who_had_it_no_more(message) -> None:
-    before = desk(True, "anna", "ben")
+    before = arbiter(True, "anna", "ben")
     assert before.hear(1, TakeControl()) is None
     assert before.view().said == "anna took control from where it was started"
 
@@ -61,7 +61,7 @@ def test_whoever_took_control_moves_the_target_and_who_had_it_no_more(message) -
 
 
 def test_everybody_is_told_who_paused_the_run_and_had_it_go_on() -> None:
-    before = desk(True, "anna")
+    before = arbiter(True, "anna")
     told = []
     for number, message in ((STARTER, Pause()), (1, Go()), (STARTER, Jog()), (STARTER, Go())):
         version = before.version
@@ -72,7 +72,7 @@ def test_everybody_is_told_who_paused_the_run_and_had_it_go_on() -> None:
 
 
 def test_a_stop_is_obeyed_from_anybody_also_from_one_who_was_never_let_in() -> None:
-    before = desk(True, "anna", "ben")
+    before = arbiter(True, "anna", "ben")
     before.hear(1, TakeControl())
 
     assert all(before.hear(number, StopNow()) == StopNow() for number in (STARTER, 1, 2, 77))
@@ -80,7 +80,7 @@ def test_a_stop_is_obeyed_from_anybody_also_from_one_who_was_never_let_in() -> N
 
 
 def test_a_run_without_a_starter_is_nobodys_until_control_is_taken() -> None:
-    before = desk(False, "anna")
+    before = arbiter(False, "anna")
     assert before.view().controller is None
     assert before.hear(STARTER, Nudge(along_s=1.0)) is None
     assert before.hear(1, Nudge(along_s=1.0)) is None
@@ -90,7 +90,7 @@ def test_a_run_without_a_starter_is_nobodys_until_control_is_taken() -> None:
 
 
 def test_control_that_is_given_up_or_left_behind_goes_back_to_the_starter() -> None:
-    before = desk(True, "anna", "ben")
+    before = arbiter(True, "anna", "ben")
     before.hear(1, TakeControl())
     before.hear(1, YieldControl())
     assert before.hear(STARTER, Nudge(along_s=1.0)) == Nudge(along_s=1.0)
@@ -102,7 +102,7 @@ def test_control_that_is_given_up_or_left_behind_goes_back_to_the_starter() -> N
 
 
 def test_where_nobody_started_it_here_control_that_is_left_is_nobodys() -> None:
-    before = desk(False, "anna", "ben")
+    before = arbiter(False, "anna", "ben")
     before.hear(1, TakeControl())
     before.hear(2, YieldControl())
     assert before.view().controller == 1, "only one's own can be given up"
@@ -117,7 +117,7 @@ def test_where_nobody_started_it_here_control_that_is_left_is_nobodys() -> None:
 
 
 def test_only_the_starter_leaves_a_run_running() -> None:
-    before = desk(True, "anna")
+    before = arbiter(True, "anna")
     before.hear(1, LeaveRunning())
     assert not before.left_running
     assert before.view().controller == STARTER
@@ -128,7 +128,7 @@ def test_only_the_starter_leaves_a_run_running() -> None:
 
 
 def test_a_run_left_running_stays_with_whoever_has_control() -> None:
-    before = desk(True, "anna")
+    before = arbiter(True, "anna")
     before.hear(1, TakeControl())
     before.hear(STARTER, LeaveRunning())
 
@@ -136,7 +136,7 @@ def test_a_run_left_running_stays_with_whoever_has_control() -> None:
 
 
 def test_a_view_names_a_bounded_number_and_always_whoever_has_control() -> None:
-    before = desk(False, *(f"w{number}" for number in range(1, 60)))
+    before = arbiter(False, *(f"w{number}" for number in range(1, 60)))
     before.hear(59, TakeControl())
     view = before.view()
 

@@ -17,13 +17,11 @@ import pytest
 
 from sattrack.cli.main import run
 from sattrack.core.errors import SattrackError
-from sattrack.recording.bias_memory import BiasMemory, KeptBias, memory_file, worth_keeping
 from sattrack.recording.replay import replay
-from sattrack.runtime import practice
-from sattrack.runtime.facts import build_engine, engine_of, open_recording
-from sattrack.runtime.fly import fly_virtual
-from sattrack.runtime.prepare import Prepared, RunRequest, prepare
-from sattrack.runtime.remembering import uses_memory
+from sattrack.runtime import demo_pass
+from sattrack.runtime.bias_memory import BiasMemory, KeptBias, memory_file, uses_memory, worth_keeping
+from sattrack.runtime.facts import Prepared, RunRequest, build_engine, engine_of, open_recording, prepare
+from sattrack.runtime.flight import fly_virtual
 from sattrack.views.messages import ClearBias, DropRemembered, Message, Nudge
 from tle.bias import Bias
 from tle.instants import Utc
@@ -34,7 +32,7 @@ if TYPE_CHECKING:
 
     from sattrack.views.run import Summary, TrackView
 
-ELEMENTS = practice.elements()
+ELEMENTS = demo_pass.elements()
 SEEN_UTC_S = float(Utc.parse("2026-10-02T11:29:24Z").unix_s)
 PASS_UTC_S = float(Utc.parse("2026-10-02T13:05:24Z").unix_s)
 FIT = KeptBias(
@@ -51,12 +49,12 @@ NUDGE = KeptBias(source="nudge", utc_s=SEEN_UTC_S, along_s=0.3, cross_deg=0.02)
 WRITER = """
 import sys
 from pathlib import Path
-from sattrack.runtime import practice
-from sattrack.recording.bias_memory import BiasMemory, KeptBias
+from sattrack.runtime import demo_pass
+from sattrack.runtime.bias_memory import BiasMemory, KeptBias
 memory = BiasMemory(Path(sys.argv[1]))
 for number in range(20):
     one = KeptBias("observations", 1e9 + number, 0.1, 0.01, 0.0, 0.1, observations=5)
-    memory.keep(one, practice.elements(), f"{sys.argv[2]} {number}")
+    memory.keep(one, demo_pass.elements(), f"{sys.argv[2]} {number}")
 """
 
 
@@ -74,7 +72,7 @@ def ready(mode: str = "on", **changes: object) -> Prepared:
             satellite="25544",
             mount_url="sim",
             elements=[ELEMENTS],
-            site=practice.SITE.place(),
+            site=demo_pass.SITE.place(),
             clock_option="2026-10-02T13:05:15Z",
             min_alt_deg=78.0,
             virtual=True,
@@ -158,7 +156,7 @@ def test_a_pass_begins_with_what_was_remembered_and_says_so(memory: BiasMemory, 
     assert (middle.remembered.state, middle.remembered.entry) == ("in force", 1)
     assert summary.reported_rms_arcsec is not None
     assert summary.reported_rms_arcsec < 0.1
-    biased = Propagator(ELEMENTS, practice.SITE.place())
+    biased = Propagator(ELEMENTS, demo_pass.SITE.place())
     seen = biased.at(Utc(middle.utc_s), Bias(0.8))
     assert middle.bias_along_s == 0.8
     assert middle.bias_cross_deg == pytest.approx(
@@ -314,7 +312,7 @@ def test_a_folder_that_cannot_be_made_keeps_nothing_and_stops_nothing(
 def test_a_file_that_another_holds_is_told_as_locked(
     memory: BiasMemory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("sattrack.recording.bias_memory.PATIENCE_S", 0.01)
+    monkeypatch.setattr("sattrack.runtime.bias_memory.PATIENCE_S", 0.01)
     memory.keep(FIT, ELEMENTS, "one")
     holder = sqlite3.connect(memory.path, isolation_level=None)
     holder.execute("BEGIN EXCLUSIVE")

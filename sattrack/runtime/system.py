@@ -1,0 +1,121 @@
+"""The operating system's part: signals that end programs, and how well the machine's clock is set.
+
+Such a signal becomes a request to stop the mount first. The clock's error is the kernel's own account of it,
+adjtimex(2), Linux only; nothing is set.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import struct
+import sys
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping
+
+STOPPING_SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
+IGNORED_SIGNALS = (signal.SIGTSTP, signal.SIGTTIN, signal.SIGTTOU)
+"""A run that is suspended would leave the mount moving with nobody to stop it."""
+OUTLIVED_SIGNALS = (*STOPPING_SIGNALS, signal.SIGTSTP, signal.SIGPIPE)
+"""What a process that is to outlive its run must not be ended or suspended by."""
+
+
+@dataclass(slots=True)
+class StopRequest:
+    """Set from a signal handler or another thread: the run is to stop the mount and end."""
+
+    asked: bool = False
+
+    def ask(self) -> None:
+        """Ask for the stop."""
+        self.asked = True
+
+
+@contextmanager
+def stopping(stop: StopRequest) -> Iterator[None]:
+    """Have the signals that end programs ask for a stop, however often they come; suspending is ignored."""
+    with handling(dict.fromkeys(STOPPING_SIGNALS, stop.ask)):
+        yield
+
+
+@contextmanager
+def handling(handlers: Mapping[signal.Signals, Callable[[], None]]) -> Iterator[None]:
+    """Have each signal call its handler, until the end; suspending is ignored."""
+    before = {number: signal.getsignal(number) for number in (*handlers, *IGNORED_SIGNALS)}
+    for number, handler in handlers.items():
+        signal.signal(number, lambda *_, handler=handler: handler())
+    for number in IGNORED_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        for number, previous in before.items():
+            signal.signal(number, previous)
+
+
+def outlive() -> None:
+    """Ignore what is meant for the run, as this process ends by itself after it."""
+    for number in OUTLIVED_SIGNALS:
+        signal.signal(number, signal.SIG_IGN)
+
+
+_UNSYNCHRONISED = 0x0040
+_TIMEX = struct.Struct("@I4li3l2l3li5li11i0l")
+"""`struct timex` of adjtimex(2)."""
+MAX_ERROR, EST_ERROR, STATUS, TIME, TICK = 3, 4, 5, 9, 11
+"""Places of its fields."""
+
+
+@dataclass(frozen=True, slots=True)
+class KernelClock:
+    """The kernel's account of its clock.
+
+    `synchronised` where something disciplines it; `estimated_error_s` and `largest_error_s` are what that
+    last reported, the largest growing by 0.5 ms a second until the next report.
+    """
+
+    synchronised: bool
+    estimated_error_s: float
+    largest_error_s: float
+
+
+def read_timex() -> tuple[int, ...] | None:
+    """Return the fields of `struct timex`; None where the kernel does not give them."""
+    if not sys.platform.startswith("linux"):
+        return None
+    import ctypes
+
+    timex = ctypes.create_string_buffer(_TIMEX.size)
+    return None if ctypes.CDLL(None).adjtimex(timex) < 0 else _TIMEX.unpack(timex.raw)
+
+
+def read_kernel_clock() -> KernelClock | None:
+    """Return what the kernel knows of its clock; None where it cannot be asked."""
+    timex = read_timex()
+    if timex is None:
+        return None
+    return KernelClock(
+        synchronised=not timex[STATUS] & _UNSYNCHRONISED,
+        estimated_error_s=timex[EST_ERROR] * 1e-6,
+        largest_error_s=timex[MAX_ERROR] * 1e-6,
+    )
+
+
+def this_command() -> str:
+    """Return this process' command line for people."""
+    return " ".join(["sattrack", *sys.argv[1:]])[:200]
+
+
+def this_user() -> int:
+    """Return the number of the user who runs this."""
+    return os.getuid()
+
+
+def utc_now() -> str:
+    """Return this instant for people, to the second."""
+    return time.strftime("%Y-%m-%dT%H:%M:%SZ", time.gmtime())
