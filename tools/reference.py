@@ -43,6 +43,8 @@ MEANINGS = {
     "mount.url": "the mount: `sim`, `xerxes://…`, `alpaca://…`, `antenna://…`",
     "mount.profile": "the file that describes the mount, beside the settings",
     "min_altitude_deg": "follow above this altitude",
+    "fetch_by_name": "fetch a named satellite from CelesTrak when no elements are set",
+    "zone": "time zone in which times are shown, such as `Europe/Amsterdam`; the system's if left out",
     "safety.floor_altitude_deg": "lowest altitude in every direction",
     "safety.horizon": "file of the skyline: azimuth and altitude on each line",
     "safety.optical": "whether the telescope has optics; `false` switches the Sun's cone off",
