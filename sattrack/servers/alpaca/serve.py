@@ -237,15 +237,15 @@ class AlpacaHttpProcess:
         return self.line.ended
 
     def readers(self) -> list[Any]:
-        """See Doorway."""
+        """See StationLoop."""
         return [] if self.ended else [self.line]
 
     def writers(self) -> list[Any]:
-        """See Doorway."""
+        """See StationLoop."""
         return [self.line] if self.line.waiting and not self.ended else []
 
     def flush(self) -> None:
-        """See Doorway."""
+        """See StationLoop."""
         self.line.flush()
 
     def push(self, state: TelescopeState, answers: list[Answered]) -> None:

@@ -244,11 +244,11 @@ class AntennaServer:
         return None if self.listener is None else int(self.listener.getsockname()[1])
 
     def readers(self) -> list[Any]:
-        """See Doorway."""
+        """See StationLoop."""
         return [part for part in (self.listener, self.channel) if part is not None]
 
     def writers(self) -> list[Any]:
-        """See Doorway."""
+        """See StationLoop."""
         return [self.channel] if self.channel is not None and self._waiting else []
 
     def serve(
@@ -272,7 +272,7 @@ class AntennaServer:
         return gone
 
     def flush(self) -> None:
-        """See Doorway."""
+        """See StationLoop."""
         if self.channel is not None and self._waiting:
             self._waiting = self._waiting[self.channel.write(self._waiting) :]
 
