@@ -435,6 +435,11 @@ class SerialChannel:
         self._line.close()
 
 
+def _reason(error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    return str(error) if number is None else os.strerror(number)
+
+
 @dataclass(frozen=True, slots=True)
 class AntennaUrl:
     """One controller's address: `host` and `port`, or `device` with its settings."""
@@ -503,11 +508,6 @@ def parse_antenna_url(url: str) -> AntennaUrl:
         baud=baud,
         framing=given.get("framing", DEFAULT_FRAMING),
     )
-
-
-def _reason(error: Exception) -> str:
-    number = getattr(error, "errno", None)
-    return str(error) if number is None else os.strerror(number)
 
 
 def _one_of(url: str, given: Mapping[str, str], name: str, words: tuple[str, ...]) -> str:
