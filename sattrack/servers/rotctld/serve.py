@@ -29,7 +29,7 @@ MOST_LOGGED = 5
 """Lines of the log in one tick; more are counted."""
 LOG_FAILURES_EVERY_S = 10.0
 SLICE_S = 0.001
-"""Requests are answered for so long at a time."""
+"""Requests are answered for this time at once."""
 REQUESTS_AT_ONCE = 8
 MOST_ACCEPTED = 32
 BURST_S = 0.2
