@@ -8,7 +8,8 @@ from antenna_harness import START
 from msgspec.structs import replace
 
 from sattrack.mount.model import PierZone
-from sattrack.servers.alpaca.protocol import Abort, Answered, Fault, MoveOrder, Number, NumberedOrder
+from sattrack.mount.requests import Abort
+from sattrack.servers.alpaca.protocol import Answered, Fault, MoveOrder, Number, NumberedOrder
 from sattrack.servers.alpaca.serve import AlpacaHttpProcess
 
 WALL = PierZone("wall", ((10.0, -20.0), (30.0, -20.0), (30.0, 35.0), (10.0, 35.0)))
