@@ -123,7 +123,7 @@ def command(context: CommandContext, **options: Any) -> int:
             if words is not None:
                 log.tell(program_line(words, PROGRAM))
         AlpacaLoop(connection, stop, station, door, log.tell).run()
-    if stop.asked and station.was_asked and station.mount_stopped is None:
+    if stop.asked and station.had_orders and station.mount_stopped is None:
         raise InterruptedRunError("interrupted; the mount was not moving, and goes on as it was")
     return end_of_service(station.mount_stopped, stop)
 

@@ -29,7 +29,7 @@ from sattrack.runtime.connection import connected
 from sattrack.runtime.system import StopRequest, stopping
 from sattrack.servers.antenna.alpaca_focuser import FORM, parse_focuser, start_focusers
 from sattrack.servers.antenna.controller import AntennaStation
-from sattrack.servers.antenna.equipment import Antenna, FocusAxis, SimulatedFocuser
+from sattrack.servers.antenna.equipment import Antenna, Focuser, SimulatedAxis
 from sattrack.servers.antenna.led_mount import DEC_LIMIT_DEG, axis_range
 from sattrack.servers.antenna.protocol import Checksum, program_line, to_ns
 from sattrack.servers.antenna.serve import (
@@ -47,7 +47,6 @@ if TYPE_CHECKING:
 
     from sattrack.mount.model import AxesPosition, MountProfile
     from sattrack.servers.antenna.alpaca_focuser import FocuserConfig
-    from sattrack.servers.antenna.equipment import Focuser
     from sattrack.servers.antenna.trajectory import AxisKind
     from tle.site import Site
 
@@ -154,13 +153,13 @@ def _antenna(options: dict[str, Any], profile: MountProfile, site: Site, focuser
     )
 
 
-def _focusers(given: Sequence[str]) -> tuple[SimulatedFocuser | None, list[FocuserConfig]]:
+def _focusers(given: Sequence[str]) -> tuple[Focuser | None, list[FocuserConfig]]:
     """Return the simulated focuser, or the addresses of real ones. Raises BadInputError."""
     if len(given) == 1 and given[0].isdecimal():
         if not 0 <= int(given[0]) <= MOST_FOCUS_AXES:
             raise BadInputError(f"--focus {given[0]}: a focuser has up to {MOST_FOCUS_AXES} axes")
-        axes = [FocusAxis() for _ in range(int(given[0]))]
-        return SimulatedFocuser(axes) if axes else None, []
+        axes = [SimulatedAxis() for _ in range(int(given[0]))]
+        return Focuser(axes) if axes else None, []
     if len(given) > MOST_FOCUS_AXES:
         raise BadInputError(f"--focus: there are up to {MOST_FOCUS_AXES} axes, and {len(given)} were given")
     return None, [parse_focuser(one) for one in given]

@@ -1,1 +1,1 @@
-"""ASCOM's Alpaca protocol: what clients ask of a telescope over HTTP, and what is answered. No I/O."""
+"""An ASCOM telescope over HTTP, by the Alpaca protocol: requests, orders to the mount, answers."""

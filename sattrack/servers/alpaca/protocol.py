@@ -175,7 +175,7 @@ def _reason(error: ValueError) -> str:
 
 
 Access = Literal["no", "yes", "absent"]
-"""Whether there is such a request, and whether this mount has what it asks for: absent is 0x400."""
+"""Whether a member has the request; absent: it has, but not on this mount, which answers 0x400."""
 INTERFACE_VERSION = 4
 DRIVE_RATES = (0, 3)
 LONGEST_PULSE_MS = 2**31 - 1

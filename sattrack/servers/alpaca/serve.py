@@ -54,6 +54,12 @@ if TYPE_CHECKING:
     from sattrack.servers.alpaca.station import TelescopeStation
     from tle.passes import Pass
 
+PROGRAM = "alpaca"
+PORT = 32227
+"""UDP port of discovery."""
+MOST_LOGGED = 5
+"""Lines of the log in one tick; more are counted."""
+LOOPBACK, LOOPBACK_BROADCAST, ANY = "127.0.0.1", "127.255.255.255", "0.0.0.0"
 NO_ELEMENTS = "no elements: give --elements FILE to `sattrack serve alpaca`, or set elements in sattrack.toml"
 READY = "ready"
 """The first message of the HTTP process."""
@@ -63,6 +69,242 @@ END_WITHIN_S = 3.0
 REMEMBERED_LINES = 20
 PAUSE_FACTOR = 9.0
 """Orders take at most a tenth of the feeding process' time, however many wait."""
+
+
+@dataclass(slots=True)
+class AlpacaLoop(StationLoop):
+    """Serves one mount to Alpaca's clients until `stop` is set and the mount is seen at rest."""
+
+    driver: TelescopeStation
+    door: AlpacaHttpProcess
+
+    def tell(self, words: str) -> None:
+        """See StationLoop."""
+        self.log(program_line(words, PROGRAM))
+
+    def serve(self, ready: list[Any]) -> None:
+        """Take orders, and begin those that may begin now."""
+        if self.door.line in ready:
+            self.door.take()
+        self._begin_orders()
+
+    def obey(self, now_utc_s: float) -> None:
+        """Let another order begin; end where the HTTP process has ended."""
+        del now_utc_s
+        if self.door.ended and not self.driver.finished:
+            raise SattrackError("the HTTP server's process is gone; the mount is being stopped")
+        self.door.begin_period(time.monotonic())
+
+    def heard(self) -> None:
+        """Push a new status at once, so that clients read it while it is new."""
+        self._push()
+
+    def report(self) -> None:
+        """Push the mount's state and the answers that are due, and log what has changed."""
+        self._push()
+        self._begin_orders()
+        lines = [*self.driver.log_lines, *self.door.log_lines]
+        self.driver.log_lines.clear()
+        self.door.log_lines.clear()
+        for line in lines[:MOST_LOGGED]:
+            self.tell(line)
+        if len(lines) > MOST_LOGGED:
+            self.tell(f"and {len(lines) - MOST_LOGGED} lines more")
+        self.report_mount("satellite", "AbortSlew")
+
+    def _begin_orders(self) -> None:
+        while True:
+            order, cancelled = self.door.next_order()
+            self.driver.answers.ready += cancelled
+            if order is None:
+                if cancelled:
+                    self._push()
+                return
+            began_s = time.monotonic()
+            self.driver.obey(order, self.connection.now_utc_s())
+            self._push()
+            self.door.took(time.monotonic() - began_s, time.monotonic())
+
+    def _push(self) -> None:
+        answers = self.driver.answers
+        ready, answers.ready = answers.ready, []
+        self.door.push(self.driver.state(self.connection.now_utc_s()), ready)
+
+
+def engine_maker(limits: SafetyLimits) -> Callable[[msgspec.Raw, float], Engine]:
+    """Return the function that makes an engine of the facts of a run, with this process' own limits."""
+    # The HTTP process, which imports this module too, makes no engines.
+
+    def make(raw: msgspec.Raw, now_utc_s: float) -> Engine:
+        try:
+            facts = decode_facts(raw)
+        except msgspec.MsgspecError as error:
+            raise ValueError(f"these are not the facts of a run: {error}") from error
+        return build_engine(msgspec.structs.replace(facts, limits=limits, started_utc_s=now_utc_s))
+
+    return make
+
+
+def discovery_sockets(host: str) -> tuple[Sequence[socket.socket], str | None]:
+    """Return the sockets of discovery, or why there are none.
+
+    A server on loopback answers there alone, where requests come by its own broadcast address.
+    """
+    inside = host.startswith("127.") or host == "localhost"
+    opened: list[socket.socket] = []
+    for address in (LOOPBACK, LOOPBACK_BROADCAST) if inside else (ANY,):
+        one = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        opened.append(one)
+        try:
+            one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            one.bind((address, PORT))
+        except OSError as error:
+            for each in opened:
+                each.close()
+            reason = f"discovery is not answered: UDP port {PORT} on {address} is not available"
+            return (), f"{reason} ({error.strerror})"
+        one.setblocking(False)
+    return opened, None
+
+
+@dataclass(slots=True)
+class AlpacaHttpProcess:
+    """The HTTP process and the channel to it; whoever logs the lines in `log_lines` removes them."""
+
+    line: Channel
+    process: subprocess.Popen[bytes]
+    log_lines: deque[str] = field(default_factory=lambda: deque(maxlen=REMEMBERED_LINES))
+    _orders: deque[NumberedOrder] = field(default_factory=deque)
+    _began_one: bool = False
+    _next_s: float = 0.0
+    """Before this instant of the monotonic clock no other order begins."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether the other process is gone."""
+        return self.line.ended
+
+    def readers(self) -> list[Any]:
+        """See StationLoop."""
+        return [] if self.ended else [self.line]
+
+    def writers(self) -> list[Any]:
+        """See StationLoop."""
+        return [self.line] if self.line.waiting and not self.ended else []
+
+    def flush(self) -> None:
+        """See StationLoop."""
+        self.line.flush()
+
+    def push(self, state: TelescopeState, answers: list[Answered]) -> None:
+        """Send a state, unless the last one still waits, and answers after it."""
+        if answers or not self.line.waiting:
+            self.line.send(encode(state) + b"".join(encode(answer) for answer in answers))
+
+    def take(self) -> None:
+        """Read the lines that have come."""
+        self._take_lines(self.line.lines())
+
+    def next_order(self) -> tuple[NumberedOrder | None, list[Answered]]:
+        """Return the order to begin now, if any, and answers to those that a stop has cancelled."""
+        for index, asked in enumerate(self._orders):
+            if isinstance(asked.order, Abort):
+                reason = "AbortSlew came before it had begun"
+                cancelled = [
+                    Answered(self._orders.popleft().number, int(Number.CANCELLED), reason)
+                    for _ in range(index)
+                ]
+                return self._orders.popleft(), cancelled
+        if self._began_one or not self._orders:
+            return None, []
+        asked = self._orders.popleft()
+        self._began_one = not isinstance(asked.order, BiasOrder)
+        return asked, []
+
+    def begin_period(self, now_s: float) -> None:
+        """Let one more order begin, unless the last one took so long that datagrams come first."""
+        self._began_one = self._began_one and now_s < self._next_s
+
+    def took(self, seconds: float, now_s: float) -> None:
+        """Note how long an order took: searching for a path takes some tenths of a second."""
+        self._next_s = now_s + PAUSE_FACTOR * seconds
+
+    def close(self) -> None:
+        """End the other process."""
+        self.line.close()
+        see_off(self.process, END_WITHIN_S)
+
+    def _take_lines(self, lines: Sequence[bytes]) -> None:
+        for line in lines:
+            try:
+                message = decode_order(line)
+            except msgspec.MsgspecError as error:
+                self.log_lines.append(f"a line from the HTTP process was not understood: {error}")
+                continue
+            if isinstance(message, LogMessage):
+                self.log_lines.append(message.text)
+            else:
+                self._orders.append(message)
+
+
+def start_http_process(task: AlpacaTask) -> AlpacaHttpProcess:
+    """Start the process that serves HTTP; raises SattrackError where it does not come up."""
+    ours, theirs = socket.socketpair()
+    with theirs:
+        # A Ctrl-C is for the feeding process, which ends this one when the mount stands.
+        inherits = (theirs.fileno(), task.listener, *task.discovery)
+        process = start_process("sattrack.servers.alpaca.process", str(theirs.fileno()), inherits=inherits)
+    with contextlib.suppress(OSError):
+        ours.sendall(encode_task(task))
+    started = AlpacaHttpProcess(Channel(ours.detach(), longest=LONGEST_LINE), process)
+    started._take_lines(started.line.first(START_WITHIN_S))
+    if READY not in started.log_lines:
+        started.close()
+        raise SattrackError("the HTTP server did not start; its own messages are above")
+    started.log_lines.remove(READY)
+    return started
+
+
+class AlpacaTask(msgspec.Struct, frozen=True):
+    """The task of the HTTP process, sent at its start; descriptors are inherited."""
+
+    listener: int
+    discovery: tuple[int, ...]
+    port: int
+    version: str
+    host: str
+    callers: int
+    idle_s: float
+    requests_per_s: float
+    allowed: tuple[str, ...] | None
+    satellites: Satellites
+    abilities: Abilities
+    clock: ClockNumbers | None = None
+    names: tuple[str, ...] = ()
+    """Names by which clients call this computer, beside its own."""
+
+    def limits(self) -> CallerLimits:
+        """Return the limits of its clients."""
+        allowed = None if self.allowed is None else tuple(ipaddress.ip_network(one) for one in self.allowed)
+        return CallerLimits(self.callers, self.idle_s, self.requests_per_s, allowed)
+
+
+def encode_task(task: AlpacaTask) -> bytes:
+    """Return a task as one JSON line."""
+    return msgspec.json.encode(task, enc_hook=encode_utc) + b"\n"
+
+
+def decode_task(line: bytes) -> AlpacaTask:
+    """Return the task of one JSON line; raises msgspec.MsgspecError."""
+    return msgspec.json.decode(line, type=AlpacaTask, dec_hook=decode_utc)
+
+
+class ClockNumbers(msgspec.Struct, frozen=True):
+    """A simulated clock's three numbers."""
+
+    start_utc_s: float
+    anchor_s: float
+    speed: float
 
 
 class Satellites(msgspec.Struct, frozen=True):
@@ -176,247 +418,3 @@ def _row(elements: Elements, seen: Pass) -> dict[str, Any]:
         "set_utc": text(seen.set_utc),
         "max_alt_deg": float(seen.max_alt_deg),
     }
-
-
-class ClockNumbers(msgspec.Struct, frozen=True):
-    """A simulated clock's three numbers."""
-
-    start_utc_s: float
-    anchor_s: float
-    speed: float
-
-
-class AlpacaTask(msgspec.Struct, frozen=True):
-    """The task of the HTTP process, sent at its start; descriptors are inherited."""
-
-    listener: int
-    discovery: tuple[int, ...]
-    port: int
-    version: str
-    host: str
-    callers: int
-    idle_s: float
-    requests_per_s: float
-    allowed: tuple[str, ...] | None
-    satellites: Satellites
-    abilities: Abilities
-    clock: ClockNumbers | None = None
-    names: tuple[str, ...] = ()
-    """Names by which clients call this computer, beside its own."""
-
-    def limits(self) -> CallerLimits:
-        """Return the limits of its clients."""
-        allowed = None if self.allowed is None else tuple(ipaddress.ip_network(one) for one in self.allowed)
-        return CallerLimits(self.callers, self.idle_s, self.requests_per_s, allowed)
-
-
-def encode_task(task: AlpacaTask) -> bytes:
-    """Return a task as one JSON line."""
-    return msgspec.json.encode(task, enc_hook=encode_utc) + b"\n"
-
-
-def decode_task(line: bytes) -> AlpacaTask:
-    """Return the task of one JSON line; raises msgspec.MsgspecError."""
-    return msgspec.json.decode(line, type=AlpacaTask, dec_hook=decode_utc)
-
-
-@dataclass(slots=True)
-class AlpacaHttpProcess:
-    """The HTTP process and the channel to it; whoever logs the lines in `log_lines` removes them."""
-
-    line: Channel
-    process: subprocess.Popen[bytes]
-    log_lines: deque[str] = field(default_factory=lambda: deque(maxlen=REMEMBERED_LINES))
-    _orders: deque[NumberedOrder] = field(default_factory=deque)
-    _began_one: bool = False
-    _next_s: float = 0.0
-    """Before this instant of the monotonic clock no other order begins."""
-
-    @property
-    def ended(self) -> bool:
-        """Whether the other process is gone."""
-        return self.line.ended
-
-    def readers(self) -> list[Any]:
-        """See Doorway."""
-        return [] if self.ended else [self.line]
-
-    def writers(self) -> list[Any]:
-        """See Doorway."""
-        return [self.line] if self.line.waiting and not self.ended else []
-
-    def flush(self) -> None:
-        """See Doorway."""
-        self.line.flush()
-
-    def push(self, state: TelescopeState, answers: list[Answered]) -> None:
-        """Send a state, unless the last one still waits, and answers after it."""
-        if answers or not self.line.waiting:
-            self.line.send(encode(state) + b"".join(encode(answer) for answer in answers))
-
-    def take(self) -> None:
-        """Read the lines that have come."""
-        self._take_lines(self.line.lines())
-
-    def next_order(self) -> tuple[NumberedOrder | None, list[Answered]]:
-        """Return the order to begin now, if any, and answers to those that a stop has cancelled."""
-        for index, asked in enumerate(self._orders):
-            if isinstance(asked.order, Abort):
-                reason = "AbortSlew came before it had begun"
-                cancelled = [
-                    Answered(self._orders.popleft().number, int(Number.CANCELLED), reason)
-                    for _ in range(index)
-                ]
-                return self._orders.popleft(), cancelled
-        if self._began_one or not self._orders:
-            return None, []
-        asked = self._orders.popleft()
-        self._began_one = not isinstance(asked.order, BiasOrder)
-        return asked, []
-
-    def begin_period(self, now_s: float) -> None:
-        """Let one more order begin, unless the last one took so long that datagrams come first."""
-        self._began_one = self._began_one and now_s < self._next_s
-
-    def took(self, seconds: float, now_s: float) -> None:
-        """Note how long an order took: searching for a path takes some tenths of a second."""
-        self._next_s = now_s + PAUSE_FACTOR * seconds
-
-    def close(self) -> None:
-        """End the other process."""
-        self.line.close()
-        see_off(self.process, END_WITHIN_S)
-
-    def _take_lines(self, lines: Sequence[bytes]) -> None:
-        for line in lines:
-            try:
-                message = decode_order(line)
-            except msgspec.MsgspecError as error:
-                self.log_lines.append(f"a line from the HTTP process was not understood: {error}")
-                continue
-            if isinstance(message, LogMessage):
-                self.log_lines.append(message.text)
-            else:
-                self._orders.append(message)
-
-
-def start_http_process(task: AlpacaTask) -> AlpacaHttpProcess:
-    """Start the process that serves HTTP; raises SattrackError where it does not come up."""
-    ours, theirs = socket.socketpair()
-    with theirs:
-        # A Ctrl-C is for the feeding process, which ends this one when the mount stands.
-        inherits = (theirs.fileno(), task.listener, *task.discovery)
-        process = start_process("sattrack.servers.alpaca.process", str(theirs.fileno()), inherits=inherits)
-    with contextlib.suppress(OSError):
-        ours.sendall(encode_task(task))
-    started = AlpacaHttpProcess(Channel(ours.detach(), longest=LONGEST_LINE), process)
-    started._take_lines(started.line.first(START_WITHIN_S))
-    if READY not in started.log_lines:
-        started.close()
-        raise SattrackError("the HTTP server did not start; its own messages are above")
-    started.log_lines.remove(READY)
-    return started
-
-
-PROGRAM = "alpaca"
-PORT = 32227
-"""UDP port of discovery."""
-MOST_LOGGED = 5
-"""Lines of the log in one tick; more are counted."""
-LOOPBACK, LOOPBACK_BROADCAST, ANY = "127.0.0.1", "127.255.255.255", "0.0.0.0"
-
-
-@dataclass(slots=True)
-class AlpacaLoop(StationLoop):
-    """Serves one mount to Alpaca's clients until `stop` is set and the mount is seen at rest."""
-
-    driver: TelescopeStation
-    door: AlpacaHttpProcess
-
-    def tell(self, words: str) -> None:
-        """See StationLoop."""
-        self.log(program_line(words, PROGRAM))
-
-    def serve(self, ready: list[Any]) -> None:
-        """Take orders, and begin those that may begin now."""
-        if self.door.line in ready:
-            self.door.take()
-        self._begin_orders()
-
-    def obey(self, now_utc_s: float) -> None:
-        """Let another order begin; end where the HTTP process has ended."""
-        del now_utc_s
-        if self.door.ended and not self.driver.finished:
-            raise SattrackError("the HTTP server's process is gone; the mount is being stopped")
-        self.door.begin_period(time.monotonic())
-
-    def heard(self) -> None:
-        """Push a new status at once, so that clients read it while it is new."""
-        self._push()
-
-    def report(self) -> None:
-        """Push the mount's state and the answers that are due, and log what has changed."""
-        self._push()
-        self._begin_orders()
-        lines = [*self.driver.log_lines, *self.door.log_lines]
-        self.driver.log_lines.clear()
-        self.door.log_lines.clear()
-        for line in lines[:MOST_LOGGED]:
-            self.tell(line)
-        if len(lines) > MOST_LOGGED:
-            self.tell(f"and {len(lines) - MOST_LOGGED} lines more")
-        self.report_mount("satellite", "AbortSlew")
-
-    def _begin_orders(self) -> None:
-        while True:
-            order, cancelled = self.door.next_order()
-            self.driver.answers.ready += cancelled
-            if order is None:
-                if cancelled:
-                    self._push()
-                return
-            began_s = time.monotonic()
-            self.driver.obey(order, self.connection.now_utc_s())
-            self._push()
-            self.door.took(time.monotonic() - began_s, time.monotonic())
-
-    def _push(self) -> None:
-        answers = self.driver.answers
-        ready, answers.ready = answers.ready, []
-        self.door.push(self.driver.state(self.connection.now_utc_s()), ready)
-
-
-def engine_maker(limits: SafetyLimits) -> Callable[[msgspec.Raw, float], Engine]:
-    """Return the function that makes an engine of the facts of a run, with this process' own limits."""
-    # The HTTP process, which imports this module too, makes no engines.
-
-    def make(raw: msgspec.Raw, now_utc_s: float) -> Engine:
-        try:
-            facts = decode_facts(raw)
-        except msgspec.MsgspecError as error:
-            raise ValueError(f"these are not the facts of a run: {error}") from error
-        return build_engine(msgspec.structs.replace(facts, limits=limits, started_utc_s=now_utc_s))
-
-    return make
-
-
-def discovery_sockets(host: str) -> tuple[Sequence[socket.socket], str | None]:
-    """Return the sockets of discovery, or why there are none.
-
-    A server on loopback answers there alone, where requests come by its own broadcast address.
-    """
-    inside = host.startswith("127.") or host == "localhost"
-    opened: list[socket.socket] = []
-    for address in (LOOPBACK, LOOPBACK_BROADCAST) if inside else (ANY,):
-        one = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        opened.append(one)
-        try:
-            one.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            one.bind((address, PORT))
-        except OSError as error:
-            for each in opened:
-                each.close()
-            reason = f"discovery is not answered: UDP port {PORT} on {address} is not available"
-            return (), f"{reason} ({error.strerror})"
-        one.setblocking(False)
-    return opened, None

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from sattrack.servers.alpaca.protocol import BiasOrder
 
 ALIVE_STATUSES = 20
-"""A parked mount that turns with the sky, or slews, for so many statuses in a row is parked no more."""
+"""A parked mount that turns with the sky, or slews, in so many statuses in a row is not parked any more."""
 SYNCED_WITHIN_DEG = 3.0
 RESTING_STATUSES = 10
 """An axis that brakes to the sky's rate passes through others."""
@@ -44,7 +44,7 @@ class MountState:
         self._profile = profile
         self._parked = False
         self._home: AxesPosition | None = None
-        """Where it stood when its way home was over; syncs shift what is reported."""
+        """Where it stood at the end of its slew home, as syncs shift the reported position."""
         self._alive = 0
         self._restarts = 0
         self._resting = 0
@@ -79,7 +79,7 @@ class MountState:
         self._restarts = session.health.restarts
 
     def came_home(self, session: Session) -> bool:
-        """Note that the way home is over; return whether it ended there, as far as is known."""
+        """Note the end of the slew home; return whether it ended there, as far as is known."""
         home, sample = self._profile.home, session.sample
         reported = session.status is not None and session.status.at_home
         near = home is not None and sample is not None and off_axes_deg(sample, home) <= SYNCED_WITHIN_DEG

@@ -114,7 +114,7 @@ class TelescopeStation:
         self._failure: str | None = None
         self._trouble: str | None = None
         self._reset_at_rest = False
-        self.was_asked = False
+        self.had_orders = False
         """Whether any order was begun."""
         self._ending: StopProcedure | None = None
         self.finished = False
@@ -127,7 +127,7 @@ class TelescopeStation:
 
     @property
     def safety(self) -> Safety:
-        """What clears motions."""
+        """The gate of the motions."""
         return self.console.safety if self.engine is None else self.engine.safety
 
     @property
@@ -232,7 +232,7 @@ class TelescopeStation:
 
     @property
     def _is_fine(self) -> bool:
-        """Whether fine rates are what is under way."""
+        """Whether an order of fine rates is under way."""
         return self._operation is not None and self._operation.kind == "fine"
 
     @property
@@ -260,7 +260,7 @@ class TelescopeStation:
             offset(self.engine, order, now_utc_s)
             return False
         self._check(order)
-        self.was_asked = True
+        self.had_orders = True
         if isinstance(order, MoveOrder):
             return self._move(numbered.number, order, now_utc_s)
         if isinstance(order, FollowOrder):
@@ -279,7 +279,7 @@ class TelescopeStation:
         return False
 
     def _check(self, order: Order) -> None:
-        """Raise Fault where an order does not go with what is under way."""
+        """Raise Fault where an order conflicts with the operation under way."""
         if self.engine is not None:
             raise Fault(Number.INVALID_OPERATION, f"the mount is {self._doing}: AbortSlew ends that")
         if self._mount_state.at_park(self.session):
@@ -330,7 +330,7 @@ class TelescopeStation:
         former = self._operation
         self._reset_at_rest = self.tripped is not None
         self.console.abort(now_utc_s)
-        self.was_asked = True
+        self.had_orders = True
         self._supersede(former)
         self._mount_state.moved("abort")
 

@@ -20,7 +20,7 @@ import msgspec
 from sattrack.core.channel import Channel, PipedProcess
 from sattrack.core.errors import BadInputError, SattrackError
 from sattrack.mount.alpaca.client import NOT_IMPLEMENTED, AlpacaDevice, AlpacaRefusalError, NoAnswerError
-from sattrack.servers.antenna.equipment import FocusAxisState, FocusOrder, RemoteAxis, RemoteFocuser, swept_mm
+from sattrack.servers.antenna.equipment import FocusAxisState, Focuser, FocusOrder, RemoteAxis, swept_mm
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -290,11 +290,11 @@ class FocusProcesses:
     """All axes of one antenna's focuser."""
 
     parts: Sequence[FocusAxisProcess]
-    focuser: RemoteFocuser = field(init=False)
+    focuser: Focuser = field(init=False)
 
     def __post_init__(self) -> None:
         """Join the axes to a focuser."""
-        self.focuser = RemoteFocuser([part.axis for part in self.parts])
+        self.focuser = Focuser([part.axis for part in self.parts])
 
     def exchange(self, to_ns: Callable[[float], int]) -> list[str]:
         """Read states and send orders, without waiting; return log lines. `to_ns` dates monotonic seconds."""

@@ -6,6 +6,7 @@ response to a command never waits for the focuser: it reports the last known pos
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
@@ -19,46 +20,66 @@ if TYPE_CHECKING:
     from sattrack.servers.antenna.trajectory import AxisKind, AxisRange, AxisState, SiteSky
 
 
-class AxisPlace(NamedTuple):
-    """One axis: its commanded place (None in a sweep, or before a command), and its actual one, if known."""
+class AxisReport(NamedTuple):
+    """One axis of a focuser: its commanded place (None in a sweep, or before a command) and its actual one.
+
+    The actual place is None where it is not known; `epoch_ns` is the instant of it.
+    """
 
     commanded_mm: float | None
     actual_mm: float | None
-
-
-class FocusReport(NamedTuple):
-    """All axes of a focuser, the instant of their places, and whether any of them moves."""
-
-    axes: tuple[AxisPlace, ...]
     epoch_ns: int
     moving: bool
 
 
-class Focuser(Protocol):
-    """A focuser of one to three axes. No method waits for a motion."""
+class FocusReport(NamedTuple):
+    """All axes of a focuser, the oldest instant of their places, and whether any of them moves."""
 
-    @property
-    def count(self) -> int:
-        """Number of axes."""
+    axes: tuple[AxisReport, ...]
+    epoch_ns: int
+    moving: bool
 
-    @property
-    def reach_mm(self) -> Sequence[tuple[float, float]]:
-        """The least and the greatest place of each axis."""
 
-    def heard(self, utc_ns: int) -> bool:
-        """Return whether all axes are reachable at an instant."""
+class FocusAxis(Protocol):
+    """One axis of a focuser. No method waits for a motion."""
 
-    def move(self, places_mm: Sequence[float | None], utc_ns: int) -> None:
-        """Send axes to places within their reach; None leaves an axis as it is."""
+    least_mm: float
+    most_mm: float
 
-    def sweep(self, axis: int, rate_mm_s: float, utc_ns: int) -> None:
-        """Send one axis, counted from 0, from limit to limit and back at a uniform rate, up first."""
+    def move(self, to_mm: float, utc_ns: int) -> None:
+        """Go to a place, at most to a limit."""
+
+    def sweep(self, rate_mm_s: float, utc_ns: int) -> None:
+        """Go from limit to limit and back, again and again at a uniform rate, up first."""
+
+    def stop(self, utc_ns: int) -> None:
+        """Stop."""
+
+    def report(self, utc_ns: int) -> AxisReport:
+        """Return its state as known at an instant."""
+
+
+@dataclass(frozen=True, slots=True)
+class Focuser:
+    """A focuser of one to three axes."""
+
+    axes: Sequence[FocusAxis]
+
+    def report(self, utc_ns: int) -> FocusReport:
+        """Return the state of all axes as known at an instant; an axis of unknown place counts as moving."""
+        reports = tuple(axis.report(utc_ns) for axis in self.axes)
+        known = [report for report in reports if report.actual_mm is not None]
+        moving = len(known) < len(reports) or any(report.moving for report in known)
+        return FocusReport(reports, min((report.epoch_ns for report in known), default=utc_ns), moving)
+
+    def known(self, utc_ns: int) -> bool:
+        """Return whether the places of all axes are known at an instant."""
+        return all(axis.report(utc_ns).actual_mm is not None for axis in self.axes)
 
     def stop(self, utc_ns: int) -> None:
         """Stop all axes."""
-
-    def report(self, utc_ns: int) -> FocusReport:
-        """Return the places of the axes as known at an instant."""
+        for axis in self.axes:
+            axis.stop(utc_ns)
 
 
 class Sensors(NamedTuple):
@@ -119,92 +140,45 @@ def swept_mm(from_mm: float, rate_mm_s: float, seconds: float, least_mm: float, 
 
 
 @dataclass(slots=True)
-class FocusAxis:
-    """One simulated axis: moves from a place to another, or to and fro between the limits."""
+class SimulatedAxis:
+    """A simulated axis; see `FocusAxis`."""
 
+    least_mm: float = LEAST_MM
+    most_mm: float = MOST_MM
     _from_mm: float = 0.0
     _to_mm: float = 0.0
     _since_ns: int = 0
     _sweep_mm_s: float = 0.0
 
-    def at(self, utc_ns: int) -> tuple[float, bool]:
-        """Return its place at an instant, and whether it moves."""
-        seconds = max(0.0, (utc_ns - self._since_ns) / NS)
-        if self._sweep_mm_s:
-            return swept_mm(self._from_mm, self._sweep_mm_s, seconds, LEAST_MM, MOST_MM), True
-        distance = self._to_mm - self._from_mm
-        gone = min(abs(distance), MOVE_RATE_MM_S * seconds)
-        return self._from_mm + (gone if distance > 0.0 else -gone), gone < abs(distance)
-
-    @property
-    def commanded_mm(self) -> float | None:
-        """The commanded place; None while it sweeps."""
-        return None if self._sweep_mm_s else self._to_mm
-
     def move(self, to_mm: float, utc_ns: int) -> None:
-        """Go to a place, at most to a limit."""
-        self._begin(utc_ns)
-        self._to_mm = max(LEAST_MM, min(MOST_MM, to_mm))
+        """See FocusAxis."""
+        self.stop(utc_ns)
+        self._to_mm = max(self.least_mm, min(self.most_mm, to_mm))
 
     def sweep(self, rate_mm_s: float, utc_ns: int) -> None:
-        """Go from limit to limit and back, up first."""
-        self._begin(utc_ns)
+        """See FocusAxis."""
+        self.stop(utc_ns)
         self._sweep_mm_s = rate_mm_s
 
     def stop(self, utc_ns: int) -> None:
-        """Stand where it is."""
-        self._begin(utc_ns)
-        self._to_mm = self._from_mm
-
-    def _begin(self, utc_ns: int) -> None:
-        self._from_mm, _ = self.at(utc_ns)
+        """See FocusAxis."""
+        self._from_mm = self._to_mm = self._at(utc_ns)
         self._since_ns, self._sweep_mm_s = utc_ns, 0.0
 
+    def report(self, utc_ns: int) -> AxisReport:
+        """See FocusAxis."""
+        place_mm = self._at(utc_ns)
+        if self._sweep_mm_s:
+            return AxisReport(None, place_mm, utc_ns, moving=True)
+        return AxisReport(self._to_mm, place_mm, utc_ns, moving=place_mm != self._to_mm)
 
-@dataclass(slots=True)
-class SimulatedFocuser:
-    """All axes of a simulated focuser; see `Focuser`."""
-
-    axes: Sequence[FocusAxis] = field(default_factory=lambda: (FocusAxis(),))
-
-    @property
-    def count(self) -> int:
-        """See Focuser."""
-        return len(self.axes)
-
-    @property
-    def reach_mm(self) -> Sequence[tuple[float, float]]:
-        """See Focuser."""
-        return [(LEAST_MM, MOST_MM)] * self.count
-
-    def heard(self, utc_ns: int) -> bool:
-        """See Focuser."""
-        del utc_ns
-        return True
-
-    def move(self, places_mm: Sequence[float | None], utc_ns: int) -> None:
-        """See Focuser."""
-        for axis, place_mm in zip(self.axes, places_mm, strict=False):
-            if place_mm is not None:
-                axis.move(place_mm, utc_ns)
-
-    def sweep(self, axis: int, rate_mm_s: float, utc_ns: int) -> None:
-        """See Focuser."""
-        self.axes[axis].sweep(rate_mm_s, utc_ns)
-
-    def stop(self, utc_ns: int) -> None:
-        """See Focuser."""
-        for axis in self.axes:
-            axis.stop(utc_ns)
-
-    def report(self, utc_ns: int) -> FocusReport:
-        """See Focuser."""
-        there = [axis.at(utc_ns) for axis in self.axes]
-        places = tuple(
-            AxisPlace(axis.commanded_mm, place_mm)
-            for axis, (place_mm, _) in zip(self.axes, there, strict=True)
-        )
-        return FocusReport(places, utc_ns, any(moves for _, moves in there))
+    def _at(self, utc_ns: int) -> float:
+        seconds = max(0.0, (utc_ns - self._since_ns) / NS)
+        if self._sweep_mm_s:
+            return swept_mm(self._from_mm, self._sweep_mm_s, seconds, self.least_mm, self.most_mm)
+        distance = self._to_mm - self._from_mm
+        gone = MOVE_RATE_MM_S * seconds
+        return self._to_mm if gone >= abs(distance) else self._from_mm + math.copysign(gone, distance)
 
 
 class FocusOrder(msgspec.Struct, frozen=True):
@@ -230,7 +204,7 @@ class FocusAxisState(msgspec.Struct, frozen=True):
 
 @dataclass(slots=True)
 class RemoteAxis:
-    """One axis driven by another process: `orders` wait to be sent to it."""
+    """An axis driven by another process; see `FocusAxis`. `orders` wait to be sent to it."""
 
     least_mm: float
     most_mm: float
@@ -238,85 +212,39 @@ class RemoteAxis:
     _serial: int = 0
     _commanded_mm: float | None = None
     _state: FocusAxisState | None = None
-    measured_ns: int = 0
-    """When its state was measured."""
+    _measured_ns: int = 0
 
-    def order(self, to_mm: float | None = None, sweep_mm_s: float | None = None) -> None:
-        """Queue an order."""
-        if to_mm is not None:
-            to_mm = max(self.least_mm, min(self.most_mm, to_mm))
-        self._serial += 1
-        self._commanded_mm = to_mm
-        self.orders.append(FocusOrder(self._serial, to_mm, sweep_mm_s))
+    def move(self, to_mm: float, utc_ns: int) -> None:
+        """See FocusAxis."""
+        del utc_ns
+        self._order(to_mm=max(self.least_mm, min(self.most_mm, to_mm)))
+
+    def sweep(self, rate_mm_s: float, utc_ns: int) -> None:
+        """See FocusAxis."""
+        del utc_ns
+        self._order(sweep_mm_s=rate_mm_s)
+
+    def stop(self, utc_ns: int) -> None:
+        """See FocusAxis."""
+        del utc_ns
+        self._order()
 
     def hear(self, state: FocusAxisState, at_ns: int) -> None:
         """Take its state, measured at an instant."""
-        self._state, self.measured_ns = state, at_ns
+        self._state, self._measured_ns = state, at_ns
 
-    def known(self, utc_ns: int) -> bool:
-        """Return whether its place is known at an instant."""
+    def report(self, utc_ns: int) -> AxisReport:
+        """See FocusAxis; it moves until it has begun its last order."""
         state = self._state
-        return state is not None and state.mm is not None and utc_ns - self.measured_ns <= OLDEST_NS
+        if state is None or utc_ns - self._measured_ns > OLDEST_NS:
+            return AxisReport(self._commanded_mm, None, self._measured_ns, moving=True)
+        moving = state.moving or state.serial != self._serial
+        return AxisReport(self._commanded_mm, state.mm, self._measured_ns, moving)
 
-    @property
-    def moving(self) -> bool:
-        """Whether it moves, or has not begun its last order yet."""
-        state = self._state
-        return state is None or state.moving or state.serial != self._serial
-
-    def place(self, utc_ns: int) -> AxisPlace:
-        """Return its commanded place, and its actual one as far as it is known."""
-        known = self._state if self.known(utc_ns) else None
-        return AxisPlace(self._commanded_mm, None if known is None else known.mm)
-
-
-@dataclass(slots=True)
-class RemoteFocuser:
-    """All axes of a focuser driven by other processes; see `Focuser`."""
-
-    axes: Sequence[RemoteAxis]
-
-    @property
-    def count(self) -> int:
-        """See Focuser."""
-        return len(self.axes)
-
-    @property
-    def reach_mm(self) -> Sequence[tuple[float, float]]:
-        """See Focuser."""
-        return [(axis.least_mm, axis.most_mm) for axis in self.axes]
-
-    def heard(self, utc_ns: int) -> bool:
-        """See Focuser."""
-        return all(axis.known(utc_ns) for axis in self.axes)
-
-    def move(self, places_mm: Sequence[float | None], utc_ns: int) -> None:
-        """See Focuser."""
-        del utc_ns
-        for axis, place_mm in zip(self.axes, places_mm, strict=False):
-            if place_mm is not None:
-                axis.order(to_mm=place_mm)
-
-    def sweep(self, axis: int, rate_mm_s: float, utc_ns: int) -> None:
-        """See Focuser."""
-        del utc_ns
-        self.axes[axis].order(sweep_mm_s=rate_mm_s)
-
-    def stop(self, utc_ns: int) -> None:
-        """See Focuser."""
-        del utc_ns
-        for axis in self.axes:
-            axis.order()
-
-    def report(self, utc_ns: int) -> FocusReport:
-        """See Focuser: the epoch is the oldest instant at which any of its axes was measured.
-
-        An axis whose place is not known has not been seen to stand.
-        """
-        known = [axis for axis in self.axes if axis.known(utc_ns)]
-        places = tuple(axis.place(utc_ns) for axis in self.axes)
-        moving = len(known) < self.count or any(axis.moving for axis in known)
-        return FocusReport(places, min((axis.measured_ns for axis in known), default=utc_ns), moving)
+    def _order(self, to_mm: float | None = None, sweep_mm_s: float | None = None) -> None:
+        self._serial += 1
+        self._commanded_mm = to_mm
+        self.orders.append(FocusOrder(self._serial, to_mm, sweep_mm_s))
 
 
 def handle_focus(focuser: Focuser | None, request: AntennaRequest, now_ns: int) -> str | Nak | None:
@@ -334,31 +262,32 @@ def handle_focus(focuser: Focuser | None, request: AntennaRequest, now_ns: int) 
 
 def _move(focuser: Focuser, request: AntennaRequest, now_ns: int) -> Nak | None:
     places = [None if value is None else float(value) for value in request.values.values()]
-    if any(place is not None for place in places[focuser.count :]):
+    if any(place is not None for place in places[len(focuser.axes) :]):
         return Nak.NOT_AVAILABLE
-    if not focuser.heard(now_ns):
+    if not focuser.known(now_ns):
         return Nak.STATE
-    for place, (least_mm, most_mm) in zip(places, focuser.reach_mm, strict=False):
-        if place is not None and not least_mm <= place <= most_mm:
-            return Nak.RANGE
-    focuser.move(places[: focuser.count], now_ns)
+    moves = [(axis, mm) for axis, mm in zip(focuser.axes, places, strict=False) if mm is not None]
+    if not all(axis.least_mm <= mm <= axis.most_mm for axis, mm in moves):
+        return Nak.RANGE
+    for axis, mm in moves:
+        axis.move(mm, now_ns)
     return None
 
 
 def _sweep(focuser: Focuser, request: AntennaRequest, now_ns: int) -> Nak | None:
-    axis = int(request.number("axis"))
-    if axis > focuser.count:
+    number = int(request.number("axis"))
+    if number > len(focuser.axes):
         return Nak.NOT_AVAILABLE
-    if not focuser.heard(now_ns):
+    if not focuser.known(now_ns):
         return Nak.STATE
-    focuser.sweep(axis - 1, request.number("rate"), now_ns)
+    focuser.axes[number - 1].sweep(request.number("rate"), now_ns)
     return None
 
 
 def _position(focuser: Focuser, now_ns: int) -> str:
     report = focuser.report(now_ns)
     fields = ["FOCPS"]
-    for place in report.axes:
-        fields += [OMITTED if mm is None else f"{mm:.4f}" for mm in place]
+    for axis in report.axes:
+        fields += [OMITTED if mm is None else f"{mm:.4f}" for mm in (axis.commanded_mm, axis.actual_mm)]
     fields += [f"{second_of_day(report.epoch_ns):.6f}", "MOVING" if report.moving else "STOPPED"]
     return " ".join(fields)

@@ -244,11 +244,11 @@ class AntennaServer:
         return None if self.listener is None else int(self.listener.getsockname()[1])
 
     def readers(self) -> list[Any]:
-        """See Doorway."""
+        """See StationLoop."""
         return [part for part in (self.listener, self.channel) if part is not None]
 
     def writers(self) -> list[Any]:
-        """See Doorway."""
+        """See StationLoop."""
         return [self.channel] if self.channel is not None and self._waiting else []
 
     def serve(
@@ -272,7 +272,7 @@ class AntennaServer:
         return gone
 
     def flush(self) -> None:
-        """See Doorway."""
+        """See StationLoop."""
         if self.channel is not None and self._waiting:
             self._waiting = self._waiting[self.channel.write(self._waiting) :]
 
@@ -435,6 +435,11 @@ class SerialChannel:
         self._line.close()
 
 
+def _reason(error: Exception) -> str:
+    number = getattr(error, "errno", None)
+    return str(error) if number is None else os.strerror(number)
+
+
 @dataclass(frozen=True, slots=True)
 class AntennaUrl:
     """One controller's address: `host` and `port`, or `device` with its settings."""
@@ -503,11 +508,6 @@ def parse_antenna_url(url: str) -> AntennaUrl:
         baud=baud,
         framing=given.get("framing", DEFAULT_FRAMING),
     )
-
-
-def _reason(error: Exception) -> str:
-    number = getattr(error, "errno", None)
-    return str(error) if number is None else os.strerror(number)
 
 
 def _one_of(url: str, given: Mapping[str, str], name: str, words: tuple[str, ...]) -> str:

@@ -353,7 +353,7 @@ class SkyPath:
         )
 
     def turn_by(self, turns: int) -> None:
-        """Count so many turns of the first axis more."""
+        """Add turns of the first axis."""
         self._last_deg += 360.0 * turns
 
     def reduced_by(self, reduction: Reduction) -> SkyPath:

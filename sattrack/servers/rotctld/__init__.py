@@ -1,1 +1,1 @@
-"""Hamlib's rotctld protocol, version 1: requests, answers, and where the mount must be."""
+"""Hamlib's rotctld protocol, version 1: requests, answers, and the mount as a rotator."""

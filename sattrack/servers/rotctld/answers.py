@@ -124,10 +124,9 @@ class Client:
         try:
             calculate = CALCULATIONS.get(command.name)
             text += calculate(request) if calculate else _HANDLERS[command.name](self, request, now_ns)
-        except (FailedError, LocatorError) as error:
-            code = error.code if isinstance(error, FailedError) else Code.INVALID
+        except FailedError as error:
             self.refused += 1
-            return text + report(code)
+            return text + report(error.code)
         if request.extended or not command.answers:
             text += report(Code.OK)
         if self.pause_until_s > now_ns / NS:
@@ -368,25 +367,21 @@ def scan_single(text: str) -> float | None:
     return float(single)
 
 
-class LocatorError(Exception):
-    """A value that is out of range, or no locator."""
-
-
 def _whole(value: float) -> int:
-    """Return the whole part as a C `int`; what has none is the least of them, as on x86."""
+    """Return the whole part as a C `int`; the least one where there is none, as on x86."""
     if not math.isfinite(value) or abs(value) >= 2**31:
         return LEAST_INTEGER
     return int(value)
 
 
 def to_locator(longitude_deg: float, latitude_deg: float, pairs: int) -> str:
-    """Return the locator of a place, of 1 to 6 pairs; angles beyond a turn wrap. Raises LocatorError."""
+    """Return the locator of a place, of 1 to 6 pairs; angles beyond a turn wrap. Raises FailedError."""
     if not 1 <= pairs <= len(PAIRS):
-        raise LocatorError(f"{pairs} pairs")
+        raise FailedError(Code.INVALID)
     halves = []
     for angle_deg in (longitude_deg / 2.0, latitude_deg):
         if not math.isfinite(angle_deg):
-            raise LocatorError("no place")
+            raise FailedError(Code.INVALID)
         left, square, characters = math.fmod(angle_deg + 270.0 + GUARD_DEG, 180.0), 180.0, []
         for size in PAIRS[:pairs]:
             square /= size
@@ -398,13 +393,13 @@ def to_locator(longitude_deg: float, latitude_deg: float, pairs: int) -> str:
 
 
 def from_locator(locator: str) -> tuple[float, float]:
-    """Return longitude and latitude of a locator's middle, degrees; an odd last character is not looked at.
+    """Return longitude and latitude of a locator's middle, degrees; an odd last character is ignored.
 
-    Raises LocatorError.
+    Raises FailedError.
     """
     pairs = min(len(locator) // 2, len(PAIRS))
     if pairs < 1:
-        raise LocatorError(locator)
+        raise FailedError(Code.INVALID)
     angles = []
     for first in (0, 1):
         angle_deg, divisions = -90.0, 1
@@ -413,17 +408,11 @@ def from_locator(locator: str) -> tuple[float, float]:
             base = "0" if size == 10 else "A" if "A" <= character <= "Z" else "a"
             value = ord(character) - ord(base)
             if not 0 <= value < size:
-                raise LocatorError(locator)
+                raise FailedError(Code.INVALID)
             divisions *= size
             angle_deg += value * 180.0 / divisions
         angles.append(angle_deg + 90.0 / divisions)
     return angles[0] * 2.0, angles[1]
-
-
-def from_sexagesimal(degrees: int, minutes: float, seconds: float, negative: bool) -> float:
-    """Return degrees of degrees, minutes and seconds, whose own signs do not count."""
-    total = abs(degrees) + abs(minutes) / 60.0 + abs(seconds) / 3600.0
-    return -total if negative else total
 
 
 def to_sexagesimal(angle_deg: float) -> tuple[int, int, float, bool]:
@@ -443,10 +432,10 @@ def to_sexagesimal(angle_deg: float) -> tuple[int, int, float, bool]:
 def great_circle(lon1: float, lat1: float, lon2: float, lat2: float) -> tuple[float, float]:
     """Return distance (km, of 111.2 km a degree) and bearing (whole degrees) from one place to another.
 
-    Places that are one, or opposite each other, have bearing 0. Raises LocatorError beyond 180° or 90°.
+    Places that are one, or opposite each other, have bearing 0. Raises FailedError beyond 180° or 90°.
     """
     if any(abs(lat) > 90.0 for lat in (lat1, lat2)) or any(abs(lon) > 180.0 for lon in (lon1, lon2)):
-        raise LocatorError("no place on the Earth")
+        raise FailedError(Code.INVALID)
     phi1, phi2 = (
         math.radians(math.copysign(NEAR_POLE_DEG, lat) if abs(lat) == 90.0 else lat) for lat in (lat1, lat2)
     )
@@ -464,18 +453,6 @@ def great_circle(lon1: float, lat1: float, lon2: float, lat2: float) -> tuple[fl
     return KM_A_DEGREE * math.degrees(math.acos(cosine)), float(math.floor(bearing_deg + 0.5))
 
 
-def long_way_bearing(bearing_deg: float) -> float:
-    """Return the opposite bearing. Raises LocatorError outside 0 to 360."""
-    if not 0.0 <= bearing_deg <= 360.0:
-        raise LocatorError("no bearing")
-    return bearing_deg + 180.0 if bearing_deg < 180.0 else bearing_deg - 180.0
-
-
-def long_way_km(distance_km: float) -> float:
-    """Return the distance the other way round the Earth."""
-    return 360.0 * KM_A_DEGREE - distance_km
-
-
 def _to_locator(request: RotctldRequest) -> str:
     first, second, third = words_of(request)
     longitude, latitude = need(scan_double(first)), need(scan_double(second))
@@ -491,7 +468,8 @@ def _from_seconds(request: RotctldRequest) -> str:
     first, second, third, fourth = words_of(request)
     degrees, minutes = need(scan_integer(first)), need(scan_integer(second))
     seconds, west = need(scan_double(third)), need(scan_integer(fourth)) == 1
-    return given(request, f"{from_sexagesimal(degrees, minutes, seconds, west):f}")
+    total = abs(degrees) + abs(minutes) / 60.0 + abs(seconds) / 3600.0
+    return given(request, f"{-total if west else total:f}")
 
 
 def _to_seconds(request: RotctldRequest) -> str:
@@ -500,7 +478,7 @@ def _to_seconds(request: RotctldRequest) -> str:
 
 
 def _from_minutes(request: RotctldRequest) -> str:
-    """Hamlib takes the flag for seconds, and so is it here."""
+    """Take the flag for seconds, as Hamlib does."""
     first, second, third = words_of(request)
     degrees, minutes = need(scan_integer(first)), need(scan_double(second))
     total = abs(degrees) + abs(minutes) / 60.0 + need(scan_integer(third)) / 3600.0
@@ -519,11 +497,14 @@ def _great_circle(request: RotctldRequest) -> str:
 
 
 def _long_bearing(request: RotctldRequest) -> str:
-    return given(request, f"{long_way_bearing(need(scan_double(request.words[0]))):f}")
+    bearing_deg = need(scan_double(request.words[0]))
+    if not 0.0 <= bearing_deg <= 360.0:
+        raise FailedError(Code.INVALID)
+    return given(request, f"{bearing_deg + 180.0 if bearing_deg < 180.0 else bearing_deg - 180.0:f}")
 
 
 def _long_distance(request: RotctldRequest) -> str:
-    return given(request, f"{long_way_km(need(scan_double(request.words[0]))):f}")
+    return given(request, f"{360.0 * KM_A_DEGREE - need(scan_double(request.words[0])):f}")
 
 
 CALCULATIONS: dict[str, Callable[[RotctldRequest], str]] = {
@@ -537,4 +518,4 @@ CALCULATIONS: dict[str, Callable[[RotctldRequest], str]] = {
     "a_sp2a_lp": _long_bearing,
     "d_sp2d_lp": _long_distance,
 }
-"""Each by its command's name; they raise FailedError and LocatorError."""
+"""By the command's name; they raise FailedError."""

@@ -29,7 +29,7 @@ MOST_LOGGED = 5
 """Lines of the log in one tick; more are counted."""
 LOG_FAILURES_EVERY_S = 10.0
 SLICE_S = 0.001
-"""Requests are answered for so long at a time."""
+"""Requests are answered for this time at once."""
 REQUESTS_AT_ONCE = 8
 MOST_ACCEPTED = 32
 BURST_S = 0.2
@@ -115,7 +115,7 @@ class RotctldServer:
         return int(self.listener.getsockname()[1])
 
     def readers(self) -> list[Any]:
-        """See Doorway."""
+        """See StationLoop."""
         now_s = time.monotonic()
         readers: list[Any] = [self.listener]
         left_over = False
@@ -129,11 +129,11 @@ class RotctldServer:
         return [*readers, self._always[0]] if left_over else readers
 
     def writers(self) -> list[Any]:
-        """See Doorway."""
+        """See StationLoop."""
         return [caller for caller in self.callers.values() if caller.waiting]
 
     def flush(self) -> None:
-        """See Doorway."""
+        """See StationLoop."""
         for caller in self.callers.values():
             if caller.waiting:
                 self._flush(caller)

@@ -33,7 +33,7 @@ WHOLE = b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
 
 class Callers:
-    """Those who call at a door, with their lines."""
+    """Those who call at a server, with their lines."""
 
     def __init__(self, port: int) -> None:
         self._port = port
@@ -54,7 +54,7 @@ class Callers:
 def with_door(
     limits: CallerLimits, play: Callable[[Callers, OpenConnections, asyncio.Event], Awaitable[None]]
 ) -> None:
-    """Play a scene before a door; requests are answered when the event is set."""
+    """Play a scene before a server; requests are answered when the event is set."""
 
     async def scene() -> None:
         connections, answers = OpenConnections(limits), asyncio.Event()
@@ -69,16 +69,16 @@ def with_door(
             return web.Response(text="here")
 
         http = web.Server(handle, access_log=None, keepalive_timeout=IDLE_S * 10.0)
-        door = await asyncio.get_running_loop().create_server(
+        server = await asyncio.get_running_loop().create_server(
             lambda: ClientConnection(connections, http), "127.0.0.1", 0
         )
-        callers = Callers(int(door.sockets[0].getsockname()[1]))
+        callers = Callers(int(server.sockets[0].getsockname()[1]))
         try:
             async with asyncio.timeout(PATIENCE_S):
                 await play(callers, connections, answers)
         finally:
             await callers.leave()
-            door.close()
+            server.close()
             await http.shutdown(1.0)
 
     asyncio.run(scene())
@@ -229,16 +229,16 @@ def with_front(broken: Broken, play: Callable[[Callers], Awaitable[None]]) -> No
         connections = OpenConnections(LIMITS)
         front = Front(broken, broken, None, SystemClock(), connections, 1000.0)  # type: ignore[arg-type]
         http = web.Server(front.handle, access_log=None)
-        door = await asyncio.get_running_loop().create_server(
+        server = await asyncio.get_running_loop().create_server(
             lambda: ClientConnection(connections, http), "127.0.0.1", 0
         )
-        callers = Callers(int(door.sockets[0].getsockname()[1]))
+        callers = Callers(int(server.sockets[0].getsockname()[1]))
         async with asyncio.timeout(PATIENCE_S):
             await play(callers)
             await callers.leave()
             while connections.by_transport:
                 await asyncio.sleep(0)
-        door.close()
+        server.close()
         await http.shutdown(1.0)
 
     asyncio.run(scene())

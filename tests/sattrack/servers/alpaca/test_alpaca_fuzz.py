@@ -104,7 +104,7 @@ def hammer(requests: int, seed: int) -> None:
     assert (scope.get("rightascension"), scope.get("declination")) == pytest.approx(before, abs=1e-5)
     assert scope.get("slewing") is False
     assert not scope.station.console.asked
-    assert not scope.station.was_asked
+    assert not scope.station.had_orders
 
 
 def test_malformed_requests_end_in_the_right_error_and_move_nothing() -> None:

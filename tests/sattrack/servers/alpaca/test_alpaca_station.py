@@ -156,36 +156,36 @@ class NoProcess:
     """Stands for a process that is not there."""
 
 
-def door_with(*asked: NumberedOrder) -> AlpacaHttpProcess:
-    door = AlpacaHttpProcess(None, NoProcess())  # type: ignore[arg-type]
-    door._orders.extend(asked)
-    return door
+def process_with(*asked: NumberedOrder) -> AlpacaHttpProcess:
+    process = AlpacaHttpProcess(None, NoProcess())  # type: ignore[arg-type]
+    process._orders.extend(asked)
+    return process
 
 
 def test_one_order_is_obeyed_a_period_and_a_stop_goes_before_all_that_wait() -> None:
     moves = [NumberedOrder(number, MoveOrder(0, 1.0)) for number in (1, 2, 3)]
-    door = door_with(*moves, NumberedOrder(4, Abort()), NumberedOrder(5, MoveOrder(1, 1.0)))
-    asked, void = door.next_order()
+    process = process_with(*moves, NumberedOrder(4, Abort()), NumberedOrder(5, MoveOrder(1, 1.0)))
+    asked, void = process.next_order()
     assert asked == NumberedOrder(4, Abort())
     assert void == [
         Answered(number, Number.CANCELLED, "AbortSlew came before it had begun") for number in (1, 2, 3)
     ]
-    assert door.next_order() == (NumberedOrder(5, MoveOrder(1, 1.0)), [])
-    door = door_with(*moves)
-    assert door.next_order() == (moves[0], [])
-    assert door.next_order() == (None, [])
-    door.begin_period(0.05)
-    assert door.next_order() == (moves[1], [])
+    assert process.next_order() == (NumberedOrder(5, MoveOrder(1, 1.0)), [])
+    process = process_with(*moves)
+    assert process.next_order() == (moves[0], [])
+    assert process.next_order() == (None, [])
+    process.begin_period(0.05)
+    assert process.next_order() == (moves[1], [])
 
 
 def test_an_order_that_took_long_lets_datagrams_go_first_for_a_while_and_a_stop_does_not_wait() -> None:
-    door = door_with(*(NumberedOrder(number, MoveOrder(0, 1.0)) for number in (1, 2)))
-    door.next_order()
-    door.took(0.4, 10.0)
-    door.begin_period(13.5)
-    assert door.next_order() == (None, [])
-    door._orders.append(NumberedOrder(3, Abort()))
-    assert door.next_order()[0] == NumberedOrder(3, Abort())
-    door._orders.append(NumberedOrder(4, MoveOrder(0, 1.0)))
-    door.begin_period(13.7)
-    assert door.next_order() == (NumberedOrder(4, MoveOrder(0, 1.0)), [])
+    process = process_with(*(NumberedOrder(number, MoveOrder(0, 1.0)) for number in (1, 2)))
+    process.next_order()
+    process.took(0.4, 10.0)
+    process.begin_period(13.5)
+    assert process.next_order() == (None, [])
+    process._orders.append(NumberedOrder(3, Abort()))
+    assert process.next_order()[0] == NumberedOrder(3, Abort())
+    process._orders.append(NumberedOrder(4, MoveOrder(0, 1.0)))
+    process.begin_period(13.7)
+    assert process.next_order() == (NumberedOrder(4, MoveOrder(0, 1.0)), [])

@@ -1,4 +1,4 @@
-"""The same rows over TCP and over a pair of pseudo-terminals, by the door that the program uses."""
+"""The same rows over TCP and over a pair of pseudo-terminals, by the server that the program uses."""
 
 from __future__ import annotations
 
@@ -64,12 +64,12 @@ class PtyCaller:
 
 @pytest.fixture
 def by_tcp() -> Iterator[tuple[AntennaServer, Caller]]:
-    door = AntennaServer(listen("127.0.0.1", 0))
-    with socket.create_connection(("127.0.0.1", door.port)) as connection:
-        select.select([door.listener], [], [], PATIENCE_S)
-        door.serve(door.readers(), float, lambda data, at: (b"", False))
-        yield door, TcpCaller(connection)
-        door.close()
+    server = AntennaServer(listen("127.0.0.1", 0))
+    with socket.create_connection(("127.0.0.1", server.port)) as connection:
+        select.select([server.listener], [], [], PATIENCE_S)
+        server.serve(server.readers(), float, lambda data, at: (b"", False))
+        yield server, TcpCaller(connection)
+        server.close()
 
 
 @pytest.fixture
@@ -77,14 +77,14 @@ def by_pty() -> Iterator[tuple[AntennaServer, Caller]]:
     pytest.importorskip("serial")
     master, slave = pty.openpty()
     tty.setraw(master, termios.TCSANOW)
-    door = AntennaServer(channel=SerialChannel(os.ttyname(slave), 9600))
-    yield door, PtyCaller(master)
-    door.close()
+    server = AntennaServer(channel=SerialChannel(os.ttyname(slave), 9600))
+    yield server, PtyCaller(master)
+    server.close()
     os.close(slave)
     os.close(master)
 
 
-def converse(row: Row, door: AntennaServer, caller: Caller) -> None:
+def converse(row: Row, server: AntennaServer, caller: Caller) -> None:
     controller = make_controller()
     controller.switch(not row.local, NOON_NS)
     for step in row.steps:
@@ -99,9 +99,9 @@ def converse(row: Row, door: AntennaServer, caller: Caller) -> None:
             return controller.receive(data, at_ns)
 
         while len(taken) < len(step.sent):
-            ready, _, _ = select.select(door.readers(), [], [], PATIENCE_S)
+            ready, _, _ = select.select(server.readers(), [], [], PATIENCE_S)
             assert ready, "what was sent did not come"
-            door.serve(ready, float, answer)
+            server.serve(ready, float, answer)
         while len(got) < len(step.received):
             readable, _, _ = select.select([caller], [], [], PATIENCE_S)
             assert readable, f"answered {got!r}, and no more"
@@ -121,27 +121,27 @@ def test_the_row_holds_over_a_pair_of_terminals(row: Row, by_pty: tuple[AntennaS
 
 
 def test_a_second_caller_is_hung_up_on_and_the_first_goes_on(by_tcp: tuple[AntennaServer, Caller]) -> None:
-    door, caller = by_tcp
-    converse(ROWS[0], door, caller)
-    with socket.create_connection(("127.0.0.1", door.port)) as second:
-        select.select([door.listener], [], [], PATIENCE_S)
-        door.serve([door.listener], float, lambda data, at: (b"", False))
+    server, caller = by_tcp
+    converse(ROWS[0], server, caller)
+    with socket.create_connection(("127.0.0.1", server.port)) as second:
+        select.select([server.listener], [], [], PATIENCE_S)
+        server.serve([server.listener], float, lambda data, at: (b"", False))
         second.settimeout(PATIENCE_S)
         assert second.recv(100) == b""
-    assert door.disconnected == 1
-    converse(ROWS[0], door, caller)
+    assert server.disconnected == 1
+    converse(ROWS[0], server, caller)
 
 
 def test_a_caller_that_never_spoke_makes_room_for_the_next() -> None:
-    door, controller = AntennaServer(listen("127.0.0.1", 0)), make_controller()
+    server, controller = AntennaServer(listen("127.0.0.1", 0)), make_controller()
 
     def turn() -> bool:
-        ready, _, _ = select.select(door.readers(), [], [], PATIENCE_S)
-        return door.serve(ready, float, lambda data, _: controller.receive(data, NOON_NS))
+        ready, _, _ = select.select(server.readers(), [], [], PATIENCE_S)
+        return server.serve(ready, float, lambda data, _: controller.receive(data, NOON_NS))
 
-    with socket.create_connection(("127.0.0.1", door.port)) as silent:
+    with socket.create_connection(("127.0.0.1", server.port)) as silent:
         turn()
-        with socket.create_connection(("127.0.0.1", door.port)) as second:
+        with socket.create_connection(("127.0.0.1", server.port)) as second:
             assert turn()
             second.sendall(b"PS C3\n")
             turn()
@@ -149,7 +149,7 @@ def test_a_caller_that_never_spoke_makes_room_for_the_next() -> None:
             assert second.recv(4096) == ROWS[0].steps[0].received
             silent.settimeout(PATIENCE_S)
             assert silent.recv(100) == b""
-    door.close()
+    server.close()
 
 
 @pytest.mark.parametrize(
@@ -168,25 +168,25 @@ def test_a_seat_is_kept_by_whoever_speaks(address: str, silent_s: float, gives_w
 
 
 def test_a_caller_gone_in_the_middle_of_a_line_leaves_room_for_the_next() -> None:
-    door, controller = AntennaServer(listen("127.0.0.1", 0)), make_controller()
+    server, controller = AntennaServer(listen("127.0.0.1", 0)), make_controller()
 
     def turn() -> bool:
-        ready, _, _ = select.select(door.readers(), [], [], PATIENCE_S)
-        return door.serve(ready, float, lambda data, _: controller.receive(data, NOON_NS))
+        ready, _, _ = select.select(server.readers(), [], [], PATIENCE_S)
+        return server.serve(ready, float, lambda data, _: controller.receive(data, NOON_NS))
 
-    with socket.create_connection(("127.0.0.1", door.port)) as first:
+    with socket.create_connection(("127.0.0.1", server.port)) as first:
         turn()
         first.sendall(b"TD 10 2")
         turn()
     assert turn()
     controller.hang_up()
-    with socket.create_connection(("127.0.0.1", door.port)) as second:
+    with socket.create_connection(("127.0.0.1", server.port)) as second:
         turn()
         second.sendall(b"PS C3\n")
         turn()
         second.settimeout(PATIENCE_S)
         assert second.recv(4096) == ROWS[0].steps[0].received
-    door.close()
+    server.close()
 
 
 def test_characters_with_wrong_parity_reach_the_controller_as_zero_bytes() -> None:
@@ -247,10 +247,10 @@ class SlowChannel:
         pass
 
 
-def served(channel: SlowChannel, door: AntennaServer, data: bytes) -> None:
+def served(channel: SlowChannel, server: AntennaServer, data: bytes) -> None:
     controller = make_controller()
     channel.incoming = data
-    door.serve([channel], float, lambda data, _: controller.receive(data, NOON_NS))
+    server.serve([channel], float, lambda data, _: controller.receive(data, NOON_NS))
 
 
 def test_a_response_is_handed_to_the_line_in_one_piece() -> None:
@@ -262,12 +262,12 @@ def test_a_response_is_handed_to_the_line_in_one_piece() -> None:
 
 def test_synchronisation_drops_what_the_line_has_not_taken_yet() -> None:
     channel = SlowChannel()
-    door = AntennaServer(channel=channel)
+    server = AntennaServer(channel=channel)
     channel.room = 5
-    served(channel, door, b"PS C3\nPS C3\n")
-    served(channel, door, b"#TIME 4F\n")
+    served(channel, server, b"PS C3\nPS C3\n")
+    served(channel, server, b"#TIME 4F\n")
     channel.room = 1000
-    door.flush()
+    server.flush()
     assert channel.dropped == 1
     assert b"".join(channel.taken[1:]) == b"TIME 20728 43200.000000 D9\n"
     assert channel.taken[0] == b"PS ,,"

@@ -22,7 +22,7 @@ from sattrack.servers.antenna.alpaca_focuser import (
     parse_focuser,
     start_focusers,
 )
-from sattrack.servers.antenna.equipment import FocusAxisState, FocusOrder, RemoteAxis, RemoteFocuser
+from sattrack.servers.antenna.equipment import FocusAxisState, Focuser, FocusOrder, RemoteAxis
 from sattrack.servers.antenna.protocol import NS
 
 if TYPE_CHECKING:
@@ -195,22 +195,23 @@ def test_the_stand_in_keeps_to_its_own_limits(make: Make) -> None:
 
 def test_an_order_counts_as_moving_until_it_has_been_taken_up() -> None:
     axis = RemoteAxis(-8.0, 12.0)
-    focuser = RemoteFocuser([axis])
+    focuser = Focuser([axis])
     axis.hear(FocusAxisState(0.0, 2.0, moving=False, serial=0), NOON_NS)
-    assert focuser.report(NOON_NS + 1) == (((None, 2.0),), NOON_NS, False)
-    focuser.move([50.0], NOON_NS)
+    assert focuser.report(NOON_NS + 1) == (((None, 2.0, NOON_NS, False),), NOON_NS, False)
+    axis.move(50.0, NOON_NS)
     assert axis.orders == [FocusOrder(1, to_mm=12.0)]
-    assert focuser.report(NOON_NS + 1) == (((12.0, 2.0),), NOON_NS, True)
+    assert focuser.report(NOON_NS + 1) == (((12.0, 2.0, NOON_NS, True),), NOON_NS, True)
     axis.hear(FocusAxisState(0.0, 12.0, moving=False, serial=1), NOON_NS + 2)
-    assert focuser.report(NOON_NS + 3) == (((12.0, 12.0),), NOON_NS + 2, False)
+    assert focuser.report(NOON_NS + 3) == (((12.0, 12.0, NOON_NS + 2, False),), NOON_NS + 2, False)
 
 
 def test_a_place_heard_long_ago_is_not_told() -> None:
-    focuser = RemoteFocuser([RemoteAxis(-8.0, 12.0)])
-    focuser.axes[0].hear(FocusAxisState(0.0, 2.0, moving=False, serial=0), NOON_NS)
+    axis = RemoteAxis(-8.0, 12.0)
+    focuser = Focuser([axis])
+    axis.hear(FocusAxisState(0.0, 2.0, moving=False, serial=0), NOON_NS)
     later_ns = NOON_NS + 4 * NS
-    assert not focuser.heard(later_ns)
-    assert focuser.report(later_ns) == (((None, None),), later_ns, True)
+    assert not focuser.known(later_ns)
+    assert focuser.report(later_ns) == (((None, None, NOON_NS, True),), later_ns, True)
 
 
 @pytest.mark.parametrize(
@@ -252,7 +253,7 @@ def test_a_focuser_is_driven_by_its_process_and_halted_at_the_end() -> None:
     stand_in = StandIn(StandInFocuser(time.monotonic, steps_a_second=500.0))
     focus = start_focusers([FocuserConfig(stand_in.address, 0)])
     try:
-        focus.focuser.move([20.0], 0)
+        focus.focuser.axes[0].move(20.0, 0)
         deadline_s = time.monotonic() + 30.0
 
         def at_ns() -> int:

@@ -1,4 +1,4 @@
-"""The door by itself: callers that come and go, ask too much, do not read, or are not wanted."""
+"""The server by itself: callers that come and go, ask too much, do not read, or are not wanted."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ if TYPE_CHECKING:
 
 
 class Here:
-    """A door without a mount behind it, served by hand."""
+    """A server without a mount behind it, served by hand."""
 
     def __init__(self, limits: CallerLimits) -> None:
         self.rotator = make_rotator()
-        self.door = RotctldServer(listen("127.0.0.1", 0), limits, self.rotator, "here")
+        self.server = RotctldServer(listen("127.0.0.1", 0), limits, self.rotator, "here")
         self.now_ns = NOON_NS
 
     def serve(self) -> list[int]:
-        ready, _, _ = select.select(self.door.readers(), [], [], 0.05)
-        return self.door.serve(ready, lambda: self.now_ns)
+        ready, _, _ = select.select(self.server.readers(), [], [], 0.05)
+        return self.server.serve(ready, lambda: self.now_ns)
 
 
 def test_a_client_with_too_many_requests_waits_and_the_others_do_not() -> None:
     here = Here(CallerLimits(requests_per_s=5.0))
-    with call(here.door.port) as greedy, call(here.door.port) as modest:
-        while len(here.door.callers) < 2:
+    with call(here.server.port) as greedy, call(here.server.port) as modest:
+        while len(here.server.callers) < 2:
             here.serve()
         greedy.sendall(b"p\n" * 3000)
         modest.sendall(b"_\n")
@@ -48,22 +48,22 @@ def test_a_client_with_too_many_requests_waits_and_the_others_do_not() -> None:
         answered = greedy.recv(65536).count(b"\n") // 2
         assert 1 <= answered < 30
         # What it has sent waits where it is, but for one read.
-        caller = here.door.callers[1]
+        caller = here.server.callers[1]
         assert len(caller.client._reader._bytes) < 1024
-    here.door.close()
+    here.server.close()
 
 
 def test_a_client_that_does_not_read_is_not_read_from_and_holds_nobody_up() -> None:
     here = Here(CallerLimits(requests_per_s=1e9))
-    with call(here.door.port) as deaf, call(here.door.port) as other:
-        while len(here.door.callers) < 2:
+    with call(here.server.port) as deaf, call(here.server.port) as other:
+        while len(here.server.callers) < 2:
             here.serve()
         deaf.setblocking(False)
         for _ in range(3000):
             with contextlib.suppress(BlockingIOError):
                 deaf.send(b"??" * 500)
             here.serve()
-            if 1 not in here.door.callers or here.door.callers[1].waiting:
+            if 1 not in here.server.callers or here.server.callers[1].waiting:
                 break
         else:
             pytest.fail("everything was taken off it")
@@ -71,51 +71,51 @@ def test_a_client_that_does_not_read_is_not_read_from_and_holds_nobody_up() -> N
         for _ in range(10):
             here.serve()
         assert other.recv(100) == b"here\n"
-    here.door.close()
+    here.server.close()
 
 
 def test_a_silent_client_is_hung_up_on() -> None:
     here = Here(CallerLimits(idle_s=1e-6))
-    with call(here.door.port) as line:
-        while not here.door.callers:
+    with call(here.server.port) as line:
+        while not here.server.callers:
             here.serve()
-        assert here.door.tend(here.now_ns) == [1]
+        assert here.server.tend(here.now_ns) == [1]
         assert line.recv(10) == b""
-    assert not here.door.callers
-    here.door.close()
+    assert not here.server.callers
+    here.server.close()
 
 
 def test_a_pause_ends_without_another_word() -> None:
     here = Here(CallerLimits())
-    with call(here.door.port) as line:
+    with call(here.server.port) as line:
         line.sendall(b"\\pause 1\n_\n")
         for _ in range(5):
             here.serve()
-            here.door.tend(here.now_ns)
+            here.server.tend(here.now_ns)
         here.now_ns += 2 * 10**9
-        here.door.tend(here.now_ns)
+        here.server.tend(here.now_ns)
         here.serve()
         assert line.recv(100) == b"RPRT 0\nhere\n"
-    here.door.close()
+    here.server.close()
 
 
 def asked(here: Here) -> list[int]:
     """Return the numbers of those that have asked for something."""
-    return [number for number, caller in here.door.callers.items() if caller.seat.asked_s > 0.0]
+    return [number for number, caller in here.server.callers.items() if caller.seat.asked_s > 0.0]
 
 
 def test_hundreds_of_half_lines_keep_nobody_out() -> None:
     here = Here(CallerLimits())
     with contextlib.ExitStack() as lines:
-        busy = lines.enter_context(call(here.door.port))
+        busy = lines.enter_context(call(here.server.port))
         busy.sendall(b"_\n")
         while not asked(here):
             here.serve()
         assert busy.recv(100) == b"here\n"
         for _ in range(400):
-            lines.enter_context(call(here.door.port)).sendall(b"P 1")
+            lines.enter_context(call(here.server.port)).sendall(b"P 1")
             here.serve()
-        late = lines.enter_context(call(here.door.port))
+        late = lines.enter_context(call(here.server.port))
         late.sendall(b"S\n")
         while asked(here) != [1, 402]:
             here.serve()
@@ -124,7 +124,7 @@ def test_hundreds_of_half_lines_keep_nobody_out() -> None:
         while not select.select([busy], [], [], 0.0)[0]:
             here.serve()
         assert busy.recv(100) == b"here\n"
-    here.door.close()
+    here.server.close()
 
 
 def seats(*whose: tuple[str, float]) -> dict[int, Seat]:
@@ -184,58 +184,58 @@ def test_what_rotctlds_clients_send_comes_through_as_it_is(sent: bytes, _answer:
 
 def test_a_web_page_moves_nothing() -> None:
     here = Here(CallerLimits())
-    with call(here.door.port) as line:
+    with call(here.server.port) as line:
         for piece in (b"PO", b"ST / HT", b"TP/1.1\r\n\r\n", b"P 90 45\n"):
             with contextlib.suppress(ConnectionError):
                 line.sendall(piece)
             here.serve()
-        while here.door.callers:
+        while here.server.callers:
             here.serve()
         assert hung_up_on(line)
     assert here.rotator.path is None
     assert any("speaks HTTP or TLS" in words for words in here.rotator.log_lines)
-    here.door.close()
+    here.server.close()
 
 
 def test_a_thousand_callers_that_come_and_go_leave_nothing_behind() -> None:
     here = Here(CallerLimits())
     for _ in range(1000):
-        with call(here.door.port) as line:
+        with call(here.server.port) as line:
             line.sendall(b"p\nP 10 20\nq\n")
             while not here.serve():
                 pass
-    assert not here.door.callers
+    assert not here.server.callers
     assert len(here.rotator.log_lines) <= 20
-    here.door.close()
+    here.server.close()
 
 
 def test_callers_beyond_what_is_allowed_are_hung_up_on_while_the_others_are_busy() -> None:
     here = Here(CallerLimits(callers=2))
     with contextlib.ExitStack() as lines:
         for _ in range(2):
-            lines.enter_context(call(here.door.port)).sendall(b"_\n")
+            lines.enter_context(call(here.server.port)).sendall(b"_\n")
         while len(asked(here)) < 2:
             here.serve()
-        third = lines.enter_context(call(here.door.port))
-        while here.door.refused < 1:
+        third = lines.enter_context(call(here.server.port))
+        while here.server.refused < 1:
             here.serve()
         assert hung_up_on(third)
     words = "127.0.0.1 was hung up on: there are 2 busy clients already, as many as --clients allows"
     assert words in here.rotator.log_lines
-    while here.door.callers:
+    while here.server.callers:
         here.serve()
-    here.door.close()
+    here.server.close()
 
 
 @pytest.mark.parametrize(("network", "wanted"), [("192.0.2.0/24", False), ("127.0.0.1/32", True)])
 def test_addresses_that_are_not_named_are_hung_up_on(network: str, wanted: bool) -> None:
     here = Here(CallerLimits(allowed=(ipaddress.ip_network(network),)))
-    with call(here.door.port) as line:
-        while not (here.door.refused or here.door.callers):
+    with call(here.server.port) as line:
+        while not (here.server.refused or here.server.callers):
             here.serve()
-        assert bool(here.door.callers) is wanted
+        assert bool(here.server.callers) is wanted
         assert wanted or hung_up_on(line)
-    here.door.close()
+    here.server.close()
 
 
 def hung_up_on(line: socket.socket) -> bool:
